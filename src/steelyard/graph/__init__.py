@@ -1,0 +1,14 @@
+"""Scalar expression graph: hash-consed nodes, simplification, operation counts, and the LLVM compiler."""
+
+from .cache import ObjectCache as ObjectCache
+from .expression import Graph as Graph
+from .expression import Node as Node
+from .expression import cos as cos
+from .expression import evaluate as evaluate
+from .expression import operation_count as operation_count
+from .expression import sign as sign
+from .expression import sin as sin
+from .kernel import InputGroup as InputGroup
+from .kernel import Kernel as Kernel
+
+__all__ = ["Graph", "InputGroup", "Kernel", "Node", "ObjectCache", "cos", "evaluate", "operation_count", "sign", "sin"]
