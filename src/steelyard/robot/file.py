@@ -1,0 +1,169 @@
+"""The robot file `robot.toml`: the description of a robot and the settings of everything that is done with it."""
+
+from __future__ import annotations
+
+import copy
+import tomllib
+from collections.abc import Mapping
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+from typing import Any
+
+from steelyard.errors import InputError
+from steelyard.robot.dh import robot_from_dh
+from steelyard.robot.names import suggestion
+from steelyard.robot.robot import Robot
+
+__all__ = ["RobotFile"]
+
+TABLES = ("log", "processing", "limits", "constraints")
+TOP_LEVEL = ("name", "description", "terms", *TABLES)
+URDF_KEYS = ("urdf", "tip", "locked", "gravity")
+DH_KEYS = ("convention", "rows", "gravity")
+
+
+@dataclass(frozen=True, eq=False)
+class RobotFile:
+    """A robot file as read: the robot, and the sections that others interpret.
+
+    Use `RobotFile.load`. The schema is documented in the reference, under "robot.toml".
+
+    Parameters
+    ----------
+    path : Path
+        The file.
+    robot : Robot
+        The robot of the section `[description]`, without terms.
+    terms : tuple of dict
+        The tables `[[terms]]`, as written.
+    sections : mapping from name to dict
+        The tables `[log]`, `[processing]`, `[limits]` and `[constraints]`, as written; empty where absent.
+    """
+
+    path: Path
+    robot: Robot
+    terms: tuple[dict[str, Any], ...] = ()
+    sections: Mapping[str, dict[str, Any]] = field(default_factory=dict)
+
+    @classmethod
+    def load(cls, path: str | Path) -> RobotFile:
+        """Read a `.toml` robot file, or a plain `.urdf` (then every section is empty).
+
+        Raises
+        ------
+        InputError
+            When the file, or the description that it refers to, cannot be used.
+
+        Examples
+        --------
+        >>> import tempfile
+        >>> text = '''
+        ... name = "elbow"
+        ... [description]
+        ... convention = "standard"
+        ... rows = [["pi/2", 0, 0.3, "q"], [0, 0.5, 0, "q"]]
+        ... [[terms]]
+        ... kind = "viscous"
+        ... '''
+        >>> with tempfile.TemporaryDirectory() as folder:
+        ...     path = Path(folder) / "robot.toml"
+        ...     _ = path.write_text(text)
+        ...     file = RobotFile.load(path)
+        >>> file.robot.name, file.robot.dof, file.terms, file.section("log")
+        ('elbow', 2, ({'kind': 'viscous'},), {})
+        """
+        path = Path(path)
+        match path.suffix.lower():
+            case ".urdf" | ".xml":
+                return cls(path, Robot.from_urdf(path))
+            case ".toml":
+                return cls._from_toml(path)
+        raise InputError(f"{path}: a robot is described by a .urdf or a .toml file, got the suffix {path.suffix!r}")
+
+    @classmethod
+    def _from_toml(cls, path: Path) -> RobotFile:
+        try:
+            content = tomllib.loads(path.read_text(encoding="utf-8"))
+        except OSError as error:
+            raise InputError(f"{path}: cannot read the file ({error.strerror or error}); give a robot file") from None
+        except UnicodeDecodeError as error:
+            raise InputError(f"{path}: byte {error.start} is not UTF-8; save the file as UTF-8") from None
+        except tomllib.TOMLDecodeError as error:
+            raise InputError(f"{path}: not valid TOML ({error}); mend the file") from None
+        except RecursionError:
+            raise InputError(f"{path}: not valid TOML (nested too deeply); mend the file") from None
+
+        for key in content:
+            if key not in TOP_LEVEL:
+                raise InputError(f'{path}: "{key}" is no section of a robot file; {suggestion(key, TOP_LEVEL)}')
+        terms = content.get("terms", [])
+        if not isinstance(terms, list) or not all(isinstance(term, dict) for term in terms):
+            raise InputError(f"{path}: terms must be written as [[terms]], one table each, got {terms!r}")
+        sections: dict[str, dict[str, Any]] = {}
+        for name in TABLES:
+            section = content.get(name, {})
+            if not isinstance(section, dict):
+                raise InputError(f"{path}: {name} must be one table [{name}], got {section!r}")
+            sections[name] = section
+
+        description = content.get("description")
+        if not isinstance(description, dict):
+            raise InputError(f"{path}: it has no table [description]; add one with urdf = ... or rows = ...")
+        robot = _describe(path, description)
+        if "name" in content:
+            if not isinstance(content["name"], str) or not content["name"]:
+                raise InputError(f"{path}: name must be a string, got {content['name']!r}")
+            robot = replace(robot, name=content["name"])
+        return cls(path, robot, tuple(terms), sections)
+
+    def section(self, name: str) -> dict[str, Any]:
+        """A copy of the table `[name]` as written, empty where absent.
+
+        Raises
+        ------
+        InputError
+            When no table of a robot file has this name.
+        """
+        if name not in TABLES:
+            raise InputError(f'"{name}" is no table of a robot file; {suggestion(name, TABLES)}')
+        return copy.deepcopy(self.sections.get(name, {}))
+
+
+def _describe(path: Path, description: dict[str, Any]) -> Robot:
+    where = f"{path}, [description]"
+    if "urdf" in description and "rows" in description:
+        raise InputError(f"{where}: it has both urdf and rows; keep one")
+    if "urdf" not in description and "rows" not in description:
+        found = ", ".join(description) or "nothing"
+        raise InputError(f"{where}: urdf = ... or rows = ... is needed, found {found}")
+    allowed = URDF_KEYS if "urdf" in description else DH_KEYS
+    for key in description:
+        if key not in allowed:
+            kind = "a URDF" if "urdf" in description else "DH rows"
+            raise InputError(f'{where}: "{key}" does not belong to {kind}; {suggestion(key, allowed)}')
+
+    gravity = description.get("gravity", [0, 0, -9.81])
+    if not (isinstance(gravity, list) and len(gravity) == 3 and all(_is_number(value) for value in gravity)):
+        raise InputError(f"{where}: gravity must be three numbers in m/s², got {gravity!r}")
+    if "rows" in description:
+        rows = description["rows"]
+        if not isinstance(rows, list):
+            raise InputError(f"{where}: rows must be a list of [alpha, a, d, theta], got {rows!r}")
+        return robot_from_dh(rows, description.get("convention", "standard"), path.stem, gravity, where)
+
+    urdf, tip, locked = description["urdf"], description.get("tip"), description.get("locked", [])
+    if not isinstance(urdf, str) or not urdf:
+        raise InputError(f"{where}: urdf must be a path, got {urdf!r}")
+    if tip is not None and not isinstance(tip, str):
+        raise InputError(f"{where}: tip must be the name of a link, got {tip!r}")
+    if isinstance(locked, list):
+        valid = all(isinstance(name, str) for name in locked)
+    else:
+        valid = isinstance(locked, dict) and all(_is_number(value) for value in locked.values())
+    if not valid:
+        raise InputError(f"{where}: locked must be a list of joint names or a table of positions, got {locked!r}")
+    return Robot.from_urdf(path.parent / urdf, tip, locked, gravity)
+
+
+def _is_number(value: object) -> bool:
+    return isinstance(value, int | float) and not isinstance(value, bool)

@@ -1,0 +1,157 @@
+"""Joints and links: the parts of a robot."""
+
+from dataclasses import dataclass
+from typing import Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+from steelyard.robot.inertia import Inertia
+from steelyard.robot.placement import frozen, motion_z
+
+__all__ = ["Attachment", "Joint", "JointKind", "Link"]
+
+Matrix = NDArray[np.float64]
+JointKind = Literal["revolute", "continuous", "prismatic"]
+
+
+@dataclass(frozen=True, eq=False)
+class Attachment:
+    """A link of the source that was merged into a moving link or into the base.
+
+    Parameters
+    ----------
+    name : str
+        Its name in the source.
+    placement : (4, 4) array
+        Its frame in the frame of the link that carries it.
+    locked : bool
+        Whether a locked joint lies between the two; if not, only fixed joints do.
+    inertia : Inertia or None
+        Its own CAD inertia in its own frame; None where the source gives none.
+
+    Examples
+    --------
+    >>> Attachment("camera", np.eye(4))
+    Attachment('camera', fixed)
+    """
+
+    name: str
+    placement: Matrix
+    locked: bool = False
+    inertia: Inertia | None = None
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "placement", frozen(self.placement, (4, 4)))
+
+    def __repr__(self) -> str:
+        return f"Attachment({self.name!r}, {'locked' if self.locked else 'fixed'})"
+
+
+@dataclass(frozen=True, eq=False)
+class Link:
+    """A rigid body that a joint moves.
+
+    Parameters
+    ----------
+    name : str
+        Name of the link.
+    inertia : Inertia or None
+        CAD inertia in the link frame, all merged links included; None where it is unknown.
+    attachments : tuple of Attachment
+        The links of the source that were merged into this one.
+    own_inertia : Inertia or None
+        CAD inertia of the link alone, without the merged ones.
+
+    Examples
+    --------
+    >>> Link("hand", attachments=(Attachment("camera", np.eye(4)),)).absorbed
+    ('camera',)
+    """
+
+    name: str
+    inertia: Inertia | None = None
+    attachments: tuple[Attachment, ...] = ()
+    own_inertia: Inertia | None = None
+
+    @property
+    def absorbed(self) -> tuple[str, ...]:
+        """Names of the links that were merged into this one."""
+        return tuple(attachment.name for attachment in self.attachments)
+
+    def __repr__(self) -> str:
+        mass = "unknown mass" if self.inertia is None else f"{self.inertia.mass:.6g} kg"
+        merged = f", with {', '.join(self.absorbed)}" if self.attachments else ""
+        return f"Link({self.name!r}, {mass}{merged})"
+
+
+@dataclass(frozen=True, eq=False)
+class Joint:
+    """A joint with one degree of freedom, about or along the z axis between two constant placements.
+
+    The frame of the moved link lies in the frame of the parent link at `before @ motion_z(value) @ after`, where
+    `value = multiplier * q[coordinate] + offset`.
+
+    Parameters
+    ----------
+    name : str
+        Name of the joint.
+    kind : {"revolute", "continuous", "prismatic"}
+        Kind of motion: a turn about z (rad) or a shift along z (m).
+    parent : int
+        Index of the parent link, -1 for the base.
+    before, after : (4, 4) array
+        Constant placements before and after the motion.
+    coordinate : int
+        Index of the joint coordinate in q.
+    multiplier, offset : float
+        The joint value is `multiplier * q[coordinate] + offset`; other than 1 and 0 only in mimic joints.
+    mimics : str or None
+        Name of the joint that drives this one; None for a driving joint.
+    lower, upper : float
+        Limits of the joint value, rad or m; infinite where unknown.
+    velocity_limit, effort_limit : float
+        Limits of speed (rad/s or m/s) and effort (N m or N); infinite where unknown.
+    damping, friction : float
+        Viscous (N m s/rad or N s/m) and Coulomb friction (N m or N) of the description; NaN where unknown.
+
+    Examples
+    --------
+    >>> slide = Joint("slide", "prismatic", parent=-1, before=np.eye(4), after=np.eye(4), coordinate=0)
+    >>> slide.placement(0.25)[:3, 3].tolist()
+    [0.0, 0.0, 0.25]
+    """
+
+    name: str
+    kind: JointKind
+    parent: int
+    before: Matrix
+    after: Matrix
+    coordinate: int
+    multiplier: float = 1.0
+    offset: float = 0.0
+    mimics: str | None = None
+    lower: float = -np.inf
+    upper: float = np.inf
+    velocity_limit: float = np.inf
+    effort_limit: float = np.inf
+    damping: float = np.nan
+    friction: float = np.nan
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "before", frozen(self.before, (4, 4)))
+        object.__setattr__(self, "after", frozen(self.after, (4, 4)))
+
+    @property
+    def rotates(self) -> bool:
+        """Whether the joint turns (revolute, continuous) rather than slides (prismatic)."""
+        return self.kind != "prismatic"
+
+    def placement(self, coordinate_value: float) -> Matrix:
+        """Placement (4, 4) of the link frame in the parent link's frame, at this value of the coordinate."""
+        motion = motion_z(self.multiplier * coordinate_value + self.offset, self.rotates)
+        return np.asarray(self.before @ motion @ self.after)
+
+    def __repr__(self) -> str:
+        mimic = f", mimics {self.mimics!r}: {self.multiplier:g} q + {self.offset:g}" if self.mimics else ""
+        return f"Joint({self.name!r}, {self.kind}, parent={self.parent}, coordinate={self.coordinate}{mimic})"

@@ -1,0 +1,344 @@
+"""The robot: a tree of one-degree-of-freedom joints and rigid links, with the terms that its drives add."""
+
+from __future__ import annotations
+
+import html
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from functools import cached_property
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from steelyard.errors import InputError
+from steelyard.robot.inertia import INERTIA_SYMBOLS
+from steelyard.robot.joint import Attachment, Joint, Link
+from steelyard.robot.names import suggestion
+from steelyard.robot.placement import frozen
+
+if TYPE_CHECKING:
+    from steelyard.robot.term import Term
+
+__all__ = ["Robot"]
+
+Matrix = NDArray[np.float64]
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class Robot:
+    """What is weighed: joints, links, gravity and the terms of the model.
+
+    Use `Robot.from_urdf` or `Robot.from_dh`; the plain constructor is for code that makes robots.
+
+    Parameters
+    ----------
+    name : str
+        Name of the robot.
+    joints : tuple of Joint
+        `joints[i]` moves `links[i]`; parents come before their children. Coordinates are numbered in the order of the
+        driving joints (those that mimic no other).
+    links : tuple of Link
+        The moving links.
+    gravity : (3,) array
+        Acceleration of gravity in the base frame, m/s².
+    terms : tuple of Term
+        Terms beyond the rigid links (friction, rotor inertia, ...), in the order of their parameters.
+    base_link : str
+        Name of the link that does not move.
+    base_attachments : tuple of Attachment
+        Links of the source that are fixed to the base.
+    source : Path or None
+        The URDF that the robot was read from.
+
+    Raises
+    ------
+    InputError
+        When the parts do not fit together: no joint, a parent after its child, names used twice, coordinates out of
+        order.
+
+    Examples
+    --------
+    >>> robot = Robot.from_dh([("pi/2", 0, 0.3, "q"), (0, 0.5, 0, "q - pi/2")], name="elbow")
+    >>> robot
+    Robot 'elbow': 2 coordinates, 2 links on 'base', gravity (0, 0, -9.81) m/s²
+      1  joint1  revolute  base -> link1  mass unknown
+      2  joint2  revolute  link1 -> link2  mass unknown
+    >>> robot.parameter_names[:3], len(robot.parameter_names)
+    (('Lxx1', 'Lxy1', 'Lxz1'), 20)
+    """
+
+    name: str
+    joints: tuple[Joint, ...]
+    links: tuple[Link, ...]
+    gravity: Matrix = field(default_factory=lambda: np.array([0.0, 0.0, -9.81]))
+    terms: tuple[Term, ...] = ()
+    base_link: str = "base"
+    base_attachments: tuple[Attachment, ...] = ()
+    source: Path | None = None
+
+    def __post_init__(self) -> None:
+        try:
+            gravity = frozen(self.gravity, (3,))
+        except (ValueError, TypeError):
+            raise InputError(
+                f'robot "{self.name}": gravity must be three numbers in m/s², got {self.gravity!r}'
+            ) from None
+        if not np.isfinite(gravity).all():
+            raise InputError(f'robot "{self.name}": gravity must be finite, got {gravity.tolist()}')
+        object.__setattr__(self, "gravity", gravity)
+        for name in ("joints", "links", "terms", "base_attachments"):
+            object.__setattr__(self, name, tuple(getattr(self, name)))
+        self._check_tree()
+
+    def _check_tree(self) -> None:
+        if not self.joints:
+            raise InputError(f'robot "{self.name}" has no moving joint; nothing can be identified')
+        if len(self.joints) != len(self.links):
+            raise InputError(
+                f'robot "{self.name}": each joint moves one link, got {len(self.joints)} joints '
+                f"and {len(self.links)} links"
+            )
+        driving: dict[str, Joint] = {}
+        for index, joint in enumerate(self.joints):
+            if not -1 <= joint.parent < index:
+                raise InputError(
+                    f'joint "{joint.name}": its parent must be -1 (base) or a link before {index}, got {joint.parent}'
+                )
+            if joint.mimics is None:
+                if joint.coordinate != len(driving) or joint.multiplier != 1.0 or joint.offset != 0.0:
+                    raise InputError(
+                        f'joint "{joint.name}": a driving joint must have coordinate {len(driving)} (the next one), '
+                        f"multiplier 1 and offset 0, got {joint.coordinate}, {joint.multiplier:g} and {joint.offset:g}"
+                    )
+                driving[joint.name] = joint
+        for joint in self.joints:
+            if joint.mimics is not None and (
+                joint.mimics not in driving or driving[joint.mimics].coordinate != joint.coordinate
+            ):
+                raise InputError(
+                    f'joint "{joint.name}" mimics "{joint.mimics}", which is no driving joint of '
+                    f"coordinate {joint.coordinate}"
+                )
+        for what, names in (
+            ("joint", [joint.name for joint in self.joints]),
+            ("link", [self.base_link, *(link.name for link in self.links)]),
+        ):
+            twice = next((name for name in names if names.count(name) > 1), None)
+            if twice is not None:
+                raise InputError(f'robot "{self.name}": the {what} name "{twice}" is used twice; names must differ')
+
+    @classmethod
+    def from_dh(
+        cls,
+        rows: Sequence[Sequence[float | str]],
+        convention: str = "standard",
+        name: str = "robot",
+        gravity: ArrayLike = (0, 0, -9.81),
+    ) -> Robot:
+        """A serial robot from Denavit-Hartenberg rows (thesis 2.1).
+
+        Parameters
+        ----------
+        rows : sequence of (alpha, a, d, theta)
+            Numbers (rad, m) or strings such as "-pi/2", "q", "q1", "q+pi/2"; exactly one of d (prismatic joint) and
+            theta (revolute joint) holds q.
+        convention : {"standard", "modified"}
+            "standard": Rz(theta) Tz(d) Tx(a) Rx(alpha). "modified" (Craig, Khalil): Rx(alpha) Tx(a) Rz(theta) Tz(d).
+        name : str
+            Name of the robot.
+        gravity : (3,) array
+            Acceleration of gravity in the base frame, m/s².
+
+        Returns
+        -------
+        Robot
+            Joints "joint1", ... and links "link1", ..., whose inertia is unknown; the base is "base".
+
+        Raises
+        ------
+        InputError
+            When a row cannot be understood; the message names the row and the column.
+
+        Examples
+        --------
+        >>> Robot.from_dh([("-pi/2", 0, 0, "q1"), (0, 0, "q2", "pi/2")]).joints[1].kind
+        'prismatic'
+        """
+        from steelyard.robot.dh import robot_from_dh
+
+        return robot_from_dh(rows, convention, name, gravity)
+
+    @classmethod
+    def from_urdf(
+        cls,
+        path: str | Path,
+        tip: str | None = None,
+        locked: Iterable[str] | Mapping[str, float] = (),
+        gravity: ArrayLike = (0, 0, -9.81),
+    ) -> Robot:
+        """A robot from a URDF file.
+
+        Fixed and locked joints are merged, with the inertia moved into the link that carries them (or dropped with the
+        base). Joints come depth first, in the order of the document.
+
+        Parameters
+        ----------
+        path : str or Path
+            The URDF (xacro must be expanded before).
+        tip : str, optional
+            Keep only the chain from the root to this link. Links fixed to the chain are kept; moving side branches are
+            not.
+        locked : iterable of names, or mapping from name to position
+            Joints held still, at 0 or at the given position (rad or m). Joints of more than one degree of freedom can
+            only be locked at 0.
+        gravity : (3,) array
+            Acceleration of gravity in the frame of the root link, m/s².
+
+        Raises
+        ------
+        InputError
+            When the file cannot be read or does not describe a tree of one-degree-of-freedom joints.
+
+        Examples
+        --------
+        >>> import tempfile
+        >>> text = '''<robot name="door"><link name="frame"/><link name="leaf"/>
+        ... <joint name="hinge" type="revolute"><parent link="frame"/><child link="leaf"/><axis xyz="0 0 1"/></joint>
+        ... </robot>'''
+        >>> with tempfile.TemporaryDirectory() as folder:
+        ...     path = Path(folder) / "door.urdf"
+        ...     _ = path.write_text(text)
+        ...     robot = Robot.from_urdf(path)
+        >>> robot.joint_names, robot.link_names, robot.base_link
+        (('hinge',), ('leaf',), 'frame')
+        """
+        from steelyard.robot.urdf import robot_from_urdf
+
+        return robot_from_urdf(path, tip, locked, gravity)
+
+    def with_terms(self, *terms: Term) -> Robot:
+        """The same robot with these terms in place of its own.
+
+        Raises
+        ------
+        InputError
+            When a term does not fit the robot, or two parameters would have the same name.
+        """
+        for term in terms:
+            term.check(self)
+        symbols = [*INERTIA_SYMBOLS, *(parameter.symbol for term in terms for parameter in term.parameters)]
+        twice = next((symbol for symbol in symbols if symbols.count(symbol) > 1), None)
+        if twice is not None:
+            raise InputError(
+                f'robot "{self.name}": two terms have the parameter "{twice}"; '
+                "give each term once, or rename its symbol"
+            )
+        return replace(self, terms=terms)
+
+    @cached_property
+    def dof(self) -> int:
+        """Number of coordinates N."""
+        return len(self.driving_joints)
+
+    @cached_property
+    def driving_joints(self) -> tuple[int, ...]:
+        """For each coordinate, the index of the joint that it drives directly."""
+        return tuple(index for index, joint in enumerate(self.joints) if joint.mimics is None)
+
+    @cached_property
+    def joint_names(self) -> tuple[str, ...]:
+        """Names (N,) of the driving joints, in the order of the coordinates."""
+        return tuple(self.joints[index].name for index in self.driving_joints)
+
+    @cached_property
+    def link_names(self) -> tuple[str, ...]:
+        """Names of the moving links."""
+        return tuple(link.name for link in self.links)
+
+    @cached_property
+    def parameter_names(self) -> tuple[str, ...]:
+        """Names (n,) of the parameters, in the order of thesis eq. 4.13: for each link its ten, then its terms'."""
+        names: list[str] = []
+        for number, joint in enumerate(self.joints, start=1):
+            names += [f"{symbol}{number}" for symbol in INERTIA_SYMBOLS]
+            if joint.mimics is None:
+                names += [f"{parameter.symbol}{number}" for term in self.terms for parameter in term.parameters]
+        return tuple(names)
+
+    @cached_property
+    def link_starts(self) -> tuple[int, ...]:
+        """For each link, the index of its Lxx in the parameters; its ten parameters are the ten from there."""
+        positions = {name: index for index, name in enumerate(self.parameter_names)}
+        return tuple(positions[f"Lxx{number}"] for number in range(1, len(self.links) + 1))
+
+    @cached_property
+    def parameters(self) -> Matrix:
+        """Values (n,) from the CAD data of the description, NaN where it says nothing."""
+        values: list[float] = []
+        for joint, link in zip(self.joints, self.links, strict=True):
+            values += [np.nan] * 10 if link.inertia is None else link.inertia.parameters.tolist()
+            if joint.mimics is None:
+                for term in self.terms:
+                    values += term.nominal(joint)
+        return frozen(values, (len(self.parameter_names),))
+
+    def frame(self, name: str) -> tuple[int, Matrix]:
+        """Where a link of the source is, merged ones included.
+
+        Returns
+        -------
+        link : int
+            Index of the moving link that carries it, -1 for the base.
+        placement : (4, 4) array
+            Its frame in the frame of that link.
+
+        Raises
+        ------
+        InputError
+            When the robot has no link of this name.
+        """
+        carriers = [(-1, self.base_link, self.base_attachments)]
+        carriers += [(index, link.name, link.attachments) for index, link in enumerate(self.links)]
+        for index, carrier, attachments in carriers:
+            if name == carrier:
+                return index, np.eye(4)
+            for attachment in attachments:
+                if name == attachment.name:
+                    return index, attachment.placement
+        known = [carrier for _, carrier, _ in carriers] + [one.name for _, _, held in carriers for one in held]
+        raise InputError(f'robot "{self.name}" has no link "{name}"; {suggestion(name, known)}')
+
+    def _rows(self) -> list[tuple[str, ...]]:
+        names = (*self.link_names, self.base_link)
+        rows: list[tuple[str, ...]] = []
+        for number, (joint, link) in enumerate(zip(self.joints, self.links, strict=True), start=1):
+            kind = joint.kind if joint.mimics is None else f"{joint.kind} (mimics {joint.mimics})"
+            mass = "mass unknown" if link.inertia is None else f"{link.inertia.mass:.6g} kg"
+            rows.append((str(number), joint.name, kind, f"{names[joint.parent]} -> {link.name}", mass))
+        return rows
+
+    def _title(self) -> str:
+        gravity = ", ".join(f"{value:g}" for value in self.gravity)
+        terms = f", terms {', '.join(term.kind for term in self.terms)}" if self.terms else ""
+        return (
+            f"Robot {self.name!r}: {self.dof} coordinate{'s' * (self.dof != 1)}, {len(self.links)} "
+            f"link{'s' * (len(self.links) != 1)} on {self.base_link!r}, gravity ({gravity}) m/s²{terms}"
+        )
+
+    def __repr__(self) -> str:
+        rows = self._rows()
+        widths = [max(len(row[column]) for row in rows) for column in range(3)]
+        lines = [
+            "  " + "  ".join([row[0].rjust(widths[0]), row[1].ljust(widths[1]), row[2].ljust(widths[2]), *row[3:]])
+            for row in rows
+        ]
+        return "\n".join([self._title(), *lines])
+
+    def _repr_html_(self) -> str:
+        head = "".join(f"<th>{title}</th>" for title in ("", "joint", "kind", "links", "mass"))
+        body = "".join(
+            "<tr>" + "".join(f"<td>{html.escape(cell)}</td>" for cell in row) + "</tr>" for row in self._rows()
+        )
+        return f"<p>{html.escape(self._title())}</p><table><tr>{head}</tr>{body}</table>"

@@ -1,0 +1,285 @@
+"""The elements of a URDF file, read strictly: every number checked, every complaint with its line."""
+
+from __future__ import annotations
+
+import math
+import re
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, cast
+
+import numpy as np
+from numpy.typing import NDArray
+
+from steelyard.errors import InputError
+from steelyard.robot.inertia import Inertia
+from steelyard.robot.names import suggestion
+from steelyard.robot.placement import rpy_rotation
+
+if TYPE_CHECKING:
+    from lxml import etree
+
+__all__ = ["UrdfDocument", "UrdfJoint", "UrdfLink", "UrdfMimic", "read_document"]
+
+Matrix = NDArray[np.float64]
+
+ONE_DOF = ("revolute", "continuous", "prismatic")
+
+
+@dataclass(frozen=True, eq=False)
+class UrdfLink:
+    """A `<link>` element."""
+
+    name: str
+    line: int
+    inertia: Inertia | None
+
+
+@dataclass(frozen=True)
+class UrdfMimic:
+    """A `<mimic>` element: value = multiplier * value of `joint` + offset."""
+
+    joint: str
+    multiplier: float
+    offset: float
+
+
+@dataclass(frozen=True, eq=False)
+class UrdfJoint:
+    """A `<joint>` element."""
+
+    name: str
+    line: int
+    kind: str
+    parent: str
+    child: str
+    origin: Matrix
+    axis: tuple[float, ...]
+    mimic: UrdfMimic | None
+    lower: float
+    upper: float
+    velocity_limit: float
+    effort_limit: float
+    damping: float
+    friction: float
+
+
+@dataclass(frozen=True, eq=False)
+class UrdfDocument:
+    """A whole file: links and joints in the order of the document, names unique, parents and children known."""
+
+    path: Path
+    name: str
+    links: dict[str, UrdfLink]
+    joints: dict[str, UrdfJoint]
+
+
+def read_document(path: str | Path) -> UrdfDocument:
+    """Read a URDF file; raise InputError, with the line, where it is not one."""
+    path = Path(path)
+    return _Reader(path).document(_parse(path))
+
+
+def _parse(path: Path) -> etree._Element:
+    from lxml import etree
+
+    try:
+        data = path.read_bytes()
+    except OSError as error:
+        raise InputError(f"{path}: cannot read the file ({error.strerror or error}); give the path of a URDF") from None
+    # A URDF needs neither entities nor a network, and both are ways to harm whoever opens it.
+    parser = etree.XMLParser(resolve_entities=False, no_network=True, load_dtd=False, huge_tree=False)
+    try:
+        root = etree.fromstring(data, parser)
+    except etree.XMLSyntaxError as error:
+        line = error.position[0] or 1
+        if "namespace prefix" in str(error).lower() and "xacro" in str(error):
+            raise InputError(_xacro_message(path, line)) from None
+        raise InputError(f"{path}, line {line}: not well-formed XML ({error.msg}); mend the file") from None
+    tree = root.getroottree()
+    if tree.docinfo.internalDTD is not None:
+        raise InputError(f"{path}: it has a DOCTYPE declaration, which a URDF does not need; remove it")
+    for element in root.iter(etree.Element):
+        if "xacro" in (etree.QName(element).namespace or ""):
+            raise InputError(_xacro_message(path, _line(element)))
+    return root
+
+
+def _xacro_message(path: Path, line: int) -> str:
+    return f"{path}, line {line}: this is xacro, not URDF; expand it first (xacro {path.name} > robot.urdf)"
+
+
+def _line(element: etree._Element) -> int:
+    # The stubs give this property the type of an ellipsis.
+    return cast("int", element.sourceline)
+
+
+class _Reader:
+    """Reads elements; knows the file, to say where something is wrong."""
+
+    def __init__(self, path: Path) -> None:
+        self.path = path
+        self.namespace = ""
+
+    def document(self, root: etree._Element) -> UrdfDocument:
+        from lxml import etree
+
+        name = etree.QName(root)
+        if name.localname != "robot":
+            raise self.error(root, f"a URDF begins with <robot>, found <{name.localname}>; give a URDF file")
+        # Elements of foreign namespaces (old sensor and controller tags) are nobody's links or joints.
+        self.namespace = f"{{{name.namespace}}}" if name.namespace else ""
+        links: dict[str, UrdfLink] = {}
+        for element in self.children(root, "link"):
+            link = self.link(element)
+            if link.name in links:
+                raise self.error(
+                    element, f'the link "{link.name}" was already on line {links[link.name].line}; names must differ'
+                )
+            links[link.name] = link
+        if not links:
+            raise self.error(root, "the robot has no <link>; give a complete URDF")
+        joints: dict[str, UrdfJoint] = {}
+        for element in self.children(root, "joint"):
+            joint = self.joint(element, links)
+            if joint.name in joints:
+                raise self.error(
+                    element,
+                    f'the joint "{joint.name}" was already on line {joints[joint.name].line}; names must differ',
+                )
+            joints[joint.name] = joint
+        return UrdfDocument(self.path, root.get("name") or self.path.stem, links, joints)
+
+    def link(self, element: etree._Element) -> UrdfLink:
+        name = self.text(element, "name", "a link")
+        inertial = self.only(element, "inertial", f'link "{name}"')
+        return UrdfLink(name, _line(element), None if inertial is None else self.inertial(inertial, f'link "{name}"'))
+
+    def inertial(self, element: etree._Element, owner: str) -> Inertia:
+        mass_element, inertia_element = (self.only(element, tag, owner) for tag in ("mass", "inertia"))
+        if mass_element is None:
+            raise self.error(element, f"{owner}: its <inertial> has no <mass>; add one or remove the <inertial>")
+        if inertia_element is None:
+            raise self.error(element, f"{owner}: its <inertial> has no <inertia>; add one or remove the <inertial>")
+        mass = self.number(mass_element, "value", owner)
+        xx, xy, xz, yy, yz, zz = (
+            self.number(inertia_element, key, owner) for key in ("ixx", "ixy", "ixz", "iyy", "iyz", "izz")
+        )
+        origin = self.origin(element, owner)
+        rotation = origin[:3, :3]
+        about_com = rotation @ np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]]) @ rotation.T
+        return Inertia.from_com(mass, origin[:3, 3], (about_com + about_com.T) / 2)
+
+    def joint(self, element: etree._Element, links: dict[str, UrdfLink]) -> UrdfJoint:
+        name = self.text(element, "name", "a joint")
+        owner = f'joint "{name}"'
+        kind = self.text(element, "type", owner)
+        ends = []
+        for tag in ("parent", "child"):
+            end = self.only(element, tag, owner)
+            if end is None:
+                raise self.error(element, f'{owner} has no <{tag}>; add <{tag} link="..."/>')
+            link = self.text(end, "link", f"{owner}, <{tag}>")
+            if link not in links:
+                raise self.error(end, f'{owner}: its {tag} link "{link}" is not in the file; {suggestion(link, links)}')
+            ends.append(link)
+        axis_element = self.only(element, "axis", owner)
+        axis = (1.0, 0.0, 0.0) if axis_element is None else self.vector(axis_element, "xyz", owner, (1.0, 0.0, 0.0))
+        if kind in ONE_DOF and not any(axis):
+            raise self.error(element, f'{owner}: its axis is "0 0 0"; give the direction of the motion')
+
+        limit = self.only(element, "limit", owner)
+        lower, upper = -math.inf, math.inf
+        if limit is not None and kind != "continuous" and (limit.get("lower") or limit.get("upper")):
+            # The format gives 0 to the bound that is not written.
+            lower, upper = (self.number(limit, key, owner, 0.0, infinite=True) for key in ("lower", "upper"))
+        if lower > upper:
+            raise self.error(
+                element, f"{owner}: its lower limit {lower:g} is above its upper limit {upper:g}; exchange them"
+            )
+        velocity, effort = (
+            math.inf if limit is None else self.number(limit, key, owner, math.inf, infinite=True)
+            for key in ("velocity", "effort")
+        )
+        dynamics = self.only(element, "dynamics", owner)
+        damping, friction = (
+            math.nan if dynamics is None else self.number(dynamics, key, owner, math.nan)
+            for key in ("damping", "friction")
+        )
+        mimic_element = self.only(element, "mimic", owner)
+        mimic = None
+        if mimic_element is not None:
+            mimic = UrdfMimic(
+                self.text(mimic_element, "joint", f"{owner}, <mimic>"),
+                self.number(mimic_element, "multiplier", owner, 1.0),
+                self.number(mimic_element, "offset", owner, 0.0),
+            )
+        return UrdfJoint(
+            name, _line(element), kind, ends[0], ends[1], self.origin(element, owner), axis, mimic,
+            lower, upper, velocity, effort, damping, friction,
+        )  # fmt: skip
+
+    def origin(self, element: etree._Element, owner: str) -> Matrix:
+        origin = self.only(element, "origin", owner)
+        if origin is None:
+            return np.eye(4)
+        roll, pitch, yaw = self.vector(origin, "rpy", owner, (0.0, 0.0, 0.0))
+        placement = rpy_rotation(roll, pitch, yaw)
+        placement[:3, 3] = self.vector(origin, "xyz", owner, (0.0, 0.0, 0.0))
+        return placement
+
+    def children(self, element: etree._Element, tag: str) -> list[etree._Element]:
+        return element.findall(self.namespace + tag)
+
+    def only(self, element: etree._Element, tag: str, owner: str) -> etree._Element | None:
+        found = self.children(element, tag)
+        if len(found) > 1:
+            raise self.error(found[1], f"{owner} has {len(found)} <{tag}> elements; keep one")
+        return found[0] if found else None
+
+    def text(self, element: etree._Element, key: str, owner: str) -> str:
+        value = element.get(key)
+        if not value:
+            raise self.error(element, f"{owner} has no {key}; add the attribute {key}")
+        return value
+
+    def number(
+        self, element: etree._Element, key: str, owner: str, default: float | None = None, infinite: bool = False
+    ) -> float:
+        text = element.get(key)
+        if text is None:
+            if default is None:
+                raise self.error(element, f"{owner}: <{self.tag(element)}> has no {key}; add the attribute {key}")
+            return default
+        return self.numbers(element, key, text, owner, 1, infinite)[0]
+
+    def vector(
+        self, element: etree._Element, key: str, owner: str, default: tuple[float, float, float]
+    ) -> tuple[float, ...]:
+        text = element.get(key)
+        return default if text is None else self.numbers(element, key, text, owner, 3)
+
+    def numbers(
+        self, element: etree._Element, key: str, text: str, owner: str, count: int, infinite: bool = False
+    ) -> tuple[float, ...]:
+        expected = "one number" if count == 1 else f"{count} numbers"
+        fits: Callable[[float], bool] = (lambda value: not math.isnan(value)) if infinite else math.isfinite
+        try:
+            values = tuple(float(word) for word in text.split())
+        except ValueError:
+            values = ()
+        # `float` reads "1_000", which no other reader of URDF does.
+        if len(values) != count or "_" in text or not all(map(fits, values)):
+            remedy = "expand the xacro first" if re.search(r"\$[{(]", text) else f"write {expected}"
+            finite = "" if infinite else ", finite"
+            raise self.error(
+                element, f'{owner}: {key} of <{self.tag(element)}> must be {expected}{finite}, got "{text}"; {remedy}'
+            )
+        return values
+
+    def tag(self, element: etree._Element) -> str:
+        return str(element.tag).removeprefix(self.namespace)
+
+    def error(self, element: etree._Element, message: str) -> InputError:
+        return InputError(f"{self.path}, line {_line(element)}: {message}")

@@ -1,0 +1,163 @@
+"""Editing an XML file without touching what is not edited: every byte outside the edits stays as it was."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass, field
+from pathlib import Path
+from xml.parsers import expat
+
+from steelyard.errors import InputError
+
+__all__ = ["XmlEdit", "XmlElement"]
+
+# A start tag: quoted values may hold ">".
+START_TAG = re.compile(rb"""<(?:[^"'>]|"[^"]*"|'[^']*')*>""")
+ATTRIBUTE = re.compile(rb"""([^\s=/>"'<]+)\s*=\s*("[^"]*"|'[^']*')""")
+
+
+@dataclass(eq=False)
+class XmlElement:
+    """An element, and where it stands in the bytes of the file."""
+
+    tag: str
+    attributes: dict[str, str]
+    start: int
+    start_tag_end: int
+    empty: bool
+    end: int = -1
+    children: list[XmlElement] = field(default_factory=list)
+
+    def find(self, tag: str) -> XmlElement | None:
+        """The first child of this tag."""
+        return next(self.all(tag), None)
+
+    def all(self, tag: str) -> Iterator[XmlElement]:
+        """The children of this tag, in order."""
+        return (child for child in self.children if child.tag == tag)
+
+
+class XmlEdit:
+    """The bytes of an XML file, its elements, and the edits to make.
+
+    Parameters
+    ----------
+    data : bytes
+        The file; in an encoding that extends ASCII.
+    path : Path
+        Its name, for messages.
+
+    Raises
+    ------
+    InputError
+        When the file is not well-formed, or in UTF-16 or UTF-32.
+
+    Examples
+    --------
+    >>> edit = XmlEdit(b'<a  x = "1"><!-- kept --><b/></a>', Path("a.xml"))
+    >>> edit.set_attributes(edit.root, {"x": "2", "y": "3"})
+    >>> edit.insert_last(edit.root, "<c/>")
+    >>> edit.result()
+    b'<a  x = "2" y="3"><!-- kept --><b/><c/></a>'
+    """
+
+    def __init__(self, data: bytes, path: Path) -> None:
+        self.data = data
+        self.newline = "\r\n" if b"\r\n" in data else "\n"
+        self._edits: list[tuple[int, int, bytes]] = []
+        if data[:2] in (b"\xff\xfe", b"\xfe\xff") or b"\0" in data[:4]:
+            raise InputError(f"{path}: UTF-16 and UTF-32 files cannot be edited in place; save the file as UTF-8")
+        stack: list[XmlElement] = []
+        roots: list[XmlElement] = []
+        parser = expat.ParserCreate()
+
+        def begin(tag: str, attributes: dict[str, str]) -> None:
+            start = parser.CurrentByteIndex
+            match = START_TAG.match(data, start)
+            if match is None:
+                raise InputError(f"{path}: cannot find the element <{tag}> at byte {start}; save the file as UTF-8")
+            element = XmlElement(tag, attributes, start, match.end(), match[0].endswith(b"/>"))
+            (stack[-1].children if stack else roots).append(element)
+            stack.append(element)
+
+        def finish(_tag: str) -> None:
+            element = stack.pop()
+            element.end = element.start_tag_end if element.empty else data.index(b">", parser.CurrentByteIndex) + 1
+
+        parser.StartElementHandler = begin
+        parser.EndElementHandler = finish
+        try:
+            parser.Parse(data, True)
+        except (expat.ExpatError, ValueError, LookupError) as error:
+            if isinstance(error, InputError):
+                raise
+            raise InputError(f"{path}: cannot be edited in place ({error}); save the file as UTF-8") from None
+        self.root = roots[0]
+
+    def set_attributes(self, element: XmlElement, values: Mapping[str, str]) -> None:
+        """Give attributes these (ASCII) values; new ones come after the old ones."""
+        missing = dict(values)
+        last = element.start_tag_end - (2 if element.empty else 1)
+        for match in ATTRIBUTE.finditer(self.data, element.start, element.start_tag_end):
+            value = missing.pop(match[1].decode("ascii", "replace"), None)
+            if value is not None:
+                self._edits.append((match.start(2) + 1, match.end(2) - 1, value.encode("ascii")))
+        if missing:
+            while self.data[last - 1 : last].isspace():
+                last -= 1
+            text = "".join(f' {key}="{value}"' for key, value in missing.items())
+            self._edits.append((last, last, text.encode("ascii")))
+
+    def remove(self, element: XmlElement) -> None:
+        """Take an element out, with the line break and indentation before it."""
+        start = element.start
+        indentation = self._line_start(start)
+        if indentation is not None and indentation > 0:
+            start = indentation - (2 if self.data[indentation - 2 : indentation] == b"\r\n" else 1)
+        self._edits.append((start, element.end, b""))
+
+    def insert_first(self, parent: XmlElement, *lines: str) -> None:
+        """Put a new element, given by its (ASCII) lines, before the other children."""
+        self._insert(parent, parent.start_tag_end, lines)
+
+    def insert_last(self, parent: XmlElement, *lines: str) -> None:
+        """Put a new element, given by its (ASCII) lines, after the other children."""
+        self._insert(parent, parent.children[-1].end if parent.children else parent.start_tag_end, lines)
+
+    def _insert(self, parent: XmlElement, place: int, lines: tuple[str, ...]) -> None:
+        own = self._line_start(parent.start)
+        first = self._line_start(parent.children[0].start) if parent.children else own
+        if own is None or first is None:
+            text = "".join(line.strip() for line in lines)
+            closing = ""
+        else:
+            outer = self.data[own : parent.start].decode("ascii")
+            inner = outer + "  "
+            if parent.children:
+                inner = self.data[first : parent.children[0].start].decode("ascii")
+            text = "".join(f"{self.newline}{inner}{line}" for line in lines)
+            closing = self.newline + outer
+        if parent.empty:
+            # <link name="x"/> is opened to hold the new element.
+            start_tag = self.data[parent.start : parent.start_tag_end - 2].rstrip()
+            begin = parent.start + len(start_tag)
+            self._edits.append((begin, parent.end, f">{text}{closing}</{parent.tag}>".encode("ascii")))
+            return
+        if not parent.children and self.data[place : place + 2] == b"</":
+            text += closing
+        self._edits.append((place, place, text.encode("ascii")))
+
+    def _line_start(self, position: int) -> int | None:
+        """Where the line of this position begins, if only white space stands before it; None otherwise."""
+        begin = self.data.rfind(b"\n", 0, position) + 1
+        return begin if not self.data[begin:position].strip() else None
+
+    def result(self) -> bytes:
+        """The bytes with all edits made."""
+        pieces = []
+        position = 0
+        for start, end, text in sorted(self._edits, key=lambda edit: edit[:2]):
+            pieces += [self.data[position:start], text]
+            position = end
+        return b"".join([*pieces, self.data[position:]])

@@ -1,0 +1,145 @@
+"""The robot file robot.toml."""
+
+import numpy as np
+import pytest
+
+from steelyard.errors import InputError
+from steelyard.robot import Robot, RobotFile
+
+URDF = """<robot name="r"><link name="a"/><link name="b"/><link name="c"/><link name="d"/>
+<joint name="j" type="revolute"><parent link="a"/><child link="b"/></joint>
+<joint name="k" type="prismatic"><parent link="b"/><child link="c"/></joint>
+<joint name="l" type="revolute"><parent link="a"/><child link="d"/></joint></robot>"""
+ROWS = '[description]\nrows = [["pi/2", 0, 0.1273, "q"], [0, -0.612, 0, "q2"]]\n'
+
+
+@pytest.fixture
+def write(tmp_path):
+    (tmp_path / "robots").mkdir()
+    (tmp_path / "robots" / "arm.urdf").write_text(URDF)
+
+    def writer(text: str):
+        path = tmp_path / "bench.toml"
+        path.write_text(text, encoding="utf-8")
+        return path
+
+    return writer
+
+
+def test_a_urdf_is_found_beside_the_file(write, monkeypatch, tmp_path_factory):
+    path = write('name = "bench arm"\n[description]\nurdf = "robots/arm.urdf"\ntip = "c"\nlocked = {k = 0.25}\n')
+    monkeypatch.chdir(tmp_path_factory.mktemp("elsewhere"))
+    robot = RobotFile.load(str(path)).robot
+    assert robot.name == "bench arm"
+    assert robot.joint_names == ("j",)
+    assert np.allclose(robot.frame("c")[1][:3, 3], [0.25, 0, 0])
+    assert robot.source == path.parent / "robots" / "arm.urdf"
+
+
+def test_locked_names_and_gravity(write):
+    robot = RobotFile.load(
+        write('[description]\nurdf = "robots/arm.urdf"\nlocked = ["k", "l"]\ngravity = [0, 9.81, 0]')
+    ).robot
+    assert robot.name == "r"
+    assert robot.joint_names == ("j",)
+    assert robot.gravity.tolist() == [0.0, 9.81, 0.0]
+
+
+def test_dh_rows_are_those_of_from_dh(write):
+    robot = RobotFile.load(write(ROWS + 'convention = "modified"\ngravity = [0, 0, 9.8]')).robot
+    same = Robot.from_dh([("pi/2", 0, 0.1273, "q"), (0, -0.612, 0, "q2")], convention="modified")
+    assert robot.name == "bench"
+    assert robot.gravity[2] == 9.8
+    for ours, theirs in zip(robot.joints, same.joints, strict=True):
+        assert np.array_equal(ours.before, theirs.before)
+        assert np.array_equal(ours.after, theirs.after)
+
+
+def test_sections_are_kept_as_written(write):
+    file = RobotFile.load(
+        write(
+            ROWS
+            + '[[terms]]\nkind = "viscous"\n[[terms]]\nkind = "x"\na = 1\n[log]\nq = ["q1"]\n[limits]\nq = [1, 2]\n'
+        )
+    )
+    assert file.robot.terms == ()
+    assert file.terms == ({"kind": "viscous"}, {"kind": "x", "a": 1})
+    assert file.section("log") == {"q": ["q1"]}
+    assert file.section("limits") == {"q": [1, 2]}
+    assert file.section("processing") == {}
+    assert file.section("constraints") == {}
+
+
+def test_a_section_can_be_changed_without_changing_the_file(write):
+    file = RobotFile.load(write(ROWS + '[log]\nq = ["q1"]\n'))
+    file.section("log")["q"].append("x")
+    assert file.section("log") == {"q": ["q1"]}
+
+
+def test_a_plain_urdf_has_empty_sections(write):
+    path = write("").parent / "robots" / "arm.urdf"
+    file = RobotFile.load(path)
+    assert file.robot.joint_names == ("j", "k", "l")
+    assert file.terms == ()
+    assert file.section("log") == {}
+
+
+def test_an_unknown_table_is_refused(write):
+    with pytest.raises(InputError, match=r'"lgo" is no table .* did you mean "log"'):
+        RobotFile.load(write(ROWS)).section("lgo")
+
+
+BROKEN = {
+    "syntax": ("name = \n", r"not valid TOML \(Invalid value \(at line 1"),
+    "empty": ("", r"it has no table \[description\]"),
+    "unknown section": (ROWS + "[limit]\n", r'"limit" is no section of a robot file; did you mean "limits"'),
+    "description is no table": ("description = 3", r"it has no table \[description\]"),
+    "description without a robot": ("[description]\ngravity = [0, 0, 1]", "urdf = ... or rows = ... is needed"),
+    "two robots": (ROWS + 'urdf = "x.urdf"', "both urdf and rows"),
+    "unknown key": (
+        '[description]\nurdf = "robots/arm.urdf"\ntipp = "c"',
+        '"tipp" does not belong to a URDF; did you mean',
+    ),
+    "tip with rows": (ROWS + 'tip = "c"', '"tip" does not belong to DH rows'),
+    "name is a number": ("name = 3\n" + ROWS, "name must be a string, got 3"),
+    "urdf is a number": ("[description]\nurdf = 3", "urdf must be a path, got 3"),
+    "absent urdf": ('[description]\nurdf = "none.urdf"', r"none\.urdf: cannot read the file"),
+    "tip is a list": ('[description]\nurdf = "robots/arm.urdf"\ntip = ["c"]', "tip must be the name of a link"),
+    "locked is a name": (
+        '[description]\nurdf = "robots/arm.urdf"\nlocked = "k"',
+        "locked must be a list of joint names",
+    ),
+    "locked holds words": ('[description]\nurdf = "robots/arm.urdf"\nlocked = {k = "0"}', "locked must be a list"),
+    "unknown locked joint": ('[description]\nurdf = "robots/arm.urdf"\nlocked = ["kk"]', 'no joint "kk" to lock'),
+    "gravity of two": (ROWS + "gravity = [0, 9.81]", r"gravity must be three numbers in m/s², got \[0, 9.81\]"),
+    "infinite gravity": (ROWS + "gravity = [0, 0, inf]", "gravity must be finite"),
+    "rows is a string": ('[description]\nrows = "q"', "rows must be a list"),
+    "short row": ('[description]\nrows = [[0, 0, "q"]]', r"\[description\], row 1: four cells"),
+    "bad cell": (
+        '[description]\nrows = [[0, 0, 0, "phi"]]',
+        r"bench.toml, \[description\], row 1, theta: cannot read 'phi'",
+    ),
+    "bad convention": (ROWS + 'convention = "khalil"', 'must be "standard" or "modified", got \'khalil\''),
+    "terms is a table": (ROWS + "[terms]\n", r"terms must be written as \[\[terms\]\]"),
+    "terms holds words": ('terms = ["viscous"]\n' + ROWS, r"terms must be written as \[\[terms\]\]"),
+    "log is an array": (ROWS + "[[log]]\n", r"log must be one table \[log\]"),
+    "limits is a number": ("limits = 3\n" + ROWS, r"limits must be one table \[limits\]"),
+}
+
+
+@pytest.mark.parametrize(("text", "phrase"), BROKEN.values(), ids=BROKEN)
+def test_each_broken_file_is_refused_in_one_sentence(write, text, phrase):
+    with pytest.raises(InputError, match=phrase) as caught:
+        RobotFile.load(write(text))
+    assert "\n" not in str(caught.value)
+
+
+def test_other_files_are_refused(tmp_path):
+    with pytest.raises(InputError, match=r"a \.urdf or a \.toml file, got the suffix '\.yaml'"):
+        RobotFile.load(tmp_path / "robot.yaml")
+    with pytest.raises(InputError, match="cannot read the file"):
+        RobotFile.load(tmp_path / "robot.toml")
+    latin = tmp_path / "latin.toml"
+    latin.write_bytes(b'name = "\xe9"')
+    with pytest.raises(InputError, match="byte 8 is not UTF-8"):
+        RobotFile.load(latin)
