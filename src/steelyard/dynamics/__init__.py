@@ -1,0 +1,23 @@
+"""The physics: kinematics, Newton-Euler dynamics, regressor, drive terms, base parameters, and the model."""
+
+from .base_parameters import BaseParameters as BaseParameters
+from .conditions import ModelCondition as ModelCondition
+from .model import Model as Model
+from .terms import Coulomb as Coulomb
+from .terms import MotorSide as MotorSide
+from .terms import Offset as Offset
+from .terms import RotorInertia as RotorInertia
+from .terms import Viscous as Viscous
+from .terms import term_from_dict as term_from_dict
+
+__all__ = [
+    "BaseParameters",
+    "Coulomb",
+    "Model",
+    "ModelCondition",
+    "MotorSide",
+    "Offset",
+    "RotorInertia",
+    "Viscous",
+    "term_from_dict",
+]

@@ -1,0 +1,137 @@
+"""The matrices of parameters that physics wants positive semidefinite, for links and terms."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from steelyard.errors import InputError
+from steelyard.robot import Robot
+
+__all__ = ["CONSISTENCIES", "ModelCondition", "model_conditions"]
+
+CONSISTENCIES = ("full", "inertia")
+
+
+@dataclass(frozen=True, eq=False)
+class ModelCondition:
+    """An affine matrix of the model's parameters that must be positive semidefinite.
+
+    Attributes
+    ----------
+    name : str
+    link, joint : str or None
+        The link whose body, or the joint whose term, it is about.
+    constant : ndarray
+        (d, d).
+    indices : ndarray of int
+        Which parameters of the model appear, (c,).
+    coefficients : ndarray
+        (c, d, d), symmetric.
+    """
+
+    name: str
+    link: str | None
+    joint: str | None
+    constant: NDArray[np.float64]
+    indices: NDArray[np.intp]
+    coefficients: NDArray[np.float64]
+
+    @property
+    def size(self) -> int:
+        """Order d of the matrix."""
+        return len(self.constant)
+
+
+def _symmetric(size: int, entries: list[tuple[int, int, float]]) -> NDArray[np.float64]:
+    matrix = np.zeros((size, size))
+    for i, j, value in entries:
+        matrix[i, j] = matrix[j, i] = value
+    return matrix
+
+
+def _inertia_coefficients() -> NDArray[np.float64]:
+    """Coefficients of the 6x6 matrix of thesis eq. 3.20, for ``Lxx Lxy Lxz Lyy Lyz Lzz lx ly lz m``."""
+    tensor = [[(0, 0, 1.0)], [(0, 1, 1.0)], [(0, 2, 1.0)], [(1, 1, 1.0)], [(1, 2, 1.0)], [(2, 2, 1.0)]]
+    first = [
+        [(1, 5, 1.0), (2, 4, -1.0)],
+        [(0, 5, -1.0), (2, 3, 1.0)],
+        [(0, 4, 1.0), (1, 3, -1.0)],
+    ]
+    mass = [[(3, 3, 1.0), (4, 4, 1.0), (5, 5, 1.0)]]
+    return np.array([_symmetric(6, entries) for entries in tensor + first + mass])
+
+
+def _pseudo_inertia_coefficients() -> NDArray[np.float64]:
+    """Coefficients of the 4x4 pseudo-inertia ``[[tr(L)/2 - L, l], [l', m]]`` (Wensing et al. 2018, eq. 5)."""
+    h = 0.5
+    entries = [
+        [(0, 0, -h), (1, 1, h), (2, 2, h)],
+        [(0, 1, -1.0)],
+        [(0, 2, -1.0)],
+        [(0, 0, h), (1, 1, -h), (2, 2, h)],
+        [(1, 2, -1.0)],
+        [(0, 0, h), (1, 1, h), (2, 2, -h)],
+        [(0, 3, 1.0)],
+        [(1, 3, 1.0)],
+        [(2, 3, 1.0)],
+        [(3, 3, 1.0)],
+    ]
+    return np.array([_symmetric(4, e) for e in entries])
+
+
+def model_conditions(robot: Robot, consistency: str) -> tuple[ModelCondition, ...]:
+    """Return the conditions of all the links and terms of a robot.
+
+    Parameters
+    ----------
+    robot : Robot
+    consistency : {"full", "inertia"}
+        ``"inertia"``: positive mass and positive definite inertia about the centre of mass (thesis eq. 3.20).
+        ``"full"``: a positive mass density exists, so that the triangle inequality holds too (Traversaro et al. 2016;
+        Wensing et al. 2018).
+
+    Returns
+    -------
+    tuple of ModelCondition
+
+    Raises
+    ------
+    InputError
+        If `consistency` is something else.
+    """
+    if consistency not in CONSISTENCIES:
+        raise InputError(f"consistency must be 'full' or 'inertia', got {consistency!r}.")
+    coefficients = _inertia_coefficients() if consistency == "inertia" else _pseudo_inertia_coefficients()
+    size = coefficients.shape[1]
+    driving = {joint: k for k, joint in enumerate(robot.driving_joints)}
+    result: list[ModelCondition] = []
+    column = 0
+    for index, link in enumerate(robot.links):
+        result.append(
+            ModelCondition(
+                f"body of {link.name}", link.name, None, np.zeros((size, size)), np.arange(column, column + 10), coefficients
+            )
+        )
+        column += 10
+        if index not in driving:
+            continue
+        joint = robot.joints[index]
+        for term in robot.terms:
+            symbols = [p.symbol for p in term.parameters]
+            for condition in term.conditions():
+                used = [s for s in symbols if s in condition.coefficients]
+                result.append(
+                    ModelCondition(
+                        f"{condition.name} at {joint.name}",
+                        None,
+                        joint.name,
+                        np.asarray(condition.constant, dtype=np.float64),
+                        np.array([column + symbols.index(s) for s in used], dtype=np.intp),
+                        np.array([condition.coefficients[s] for s in used], dtype=np.float64),
+                    )
+                )
+            column += len(symbols)
+    return tuple(result)

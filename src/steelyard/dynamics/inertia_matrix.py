@@ -1,0 +1,93 @@
+"""The joint-space inertia matrix from composite bodies, written over generic scalars."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any
+
+from steelyard.robot import Robot
+from .kinematics import JointFrame, Matrix3, Vector3, add, cross, dot, joint_frames, product, scale, times, transposed
+
+__all__ = ["inertia_matrix"]
+
+_Body = tuple[Matrix3, Vector3, Any]  # moment of inertia about the origin, first moment, mass
+
+
+def _shifted(body: _Body, arm: Vector3) -> _Body:
+    """Refer a body to a new origin, from which the old one stands at `arm` (Huygens and Steiner)."""
+    inertia, first, mass = body
+    moved = scale(arm, mass)
+    spread = dot(arm, add(add(first, first), moved))
+    rows = []
+    for i in range(3):
+        row = []
+        for j in range(3):
+            value = inertia[i][j] - (arm[i] * first[j] + (first[i] + moved[i]) * arm[j])
+            row.append(value + spread if i == j else value)
+        rows.append(tuple(row))
+    return tuple(rows), add(first, moved), mass  # type: ignore[return-value]
+
+
+def _in_parent(frame: JointFrame, body: _Body) -> _Body:
+    inertia, first, mass = _shifted(body, frame.arm)
+    for factor in reversed(frame.factors):
+        inertia = product(product(factor, inertia), transposed(factor))
+        first = times(factor, first)
+    return _shifted((inertia, first, mass), frame.base_point)
+
+
+def _sum(a: _Body, b: _Body) -> _Body:
+    inertia = (add(a[0][0], b[0][0]), add(a[0][1], b[0][1]), add(a[0][2], b[0][2]))
+    return inertia, add(a[1], b[1]), a[2] + b[2]
+
+
+def inertia_matrix(
+    robot: Robot, q: Sequence[Any], link_parameters: Sequence[Sequence[Any]], algebra: Any
+) -> list[list[Any]]:
+    """Compute the inertia matrix M(q) of the rigid links (thesis eq. 2.7).
+
+    Parameters
+    ----------
+    robot : Robot
+    q : sequence of scalar
+        N positions.
+    link_parameters : sequence
+        For each link its ten barycentric parameters.
+    algebra : module
+        Brings ``sin`` and ``cos``.
+
+    Returns
+    -------
+    list of list of scalar
+        (N, N), symmetric; kg m², kg m or kg.
+    """
+    frames = joint_frames(robot, q, algebra)
+    bodies: list[_Body] = []
+    for xx, xy, xz, yy, yz, zz, lx, ly, lz, m in link_parameters:
+        bodies.append((((xx, xy, xz), (xy, yy, yz), (xz, yz, zz)), (lx, ly, lz), m))
+    matrix: list[list[Any]] = [[0.0] * robot.dof for _ in range(robot.dof)]
+    for index in reversed(range(len(frames))):
+        frame = frames[index]
+        inertia, first, mass = bodies[index]
+        angular, linear = frame.unit_motion
+        force = add(scale(linear, mass), cross(angular, first))
+        moment = add(times(inertia, angular), cross(first, linear))
+        column = frame.joint.coordinate
+        at = index
+        while True:
+            step = frames[at]
+            moment = add(moment, cross(step.arm, force))
+            effort = dot(step.axis, moment) if step.rotates else dot(step.axis, force)
+            row = step.joint.coordinate
+            value = effort * (step.joint.multiplier * frame.joint.multiplier)
+            matrix[row][column] = matrix[row][column] + value
+            if at != index:
+                matrix[column][row] = matrix[column][row] + value
+            if step.joint.parent < 0:
+                break
+            force, moment = step.to_parent(force), step.to_parent(moment)
+            moment = add(moment, cross(step.base_point, force))
+            at = step.joint.parent
+        if frame.joint.parent >= 0:
+            bodies[frame.joint.parent] = _sum(bodies[frame.joint.parent], _in_parent(frame, bodies[index]))
+    return matrix

@@ -1,0 +1,196 @@
+"""Positions and motions of a tree of joints, written over generic scalars.
+
+A scalar is a float, a NumPy array (a batch of samples), a graph node, or anything else with ``+ - *``; `algebra` is
+the module that brings ``sin`` and ``cos`` for it (``numpy``, ``steelyard.graph``, ``sympy``, ``jax.numpy``).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from steelyard.robot import Joint, Robot
+
+__all__ = ["JointFrame", "Matrix3", "Vector3", "add", "cross", "dot", "joint_frames", "link_poses", "scale", "times"]
+
+Vector3 = tuple[Any, Any, Any]
+Matrix3 = tuple[Vector3, Vector3, Vector3]
+ZERO: Vector3 = (0.0, 0.0, 0.0)
+
+
+def dot(a: Vector3, b: Vector3) -> Any:
+    """Return the scalar product."""
+    return a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
+
+
+def cross(a: Vector3, b: Vector3) -> Vector3:
+    """Return the vector product."""
+    return (a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0])
+
+
+def add(a: Vector3, b: Vector3) -> Vector3:
+    """Return the sum."""
+    return (a[0] + b[0], a[1] + b[1], a[2] + b[2])
+
+
+def scale(a: Vector3, factor: Any) -> Vector3:
+    """Return `a` times a scalar."""
+    return (a[0] * factor, a[1] * factor, a[2] * factor)
+
+
+def times(matrix: Matrix3, v: Vector3) -> Vector3:
+    """Return the product of a matrix and a vector."""
+    return (dot(matrix[0], v), dot(matrix[1], v), dot(matrix[2], v))
+
+
+def transposed(matrix: Matrix3) -> Matrix3:
+    """Return the transpose."""
+    a, b, c = matrix
+    return ((a[0], b[0], c[0]), (a[1], b[1], c[1]), (a[2], b[2], c[2]))
+
+
+def product(a: Matrix3, b: Matrix3) -> Matrix3:
+    """Return the product of two matrices."""
+    columns = transposed(b)
+    return tuple(tuple(dot(row, column) for column in columns) for row in a)  # type: ignore[return-value]
+
+
+def _vector(values: NDArray[np.float64]) -> Vector3:
+    return (float(values[0]), float(values[1]), float(values[2]))
+
+
+def _matrix(values: NDArray[np.float64]) -> Matrix3:
+    return (_vector(values[0]), _vector(values[1]), _vector(values[2]))
+
+
+def _is_signed_permutation(matrix: NDArray[np.float64]) -> bool:
+    return bool(np.all((matrix == 0.0) | (np.abs(matrix) == 1.0)))
+
+
+@dataclass(frozen=True)
+class JointFrame:
+    """One joint at one position: how vectors pass between its two links.
+
+    The joint's point is fixed in the parent's link frame at `base_point`, and the origin of the moved link frame
+    stands at `arm` from it, in the moved frame. All the frames are link frames.
+
+    Attributes
+    ----------
+    joint : Joint
+    factors : tuple of Matrix3
+        Rotation from the link frame to the parent's, as a product of one or three matrices.
+    base_point : Vector3
+    arm : Vector3
+        Constant for a rotation; holds the joint position for a translation.
+    axis : Vector3
+        Joint axis in the moved link frame, constant.
+    """
+
+    joint: Joint
+    factors: tuple[Matrix3, ...]
+    base_point: Vector3
+    arm: Vector3
+    axis: Vector3
+
+    @property
+    def rotates(self) -> bool:
+        """Whether the joint turns (it slides otherwise)."""
+        return self.joint.kind != "prismatic"
+
+    def to_parent(self, v: Vector3) -> Vector3:
+        """Turn a vector from the moved link frame into the parent's."""
+        for factor in reversed(self.factors):
+            v = times(factor, v)
+        return v
+
+    def to_link(self, v: Vector3) -> Vector3:
+        """Turn a vector from the parent's link frame into the moved one."""
+        for factor in self.factors:
+            v = times(transposed(factor), v)
+        return v
+
+    @property
+    def unit_motion(self) -> tuple[Vector3, Vector3]:
+        """Angular velocity and velocity of the link's origin per joint velocity, in the link frame."""
+        return (self.axis, cross(self.axis, self.arm)) if self.rotates else (ZERO, self.axis)
+
+
+def joint_frames(robot: Robot, q: Sequence[Any], algebra: Any) -> list[JointFrame]:
+    """Place all the joints.
+
+    Parameters
+    ----------
+    robot : Robot
+    q : sequence of scalar
+        N joint positions, rad or m.
+    algebra : module
+        Brings ``sin`` and ``cos``.
+
+    Returns
+    -------
+    list of JointFrame
+        One for each joint of the robot.
+    """
+    return [_joint_frame(joint, q, algebra) for joint in robot.joints]
+
+
+def _joint_frame(joint: Joint, q: Sequence[Any], algebra: Any) -> JointFrame:
+    before, after = np.asarray(joint.before), np.asarray(joint.after)
+    turn_before, turn_after = before[:3, :3], after[:3, :3]
+    coordinate = q[joint.coordinate]
+    value = coordinate if joint.multiplier == 1.0 else joint.multiplier * coordinate
+    base_point = _vector(before[:3, 3])
+    axis = _vector(turn_after.T @ np.array([0.0, 0.0, 1.0]) + 0.0)
+    arm = _vector(turn_after.T @ after[:3, 3] + 0.0)
+    if joint.kind == "prismatic":
+        turn = turn_before @ turn_after
+        # The point slides with the link: its place in the parent, seen from the link, goes into the arm.
+        start = _vector(turn.T @ before[:3, 3] + turn_after.T @ after[:3, 3] + np.asarray(axis) * joint.offset + 0.0)
+        return JointFrame(joint, (_matrix(turn),), ZERO, add(start, scale(axis, value)), axis)
+    if joint.offset:
+        turn_before = turn_before @ _turn_about_z(joint.offset)
+    s, c = algebra.sin(value), algebra.cos(value)
+    turn_z: Matrix3 = ((c, -s, 0.0), (s, c, 0.0), (0.0, 0.0, 1.0))
+    first, last = _matrix(turn_before), _matrix(turn_after)
+    if _is_signed_permutation(turn_before) and _is_signed_permutation(turn_after):
+        factors: tuple[Matrix3, ...] = (first, turn_z, last)
+    else:
+        factors = (product(product(first, turn_z), last),)
+    return JointFrame(joint, factors, base_point, arm, axis)
+
+
+def _turn_about_z(angle: float) -> NDArray[np.float64]:
+    s, c = (0.0 if abs(x) < 1e-15 else float(x) for x in (np.sin(angle), np.cos(angle)))
+    s, c = (float(np.sign(x)) if abs(abs(x) - 1.0) < 1e-15 else x for x in (s, c))
+    return np.array([[c, -s, 0.0], [s, c, 0.0], [0.0, 0.0, 1.0]])
+
+
+def link_poses(robot: Robot, q: Sequence[Any], algebra: Any) -> list[tuple[Matrix3, Vector3]]:
+    """Return rotation and position of every link frame in the base frame.
+
+    Parameters
+    ----------
+    robot : Robot
+    q : sequence of scalar
+        N joint positions, rad or m.
+    algebra : module
+
+    Returns
+    -------
+    list of (Matrix3, Vector3)
+    """
+    poses: list[tuple[Matrix3, Vector3]] = []
+    identity: Matrix3 = ((1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0))
+    for frame in joint_frames(robot, q, algebra):
+        parent = frame.joint.parent
+        turn, place = poses[parent] if parent >= 0 else (identity, ZERO)
+        own = frame.factors[0]
+        for factor in frame.factors[1:]:
+            own = product(own, factor)
+        point = add(frame.base_point, times(own, frame.arm))
+        poses.append((product(turn, own), add(place, times(turn, point))))
+    return poses

@@ -1,0 +1,458 @@
+"""The dynamic model of a robot: compiled functions of motion and parameters."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from functools import cached_property
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from steelyard import graph
+from steelyard.errors import InputError
+from steelyard.graph import Graph, InputGroup, Kernel, Node
+from steelyard.robot import Robot, RobotFile
+
+from . import kinematics, newton_euler
+from .base_parameters import BaseParameters, base_parameters_of
+from .conditions import ModelCondition, model_conditions
+from .inertia_matrix import inertia_matrix
+from .terms import term_from_dict
+
+__all__ = ["BaseColumns", "Model"]
+
+Array = NDArray[np.float64]
+_LARGEST_DENSE = 1500  # outputs beyond which a regressor is compiled without its zeros
+
+
+@dataclass(frozen=True)
+class BaseColumns:
+    """The base regressor without its structural zeros: one kernel, and what its outputs are.
+
+    Attributes
+    ----------
+    kernel : Kernel
+        Reads q, dq, ddq (S, N) each; writes the entries of each sample side by side.
+    joints : tuple of ndarray
+        For each joint, the base parameters on which its torque depends; the kernel's outputs follow in this order.
+    """
+
+    kernel: Kernel
+    joints: tuple[NDArray[np.intp], ...]
+
+
+class Model:
+    """The dynamic model of a robot, linear in its parameters: ``H(q, dq, ddq) delta = tau`` (thesis eq. 2.22).
+
+    Functions take one sample or any batch: arrays of positions, velocities and accelerations with shape (..., N).
+    They are compiled for the robot at their first use.
+
+    Parameters
+    ----------
+    robot : Robot
+        With its terms.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> import steelyard as sy
+    >>> pendulum = sy.Robot.from_dh([(0, 1.0, 0, "q")], gravity=(0, -9.81, 0)).with_terms(sy.Viscous())
+    >>> model = sy.Model(pendulum)
+    >>> delta = np.zeros(model.parameter_count)
+    >>> delta[model.parameter_names.index("m1")] = 2.0
+    >>> bool(np.isclose(model.inverse_dynamics([0.0], [0.0], [0.0], delta)[0], 2.0 * 9.81 * 1.0))
+    True
+    """
+
+    def __init__(self, robot: Robot) -> None:
+        self.robot = robot
+        self._kernels: dict[str, Kernel] = {}
+
+    def __repr__(self) -> str:
+        return f"Model({self.robot.name}: {self.robot.dof} joints, {self.parameter_count} parameters)"
+
+    @classmethod
+    def load(cls, path: str | Path) -> Model:
+        """Read a model from a ``robot.toml`` (description and terms) or a URDF (rigid links alone).
+
+        Parameters
+        ----------
+        path : str or Path
+
+        Returns
+        -------
+        Model
+
+        Raises
+        ------
+        InputError
+            If the file, the description or a term cannot be used.
+        """
+        return cls.from_file(RobotFile.load(path))
+
+    @classmethod
+    def from_file(cls, file: RobotFile) -> Model:
+        """Build the model that a robot file describes."""
+        terms = [term_from_dict(t, f"{file.path}: [[terms]] number {i + 1}") for i, t in enumerate(file.terms)]
+        return cls(file.robot.with_terms(*terms) if terms else file.robot)
+
+    @property
+    def joint_count(self) -> int:
+        """Number N of joints."""
+        return self.robot.dof
+
+    @property
+    def parameter_names(self) -> tuple[str, ...]:
+        """Names of the n parameters: for each link ten, then those of the terms at its joint (thesis eq. 4.13)."""
+        return tuple(self.robot.parameter_names)
+
+    @property
+    def parameter_count(self) -> int:
+        """Number n of parameters."""
+        return len(self.parameter_names)
+
+    # Functions of motion and parameters
+
+    def inverse_dynamics(self, q: ArrayLike, dq: ArrayLike, ddq: ArrayLike, parameters: ArrayLike) -> Array:
+        """Return the joint torques (..., N), N·m or N, of links and terms.
+
+        Parameters
+        ----------
+        q, dq, ddq : array_like
+            (..., N): rad or m, and per s, per s².
+        parameters : array_like
+            (n,) in the order of `parameter_names`.
+
+        Returns
+        -------
+        ndarray
+        """
+        return self._evaluate("inverse_dynamics", (q, dq, ddq), parameters)
+
+    def gravity(self, q: ArrayLike, parameters: ArrayLike) -> Array:
+        """Return the torques (..., N) that hold the links still, ``g(q)`` of thesis eq. 2.7."""
+        return self._evaluate("gravity", (q,), parameters)
+
+    def coriolis(self, q: ArrayLike, dq: ArrayLike, parameters: ArrayLike) -> Array:
+        """Return the Coriolis and centripetal torques (..., N), ``C(q, dq) dq`` of thesis eq. 2.8."""
+        return self._evaluate("coriolis", (q, dq), parameters)
+
+    def drive_torque(self, dq: ArrayLike, ddq: ArrayLike, parameters: ArrayLike, q: ArrayLike | None = None) -> Array:
+        """Return the torques (..., N) of all the terms, ``h`` of thesis eq. 2.9; `q` matters to springs only."""
+        return self._evaluate("drive_torque", (np.zeros_like(dq) if q is None else q, dq, ddq), parameters)
+
+    def joint_friction(self, parameters: ArrayLike) -> tuple[Array, Array]:
+        """Return viscous and Coulomb friction (N,) of each joint moving alone, all the terms together.
+
+        Coupled motors count with what the joint feels of them. NaN where no term models friction.
+
+        Parameters
+        ----------
+        parameters : array_like
+            (n,).
+
+        Returns
+        -------
+        damping, friction : ndarray
+            (N,) each: N·m·s/rad and N·m, or N·s/m and N.
+        """
+        n = self.joint_count
+        if not self.robot.terms:
+            return np.full(n, np.nan), np.full(n, np.nan)
+        still, each = np.zeros((n, n)), np.eye(n)
+
+        def own(speed: float) -> Array:
+            torques = self._drive_torque_with_numpy(still, speed * each, still, np.asarray(parameters, dtype=np.float64))
+            return np.diagonal(torques).copy()
+
+        forward, backward, faster = own(1.0), own(-1.0), own(2.0)
+        damping = faster - forward
+        return damping, 0.5 * (forward - backward) - damping
+
+    def inertia_matrix(self, q: ArrayLike, parameters: ArrayLike) -> Array:
+        """Return the inertia matrix of the links M(q) (..., N, N) of thesis eq. 2.7."""
+        flat = self._evaluate("inertia_matrix", (q,), parameters)
+        n = self.joint_count
+        rows, columns = np.tril_indices(n)
+        matrix = np.empty((*flat.shape[:-1], n, n))
+        matrix[..., rows, columns] = flat
+        matrix[..., columns, rows] = flat
+        return matrix
+
+    def regressor(self, q: ArrayLike, dq: ArrayLike, ddq: ArrayLike) -> Array:
+        """Return H(q, dq, ddq) (..., N, n) of thesis eq. 2.22."""
+        n, count = self.joint_count, self.parameter_count
+        if n * count <= _LARGEST_DENSE:
+            return self._evaluate("regressor", (q, dq, ddq)).reshape((*np.shape(q)[:-1], n, count))
+        entries = sorted(self._regressor_nodes)
+        flat = self._evaluate("regressor", (q, dq, ddq))
+        result = np.zeros((*flat.shape[:-1], n, count))
+        result[..., [e[0] for e in entries], [e[1] for e in entries]] = flat
+        return result
+
+    def pose(self, q: ArrayLike, link: str | int) -> Array:
+        """Return the pose of a link frame in the base frame, (..., 4, 4).
+
+        Parameters
+        ----------
+        q : array_like
+            (..., N).
+        link : str or int
+            Name or index.
+
+        Returns
+        -------
+        ndarray
+        """
+        names = self.robot.link_names
+        if isinstance(link, str):
+            if link not in names:
+                raise InputError(f"{self.robot.name} has no link {link!r}; its moving links are {', '.join(names)}.")
+            link = names.index(link)
+        (q,), shape = self._motion((q,))
+        turn, place = kinematics.link_poses(self.robot, list(q.T), np)[link]
+        result = np.zeros((len(q), 4, 4))
+        for i in range(3):
+            result[:, i, 3] = place[i]
+            for j in range(3):
+                result[:, i, j] = turn[i][j]
+        result[:, 3, 3] = 1.0
+        return result.reshape((*shape, 4, 4))
+
+    # What the model is made of
+
+    def base_parameters(self) -> BaseParameters:
+        """Return the base parameters of links and terms together (thesis section 2.5.1)."""
+        return self._base
+
+    def conditions(self, consistency: str = "full") -> tuple[ModelCondition, ...]:
+        """Return the matrices that must be positive semidefinite for the parameters to be physically possible.
+
+        Parameters
+        ----------
+        consistency : {"full", "inertia"}
+            See :class:`steelyard.FeasibleSet`.
+        """
+        return model_conditions(self.robot, consistency)
+
+    def operation_count(self, function: str, *, base: bool = False) -> dict[str, int]:
+        """Count the operations of one sample of a function.
+
+        Parameters
+        ----------
+        function : str
+            ``"inverse_dynamics"``, ``"regressor"``, ``"inertia_matrix"``, ``"gravity"`` or ``"coriolis"``.
+        base : bool
+            Count the regressor of the base parameters alone.
+
+        Returns
+        -------
+        dict
+            See :func:`steelyard.graph.operation_count`.
+        """
+        if base:
+            if function != "regressor":
+                raise InputError(f"Operations of base parameters are counted for 'regressor', got {function!r}.")
+            return self.base_columns.kernel.operation_count
+        return self.kernel(function).operation_count
+
+    @cached_property
+    def base_columns(self) -> BaseColumns:
+        """The kernel of the base regressor, which the regression reads joint by joint."""
+        base = self._base
+        position = {int(column): k for k, column in enumerate(base.independent)}
+        by_joint: list[list[tuple[int, Node]]] = [[] for _ in range(self.joint_count)]
+        for (row, column), node in sorted(self._regressor_nodes.items()):
+            if column in position and node is not node.graph.zero:
+                by_joint[row].append((position[column], node))
+        outputs = [node for entries in by_joint for _, node in entries]
+        columns = tuple(np.array([k for k, _ in entries], dtype=np.intp) for entries in by_joint)
+        return BaseColumns(Kernel(self._groups("q", "dq", "ddq"), outputs), columns)
+
+    def kernel(self, function: str) -> Kernel:
+        """Return the compiled function; see `operation_count` for the names."""
+        if function not in self._kernels:
+            builders: dict[str, Callable[[], Kernel]] = {
+                "inverse_dynamics": self._inverse_dynamics_kernel,
+                "regressor": self._regressor_kernel,
+                "inertia_matrix": self._inertia_matrix_kernel,
+                "gravity": self._gravity_kernel,
+                "coriolis": self._coriolis_kernel,
+                "drive_torque": self._drive_torque_kernel,
+            }
+            if function not in builders:
+                raise InputError(f"There is no function {function!r}; there are {', '.join(builders)}.")
+            self._kernels[function] = builders[function]()
+        return self._kernels[function]
+
+    @cached_property
+    def _base(self) -> BaseParameters:
+        rows_wanted = 3 * self.parameter_count + 50
+        count = max(20, -(-rows_wanted // self.joint_count))
+        generator = np.random.default_rng(20140101)
+        q = generator.uniform(-np.pi, np.pi, (count, self.joint_count))
+        dq = generator.uniform(-3.0, 3.0, q.shape)
+        ddq = generator.uniform(-9.0, 9.0, q.shape)
+        regressor = self._regressor_with_numpy(q, dq, ddq)
+        return base_parameters_of(regressor.reshape(-1, self.parameter_count), self.parameter_names)
+
+    def _regressor_with_numpy(self, q: Array, dq: Array, ddq: Array) -> Array:
+        entries = self._regressor_entries(list(q.T), list(dq.T), list(ddq.T), np)
+        result = np.zeros((len(q), self.joint_count, self.parameter_count))
+        for (row, column), value in entries.items():
+            result[:, row, column] = value
+        return result
+
+    def _drive_torque_with_numpy(self, q: Array, dq: Array, ddq: Array, parameters: Array) -> Array:
+        torques = np.zeros_like(q)
+        for row, column, value in self._term_entries(list(q.T), list(dq.T), list(ddq.T), np):
+            torques[:, row] += parameters[column] * value
+        return torques
+
+    @property
+    def link_columns(self) -> tuple[NDArray[np.intp], ...]:
+        """For each link the indices of its ten parameters ``Lxx Lxy Lxz Lyy Lyz Lzz lx ly lz m``."""
+        return tuple(self._layout[0])
+
+    @cached_property
+    def _layout(self) -> tuple[list[NDArray[np.intp]], list[int | None]]:
+        """For each link the columns of its ten parameters; for each coordinate the first column of its terms."""
+        robot = self.robot
+        links, firsts = [], [None] * robot.dof
+        driving = {joint: k for k, joint in enumerate(robot.driving_joints)}
+        width = sum(len(term.parameters) for term in robot.terms)
+        column = 0
+        for index in range(len(robot.links)):
+            links.append(np.arange(column, column + 10))
+            column += 10
+            if index in driving:
+                firsts[driving[index]] = column  # type: ignore[call-overload]
+                column += width
+        return links, list(firsts)
+
+    def _regressor_entries(
+        self, q: Sequence[Any], dq: Sequence[Any], ddq: Sequence[Any], algebra: Any
+    ) -> dict[tuple[int, int], Any]:
+        links, _ = self._layout
+        entries = {
+            (row, int(links[column // 10][column % 10])): value
+            for (row, column), value in newton_euler.regressor(self.robot, q, dq, ddq, algebra).items()
+        }
+        for row, column, value in self._term_entries(q, dq, ddq, algebra):
+            entries[row, column] = value
+        return entries
+
+    def _term_entries(
+        self, q: Sequence[Any], dq: Sequence[Any], ddq: Sequence[Any], algebra: Any
+    ) -> list[tuple[int, int, Any]]:
+        _, firsts = self._layout
+        entries = []
+        for k, first in enumerate(firsts):
+            column = first or 0
+            for term in self.robot.terms:
+                for values in term.columns(k, q, dq, ddq, algebra):
+                    entries.extend((row, column, value) for row, value in values.items())
+                    column += 1
+        return entries
+
+    # Kernels
+
+    def _groups(self, *names: str) -> list[InputGroup]:
+        widths = {"parameters": self.parameter_count}
+        return [InputGroup(n, widths.get(n, self.joint_count), uniform=n == "parameters") for n in names]
+
+    def _inputs(self, graph_: Graph, *names: str) -> list[list[Node]]:
+        return [graph_.inputs(group.name, group.width) for group in self._groups(*names)]
+
+    def _link_parameters(self, parameters: Sequence[Any]) -> list[list[Any]]:
+        return [[parameters[c] for c in columns] for columns in self._layout[0]]
+
+    def _add_terms(
+        self, torques: list[Any], q: Sequence[Any], dq: Sequence[Any], ddq: Sequence[Any], parameters: Sequence[Any]
+    ) -> list[Any]:
+        for row, column, value in self._term_entries(q, dq, ddq, graph):
+            torques[row] = torques[row] + parameters[column] * value
+        return torques
+
+    def _inverse_dynamics_kernel(self) -> Kernel:
+        g = Graph()
+        q, dq, ddq, p = self._inputs(g, "q", "dq", "ddq", "parameters")
+        torques = newton_euler.inverse_dynamics(self.robot, q, dq, ddq, self._link_parameters(p), graph)
+        outputs = [g.node(t) for t in self._add_terms(torques, q, dq, ddq, p)]
+        return Kernel(self._groups("q", "dq", "ddq", "parameters"), outputs)
+
+    def _gravity_kernel(self) -> Kernel:
+        g = Graph()
+        q, p = self._inputs(g, "q", "parameters")
+        still = [0.0] * self.joint_count
+        torques = newton_euler.inverse_dynamics(self.robot, q, still, still, self._link_parameters(p), graph)
+        return Kernel(self._groups("q", "parameters"), [g.node(t) for t in torques])
+
+    def _coriolis_kernel(self) -> Kernel:
+        g = Graph()
+        q, dq, p = self._inputs(g, "q", "dq", "parameters")
+        still, weightless = [0.0] * self.joint_count, (0.0, 0.0, 0.0)
+        links = self._link_parameters(p)
+        torques = newton_euler.inverse_dynamics(self.robot, q, dq, still, links, graph, weightless)
+        return Kernel(self._groups("q", "dq", "parameters"), [g.node(t) for t in torques])
+
+    def _drive_torque_kernel(self) -> Kernel:
+        g = Graph()
+        q, dq, ddq, p = self._inputs(g, "q", "dq", "ddq", "parameters")
+        torques = self._add_terms([0.0] * self.joint_count, q, dq, ddq, p)
+        return Kernel(self._groups("q", "dq", "ddq", "parameters"), [g.node(t) for t in torques])
+
+    def _inertia_matrix_kernel(self) -> Kernel:
+        g = Graph()
+        q, p = self._inputs(g, "q", "parameters")
+        matrix = inertia_matrix(self.robot, q, self._link_parameters(p), graph)
+        rows, columns = np.tril_indices(self.joint_count)
+        outputs = [g.node(matrix[i][j]) for i, j in zip(rows, columns, strict=True)]
+        return Kernel(self._groups("q", "parameters"), outputs)
+
+    @cached_property
+    def _regressor_nodes(self) -> dict[tuple[int, int], Node]:
+        g = Graph()
+        q, dq, ddq = self._inputs(g, "q", "dq", "ddq")
+        entries = self._regressor_entries(q, dq, ddq, graph)
+        nodes = {key: g.node(value) for key, value in entries.items()}
+        return {key: node for key, node in nodes.items() if node is not g.zero}
+
+    def _regressor_kernel(self) -> Kernel:
+        nodes = self._regressor_nodes
+        n, count = self.joint_count, self.parameter_count
+        if n * count > _LARGEST_DENSE:
+            return Kernel(self._groups("q", "dq", "ddq"), [nodes[key] for key in sorted(nodes)])
+        zero = next(iter(nodes.values())).graph.zero
+        outputs = [nodes.get((row, column), zero) for row in range(n) for column in range(count)]
+        return Kernel(self._groups("q", "dq", "ddq"), outputs)
+
+    # Shapes
+
+    def _motion(self, arrays: Sequence[ArrayLike]) -> tuple[list[Array], tuple[int, ...]]:
+        converted = [np.asarray(a, dtype=np.float64) for a in arrays]
+        n = self.joint_count
+        for array in converted:
+            if array.ndim == 0 or array.shape[-1] != n:
+                raise InputError(f"{self.robot.name} has {n} joints: expected arrays of shape (..., {n}), got {array.shape}.")
+        try:
+            shape = np.broadcast_shapes(*(a.shape for a in converted))
+        except ValueError:
+            raise InputError(f"Motion arrays do not fit each other: {[a.shape for a in converted]}.") from None
+        return [np.broadcast_to(a, shape).reshape(-1, n) for a in converted], shape[:-1]
+
+    def _evaluate(self, function: str, motion: Sequence[ArrayLike], parameters: ArrayLike | None = None) -> Array:
+        arrays, shape = self._motion(motion)
+        if parameters is not None:
+            vector = np.asarray(parameters, dtype=np.float64)
+            if vector.shape != (self.parameter_count,):
+                raise InputError(
+                    f"{self.robot.name} has {self.parameter_count} parameters: expected shape ({self.parameter_count},), "
+                    f"got {vector.shape}."
+                )
+            arrays.append(vector)
+        result = self.kernel(function)(*arrays)
+        return result.reshape((*shape, -1)) if len(arrays[0]) else np.empty((*shape, len(self.kernel(function).outputs)))
