@@ -1,0 +1,250 @@
+"""Which columns of a log are what: the `[log]` section of robot.toml."""
+
+from __future__ import annotations
+
+import difflib
+import re
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from dataclasses import dataclass, fields
+from math import pi
+from typing import Any, Self
+
+from steelyard.errors import InputError
+
+__all__ = ["LogColumns", "suggestion"]
+
+TIME_UNITS = {"s": 1.0, "ms": 1e-3, "us": 1e-6, "µs": 1e-6, "ns": 1e-9}
+POSITION_UNITS = {"rad": 1.0, "deg": pi / 180.0, "m": 1.0, "mm": 1e-3}
+VELOCITY_UNITS = {"rad/s": 1.0, "deg/s": pi / 180.0, "rpm": pi / 30.0, "m/s": 1.0, "mm/s": 1e-3}
+TORQUE_UNITS = {
+    "N·m": 1.0,
+    "N m": 1.0,
+    "Nm": 1.0,
+    "N": 1.0,
+    "mN·m": 1e-3,
+    "mN m": 1e-3,
+    "mNm": 1e-3,
+    "A": 1.0,
+    "mA": 1e-3,
+}
+CURRENT_UNITS = ("A", "mA")
+NUMBER = r"\d+(?:\.\d*)?(?:[eE][-+]?\d+)?|\.\d+(?:[eE][-+]?\d+)?"
+FRACTION = re.compile(rf"([-+]?)\s*(?:({NUMBER})\s*\*\s*)?({NUMBER}|pi)\s*(?:/\s*({NUMBER}))?")
+
+Vector = tuple[float, ...]
+Matrix = tuple[Vector, ...]
+
+
+def suggestion(name: str, options: Iterable[str]) -> str:
+    """Return "did you mean …? " for the closest of `options`, or nothing when none is close."""
+    close = difflib.get_close_matches(name, list(options), n=1, cutoff=0.5)
+    return f"did you mean {close[0]!r}? " if close else ""
+
+
+@dataclass(frozen=True)
+class LogColumns:
+    """Which columns of a log are what, in which units: the `[log]` section of robot.toml.
+
+    Every key may be left out; what is left out is looked for in the header by the rules of `resolve`.
+
+    Parameters
+    ----------
+    time
+        Name of the time column.
+    rate
+        Sample rate in Hz, for a log without time column (or whose stamps are too coarse to be used).
+    time_unit
+        "s", "ms", "us" or "ns".
+    position, velocity, acceleration, torque
+        List of column names, or a pattern: `{}` stands for 1, 2, … and `{name}` for the joint's name. The word "none"
+        for velocity or acceleration leaves columns that are in the log unread.
+    position_unit, velocity_unit, torque_unit
+        One unit, or a list with one per column. Positions: rad, deg, m, mm. Velocities (and accelerations, per s more):
+        rad/s, deg/s, rpm, m/s, mm/s; by default that of the positions per s. Torques: N·m, mN·m, N; A, mA with `gain`.
+    position_matrix, position_offset
+        (N, M) and (N,): q = position_matrix @ columns + position_offset, both after the units; the matrix also
+        turns velocities and accelerations. Numbers, or strings such as "1/45" and "-pi/2".
+    torque_matrix
+        (N, M): torque = torque_matrix @ (gain * columns).
+    gain
+        Drive gains from current to torque, one per torque column.
+    torque_sign
+        +1 or -1, one for all or one per joint.
+
+    Examples
+    --------
+    >>> LogColumns.from_dict({"position": "q{}", "torque": "i{}", "torque_unit": "A", "gain": [10, 10]}).gain
+    (10.0, 10.0)
+    """
+
+    time: str | None = None
+    rate: float | None = None
+    time_unit: str | None = None
+    position: str | tuple[str, ...] | None = None
+    velocity: str | tuple[str, ...] | None = None
+    acceleration: str | tuple[str, ...] | None = None
+    torque: str | tuple[str, ...] | None = None
+    position_unit: str | tuple[str, ...] = "rad"
+    velocity_unit: str | tuple[str, ...] | None = None
+    torque_unit: str | tuple[str, ...] = "N·m"
+    position_matrix: Matrix | None = None
+    position_offset: Vector | None = None
+    torque_matrix: Matrix | None = None
+    gain: Vector | None = None
+    torque_sign: float | Vector | None = None
+
+    def __post_init__(self) -> None:
+        self._clean("[log]")
+
+    @classmethod
+    def from_dict(cls, section: Mapping[str, Any], where: str = "[log]") -> Self:
+        """Build from the section as TOML gives it; `where` names it in messages (for example "robot.toml, [log]").
+
+        Raises
+        ------
+        InputError
+            For an unknown key (with the closest known one) or a value that does not fit.
+        """
+        known = [field.name for field in fields(cls)]
+        for key in section:
+            if key not in known:
+                raise InputError(
+                    f"{where} has an unknown key {key!r}; {suggestion(key, known)}The keys are {', '.join(known)}."
+                )
+        columns = cls.__new__(cls)
+        for field in fields(cls):
+            object.__setattr__(columns, field.name, section.get(field.name, field.default))
+        columns._clean(where)
+        return columns
+
+    def to_dict(self) -> dict[str, Any]:
+        """Return the section as TOML or JSON would hold it, without the keys that have their default."""
+        result: dict[str, Any] = {}
+        for field in fields(self):
+            value = getattr(self, field.name)
+            if value != field.default:
+                result[field.name] = _plain(value)
+        return result
+
+    def _clean(self, where: str) -> None:
+        """Check every value and bring it into its stored form."""
+
+        def store(name: str, parse: Callable[[Any, str], Any]) -> None:
+            value = getattr(self, name)
+            if value is not None:
+                object.__setattr__(self, name, parse(value, f"{where}, key {name!r},"))
+
+        store("time", _text)
+        store("rate", _positive)
+        store("time_unit", _one_of(TIME_UNITS))
+        for name in ("position", "velocity", "acceleration", "torque"):
+            store(name, _names)
+        store("position_unit", _one_or_each_of(POSITION_UNITS))
+        store("velocity_unit", _one_or_each_of(VELOCITY_UNITS))
+        store("torque_unit", _one_or_each_of(TORQUE_UNITS))
+        store("position_matrix", _matrix)
+        store("torque_matrix", _matrix)
+        store("position_offset", _vector)
+        store("gain", _vector)
+        store("torque_sign", _signs)
+        units = (self.torque_unit,) if isinstance(self.torque_unit, str) else self.torque_unit
+        if self.gain is None and any(unit in CURRENT_UNITS for unit in units):
+            raise InputError(
+                f"{where} gives torque_unit in amperes but no gain; add `gain`, N·m per A, one per column."
+            )
+        if self.rate is not None and self.time is None and self.time_unit is not None:
+            raise InputError(f"{where} gives time_unit and rate but no time; time_unit belongs to a time column.")
+
+
+def _plain(value: Any) -> Any:
+    return [_plain(item) for item in value] if isinstance(value, tuple) else value
+
+
+def _text(value: Any, where: str) -> str:
+    if not isinstance(value, str) or not value:
+        raise InputError(f"{where} is {value!r}; it must be a column name in quotes.")
+    return value
+
+
+def number(value: Any, where: str) -> float:
+    """Return a number given as such or as a string like "1/45", "-pi/2" or "3*pi/4"."""
+    if isinstance(value, (int, float)) and not isinstance(value, bool):
+        result = float(value)
+        if result - result == 0.0:
+            return result
+    match = FRACTION.fullmatch(value.strip()) if isinstance(value, str) else None
+    if match is None:
+        raise InputError(f'{where} holds {value!r}; it must be a finite number, or a string such as "1/45" or "-pi/2".')
+    sign, factor, head, divisor = match.groups()
+    denominator = float(divisor) if divisor else 1.0
+    if denominator == 0.0:
+        raise InputError(f"{where} holds {value!r}, a division by zero.")
+    top = (pi if head == "pi" else float(head)) * (float(factor) if factor else 1.0)
+    return (-top if sign == "-" else top) / denominator
+
+
+def _positive(value: Any, where: str) -> float:
+    result = number(value, where)
+    if result <= 0.0:
+        raise InputError(f"{where} is {value!r}; it must be positive.")
+    return result
+
+
+def _names(value: Any, where: str) -> str | tuple[str, ...]:
+    if isinstance(value, str):
+        if value != "none" and "{" not in value:
+            return (_text(value, where),)
+        return value
+    if not isinstance(value, Sequence) or not value or not all(isinstance(item, str) for item in value):
+        raise InputError(f'{where} is {value!r}; it must be a list of column names or a pattern such as "q{{}}".')
+    return tuple(value)
+
+
+def _one_of(options: Mapping[str, float]) -> Callable[[Any, str], str]:
+    def parse(value: Any, where: str) -> str:
+        if not isinstance(value, str) or value not in options:
+            raise InputError(f"{where} is {value!r}; it must be one of {', '.join(options)}.")
+        return value
+
+    return parse
+
+
+def _one_or_each_of(options: Mapping[str, float]) -> Callable[[Any, str], str | tuple[str, ...]]:
+    one = _one_of(options)
+
+    def parse(value: Any, where: str) -> str | tuple[str, ...]:
+        if isinstance(value, (list, tuple)):
+            return tuple(one(item, where) for item in value)
+        return one(value, where)
+
+    return parse
+
+
+def _vector(value: Any, where: str) -> Vector:
+    if isinstance(value, str) or not hasattr(value, "__iter__"):
+        raise InputError(f"{where} is {value!r}; it must be a list of numbers.")
+    result = tuple(number(_scalar(item), where) for item in value)
+    if not result:
+        raise InputError(f"{where} is empty; it must be a list of numbers.")
+    return result
+
+
+def _matrix(value: Any, where: str) -> Matrix:
+    if isinstance(value, str) or not hasattr(value, "__iter__"):
+        raise InputError(f"{where} is {value!r}; it must be a list of rows.")
+    rows = tuple(_vector(row, where) for row in value)
+    if not rows or len({len(row) for row in rows}) != 1:
+        raise InputError(f"{where} has rows of lengths {[len(row) for row in rows]}; it must be a matrix.")
+    return rows
+
+
+def _signs(value: Any, where: str) -> float | Vector:
+    signs = _vector(value, where) if hasattr(value, "__iter__") and not isinstance(value, str) else number(value, where)
+    if any(sign not in (1.0, -1.0) for sign in (signs if isinstance(signs, tuple) else (signs,))):
+        raise InputError(f"{where} is {value!r}; each sign must be 1 or -1.")
+    return signs
+
+
+def _scalar(item: Any) -> Any:
+    """Turn NumPy scalars, which arrays given from Python hold, into plain numbers."""
+    return item.item() if hasattr(item, "item") else item

@@ -1,0 +1,161 @@
+"""Zero-phase filters, derivatives and decimation (thesis, section 4.3.3)."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from math import ceil, log
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from steelyard.errors import InputError
+
+if TYPE_CHECKING:
+    from numpy.typing import NDArray
+
+    from steelyard.recording.recording import Recording
+
+__all__ = [
+    "automatic_cutoff",
+    "decimate",
+    "decimation_padding",
+    "filter_padding",
+    "first_derivative",
+    "low_pass",
+    "motion_frequency",
+]
+
+POWER_SHARE = 0.999
+DECAYED = 1e-17
+"""What is left of a filter's transient, as a fraction, where it no longer counts."""
+
+
+def low_pass(values: NDArray[np.float64], rate: float, cutoff: float, order: int, source: str) -> NDArray[np.float64]:
+    """Filter the columns with a Butterworth filter forwards and backwards.
+
+    The amplitude at frequency f is multiplied by 1 / (1 + (tan(pi f / rate) / tan(pi cutoff / rate))^(2 order)), 1/2
+    at the cutoff, and the phase is unchanged. At both ends the signal is extended by its point reflection.
+
+    Parameters
+    ----------
+    values
+        (S, M).
+    rate, cutoff
+        In Hz. (The design takes cutoff / (rate / 2), the fraction of the Nyquist frequency.)
+    order
+        Of the filter that is applied twice.
+
+    Raises
+    ------
+    InputError
+        For a cutoff at or above half the rate, or too few rows.
+    """
+    from scipy.signal import butter, sosfiltfilt
+
+    if not 0.0 < cutoff < rate / 2.0:
+        raise InputError(
+            f"{source} is sampled at {rate:.6g} Hz, so a cutoff of {cutoff:.6g} Hz is not below half "
+            "of it; lower the cutoff."
+        )
+    sections = butter(order, cutoff / (rate / 2.0), output="sos")
+    need = edge_rows(order) + 1
+    if values.shape[0] < need:
+        raise InputError(
+            f"{source} has {values.shape[0]} rows but the filter of order {order} needs {need}; "
+            "use a longer log or a lower order."
+        )
+    return np.ascontiguousarray(sosfiltfilt(sections, values, axis=0))
+
+
+def edge_rows(order: int) -> int:
+    """Rows by which scipy.signal.sosfiltfilt extends the signal at each end for a filter of this order."""
+    return 3 * (order + 1)
+
+
+def first_derivative(values: NDArray[np.float64], rate: float) -> NDArray[np.float64]:
+    """Differentiate the columns by central differences; the ends by one-sided ones of second order too."""
+    return np.gradient(values, 1.0 / rate, axis=0, edge_order=2)
+
+
+def decimate(values: NDArray[np.float64], factors: Sequence[int], source: str) -> NDArray[np.float64]:
+    """Keep every factor-th row after an eighth-order Chebyshev filter forwards and backwards, factor after factor."""
+    from scipy.signal import decimate as keep_every
+
+    for factor in factors:
+        need = edge_rows(8) + 1
+        if values.shape[0] < need:
+            raise InputError(
+                f"{source} is left with {values.shape[0]} rows but decimation by {factor} needs {need}; "
+                "lower `decimate` in [processing] or use a longer log."
+            )
+        values = np.ascontiguousarray(keep_every(values, factor, axis=0, zero_phase=True))
+    return values
+
+
+def filter_padding(rate: float, cutoff: float, order: int) -> int:
+    """Rows after which what lies beyond them no longer shows in the output of `low_pass`."""
+    from scipy.signal import butter
+
+    _, poles, _ = butter(order, cutoff / (rate / 2.0), output="zpk")
+    return _decay(poles) + edge_rows(order)
+
+
+def decimation_padding(factors: Sequence[int]) -> int:
+    """Rows (before decimation) after which what lies beyond them no longer shows in the output of `decimate`."""
+    from scipy.signal import cheby1
+
+    total, step = 0, 1
+    for factor in factors:
+        _, poles, _ = cheby1(8, 0.05, 0.8 / factor, output="zpk")
+        total += step * (_decay(poles) + edge_rows(8))
+        step *= factor
+    return total
+
+
+def _decay(poles: NDArray[np.complex128]) -> int:
+    return ceil(log(DECAYED) / log(float(np.abs(poles).max())))
+
+
+def motion_frequency(q: NDArray[np.float64], rate: float) -> float:
+    """The motion's dynamic frequency in Hz: below it lies 99.9 % of the power of the positions, all joints together.
+
+    Taken from the periodogram of the positions less their mean and trend, under a Hann window. Power of the positions,
+    not of the velocities: differentiation would raise the encoder's noise above the motion. 0 where no joint moves.
+    """
+    count = q.shape[0]
+    if count < 16:
+        return 0.0
+    time = np.linspace(-1.0, 1.0, count)[:, None]
+    centred = q - q.mean(axis=0)
+    centred = centred - time * (time * centred).sum(axis=0) / (time**2).sum()
+    # Padded to a length that factors well: primes would make the transform many times slower.
+    padded = 1 << (count - 1).bit_length()
+    spectrum = np.fft.rfft(centred * np.hanning(count)[:, None], n=padded, axis=0)
+    power = (np.abs(spectrum) ** 2).sum(axis=1)
+    # The mean of a motionless joint is only exact to rounding, which must not count as motion.
+    if centred.std() < 1e-9:
+        return 0.0
+    share = np.cumsum(power) / power.sum()
+    return float(np.fft.rfftfreq(padded, 1.0 / rate)[np.argmax(share >= POWER_SHARE)])
+
+
+def automatic_cutoff(recording: Recording) -> tuple[float, str]:
+    """Choose a cutoff in Hz and say so: ten times the motion's dynamic frequency, at most a fifth of the rate.
+
+    Ten times is the rule of Gautier (1997) that the thesis follows (section 4.3.3).
+
+    Raises
+    ------
+    InputError
+        Where no joint moves, so that there is nothing to choose by.
+    """
+    dynamic = motion_frequency(recording.q, recording.rate)
+    if dynamic == 0.0:
+        raise InputError(
+            f"{recording.source} shows too little motion in its {recording.count} rows to choose a cutoff by; "
+            "state `cutoff` in [processing], in Hz."
+        )
+    highest = 0.2 * recording.rate
+    cutoff = min(10.0 * dynamic, highest)
+    rule = f"ten times the motion's frequency of {dynamic:.3g} Hz" if cutoff < highest else "a fifth of the sample rate"
+    return cutoff, f"Positions were filtered at {cutoff:.4g} Hz, {rule}; set `cutoff` in [processing] to choose."

@@ -1,0 +1,198 @@
+"""Samples: joint motion and torque, row by row, ready for a regression."""
+
+from __future__ import annotations
+
+import html
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Self, TypeVar
+
+import numpy as np
+
+from steelyard.errors import InputError
+
+if TYPE_CHECKING:
+    from numpy.typing import ArrayLike, NDArray
+
+__all__ = ["Samples"]
+
+T = TypeVar("T", bound=np.generic)
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class Samples:
+    """Joint motion and torque at S instants of N joints, the input of a regression.
+
+    Parameters
+    ----------
+    q, dq, ddq
+        (S, N) joint positions (rad or m), velocities and accelerations (per s and per s²).
+    torque
+        (S, N) joint torques (N·m, or N for prismatic joints).
+    mask
+        (S, N) booleans, true where the row of that joint is to be used; None uses all of them.
+    t
+        (S,) times in s, for plots; None where unknown.
+    remarks
+        What was found or chosen on the way to these samples, one sentence each.
+
+    The arrays are kept as read-only float64 in C order; an array that is so already is not copied.
+
+    Raises
+    ------
+    InputError
+        Where a shape does not fit the others or a value is not finite.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> Samples(q=np.zeros((3, 2)), dq=np.ones((3, 2)), ddq=np.zeros((3, 2)), torque=np.ones((3, 2)))
+    Samples(3 rows x 2 joints, all rows used)
+    """
+
+    q: NDArray[np.float64]
+    dq: NDArray[np.float64]
+    ddq: NDArray[np.float64]
+    torque: NDArray[np.float64]
+    mask: NDArray[np.bool_] | None = None
+    t: NDArray[np.float64] | None = None
+    remarks: tuple[str, ...] = ()
+
+    def __post_init__(self) -> None:
+        shape: tuple[int, ...] | None = None
+        for name in ("q", "dq", "ddq", "torque"):
+            array = read_only_matrix(getattr(self, name), f"`{name}` of Samples")
+            shape = array.shape if shape is None else shape
+            if array.shape != shape:
+                raise InputError(
+                    f"`{name}` of Samples has shape {array.shape} where q has {shape}; "
+                    "all four need one row per sample and one column per joint."
+                )
+            require_finite(array, f"`{name}` of Samples")
+            object.__setattr__(self, name, array)
+        assert shape is not None
+        if self.mask is not None:
+            mask = np.ascontiguousarray(self.mask)
+            if mask.dtype != np.bool_ or mask.shape != shape:
+                raise InputError(
+                    f"`mask` of Samples has shape {mask.shape} and type {mask.dtype}; "
+                    f"it must be boolean of shape {shape}."
+                )
+            object.__setattr__(self, "mask", _read_only(mask))
+        if self.t is not None:
+            t = np.ascontiguousarray(self.t, dtype=np.float64)
+            if t.shape != shape[:1]:
+                raise InputError(f"`t` of Samples has shape {t.shape}; it must have one time per row, {shape[:1]}.")
+            require_finite(t, "`t` of Samples")
+            object.__setattr__(self, "t", _read_only(t))
+        object.__setattr__(self, "remarks", tuple(self.remarks))
+
+    @property
+    def count(self) -> int:
+        """Number of rows, S."""
+        return int(self.q.shape[0])
+
+    @property
+    def joint_count(self) -> int:
+        """Number of joints, N."""
+        return int(self.q.shape[1])
+
+    @property
+    def used(self) -> NDArray[np.int64]:
+        """(N,) how many rows of each joint are used."""
+        if self.mask is None:
+            return np.full(self.joint_count, self.count, dtype=np.int64)
+        used: NDArray[np.int64] = np.sum(self.mask, axis=0, dtype=np.int64)
+        return used
+
+    @classmethod
+    def joined(cls, parts: Sequence[Samples]) -> Self:
+        """Put samples one after the other (recordings of the same robot).
+
+        Raises
+        ------
+        InputError
+            Where there is nothing to join or the joint counts differ.
+        """
+        if not parts:
+            raise InputError("there are no samples to join; give at least one Samples.")
+        counts = sorted({part.joint_count for part in parts})
+        if len(counts) > 1:
+            raise InputError(
+                f"samples of {' and '.join(map(str, counts))} joints cannot be joined; use one robot's logs."
+            )
+        mask = None
+        if any(part.mask is not None for part in parts):
+            mask = np.vstack([np.ones(part.q.shape, bool) if part.mask is None else part.mask for part in parts])
+        times = [part.t for part in parts if part.t is not None]
+        return cls(
+            q=np.vstack([part.q for part in parts]),
+            dq=np.vstack([part.dq for part in parts]),
+            ddq=np.vstack([part.ddq for part in parts]),
+            torque=np.vstack([part.torque for part in parts]),
+            mask=mask,
+            t=np.concatenate(times) if len(times) == len(parts) else None,
+            remarks=tuple(dict.fromkeys(remark for part in parts for remark in part.remarks)),
+        )
+
+    def __repr__(self) -> str:
+        total = self.count * self.joint_count
+        used = int(self.used.sum())
+        rows = "all rows used" if used == total else f"{used} of {total} joint rows used"
+        return f"Samples({self.count} rows x {self.joint_count} joints, {rows})"
+
+    def _repr_html_(self) -> str:
+        titles = ("joint", "rows used", "q", "max |dq|", "max |ddq|", "max |torque|")
+        head = "<tr>" + "".join(f"<th>{title}</th>" for title in titles) + "</tr>"
+        rows = []
+        for j, used in enumerate(self.used):
+            q, dq, ddq, torque = (array[:, j] for array in (self.q, self.dq, self.ddq, self.torque))
+            rows.append(
+                f"<tr><td>{j + 1}</td><td>{used}</td><td>{q.min():.4g} … {q.max():.4g}</td>"
+                f"<td>{np.abs(dq).max():.4g}</td><td>{np.abs(ddq).max():.4g}</td><td>{np.abs(torque).max():.4g}</td></tr>"
+            )
+        notes = "".join(f"<li>{html.escape(remark)}</li>" for remark in self.remarks)
+        table = f"<table><caption>{html.escape(repr(self))}</caption>{head}{''.join(rows)}</table>"
+        return table + (f"<ul>{notes}</ul>" if notes else "")
+
+
+def _read_only(array: NDArray[T]) -> NDArray[T]:
+    """Return a read-only view; the array of the caller stays writable."""
+    view = array.view()
+    view.flags.writeable = False
+    return view
+
+
+def read_only_matrix(values: ArrayLike, what: str) -> NDArray[np.float64]:
+    """Return `values` as a read-only (S, N) float64 array in C order, S and N at least 1."""
+    try:
+        array = np.ascontiguousarray(values, dtype=np.float64)
+    except (TypeError, ValueError) as error:
+        raise InputError(f"{what} is not an array of numbers ({error}).") from None
+    if array.ndim != 2 or 0 in array.shape:
+        raise InputError(f"{what} has shape {array.shape}; expected one row per sample and one column per joint.")
+    return _read_only(array)
+
+
+def read_only_vector(values: ArrayLike, what: str) -> NDArray[np.float64]:
+    """Return `values` as a read-only (S,) float64 array."""
+    try:
+        array = np.ascontiguousarray(values, dtype=np.float64)
+    except (TypeError, ValueError) as error:
+        raise InputError(f"{what} is not an array of numbers ({error}).") from None
+    if array.ndim != 1 or array.size == 0:
+        raise InputError(f"{what} has shape {array.shape}; expected one value per sample.")
+    return _read_only(array)
+
+
+def require_finite(array: NDArray[np.float64], what: str) -> None:
+    """Raise InputError at the first value of `array` (rows first) that is NaN or infinite."""
+    good = np.isfinite(array)
+    if good.all():
+        return
+    place = np.unravel_index(int(np.argmin(good)), array.shape)
+    column = f", column {place[1] + 1}" if array.ndim == 2 else ""
+    raise InputError(
+        f"{what} is not finite in {np.count_nonzero(~good)} places, first in row {place[0] + 1}{column}; "
+        "remove those rows or fill them before use."
+    )

@@ -1,0 +1,142 @@
+"""Chunk by chunk, the samples are those of the whole log."""
+
+import subprocess
+import sys
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from steelyard.errors import InputError
+from steelyard.recording import Processing, Recording, Samples, process_chunks, read_chunks
+
+COUNT, RATE = 6000, 500.0
+
+OPTIONS: dict[str, dict[str, Any]] = {
+    "no filter": {"cutoff": None},
+    "filter": {"cutoff": 10.0},
+    "all": {"cutoff": 12.0, "order": 4, "torque_cutoff": 30.0, "trim": (0.313, 0.5), "velocity_threshold": 0.3},
+    "one decimation": {"cutoff": 20.0, "decimate": 7, "trim": 0.25},
+    "two decimations": {"cutoff": 20.0, "decimate": [4, 5], "trim": (0.1, 0.0)},
+    "measured": {"cutoff": 15.0, "velocity": "measured", "decimate": 3},
+}
+
+
+@pytest.fixture(scope="module")
+def recording() -> Recording:
+    rng = np.random.default_rng(5)
+    t = np.arange(COUNT) / RATE
+    phases = rng.uniform(0, 6, (3, 2))
+    frequencies = np.array([[0.3, 0.4], [0.9, 0.7], [1.7, 1.4]])
+    angle = 2 * np.pi * frequencies[None] * t[:, None, None] + phases
+    q = np.sin(angle).sum(axis=1) + 1e-4 * rng.normal(size=(COUNT, 2))
+    velocity = (2 * np.pi * frequencies * np.cos(angle)).sum(axis=1)
+    return Recording(t=t + 1000.0, q=q, velocity=velocity, torque=rng.normal(size=(COUNT, 2)))
+
+
+@pytest.fixture(scope="module", params=[".csv", ".npz", ".parquet"])
+def path(request: pytest.FixtureRequest, recording: Recording, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    return recording.save(tmp_path_factory.mktemp("logs") / f"log{request.param}")
+
+
+@pytest.mark.parametrize("rows", [331, 2500, 100_000])
+@pytest.mark.parametrize("case", OPTIONS)
+def test_chunks_equal_the_whole(case: str, rows: int, path: Path) -> None:
+    processing = Processing.from_dict(OPTIONS[case])
+    whole = processing.apply(Recording.read(path))
+    parts = list(process_chunks(path, processing=processing, rows=rows))
+    assert len(parts) > 1 or rows > COUNT
+    joined = Samples.joined(parts)
+    for name in ("q", "dq", "ddq", "torque"):
+        expected = getattr(whole, name)
+        np.testing.assert_allclose(getattr(joined, name), expected, rtol=0, atol=1e-9 * np.abs(expected).max())
+    assert joined.t is not None
+    assert whole.t is not None
+    np.testing.assert_allclose(joined.t, whole.t, rtol=0, atol=1e-12)
+    assert (joined.mask is None) == (whole.mask is None)
+    if whole.mask is not None:
+        np.testing.assert_array_equal(joined.mask, whole.mask)
+
+
+def test_raw_chunks_tile_the_log(path: Path, recording: Recording) -> None:
+    chunks = list(read_chunks(path, rows=1700, padding_seconds=0.1))
+    assert [chunk.stop - chunk.start for chunk in chunks] == [1700, 1700, 1700, 900]
+    assert [chunk.start for chunk in chunks] == [0, 50, 50, 50]
+    assert [chunk.recording.first_row for chunk in chunks] == [0, 1650, 3350, 5050]
+    for name in ("q", "torque", "t", "velocity"):
+        joined = np.concatenate([getattr(chunk.recording, name)[chunk.start : chunk.stop] for chunk in chunks])
+        np.testing.assert_array_equal(joined, getattr(recording, name))
+    assert {chunk.recording.rate for chunk in chunks} == {recording.rate}
+
+
+def test_stated_rate_without_stamps(recording: Recording, tmp_path: Path) -> None:
+    path = tmp_path / "log.npz"
+    np.savez(path, q=recording.q, tau=recording.torque)
+    processing = Processing(cutoff=10.0)
+    whole = processing.apply(Recording.read(path, {"rate": RATE}))
+    joined = Samples.joined(list(process_chunks(path, {"rate": RATE}, processing, rows=1000)))
+    np.testing.assert_allclose(joined.ddq, whole.ddq, rtol=0, atol=1e-9 * np.abs(whole.ddq).max())
+    np.testing.assert_array_equal(joined.t, whole.t)
+
+
+def test_automatic_cutoff_is_that_of_the_first_chunk(path: Path, recording: Recording) -> None:
+    parts = list(process_chunks(path, rows=4000))
+    assert "Chosen by the first 4000 rows" in parts[0].remarks[0]
+    assert parts[1].remarks == ()
+    head = Recording(t=recording.t[:4000], q=recording.q[:4000], torque=recording.torque[:4000])
+    cutoff = float(head.process().remarks[0].split(" Hz")[0].split()[-1])
+    whole = recording.process(cutoff=cutoff)
+    np.testing.assert_allclose(Samples.joined(parts).q, whole.q, atol=1e-4)
+
+
+def test_resampling_is_refused(path: Path) -> None:
+    with pytest.raises(InputError, match=r"`resample` in \[processing\] needs the log whole"):
+        list(process_chunks(path, processing=Processing(resample=True)))
+    with pytest.raises(InputError, match="`rows` is 0"):
+        list(read_chunks(path, rows=0))
+
+
+def test_errors_name_the_line_of_the_file(tmp_path: Path) -> None:
+    path = tmp_path / "log.csv"
+    lines = ["# made by hand", "t,q1,tau1", *(f"{k / 100},{np.sin(k / 30)},{np.cos(k / 20)}" for k in range(3000))]
+    lines[2345] = lines[2345].split(",")[0] + ",nan,1"
+    path.write_text("\n".join(lines))
+    with pytest.raises(InputError, match=r"'q1' in 1 of .* first on line 2346 "):
+        list(process_chunks(path, processing=Processing(cutoff=5.0), rows=500))
+
+
+SCRIPT = """
+import sys
+from steelyard.recording import Processing, process_chunks
+rows = sum(part.count for part in process_chunks(sys.argv[1], processing=Processing(cutoff=5.0), rows=20_000))
+# Not ru_maxrss, which a child process inherits from its parent.
+peak = next(line for line in open("/proc/self/status") if line.startswith("VmHWM"))
+print(rows, int(peak.split()[1]) / 1024)
+"""
+
+
+@pytest.mark.slow
+@pytest.mark.skipif(not Path("/proc/self/status").exists(), reason="the peak of memory is read from /proc")
+@pytest.mark.parametrize("suffix", [".csv", ".npz"])
+def test_memory_does_not_grow_with_the_log(suffix: str, tmp_path: Path) -> None:
+    peaks = []
+    for count in (50_000, 800_000):
+        t = np.arange(count) / 1000
+        q = np.sin(np.outer(t, np.linspace(1.0, 2.0, 7)))
+        path = Recording(t=t, q=q, torque=q).save(tmp_path / f"log{count}{suffix}")
+        run = subprocess.run([sys.executable, "-c", SCRIPT, str(path)], capture_output=True, text=True, check=True)
+        rows, peak = run.stdout.split()
+        assert int(rows) == count
+        peaks.append(float(peak))
+    # Whole, the larger log would take 96 MB as arrays alone, and several times that in processing.
+    assert peaks[1] - peaks[0] < 80.0
+
+
+def test_write_fixture_is_read_in_chunks(log: dict[str, np.ndarray], write: Callable[..., Path]) -> None:
+    motion = write({name: log[name] for name in ("t", "q1", "q2")}, "motion.csv")
+    torque = write({name: log[name] for name in ("tau1", "tau2")}, "torque.csv")
+    parts = list(process_chunks([motion, torque], processing=Processing(cutoff=None), rows=70))
+    assert [part.count for part in parts] == [70, 70, 70, 70, 20]
+    np.testing.assert_array_equal(Samples.joined(parts).torque[:, 1], log["tau2"])
