@@ -1,0 +1,21 @@
+"""Regression: Information, weights, least squares, uncertainty, and the estimate that comes of it."""
+
+from .estimate import Estimate as Estimate
+from .factor import Factor as Factor
+from .factor import Reduced as Reduced
+from .factor import triangular as triangular
+from .information import Information as Information
+from .information import joint_weights as joint_weights
+from .least_squares import least_squares as least_squares
+from .least_squares import standard_deviations as standard_deviations
+
+__all__ = [
+    "Estimate",
+    "Factor",
+    "Information",
+    "Reduced",
+    "joint_weights",
+    "least_squares",
+    "standard_deviations",
+    "triangular",
+]

@@ -1,0 +1,242 @@
+"""An estimate: identified parameters, how sure they are, and how well they predict."""
+
+from __future__ import annotations
+
+import html
+import json
+import os
+from collections.abc import Mapping
+from dataclasses import dataclass, field, fields
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from steelyard.errors import InputError
+
+__all__ = ["Estimate"]
+
+Array = NDArray[np.float64]
+FORMAT = "steelyard-estimate-1"
+_ARRAYS = ("base", "standard_deviation", "parameters", "weights", "joint_relative_error", "damping", "friction")
+
+
+@dataclass(frozen=True, eq=False)
+class Estimate:
+    """Identified parameters of a robot.
+
+    Attributes
+    ----------
+    method : str
+        How they were found, in words.
+    base_names, base_expressions : tuple of str
+        The n_b base parameters.
+    base : ndarray
+        (n_b,), SI units.
+    standard_deviation : ndarray
+        (n_b,), thesis eq. 4.27; infinite where the data says nothing.
+    parameter_names : tuple of str
+        The n standard parameters; empty where only base parameters are known.
+    parameters : ndarray or None
+        (n,), physically possible where `consistency` says so.
+    joint_names : tuple of str
+    weights : ndarray or None
+        (N,) joint weights of the regression; None for all alike.
+    relative_error : float
+        ``|omega - W beta| / |omega|`` on the data of the regression (thesis eq. 4.37); 0.05 means 5 %.
+    joint_relative_error : ndarray or None
+        (N,).
+    row_count : int
+        Rows of the regression.
+    condition_number : float
+        Of the base regressor.
+    consistency : str or None
+        ``"full"`` or ``"inertia"``: in which sense the parameters are feasible; None where that was not asked.
+    damping, friction : ndarray or None
+        (N,) viscous and Coulomb friction of each joint moving alone, all terms together; NaN where not modelled.
+    certificate : mapping or None
+        The proof of feasibility, as plain data.
+    remarks : tuple of str
+        What the user should know, a sentence each.
+    description : mapping
+        How the robot was read (``tip``, ``locked``), for writing a URDF.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> estimate = Estimate(
+    ...     method="ordinary least squares", base_names=("m1",), base_expressions=("m1",), base=np.array([2.0]),
+    ...     standard_deviation=np.array([0.1]), joint_names=("joint1",), relative_error=0.05, row_count=100,
+    ...     condition_number=1.0,
+    ... )
+    >>> estimate.relative_standard_deviation.tolist()
+    [0.05]
+    """
+
+    method: str
+    base_names: tuple[str, ...]
+    base_expressions: tuple[str, ...]
+    base: Array
+    standard_deviation: Array
+    joint_names: tuple[str, ...]
+    relative_error: float
+    row_count: int
+    condition_number: float
+    joint_relative_error: Array | None = None
+    weights: Array | None = None
+    parameter_names: tuple[str, ...] = ()
+    parameters: Array | None = None
+    consistency: str | None = None
+    damping: Array | None = None
+    friction: Array | None = None
+    certificate: Mapping[str, Any] | None = None
+    remarks: tuple[str, ...] = ()
+    description: Mapping[str, Any] = field(default_factory=dict)
+
+    @property
+    def relative_standard_deviation(self) -> Array:
+        """Standard deviation over the size of each base parameter (thesis eq. 4.29), (n_b,); 0.05 means 5 %."""
+        size = np.abs(self.base)
+        with np.errstate(divide="ignore", invalid="ignore"):
+            return np.asarray(np.where(size > 0.0, self.standard_deviation / size, np.inf))
+
+    def __repr__(self) -> str:
+        feasible = f", feasible ({self.consistency})" if self.consistency else ""
+        return f"Estimate({self.method}: {len(self.base)} base parameters, relative error {self.relative_error:.2%}{feasible})"
+
+    def _repr_html_(self) -> str:
+        relative = self.relative_standard_deviation
+        rows = "".join(
+            f"<tr><td>{html.escape(text)}</td><td>{value:.5g}</td><td>{100 * s:.3g} %</td></tr>"
+            for text, value, s in zip(self.base_expressions, self.base, relative, strict=True)
+        )
+        caption = f"{self.method}, relative error {self.relative_error:.2%}"
+        return f"<table><caption>{html.escape(caption)}</caption>{rows}</table>"
+
+    def to_dict(self) -> dict[str, Any]:
+        """Return it as plain data, numbers that are not finite as None."""
+        document: dict[str, Any] = {"format": FORMAT}
+        for item in fields(self):
+            value = getattr(self, item.name)
+            document[item.name] = _plain(value)
+        return document
+
+    @classmethod
+    def from_dict(cls, document: Mapping[str, Any], where: str = "estimate") -> Estimate:
+        """Build it from what `to_dict` returned.
+
+        Raises
+        ------
+        InputError
+            If something is missing or of a wrong size; `where` is named in the message.
+        """
+        if document.get("format") != FORMAT:
+            raise InputError(f"{where}: format is {document.get('format')!r}, expected {FORMAT!r}.")
+        values: dict[str, Any] = {}
+        for item in fields(cls):
+            if item.name not in document:
+                raise InputError(f"{where}: has no {item.name!r}.")
+            value = document[item.name]
+            if item.name in _ARRAYS and value is not None:
+                missing = np.inf if item.name == "standard_deviation" else np.nan
+                try:
+                    value = np.array([missing if v is None else float(v) for v in value])
+                except (TypeError, ValueError):
+                    raise InputError(f"{where}: {item.name!r} must be a list of numbers.") from None
+            elif isinstance(value, list):
+                value = tuple(value)
+            elif item.name in ("relative_error", "condition_number") and value is None:
+                value = np.nan if item.name == "relative_error" else np.inf
+            values[item.name] = value
+        estimate = cls(**values)
+        for name, expected in (("base", len(estimate.base_names)), ("parameters", len(estimate.parameter_names))):
+            given = getattr(estimate, name)
+            if given is not None and len(given) != expected:
+                raise InputError(f"{where}: {name!r} has {len(given)} values for {expected} names.")
+        return estimate
+
+    def save(self, path: str | Path) -> None:
+        """Write it as JSON; the file appears whole or not at all."""
+        target = Path(path)
+        part = target.with_name(target.name + ".part")
+        part.write_text(json.dumps(self.to_dict(), indent=1, allow_nan=False), encoding="utf-8")
+        os.replace(part, target)
+
+    @classmethod
+    def load(cls, path: str | Path) -> Estimate:
+        """Read what `save` wrote.
+
+        Parameters
+        ----------
+        path : str or Path
+
+        Returns
+        -------
+        Estimate
+
+        Raises
+        ------
+        InputError
+            If the file is missing or is something else.
+        """
+        try:
+            document = json.loads(Path(path).read_text(encoding="utf-8"))
+        except OSError as error:
+            raise InputError(f"{path}: cannot be read ({error.strerror}).") from None
+        except ValueError as error:
+            raise InputError(f"{path}: is not JSON ({error}).") from None
+        if not isinstance(document, dict):
+            raise InputError(f"{path}: holds no estimate, but a {type(document).__name__}.")
+        return cls.from_dict(document, str(path))
+
+    def write_urdf(self, source: str | Path, target: str | Path) -> None:
+        """Write a copy of a URDF with the identified inertials, joint damping and friction.
+
+        Everything else of the file stays as it is: comments, order, unknown tags.
+
+        Parameters
+        ----------
+        source : str or Path
+            The URDF of the robot; it is not changed.
+        target : str or Path
+
+        Raises
+        ------
+        InputError
+            If the estimate has no parameters, or does not belong to this robot.
+        """
+        from steelyard.robot import Robot, write_urdf
+
+        if self.parameters is None:
+            raise InputError(
+                "A URDF needs the parameters of every link, but this estimate has base parameters alone: use steelyard.fit."
+            )
+        robot = Robot.from_urdf(source, tip=self.description.get("tip"), locked=self.description.get("locked") or ())
+        names = list(robot.parameter_names)
+        missing = [name for name in names if name not in self.parameter_names]
+        if missing or tuple(robot.joint_names) != self.joint_names:
+            raise InputError(
+                f"{source}: does not describe the robot of this estimate, whose joints are {', '.join(self.joint_names)}; "
+                f"it has {', '.join(robot.joint_names)}."
+            )
+        index = {name: k for k, name in enumerate(self.parameter_names)}
+        links = self.parameters[[index[name] for name in names]]
+        unknown = np.full(robot.dof, np.nan)
+        damping = unknown if self.damping is None else self.damping
+        friction = unknown if self.friction is None else self.friction
+        write_urdf(robot, links, damping, friction, source, target)
+
+
+def _plain(value: Any) -> Any:
+    if isinstance(value, np.ndarray):
+        return [float(v) if np.isfinite(v) else None for v in value]
+    if isinstance(value, (np.floating, float)):
+        return float(value) if np.isfinite(value) else None
+    if isinstance(value, np.integer):
+        return int(value)
+    if isinstance(value, Mapping):
+        return {str(k): _plain(v) for k, v in value.items()}
+    if isinstance(value, (tuple, list)):
+        return [_plain(v) for v in value]
+    return value

@@ -1,0 +1,85 @@
+"""Triangular factors of regressions: exact, of fixed size, and mergeable."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+__all__ = ["Factor", "Reduced", "triangular"]
+
+Array = NDArray[np.float64]
+
+
+def triangular(rows: Array) -> Array:
+    """Return the square upper-triangular factor R of rows (m, c), with a non-negative diagonal: ``R'R = rows' rows``."""
+    width = rows.shape[1]
+    factor = np.zeros((width, width))
+    if len(rows):
+        reduced = np.linalg.qr(rows, mode="r")
+        signs = np.where(np.diagonal(reduced) < 0.0, -1.0, 1.0)
+        factor[: len(reduced)] = reduced * signs[:, None]
+    return factor
+
+
+@dataclass(frozen=True, eq=False)
+class Factor:
+    """The triangular factor of ``[W omega]`` for the rows of one joint (or of all joints together).
+
+    Attributes
+    ----------
+    joint : int or None
+        None where the rows of all the joints are in it.
+    columns : ndarray of int
+        The c base parameters on which the rows depend.
+    triangle : ndarray
+        (c + 1, c + 1), upper triangular; the last column belongs to the regressand.
+    count : int
+        Number of rows that went in.
+    """
+
+    joint: int | None
+    columns: NDArray[np.intp]
+    triangle: Array
+    count: int
+
+    def __add__(self, other: Factor) -> Factor:
+        return Factor(
+            self.joint, self.columns, triangular(np.vstack([self.triangle, other.triangle])), self.count + other.count
+        )
+
+    @property
+    def norm2(self) -> float:
+        """Squared norm of the regressand."""
+        return float(np.sum(self.triangle[:, -1] ** 2))
+
+    def residual2(self, base: Array) -> float:
+        """Return the squared norm of ``omega - W beta`` over the rows of this factor, for base parameters (n_b,)."""
+        difference = self.triangle[:, :-1] @ base[self.columns] - self.triangle[:, -1]
+        return float(difference @ difference)
+
+
+@dataclass(frozen=True, eq=False)
+class Reduced:
+    """A least-squares problem over all the base parameters: ``|R beta - rho|² + residual2``  (thesis eq. 3.48).
+
+    Attributes
+    ----------
+    R : ndarray
+        (n_b, n_b), upper triangular.
+    rho : ndarray
+        (n_b,).
+    residual2 : float
+        The part of the squared residual that no parameters remove.
+    count : int
+        Number of rows.
+    norm2 : float
+        Squared norm of the (weighted) regressand.
+    """
+
+    R: Array
+    rho: Array
+    residual2: float
+    count: int
+    norm2: float

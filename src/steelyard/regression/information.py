@@ -1,0 +1,405 @@
+"""Information: what a data set says about the base parameters, in a fixed and mergeable size."""
+
+from __future__ import annotations
+
+import json
+import os
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
+from functools import cached_property
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from steelyard.dynamics import Model
+from steelyard.errors import InputError
+from steelyard.recording import Samples
+
+from .factor import Factor, Reduced, triangular
+
+__all__ = ["Information", "joint_weights"]
+
+Array = NDArray[np.float64]
+FORMAT = "steelyard-information-1"
+_BLOCK = 2048  # samples that are factored at a time: their regressor stays in the processor's cache
+
+
+@dataclass(frozen=True, eq=False)
+class Information:
+    """The reduced regression of a data set: for each joint the triangular factor of its rows, and how many there were.
+
+    It answers exactly, without the data, for every weighting of the joints: least squares, residual norms, constrained
+    fits. Two of them add: ``a + b`` is the Information of both data sets together.
+
+    Attributes
+    ----------
+    base_names, base_expressions : tuple of str
+        The n_b base parameters.
+    joint_names : tuple of str
+    factors : tuple of Factor
+        One for each joint, or a single one for all the joints where the data came reduced.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> import steelyard as sy
+    >>> model = sy.Model(sy.Robot.from_dh([(0, 1.0, 0, "q")], gravity=(0, -9.81, 0)))
+    >>> random = np.random.default_rng(1)
+    >>> q, dq, ddq = random.normal(size=(3, 100, 1))
+    >>> torque = model.inverse_dynamics(q, dq, ddq, np.arange(10.0))
+    >>> samples = sy.Samples(q=q, dq=dq, ddq=ddq, torque=torque)
+    >>> information = Information.from_samples(model, samples)
+    >>> estimate = sy.least_squares(information)
+    >>> bool(np.allclose(estimate.base, model.base_parameters().values(np.arange(10.0))))
+    True
+    """
+
+    base_names: tuple[str, ...]
+    base_expressions: tuple[str, ...]
+    joint_names: tuple[str, ...]
+    factors: tuple[Factor, ...]
+
+    def __repr__(self) -> str:
+        return (
+            f"Information({len(self.base_names)} base parameters, {self.count} rows of {len(self.joint_names)} joints, "
+            f"condition number {self.condition_number:.4g})"
+        )
+
+    @property
+    def joint_blocks(self) -> tuple[Factor, ...]:
+        """The factors, one for each joint."""
+        return self.factors
+
+    @property
+    def base_count(self) -> int:
+        """Number n_b of base parameters."""
+        return len(self.base_names)
+
+    @property
+    def count(self) -> int:
+        """Number of rows: samples times joints, less what was masked."""
+        return sum(f.count for f in self.factors)
+
+    @classmethod
+    def empty(cls, model: Model) -> Information:
+        """Return the Information of no data."""
+        base = model.base_parameters()
+        factors = tuple(
+            Factor(k, columns, np.zeros((len(columns) + 1, len(columns) + 1)), 0)
+            for k, columns in enumerate(model.base_columns.joints)
+        )
+        return cls(base.names, base.expressions, tuple(model.robot.joint_names), factors)
+
+    @classmethod
+    def from_samples(cls, model: Model, samples: Samples) -> Information:
+        """Reduce samples.
+
+        Parameters
+        ----------
+        model : Model
+        samples : Samples
+            (S, N) arrays.
+
+        Returns
+        -------
+        Information
+
+        Raises
+        ------
+        InputError
+            If the samples have another number of joints than the model.
+        """
+        count, joints = np.shape(samples.q)
+        if joints != model.joint_count:
+            raise InputError(
+                f"The samples have {joints} joints, but {model.robot.name} has {model.joint_count}: "
+                "check which columns of the log were read."
+            )
+        empty = cls.empty(model)
+        triangles = [f.triangle for f in empty.factors]
+        counts = [0] * joints
+        columns = model.base_columns
+        splits = np.cumsum([len(c) for c in columns.joints])[:-1]
+        for start in range(0, count, _BLOCK):
+            part = slice(start, min(start + _BLOCK, count))
+            values = columns.kernel(samples.q[part], samples.dq[part], samples.ddq[part])
+            for k, entries in enumerate(np.split(values, splits, axis=1)):
+                joint_rows = np.column_stack([entries, samples.torque[part, k]])
+                if samples.mask is not None:
+                    joint_rows = joint_rows[samples.mask[part, k]]
+                counts[k] += len(joint_rows)
+                triangles[k] = triangular(np.vstack([triangles[k], joint_rows]))
+        factors = tuple(
+            Factor(f.joint, f.columns, triangle, n)
+            for f, triangle, n in zip(empty.factors, triangles, counts, strict=True)
+        )
+        return cls(empty.base_names, empty.base_expressions, empty.joint_names, factors)
+
+    @classmethod
+    def from_chunks(cls, model: Model, chunks: Iterable[Samples]) -> Information:
+        """Reduce samples that come one chunk after the other, so that they never stand in memory together.
+
+        Parameters
+        ----------
+        model : Model
+        chunks : iterable of Samples
+
+        Returns
+        -------
+        Information
+        """
+        total = cls.empty(model)
+        for chunk in chunks:
+            total = total + cls.from_samples(model, chunk)
+        return total
+
+    @classmethod
+    def from_factor(
+        cls,
+        R: ArrayLike,
+        rho: ArrayLike,
+        residual2: float,
+        count: int,
+        base_names: Sequence[str],
+        joint_names: Sequence[str] = (),
+    ) -> Information:
+        """Take up a regression that was reduced elsewhere, over the rows of all the joints.
+
+        Parameters
+        ----------
+        R : array_like
+            (n_b, n_b): ``R'R = W'W`` (thesis eq. 3.46); need not be triangular.
+        rho : array_like
+            (n_b,): ``Q1' omega`` (thesis eq. 3.49).
+        residual2 : float
+            Smallest squared residual, ``|rho_2|²``.
+        count : int
+            Number of rows of W.
+        base_names : sequence of str
+            The base parameters in the order of the columns.
+        joint_names : sequence of str, optional
+
+        Returns
+        -------
+        Information
+            Joint weights and errors per joint cannot be had from it.
+
+        Raises
+        ------
+        InputError
+            If the sizes do not fit.
+        """
+        factor, target = np.asarray(R, dtype=np.float64), np.asarray(rho, dtype=np.float64)
+        n = len(base_names)
+        if factor.shape != (n, n) or target.shape != (n,) or residual2 < 0.0 or count < 1:
+            raise InputError(
+                f"A reduced regression of {n} base parameters needs R of shape ({n}, {n}), rho of shape ({n},), a squared "
+                f"residual and a positive number of rows, got {factor.shape}, {target.shape}, {residual2} and {count}."
+            )
+        rows = np.zeros((n + 1, n + 1))
+        rows[:n, :n], rows[:n, n], rows[n, n] = factor, target, np.sqrt(residual2)
+        one = Factor(None, np.arange(n), triangular(rows), int(count))
+        return cls(tuple(base_names), tuple(base_names), tuple(joint_names), (one,))
+
+    def __add__(self, other: Information) -> Information:
+        if self.base_expressions != other.base_expressions or len(self.factors) != len(other.factors):
+            raise InputError("Only Informations of the same model can be added; these have different base parameters.")
+        factors = tuple(a + b for a, b in zip(self.factors, other.factors, strict=True))
+        return Information(self.base_names, self.base_expressions, self.joint_names, factors)
+
+    @property
+    def by_joint(self) -> bool:
+        """Whether the rows of each joint are known apart."""
+        return all(f.joint is not None for f in self.factors)
+
+    def reduced(self, weights: str | ArrayLike | None = None) -> Reduced:
+        """Return the least-squares problem over all the base parameters.
+
+        Parameters
+        ----------
+        weights : None, "joint" or array_like
+            None weights all rows alike; ``"joint"`` takes the inverse standard deviations of the unweighted
+            residuals of each joint (thesis eq. 4.33); an array (N,) gives the weights themselves.
+
+        Returns
+        -------
+        Reduced
+        """
+        factors = joint_weights(self, weights)
+        n = self.base_count
+        stacked = np.zeros((sum(len(f.triangle) for f in self.factors), n + 1))
+        row = 0
+        for factor, weight in zip(self.factors, factors, strict=True):
+            size = len(factor.triangle)
+            stacked[row : row + size, [*factor.columns, n]] = weight * factor.triangle
+            row += size
+        triangle = triangular(stacked)
+        return Reduced(
+            triangle[:n, :n], triangle[:n, n], float(triangle[n, n] ** 2), self.count, float(np.sum(triangle[:, n] ** 2))
+        )
+
+    @cached_property
+    def condition_number(self) -> float:
+        """Condition number of the base regressor W (thesis section 4.3.2), infinite where it has no full rank."""
+        values = np.linalg.svd(self.reduced().R, compute_uv=False)
+        return float(values[0] / values[-1]) if len(values) and values[-1] > 0.0 else float("inf")
+
+    @cached_property
+    def undetermined_mask(self) -> NDArray[np.bool_]:
+        """Which base parameters the data does not determine, whatever its noise; (n_b,)."""
+        R = self.reduced().R
+        lengths = np.linalg.norm(R, axis=0)
+        loose = lengths <= 1e-12 * (lengths.max(initial=0.0) or 1.0)
+        present = np.flatnonzero(~loose)
+        if len(present):
+            _, values, rows = np.linalg.svd(R[:, present] / lengths[present])
+            missing = rows[values < 1e-9 * values[0]]
+            loose[present[(np.abs(missing) > 1e-6).any(axis=0)]] = True
+        return np.asarray(loose)
+
+    @property
+    def undetermined(self) -> tuple[str, ...]:
+        """Base parameters that the data does not determine, whatever its noise."""
+        return tuple(name for name, loose in zip(self.base_expressions, self.undetermined_mask, strict=True) if loose)
+
+    def relative_error(self, base: ArrayLike) -> float:
+        """Return ``|omega - W beta| / |omega|`` over all the joints (thesis eq. 4.37); 0.05 means 5 %.
+
+        Parameters
+        ----------
+        base : array_like
+            (n_b,).
+
+        Returns
+        -------
+        float
+        """
+        beta = self._base(base)
+        residual, norm = sum(f.residual2(beta) for f in self.factors), sum(f.norm2 for f in self.factors)
+        return float(np.sqrt(residual / norm)) if norm > 0.0 else float("nan")
+
+    def joint_relative_error(self, base: ArrayLike) -> Array:
+        """Return the relative error of each joint, (N,)  (thesis table 4.7); NaN where a joint has no torque."""
+        beta = self._base(base)
+        self._require_joints("Errors per joint")
+        pairs = [(f.residual2(beta), f.norm2) for f in self.factors]
+        return np.array([np.sqrt(r / n) if n > 0.0 else np.nan for r, n in pairs])
+
+    def joint_rms_error(self, base: ArrayLike) -> Array:
+        """Return the root mean square residual of each joint, (N,), N·m or N; NaN where a joint has no rows."""
+        beta = self._base(base)
+        self._require_joints("Errors per joint")
+        return np.array([np.sqrt(f.residual2(beta) / f.count) if f.count else np.nan for f in self.factors])
+
+    def _base(self, base: ArrayLike) -> Array:
+        beta = np.asarray(base, dtype=np.float64)
+        if beta.shape != (self.base_count,):
+            raise InputError(f"There are {self.base_count} base parameters: expected that many values, got {beta.shape}.")
+        return beta
+
+    def _require_joints(self, what: str) -> None:
+        if not self.by_joint:
+            raise InputError(f"{what} need the rows of each joint apart, but this Information was reduced over all joints.")
+
+    def save(self, path: str | Path) -> None:
+        """Write it as JSON; the file appears whole or not at all."""
+        document = {
+            "format": FORMAT,
+            "base_names": self.base_names,
+            "base_expressions": self.base_expressions,
+            "joint_names": self.joint_names,
+            "factors": [
+                {"joint": f.joint, "columns": f.columns.tolist(), "count": f.count, "triangle": f.triangle.tolist()}
+                for f in self.factors
+            ],
+        }
+        target = Path(path)
+        part = target.with_name(target.name + ".part")
+        part.write_text(json.dumps(document), encoding="utf-8")
+        os.replace(part, target)
+
+    @classmethod
+    def load(cls, path: str | Path) -> Information:
+        """Read what `save` wrote.
+
+        Parameters
+        ----------
+        path : str or Path
+
+        Returns
+        -------
+        Information
+
+        Raises
+        ------
+        InputError
+            If the file is missing or is something else.
+        """
+        try:
+            document: dict[str, Any] = json.loads(Path(path).read_text(encoding="utf-8"))
+            if document["format"] != FORMAT:
+                raise InputError(f"{path}: format is {document['format']!r}, expected {FORMAT!r}.")
+            factors = tuple(
+                Factor(f["joint"], np.array(f["columns"], dtype=np.intp), np.array(f["triangle"]), f["count"])
+                for f in document["factors"]
+            )
+            names = (tuple(document[key]) for key in ("base_names", "base_expressions", "joint_names"))
+            return cls(*names, factors)
+        except OSError as error:
+            raise InputError(f"{path}: cannot be read ({error.strerror}).") from None
+        except (ValueError, KeyError, TypeError) as error:
+            if isinstance(error, InputError):
+                raise
+            raise InputError(f"{path}: is not an Information that was saved by steelyard ({error}).") from None
+
+
+def joint_weights(information: Information, weights: str | ArrayLike | None) -> Array:
+    """Return one weight for each factor of an Information.
+
+    Parameters
+    ----------
+    information : Information
+    weights : None, "joint" or array_like
+        See :meth:`Information.reduced`.
+
+    Returns
+    -------
+    ndarray
+        (N,).
+
+    Raises
+    ------
+    InputError
+        If the weights are unknown, of a wrong size or not positive.
+    """
+    n = len(information.factors)
+    if weights is None:
+        return np.ones(n)
+    if isinstance(weights, str):
+        if weights != "joint":
+            raise InputError(f"weights must be None, 'joint' or one number for each joint, got {weights!r}.")
+        information._require_joints("Joint weights")
+        problem = information.reduced()
+        beta = solve(problem)
+        deviations = []
+        for factor in information.factors:
+            freedom = max(factor.count - information.base_count, 1)
+            deviations.append(np.sqrt(factor.residual2(beta) / freedom))
+        # A joint without noise or without rows would get an infinite weight: bound it by the others.
+        values = np.array(deviations)
+        floor = 1e-9 * max(float(values.max(initial=0.0)), 1e-300)
+        return np.where([f.count > 0 for f in information.factors], 1.0 / np.maximum(values, floor), 1.0)
+    values = np.asarray(weights, dtype=np.float64)
+    if values.shape != (n,) or not np.all(np.isfinite(values)) or np.any(values <= 0.0):
+        raise InputError(f"weights must be {n} positive numbers, one for each joint, got {weights!r}.")
+    return values
+
+
+def solve(problem: Reduced) -> Array:
+    """Return the base parameters of least squared residual, (n_b,); of least norm where there are several."""
+    lengths = np.linalg.norm(problem.R, axis=0)
+    scale = np.where(lengths > 0.0, lengths, 1.0)
+    solution = np.linalg.lstsq(problem.R / scale, problem.rho, rcond=1e-9)[0]
+    return np.asarray(solution / scale)

@@ -1,0 +1,96 @@
+"""Ordinary and joint-weighted least squares with their uncertainty (thesis section 4.4)."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from .estimate import Estimate
+from .factor import Reduced
+from .information import Information, joint_weights, solve
+
+__all__ = ["least_squares", "standard_deviations"]
+
+
+def least_squares(information: Information, weights: str | ArrayLike | None = None) -> Estimate:
+    """Estimate the base parameters without regard to physics.
+
+    Parameters
+    ----------
+    information : Information
+    weights : None, "joint" or array_like
+        None is ordinary least squares (thesis eq. 4.24); ``"joint"`` weights each joint by the inverse standard
+        deviation of its residual (thesis eq. 4.30 to 4.36); an array (N,) gives the weights.
+
+    Returns
+    -------
+    Estimate
+        With standard deviations; its `parameters` are None, since base parameters alone are determined.
+
+    See Also
+    --------
+    steelyard.fit : The same, among physically possible parameters.
+
+    References
+    ----------
+    C. D. Sousa, PhD thesis, University of Coimbra, 2014, eq. 4.24 to 4.36.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> information = Information.from_factor(np.diag([2.0, 1.0]), [4.0, 3.0], 0.5, 100, ["a", "b"])
+    >>> least_squares(information).base.tolist()
+    [2.0, 3.0]
+    """
+    used = joint_weights(information, weights)
+    problem = information.reduced(used) if weights is not None else information.reduced()
+    base = solve(problem)
+    remarks = []
+    if information.undetermined:
+        remarks.append(
+            f"The data does not determine {len(information.undetermined)} of {information.base_count} base parameters: "
+            f"{'; '.join(information.undetermined)}."
+        )
+    method = "ordinary least squares" if weights is None else "joint-weighted least squares"
+    return Estimate(
+        method=method,
+        base_names=information.base_names,
+        base_expressions=information.base_expressions,
+        base=base,
+        standard_deviation=standard_deviations(problem, base, information.undetermined_mask),
+        joint_names=information.joint_names,
+        weights=None if weights is None else used,
+        relative_error=information.relative_error(base),
+        joint_relative_error=information.joint_relative_error(base) if information.by_joint else None,
+        row_count=information.count,
+        condition_number=information.condition_number,
+        remarks=tuple(remarks),
+    )
+
+
+def standard_deviations(
+    problem: Reduced, base: NDArray[np.float64], undetermined: NDArray[np.bool_]
+) -> NDArray[np.float64]:
+    """Return the standard deviation of each base parameter (thesis eq. 4.27, 4.28), infinite where undetermined.
+
+    Parameters
+    ----------
+    problem : Reduced
+    base : ndarray
+        (n_b,), at which the residual is taken.
+    undetermined : ndarray of bool
+        (n_b,).
+
+    Returns
+    -------
+    ndarray
+        (n_b,).
+    """
+    difference = problem.R @ base - problem.rho
+    residual2 = float(difference @ difference) + problem.residual2
+    variance = residual2 / max(problem.count - len(base), 1)
+    lengths = np.linalg.norm(problem.R, axis=0)
+    scale = np.where(lengths > 0.0, lengths, 1.0)
+    inverse = np.linalg.pinv(problem.R / scale, rcond=1e-9)
+    deviations = np.sqrt(variance * np.sum(inverse**2, axis=1)) / scale
+    return np.where(undetermined, np.inf, deviations)
