@@ -1,0 +1,53 @@
+"""Physical feasibility: linear matrix inequalities, the feasible set, and check, correct and fit."""
+
+from .affine import AffineBlock as AffineBlock
+from .affine import AffineStack as AffineStack
+from .certificate import CertificateCheck as CertificateCheck
+from .certificate import FeasibilityCertificate as FeasibilityCertificate
+from .certificate import InfeasibilityCertificate as InfeasibilityCertificate
+from .check import Verdict as Verdict
+from .check import Violation as Violation
+from .check import check as check
+from .conic import Cone as Cone
+from .conic import ConicProblem as ConicProblem
+from .conic import ConicSolution as ConicSolution
+from .conic import Outcome as Outcome
+from .conic import solve as solve
+from .constrained import FeasibleFit as FeasibleFit
+from .constrained import fit_reduced as fit_reduced
+from .constraints import CenterOfMassBox as CenterOfMassBox
+from .constraints import Constraint as Constraint
+from .constraints import Equality as Equality
+from .constraints import TotalMass as TotalMass
+from .constraints import constraints_from_dict as constraints_from_dict
+from .correct import Correction as Correction
+from .correct import correct as correct
+from .feasible_set import FeasibleSet as FeasibleSet
+from .fit import fit as fit
+
+__all__ = [
+    "AffineBlock",
+    "AffineStack",
+    "CenterOfMassBox",
+    "CertificateCheck",
+    "Cone",
+    "ConicProblem",
+    "ConicSolution",
+    "Constraint",
+    "Correction",
+    "Equality",
+    "FeasibilityCertificate",
+    "FeasibleFit",
+    "FeasibleSet",
+    "InfeasibilityCertificate",
+    "Outcome",
+    "TotalMass",
+    "Verdict",
+    "Violation",
+    "check",
+    "constraints_from_dict",
+    "correct",
+    "fit",
+    "fit_reduced",
+    "solve",
+]

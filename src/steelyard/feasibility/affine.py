@@ -1,0 +1,271 @@
+"""Affine symmetric matrices: the blocks that linear matrix inequalities are made of."""
+
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from functools import cached_property
+
+import numpy as np
+import numpy.typing as npt
+import scipy.sparse as sparse
+
+from steelyard.errors import InputError
+
+__all__ = ["AffineBlock", "AffineStack", "is_positive_definite", "symmetric_to_vector", "vector_to_symmetric"]
+
+Vector = npt.NDArray[np.float64]
+Matrix = npt.NDArray[np.float64]
+
+
+def _triangle(size: int) -> tuple[npt.NDArray[np.intp], npt.NDArray[np.intp], Vector]:
+    """Rows, columns and scaling of the upper triangle, stacked by columns, as Clarabel orders it."""
+    column, row = np.tril_indices(size)
+    return row, column, np.where(row == column, 1.0, np.sqrt(2.0))
+
+
+def symmetric_to_vector(matrix: Matrix) -> Vector:
+    """Stack the upper triangle of symmetric matrices by columns, off-diagonal elements times √2.
+
+    The scaling makes the dot product of two vectors the trace inner product of the two matrices.
+
+    Parameters
+    ----------
+    matrix : (..., d, d)
+        Symmetric matrices.
+
+    Returns
+    -------
+    (..., d (d + 1) / 2)
+
+    Examples
+    --------
+    >>> symmetric_to_vector(np.array([[1.0, 2.0], [2.0, 3.0]])).round(4).tolist()
+    [1.0, 2.8284, 3.0]
+    """
+    row, column, scale = _triangle(matrix.shape[-1])
+    return np.asarray(matrix[..., row, column] * scale, dtype=float)
+
+
+def vector_to_symmetric(vector: Vector) -> Matrix:
+    """Undo `symmetric_to_vector`.
+
+    Examples
+    --------
+    >>> vector_to_symmetric(np.array([1.0, 2 * 2**0.5, 3.0])).round(12).tolist()
+    [[1.0, 2.0], [2.0, 3.0]]
+    """
+    count = vector.shape[-1]
+    size = round((np.sqrt(8 * count + 1) - 1) / 2)
+    row, column, scale = _triangle(size)
+    matrix = np.zeros((*vector.shape[:-1], size, size))
+    matrix[..., row, column] = vector / scale
+    matrix[..., column, row] = vector / scale
+    return matrix
+
+
+def is_positive_definite(matrix: Matrix) -> bool:
+    """Whether a symmetric matrix is positive definite, proved by a Cholesky factorisation in floating point.
+
+    The factorisation is made of the matrix less a bound of the rounding errors that it can make itself, so that success
+    is a proof for the matrix as stored (S. M. Rump, Verification of positive definiteness, BIT 46, 2006).
+
+    Parameters
+    ----------
+    matrix : (d, d)
+
+    Examples
+    --------
+    >>> is_positive_definite(np.eye(3)), is_positive_definite(np.ones((2, 2)))
+    (True, False)
+    """
+    if not np.all(np.isfinite(matrix)):
+        return False
+    size = matrix.shape[0]
+    shift = 2 * (size + 2) * np.finfo(float).eps * max(float(np.trace(matrix)), 0.0) + np.finfo(float).tiny
+    try:
+        np.linalg.cholesky(matrix - shift * np.eye(size))
+    except np.linalg.LinAlgError:
+        return False
+    return True
+
+
+@dataclass(frozen=True, eq=False)
+class AffineBlock:
+    """A symmetric matrix that is affine in a parameter vector, D(δ) = D₀ + Σ Dᵢ δᵢ (thesis 3.22).
+
+    Attributes
+    ----------
+    name : str
+        What the block says, e.g. ``"link 4 (forearm): inertia"``.
+    constant : (d, d)
+        D₀.
+    indices : (c,)
+        Which parameters the block depends on.
+    coefficients : (c, d, d)
+        Dᵢ of those parameters.
+    kind : str
+        ``"link"``, ``"term"`` or ``"constraint"``.
+    unit : str
+        Unit of the value of a 1 x 1 block, empty where the elements have several.
+
+    Examples
+    --------
+    >>> block = AffineBlock("example", np.zeros((1, 1)), np.array([1]), np.ones((1, 1, 1)))
+    >>> block.evaluate(np.array([5.0, 0.25])).tolist(), block.smallest_eigenvalue(np.array([5.0, 0.25]))
+    ([[0.25]], 0.25)
+    >>> block
+    AffineBlock('example', 1 x 1, of 1 parameter)
+    """
+
+    name: str
+    constant: Matrix
+    indices: npt.NDArray[np.intp]
+    coefficients: Matrix
+    kind: str = "link"
+    unit: str = ""
+
+    def __post_init__(self) -> None:
+        size, count = self.size, len(self.indices)
+        if self.constant.shape != (size, size) or self.coefficients.shape != (count, size, size):
+            raise InputError(
+                f"block {self.name!r} has a constant of shape {self.constant.shape} and coefficients of shape "
+                f"{self.coefficients.shape} for {count} parameters; expected (d, d) and ({count}, d, d)."
+            )
+        both = np.concatenate([self.constant[None], self.coefficients])
+        if not np.array_equal(both, both.transpose(0, 2, 1)):
+            raise InputError(f"block {self.name!r} is not symmetric; give D₀ and every Dᵢ as symmetric matrices.")
+
+    def __repr__(self) -> str:
+        plural = "" if len(self.indices) == 1 else "s"
+        return f"AffineBlock({self.name!r}, {self.size} x {self.size}, of {len(self.indices)} parameter{plural})"
+
+    @property
+    def size(self) -> int:
+        """Number of rows d."""
+        return int(self.constant.shape[0])
+
+    def evaluate(self, parameters: Vector) -> Matrix:
+        """D(δ), of shape (d, d)."""
+        return self.constant + np.tensordot(parameters[self.indices], self.coefficients, axes=1)
+
+    def smallest_eigenvalue(self, parameters: Vector) -> float:
+        """Smallest eigenvalue of D(δ)."""
+        return float(np.linalg.eigvalsh(self.evaluate(parameters))[0])
+
+    def substitute(self, matrix: Matrix, offset: Vector | None = None) -> "AffineBlock":
+        """The same block in variables x, where δ = matrix x + offset.
+
+        With matrix = [P_b, P_d - P_b K_d] the variables are (β, δ_d): the base-dependent space (thesis 3.13, 3.32).
+
+        Parameters
+        ----------
+        matrix : (n, m)
+        offset : (n,), optional
+            Zero where absent.
+
+        Examples
+        --------
+        >>> block = AffineBlock("total", np.zeros((1, 1)), np.array([0, 1]), np.ones((2, 1, 1)))
+        >>> block.substitute(np.array([[1.0, -1.0], [0.0, 1.0]])).indices.tolist()
+        [0]
+        """
+        rows = matrix[self.indices]
+        constant = self.constant if offset is None else self.evaluate(offset)
+        used = np.flatnonzero(np.any(rows != 0, axis=0))
+        coefficients = np.tensordot(rows[:, used].T, self.coefficients, axes=1)
+        kept = np.any(coefficients != 0, axis=(1, 2))
+        return replace(self, constant=constant, indices=used[kept], coefficients=coefficients[kept])
+
+
+@dataclass(frozen=True, eq=False)
+class AffineStack:
+    """Many blocks as one sparse affine vector, scalar blocks first: what a conic solver is given.
+
+    Attributes
+    ----------
+    blocks : tuple of AffineBlock
+    parameter_count : int
+
+    Examples
+    --------
+    >>> block = AffineBlock("positive", np.zeros((1, 1)), np.array([1]), np.ones((1, 1, 1)))
+    >>> stack = AffineStack((block,), 2)
+    >>> (stack.constant + stack.coefficients @ np.array([5.0, 0.25])).tolist()
+    [0.25]
+    """
+
+    blocks: tuple[AffineBlock, ...]
+    parameter_count: int
+
+    @cached_property
+    def order(self) -> tuple[int, ...]:
+        """Indices of the blocks in the order in which they are stacked."""
+        scalars = [i for i, block in enumerate(self.blocks) if block.size == 1]
+        return (*scalars, *(i for i, block in enumerate(self.blocks) if block.size > 1))
+
+    @cached_property
+    def scalar_count(self) -> int:
+        """Number of 1 x 1 blocks."""
+        return sum(block.size == 1 for block in self.blocks)
+
+    @cached_property
+    def matrix_sizes(self) -> tuple[int, ...]:
+        """Sizes of the larger blocks, in the order in which they are stacked."""
+        return tuple(self.blocks[i].size for i in self.order[self.scalar_count :])
+
+    @cached_property
+    def slices(self) -> tuple[slice, ...]:
+        """Rows of each block (in the order of `blocks`) within the stacked vector."""
+        found: dict[int, slice] = {}
+        start = 0
+        for i in self.order:
+            stop = start + self.blocks[i].size * (self.blocks[i].size + 1) // 2
+            found[i] = slice(start, stop)
+            start = stop
+        return tuple(found[i] for i in range(len(self.blocks)))
+
+    def stacked(self, part: Callable[[AffineBlock], Matrix]) -> Vector:
+        """Stack one symmetric matrix per block into a vector."""
+        pieces = [symmetric_to_vector(part(self.blocks[i])) for i in self.order]
+        return np.concatenate(pieces) if pieces else np.zeros(0)
+
+    def matrices(self, vector: Vector) -> tuple[Matrix, ...]:
+        """The symmetric matrix of each block (in the order of `blocks`) from a stacked vector."""
+        return tuple(vector_to_symmetric(vector[rows]) for rows in self.slices)
+
+    @cached_property
+    def constant(self) -> Vector:
+        """Stacked D₀."""
+        return self.stacked(lambda block: block.constant)
+
+    @cached_property
+    def identity(self) -> Vector:
+        """Stacked unit matrices."""
+        return self.stacked(lambda block: np.eye(block.size))
+
+    @cached_property
+    def coefficients(self) -> sparse.csc_array:
+        """Stacked Dᵢ, one column per parameter."""
+        rows, columns, values = [np.zeros(0, dtype=np.intp)], [np.zeros(0, dtype=np.intp)], [np.zeros(0)]
+        for block, place in zip(self.blocks, self.slices, strict=True):
+            if not len(block.indices):
+                continue
+            vectors = symmetric_to_vector(block.coefficients)
+            which, row = np.nonzero(vectors)
+            rows.append(row + place.start)
+            columns.append(block.indices[which])
+            values.append(vectors[which, row])
+        shape = (len(self.constant), self.parameter_count)
+        place_of_values = (np.concatenate(rows), np.concatenate(columns))
+        return sparse.csc_array(sparse.coo_array((np.concatenate(values), place_of_values), shape=shape))
+
+    def smallest_eigenvalues(self, parameters: Vector) -> Vector:
+        """Smallest eigenvalue of every block, in the order of `blocks`."""
+        return np.array([block.smallest_eigenvalue(parameters) for block in self.blocks])
+
+    def all_positive(self, parameters: Vector) -> bool:
+        """Whether every block is proved positive definite; 1 x 1 blocks may also be exactly zero."""
+        for block in self.blocks:
+            value = block.evaluate(parameters)
+            if not (value[0, 0] >= 0 if block.size == 1 else is_positive_definite(value)):
+                return False
+        return True

@@ -1,0 +1,258 @@
+"""Is it physically possible? The answer with a proof."""
+
+from dataclasses import dataclass, field
+
+import numpy as np
+import numpy.typing as npt
+
+from steelyard.errors import InputError
+
+from .certificate import FeasibilityCertificate, InfeasibilityCertificate
+from .feasible_set import FeasibleSet
+from .margin import MARGIN_CAP, FreeProblem, fixed_certificate, largest_margin, least_violations
+from .preference import lightest_witness
+
+__all__ = ["Verdict", "Violation", "check"]
+
+Vector = npt.NDArray[np.float64]
+
+MODERATE_TRACES = (10.0, 100.0, 1000.0)
+"""Bounds on the traces, in units of the largest |β|, that are tried for a witness of moderate mass."""
+
+
+@dataclass(frozen=True)
+class Violation:
+    """One block that is short of being positive semidefinite.
+
+    Attributes
+    ----------
+    block : str
+        Name of the block.
+    amount : float
+        What has to be added to its diagonal.
+    unit : str
+        Unit of `amount`; empty for blocks whose elements have several SI units.
+    """
+
+    block: str
+    amount: float
+    unit: str = ""
+
+    def __str__(self) -> str:
+        return f"{self.block} fails by {self.amount:.3g}{' ' + self.unit if self.unit else ''}"
+
+
+@dataclass(frozen=True, eq=False)
+class Verdict:
+    """Answer of `check`.
+
+    Attributes
+    ----------
+    feasible : bool or None
+        None where the point is closer to the boundary than floating point tells.
+    status : str
+        ``"feasible"``, ``"virtually feasible"`` (the parameters are not possible, but another robot with the same
+        motion is: thesis 3.55), ``"infeasible"`` or ``"undecided"``.
+    margin : float
+        Largest t with D(δ) - t 1 ⪰ 0 for some δ that has these base parameters (at most 1); where standard
+        parameters are given, of those alone. Negative where infeasible, and then it says how far.
+    base : (n_b,)
+    parameters : (n,) or None
+        Standard parameters that prove feasibility.
+    certificate : FeasibilityCertificate, InfeasibilityCertificate or None
+    violations : tuple of Violation
+        What fails and how far, worst first.
+    consistency : str
+    """
+
+    feasible: bool | None
+    status: str
+    margin: float
+    base: Vector = field(repr=False)
+    parameters: Vector | None = field(repr=False)
+    certificate: FeasibilityCertificate | InfeasibilityCertificate | None = field(repr=False)
+    violations: tuple[Violation, ...]
+    consistency: str
+
+    def sentences(self) -> tuple[str, ...]:
+        """The verdict in plain sentences."""
+        kind = f'under "{self.consistency}" consistency'
+        if self.status == "feasible":
+            found = [
+                f"Physically feasible {kind}, with a margin of {self.margin:.3g}: a real robot can have these values."
+            ]
+        elif self.status == "virtually feasible":
+            found = [
+                f"Virtually feasible {kind}: these values are not physically possible, but another robot that moves in "
+                "exactly the same way is, and its parameters are given."
+            ]
+        elif self.status == "infeasible":
+            found = [
+                f"Physically infeasible {kind}: no real robot has these values (largest margin {self.margin:.3g})."
+            ]
+        else:
+            found = [f"Undecided {kind}: closer to the boundary than the solver can tell (margin {self.margin:.3g})."]
+        found += [f"{violation}." for violation in self.violations]
+        if self.status == "infeasible" and self.certificate is not None:
+            found.append("A dual certificate proves it.")
+        return tuple(found)
+
+    def __str__(self) -> str:
+        return "\n".join(self.sentences())
+
+    def _repr_html_(self) -> str:
+        import html
+
+        first, *others = (html.escape(sentence) for sentence in self.sentences())
+        return f"<p><strong>{first}</strong></p><ul>{''.join(f'<li>{other}</li>' for other in others)}</ul>"
+
+
+def check(feasible: FeasibleSet, base: npt.ArrayLike | None = None, parameters: npt.ArrayLike | None = None) -> Verdict:
+    """Tell whether base parameters, or standard parameters, are physically possible, with a proof (thesis 3.34, 3.55).
+
+    Parameters
+    ----------
+    feasible : FeasibleSet
+    base : (n_b,), optional
+        Base parameters β. Feasible where some δ with K δ = β lies in the set.
+    parameters : (n,), optional
+        Standard parameters δ, instead.
+
+    Returns
+    -------
+    Verdict
+
+    Raises
+    ------
+    InputError
+        If not exactly one of `base` and `parameters` is given, or it does not fit the model.
+
+    Examples
+    --------
+    A pendulum with a moment of inertia of 0.6 kg m², and one with a negative one:
+
+    >>> from steelyard.dynamics import Model
+    >>> from steelyard.robot import Robot
+    >>> model = Model(Robot.from_dh([("0", 0.0, 0.0, "q")], gravity=(0, -9.81, 0)))
+    >>> model.base_parameters().names
+    ('Lzz1', 'lx1', 'ly1')
+    >>> check(FeasibleSet(model), base=[0.6, 1.0, 0.0]).feasible
+    True
+    >>> verdict = check(FeasibleSet(model), base=[-0.6, 1.0, 0.0])
+    >>> verdict.status, bool(verdict.certificate.verify())
+    ('infeasible', True)
+    """
+    if (base is None) == (parameters is None):
+        raise InputError("check takes either base= or parameters=; give exactly one of them.")
+    if parameters is not None:
+        return _check_parameters(feasible, feasible.as_parameters(parameters))
+    return _check_base(feasible, feasible.as_base(base if base is not None else ()))
+
+
+def _check_parameters(feasible: FeasibleSet, parameters: Vector) -> Verdict:
+    eigenvalues = feasible.stack.smallest_eigenvalues(parameters)
+    base = feasible.K @ parameters
+    violations = _sorted(feasible, np.maximum(-eigenvalues, 0.0), least=0.0)
+    violations += tuple(
+        Violation(equality.name, float(abs(equality.coefficients @ parameters[equality.indices] - equality.value)))
+        for equality in feasible.equalities
+        if not feasible.satisfies_equations(parameters)
+    )
+    margin = float(eigenvalues.min(initial=np.inf))
+    if feasible.contains(parameters):
+        certificate = FeasibilityCertificate(feasible, base, parameters)
+        return Verdict(True, "feasible", margin, base, parameters, certificate, (), feasible.consistency)
+    virtual = _check_base(feasible, base)
+    if virtual.feasible:
+        return Verdict(
+            False,
+            "virtually feasible",
+            margin,
+            base,
+            virtual.parameters,
+            virtual.certificate,
+            violations,
+            feasible.consistency,
+        )
+    if virtual.feasible is None:
+        return Verdict(None, "undecided", margin, base, None, None, violations, feasible.consistency)
+    return Verdict(False, "infeasible", margin, base, None, virtual.certificate, violations, feasible.consistency)
+
+
+def _check_base(feasible: FeasibleSet, base: Vector) -> Verdict:
+    free = FreeProblem.of(feasible, base)
+    fixed, proof = fixed_certificate(free)
+    if not free.free:
+        margin, candidate, dual = np.inf, free.parameters(np.zeros(feasible.unidentifiable.shape[1])), None
+    else:
+        margin, candidate, dual = largest_margin(free)
+    if proof is not None and proof.verify():
+        margin = min(margin, fixed)
+        return Verdict(False, "infeasible", margin, base, None, proof, _violations(free), feasible.consistency)
+    found = _decide(free, candidate, dual)
+    if found is None and free.free:
+        scaling = _scaling(free, candidate)
+        _, candidate, dual = largest_margin(free, scaling)
+        found = _decide(free, candidate, dual)
+    if isinstance(found, FeasibilityCertificate):
+        smallest = float(feasible.stack.smallest_eigenvalues(found.parameters).min(initial=np.inf))
+        margin = min(smallest, MARGIN_CAP)
+        found = _lighter(free, found, smallest) if free.free else found
+        return Verdict(True, "feasible", margin, base, found.parameters, found, (), feasible.consistency)
+    margin = min(margin, fixed)
+    if found is not None:
+        return Verdict(False, "infeasible", margin, base, None, found, _violations(free), feasible.consistency)
+    return Verdict(None, "undecided", margin, base, None, None, _violations(free), feasible.consistency)
+
+
+def _decide(
+    free: FreeProblem, candidate: Vector, dual: InfeasibilityCertificate | None
+) -> FeasibilityCertificate | InfeasibilityCertificate | None:
+    """What is proved: by the candidate, or else by the dual point."""
+    witness = FeasibilityCertificate(free.feasible, free.base, candidate)
+    if np.all(np.isfinite(candidate)) and witness.verify():
+        return witness
+    return dual if dual is not None and dual.verify() else None
+
+
+def _lighter(free: FreeProblem, witness: FeasibilityCertificate, margin: float) -> FeasibilityCertificate:
+    """A witness of moderate mass, where one is found: the first one lies in the middle of a set without bounds.
+
+    The lightest one with half the margin or, where the set is too thin for the solver to find that, the one of largest
+    margin among those of moderate size.
+    """
+    feasible = witness.feasible_set
+    parameters = lightest_witness(feasible, witness.base, 0.5 * min(margin, feasible.margin))
+    if parameters is not None:
+        lighter = FeasibilityCertificate(feasible, witness.base, parameters)
+        if lighter.verify():
+            return lighter
+    for bound in MODERATE_TRACES:
+        _, parameters, _ = largest_margin(free, trace_bound=bound)
+        lighter = FeasibilityCertificate(feasible, witness.base, parameters)
+        if lighter.verify():
+            return lighter
+    return witness
+
+
+def _scaling(free: FreeProblem, parameters: Vector) -> dict[int, Vector]:
+    """Diagonal scalings that bring the blocks near the candidate to diagonals of one."""
+    found = {}
+    for index in free.free:
+        diagonal = np.abs(np.diag(free.feasible.blocks[index].evaluate(parameters)))
+        floor = max(1e-9 * float(diagonal.max(initial=0.0)), 1e-12)
+        found[index] = 1.0 / np.sqrt(np.maximum(diagonal, floor))
+    return found
+
+
+def _violations(free: FreeProblem) -> tuple[Violation, ...]:
+    return _sorted(free.feasible, least_violations(free), least=1e-7)
+
+
+def _sorted(feasible: FeasibleSet, amounts: Vector, least: float) -> tuple[Violation, ...]:
+    found = [
+        Violation(block.name, float(amount), block.unit)
+        for block, amount in zip(feasible.blocks, amounts, strict=True)
+        if amount > least
+    ]
+    return tuple(sorted(found, key=lambda violation: -violation.amount))

@@ -1,0 +1,242 @@
+"""The set of parameters that a real robot can have."""
+
+import difflib
+import math
+from collections.abc import Sequence
+from functools import cached_property
+from typing import Literal
+
+import numpy as np
+import numpy.typing as npt
+import scipy.sparse as sparse
+
+from steelyard.errors import InputError
+
+from .affine import AffineBlock, AffineStack
+from .constraints import Constraint, Equality
+from .protocols import ModelLike
+
+__all__ = ["FeasibleSet"]
+
+Vector = npt.NDArray[np.float64]
+Matrix = npt.NDArray[np.float64]
+
+
+class FeasibleSet:
+    """The parameters δ with D(δ) ≻ 0: conditions of every link, every drive term and every constraint (thesis 3.27).
+
+    Parameters
+    ----------
+    model : Model
+    consistency : {"full", "inertia"}
+        ``"inertia"``: mass and inertia about the centre of mass are positive (thesis 3.20, 6 x 6 blocks). ``"full"``:
+        also the principal moments obey the triangle inequality, so that a positive density exists (pseudo-inertia,
+        4 x 4 blocks: Traversaro et al. 2016, Wensing et al. 2018, Sousa and Cortesão 2019).
+    constraints : sequence of Constraint
+        What else is known: `TotalMass`, `CenterOfMassBox`.
+    margin : float
+        Distance ε by which `correct` and `fit` keep from the boundary: D(δ) - ε 1 ⪰ 0 (thesis 3.29).
+    terms : bool
+        Whether the conditions of drive terms (friction and rotor inertia not negative) belong to the set.
+
+    Raises
+    ------
+    InputError
+        For an unknown consistency, a margin that is not positive, or a constraint on a link that does not exist.
+
+    Examples
+    --------
+    >>> from steelyard.dynamics import Model, Viscous
+    >>> from steelyard.robot import Robot
+    >>> robot = Robot.from_dh([("-pi/2", 0.0, 0.3, "q"), ("0", 0.5, 0.0, "q")]).with_terms(Viscous())
+    >>> FeasibleSet(Model(robot), consistency="full")
+    FeasibleSet('full': 4 blocks (2 of links, 2 of terms), 22 parameters, margin 1e-06)
+    """
+
+    def __init__(
+        self,
+        model: ModelLike,
+        consistency: Literal["full", "inertia"] = "full",
+        constraints: Sequence[Constraint] = (),
+        margin: float = 1e-6,
+        terms: bool = True,
+    ) -> None:
+        if consistency not in ("full", "inertia"):
+            close = difflib.get_close_matches(str(consistency), ("full", "inertia"), n=1, cutoff=0.0)[0]
+            raise InputError(f'consistency must be "full" or "inertia", got {consistency!r}; did you mean "{close}"?')
+        if not (isinstance(margin, (int, float)) and math.isfinite(margin) and margin > 0):
+            raise InputError(f"margin must be a positive number such as 1e-6, got {margin!r}.")
+        if not isinstance(constraints, (list, tuple)):
+            raise InputError(f"constraints must be a list, got {constraints!r}; write constraints=[...].")
+        self.model = model
+        self.consistency: str = consistency
+        self.constraints = tuple(constraints)
+        self.margin = float(margin)
+        self.terms = bool(terms)
+        self.blocks: tuple[AffineBlock, ...] = self._blocks()
+        self.equalities: tuple[Equality, ...] = tuple(
+            equality for constraint in self.constraints for equality in constraint.equalities(model)
+        )
+
+    def _blocks(self) -> tuple[AffineBlock, ...]:
+        found: list[AffineBlock] = []
+        for condition in self.model.conditions(self.consistency):
+            is_link = condition.link is not None
+            if not is_link and not self.terms:
+                continue
+            indices = np.asarray(condition.indices, dtype=np.intp)
+            found.append(
+                AffineBlock(
+                    name=condition.name,
+                    constant=np.asarray(condition.constant, dtype=float),
+                    indices=indices,
+                    coefficients=np.asarray(condition.coefficients, dtype=float),
+                    kind="link" if is_link else "term",
+                )
+            )
+        for constraint in self.constraints:
+            found.extend(constraint.blocks(self.model))
+        return tuple(found)
+
+    def __repr__(self) -> str:
+        kinds = {kind: sum(block.kind == kind for block in self.blocks) for kind in ("link", "term", "constraint")}
+        counts = ", ".join(f"{count} of {kind}s" for kind, count in kinds.items() if count)
+        return (
+            f"FeasibleSet({self.consistency!r}: {len(self.blocks)} blocks ({counts}), "
+            f"{self.parameter_count} parameters, margin {self.margin:g})"
+        )
+
+    def _repr_html_(self) -> str:
+        import html
+
+        rows = "".join(f"<tr><td>{html.escape(b.name)}</td><td>{b.size} × {b.size}</td></tr>" for b in self.blocks)
+        return f"<p>{html.escape(repr(self))}</p><table><tr><th>block</th><th>size</th></tr>{rows}</table>"
+
+    @property
+    def parameter_count(self) -> int:
+        """Number n of standard parameters."""
+        return len(self.model.parameter_names)
+
+    @cached_property
+    def stack(self) -> AffineStack:
+        """All blocks, stacked, in the standard parameters."""
+        return AffineStack(self.blocks, self.parameter_count)
+
+    @cached_property
+    def K(self) -> Matrix:
+        """β = K δ, (n_b, n)."""
+        return np.asarray(self.model.base_parameters().K, dtype=float)
+
+    @cached_property
+    def lift(self) -> Matrix:
+        """P_b, (n, n_b): the parameters that carry β when all others are zero."""
+        independent = np.asarray(self.model.base_parameters().independent, dtype=np.intp)
+        matrix = np.zeros((self.parameter_count, len(independent)))
+        matrix[independent, np.arange(len(independent))] = 1.0
+        return matrix
+
+    @cached_property
+    def unidentifiable(self) -> Matrix:
+        """P_d - P_b K_d, (n, n_d): the directions that the motion does not show, K times it is zero (thesis 3.13)."""
+        base = self.model.base_parameters()
+        dependent = np.asarray(base.dependent, dtype=np.intp)
+        matrix = np.zeros((self.parameter_count, len(dependent)))
+        matrix[dependent, np.arange(len(dependent))] = 1.0
+        return matrix - self.lift @ self.K[:, dependent]
+
+    @cached_property
+    def base_dependent(self) -> Matrix:
+        """[P_b, P_d - P_b K_d], (n, n): δ from (β, δ_d) (thesis 3.13)."""
+        return np.hstack([self.lift, self.unidentifiable])
+
+    @cached_property
+    def stacked_base_dependent(self) -> sparse.csc_array:
+        """Coefficients of the stacked blocks in (β, δ_d)."""
+        return sparse.csc_array(self.stack.coefficients @ sparse.csc_array(self.base_dependent))
+
+    @cached_property
+    def equation_matrix(self) -> Matrix:
+        """Left sides E of the equations E δ = f, (r, n)."""
+        matrix = np.zeros((len(self.equalities), self.parameter_count))
+        for row, equality in zip(matrix, self.equalities, strict=True):
+            np.add.at(row, equality.indices, equality.coefficients)
+        return matrix
+
+    @cached_property
+    def equation_values(self) -> Vector:
+        """Right sides f, (r,)."""
+        return np.array([equality.value for equality in self.equalities])
+
+    @cached_property
+    def mass_indices(self) -> npt.NDArray[np.intp]:
+        """Indices of the masses of the links, in the order of the links."""
+        names = {name: index for index, name in enumerate(self.model.parameter_names)}
+        links = range(len(self.model.robot.link_names))
+        return np.array([names[f"m{link + 1}"] for link in links], dtype=np.intp)
+
+    @cached_property
+    def trace_row(self) -> Vector:
+        """Sum of the traces of all blocks of links and terms, as a row over δ, (n,); it bounds what the blocks hold."""
+        row = np.zeros(self.parameter_count)
+        for block in self.blocks:
+            if block.kind != "constraint":
+                np.add.at(row, block.indices, np.trace(block.coefficients, axis1=1, axis2=2))
+        return row
+
+    def as_base(self, base: npt.ArrayLike) -> Vector:
+        """Check and convert a base parameter vector.
+
+        Raises
+        ------
+        InputError
+            If the length is wrong or a value is not finite.
+        """
+        return self._vector(base, self.K.shape[0], "base", "base parameters")
+
+    def as_parameters(self, parameters: npt.ArrayLike) -> Vector:
+        """Check and convert a standard parameter vector.
+
+        Raises
+        ------
+        InputError
+            If the length is wrong or a value is not finite.
+        """
+        return self._vector(parameters, self.parameter_count, "parameters", "standard parameters")
+
+    def _vector(self, values: npt.ArrayLike, count: int, name: str, kind: str) -> Vector:
+        vector = np.asarray(values, dtype=float)
+        if vector.shape != (count,):
+            raise InputError(f"{name} must hold the model's {count} {kind}, got an array of shape {vector.shape}.")
+        bad = np.flatnonzero(~np.isfinite(vector))
+        if len(bad):
+            label = f"number {bad[0] + 1}" if name == "base" else str(self.model.parameter_names[bad[0]])
+            raise InputError(
+                f"{name} must be finite, got {vector[bad[0]]} for {label}; give a value for every parameter."
+            )
+        return vector
+
+    def satisfies_equations(self, parameters: Vector) -> bool:
+        """Whether the equations hold to rounding."""
+        if not self.equalities:
+            return True
+        error = np.abs(self.equation_matrix @ parameters - self.equation_values)
+        scale = np.abs(self.equation_matrix) @ np.abs(parameters) + np.abs(self.equation_values)
+        return bool(np.all(error <= 1e-9 * scale))
+
+    def project_on_equations(self, parameters: Vector) -> Vector:
+        """Remove what a solver left of the error in the equations, along unidentifiable directions (β stays)."""
+        if not self.equalities:
+            return parameters
+        error = self.equation_values - self.equation_matrix @ parameters
+        step = np.linalg.lstsq(self.equation_matrix @ self.unidentifiable, error)[0]
+        return parameters + self.unidentifiable @ step
+
+    def contains(self, parameters: npt.ArrayLike) -> bool:
+        """Whether every block is proved positive definite at δ and the equations hold; 1 x 1 blocks may be zero.
+
+        Parameters
+        ----------
+        parameters : (n,)
+        """
+        vector = self.as_parameters(parameters)
+        return self.stack.all_positive(vector) and self.satisfies_equations(vector)

@@ -1,0 +1,150 @@
+import numpy as np
+import pytest
+import scipy.optimize
+
+from steelyard.errors import InputError, SolverError
+from steelyard.feasibility import FeasibleSet, TotalMass, fit_reduced
+
+POSSIBLE = np.array([1.5, 0.1, 0.25, 0.3, 0.4, 0.1])
+IMPOSSIBLE = np.array([0.5, 0.1, 0.25, 0.3, 0.4, 0.05])
+
+
+@pytest.fixture
+def data(reduced_regression):
+    """Reduced regressions with a given unconstrained optimum and a given residual."""
+
+    def make(optimum, residual2=2.0, singular=0):
+        rng = np.random.default_rng(12)
+        R = np.triu(rng.normal(size=(6, 6))) + 3 * np.eye(6)
+        if singular:
+            left, values, right = np.linalg.svd(R)
+            values[-singular:] = 0.0
+            R = left * values @ right
+        rho = R @ optimum
+        return reduced_regression(R, rho, residual2, 1000, residual2 + float(rho @ rho))
+
+    return make
+
+
+def optimum_by_hand(data, margin):
+    """The least residual over base parameters only: Lzz1 + m2 = a, Lzz2 = b with (a - ε)(b - ...) from the 6 x 6 block.
+
+    Under "inertia" with Lzz1 = ε: m2 = a - ε; the block of link 2 less ε needs (b - ε)(a - 2 ε) ≥ lx² + ly².
+    """
+
+    def residual(base):
+        return float(np.sum((data.R @ base - data.rho) ** 2))
+
+    cone = {
+        "type": "ineq",
+        "fun": lambda base: (base[2] - margin) * (base[0] - 2 * margin) - base[3] ** 2 - base[4] ** 2,
+    }
+    bounds = [(2 * margin, None), (margin, None), (margin, None), (None, None), (None, None), (margin, None)]
+    found = scipy.optimize.minimize(
+        residual, POSSIBLE, bounds=bounds, constraints=[cone], method="SLSQP", options={"ftol": 1e-14, "maxiter": 500}
+    )
+    assert found.success
+    return found.x, float(found.fun)
+
+
+@pytest.mark.parametrize("prefer", ["lightest", None])
+def test_agrees_with_nonlinear_programming(two_links, data, prefer):
+    reduced = data(IMPOSSIBLE)
+    feasible = FeasibleSet(two_links, "inertia")
+    expected, squared = optimum_by_hand(reduced, feasible.margin)
+    fit = fit_reduced(reduced, feasible, prefer)
+    assert fit.squared_residual == pytest.approx(squared + 2.0, rel=1e-6)
+    np.testing.assert_allclose(fit.base, expected, atol=1e-3)
+    assert fit.attained
+
+
+@pytest.mark.parametrize("residual2", [0.0, 2.0])
+@pytest.mark.parametrize("prefer", ["lightest", None])
+def test_feasible_optimum_is_kept(two_links, data, prefer, residual2):
+    fit = fit_reduced(data(POSSIBLE, residual2), FeasibleSet(two_links), prefer)
+    np.testing.assert_allclose(fit.base, POSSIBLE, atol=1e-4)
+    assert fit.squared_residual == pytest.approx(residual2, abs=1e-6)
+
+
+def test_every_answer_is_proved_feasible(two_links, data):
+    rng = np.random.default_rng(13)
+    for consistency in ("inertia", "full"):
+        feasible = FeasibleSet(two_links, consistency)
+        for _ in range(10):
+            fit = fit_reduced(data(rng.normal(size=6)), feasible)
+            assert feasible.contains(fit.parameters)
+            np.testing.assert_allclose(feasible.K @ fit.parameters, fit.base, rtol=1e-12)
+            assert fit.squared_residual >= fit.unconstrained_squared_residual
+
+
+def test_lightest_is_lighter_than_the_raw_answer(two_links, data):
+    feasible = FeasibleSet(two_links)
+    raw = fit_reduced(data(POSSIBLE), feasible, None)
+    light = fit_reduced(data(POSSIBLE), feasible)
+    # The forearm weighs at least (lx² + ly²) / Lzz = 1 kg; the upper arm nothing.
+    assert light.total_mass == pytest.approx(1.0, rel=0.05)
+    assert raw.total_mass > light.total_mass
+    assert any("this is the lightest" in remark for remark in light.remarks)
+
+
+def test_unattained_optimum_is_said(stand_in, reduced_regression):
+    """x = lx1 wants 1, y = Lzz1 wants 0: Lzz1 m1 ≥ lx1² lets the residual fall for ever as m1 grows."""
+    names = ["Lxx1", "Lxy1", "Lxz1", "Lyy1", "Lyz1", "Lzz1", "lx1", "ly1", "lz1", "m1"]
+    model = stand_in(names, [[(1.0, "Lzz1")], [(1.0, "lx1")]], ("arm",))
+    rho = np.array([0.0, 1.0])
+    fit = fit_reduced(reduced_regression(np.eye(2), rho, 0.01, 100, 1.01), FeasibleSet(model), tolerance=1e-2)
+    assert not fit.attained
+    assert fit.remarks[0].startswith("No optimum below 1000 kg")
+    # Within 1 % of 0.01 of residual: Lzz1 is about 0.01, so that m1 is about 1 / Lzz1.
+    assert 90 < fit.total_mass < 110
+    raw = fit_reduced(reduced_regression(np.eye(2), rho, 0.01, 100, 1.01), FeasibleSet(model), None)
+    assert raw.total_mass == pytest.approx(1000.0, rel=1e-2)
+    bounded = FeasibleSet(model, constraints=[TotalMass(maximum=20.0)])
+    assert fit_reduced(reduced_regression(np.eye(2), rho, 0.01, 100, 1.01), bounded).attained
+
+
+@pytest.mark.parametrize("singular", [1, 3, 6])
+def test_data_that_does_not_determine_everything(two_links, data, singular):
+    reduced = data(POSSIBLE, singular=singular)
+    if singular == 6:
+        reduced = type(reduced)(reduced.R, reduced.rho, 2.0, 1000, 2.0)
+    fit = fit_reduced(reduced, FeasibleSet(two_links))
+    assert fit.squared_residual == pytest.approx(2.0, rel=1e-5)
+    assert np.abs(fit.parameters).max() < 10
+
+
+def test_closest_to_cad(stand_in, data, point_cloud_parameters, inertial_symbols):
+    rng = np.random.default_rng(14)
+    cad = np.full(22, np.nan)
+    cad[:10] = point_cloud_parameters(np.full(8, 0.5), 0.2 * rng.normal(size=(8, 3)))
+    cad[11:21] = point_cloud_parameters(np.full(8, 0.4), 0.3 * rng.normal(size=(8, 3)))
+    names = [f"{s}{i}" for i in (1, 2) for s in (*inertial_symbols, "Fvj")]
+    combinations = [[(1.0, "Lzz1"), (1.0, "m2")], [(1.0, "Fvj1")], [(1.0, "Lzz2")], [(1.0, "lx2")], [(1.0, "ly2")]]
+    combinations.append([(1.0, "Fvj2")])
+    model = stand_in(names, combinations, ("upper arm", "forearm"), ("Fvj",), cad)
+    truth = np.where(np.isnan(cad), 0.3, cad)
+    fit = fit_reduced(data(FeasibleSet(model).K @ truth), FeasibleSet(model), "cad")
+    np.testing.assert_allclose(fit.parameters, truth, atol=2e-3)
+    assert any("closest to CAD" in remark for remark in fit.remarks)
+
+
+def test_bad_options_are_refused(two_links, data, reduced_regression):
+    feasible, reduced = FeasibleSet(two_links), data(POSSIBLE)
+    with pytest.raises(InputError, match='"lightest", "cad" or None'):
+        fit_reduced(reduced, feasible, "heaviest")
+    with pytest.raises(InputError, match="needs inertial parameters in the robot description"):
+        fit_reduced(reduced, feasible, "cad")
+    with pytest.raises(InputError, match="tolerance must be a number of at least 0"):
+        fit_reduced(reduced, feasible, tolerance=-1.0)
+    with pytest.raises(InputError, match="belongs to another model"):
+        fit_reduced(reduced_regression(np.eye(5), np.ones(5), 1.0, 10, 6.0), feasible)
+    contradiction = FeasibleSet(two_links, constraints=[TotalMass(maximum=1.0), TotalMass(minimum=2.0)])
+    with pytest.raises(SolverError, match="loosen the constraints"):
+        fit_reduced(reduced, contradiction)
+
+
+def test_robots_of_tonnes_have_room(two_links, data):
+    feasible = FeasibleSet(two_links, constraints=[TotalMass(equal=3000.0)])
+    fit = fit_reduced(data(POSSIBLE), feasible)
+    assert fit.total_mass == pytest.approx(3000.0)
+    assert fit.mass_bound >= 3000.0

@@ -1,0 +1,81 @@
+import numpy as np
+import pytest
+
+from steelyard.dynamics import Coulomb, Model, Viscous
+from steelyard.errors import InputError
+from steelyard.feasibility import FeasibleSet, check, fit
+from steelyard.recording import Samples
+from steelyard.regression import Estimate, Information, least_squares
+from steelyard.robot import Robot
+
+
+@pytest.fixture(scope="module")
+def arm():
+    rows = [("-pi/2", 0.0, 0.3, "q"), ("0", 0.5, 0.0, "q"), ("pi/2", 0.3, 0.0, "q")]
+    return Model(Robot.from_dh(rows, name="arm").with_terms(Viscous(), Coulomb()))
+
+
+@pytest.fixture(scope="module")
+def truth(arm, point_cloud_parameters):
+    rng = np.random.default_rng(20)
+    values = {}
+    for link in range(3):
+        body = point_cloud_parameters(rng.uniform(0.1, 0.5, 8), 0.15 * rng.normal(size=(8, 3)))
+        symbols = "Lxx Lxy Lxz Lyy Lyz Lzz lx ly lz m".split()  # noqa: SIM905
+        values |= {f"{symbol}{link + 1}": value for symbol, value in zip(symbols, body, strict=True)}
+        values |= {f"Fvj{link + 1}": 0.4, f"Fcj{link + 1}": 0.2}
+    return np.array([values[name] for name in arm.parameter_names])
+
+
+def information(arm, truth, noise, count=400):
+    rng = np.random.default_rng(21)
+    q, dq, ddq = rng.normal(size=(3, count, 3)) * np.array([1.5, 1.5, 4.0])[:, None, None]
+    torque = arm.inverse_dynamics(q, dq, ddq, truth) + noise * rng.normal(size=(count, 3)) * [1.0, 0.5, 0.2]
+    return Information.from_samples(arm, Samples(q=q, dq=dq, ddq=ddq, torque=torque))
+
+
+@pytest.mark.parametrize("weights", ["joint", None, [1.0, 2.0, 5.0]])
+def test_exact_data_give_the_true_robot_back(arm, truth, weights):
+    info = information(arm, truth, 0.0)
+    estimate = fit(info, FeasibleSet(arm), weights)
+    np.testing.assert_allclose(estimate.base, arm.base_parameters().K @ truth, atol=1e-4)
+    assert estimate.relative_error < 1e-5
+    np.testing.assert_allclose(estimate.damping, 0.4, atol=1e-4)
+    np.testing.assert_allclose(estimate.friction, 0.2, atol=1e-4)
+
+
+@pytest.mark.parametrize("consistency", ["inertia", "full"])
+def test_noisy_data_give_a_feasible_robot(arm, truth, consistency):
+    info = information(arm, truth, 3.0)
+    feasible = FeasibleSet(arm, consistency)
+    assert check(feasible, base=least_squares(info, "joint").base).status == "infeasible"
+    estimate = fit(info, feasible)
+    assert feasible.contains(estimate.parameters)
+    assert estimate.relative_error >= least_squares(info).relative_error
+    assert estimate.relative_error < 1.05 * least_squares(info).relative_error
+    assert estimate.joint_relative_error.shape == (3,)
+    assert np.all(estimate.damping >= 0)
+
+
+def test_feasible_least_squares_stay_what_they_are(arm, truth):
+    info = information(arm, truth, 1e-3)
+    plain = least_squares(info, "joint")
+    assert check(FeasibleSet(arm), base=plain.base).status == "feasible"
+    estimate = fit(info, FeasibleSet(arm))
+    assert np.all(np.abs(estimate.base - plain.base) < 0.05 * plain.standard_deviation)
+    np.testing.assert_allclose(estimate.standard_deviation, plain.standard_deviation, rtol=1e-4)
+
+
+def test_estimate_survives_the_disk(arm, truth, tmp_path):
+    estimate = fit(information(arm, truth, 3.0), FeasibleSet(arm))
+    estimate.save(tmp_path / "estimate.json")
+    loaded = Estimate.load(tmp_path / "estimate.json")
+    np.testing.assert_array_equal(loaded.parameters, estimate.parameters)
+    assert loaded.certificate["kind"] == "feasible"
+    assert loaded.remarks == estimate.remarks
+
+
+def test_data_of_another_model_is_refused(arm, truth):
+    other = Model(Robot.from_dh([("0", 0.0, 0.0, "q")]))
+    with pytest.raises(InputError, match="belongs to another model"):
+        fit(information(arm, truth, 1.0), FeasibleSet(other))
