@@ -1,0 +1,54 @@
+"""``steelyard identify``."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from .terminal import progress, show_identification
+
+__all__ = ["identify"]
+
+
+def identify(
+    robot: Annotated[Path, typer.Argument(help="URDF or robot.toml.")],
+    logs: Annotated[
+        list[str], typer.Argument(metavar="LOG...", help="CSV, Parquet or NPZ; files recorded side by side: a.csv+b.csv.")
+    ],
+    output: Annotated[Path, typer.Option("--output", "-o", help="Folder for the results.")],
+    validate: Annotated[
+        list[str] | None, typer.Option("--validate", help="Log that is predicted without refitting; may be repeated.")
+    ] = None,
+    consistency: Annotated[str, typer.Option(help="full or inertia: what counts as physically possible.")] = "full",
+    weights: Annotated[str, typer.Option(help="joint or none: how the joints are weighted.")] = "joint",
+    prefer: Annotated[
+        str, typer.Option(help="auto, cad or lightest: the choice among near-equal answers (auto: cad where there is one).")
+    ] = "auto",
+    tolerance: Annotated[
+        float, typer.Option(help="Fraction of the squared residual that this choice may cost.", min=0.0, max=1.0)
+    ] = 5e-4,
+    chunk_rows: Annotated[int, typer.Option(help="Rows of a log that stand in memory together.", min=1000)] = 200_000,
+) -> None:
+    """Identify a robot's dynamic parameters from its logs, physically feasible, with a report."""
+    from steelyard.identification import identify as run
+    from steelyard.report import require_folder, save_results
+
+    require_folder(output)
+    with progress() as say:
+        result = run(
+            robot,
+            logs,
+            validate=validate or [],
+            consistency=consistency,
+            weights=None if weights == "none" else weights,
+            prefer=prefer,
+            tolerance=tolerance,
+            chunk_rows=chunk_rows,
+            progress=say,
+        )
+        say("writing the report")
+        save_results(result, output)
+    show_identification(result)
+    typer.echo(f"Look at {output / 'report.html'}")

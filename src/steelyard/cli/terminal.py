@@ -1,0 +1,120 @@
+"""How results look in a terminal."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+if TYPE_CHECKING:
+    from rich.table import Table
+
+    from steelyard.dynamics import Model
+    from steelyard.identification import Identification
+
+__all__ = ["progress", "show_identification", "show_model"]
+
+
+@contextmanager
+def progress() -> Iterator[Callable[[str], None]]:
+    """Show each step with the time it began, on standard error."""
+    from rich.console import Console
+
+    console = Console(stderr=True, highlight=False)
+    begin = time.perf_counter()
+
+    def say(text: str) -> None:
+        console.print(f"[dim]{time.perf_counter() - begin:6.2f} s[/dim]  ", end="")
+        console.print(text, markup=False)
+
+    yield say
+
+
+def _table(title: str, *columns: str) -> Table:
+    from rich import box
+    from rich.table import Table
+
+    table = Table(title=title, title_justify="left", box=box.SIMPLE_HEAD)
+    for number, name in enumerate(columns):
+        table.add_column(name, justify="left" if number == 0 else "right")
+    return table
+
+
+def show_identification(result: Identification) -> None:
+    """Print verdict, errors per joint, infeasible links and remarks."""
+    from rich.console import Console
+    from rich.text import Text
+
+    console = Console(highlight=False)
+    for prediction in result.predictions:
+        table = _table(f"Relative error of the torque, {prediction.role}: {prediction.name}", "joint", "least squares", "feasible")
+        pairs = zip(
+            result.estimate.joint_names,
+            prediction.joint_unconstrained_error,
+            prediction.joint_feasible_error,
+            strict=True,
+        )
+        for name, before, after in pairs:
+            table.add_row(Text(name), f"{before:.2%}", f"{after:.2%}")
+        table.add_row("all", f"{prediction.unconstrained_error:.2%}", f"{prediction.feasible_error:.2%}", style="bold")
+        console.print(table)
+    console.print(Text("Plain least squares: " + str(result.verdict)))
+    mass = result.total_mass
+    console.print(
+        Text(
+            f"Steelyard's answer: every link is physically possible ({result.estimate.consistency}), total moving mass "
+            f"{mass:.4g} kg, relative error {result.estimate.relative_error:.2%}."
+        )
+    )
+    console.print(
+        Text(
+            f"Excitation: condition number {result.information.condition_number:.4g}, "
+            f"{result.information.base_count} base parameters, {len(result.weak)} of them weakly shown by the data."
+        )
+    )
+    for remark in (*result.estimate.remarks, *result.remarks):
+        console.print(Text(f"Note: {remark}"))
+
+
+def show_model(model: Model, consistency: str) -> None:
+    """Print joints, parameters, base parameters, operation counts and the verdict on the CAD."""
+    from rich.console import Console
+    from rich.text import Text
+
+    from steelyard.feasibility import FeasibleSet, check
+
+    console = Console(highlight=False)
+    robot, base = model.robot, model.base_parameters()
+    table = _table(
+        f"{robot.name}: {robot.dof} joints, {len(robot.links)} moving links",
+        *("joint", "kind", "moves", "mass kg", "lower", "upper", "damping", "friction"),
+    )
+    for joint, link in zip(robot.joints, robot.links, strict=True):
+        mass = "unknown" if link.inertia is None else f"{link.inertia.mass:.5g}"
+        numbers = (joint.lower, joint.upper, joint.damping, joint.friction)
+        name = joint.name if joint.mimics is None else f"{joint.name} (mimics {joint.mimics})"
+        cells = [f"{x:.4g}" if np.isfinite(x) else "-" for x in numbers]
+        table.add_row(Text(name), joint.kind, Text(link.name), mass, *cells)
+    console.print(table)
+    console.print(Text(f"Terms: {', '.join(t.kind for t in robot.terms) or 'none'}"))
+    console.print(Text(f"{model.parameter_count} parameters, {base.count} base parameters (rank gap {base.gap:.1e})"))
+    for number, expression in enumerate(base.expressions, start=1):
+        console.print(Text(f"  {number:3d}  {expression}"))
+    table = _table("Operations a sample", "function", "multiplications", "additions", "sines and cosines")
+    for label, count in (
+        ("inverse dynamics", model.operation_count("inverse_dynamics")),
+        ("regressor", model.operation_count("regressor")),
+        ("base regressor", model.operation_count("regressor", base=True)),
+    ):
+        table.add_row(label, str(count["mul"]), str(count["add"]), str(count["sin"] + count["cos"]))
+    console.print(table)
+    parameters = np.asarray(robot.parameters)
+    links = np.concatenate([np.arange(c[0], c[0] + 10) for c in model.link_columns])
+    if np.isnan(parameters[links]).any():
+        console.print(Text("CAD: the description gives no inertia for some links, so there is nothing to check."))
+        return
+    feasible = FeasibleSet(model, consistency, terms=False)
+    console.print(Text("CAD: " + str(check(feasible, parameters=np.nan_to_num(parameters)))))

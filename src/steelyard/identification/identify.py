@@ -1,0 +1,260 @@
+"""The main job: from a robot and its logs to a physically feasible model."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import replace
+from pathlib import Path
+from typing import Any, Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+from steelyard.dynamics import Model
+from steelyard.errors import InputError
+from steelyard.feasibility import FeasibleSet, check, constraints_from_dict, fit
+from steelyard.recording import LogColumns, Processing, Recording, Samples, process_chunks
+from steelyard.regression import Estimate, Information, least_squares
+from steelyard.robot import RobotFile
+
+from .result import Identification, Prediction, Trace
+from .swapped import swapped_torques
+
+__all__ = ["identify"]
+
+Array = NDArray[np.float64]
+_TRACE_POINTS = 1200
+Progress = Callable[[str], None]
+
+
+def identify(
+    robot: str | Path | RobotFile,
+    logs: Sequence[str | Path],
+    *,
+    validate: Sequence[str | Path] = (),
+    weights: Literal["joint"] | None = "joint",
+    consistency: Literal["full", "inertia"] = "full",
+    prefer: Literal["auto", "lightest", "cad"] | None = "auto",
+    tolerance: float = 5e-4,
+    chunk_rows: int = 200_000,
+    progress: Progress | None = None,
+) -> Identification:
+    """Identify the dynamic parameters of a robot from its logs.
+
+    The logs are processed chunk by chunk and reduced to an Information, from which the unconstrained estimate, its
+    verdict and the feasible estimate come without the data.
+
+    Parameters
+    ----------
+    robot : str, Path or RobotFile
+        A URDF, or a robot.toml with terms, log columns, processing and constraints.
+    logs : sequence of path
+        Each is one recording; files recorded side by side are joined by ``+``.
+    validate : sequence of path
+        Logs on which both estimates are tried without refitting.
+    weights : {"joint", None}
+        See :func:`steelyard.least_squares`.
+    consistency : {"full", "inertia"}
+        See :class:`steelyard.FeasibleSet`.
+    prefer : {"auto", "lightest", "cad", None}
+        See :func:`steelyard.fit`; ``"auto"`` is ``"cad"`` where the description has a mass for every link, otherwise
+        ``"lightest"``.
+    tolerance : float
+        See :func:`steelyard.fit`.
+    chunk_rows : int
+        Rows of a log that stand in memory together.
+    progress : callable, optional
+        Called with a few words before each step.
+
+    Returns
+    -------
+    Identification
+
+    Raises
+    ------
+    InputError
+        If the robot, a log or an option cannot be used; the message says why and what to do.
+    """
+    say = progress or (lambda _: None)
+    if not logs:
+        raise InputError("At least one log is needed to identify a robot; give the path of a CSV, Parquet or NPZ file.")
+    file = robot if isinstance(robot, RobotFile) else RobotFile.load(robot)
+    model = Model.from_file(file)
+    reader = _Reader(file, model, chunk_rows)
+    constraints = constraints_from_dict(file.section("constraints"))
+    feasible = FeasibleSet(model, consistency, list(constraints))
+
+    say(f"{model.robot.name}: {model.joint_count} joints, {model.base_parameters().count} base parameters")
+    parts: list[tuple[str, str, Information, _Thinned]] = []
+    for role, group in (("identification", logs), ("validation", validate)):
+        for log in group:
+            say(f"reading {log}")
+            parts.append((str(log), role, *reader.reduce(log)))
+    information = _total([p[2] for p in parts if p[1] == "identification"])
+    _require_excitation(information, model)
+
+    say("least squares")
+    unconstrained = least_squares(information, weights)
+    say("is it physically possible?")
+    verdict = check(feasible, base=unconstrained.base)
+    if prefer == "auto":
+        prefer = "cad" if _has_cad(model) else "lightest"
+    say("feasible fit")
+    estimate = fit(information, feasible, weights=weights, prefer=prefer, tolerance=tolerance)
+    estimate = replace(estimate, description=reader.description)
+    predictions = tuple(_predict(model, unconstrained, estimate, *part) for part in parts)
+    remarks = dict.fromkeys(reader.remarks)
+    remarks.update(dict.fromkeys(swapped_torques(model, parts[0][3].samples, unconstrained)))
+    return Identification(
+        model=model,
+        information=information,
+        feasible_set=feasible,
+        unconstrained=unconstrained,
+        verdict=verdict,
+        estimate=estimate,
+        predictions=predictions,
+        weak=_weak(unconstrained),
+        remarks=tuple(remarks),
+        robot_file=file.path,
+        logs=tuple(map(str, logs)),
+        validation_logs=tuple(map(str, validate)),
+        options={
+            "weights": weights,
+            "consistency": consistency,
+            "prefer": prefer,
+            "tolerance": tolerance,
+            "margin": feasible.margin,
+            "chunk_rows": chunk_rows,
+            "log": reader.columns.to_dict(),
+            "processing": reader.processing.to_dict(),
+            "constraints": file.section("constraints"),
+        },
+    )
+
+
+class _Reader:
+    """Reads logs as the robot file says, keeps what was remarked."""
+
+    def __init__(self, file: RobotFile, model: Model, chunk_rows: int) -> None:
+        self.model = model
+        self.chunk_rows = chunk_rows
+        self.columns = LogColumns.from_dict(file.section("log"), f"{file.path}, [log]")
+        self.processing = Processing.from_dict(file.section("processing"), f"{file.path}, [processing]")
+        self.remarks: list[str] = []
+        self.description = dict(getattr(file, "description", {}))
+
+    def reduce(self, log: str | Path) -> tuple[Information, _Thinned]:
+        """Reduce one log, and keep a thinned copy of its samples."""
+        thinned = _Thinned()
+        information = Information.from_chunks(self.model, self._watched(log, thinned))
+        return information, thinned
+
+    def _watched(self, log: str | Path, thinned: _Thinned) -> Iterator[Samples]:
+        robot = self.model.robot
+        driving = [robot.joints[i] for i in robot.driving_joints]
+        limits = [[getattr(j, name) for j in driving] for name in ("lower", "upper", "velocity_limit")]
+        names = tuple(robot.joint_names)
+        first = True
+        for samples in self._samples(log):
+            if first and samples.t is not None and samples.count > 2:
+                recording = Recording(t=samples.t, q=samples.q, torque=samples.torque, source=str(log), joint_names=names)
+                self.remarks.extend(f"{log}: {remark}" for remark in recording.check_against(*limits, names))
+                first = False
+            self.remarks.extend(f"{log}: {remark}" for remark in samples.remarks)
+            thinned.add(samples)
+            yield samples
+
+    def _samples(self, log: str | Path) -> Iterator[Samples]:
+        joints = list(self.model.robot.joint_names)
+        if self.processing.resample:  # an uneven log has to be seen whole
+            yield self.processing.apply(Recording.read(log, self.columns, joints))
+        else:
+            yield from process_chunks(log, self.columns, self.processing, self.chunk_rows, joints)
+
+
+class _Thinned:
+    """Every k-th sample of a stream, with k doubling as the stream grows."""
+
+    def __init__(self) -> None:
+        self.every, self.seen = 1, 0
+        self.parts: list[tuple[Array, ...]] = []
+
+    def add(self, samples: Samples) -> None:
+        count = samples.count
+        start = -self.seen % self.every
+        rows = slice(start, count, self.every)
+        t = np.arange(self.seen, self.seen + count, dtype=float) if samples.t is None else samples.t
+        part = (t[rows], samples.q[rows], samples.dq[rows], samples.ddq[rows], samples.torque[rows])
+        self.parts.append(tuple(a.copy() for a in part))
+        self.seen += count
+        while sum(len(p[0]) for p in self.parts) > 2 * _TRACE_POINTS:
+            whole = tuple(np.concatenate(columns)[::2] for columns in zip(*self.parts, strict=True))
+            self.parts = [whole]
+            self.every *= 2
+
+    @property
+    def t(self) -> Array:
+        return np.concatenate([p[0] for p in self.parts])
+
+    @property
+    def samples(self) -> Samples:
+        q, dq, ddq, torque = (np.concatenate([p[i] for p in self.parts]) for i in range(1, 5))
+        return Samples(q=q, dq=dq, ddq=ddq, torque=torque)
+
+
+def _total(parts: list[Information]) -> Information:
+    total = parts[0]
+    for part in parts[1:]:
+        total = total + part
+    return total
+
+
+def _require_excitation(information: Information, model: Model) -> None:
+    rows = information.count
+    if rows <= information.base_count:
+        raise InputError(
+            f"The logs leave {rows} rows for {information.base_count} base parameters of {model.robot.name}; "
+            "record a longer motion, trim less or lower velocity_threshold."
+        )
+
+
+def _has_cad(model: Model) -> bool:
+    parameters = np.asarray(model.robot.parameters)
+    return all(parameters[columns[9]] > 0.0 for columns in model.link_columns)
+
+
+def _weak(estimate: Estimate) -> tuple[str, ...]:
+    relative = estimate.relative_standard_deviation
+    return tuple(name for name, s in zip(estimate.base_expressions, relative, strict=True) if not s < 1.0)
+
+
+def _predict(
+    model: Model,
+    unconstrained: Estimate,
+    estimate: Estimate,
+    name: str,
+    role: str,
+    information: Information,
+    thinned: _Thinned,
+) -> Prediction:
+    samples = thinned.samples
+    motion = (samples.q, samples.dq, samples.ddq)
+    pick = model.base_parameters().Pb  # parameters Pb beta move the robot as beta does
+    trace = Trace(
+        thinned.t,
+        samples.torque,
+        model.inverse_dynamics(*motion, pick @ unconstrained.base),
+        model.inverse_dynamics(*motion, pick @ estimate.base),
+    )
+    return Prediction(
+        name=name,
+        role=role,
+        row_count=information.count,
+        unconstrained_error=information.relative_error(unconstrained.base),
+        feasible_error=information.relative_error(estimate.base),
+        joint_unconstrained_error=information.joint_relative_error(unconstrained.base),
+        joint_feasible_error=information.joint_relative_error(estimate.base),
+        trace=trace,
+    )
+
+
