@@ -11,6 +11,7 @@ from numpy.typing import ArrayLike, NDArray
 __all__ = ["BaseParameters", "base_parameters_of"]
 
 Matrix = NDArray[np.float64]
+_CLEAR_GAP = 100.0
 
 
 @dataclass(frozen=True, eq=False)
@@ -29,7 +30,7 @@ class BaseParameters:
         (n_b, n_d): ``H_d = H_b Kd`` (thesis eq. 2.47).
     gap : float
         How clearly the rank shows: the smallest relative distance of an independent column from those left of it,
-        over the largest one of a dependent column. Far above 1e3 is clear.
+        over the largest one of a dependent column (or rounding, if that is larger). Above 100 is clear.
 
     Examples
     --------
@@ -102,8 +103,9 @@ class BaseParameters:
 def base_parameters_of(regressor: Matrix, parameter_names: tuple[str, ...]) -> BaseParameters:
     """Find the left-most independent columns of a regressor, and the others in terms of them.
 
-    Columns are scaled to length one; each is independent or not by its distance from the span of those before it.
-    Where to draw the line is decided by the widest gap between these distances, and the gap is reported.
+    Each column is independent or not by its distance from the span of those left of it, relative to its own length or
+    to that of a typical column, whichever is longer: what the motion hardly shows does not count. Where to draw the
+    line is decided by a gap between these distances, looked for from 1e-4 down, and the gap is reported.
 
     Parameters
     ----------
@@ -116,27 +118,30 @@ def base_parameters_of(regressor: Matrix, parameter_names: tuple[str, ...]) -> B
     BaseParameters
     """
     lengths = np.linalg.norm(regressor, axis=0)
-    negligible = 1e-12 * (lengths.max(initial=0.0) or 1.0)
-    present = np.flatnonzero(lengths > negligible)
-    scaled = regressor[:, present] / lengths[present]
-    factor = np.linalg.qr(scaled, mode="r") if len(present) else np.zeros((0, 0))
-    best: tuple[float, NDArray[np.intp]] = (0.0, np.zeros(0, dtype=np.intp))
+    present = np.flatnonzero(lengths > 0.0)
+    typical = float(np.median(lengths[present])) if len(present) else 1.0
+    scale = np.maximum(lengths[present], typical)
+    factor = np.linalg.qr(regressor[:, present] / scale, mode="r") if len(present) else np.zeros((0, 0))
+    best: tuple[float, float, NDArray[np.intp]] = (0.0, 0.0, np.zeros(0, dtype=np.intp))
     for exponent in range(4, 13):
         distances = _distances(factor, 10.0**-exponent)
         chosen = distances > 10.0**-exponent
-        largest_left = max(float(distances[~chosen].max(initial=0.0)), 1e-15)
-        gap = float(distances[chosen].min(initial=1.0)) / largest_left
-        if gap > 1.5 * best[0]:
-            best = (gap, np.flatnonzero(chosen))
-    gap, kept = best
+        dropped = max(float(distances[~chosen].max(initial=0.0)), 1e-15)
+        gap = float(distances[chosen].min(initial=1.0)) / dropped
+        if gap > best[0]:
+            best = (gap, dropped, np.flatnonzero(chosen))
+        if gap > _CLEAR_GAP:
+            break
+    gap, dropped, kept = best
     independent = present[kept]
     dependent = np.setdiff1d(np.arange(len(parameter_names)), independent)
     combinations = np.zeros((len(independent), len(dependent)))
     rest = np.setdiff1d(np.arange(len(present)), kept)
     if len(rest) and len(kept):
         solved = np.linalg.lstsq(factor[:, kept], factor[:, rest], rcond=None)[0]
-        solved = solved / lengths[independent][:, None] * lengths[present[rest]][None, :]
-        combinations[:, np.searchsorted(dependent, present[rest])] = _rounded(solved, gap)
+        solved[np.abs(solved) < 10.0 * dropped] = 0.0
+        solved = solved / scale[kept][:, None] * scale[rest][None, :]
+        combinations[:, np.searchsorted(dependent, present[rest])] = _rounded(solved)
     return BaseParameters(parameter_names, independent, dependent, combinations, gap)
 
 
@@ -157,9 +162,9 @@ def _distances(factor: Matrix, threshold: float) -> Matrix:
     return distances
 
 
-def _rounded(values: Matrix, gap: float) -> Matrix:
+def _rounded(values: Matrix) -> Matrix:
     """Round to the shortest decimal within the noise of the computation."""
-    noise = np.maximum(1.0, np.abs(values)) * min(1e-9, max(1e-11, 10.0 / gap))
+    noise = 1e-11 * np.maximum(1.0, np.abs(values))
     result = values.copy()
     open_ = np.ones(values.shape, dtype=bool)
     for digits in range(12):

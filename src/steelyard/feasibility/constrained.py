@@ -28,7 +28,7 @@ TRACE_PER_MASS = 100.0
 """Bound on the sum of the traces of all blocks, for each kg of the mass bound."""
 
 TIE_TOLERANCES = (1e-8, 1e-6)
-"""What the preferred answer may cost, relative to the squared residual, where the optimum is attained; the second where
+"""What the preferred answer may cost, relative to the squared residual, where least squares is feasible; the second where
 the solver finds no answer within the first."""
 
 RIDGE = 1e-12
@@ -83,8 +83,8 @@ def fit_reduced(
 
     First the least residual with a bound on the total mass, since the residual of a robot's data often keeps falling
     as unidentifiable masses grow without end. Then, among all answers whose squared residual is at most (1 + tolerance)
-    times the least one, the preferred; where the optimum is attained below the bound the tolerance is not spent, and
-    only ties (to 1e-8) are decided by preference.
+    times the least one, the preferred; where plain least squares is feasible the tolerance is not
+    spent, and only ties (to 1e-8) are decided by preference.
 
     Parameters
     ----------
@@ -94,7 +94,7 @@ def fit_reduced(
     prefer : {"lightest", "cad", None}
         ``None`` returns the first stage as it is.
     tolerance : float
-        Fraction of the squared residual that may be spent where no optimum is attained.
+        Fraction of the squared residual that may be spent where plain least squares is infeasible.
 
     Returns
     -------
@@ -124,7 +124,8 @@ def fit_reduced(
         attained = not regression.stopped_by_bound(first, found, bound)
         iterations = first.iterations
         if preference is not None:
-            for spent in TIE_TOLERANCES if attained or tolerance < TIE_TOLERANCES[0] else (tolerance,):
+            ties = regression.least_squares_is_feasible(best) or tolerance < TIE_TOLERANCES[0]
+            for spent in TIE_TOLERANCES if ties else (tolerance,):
                 second = regression.preferred(preference, margin, best * (1 + spent), bound, found)
                 iterations += second.iterations
                 candidate = regression.parameters(second)
@@ -265,6 +266,10 @@ class _Regression:
         P = sparse.csc_array(sparse.block_diag([sparse.csc_array((rows, rows), dtype=float), P], format="csc"))
         return solve(self._problem(P, np.concatenate([np.zeros(rows), q]), margin, 2 * bound, radius))
 
+    def least_squares_is_feasible(self, best: float) -> bool:
+        """Whether the conditions cost nothing, so that the base parameters are those of plain least squares."""
+        return best <= float(self.reduced.residual2) * (1 + 1e-7) + self.tiny
+
     def report(
         self,
         parameters: Vector,
@@ -288,7 +293,7 @@ class _Regression:
             if prefer is None:
                 remarks.append(f"The answer lies at that bound, with a total mass of {mass:.4g} kg.")
         chosen = {"lightest": "the lightest", "cad": "the closest to CAD"}
-        if prefer is not None and not attained:
+        if prefer is not None and not self.least_squares_is_feasible(best):
             remarks.append(
                 f"Among all answers within {100 * tolerance:g} % of the least squared residual this is "
                 f"{chosen[prefer]}: total mass {mass:.4g} kg, at a price of "

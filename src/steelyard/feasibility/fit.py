@@ -24,9 +24,10 @@ def fit(
 ) -> Estimate:
     """Fit the data among physically possible parameters alone (thesis 3.53, 3.58).
 
-    Where the residual has no optimum, because it keeps falling as masses that the motion does not show grow without
-    end, the answer is the preferred one among all whose squared residual is at most (1 + tolerance) times the least one
-    below a mass bound; its remarks say so. Where it has one, the preference chooses among its standard parameters only.
+    Where plain least squares is infeasible, many answers fit nearly as well, and the best of all may not even exist,
+    because the residual keeps falling as masses that the motion does not show grow without end. So the answer is the
+    preferred one among all whose squared residual is at most (1 + tolerance) times the least one below a mass bound;
+    its remarks say so. Where least squares is feasible, the preference chooses among its standard parameters only.
 
     Parameters
     ----------
@@ -38,7 +39,7 @@ def fit(
     prefer : {"lightest", "cad", None}
         Least total mass; closest to the inertial parameters of CAD; or what the solver returns within the mass bound.
     tolerance : float
-        Fraction of the squared residual that may be spent where no optimum is attained.
+        Fraction of the squared residual that may be spent where plain least squares is infeasible.
 
     Returns
     -------
