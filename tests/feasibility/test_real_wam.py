@@ -41,7 +41,9 @@ def test_lightest_full_answer_weighs_what_the_robot_weighs(real_wam):
 def test_mass_bound_makes_it_well_posed(real_wam):
     model, reduced = real_wam
     fits = [
-        fit_reduced(reduced, FeasibleSet(model, "full", [TotalMass(maximum=27.0)], margin=margin), prefer, tolerance=0.0)
+        fit_reduced(
+            reduced, FeasibleSet(model, "full", [TotalMass(maximum=27.0)], margin=margin), prefer, tolerance=0.0
+        )
         for prefer in ("lightest", None)
         for margin in (1e-6, 1e-7)
     ]

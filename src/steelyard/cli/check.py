@@ -7,18 +7,20 @@ from typing import Annotated
 
 import typer
 
+from .choices import Consistency
+
 __all__ = ["check"]
 
 
 def check(
     robot: Annotated[Path, typer.Argument(help="URDF or robot.toml.")],
     estimate: Annotated[Path, typer.Argument(help="estimate.json.")],
-    consistency: Annotated[str, typer.Option(help="full or inertia: what counts as physically possible.")] = "full",
+    consistency: Consistency = Consistency.FULL,
 ) -> None:
     """Tell whether a robot with these parameters could exist: exit 0 feasible, 1 infeasible, 2 bad input."""
     from steelyard.identification import check_estimate
 
-    verdict = check_estimate(robot, estimate, consistency)
+    verdict = check_estimate(robot, estimate, consistency.value)
     typer.echo(str(verdict))
     if not verdict.feasible:
         raise typer.Exit(1)

@@ -7,6 +7,7 @@ from typing import Annotated
 
 import typer
 
+from .choices import Consistency, Preference, Weights
 from .terminal import progress, show_identification
 
 __all__ = ["identify"]
@@ -15,17 +16,18 @@ __all__ = ["identify"]
 def identify(
     robot: Annotated[Path, typer.Argument(help="URDF or robot.toml.")],
     logs: Annotated[
-        list[str], typer.Argument(metavar="LOG...", help="CSV, Parquet or NPZ; files recorded side by side: a.csv+b.csv.")
+        list[str],
+        typer.Argument(metavar="LOG...", help="CSV, Parquet or NPZ; files recorded side by side: a.csv+b.csv."),
     ],
     output: Annotated[Path, typer.Option("--output", "-o", help="Folder for the results.")],
     validate: Annotated[
         list[str] | None, typer.Option("--validate", help="Log that is predicted without refitting; may be repeated.")
     ] = None,
-    consistency: Annotated[str, typer.Option(help="full or inertia: what counts as physically possible.")] = "full",
-    weights: Annotated[str, typer.Option(help="joint or none: how the joints are weighted.")] = "joint",
+    consistency: Consistency = Consistency.FULL,
+    weights: Annotated[Weights, typer.Option(help="How the joints are weighted.")] = Weights.JOINT,
     prefer: Annotated[
-        str, typer.Option(help="auto, cad or lightest: the choice among near-equal answers (auto: cad where there is one).")
-    ] = "auto",
+        Preference, typer.Option(help="The choice among near-equal answers (auto: closest to CAD where there is one).")
+    ] = Preference.AUTO,
     tolerance: Annotated[
         float, typer.Option(help="Fraction of the squared residual that this choice may cost.", min=0.0, max=1.0)
     ] = 5e-4,
@@ -41,9 +43,9 @@ def identify(
             robot,
             logs,
             validate=validate or [],
-            consistency=consistency,
-            weights=None if weights == "none" else weights,
-            prefer=prefer,
+            consistency=consistency.value,
+            weights="joint" if weights is Weights.JOINT else None,
+            prefer=prefer.value,
             tolerance=tolerance,
             chunk_rows=chunk_rows,
             progress=say,

@@ -7,6 +7,7 @@ from typing import Annotated
 
 import typer
 
+from .choices import Consistency
 from .terminal import show_model
 
 __all__ = ["inspect"]
@@ -14,9 +15,9 @@ __all__ = ["inspect"]
 
 def inspect(
     robot: Annotated[Path, typer.Argument(help="URDF or robot.toml.")],
-    consistency: Annotated[str, typer.Option(help="full or inertia: what counts as physically possible.")] = "full",
+    consistency: Consistency = Consistency.FULL,
 ) -> None:
     """Show joints, parameters, base parameters and operation counts, and whether the CAD is physically possible."""
     from steelyard.dynamics import Model
 
-    show_model(Model.load(robot), consistency)
+    show_model(Model.load(robot), consistency.value)

@@ -5,7 +5,7 @@ from __future__ import annotations
 import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Literal
 
 import numpy as np
 
@@ -50,7 +50,9 @@ def show_identification(result: Identification) -> None:
 
     console = Console(highlight=False)
     for prediction in result.predictions:
-        table = _table(f"Relative error of the torque, {prediction.role}: {prediction.name}", "joint", "least squares", "feasible")
+        table = _table(
+            f"Relative error of the torque, {prediction.role}: {prediction.name}", "joint", "least squares", "feasible"
+        )
         pairs = zip(
             result.estimate.joint_names,
             prediction.joint_unconstrained_error,
@@ -79,7 +81,7 @@ def show_identification(result: Identification) -> None:
         console.print(Text(f"Note: {remark}"))
 
 
-def show_model(model: Model, consistency: str) -> None:
+def show_model(model: Model, consistency: Literal["full", "inertia"]) -> None:
     """Print joints, parameters, base parameters, operation counts and the verdict on the CAD."""
     from rich.console import Console
     from rich.text import Text

@@ -38,7 +38,7 @@ class BaseParameters:
     >>> robot = sy.Robot.from_dh([(0, 1.0, 0, "q"), (0, 1.0, 0, "q")], gravity=(0, -9.81, 0))
     >>> base = sy.Model(robot).base_parameters()
     >>> base.expressions[:2]
-    ('Lzz1 + 2*lx1 + 1*m1 + 1*m2', 'lx1 + 1*m1 + 1*m2')
+    ('Lzz1 - m1 - m2', 'lx1 + m1 + m2')
     """
 
     parameter_names: tuple[str, ...]
@@ -92,7 +92,7 @@ class BaseParameters:
         return tuple(self._expression(row) for row in range(self.count))
 
     def _expression(self, row: int) -> str:
-        text = self.parameter_names[self.independent[row]]
+        text = str(self.parameter_names[self.independent[row]])
         for column in np.flatnonzero(self.Kd[row]):
             coefficient = float(self.Kd[row, column])
             size = f"{abs(coefficient):.8g}*" if abs(coefficient) != 1.0 else ""
@@ -121,7 +121,9 @@ def base_parameters_of(regressor: Matrix, parameter_names: tuple[str, ...]) -> B
     present = np.flatnonzero(lengths > 0.0)
     typical = float(np.median(lengths[present])) if len(present) else 1.0
     scale = np.maximum(lengths[present], typical)
-    factor = np.linalg.qr(regressor[:, present] / scale, mode="r") if len(present) else np.zeros((0, 0))
+    factor: Matrix = np.zeros((0, 0))
+    if len(present):
+        factor = np.asarray(np.linalg.qr(regressor[:, present] / scale, mode="r"))
     best: tuple[float, float, NDArray[np.intp]] = (0.0, 0.0, np.zeros(0, dtype=np.intp))
     for exponent in range(4, 13):
         distances = _distances(factor, 10.0**-exponent)
@@ -164,10 +166,10 @@ def _distances(factor: Matrix, threshold: float) -> Matrix:
 
 def _rounded(values: Matrix) -> Matrix:
     """Round to the shortest decimal within the noise of the computation."""
-    noise = 1e-11 * np.maximum(1.0, np.abs(values))
+    noise = 2e-12 * np.maximum(1.0, np.abs(values))
     result = values.copy()
     open_ = np.ones(values.shape, dtype=bool)
-    for digits in range(12):
+    for digits in range(11):
         short = np.round(values, digits)
         close = open_ & (np.abs(short - values) <= noise)
         result[close] = short[close]

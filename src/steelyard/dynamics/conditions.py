@@ -112,7 +112,12 @@ def model_conditions(robot: Robot, consistency: str) -> tuple[ModelCondition, ..
     for index, link in enumerate(robot.links):
         result.append(
             ModelCondition(
-                f"body of {link.name}", link.name, None, np.zeros((size, size)), np.arange(column, column + 10), coefficients
+                f"body of {link.name}",
+                link.name,
+                None,
+                np.zeros((size, size)),
+                np.arange(column, column + 10),
+                coefficients,
             )
         )
         column += 10

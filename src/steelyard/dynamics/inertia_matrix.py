@@ -6,6 +6,7 @@ from collections.abc import Sequence
 from typing import Any
 
 from steelyard.robot import Robot
+
 from .kinematics import JointFrame, Matrix3, Vector3, add, cross, dot, joint_frames, product, scale, times, transposed
 
 __all__ = ["inertia_matrix"]

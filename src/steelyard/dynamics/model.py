@@ -2,46 +2,26 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from collections.abc import Sequence
 from functools import cached_property
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from steelyard import graph
 from steelyard.errors import InputError
-from steelyard.graph import Graph, InputGroup, Kernel, Node
 from steelyard.robot import Robot, RobotFile
 
-from . import kinematics, newton_euler
+from . import kinematics
 from .base_parameters import BaseParameters, base_parameters_of
 from .conditions import ModelCondition, model_conditions
-from .inertia_matrix import inertia_matrix
+from .functions import BaseColumns, CompiledFunctions
+from .layout import ParameterLayout
 from .terms import term_from_dict
 
-__all__ = ["BaseColumns", "Model"]
+__all__ = ["Model"]
 
 Array = NDArray[np.float64]
-_LARGEST_DENSE = 1500  # outputs beyond which a regressor is compiled without its zeros
-
-
-@dataclass(frozen=True)
-class BaseColumns:
-    """The base regressor without its structural zeros: one kernel, and what its outputs are.
-
-    Attributes
-    ----------
-    kernel : Kernel
-        Reads q, dq, ddq (S, N) each; writes the entries of each sample side by side.
-    joints : tuple of ndarray
-        For each joint, the base parameters on which its torque depends; the kernel's outputs follow in this order.
-    """
-
-    kernel: Kernel
-    joints: tuple[NDArray[np.intp], ...]
 
 
 class Model:
@@ -69,7 +49,8 @@ class Model:
 
     def __init__(self, robot: Robot) -> None:
         self.robot = robot
-        self._kernels: dict[str, Kernel] = {}
+        self._layout = ParameterLayout(robot)
+        self._functions = CompiledFunctions(self._layout)
 
     def __repr__(self) -> str:
         return f"Model({self.robot.name}: {self.robot.dof} joints, {self.parameter_count} parameters)"
@@ -107,7 +88,7 @@ class Model:
     @property
     def parameter_names(self) -> tuple[str, ...]:
         """Names of the n parameters: for each link ten, then those of the terms at its joint (thesis eq. 4.13)."""
-        return tuple(self.robot.parameter_names)
+        return self._layout.names
 
     @property
     def parameter_count(self) -> int:
@@ -165,7 +146,9 @@ class Model:
         still, each = np.zeros((n, n)), np.eye(n)
 
         def own(speed: float) -> Array:
-            torques = self._drive_torque_with_numpy(still, speed * each, still, np.asarray(parameters, dtype=np.float64))
+            torques = self._drive_torque_with_numpy(
+                still, speed * each, still, np.asarray(parameters, dtype=np.float64)
+            )
             return np.diagonal(torques).copy()
 
         forward, backward, faster = own(1.0), own(-1.0), own(2.0)
@@ -185,9 +168,9 @@ class Model:
     def regressor(self, q: ArrayLike, dq: ArrayLike, ddq: ArrayLike) -> Array:
         """Return H(q, dq, ddq) (..., N, n) of thesis eq. 2.22."""
         n, count = self.joint_count, self.parameter_count
-        if n * count <= _LARGEST_DENSE:
+        if not self._functions.regressor_is_sparse:
             return self._evaluate("regressor", (q, dq, ddq)).reshape((*np.shape(q)[:-1], n, count))
-        entries = sorted(self._regressor_nodes)
+        entries = sorted(self._functions.regressor_nodes)
         flat = self._evaluate("regressor", (q, dq, ddq))
         result = np.zeros((*flat.shape[:-1], n, count))
         result[..., [e[0] for e in entries], [e[1] for e in entries]] = flat
@@ -257,36 +240,12 @@ class Model:
             if function != "regressor":
                 raise InputError(f"Operations of base parameters are counted for 'regressor', got {function!r}.")
             return self.base_columns.kernel.operation_count
-        return self.kernel(function).operation_count
+        return self._functions.kernel(function).operation_count
 
     @cached_property
     def base_columns(self) -> BaseColumns:
         """The kernel of the base regressor, which the regression reads joint by joint."""
-        base = self._base
-        position = {int(column): k for k, column in enumerate(base.independent)}
-        by_joint: list[list[tuple[int, Node]]] = [[] for _ in range(self.joint_count)]
-        for (row, column), node in sorted(self._regressor_nodes.items()):
-            if column in position and node is not node.graph.zero:
-                by_joint[row].append((position[column], node))
-        outputs = [node for entries in by_joint for _, node in entries]
-        columns = tuple(np.array([k for k, _ in entries], dtype=np.intp) for entries in by_joint)
-        return BaseColumns(Kernel(self._groups("q", "dq", "ddq"), outputs), columns)
-
-    def kernel(self, function: str) -> Kernel:
-        """Return the compiled function; see `operation_count` for the names."""
-        if function not in self._kernels:
-            builders: dict[str, Callable[[], Kernel]] = {
-                "inverse_dynamics": self._inverse_dynamics_kernel,
-                "regressor": self._regressor_kernel,
-                "inertia_matrix": self._inertia_matrix_kernel,
-                "gravity": self._gravity_kernel,
-                "coriolis": self._coriolis_kernel,
-                "drive_torque": self._drive_torque_kernel,
-            }
-            if function not in builders:
-                raise InputError(f"There is no function {function!r}; there are {', '.join(builders)}.")
-            self._kernels[function] = builders[function]()
-        return self._kernels[function]
+        return self._functions.base_columns(self._base.independent)
 
     @cached_property
     def _base(self) -> BaseParameters:
@@ -300,7 +259,7 @@ class Model:
         return base_parameters_of(regressor.reshape(-1, self.parameter_count), self.parameter_names)
 
     def _regressor_with_numpy(self, q: Array, dq: Array, ddq: Array) -> Array:
-        entries = self._regressor_entries(list(q.T), list(dq.T), list(ddq.T), np)
+        entries = self._layout.regressor(list(q.T), list(dq.T), list(ddq.T), np)
         result = np.zeros((len(q), self.joint_count, self.parameter_count))
         for (row, column), value in entries.items():
             result[:, row, column] = value
@@ -308,127 +267,14 @@ class Model:
 
     def _drive_torque_with_numpy(self, q: Array, dq: Array, ddq: Array, parameters: Array) -> Array:
         torques = np.zeros_like(q)
-        for row, column, value in self._term_entries(list(q.T), list(dq.T), list(ddq.T), np):
+        for row, column, value in self._layout.terms(list(q.T), list(dq.T), list(ddq.T), np):
             torques[:, row] += parameters[column] * value
         return torques
 
     @property
     def link_columns(self) -> tuple[NDArray[np.intp], ...]:
         """For each link the indices of its ten parameters ``Lxx Lxy Lxz Lyy Lyz Lzz lx ly lz m``."""
-        return tuple(self._layout[0])
-
-    @cached_property
-    def _layout(self) -> tuple[list[NDArray[np.intp]], list[int | None]]:
-        """For each link the columns of its ten parameters; for each coordinate the first column of its terms."""
-        robot = self.robot
-        links, firsts = [], [None] * robot.dof
-        driving = {joint: k for k, joint in enumerate(robot.driving_joints)}
-        width = sum(len(term.parameters) for term in robot.terms)
-        column = 0
-        for index in range(len(robot.links)):
-            links.append(np.arange(column, column + 10))
-            column += 10
-            if index in driving:
-                firsts[driving[index]] = column  # type: ignore[call-overload]
-                column += width
-        return links, list(firsts)
-
-    def _regressor_entries(
-        self, q: Sequence[Any], dq: Sequence[Any], ddq: Sequence[Any], algebra: Any
-    ) -> dict[tuple[int, int], Any]:
-        links, _ = self._layout
-        entries = {
-            (row, int(links[column // 10][column % 10])): value
-            for (row, column), value in newton_euler.regressor(self.robot, q, dq, ddq, algebra).items()
-        }
-        for row, column, value in self._term_entries(q, dq, ddq, algebra):
-            entries[row, column] = value
-        return entries
-
-    def _term_entries(
-        self, q: Sequence[Any], dq: Sequence[Any], ddq: Sequence[Any], algebra: Any
-    ) -> list[tuple[int, int, Any]]:
-        _, firsts = self._layout
-        entries = []
-        for k, first in enumerate(firsts):
-            column = first or 0
-            for term in self.robot.terms:
-                for values in term.columns(k, q, dq, ddq, algebra):
-                    entries.extend((row, column, value) for row, value in values.items())
-                    column += 1
-        return entries
-
-    # Kernels
-
-    def _groups(self, *names: str) -> list[InputGroup]:
-        widths = {"parameters": self.parameter_count}
-        return [InputGroup(n, widths.get(n, self.joint_count), uniform=n == "parameters") for n in names]
-
-    def _inputs(self, graph_: Graph, *names: str) -> list[list[Node]]:
-        return [graph_.inputs(group.name, group.width) for group in self._groups(*names)]
-
-    def _link_parameters(self, parameters: Sequence[Any]) -> list[list[Any]]:
-        return [[parameters[c] for c in columns] for columns in self._layout[0]]
-
-    def _add_terms(
-        self, torques: list[Any], q: Sequence[Any], dq: Sequence[Any], ddq: Sequence[Any], parameters: Sequence[Any]
-    ) -> list[Any]:
-        for row, column, value in self._term_entries(q, dq, ddq, graph):
-            torques[row] = torques[row] + parameters[column] * value
-        return torques
-
-    def _inverse_dynamics_kernel(self) -> Kernel:
-        g = Graph()
-        q, dq, ddq, p = self._inputs(g, "q", "dq", "ddq", "parameters")
-        torques = newton_euler.inverse_dynamics(self.robot, q, dq, ddq, self._link_parameters(p), graph)
-        outputs = [g.node(t) for t in self._add_terms(torques, q, dq, ddq, p)]
-        return Kernel(self._groups("q", "dq", "ddq", "parameters"), outputs)
-
-    def _gravity_kernel(self) -> Kernel:
-        g = Graph()
-        q, p = self._inputs(g, "q", "parameters")
-        still = [0.0] * self.joint_count
-        torques = newton_euler.inverse_dynamics(self.robot, q, still, still, self._link_parameters(p), graph)
-        return Kernel(self._groups("q", "parameters"), [g.node(t) for t in torques])
-
-    def _coriolis_kernel(self) -> Kernel:
-        g = Graph()
-        q, dq, p = self._inputs(g, "q", "dq", "parameters")
-        still, weightless = [0.0] * self.joint_count, (0.0, 0.0, 0.0)
-        links = self._link_parameters(p)
-        torques = newton_euler.inverse_dynamics(self.robot, q, dq, still, links, graph, weightless)
-        return Kernel(self._groups("q", "dq", "parameters"), [g.node(t) for t in torques])
-
-    def _drive_torque_kernel(self) -> Kernel:
-        g = Graph()
-        q, dq, ddq, p = self._inputs(g, "q", "dq", "ddq", "parameters")
-        torques = self._add_terms([0.0] * self.joint_count, q, dq, ddq, p)
-        return Kernel(self._groups("q", "dq", "ddq", "parameters"), [g.node(t) for t in torques])
-
-    def _inertia_matrix_kernel(self) -> Kernel:
-        g = Graph()
-        q, p = self._inputs(g, "q", "parameters")
-        matrix = inertia_matrix(self.robot, q, self._link_parameters(p), graph)
-        rows, columns = np.tril_indices(self.joint_count)
-        outputs = [g.node(matrix[i][j]) for i, j in zip(rows, columns, strict=True)]
-        return Kernel(self._groups("q", "parameters"), outputs)
-
-    @cached_property
-    def _regressor_nodes(self) -> dict[tuple[int, int], Node]:
-        g = Graph()
-        q, dq, ddq = self._inputs(g, "q", "dq", "ddq")
-        entries = self._regressor_entries(q, dq, ddq, graph)
-        nodes = {key: g.node(value) for key, value in entries.items()}
-        return {key: node for key, node in nodes.items() if node is not g.zero}
-
-    def _regressor_kernel(self) -> Kernel:
-        nodes = self._regressor_nodes
-        n, count = self.joint_count, self.parameter_count
-        if n * count > _LARGEST_DENSE:
-            return Kernel(self._groups("q", "dq", "ddq"), [nodes[key] for key in sorted(nodes)])
-        zero = next(iter(nodes.values())).graph.zero
-        outputs = [nodes.get((row, column), zero) for row in range(n) for column in range(count)]
-        return Kernel(self._groups("q", "dq", "ddq"), outputs)
+        return self._layout.links
 
     # Shapes
 
@@ -437,7 +283,9 @@ class Model:
         n = self.joint_count
         for array in converted:
             if array.ndim == 0 or array.shape[-1] != n:
-                raise InputError(f"{self.robot.name} has {n} joints: expected arrays of shape (..., {n}), got {array.shape}.")
+                raise InputError(
+                    f"{self.robot.name} has {n} joints: expected arrays of shape (..., {n}), got {array.shape}."
+                )
         try:
             shape = np.broadcast_shapes(*(a.shape for a in converted))
         except ValueError:
@@ -454,5 +302,5 @@ class Model:
                     f"got {vector.shape}."
                 )
             arrays.append(vector)
-        result = self.kernel(function)(*arrays)
-        return result.reshape((*shape, -1)) if len(arrays[0]) else np.empty((*shape, len(self.kernel(function).outputs)))
+        kernel = self._functions.kernel(function)
+        return kernel(*arrays).reshape((*shape, len(kernel.outputs)))

@@ -12,6 +12,7 @@ from dataclasses import dataclass
 from typing import Any
 
 from steelyard.robot import Robot
+
 from .kinematics import ZERO, JointFrame, Matrix3, Vector3, add, cross, dot, joint_frames, scale, times, transposed
 
 __all__ = ["inverse_dynamics", "regressor"]

@@ -6,7 +6,7 @@ import numpy as np
 import numpy.typing as npt
 
 from steelyard.dynamics import Model
-from steelyard.regression import Estimate, Information, joint_weights, standard_deviations
+from steelyard.regression import Estimate, Information, standard_deviations
 
 from .certificate import FeasibilityCertificate
 from .constrained import fit_reduced
@@ -79,7 +79,7 @@ def fit(
     used: Any = weights
     if isinstance(weights, str) and weights == "joint" and not info.by_joint:
         used = None
-    values = None if used is None else joint_weights(info, used)
+    values = None if used is None else info.joint_weights(used)
     problem = info.reduced(values)
     found = fit_reduced(problem, feasible, prefer, tolerance)
 

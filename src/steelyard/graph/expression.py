@@ -198,9 +198,7 @@ class Graph:
             return inner if name == "cos" else self.neg(inner)
         return self._make((name, a.index), name, (a,))
 
-    def _make(
-        self, key: tuple[Any, ...], operation: str, arguments: tuple[Node, ...], value: float | str = ""
-    ) -> Node:
+    def _make(self, key: tuple[Any, ...], operation: str, arguments: tuple[Node, ...], value: float | str = "") -> Node:
         found = self._known.get(key)
         if found is None:
             found = Node(self, len(self.nodes), operation, arguments, value)

@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from steelyard.errors import InputError
+
 from .cache import ObjectCache
 from .expression import Node, operation_count
 from .llvm import InputGroup, llvm_source
@@ -105,6 +106,8 @@ class Kernel:
             out = np.empty(shape)
         elif out.shape != shape or not out.flags.c_contiguous or out.dtype != np.float64:
             raise InputError(f"out must be a C-contiguous float64 array of shape {shape}, got {out.dtype} {out.shape}.")
+        if count == 0:
+            return out
         if count == 1:
             self._run(self.single_function, 1, inputs, out, 1)
             return out

@@ -12,7 +12,9 @@ from .wam import robot_toml, simulated_log, wam_model
 __all__ = ["demonstrate"]
 
 
-def demonstrate(folder: str | Path, *, seed: int = 2014, progress: Callable[[str], None] | None = None) -> Identification:
+def demonstrate(
+    folder: str | Path, *, seed: int = 2014, progress: Callable[[str], None] | None = None
+) -> Identification:
     """Simulate recordings of the WAM on trajectories A and B, identify from A and validate on B.
 
     Parameters

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import replace
 from pathlib import Path
-from typing import Any, Literal
+from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
@@ -141,7 +141,7 @@ class _Reader:
         self.columns = LogColumns.from_dict(file.section("log"), f"{file.path}, [log]")
         self.processing = Processing.from_dict(file.section("processing"), f"{file.path}, [processing]")
         self.remarks: list[str] = []
-        self.description = dict(getattr(file, "description", {}))
+        self.description = dict(file.description)
 
     def reduce(self, log: str | Path) -> tuple[Information, _Thinned]:
         """Reduce one log, and keep a thinned copy of its samples."""
@@ -152,13 +152,17 @@ class _Reader:
     def _watched(self, log: str | Path, thinned: _Thinned) -> Iterator[Samples]:
         robot = self.model.robot
         driving = [robot.joints[i] for i in robot.driving_joints]
-        limits = [[getattr(j, name) for j in driving] for name in ("lower", "upper", "velocity_limit")]
+        lower, upper, fastest = ([getattr(j, k) for j in driving] for k in ("lower", "upper", "velocity_limit"))
         names = tuple(robot.joint_names)
         first = True
         for samples in self._samples(log):
             if first and samples.t is not None and samples.count > 2:
-                recording = Recording(t=samples.t, q=samples.q, torque=samples.torque, source=str(log), joint_names=names)
-                self.remarks.extend(f"{log}: {remark}" for remark in recording.check_against(*limits, names))
+                recording = Recording(
+                    t=samples.t, q=samples.q, torque=samples.torque, source=str(log), joint_names=names
+                )
+                self.remarks.extend(
+                    f"{log}: {remark}" for remark in recording.check_against(lower, upper, fastest, names)
+                )
                 first = False
             self.remarks.extend(f"{log}: {remark}" for remark in samples.remarks)
             thinned.add(samples)
@@ -256,5 +260,3 @@ def _predict(
         joint_feasible_error=information.joint_relative_error(estimate.base),
         trace=trace,
     )
-
-

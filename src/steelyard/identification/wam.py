@@ -84,7 +84,10 @@ _SERIES: dict[str, tuple[tuple[float, ...], ...]] = {
 
 TRAJECTORIES = {
     name: FourierTrajectory(
-        a=[row[:6] for row in rows], b=[row[6:12] for row in rows], center=[row[12] for row in rows], frequency=0.08
+        a=np.array([row[:6] for row in rows]),
+        b=np.array([row[6:12] for row in rows]),
+        center=np.array([row[12] for row in rows]),
+        frequency=0.08,
     )
     for name, rows in _SERIES.items()
 }
@@ -140,7 +143,9 @@ def simulated_log(model: Model, trajectory: str, seed: int, rate: float = 1000.0
     torque = model.inverse_dynamics(q, dq, ddq, true_parameters())
     torque += _TORQUE_DEVIATION * _colored(generator.standard_normal(q.shape), _TORQUE_TIME_CONSTANT * rate)
     step = 2.0 * np.pi / _COUNTS
-    return Recording(t=t, q=np.round(q / step) * step, torque=np.round(torque, 5), source=f"simulated trajectory {trajectory}")
+    return Recording(
+        t=t, q=np.round(q / step) * step, torque=np.round(torque, 5), source=f"simulated trajectory {trajectory}"
+    )
 
 
 def _colored(white: Array, samples: float) -> Array:

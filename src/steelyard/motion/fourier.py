@@ -31,7 +31,8 @@ class FourierTrajectory:
 
     Examples
     --------
-    >>> trajectory = FourierTrajectory(a=[[1.0]], b=[[0.0]], center=[0.5], frequency=1.0)
+    >>> one = np.ones((1, 1))
+    >>> trajectory = FourierTrajectory(a=one, b=0 * one, center=np.array([0.5]), frequency=1.0)
     >>> q, dq, ddq = trajectory.motion([0.0])
     >>> q.tolist(), dq.tolist()
     ([[0.5]], [[1.0]])

@@ -5,7 +5,6 @@ from .factor import Factor as Factor
 from .factor import Reduced as Reduced
 from .factor import triangular as triangular
 from .information import Information as Information
-from .information import joint_weights as joint_weights
 from .least_squares import least_squares as least_squares
 from .least_squares import standard_deviations as standard_deviations
 
@@ -14,7 +13,6 @@ __all__ = [
     "Factor",
     "Information",
     "Reduced",
-    "joint_weights",
     "least_squares",
     "standard_deviations",
     "triangular",

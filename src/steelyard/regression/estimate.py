@@ -20,6 +20,9 @@ __all__ = ["Estimate"]
 Array = NDArray[np.float64]
 FORMAT = "steelyard-estimate-1"
 _ARRAYS = ("base", "standard_deviation", "parameters", "weights", "joint_relative_error", "damping", "friction")
+_NAMES = ("base_names", "base_expressions", "joint_names", "parameter_names", "remarks")
+_NUMBERS = {"relative_error": np.nan, "condition_number": np.inf}  # what None stands for
+_OPTIONAL = (*_ARRAYS[2:], "consistency", "certificate")
 
 
 @dataclass(frozen=True, eq=False)
@@ -137,23 +140,16 @@ class Estimate:
         for item in fields(cls):
             if item.name not in document:
                 raise InputError(f"{where}: has no {item.name!r}.")
-            value = document[item.name]
-            if item.name in _ARRAYS and value is not None:
-                missing = np.inf if item.name == "standard_deviation" else np.nan
-                try:
-                    value = np.array([missing if v is None else float(v) for v in value])
-                except (TypeError, ValueError):
-                    raise InputError(f"{where}: {item.name!r} must be a list of numbers.") from None
-            elif isinstance(value, list):
-                value = tuple(value)
-            elif item.name in ("relative_error", "condition_number") and value is None:
-                value = np.nan if item.name == "relative_error" else np.inf
-            values[item.name] = value
+            values[item.name] = _read(item.name, document[item.name], where)
         estimate = cls(**values)
-        for name, expected in (("base", len(estimate.base_names)), ("parameters", len(estimate.parameter_names))):
+        base, joints = len(estimate.base_names), len(estimate.joint_names)
+        sizes = {"base_expressions": base, "base": base, "standard_deviation": base}
+        sizes |= dict.fromkeys(("joint_relative_error", "damping", "friction"), joints)
+        sizes["parameters"] = len(estimate.parameter_names)
+        for name, expected in sizes.items():
             given = getattr(estimate, name)
             if given is not None and len(given) != expected:
-                raise InputError(f"{where}: {name!r} has {len(given)} values for {expected} names.")
+                raise InputError(f"{where}: {name!r} has {len(given)} values, expected {expected}.")
         return estimate
 
     def save(self, path: str | Path) -> None:
@@ -226,6 +222,32 @@ class Estimate:
         damping = unknown if self.damping is None else self.damping
         friction = unknown if self.friction is None else self.friction
         write_urdf(robot, links, damping, friction, source, target)
+
+
+def _read(name: str, value: Any, where: str) -> Any:
+    """Turn one field of an estimate file into what the estimate holds."""
+    if value is None and name in _OPTIONAL:
+        return None
+    if name in _ARRAYS:
+        missing = np.inf if name == "standard_deviation" else np.nan
+        try:
+            return np.array([missing if v is None else float(v) for v in value])
+        except (TypeError, ValueError):
+            raise InputError(f"{where}: {name!r} must be a list of numbers.") from None
+    if name in _NUMBERS and value is None:
+        return _NUMBERS[name]
+    if name in _NAMES:
+        expected, good = "a list of strings", isinstance(value, list) and all(isinstance(v, str) for v in value)
+        value = tuple(value) if good else value
+    elif name in _NUMBERS or name == "row_count":
+        expected, good = "a number", isinstance(value, (int, float)) and not isinstance(value, bool)
+    elif name in ("certificate", "description"):
+        expected, good = "an object", isinstance(value, dict)
+    else:
+        expected, good = "a string", isinstance(value, str)
+    if not good:
+        raise InputError(f"{where}: {name!r} must be {expected}, got {value!r}.")
+    return value
 
 
 def _plain(value: Any) -> Any:

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-__all__ = ["Factor", "Reduced", "triangular"]
+__all__ = ["Factor", "Reduced", "solve", "triangular"]
 
 Array = NDArray[np.float64]
 
@@ -83,3 +83,11 @@ class Reduced:
     residual2: float
     count: int
     norm2: float
+
+
+def solve(problem: Reduced) -> Array:
+    """Return the base parameters of least squared residual, (n_b,); of least norm where there are several."""
+    lengths = np.linalg.norm(problem.R, axis=0)
+    scale = np.where(lengths > 0.0, lengths, 1.0)
+    solution = np.linalg.lstsq(problem.R / scale, problem.rho, rcond=1e-9)[0]
+    return np.asarray(solution / scale)

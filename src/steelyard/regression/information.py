@@ -17,9 +17,9 @@ from steelyard.dynamics import Model
 from steelyard.errors import InputError
 from steelyard.recording import Samples
 
-from .factor import Factor, Reduced, triangular
+from .factor import Factor, Reduced, solve, triangular
 
-__all__ = ["Information", "joint_weights"]
+__all__ = ["Information"]
 
 Array = NDArray[np.float64]
 FORMAT = "steelyard-information-1"
@@ -227,7 +227,7 @@ class Information:
         -------
         Reduced
         """
-        factors = joint_weights(self, weights)
+        factors = self.joint_weights(weights)
         n = self.base_count
         stacked = np.zeros((sum(len(f.triangle) for f in self.factors), n + 1))
         row = 0
@@ -237,8 +237,51 @@ class Information:
             row += size
         triangle = triangular(stacked)
         return Reduced(
-            triangle[:n, :n], triangle[:n, n], float(triangle[n, n] ** 2), self.count, float(np.sum(triangle[:, n] ** 2))
+            triangle[:n, :n],
+            triangle[:n, n],
+            float(triangle[n, n] ** 2),
+            self.count,
+            float(np.sum(triangle[:, n] ** 2)),
         )
+
+    def joint_weights(self, weights: str | ArrayLike | None) -> Array:
+        """Return one weight for each factor, (N,).
+
+        Parameters
+        ----------
+        weights : None, "joint" or array_like
+            See `reduced`.
+
+        Returns
+        -------
+        ndarray
+
+        Raises
+        ------
+        InputError
+            If the weights are unknown, of a wrong size or not positive.
+        """
+        n = len(self.factors)
+        if weights is None:
+            return np.ones(n)
+        if isinstance(weights, str):
+            if weights != "joint":
+                raise InputError(f"weights must be None, 'joint' or one number for each joint, got {weights!r}.")
+            return self._inverse_deviations()
+        values = np.asarray(weights, dtype=np.float64)
+        if values.shape != (n,) or not np.all(np.isfinite(values)) or np.any(values <= 0.0):
+            raise InputError(f"weights must be {n} positive numbers, one for each joint, got {weights!r}.")
+        return values
+
+    def _inverse_deviations(self) -> Array:
+        """Return the inverse standard deviations of the unweighted residuals (thesis eq. 4.32, 4.33)."""
+        self._require_joints("Joint weights")
+        base = solve(self.reduced())
+        freedom = [max(f.count - self.base_count, 1) for f in self.factors]
+        values = np.sqrt([f.residual2(base) / n for f, n in zip(self.factors, freedom, strict=True)])
+        # A joint without noise or without rows would get an infinite weight: bound it by the others.
+        floor = 1e-9 * max(float(values.max(initial=0.0)), 1e-300)
+        return np.where([f.count > 0 for f in self.factors], 1.0 / np.maximum(values, floor), 1.0)
 
     @cached_property
     def condition_number(self) -> float:
@@ -296,12 +339,16 @@ class Information:
     def _base(self, base: ArrayLike) -> Array:
         beta = np.asarray(base, dtype=np.float64)
         if beta.shape != (self.base_count,):
-            raise InputError(f"There are {self.base_count} base parameters: expected that many values, got {beta.shape}.")
+            raise InputError(
+                f"There are {self.base_count} base parameters: expected that many values, got {beta.shape}."
+            )
         return beta
 
     def _require_joints(self, what: str) -> None:
         if not self.by_joint:
-            raise InputError(f"{what} need the rows of each joint apart, but this Information was reduced over all joints.")
+            raise InputError(
+                f"{what} need the rows of each joint apart, but this Information was reduced over all joints."
+            )
 
     def save(self, path: str | Path) -> None:
         """Write it as JSON; the file appears whole or not at all."""
@@ -345,61 +392,11 @@ class Information:
                 Factor(f["joint"], np.array(f["columns"], dtype=np.intp), np.array(f["triangle"]), f["count"])
                 for f in document["factors"]
             )
-            names = (tuple(document[key]) for key in ("base_names", "base_expressions", "joint_names"))
-            return cls(*names, factors)
+            base, expressions, joints = (tuple(document[k]) for k in ("base_names", "base_expressions", "joint_names"))
+            return cls(base, expressions, joints, factors)
         except OSError as error:
             raise InputError(f"{path}: cannot be read ({error.strerror}).") from None
         except (ValueError, KeyError, TypeError) as error:
             if isinstance(error, InputError):
                 raise
             raise InputError(f"{path}: is not an Information that was saved by steelyard ({error}).") from None
-
-
-def joint_weights(information: Information, weights: str | ArrayLike | None) -> Array:
-    """Return one weight for each factor of an Information.
-
-    Parameters
-    ----------
-    information : Information
-    weights : None, "joint" or array_like
-        See :meth:`Information.reduced`.
-
-    Returns
-    -------
-    ndarray
-        (N,).
-
-    Raises
-    ------
-    InputError
-        If the weights are unknown, of a wrong size or not positive.
-    """
-    n = len(information.factors)
-    if weights is None:
-        return np.ones(n)
-    if isinstance(weights, str):
-        if weights != "joint":
-            raise InputError(f"weights must be None, 'joint' or one number for each joint, got {weights!r}.")
-        information._require_joints("Joint weights")
-        problem = information.reduced()
-        beta = solve(problem)
-        deviations = []
-        for factor in information.factors:
-            freedom = max(factor.count - information.base_count, 1)
-            deviations.append(np.sqrt(factor.residual2(beta) / freedom))
-        # A joint without noise or without rows would get an infinite weight: bound it by the others.
-        values = np.array(deviations)
-        floor = 1e-9 * max(float(values.max(initial=0.0)), 1e-300)
-        return np.where([f.count > 0 for f in information.factors], 1.0 / np.maximum(values, floor), 1.0)
-    values = np.asarray(weights, dtype=np.float64)
-    if values.shape != (n,) or not np.all(np.isfinite(values)) or np.any(values <= 0.0):
-        raise InputError(f"weights must be {n} positive numbers, one for each joint, got {weights!r}.")
-    return values
-
-
-def solve(problem: Reduced) -> Array:
-    """Return the base parameters of least squared residual, (n_b,); of least norm where there are several."""
-    lengths = np.linalg.norm(problem.R, axis=0)
-    scale = np.where(lengths > 0.0, lengths, 1.0)
-    solution = np.linalg.lstsq(problem.R / scale, problem.rho, rcond=1e-9)[0]
-    return np.asarray(solution / scale)

@@ -6,8 +6,8 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from .estimate import Estimate
-from .factor import Reduced
-from .information import Information, joint_weights, solve
+from .factor import Reduced, solve
+from .information import Information
 
 __all__ = ["least_squares", "standard_deviations"]
 
@@ -42,7 +42,7 @@ def least_squares(information: Information, weights: str | ArrayLike | None = No
     >>> least_squares(information).base.tolist()
     [2.0, 3.0]
     """
-    used = joint_weights(information, weights)
+    used = information.joint_weights(weights)
     problem = information.reduced(used) if weights is not None else information.reduced()
     base = solve(problem)
     remarks = []

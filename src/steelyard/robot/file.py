@@ -38,12 +38,15 @@ class RobotFile:
         The tables `[[terms]]`, as written.
     sections : mapping from name to dict
         The tables `[log]`, `[processing]`, `[limits]` and `[constraints]`, as written; empty where absent.
+    description : mapping
+        How a URDF was read: its `tip` and its `locked` joints, where there are any.
     """
 
     path: Path
     robot: Robot
     terms: tuple[dict[str, Any], ...] = ()
     sections: Mapping[str, dict[str, Any]] = field(default_factory=dict)
+    description: Mapping[str, Any] = field(default_factory=dict)
 
     @classmethod
     def load(cls, path: str | Path) -> RobotFile:
@@ -114,7 +117,8 @@ class RobotFile:
             if not isinstance(content["name"], str) or not content["name"]:
                 raise InputError(f"{path}: name must be a string, got {content['name']!r}")
             robot = replace(robot, name=content["name"])
-        return cls(path, robot, tuple(terms), sections)
+        kept = {key: description[key] for key in ("tip", "locked") if key in description}
+        return cls(path, robot, tuple(terms), sections, kept)
 
     def section(self, name: str) -> dict[str, Any]:
         """A copy of the table `[name]` as written, empty where absent.
