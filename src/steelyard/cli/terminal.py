@@ -28,16 +28,16 @@ def progress() -> Iterator[Callable[[str], None]]:
 
     def say(text: str) -> None:
         console.print(f"[dim]{time.perf_counter() - begin:6.2f} s[/dim]  ", end="")
-        console.print(text, markup=False)
+        console.print(text, markup=False, soft_wrap=True)
 
     yield say
 
 
-def _table(title: str, *columns: str) -> Table:
+def _table(*columns: str) -> Table:
     from rich import box
     from rich.table import Table
 
-    table = Table(title=title, title_justify="left", box=box.SIMPLE_HEAD)
+    table = Table(box=box.SIMPLE_HEAD)
     for number, name in enumerate(columns):
         table.add_column(name, justify="left" if number == 0 else "right")
     return table
@@ -50,9 +50,8 @@ def show_identification(result: Identification) -> None:
 
     console = Console(highlight=False)
     for prediction in result.predictions:
-        table = _table(
-            f"Relative error of the torque, {prediction.role}: {prediction.name}", "joint", "least squares", "feasible"
-        )
+        console.print(Text(f"Relative error of the torque, {prediction.role}: {prediction.name}"), soft_wrap=True)
+        table = _table("joint", "least squares", "feasible")
         pairs = zip(
             result.estimate.joint_names,
             prediction.joint_unconstrained_error,
@@ -63,22 +62,24 @@ def show_identification(result: Identification) -> None:
             table.add_row(Text(name), f"{before:.2%}", f"{after:.2%}")
         table.add_row("all", f"{prediction.unconstrained_error:.2%}", f"{prediction.feasible_error:.2%}", style="bold")
         console.print(table)
-    console.print(Text("Plain least squares: " + str(result.verdict)))
+    console.print(Text("Plain least squares: " + str(result.verdict)), soft_wrap=True)
     mass = result.total_mass
     console.print(
         Text(
             f"Steelyard's answer: every link is physically possible ({result.estimate.consistency}), total moving mass "
             f"{mass:.4g} kg, relative error {result.estimate.relative_error:.2%}."
-        )
+        ),
+        soft_wrap=True,
     )
     console.print(
         Text(
             f"Excitation: condition number {result.information.condition_number:.4g}, "
             f"{result.information.base_count} base parameters, {len(result.weak)} of them weakly shown by the data."
-        )
+        ),
+        soft_wrap=True,
     )
     for remark in (*result.estimate.remarks, *result.remarks):
-        console.print(Text(f"Note: {remark}"))
+        console.print(Text(f"Note: {remark}"), soft_wrap=True)
 
 
 def show_model(model: Model, consistency: Literal["full", "inertia"]) -> None:
@@ -90,10 +91,8 @@ def show_model(model: Model, consistency: Literal["full", "inertia"]) -> None:
 
     console = Console(highlight=False)
     robot, base = model.robot, model.base_parameters()
-    table = _table(
-        f"{robot.name}: {robot.dof} joints, {len(robot.links)} moving links",
-        *("joint", "kind", "moves", "mass kg", "lower", "upper", "damping", "friction"),
-    )
+    console.print(Text(f"{robot.name}: {robot.dof} joints, {len(robot.links)} moving links"), soft_wrap=True)
+    table = _table("joint", "kind", "moves", "mass kg", "lower", "upper", "damping", "friction")
     for joint, link in zip(robot.joints, robot.links, strict=True):
         mass = "unknown" if link.inertia is None else f"{link.inertia.mass:.5g}"
         numbers = (joint.lower, joint.upper, joint.damping, joint.friction)
@@ -101,11 +100,15 @@ def show_model(model: Model, consistency: Literal["full", "inertia"]) -> None:
         cells = [f"{x:.4g}" if np.isfinite(x) else "-" for x in numbers]
         table.add_row(Text(name), joint.kind, Text(link.name), mass, *cells)
     console.print(table)
-    console.print(Text(f"Terms: {', '.join(t.kind for t in robot.terms) or 'none'}"))
-    console.print(Text(f"{model.parameter_count} parameters, {base.count} base parameters (rank gap {base.gap:.1e})"))
+    console.print(Text(f"Terms: {', '.join(t.kind for t in robot.terms) or 'none'}"), soft_wrap=True)
+    console.print(
+        Text(f"{model.parameter_count} parameters, {base.count} base parameters (rank gap {base.gap:.1e})"),
+        soft_wrap=True,
+    )
     for number, expression in enumerate(base.expressions, start=1):
-        console.print(Text(f"  {number:3d}  {expression}"))
-    table = _table("Operations a sample", "function", "multiplications", "additions", "sines and cosines")
+        console.print(Text(f"  {number:3d}  {expression}"), soft_wrap=True)
+    console.print("Operations a sample")
+    table = _table("function", "multiplications", "additions", "sines and cosines")
     for label, count in (
         ("inverse dynamics", model.operation_count("inverse_dynamics")),
         ("regressor", model.operation_count("regressor")),
@@ -116,7 +119,9 @@ def show_model(model: Model, consistency: Literal["full", "inertia"]) -> None:
     parameters = np.asarray(robot.parameters)
     links = np.concatenate([np.arange(c[0], c[0] + 10) for c in model.link_columns])
     if np.isnan(parameters[links]).any():
-        console.print(Text("CAD: the description gives no inertia for some links, so there is nothing to check."))
+        console.print(
+            Text("CAD: the description gives no inertia for some links, so there is nothing to check."), soft_wrap=True
+        )
         return
     feasible = FeasibleSet(model, consistency, terms=False)
-    console.print(Text("CAD: " + str(check(feasible, parameters=np.nan_to_num(parameters)))))
+    console.print(Text("CAD: " + str(check(feasible, parameters=np.nan_to_num(parameters)))), soft_wrap=True)

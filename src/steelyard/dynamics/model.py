@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from steelyard.errors import InputError
+from steelyard.graph import Kernel
 from steelyard.robot import Robot, RobotFile
 
 from . import kinematics
@@ -240,7 +241,11 @@ class Model:
             if function != "regressor":
                 raise InputError(f"Operations of base parameters are counted for 'regressor', got {function!r}.")
             return self.base_columns.kernel.operation_count
-        return self._functions.kernel(function).operation_count
+        return self.kernel(function).operation_count
+
+    def kernel(self, function: str) -> Kernel:
+        """Return a compiled function, for arrays that are laid out already; see `operation_count` for the names."""
+        return self._functions.kernel(function)
 
     @cached_property
     def base_columns(self) -> BaseColumns:
@@ -302,5 +307,5 @@ class Model:
                     f"got {vector.shape}."
                 )
             arrays.append(vector)
-        kernel = self._functions.kernel(function)
+        kernel = self.kernel(function)
         return kernel(*arrays).reshape((*shape, len(kernel.outputs)))
