@@ -104,7 +104,7 @@ def identify(
     estimate = replace(estimate, description=reader.description)
     predictions = tuple(_predict(model, unconstrained, estimate, *part) for part in parts)
     remarks = dict.fromkeys(reader.remarks)
-    remarks.update(dict.fromkeys(swapped_torques(model, parts[0][3].samples, unconstrained)))
+    remarks.update(dict.fromkeys(swapped_torques(model, parts[0][3].samples)))
     return Identification(
         model=model,
         information=information,

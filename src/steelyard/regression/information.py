@@ -18,6 +18,7 @@ from steelyard.errors import InputError
 from steelyard.recording import Samples
 
 from .factor import Factor, Reduced, solve, triangular
+from .threads import one_thread
 
 __all__ = ["Information"]
 
@@ -122,15 +123,16 @@ class Information:
         counts = [0] * joints
         columns = model.base_columns
         splits = np.cumsum([len(c) for c in columns.joints])[:-1]
-        for start in range(0, count, _BLOCK):
-            part = slice(start, min(start + _BLOCK, count))
-            values = columns.kernel(samples.q[part], samples.dq[part], samples.ddq[part])
-            for k, entries in enumerate(np.split(values, splits, axis=1)):
-                joint_rows = np.column_stack([entries, samples.torque[part, k]])
-                if samples.mask is not None:
-                    joint_rows = joint_rows[samples.mask[part, k]]
-                counts[k] += len(joint_rows)
-                triangles[k] = triangular(np.vstack([triangles[k], joint_rows]))
+        with one_thread():
+            for start in range(0, count, _BLOCK):
+                part = slice(start, min(start + _BLOCK, count))
+                values = columns.kernel(samples.q[part], samples.dq[part], samples.ddq[part])
+                for k, entries in enumerate(np.split(values, splits, axis=1)):
+                    joint_rows = np.column_stack([entries, samples.torque[part, k]])
+                    if samples.mask is not None:
+                        joint_rows = joint_rows[samples.mask[part, k]]
+                    counts[k] += len(joint_rows)
+                    triangles[k] = triangular(np.vstack([triangles[k], joint_rows]))
         factors = tuple(
             Factor(f.joint, f.columns, triangle, n)
             for f, triangle, n in zip(empty.factors, triangles, counts, strict=True)

@@ -1,0 +1,25 @@
+"""Keeps linear algebra on small blocks in one thread."""
+
+from __future__ import annotations
+
+from contextlib import AbstractContextManager
+from functools import cache
+from typing import Any
+
+__all__ = ["one_thread"]
+
+
+def one_thread() -> AbstractContextManager[Any]:
+    """Return a context in which BLAS works in one thread.
+
+    The factorisation of a narrow block has hundreds of points at which threads wait for each other. On a machine that is
+    busy with anything else each of them can cost a time slice: two hundred times the work itself.
+    """
+    return _controller().limit(limits=1, user_api="blas")
+
+
+@cache
+def _controller() -> Any:
+    from threadpoolctl import ThreadpoolController
+
+    return ThreadpoolController()

@@ -1,0 +1,113 @@
+"""What each command writes, prints and returns."""
+
+import hashlib
+import json
+
+import numpy as np
+import pytest
+
+import steelyard as sy
+
+
+def test_identify_writes_a_feasible_urdf(run, place):
+    before = (place / "pair.urdf").read_bytes()
+    code, out, _ = run(
+        "identify",
+        place / "robot.toml",
+        place / "log.csv",
+        "--validate",
+        place / "log.csv",
+        "--output",
+        place / "result",
+    )
+    assert code == 0
+    assert sorted(p.name for p in (place / "result").iterdir()) == [
+        "estimate.json",
+        "report.html",
+        "robot.urdf",
+        "run.json",
+    ]
+    assert (place / "pair.urdf").read_bytes() == before
+    assert out.strip().splitlines()[-1] == f"Look at {place / 'result' / 'report.html'}"
+    assert "shoulder" in out
+    assert "every link is physically possible (full)" in out
+
+    estimate = sy.Estimate.load(place / "result" / "estimate.json")
+    robot = sy.Robot.from_urdf(place / "result" / "robot.urdf")
+    names = list(estimate.parameter_names)
+    links = [names.index(name) for name in robot.parameter_names]
+    np.testing.assert_allclose(robot.parameters, estimate.parameters[links], rtol=1e-9, atol=1e-12)
+    assert [robot.joints[k].damping for k in range(2)] == pytest.approx(list(estimate.damping))
+    assert [robot.joints[k].friction for k in range(2)] == pytest.approx(list(estimate.friction))
+    assert robot.joints[0].damping == pytest.approx(0.1, abs=0.03)
+    text = (place / "result" / "robot.urdf").read_text()
+    assert "<!-- a comment that must survive -->" in text
+    model = sy.Model(robot)
+    assert sy.check(sy.FeasibleSet(model), parameters=robot.parameters).feasible
+
+    record = json.loads((place / "result" / "run.json").read_text())
+    assert record["logs"][0][0]["sha256"] == hashlib.sha256((place / "log.csv").read_bytes()).hexdigest()
+    assert [entry["path"] for entry in record["robot"]] == [str(place / "robot.toml"), str(place / "pair.urdf")]
+    assert record["versions"]["steelyard"] == sy.__version__
+    assert record["options"]["prefer"] == "cad"
+
+
+def test_the_same_run_writes_the_same_bytes(run, place):
+    for name in ("one", "two"):
+        assert run("identify", place / "robot.toml", place / "log.csv", "-o", place / name)[0] == 0
+    for file in ("estimate.json", "report.html", "robot.urdf", "run.json"):
+        assert (place / "one" / file).read_bytes() == (place / "two" / file).read_bytes()
+
+
+def test_a_urdf_alone_is_enough(run, place):
+    code, out, _ = run("identify", place / "pair.urdf", place / "log.csv", "--output", place / "result")
+    assert code == 0
+    assert "relative error" in out
+
+
+def test_check_answers_with_its_exit_code(run, place):
+    run("identify", place / "robot.toml", place / "log.csv", "--output", place / "result")
+    estimate = place / "result" / "estimate.json"
+    code, out, _ = run("check", place / "robot.toml", estimate)
+    assert (code, out.startswith("Physically feasible")) == (0, True)
+    document = json.loads(estimate.read_text())
+    document["parameters"][document["parameter_names"].index("m2")] = -0.5
+    estimate.write_text(json.dumps(document))
+    code, out, _ = run("check", place / "robot.toml", estimate)
+    assert code == 1
+    assert "body of fore fails by" in out
+
+
+def test_inspect_shows_the_robot(run, place):
+    code, out, _ = run("inspect", place / "robot.toml")
+    assert code == 0
+    for text in ("shoulder", "revolute", "base parameters", "Fvj1", "inverse dynamics", "CAD: Physically feasible"):
+        assert text in out
+
+
+def test_inspect_says_what_is_wrong_with_the_cad(run, place):
+    urdf = (place / "pair.urdf").read_text()
+    (place / "pair.urdf").write_text(urdf.replace('izz="0.01"', 'izz="0.03"'))  # beyond the triangle inequality
+    _, out, _ = run("inspect", place / "robot.toml")
+    assert "body of fore fails by" in out
+    _, out, _ = run("inspect", place / "robot.toml", "--consistency", "inertia")
+    assert "CAD: Physically feasible" in out
+
+
+def test_demo_runs_and_tells_where_to_look(run, tmp_path):
+    code, out, err = run("demo", "--output", tmp_path / "demo", "--seed", "7")
+    assert code == 0
+    assert out.strip().splitlines()[-1] == f"Look at {tmp_path / 'demo' / 'result' / 'report.html'}"
+    assert 'Plain least squares: Physically infeasible under "full" consistency' in out
+    assert "validation" in out
+    assert "feasible fit" in err
+    estimate = sy.Estimate.load(tmp_path / "demo" / "result" / "estimate.json")
+    assert estimate.relative_error < 0.06
+    assert (tmp_path / "demo" / "result" / "report.html").stat().st_size > 10_000
+
+
+def test_version_and_help(run):
+    assert run("--version")[1].strip() == f"steelyard {sy.__version__}"
+    code, out, _ = run("identify", "--help")
+    assert code == 0
+    assert "--validate" in out

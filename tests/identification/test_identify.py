@@ -1,0 +1,109 @@
+"""The main job on simulated robots with known parameters, in chunks, and with columns mixed up."""
+
+import json
+
+import numpy as np
+import pytest
+
+import steelyard as sy
+from steelyard.identification import check_estimate
+from steelyard.recording import process_chunks
+
+
+def test_without_noise_the_truth_comes_back(elbow, simulation):
+    path, model, folder = elbow
+    log = simulation.record(model, folder / "log.csv", seed=1, noise=0.0)
+    result = sy.identify(path, [log])
+    truth = model.base_parameters().values(simulation.true_parameters(model))
+    # The filter and the finite differences are not perfect, the regression is.
+    np.testing.assert_allclose(result.unconstrained.base, truth, atol=2e-2 * np.abs(truth).max())
+    assert result.unconstrained.relative_error < 0.02
+    assert result.estimate.consistency == "full"
+    assert sy.check(result.feasible_set, parameters=result.estimate.parameters).feasible
+
+
+def test_every_answer_is_physically_possible(elbow, simulation):
+    path, model, folder = elbow
+    log = simulation.record(model, folder / "log.csv", seed=2, noise=2.0)
+    other = simulation.record(model, folder / "other.csv", seed=3, noise=2.0)
+    result = sy.identify(path, [log], validate=[other])
+    parameters = result.estimate.parameters
+    for columns in model.link_columns:
+        xx, xy, xz, yy, yz, zz, lx, ly, lz, m = parameters[columns]
+        tensor = np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]])
+        com = np.array([lx, ly, lz]) / m
+        about_com = tensor - m * (com @ com * np.eye(3) - np.outer(com, com))
+        a, b, c = np.sort(np.linalg.eigvalsh(about_com))
+        assert m > 0
+        assert a > 0
+        assert a + b >= c * (1 - 1e-9)
+    names = model.parameter_names
+    assert all(parameters[names.index(f"{s}{k}")] >= 0 for s in ("Fvj", "Fcj", "Ia") for k in (1, 2, 3))
+    assert [p.role for p in result.predictions] == ["identification", "validation"]
+    assert result.estimate.relative_error >= result.unconstrained.relative_error
+    held_out = result.predictions[1]
+    samples = sy.Recording.read(other, joints=3).process(cutoff=10.0, trim=0.5)
+    predicted = model.inverse_dynamics(samples.q, samples.dq, samples.ddq, parameters)
+    error = np.linalg.norm(predicted - samples.torque) / np.linalg.norm(samples.torque)
+    assert held_out.feasible_error == pytest.approx(error, rel=1e-9)
+    assert held_out.trace.feasible.shape == held_out.trace.measured.shape == (len(held_out.trace.t), 3)
+
+
+def test_chunks_change_nothing(elbow, simulation):
+    path, model, folder = elbow
+    log = simulation.record(model, folder / "log.csv", seed=4, rate=500.0, periods=2.0)
+    whole, chunked = sy.identify(path, [log]), sy.identify(path, [log], chunk_rows=1000)
+    assert len(list(process_chunks(log, None, sy.Processing(cutoff=10.0, trim=0.5), rows=1000, joints=3))) > 5
+    np.testing.assert_allclose(chunked.unconstrained.base, whole.unconstrained.base, rtol=1e-6, atol=1e-8)
+    assert chunked.information.count == whole.information.count
+
+
+def test_two_logs_are_one_regression(elbow, simulation):
+    path, model, folder = elbow
+    logs = [simulation.record(model, folder / f"log{k}.csv", seed=k) for k in (5, 6)]
+    both, first, second = sy.identify(path, logs), sy.identify(path, logs[:1]), sy.identify(path, logs[1:])
+    assert both.information.count == first.information.count + second.information.count
+    joined = sy.least_squares(first.information + second.information, "joint")
+    np.testing.assert_allclose(both.unconstrained.base, joined.base, rtol=1e-9, atol=1e-10)
+
+
+def test_swapped_torque_columns_are_found(elbow, simulation):
+    path, model, folder = elbow
+    simulation.record(model, folder / "good.csv", seed=7)
+    good = sy.Recording.read(folder / "good.csv", joints=3)
+    assert not any("swapped" in r for r in sy.identify(path, [folder / "good.csv"]).remarks)
+    mixed = sy.Recording(t=good.t, q=good.q, torque=good.torque[:, [0, 2, 1]], source="mixed")
+    mixed.save(folder / "mixed.csv")
+    remarks = sy.identify(path, [folder / "mixed.csv"]).remarks
+    assert any("The torque columns of joint2 and joint3 look swapped" in remark for remark in remarks)
+
+
+def test_constraints_of_the_robot_file_hold(elbow, simulation):
+    path, model, folder = elbow
+    log = simulation.record(model, folder / "log.csv", seed=8, noise=1.0)
+    path.write_text(simulation.robot_file + "\n[constraints]\ntotal_mass = { equal = 9.0 }\n")
+    result = sy.identify(path, [log])
+    assert result.total_mass == pytest.approx(9.0, abs=1e-6)
+
+
+def test_a_saved_estimate_is_judged(elbow, simulation):
+    path, model, folder = elbow
+    log = simulation.record(model, folder / "log.csv", seed=9, noise=2.0)
+    result = sy.identify(path, [log])
+    result.estimate.save(folder / "good.json")
+    result.unconstrained.save(folder / "raw.json")
+    assert check_estimate(path, folder / "good.json").feasible
+    assert check_estimate(path, folder / "raw.json").feasible == result.verdict.feasible
+    document = json.loads((folder / "good.json").read_text())
+    document["parameters"][9] = -1.0
+    (folder / "bad.json").write_text(json.dumps(document))
+    verdict = check_estimate(path, folder / "bad.json")
+    assert not verdict.feasible
+    assert any("link1" in violation.block for violation in verdict.violations)
+
+
+def test_same_inputs_same_answer(elbow, simulation):
+    path, model, folder = elbow
+    log = simulation.record(model, folder / "log.csv", seed=10, noise=1.0)
+    a, b = sy.identify(path, [log]), sy.identify(path, [log])
+    assert a.estimate.to_dict() == b.estimate.to_dict()
