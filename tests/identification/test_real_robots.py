@@ -1,0 +1,124 @@
+"""Three real recordings through the command line, each from its robot file in examples/, against published figures."""
+
+import csv
+import re
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import steelyard as sy
+from steelyard.cli import main
+
+pytestmark = pytest.mark.data
+
+EXAMPLES = Path(__file__).resolve().parents[2] / "examples"
+
+
+def identify(monkeypatch, tmp_path, robot, *arguments):
+    """Run ``steelyard identify`` and return the estimate and the unconstrained result of the same data."""
+    monkeypatch.setattr(
+        sys, "argv", ["steelyard", "identify", str(EXAMPLES / robot), *map(str, arguments), "-o", str(tmp_path / "out")]
+    )
+    main_code = 0
+    try:
+        main()
+    except SystemExit as stop:
+        main_code = stop.code or 0
+    assert main_code == 0
+    return sy.Estimate.load(tmp_path / "out" / "estimate.json")
+
+
+def possible(model, parameters):
+    """Check bodies by their principal moments, independently of any matrix inequality, and friction by its sign."""
+    for columns in model.link_columns:
+        xx, xy, xz, yy, yz, zz, lx, ly, lz, m = parameters[columns]
+        assert m > 0.0
+        com = np.array([lx, ly, lz]) / m
+        tensor = np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]])
+        a, b, c = np.sort(np.linalg.eigvalsh(tensor - m * (com @ com * np.eye(3) - np.outer(com, com))))
+        assert a > 0.0
+        assert a + b > c - 1e-9 * abs(c)
+    for name, value in zip(model.parameter_names, parameters, strict=True):
+        assert value >= 0.0 or not re.match(r"(Fv|Fc|Ia)", name), name
+
+
+def tx40_logs(shared_data):
+    folder = shared_data / "staubli_tx40"
+    return f"{folder / 'raw_q_motor_5khz.csv'}+{folder / 'raw_tau_motor_5khz.csv'}"
+
+
+def test_staubli_tx40_from_the_motor_side(shared_data, monkeypatch, tmp_path, capsys):
+    estimate = identify(monkeypatch, tmp_path, "staubli_tx40.toml", tx40_logs(shared_data))
+    model = sy.Model.load(EXAMPLES / "staubli_tx40.toml")
+    possible(model, estimate.parameters)
+    assert estimate.relative_error < 0.053
+    assert "joint_6" in capsys.readouterr().out
+    written = sy.Robot.from_urdf(tmp_path / "out" / "robot.urdf")
+    assert written.links[5].inertia.mass > 0.0
+
+
+def test_staubli_tx40_friction_is_the_published_one(shared_data):
+    """Ordinary least squares; the published fv5 counts the coupled motor 6, which turns with joint 5 (README there)."""
+    result = sy.identify(EXAMPLES / "staubli_tx40.toml", [tx40_logs(shared_data)], weights=None)
+    assert result.unconstrained.relative_error <= 0.053
+    assert result.information.condition_number == pytest.approx(1031, rel=0.02)
+    assert result.information.count == pytest.approx(2076, abs=4)
+    with (shared_data / "staubli_tx40" / "published_base_parameters.csv").open() as file:
+        published = {row["expression"]: float(row["ols"]) for row in csv.DictReader(file)}
+    ours = dict(zip(result.unconstrained.base_expressions, result.unconstrained.base, strict=True))
+    viscous = [ours[f"Fvj{k} + Fvm{k}"] for k in range(1, 6)]
+    viscous[4] += ours["Fvm6"]
+    coulomb = [ours[f"Fcj{k} + Fcm{k}"] for k in range(1, 6)]
+    assert viscous == pytest.approx([published[f"fv{k}"] for k in range(1, 6)], rel=0.05)
+    assert coulomb == pytest.approx([published[f"fs{k}"] for k in range(1, 6)], rel=0.05)
+    assert ours["Fvm6"] == pytest.approx(published["fvm6"], rel=0.05)
+    # The feasible answer says the same of the whole joint.
+    assert list(result.estimate.damping[:5]) == pytest.approx([published[f"fv{k}"] for k in range(1, 6)], rel=0.05)
+
+
+def test_universal_robots_ur10(shared_data, monkeypatch, tmp_path):
+    log = shared_data / "ur10_unisa" / "exciting.csv"
+    estimate = identify(monkeypatch, tmp_path, "ur10.toml", log)
+    possible(sy.Model.load(EXAMPLES / "ur10.toml"), estimate.parameters)
+    result = sy.identify(EXAMPLES / "ur10.toml", [log], weights=None)
+    assert result.unconstrained.relative_error <= 0.068
+    assert result.information.base_count == 58
+    assert result.information.condition_number == pytest.approx(133, rel=0.1)
+    per_joint = 100 * result.unconstrained.joint_relative_error
+    assert list(per_joint) == pytest.approx([15, 4, 6, 9, 13, 30], abs=1.5)
+
+
+def test_kinova_gen3_with_held_out_log(shared_data, monkeypatch, tmp_path, capsys):
+    folder = shared_data / "kinova_gen3"
+    estimate = identify(
+        monkeypatch,
+        tmp_path,
+        "kinova_gen3.toml",
+        folder / "opti_traj_testing1.csv",
+        "--validate",
+        folder / "opti_traj_testing2.csv",
+    )
+    model = sy.Model.load(EXAMPLES / "kinova_gen3.toml")
+    possible(model, estimate.parameters)
+    assert sum(estimate.parameters[c[9]] for c in model.link_columns) <= 8.2 + 1e-6
+    out = capsys.readouterr().out
+    assert "validation" in out
+    # On data that it has not seen the possible robot predicts better than plain least squares.
+    before, after = re.findall(r"^\s+all\s+([\d.]+)%\s+([\d.]+)%", out, re.M)[1]
+    assert float(after) < float(before)
+    written = sy.Robot.from_urdf(tmp_path / "out" / "robot.urdf")
+    names = list(estimate.parameter_names)
+    np.testing.assert_allclose(
+        written.parameters,
+        estimate.parameters[[names.index(n) for n in written.parameter_names]],
+        rtol=1e-8,
+        atol=1e-10,
+    )
+
+
+def test_a_dead_torque_sensor_is_found(shared_data):
+    """In RunTrajectory1 the sensor of joint 1 reads 0 throughout (README there)."""
+    with pytest.raises(sy.InputError, match="joint 1"):
+        sy.identify(EXAMPLES / "kinova_gen3.toml", [shared_data / "kinova_gen3" / "RunTrajectory1.csv"])

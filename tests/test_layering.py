@@ -1,0 +1,125 @@
+"""The plan of the house: which room may import which, and what no file may be."""
+
+import ast
+import importlib
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+
+PACKAGE = Path(__file__).resolve().parent.parent / "src" / "steelyard"
+ROOMS = (
+    "robot",
+    "graph",
+    "dynamics",
+    "recording",
+    "regression",
+    "motion",
+    "feasibility",
+    "methods",
+    "simulation",
+    "control",
+    "identification",
+    "report",
+    "cli",
+)
+ANYWHERE = {"errors", "__version__"}  # what every room may take from the package itself
+MOST_LINES = 400
+EMPTY_NAMES = {"utils", "util", "helpers", "helper", "common", "misc", "manager", "managers"}
+FILES = sorted(PACKAGE.rglob("*.py"))
+ENTRY_POINT = PACKAGE / "__main__.py"  # runs when it is imported
+
+
+def imported_modules(source: str, module: str, is_package: bool) -> Iterator[tuple[int, str]]:
+    """Yield line and full name of everything that a module imports, wherever in the file the import stands."""
+    package = module if is_package else module.rpartition(".")[0]
+    for node in ast.walk(ast.parse(source)):
+        if isinstance(node, ast.Import):
+            yield from ((node.lineno, alias.name) for alias in node.names)
+        elif isinstance(node, ast.ImportFrom):
+            parts = package.split(".")
+            parent = ".".join(parts[: len(parts) - node.level + 1]) if node.level else ""
+            origin = ".".join(part for part in (parent, node.module) if part)
+            yield from ((node.lineno, f"{origin}.{alias.name}") for alias in node.names)
+
+
+def violations(source: str, module: str, is_package: bool = False) -> list[str]:
+    """Say which imports of a module break the order of the rooms."""
+    inside = module.split(".")[1:]
+    if inside in ([], ["__main__"]):
+        return []  # the package itself may name every room
+    found = []
+    for line, name in imported_modules(source, module, is_package):
+        first, *rest = name.split(".")
+        if first == "pickle":
+            found.append(f"line {line}: pickle")
+        if first != "steelyard":
+            continue
+        target = rest[0] if rest else "the whole package"
+        if target in ANYWHERE or target == inside[0]:
+            continue
+        if target not in ROOMS or inside[0] not in ROOMS or ROOMS.index(target) > ROOMS.index(inside[0]):
+            found.append(f"line {line}: {inside[0]} imports {target}")
+    return found
+
+
+def module_of(path: Path) -> str:
+    parts = path.relative_to(PACKAGE.parent).with_suffix("").parts
+    return ".".join(parts[:-1] if parts[-1] == "__init__" else parts)
+
+
+@pytest.mark.parametrize("path", FILES, ids=lambda p: str(p.relative_to(PACKAGE)))
+def test_file_keeps_to_the_plan(path: Path) -> None:
+    source = path.read_text(encoding="utf-8")
+    assert violations(source, module_of(path), path.name == "__init__.py") == []
+    assert path.stem not in EMPTY_NAMES, "a module is named by what it is about"
+    assert source.count("\n") <= MOST_LINES, "a file that long is two files"
+
+
+def test_every_folder_is_a_room() -> None:
+    folders = {p.name for p in PACKAGE.iterdir() if p.is_dir() and p.name != "__pycache__"}
+    assert folders <= set(ROOMS)
+    assert {p.name for p in PACKAGE.glob("*.py")} == {"__init__.py", "__main__.py", "errors.py"}
+
+
+@pytest.mark.parametrize("module", sorted(module_of(path) for path in FILES if path != ENTRY_POINT))
+def test_exported_names_exist(module: str) -> None:
+    loaded = importlib.import_module(module)
+    names = list(loaded.__all__)
+    assert len(names) == len(set(names))
+    assert [name for name in names if not hasattr(loaded, name)] == []
+
+
+@pytest.mark.parametrize(
+    ("source", "module"),
+    [
+        ("from steelyard.cli import main", "steelyard.robot.joint"),
+        ("import steelyard.feasibility.check", "steelyard.regression.factor"),
+        ("from steelyard import dynamics", "steelyard.graph.kernel"),
+        ("from ..report import html", "steelyard.identification.identify"),
+        ("def late():\n    from steelyard.regression import Estimate", "steelyard.recording.samples"),
+        ("from steelyard import Robot", "steelyard.feasibility.fit"),
+        ("import steelyard", "steelyard.cli.main"),
+        ("from steelyard.robot import Robot", "steelyard.attic.box"),
+        ("from steelyard.attic import box", "steelyard.cli.main"),
+        ("import pickle", "steelyard.recording.saving"),
+    ],
+)
+def test_violations_are_found(source: str, module: str) -> None:
+    assert len(violations(source, module)) == 1
+
+
+@pytest.mark.parametrize(
+    ("source", "module", "is_package"),
+    [
+        ("from steelyard.robot import Robot", "steelyard.dynamics.model", False),
+        ("from .joint import Joint", "steelyard.robot", True),
+        ("from .cache import ObjectCache", "steelyard.graph.kernel", False),
+        ("from . import kinematics", "steelyard.dynamics.model", False),
+        ("from ..errors import InputError", "steelyard.robot.dh", False),
+        ("from steelyard import __version__, graph", "steelyard.dynamics.model", False),
+        ("import numpy.linalg", "steelyard.robot.dh", False),
+    ],
+)
+def test_proper_imports_pass(source: str, module: str, is_package: bool) -> None:
+    assert violations(source, module, is_package) == []

@@ -1,0 +1,112 @@
+"""What the repository says about itself: README, versions, documentation."""
+
+import re
+import subprocess
+import tomllib
+from pathlib import Path
+
+import pytest
+
+import steelyard
+
+ROOT = Path(__file__).resolve().parent.parent
+FENCE = re.compile(r"^```(?P<language>[a-z]*)[^\n]*\n(?P<text>.*?)^```", re.MULTILINE | re.DOTALL)
+# Character classes keep these patterns from matching their own source.
+FOREIGN = {
+    "a path of one machine": re.compile(r"/[w]ork/|/[r]oot/|/[h]ome/[a-z]|/[t]mp/[a-z]"),
+    "the host of a package registry": re.compile(
+        r"py[p]i\.org|python[h]osted\.org|[d]eb\.debian\.org|[n]pmjs\.|[c]rates\.io"
+    ),
+}
+
+
+def blocks(path: str, *languages: str) -> list[str]:
+    text = (ROOT / path).read_text(encoding="utf-8")
+    return [found["text"] for found in FENCE.finditer(text) if found["language"] in languages]
+
+
+def tracked_files() -> list[Path]:
+    command = ["git", "ls-files", "--cached", "--others", "--exclude-standard", "-z"]
+    try:
+        listing = subprocess.run(command, cwd=ROOT, capture_output=True, text=True, check=True).stdout
+    except (OSError, subprocess.CalledProcessError):
+        pytest.skip("not a git work tree")
+    return [path for name in listing.split("\0") if name and (path := ROOT / name).is_file()]
+
+
+def test_readme_opens_with_picture_and_two_commands() -> None:
+    first_screen = "\n".join((ROOT / "README.md").read_text(encoding="utf-8").splitlines()[:30])
+    picture = re.search(r"!\[[^\]]+\]\((docs/images/[\w.-]+)\)", first_screen)
+    assert picture is not None
+    assert (ROOT / picture[1]).is_file()
+    commands = [found["text"] for found in FENCE.finditer(first_screen)]
+    assert commands == blocks("README.md", "sh", "bash")[:2]
+    demonstrate, test = commands
+    for command in commands:
+        assert command.count("\n") == 1, "a command is one line"
+        assert command.startswith("python3 -m venv .venv && .venv/bin/pip install ")
+    assert demonstrate.endswith("steelyard demo\n")
+    assert test.endswith("pytest\n")
+
+
+def test_versions_agree() -> None:
+    version = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["project"]["version"]
+    assert steelyard.__version__ == version
+    citation = (ROOT / "CITATION.cff").read_text(encoding="utf-8")
+    assert re.findall(r'^version: "?([^"\n]+)"?$', citation, re.MULTILINE) == [version]
+    changelog = (ROOT / "CHANGELOG.md").read_text(encoding="utf-8")
+    headings = re.findall(r"^## \[([^\]]+)\]", changelog, re.MULTILINE)
+    assert headings
+    assert headings[0] in ("Unreleased", version)
+
+
+def test_files_speak_of_the_project_alone() -> None:
+    found = []
+    for path in tracked_files():
+        try:
+            text = path.read_text(encoding="utf-8")
+        except UnicodeDecodeError:
+            continue
+        for what, pattern in FOREIGN.items():
+            found += [f"{path.relative_to(ROOT)}: {what}: {hit[0]}" for hit in pattern.finditer(text)]
+    assert found == []
+
+
+@pytest.mark.parametrize(
+    "text", ["see /" + "work/x", "/" + "root/.cache", "/" + "tmp/plan/notes", "https://py" + "pi.org/simple"]
+)
+def test_foreign_words_are_recognised(text: str) -> None:
+    assert any(pattern.search(text) for pattern in FOREIGN.values())
+
+
+def test_links_in_the_documentation_lead_somewhere() -> None:
+    broken = []
+    pages = [*(ROOT / "docs").rglob("*.md"), *ROOT.glob("*.md")]
+    for page in pages:
+        for target in re.findall(r"\]\(([^)#\s]+)(?:#[^)]*)?\)", page.read_text(encoding="utf-8")):
+            if "://" not in target and not (page.parent / target).exists():
+                broken.append(f"{page.relative_to(ROOT)}: {target}")
+    assert broken == []
+
+
+def test_documented_options_are_those_of_the_command_line() -> None:
+    import typer.main
+
+    from steelyard.cli.main import app
+
+    text = (ROOT / "docs" / "reference" / "command-line.md").read_text(encoding="utf-8")
+    sections = dict(re.findall(r"^## steelyard (\w+)\n(.*?)(?=^## |\Z)", text, re.MULTILINE | re.DOTALL))
+    commands = typer.main.get_command(app).commands  # type: ignore[attr-defined]
+    assert sorted(sections) == sorted(commands)
+    for name, command in commands.items():
+        options = {o for p in command.params for o in p.opts if o.startswith("--") and o != "--help"}
+        assert set(re.findall(r"^\| `(--[\w-]+)", sections[name], re.MULTILINE)) == options, name
+
+
+def test_snippets_of_the_library_guide_run(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.chdir(tmp_path)
+    names: dict[str, object] = {}
+    snippets = blocks("docs/how-to/use-the-library.md", "python")
+    assert len(snippets) >= 5
+    for snippet in snippets:
+        exec(compile(snippet, "use-the-library.md", "exec"), names)
