@@ -1,9 +1,9 @@
 """Identify the Stäubli TX40 from its motor-side files: what people do today, and Steelyard, after reading the files.
 
-Today: SciPy filters, Pinocchio's regressor in a Python loop over every sample, friction columns by hand, decimation of torques and
-of every regressor column (parallel decimation: Gautier 1997; the tool that published this recording does the same), NumPy's QR
-with a tolerance, ordinary least squares. Lean: the same, but the motion is decimated before the loop. All start from the same raw
-arrays and end with base parameters and relative error.
+Today: SciPy filters, Pinocchio's regressor in a Python loop over every sample, friction columns by hand, decimation of
+torques and of every regressor column (parallel decimation: Gautier 1997; the tool that published this recording does
+the same), NumPy's QR with a tolerance, ordinary least squares. Lean: the same, but the motion is decimated before the
+loop. All start from the same raw arrays and end with base parameters and relative error.
 """
 
 import statistics
@@ -109,9 +109,8 @@ def main() -> None:
     reference = statistics.median(times["Steelyard"])
     for name, (error, count) in results.items():
         seconds = statistics.median(times[name])
-        print(
-            f"{name:12s} {seconds:8.3f} s   ratio {seconds / reference:6.1f}   error {error:.2%}   {count} base parameters"
-        )
+        ratio = seconds / reference
+        print(f"{name:12s} {seconds:8.3f} s   ratio {ratio:6.1f}   error {error:.2%}   {count} base parameters")
 
 
 if __name__ == "__main__":

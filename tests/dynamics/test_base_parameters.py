@@ -13,8 +13,8 @@ def test_planar_two_link_arm_has_the_textbook_parameters():
     """Two links in a vertical plane: the textbook names three inertial and two gravity groups (lx, ly of each link)."""
     robot = sy.Robot.from_dh([(0, 0.7, 0, "q"), (0, 0.4, 0, "q")], gravity=(0, -9.81, 0))
     base = sy.Model(robot).base_parameters()
-    # Link frames stand at the far ends: about the joint, a body has Lzz + 2 a lx + a² m and lx + a m, and the former less
-    # 2 a times the latter is Lzz - a² m.
+    # Link frames stand at the far ends: about the joint, a body has Lzz + 2 a lx + a² m and lx + a m, and the former
+    # less 2 a times the latter is Lzz - a² m.
     expected = {
         "Lzz1": {"Lzz1": 1.0, "m1": -0.49, "m2": -0.49},
         "lx1": {"lx1": 1.0, "m1": 0.7, "m2": 0.7},
@@ -30,7 +30,7 @@ def test_planar_two_link_arm_has_the_textbook_parameters():
 
 @pytest.mark.parametrize("joints", [2, 3, 4, 5, 6, 7])
 def test_general_revolute_arm_has_the_number_of_theory(joints, random):
-    """A first joint parallel to gravity leaves its link one parameter, each further link has seven (Mayeda et al. 1990)."""
+    """A first joint parallel to gravity leaves its link one parameter, each other has seven (Mayeda et al. 1990)."""
     rows = [(float(random.uniform(0.4, 1.2)), *random.uniform(0.1, 0.6, 2), "q") for _ in range(joints)]
     base = sy.Model(sy.Robot.from_dh(rows)).base_parameters()
     assert base.count == 1 + 7 * (joints - 1)

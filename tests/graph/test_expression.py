@@ -17,7 +17,7 @@ def test_zero_one_and_minus_one_vanish():
     assert 1.0 * x is x
     assert x + 0.0 is x
     assert x - x is graph.zero
-    assert -(-x) is x
+    assert -(0.0 - x) is x
     assert x + -y is x - y
     assert (-1.0 * x) * (-1.0 * y) is x * y
 

@@ -33,7 +33,8 @@ def trees(draw):
         axis = "" if kind == "fixed" else f'<axis xyz="{draw(AXES)}"/>'
         text.append(
             f'<link name="link{k}"><inertial><origin xyz="{c}" rpy="{r}"/><mass value="{random.uniform(0.1, 5)!r}"/>'
-            f'<inertia ixx="{inertia[0]!r}" iyy="{inertia[1]!r}" izz="{inertia[2]!r}" ixy="0.001" ixz="-0.002" iyz="0"/>'
+            f'<inertia ixx="{inertia[0]!r}" iyy="{inertia[1]!r}" izz="{inertia[2]!r}" '
+            f'ixy="0.001" ixz="-0.002" iyz="0"/>'
             f'</inertial></link><joint name="joint{k}" type="{kind}"><parent link="{parent}"/><child link="link{k}"/>'
             f'<origin xyz="{x}" rpy="{r}"/>{axis}<limit lower="-1" upper="1" effort="1" velocity="1"/></joint>'
         )

@@ -303,8 +303,8 @@ class Model:
             vector = np.asarray(parameters, dtype=np.float64)
             if vector.shape != (self.parameter_count,):
                 raise InputError(
-                    f"{self.robot.name} has {self.parameter_count} parameters: expected shape ({self.parameter_count},), "
-                    f"got {vector.shape}."
+                    f"{self.robot.name} has {self.parameter_count} parameters: "
+                    f"expected shape ({self.parameter_count},), got {vector.shape}."
                 )
             arrays.append(vector)
         kernel = self.kernel(function)

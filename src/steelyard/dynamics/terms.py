@@ -149,11 +149,13 @@ class MotorSide(Term):
             raise InputError(f"The coupling of the motor-side term must be a matrix of numbers: {error}.") from None
         if matrix.ndim != 2 or matrix.shape[0] != matrix.shape[1] or not np.isfinite(matrix).all():
             raise InputError(
-                f"The coupling of the motor-side term must be a square matrix of finite numbers, got shape {matrix.shape}."
+                "The coupling of the motor-side term must be a square matrix of finite numbers, "
+                f"got shape {matrix.shape}."
             )
         if np.linalg.matrix_rank(matrix) < len(matrix):
             raise InputError(
-                "The coupling of the motor-side term is singular, so that some joint is driven by no motor; check its rows."
+                "The coupling of the motor-side term is singular, so that some joint is driven by no motor; "
+                "check its rows."
             )
         matrix.flags.writeable = False
         self.coupling: NDArray[np.float64] = matrix
@@ -180,8 +182,8 @@ class MotorSide(Term):
         """Refuse a matrix of another size than the robot's number of joints."""
         if len(self.coupling) != robot.dof:
             raise InputError(
-                f"The coupling of the motor-side term is {len(self.coupling)} x {len(self.coupling)}, but {robot.name} has "
-                f"{robot.dof} joints: give one row for each joint and one column for each motor."
+                f"The coupling of the motor-side term is {len(self.coupling)} x {len(self.coupling)}, but {robot.name} "
+                f"has {robot.dof} joints: give one row for each joint and one column for each motor."
             )
 
     def to_dict(self) -> dict[str, Any]:
@@ -232,6 +234,7 @@ def term_from_dict(section: Mapping[str, Any], where: str = "[[terms]]") -> Term
     known = {"coupling"} if kind == "motor_side" else set()
     if set(options) != known:
         raise InputError(
-            f"{where}: a term of kind {kind!r} takes {sorted(known) if known else 'no other keys'}, got {sorted(options)}."
+            f"{where}: a term of kind {kind!r} takes {sorted(known) if known else 'no other keys'}, "
+            f"got {sorted(options)}."
         )
     return _KINDS[kind](**options)

@@ -28,8 +28,8 @@ TRACE_PER_MASS = 100.0
 """Bound on the sum of the traces of all blocks, for each kg of the mass bound."""
 
 TIE_TOLERANCES = (1e-8, 1e-6)
-"""What the preferred answer may cost, relative to the squared residual, where least squares is feasible; the second where
-the solver finds no answer within the first."""
+"""What the preferred answer may cost, relative to the squared residual, where least squares is feasible; the second
+where the solver finds no answer within the first."""
 
 RIDGE = 1e-12
 """Curvature that settles unknowns which neither data nor conditions bound, in units of the scaled objective."""

@@ -114,7 +114,8 @@ class Identification:
         return float(sum(self.estimate.parameters[columns[9]] for columns in self.model.link_columns))
 
     def __repr__(self) -> str:
+        before, after = self.unconstrained.relative_error, self.estimate.relative_error
         return (
-            f"Identification({self.model.robot.name}: relative error {self.unconstrained.relative_error:.2%} unconstrained "
-            f"({self.verdict.status}), {self.estimate.relative_error:.2%} feasible)"
+            f"Identification({self.model.robot.name}: relative error {before:.2%} unconstrained "
+            f"({self.verdict.status}), {after:.2%} feasible)"
         )

@@ -38,8 +38,9 @@ def swapped_torques(model: Model, samples: Samples) -> tuple[str, ...]:
         error[i] = _errors(block, torque)
     names = model.robot.joint_names
     return tuple(
-        f"The torque columns of {names[i]} and {names[j]} look swapped: fitted alone, each suits the other joint "
-        f"({error[i, j]:.0%} and {error[j, i]:.0%} error) better than its own ({error[i, i]:.0%} and {error[j, j]:.0%})."
+        f"The torque columns of {names[i]} and {names[j]} look swapped: fitted alone, each suits the other "
+        f"joint ({error[i, j]:.0%} and {error[j, i]:.0%} error) better than its own "
+        f"({error[i, i]:.0%} and {error[j, j]:.0%})."
         for i in joints
         for j in joints
         if i < j and error[i, j] * error[j, i] < _RATIO * error[i, i] * error[j, j]

@@ -106,7 +106,8 @@ class Estimate:
 
     def __repr__(self) -> str:
         feasible = f", feasible ({self.consistency})" if self.consistency else ""
-        return f"Estimate({self.method}: {len(self.base)} base parameters, relative error {self.relative_error:.2%}{feasible})"
+        error = f"relative error {self.relative_error:.2%}"
+        return f"Estimate({self.method}: {len(self.base)} base parameters, {error}{feasible})"
 
     def _repr_html_(self) -> str:
         relative = self.relative_standard_deviation
@@ -206,15 +207,16 @@ class Estimate:
 
         if self.parameters is None:
             raise InputError(
-                "A URDF needs the parameters of every link, but this estimate has base parameters alone: use steelyard.fit."
+                "A URDF needs the parameters of every link, but this estimate has base parameters alone: "
+                "use steelyard.fit."
             )
         robot = Robot.from_urdf(source, tip=self.description.get("tip"), locked=self.description.get("locked") or ())
         names = list(robot.parameter_names)
         missing = [name for name in names if name not in self.parameter_names]
         if missing or tuple(robot.joint_names) != self.joint_names:
             raise InputError(
-                f"{source}: does not describe the robot of this estimate, whose joints are {', '.join(self.joint_names)}; "
-                f"it has {', '.join(robot.joint_names)}."
+                f"{source}: does not describe the robot of this estimate, whose joints are "
+                f"{', '.join(self.joint_names)}; it has {', '.join(robot.joint_names)}."
             )
         index = {name: k for k, name in enumerate(self.parameter_names)}
         links = self.parameters[[index[name] for name in names]]

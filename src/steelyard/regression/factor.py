@@ -7,13 +7,13 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-__all__ = ["Factor", "Reduced", "solve", "triangular"]
+__all__ = ["Factor", "Reduced", "solve", "triangular", "undetermined_columns"]
 
 Array = NDArray[np.float64]
 
 
 def triangular(rows: Array) -> Array:
-    """Return the square upper-triangular factor R of rows (m, c), with a non-negative diagonal: ``R'R = rows' rows``."""
+    """Return the upper-triangular factor R (c, c) of rows (m, c), its diagonal not negative: ``R'R = rows' rows``."""
     width = rows.shape[1]
     factor = np.zeros((width, width))
     if len(rows):
@@ -91,3 +91,19 @@ def solve(problem: Reduced) -> Array:
     scale = np.where(lengths > 0.0, lengths, 1.0)
     solution = np.linalg.lstsq(problem.R / scale, problem.rho, rcond=1e-9)[0]
     return np.asarray(solution / scale)
+
+
+def undetermined_columns(R: Array) -> NDArray[np.bool_]:
+    """Tell which unknowns of a triangular problem have no unique value, (n_b,).
+
+    Columns are scaled to length one; an unknown is undetermined if its column is missing, or if it takes part in a
+    combination that R does not show.
+    """
+    lengths = np.linalg.norm(R, axis=0)
+    loose = np.asarray(lengths <= 1e-12 * (lengths.max(initial=0.0) or 1.0))
+    present = np.flatnonzero(~loose)
+    if len(present):
+        _, values, rows = np.linalg.svd(R[:, present] / lengths[present])
+        missing = rows[values < 1e-9 * values[0]]
+        loose[present[(np.abs(missing) > 1e-6).any(axis=0)]] = True
+    return loose

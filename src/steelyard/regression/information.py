@@ -17,7 +17,7 @@ from steelyard.dynamics import Model
 from steelyard.errors import InputError
 from steelyard.recording import Samples
 
-from .factor import Factor, Reduced, solve, triangular
+from .factor import Factor, Reduced, solve, triangular, undetermined_columns
 from .threads import one_thread
 
 __all__ = ["Information"]
@@ -197,8 +197,9 @@ class Information:
         n = len(base_names)
         if factor.shape != (n, n) or target.shape != (n,) or residual2 < 0.0 or count < 1:
             raise InputError(
-                f"A reduced regression of {n} base parameters needs R of shape ({n}, {n}), rho of shape ({n},), a squared "
-                f"residual and a positive number of rows, got {factor.shape}, {target.shape}, {residual2} and {count}."
+                f"A reduced regression of {n} base parameters needs R of shape ({n}, {n}), rho of shape ({n},), "
+                f"a squared residual and a positive number of rows, got {factor.shape}, {target.shape}, {residual2} "
+                f"and {count}."
             )
         rows = np.zeros((n + 1, n + 1))
         rows[:n, :n], rows[:n, n], rows[n, n] = factor, target, np.sqrt(residual2)
@@ -294,15 +295,7 @@ class Information:
     @cached_property
     def undetermined_mask(self) -> NDArray[np.bool_]:
         """Which base parameters the data does not determine, whatever its noise; (n_b,)."""
-        R = self.reduced().R
-        lengths = np.linalg.norm(R, axis=0)
-        loose = lengths <= 1e-12 * (lengths.max(initial=0.0) or 1.0)
-        present = np.flatnonzero(~loose)
-        if len(present):
-            _, values, rows = np.linalg.svd(R[:, present] / lengths[present])
-            missing = rows[values < 1e-9 * values[0]]
-            loose[present[(np.abs(missing) > 1e-6).any(axis=0)]] = True
-        return np.asarray(loose)
+        return undetermined_columns(self.reduced().R)
 
     @property
     def undetermined(self) -> tuple[str, ...]:

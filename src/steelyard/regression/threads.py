@@ -12,10 +12,11 @@ __all__ = ["one_thread"]
 def one_thread() -> AbstractContextManager[Any]:
     """Return a context in which BLAS works in one thread.
 
-    The factorisation of a narrow block has hundreds of points at which threads wait for each other. On a machine that is
-    busy with anything else each of them can cost a time slice: two hundred times the work itself.
+    The factorisation of a narrow block has hundreds of points at which threads wait for each other. On a machine that
+    is busy with anything else each of them can cost a time slice: together two hundred times the work itself.
     """
-    return _controller().limit(limits=1, user_api="blas")
+    context: AbstractContextManager[Any] = _controller().limit(limits=1, user_api="blas")
+    return context
 
 
 @cache

@@ -1,0 +1,10 @@
+"""The report: a folder of results, an HTML page, a picture."""
+
+from .html import report_html as report_html
+from .html import write_report as write_report
+from .picture import torque_picture as torque_picture
+from .picture import torque_svg as torque_svg
+from .results import require_folder as require_folder
+from .results import save_results as save_results
+
+__all__ = ["report_html", "require_folder", "save_results", "torque_picture", "torque_svg", "write_report"]

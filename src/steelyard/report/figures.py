@@ -1,0 +1,98 @@
+"""Measured against predicted torque, one small figure for each joint."""
+
+from __future__ import annotations
+
+import json
+
+import numpy as np
+from numpy.typing import NDArray
+
+from steelyard.identification import Identification, Prediction
+
+from .markup import Markup, escape, percent
+from .summary import short_names
+
+__all__ = ["default_log", "torque_data", "torque_figures"]
+
+Array = NDArray[np.float64]
+POINTS = 1500  # of a curve; more cannot be seen at the width of a figure
+_CURVES = (("measured", "measured"), ("unconstrained", "least squares"), ("feasible", "feasible"))
+
+
+def default_log(identification: Identification) -> int:
+    """Return the log that is shown first: the first one for validation, or else the first."""
+    roles = [prediction.role for prediction in identification.predictions]
+    return roles.index("validation") if "validation" in roles else 0
+
+
+def torque_figures(identification: Identification) -> Markup:
+    """Return the frames of the figures, the choice of log, the legend and the data."""
+    if not identification.predictions:
+        return Markup("<p>There is no log to show.</p>")
+    chosen = default_log(identification)
+    selected = {True: " selected", False: ""}
+    options = "".join(
+        f'<option value="{index}"{selected[index == chosen]}>{escape(f"{name} ({prediction.role})")}</option>'
+        for index, (name, prediction) in enumerate(
+            zip(short_names(identification), identification.predictions, strict=True)
+        )
+    )
+    legend = "".join(
+        f'<label class="curve {kind}"><input type="checkbox" checked value="{kind}">'
+        f'<svg width="26" height="8" aria-hidden="true"><path d="M0 4H26"/></svg>{escape(label)}</label>'
+        for kind, label in _CURVES
+    )
+    figures = "".join(
+        f'<figure><figcaption>{escape(name)} <span class="error" id="torque-{index}-error"></span></figcaption>'
+        f'<div class="plot" id="torque-{index}" role="img"></div></figure>'
+        for index, name in enumerate(identification.estimate.joint_names)
+    )
+    return Markup(
+        "<p>Where the two predictions agree, the feasible one lies on top of the other. The figures beside the names "
+        "are the relative errors, least squares → feasible. Drag to zoom into a span of time in all the joints, "
+        "double-click to see the whole again.</p>"
+        f'<div class="controls"><label>Log <select id="log-choice" autocomplete="off">{options}</select></label>'
+        f'<span class="legend" role="group" aria-label="Curves">{legend}</span></div>'
+        "<noscript><p>The figures are drawn by a script, and scripts are turned off here.</p></noscript>"
+        f'<div class="plots">{figures}</div>'
+        f'<script type="application/json" id="torque-data">{torque_data(identification)}</script>'
+    )
+
+
+def torque_data(identification: Identification) -> str:
+    """Return the curves as JSON that may stand in a script element."""
+    robot = identification.model.robot
+    units = ["N·m" if robot.joints[index].rotates else "N" for index in robot.driving_joints]
+    names = identification.estimate.joint_names
+    logs = [
+        _log(prediction, name, names, units)
+        for name, prediction in zip(short_names(identification), identification.predictions, strict=True)
+    ]
+    text = json.dumps(logs, allow_nan=False, separators=(",", ":"))
+    return text.replace("<", "\\u003c").replace(">", "\\u003e").replace("&", "\\u0026")
+
+
+def _log(prediction: Prediction, log: str, names: tuple[str, ...], units: list[str]) -> dict[str, object]:
+    trace = prediction.trace
+    rows = slice(None, None, -(-len(trace.t) // POINTS) or 1)
+    joints = []
+    for index, (name, unit) in enumerate(zip(names, units, strict=True)):
+        before, after = prediction.joint_unconstrained_error[index], prediction.joint_feasible_error[index]
+        measured = trace.measured[:, index]
+        finite = measured[np.isfinite(measured)]
+        span = f"measured from {finite.min():.3g} to {finite.max():.3g} {unit}, " if len(finite) else ""
+        joints.append(
+            {
+                "label": f"Torque of {name} over time on {log}: {span}relative error {percent(before)} % with least "
+                f"squares, {percent(after)} % feasible",
+                "error": f"{percent(before)} % → {percent(after)} %",
+                "unit": unit,
+                **{kind: _rounded(getattr(trace, kind)[rows, index]) for kind, _ in _CURVES},
+            }
+        )
+    return {"t": _rounded(trace.t[rows], 7), "joints": joints}
+
+
+def _rounded(values: Array, digits: int = 5) -> list[float | None]:
+    """Digits that can be seen, and no more: they are most of the file's own size."""
+    return [float(f"{value:.{digits}g}") if np.isfinite(value) else None for value in values.tolist()]

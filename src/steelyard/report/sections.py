@@ -1,0 +1,222 @@
+"""The sections of the report below the first screen, but for the figures."""
+
+from __future__ import annotations
+
+from importlib import metadata
+from platform import python_version
+
+import numpy as np
+from numpy.typing import NDArray
+
+from steelyard import __version__
+from steelyard.identification import Identification
+
+from .markup import Markup, escape, number, percent, table
+from .summary import short_names
+
+__all__ = ["base_parameters", "errors", "joints", "link_properties", "links", "provenance", "violations"]
+
+Array = NDArray[np.float64]
+LIBRARIES = ("numpy", "scipy", "clarabel", "llvmlite", "polars", "lxml", "plotly")
+
+
+def errors(identification: Identification) -> Markup:
+    """Return one table of relative errors for each log."""
+    tables = []
+    for index, (name, prediction) in enumerate(
+        zip(short_names(identification), identification.predictions, strict=True)
+    ):
+        joints = zip(
+            identification.estimate.joint_names,
+            prediction.joint_unconstrained_error,
+            prediction.joint_feasible_error,
+            strict=True,
+        )
+        rows = [(joint, percent(before), percent(after)) for joint, before, after in joints]
+        rows.append(("All joints", percent(prediction.unconstrained_error), percent(prediction.feasible_error)))
+        caption = f"{prediction.role.capitalize()}: {name}, {prediction.row_count} rows"
+        columns = ("Joint", "Least squares, %", "Feasible, %")
+        tables.append(table(caption, columns, rows, identifier=f"errors-{index}", total=True))
+    return Markup(
+        "<p>The part of the measured torque that the model leaves unexplained, |τ − τ̂| / |τ|. "
+        "Validation logs were not used in the regression.</p>"
+        f'<div class="columns">{"".join(tables)}</div>'
+    )
+
+
+def violations(identification: Identification) -> Markup:
+    """Return what plain least squares makes impossible, and by how much."""
+    verdict = identification.verdict
+    first = escape(verdict.sentences()[0])
+    if not verdict.violations:
+        return Markup(f"<p>{first} No link and no joint has to be corrected.</p>")
+    rows = [(v.block, f"{v.amount:.3g}", v.unit or "SI") for v in verdict.violations]
+    text = (
+        f"<p>{first} Each condition is a matrix that must be positive semidefinite. "
+        "The table says what would have to be added to its diagonal, with the parameters that the motion does not show "
+        "chosen as favourably as possible.</p>"
+    )
+    columns = ("Condition", "Fails by", "Unit")
+    return Markup(
+        text + table("What plain least squares makes impossible", columns, rows, identifier="violations", texts=[2])
+    )
+
+
+def base_parameters(identification: Identification) -> Markup:
+    """Return the table of base parameters, weak ones marked."""
+    before, after = identification.unconstrained, identification.estimate
+    relative = before.relative_standard_deviation
+    rows, muted = [], []
+    for index, (name, expression) in enumerate(zip(before.base_names, before.base_expressions, strict=True)):
+        undetermined = not np.isfinite(before.standard_deviation[index])
+        weak = undetermined or expression in identification.weak or name in identification.weak
+        mark = f' <span class="mark">{"not determined" if undetermined else "weak"}</span>' if weak else ""
+        if weak:
+            muted.append(index)
+        value, deviation = number(before.base[index]), "∞" if undetermined else percent(relative[index])
+        rows.append((Markup(f"<code>{escape(expression)}</code>{mark}"), value, deviation, number(after.base[index])))
+    columns = ("Base parameter", "Least squares", "± %", "Feasible")
+    text = (
+        "<p>The combinations of parameters that the motion shows (SI units; symbols: L moment of inertia about the "
+        "origin of the link frame, l first moment, m mass, the number is the link's; then those of the joint terms). "
+        "± is the standard deviation relative to the value. Those marked weak or not determined could as well be "
+        "something else: a motion that excites them more would tell.</p>"
+    )
+    caption = f"The {len(rows)} base parameters"
+    return Markup(text + table(caption, columns, rows, identifier="base-parameters", muted=muted))
+
+
+def link_properties(parameters: Array) -> tuple[float, Array, Array]:
+    """Return mass, centre of mass and principal moments of a link from its ten parameters.
+
+    Parameters
+    ----------
+    parameters : ndarray
+        (10,) ``Lxx Lxy Lxz Lyy Lyz Lzz lx ly lz m``: tensor about the link frame's origin (thesis eq. 2.14 to 2.16),
+        first moment, mass.
+
+    Returns
+    -------
+    mass : float
+        kg.
+    center_of_mass : ndarray
+        (3,) m, in the link frame; NaN without mass.
+    moments : ndarray
+        (3,) kg·m², ascending: principal moments of inertia about the centre of mass; NaN without mass.
+
+    Examples
+    --------
+    A point mass of 2 kg at x = 0.5 m:
+
+    >>> import numpy as np
+    >>> mass, center, moments = link_properties(np.array([0, 0, 0, 0.5, 0, 0.5, 1.0, 0, 0, 2.0]))
+    >>> mass, center.tolist(), moments.tolist()
+    (2.0, [0.5, 0.0, 0.0], [0.0, 0.0, 0.0])
+    """
+    xx, xy, xz, yy, yz, zz, *first, mass = (float(value) for value in parameters)
+    if mass == 0.0:
+        return mass, np.full(3, np.nan), np.full(3, np.nan)
+    about_origin = np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]])
+    center = np.array(first) / mass
+    about_center = about_origin - mass * (center @ center * np.eye(3) - np.outer(center, center))
+    return mass, center, np.asarray(np.linalg.eigvalsh(about_center), dtype=np.float64)
+
+
+def links(identification: Identification) -> Markup:
+    """Return the table of the links of the answer."""
+    robot, parameters = identification.model.robot, identification.estimate.parameters
+    if parameters is None:
+        return Markup("<p>The estimate has base parameters alone.</p>")
+    described = any(link.inertia is not None for link in robot.links)
+    rows = []
+    for link, columns in zip(robot.links, identification.model.link_columns, strict=True):
+        mass, center, moments = link_properties(parameters[columns])
+        row = [link.name, number(mass, 4)]
+        if described:
+            row.append("–" if link.inertia is None else number(link.inertia.mass, 4))
+        rows.append([*row, *(_length(x) for x in center), *(number(x) for x in moments)])
+    heads = ["Link", "Mass, kg", *(["Mass in the description, kg"] if described else [])]
+    heads += [f"Centre of mass {axis}, m" for axis in "xyz"]
+    heads += [f"Principal moment {index} about the centre of mass, kg·m²" for index in (1, 2, 3)]
+    text = (
+        "<p>A physically possible set of links that moves as the feasible base parameters say. The motion shows only "
+        "the combinations above; what it does not show was chosen as the remarks tell, so that single values here "
+        "need not be those of the real links. The centre of mass is given in the link frame.</p>"
+    )
+    caption = "Inertial parameters of the links"
+    return Markup(text + table(caption, heads, rows, identifier="links"))
+
+
+def _length(value: float) -> str:
+    """Metres to a tenth of a millimetre, without the sign of a zero."""
+    return f"{round(value, 4) + 0.0:.4f}" if np.isfinite(value) else number(value)
+
+
+def joints(identification: Identification) -> Markup:
+    """Return joint friction, and the values of all the terms at the joints."""
+    robot, estimate = identification.model.robot, identification.estimate
+    driving = [robot.joints[index] for index in robot.driving_joints]
+    absent = np.full(len(driving), np.nan)
+    damping = absent if estimate.damping is None else estimate.damping
+    friction = absent if estimate.friction is None else estimate.friction
+    rows = []
+    for joint, name, viscous, coulomb in zip(driving, estimate.joint_names, damping, friction, strict=True):
+        units = ("N·m·s/rad", "N·m") if joint.rotates else ("N·s/m", "N")
+        rows.append((name, number(viscous), units[0], number(coulomb), units[1]))
+    heads = ("Joint", "Damping", "Unit", "Friction", "Unit")
+    text = (
+        "<p>Viscous damping and Coulomb friction of each joint moving alone, all terms together; – is not modelled.</p>"
+    )
+    return Markup(
+        text + table("Joint friction", heads, rows, identifier="friction", texts=[2, 4]) + _terms(identification)
+    )
+
+
+def _terms(identification: Identification) -> str:
+    model, parameters = identification.model, identification.estimate.parameters
+    robot = model.robot
+    described = [parameter for term in robot.terms for parameter in term.parameters]
+    if parameters is None or not described:
+        return ""
+    slides = any(not robot.joints[index].rotates for index in robot.driving_joints)
+    heads = ["Joint"]
+    for parameter in described:
+        unit = f"{parameter.unit} or {parameter.unit_prismatic}" if slides else parameter.unit
+        heads.append(f"{parameter.symbol}, {unit}")
+    position = {name: index for index, name in enumerate(model.parameter_names)}
+    rows = [
+        [name, *(number(parameters[position[f"{parameter.symbol}{joint + 1}"]]) for parameter in described)]
+        for joint, name in zip(robot.driving_joints, identification.estimate.joint_names, strict=True)
+    ]
+    meaning = "; ".join(f"{parameter.symbol} {parameter.description}" for parameter in described)
+    return f"<p>{escape(meaning)}.</p>" + table("Terms at the joints", heads, rows, identifier="terms")
+
+
+def provenance(identification: Identification) -> Markup:
+    """Return what went in: files, options, versions."""
+    robot = identification.model.robot
+    rows: list[tuple[str, str]] = []
+    if identification.robot_file is not None:
+        rows.append(("Robot file", str(identification.robot_file)))
+    if robot.source is not None and robot.source != identification.robot_file:
+        rows.append(("Robot description", str(robot.source)))
+    rows.append(("Joints, links", f"{robot.dof}, {len(robot.links)}"))
+    rows.append(("Terms at the joints", ", ".join(term.kind for term in robot.terms) or "none"))
+    rows += [("Log for identification", log) for log in identification.logs]
+    rows += [("Log for validation", log) for log in identification.validation_logs]
+    rows.append(("Least squares", identification.unconstrained.method))
+    rows.append(("Answer", identification.estimate.method))
+    rows += _flat("Option", identification.options)
+    rows += [("Steelyard", __version__), ("Python", python_version())]
+    rows += [(name, metadata.version(name)) for name in LIBRARIES]
+    return table("Where this comes from", ("What", "Value"), rows, identifier="provenance", texts=[1])
+
+
+def _flat(prefix: str, options: dict[str, object]) -> list[tuple[str, str]]:
+    rows: list[tuple[str, str]] = []
+    for name, value in options.items():
+        if isinstance(value, dict):
+            rows += _flat(f"{prefix} {name}", value)
+        else:
+            rows.append((f"{prefix} {name}", "none" if value is None else str(value)))
+    return rows
