@@ -59,13 +59,17 @@ def test_sections_are_kept_as_written(write):
     file = RobotFile.load(
         write(
             ROWS
-            + '[[terms]]\nkind = "viscous"\n[[terms]]\nkind = "x"\na = 1\n[log]\nq = ["q1"]\n[limits]\nq = [1, 2]\n'
+            + '[[terms]]\nkind = "viscous"\n[[terms]]\nkind = "x"\na = 1\n[log]\nq = ["q1"]\n'
+            + "[limits]\nlower = [-1, -2]\nvelocity = 3.0\n"
         )
     )
     assert file.robot.terms == ()
     assert file.terms == ({"kind": "viscous"}, {"kind": "x", "a": 1})
     assert file.section("log") == {"q": ["q1"]}
-    assert file.section("limits") == {"q": [1, 2]}
+    assert file.section("limits") == {"lower": [-1, -2], "velocity": 3.0}
+    assert [joint.lower for joint in file.robot.joints] == [-1.0, -2.0]
+    assert [joint.velocity_limit for joint in file.robot.joints] == [3.0, 3.0]
+    assert [joint.upper for joint in file.robot.joints] == [np.inf, np.inf]
     assert file.section("processing") == {}
     assert file.section("constraints") == {}
 
@@ -123,6 +127,11 @@ BROKEN = {
     "terms is a table": (ROWS + "[terms]\n", r"terms must be written as \[\[terms\]\]"),
     "terms holds words": ('terms = ["viscous"]\n' + ROWS, r"terms must be written as \[\[terms\]\]"),
     "log is an array": (ROWS + "[[log]]\n", r"log must be one table \[log\]"),
+    "unknown limit": (ROWS + "[limits]\nlow = 1\n", r'"low" is no limit; did you mean "lower"'),
+    "limits for another robot": (ROWS + "[limits]\nlower = [1, 2, 3]\n", r"lower has 3 values, but bench has 2 joints"),
+    "limit is text": (ROWS + '[limits]\nlower = ["a", 1]\n', r"lower of joint1 must be a number, got 'a'"),
+    "velocity limit negative": (ROWS + "[limits]\nvelocity = -1\n", r"velocity of joint1 must be positive"),
+    "limits crossed": (ROWS + "[limits]\nlower = 2\nupper = 1\n", r"lower limit of joint1 is 2, above its upper"),
     "limits is a number": ("limits = 3\n" + ROWS, r"limits must be one table \[limits\]"),
 }
 

@@ -31,6 +31,10 @@ TIE_TOLERANCES = (1e-8, 1e-6)
 """What the preferred answer may cost, relative to the squared residual, where least squares is feasible; the second
 where the solver finds no answer within the first."""
 
+PRICE_FRACTION = 0.01
+"""Part of the price of feasibility that the preferred answer may cost: what the model misses anyway says how near is
+near."""
+
 RIDGE = 1e-12
 """Curvature that settles unknowns which neither data nor conditions bound, in units of the scaled objective."""
 
@@ -94,7 +98,8 @@ def fit_reduced(
     prefer : {"lightest", "cad", None}
         ``None`` returns the first stage as it is.
     tolerance : float
-        Fraction of the squared residual that may be spent where plain least squares is infeasible.
+        Fraction of the squared residual that may be spent where plain least squares is infeasible; a hundredth of what
+        feasibility itself costs, where that is more.
 
     Returns
     -------
@@ -123,9 +128,11 @@ def fit_reduced(
         best = regression.squared_residual(found)
         attained = not regression.stopped_by_bound(first, found, bound)
         iterations = first.iterations
+        near = 0.0
         if preference is not None:
             ties = regression.least_squares_is_feasible(best) or tolerance < TIE_TOLERANCES[0]
-            for spent in TIE_TOLERANCES if ties else (tolerance,):
+            near = max(tolerance, PRICE_FRACTION * regression.price(best))
+            for spent in TIE_TOLERANCES if ties else (near,):
                 second = regression.preferred(preference, margin, best * (1 + spent), bound, found)
                 iterations += second.iterations
                 candidate = regression.parameters(second)
@@ -136,7 +143,7 @@ def fit_reduced(
         if feasible.contains(found):
             if outside is not None:
                 found = pull_inside(feasible, outside, found)
-            return regression.report(found, best, attained, bound, prefer, tolerance, iterations)
+            return regression.report(found, best, attained, bound, prefer, near, iterations)
         outside = found if outside is None else outside
     raise SolverError(
         "Clarabel ended outside the feasible set with every margin tried; check that the constraints leave room and "
@@ -266,6 +273,10 @@ class _Regression:
         P = sparse.csc_array(sparse.block_diag([sparse.csc_array((rows, rows), dtype=float), P], format="csc"))
         return solve(self._problem(P, np.concatenate([np.zeros(rows), q]), margin, 2 * bound, radius))
 
+    def price(self, best: float) -> float:
+        """What the conditions cost in squared residual, relative to that of plain least squares."""
+        return max(best / max(float(self.reduced.residual2), self.tiny) - 1.0, 0.0)
+
     def least_squares_is_feasible(self, best: float) -> bool:
         """Whether the conditions cost nothing, so that the base parameters are those of plain least squares."""
         return best <= float(self.reduced.residual2) * (1 + 1e-7) + self.tiny
@@ -295,7 +306,7 @@ class _Regression:
         chosen = {"lightest": "the lightest", "cad": "the closest to CAD"}
         if prefer is not None and not self.least_squares_is_feasible(best):
             remarks.append(
-                f"Among all answers within {100 * tolerance:g} % of the least squared residual this is "
+                f"Among all answers within {100 * tolerance:.2g} % of the least squared residual this is "
                 f"{chosen[prefer]}: total mass {mass:.4g} kg, at a price of "
                 f"{100 * max(0.0, value / best - 1):.2g} % in squared residual."
             )

@@ -197,7 +197,7 @@ class _Writer:
         return self._new(f"call {t} @llvm.fma.{self.suffix}({t} {a}, {t} {b}, {t} {c})")
 
     def _sine_and_cosine(self, x: str) -> tuple[str, str]:
-        """Reduce to [-pi/4, pi/4] by quadrants, then Taylor series to order 17 and 16 (below 1 ulp)."""
+        """Reduce to [-pi/4, pi/4] by quadrants, then Taylor series to order 17 and 16 (1.5 ulp)."""
         t, i = self.type, self.integer
         turns = self._new(f"fmul {t} {x}, {self._constant(2.0 / math.pi)}")
         shifted = self._new(f"fadd {t} {turns}, {self._constant(_ROUNDER)}")

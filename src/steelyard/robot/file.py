@@ -11,6 +11,7 @@ from typing import Any
 
 from steelyard.errors import InputError
 from steelyard.robot.dh import robot_from_dh
+from steelyard.robot.limits import with_limits
 from steelyard.robot.names import suggestion
 from steelyard.robot.robot import Robot
 
@@ -117,6 +118,7 @@ class RobotFile:
             if not isinstance(content["name"], str) or not content["name"]:
                 raise InputError(f"{path}: name must be a string, got {content['name']!r}")
             robot = replace(robot, name=content["name"])
+        robot = with_limits(robot, sections["limits"], f"{path}, [limits]")
         kept = {key: description[key] for key in ("tip", "locked") if key in description}
         return cls(path, robot, tuple(terms), sections, kept)
 
