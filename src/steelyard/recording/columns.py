@@ -2,16 +2,16 @@
 
 from __future__ import annotations
 
-import difflib
 import re
-from collections.abc import Callable, Iterable, Mapping, Sequence
-from dataclasses import dataclass, fields
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
 from math import pi
-from typing import Any, Self
+from typing import Any
 
 from steelyard.errors import InputError
+from steelyard.recording.section import Section
 
-__all__ = ["LogColumns", "suggestion"]
+__all__ = ["LogColumns"]
 
 TIME_UNITS = {"s": 1.0, "ms": 1e-3, "us": 1e-6, "µs": 1e-6, "ns": 1e-9}
 POSITION_UNITS = {"rad": 1.0, "deg": pi / 180.0, "m": 1.0, "mm": 1e-3}
@@ -35,14 +35,8 @@ Vector = tuple[float, ...]
 Matrix = tuple[Vector, ...]
 
 
-def suggestion(name: str, options: Iterable[str]) -> str:
-    """Return "did you mean …? " for the closest of `options`, or nothing when none is close."""
-    close = difflib.get_close_matches(name, list(options), n=1, cutoff=0.5)
-    return f"did you mean {close[0]!r}? " if close else ""
-
-
 @dataclass(frozen=True)
-class LogColumns:
+class LogColumns(Section):
     """Which columns of a log are what, in which units: the `[log]` section of robot.toml.
 
     Every key may be left out; what is left out is looked for in the header by the rules of `resolve`.
@@ -77,6 +71,8 @@ class LogColumns:
     (10.0, 10.0)
     """
 
+    section_name = "[log]"
+
     time: str | None = None
     rate: float | None = None
     time_unit: str | None = None
@@ -92,39 +88,6 @@ class LogColumns:
     torque_matrix: Matrix | None = None
     gain: Vector | None = None
     torque_sign: float | Vector | None = None
-
-    def __post_init__(self) -> None:
-        self._clean("[log]")
-
-    @classmethod
-    def from_dict(cls, section: Mapping[str, Any], where: str = "[log]") -> Self:
-        """Build from the section as TOML gives it; `where` names it in messages (for example "robot.toml, [log]").
-
-        Raises
-        ------
-        InputError
-            For an unknown key (with the closest known one) or a value that does not fit.
-        """
-        known = [field.name for field in fields(cls)]
-        for key in section:
-            if key not in known:
-                raise InputError(
-                    f"{where} has an unknown key {key!r}; {suggestion(key, known)}The keys are {', '.join(known)}."
-                )
-        columns = cls.__new__(cls)
-        for field in fields(cls):
-            object.__setattr__(columns, field.name, section.get(field.name, field.default))
-        columns._clean(where)
-        return columns
-
-    def to_dict(self) -> dict[str, Any]:
-        """Return the section as TOML or JSON would hold it, without the keys that have their default."""
-        result: dict[str, Any] = {}
-        for field in fields(self):
-            value = getattr(self, field.name)
-            if value != field.default:
-                result[field.name] = _plain(value)
-        return result
 
     def _clean(self, where: str) -> None:
         """Check every value and bring it into its stored form."""
@@ -154,10 +117,6 @@ class LogColumns:
             )
         if self.rate is not None and self.time is None and self.time_unit is not None:
             raise InputError(f"{where} gives time_unit and rate but no time; time_unit belongs to a time column.")
-
-
-def _plain(value: Any) -> Any:
-    return [_plain(item) for item in value] if isinstance(value, tuple) else value
 
 
 def _text(value: Any, where: str) -> str:

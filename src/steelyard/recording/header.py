@@ -6,7 +6,8 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 from steelyard.errors import InputError
-from steelyard.recording.columns import LogColumns, suggestion
+from steelyard.recording.columns import LogColumns
+from steelyard.recording.section import suggestion
 
 __all__ = ["Layout", "resolve"]
 

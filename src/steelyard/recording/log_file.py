@@ -184,7 +184,7 @@ def open_log(path: Path) -> LogFile:
 
 
 def _neighbour(path: Path) -> str:
-    from steelyard.recording.columns import suggestion
+    from steelyard.recording.section import suggestion
 
     if not path.parent.is_dir():
         return f" (nor does its folder {path.parent})"

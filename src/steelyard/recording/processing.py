@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
-from dataclasses import dataclass, fields, replace
+from collections.abc import Callable
+from dataclasses import dataclass, replace
 from math import ceil, prod
 from typing import TYPE_CHECKING, Any, Self
 
@@ -11,9 +11,10 @@ import numpy as np
 
 from steelyard.errors import InputError
 from steelyard.recording.checks import stuck_torques
-from steelyard.recording.columns import number, suggestion
+from steelyard.recording.columns import number
 from steelyard.recording.filtering import automatic_cutoff, decimate, first_derivative, low_pass
 from steelyard.recording.samples import Samples
+from steelyard.recording.section import Section
 from steelyard.recording.timing import check_even, resampled
 
 if TYPE_CHECKING:
@@ -25,7 +26,7 @@ __all__ = ["Processing"]
 
 
 @dataclass(frozen=True)
-class Processing:
+class Processing(Section):
     """How a recording becomes samples (thesis, section 4.3.3): the `[processing]` section of robot.toml.
 
     The steps, in this order: even sampling is checked (or made), positions are filtered without phase shift, velocities
@@ -66,6 +67,8 @@ class Processing:
     (10, 10)
     """
 
+    section_name = "[processing]"
+
     cutoff: float | str | None = "auto"
     order: int = 3
     velocity: str = "derive"
@@ -77,39 +80,6 @@ class Processing:
     resample: bool | float = False
     longest_gap: float | None = None
     difference: str = "central"
-
-    def __post_init__(self) -> None:
-        self._clean("Processing")
-
-    @classmethod
-    def from_dict(cls, section: Mapping[str, Any], where: str = "[processing]") -> Self:
-        """Build from the section as TOML gives it; `where` names it in messages.
-
-        Raises
-        ------
-        InputError
-            For an unknown key (with the closest known one) or a value that does not fit.
-        """
-        known = [field.name for field in fields(cls)]
-        for key in section:
-            if key not in known:
-                raise InputError(
-                    f"{where} has an unknown key {key!r}; {suggestion(key, known)}The keys are {', '.join(known)}."
-                )
-        processing = cls.__new__(cls)
-        for field in fields(cls):
-            object.__setattr__(processing, field.name, section.get(field.name, field.default))
-        processing._clean(where)
-        return processing
-
-    def to_dict(self) -> dict[str, Any]:
-        """Return the section as TOML or JSON would hold it, without the keys that have their default."""
-        result: dict[str, Any] = {}
-        for field in fields(self):
-            value = getattr(self, field.name)
-            if value != field.default:
-                result[field.name] = "none" if value is None else list(value) if isinstance(value, tuple) else value
-        return result
 
     def _clean(self, where: str) -> None:
         def put(name: str, value: Any) -> None:
