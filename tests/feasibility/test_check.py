@@ -5,8 +5,10 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from steelyard.dynamics import Coulomb, Model
 from steelyard.errors import InputError
 from steelyard.feasibility import CenterOfMassBox, FeasibleSet, TotalMass, check
+from steelyard.robot import Inertia, Robot
 
 
 def possible(base):
@@ -170,3 +172,26 @@ def test_certificates_turn_into_plain_numbers(two_links):
     bad = check(feasible, base=[0.5, 0.1, 0.25, 0.3, 0.4, 0.1]).certificate.to_dict()
     assert json.loads(json.dumps(good))["kind"] == "feasible"
     assert json.loads(json.dumps(bad))["kind"] == "infeasible"
+
+
+def test_a_link_without_inertia_is_named():
+    """A point mass lies on the boundary; the verdict names it rather than only calling itself undecided."""
+    robot = Robot.from_dh([("pi/2", 0.0, 0.3, "q"), (0.0, 0.4, 0.0, "q")])
+    model = Model(robot)
+    parameters = np.zeros(model.parameter_count)
+    parameters[:10] = Inertia.from_com(mass=2.0, com=np.zeros(3), about_com=0.1 * np.eye(3)).parameters
+    parameters[10:] = Inertia.from_com(mass=1.0, com=np.array([0.1, 0.0, 0.0]), about_com=np.zeros((3, 3))).parameters
+    verdict = check(FeasibleSet(model), parameters=parameters)
+    assert verdict.feasible is not True
+    assert [str(violation) for violation in verdict.violations][:1] == [
+        "body of link2 is on the boundary of what is possible"
+    ]
+
+
+def test_violated_terms_have_their_unit():
+    model = Model(Robot.from_dh([(0.0, 0.3, 0.0, "q")]).with_terms(Coulomb()))
+    parameters = np.zeros(11)
+    parameters[:10] = Inertia.from_com(mass=2.0, com=np.zeros(3), about_com=0.1 * np.eye(3)).parameters
+    parameters[10] = -0.25
+    (violation,) = check(FeasibleSet(model), parameters=parameters).violations
+    assert str(violation) == "Fcj >= 0 at joint1 fails by 0.25 N·m"

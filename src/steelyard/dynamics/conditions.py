@@ -30,6 +30,8 @@ class ModelCondition:
         Which parameters of the model appear, (c,).
     coefficients : ndarray
         (c, d, d), symmetric.
+    unit : str
+        Of the elements; empty where they have several.
     """
 
     name: str
@@ -38,6 +40,7 @@ class ModelCondition:
     constant: NDArray[np.float64]
     indices: NDArray[np.intp]
     coefficients: NDArray[np.float64]
+    unit: str = ""
 
     @property
     def size(self) -> int:
@@ -126,6 +129,7 @@ def model_conditions(robot: Robot, consistency: str) -> tuple[ModelCondition, ..
         joint = robot.joints[index]
         for term in robot.terms:
             symbols = [p.symbol for p in term.parameters]
+            units = {p.symbol: p.unit_prismatic if joint.kind == "prismatic" else p.unit for p in term.parameters}
             for condition in term.conditions():
                 used = [s for s in symbols if s in condition.coefficients]
                 result.append(
@@ -136,6 +140,7 @@ def model_conditions(robot: Robot, consistency: str) -> tuple[ModelCondition, ..
                         np.asarray(condition.constant, dtype=np.float64),
                         np.array([column + symbols.index(s) for s in used], dtype=np.intp),
                         np.array([condition.coefficients[s] for s in used], dtype=np.float64),
+                        units[used[0]] if len(used) == 1 else "",
                     )
                 )
             column += len(symbols)

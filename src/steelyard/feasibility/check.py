@@ -7,6 +7,7 @@ import numpy.typing as npt
 
 from steelyard.errors import InputError
 
+from .affine import is_positive_definite
 from .certificate import FeasibilityCertificate, InfeasibilityCertificate
 from .feasible_set import FeasibleSet
 from .margin import MARGIN_CAP, FreeProblem, fixed_certificate, largest_margin, least_violations
@@ -29,7 +30,7 @@ class Violation:
     block : str
         Name of the block.
     amount : float
-        What has to be added to its diagonal.
+        What has to be added to its diagonal; 0 where it is singular, on the boundary.
     unit : str
         Unit of `amount`; empty for blocks whose elements have several SI units.
     """
@@ -39,6 +40,8 @@ class Violation:
     unit: str = ""
 
     def __str__(self) -> str:
+        if self.amount == 0.0:
+            return f"{self.block} is on the boundary of what is possible"
         return f"{self.block} fails by {self.amount:.3g}{' ' + self.unit if self.unit else ''}"
 
 
@@ -157,6 +160,11 @@ def _check_parameters(feasible: FeasibleSet, parameters: Vector) -> Verdict:
         Violation(equality.name, float(abs(equality.coefficients @ parameters[equality.indices] - equality.value)))
         for equality in feasible.equalities
         if not feasible.satisfies_equations(parameters)
+    )
+    violations += tuple(
+        Violation(block.name, 0.0, block.unit)
+        for block, smallest in zip(feasible.blocks, eigenvalues, strict=True)
+        if smallest >= 0.0 and block.size > 1 and not is_positive_definite(block.evaluate(parameters))
     )
     margin = float(eigenvalues.min(initial=np.inf))
     if feasible.contains(parameters):

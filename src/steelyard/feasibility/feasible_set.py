@@ -92,6 +92,7 @@ class FeasibleSet:
                     indices=indices,
                     coefficients=np.asarray(condition.coefficients, dtype=float),
                     kind="link" if is_link else "term",
+                    unit=getattr(condition, "unit", ""),
                 )
             )
         for constraint in self.constraints:
