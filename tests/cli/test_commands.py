@@ -63,6 +63,10 @@ def test_a_urdf_alone_is_enough(run, place):
     code, out, _ = run("identify", place / "pair.urdf", place / "log.csv", "--output", place / "result")
     assert code == 0
     assert "relative error" in out
+    written = sy.Robot.from_urdf(place / "result" / "robot.urdf")
+    assert written.joints[0].damping == pytest.approx(0.1, abs=0.03)  # friction is identified without being asked for
+    assert written.joints[0].friction == pytest.approx(0.2, abs=0.05)
+    assert run("check", place / "pair.urdf", place / "result" / "estimate.json")[0] == 0
 
 
 def test_check_answers_with_its_exit_code(run, place):

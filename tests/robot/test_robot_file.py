@@ -80,11 +80,11 @@ def test_a_section_can_be_changed_without_changing_the_file(write):
     assert file.section("log") == {"q": ["q1"]}
 
 
-def test_a_plain_urdf_has_empty_sections(write):
+def test_a_plain_urdf_has_friction_and_no_settings(write):
     path = write("").parent / "robots" / "arm.urdf"
     file = RobotFile.load(path)
     assert file.robot.joint_names == ("j", "k", "l")
-    assert file.terms == ()
+    assert [term["kind"] for term in file.terms] == ["viscous", "coulomb", "offset"]
     assert file.section("log") == {}
 
 

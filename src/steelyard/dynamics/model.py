@@ -58,7 +58,7 @@ class Model:
 
     @classmethod
     def load(cls, path: str | Path) -> Model:
-        """Read a model from a ``robot.toml`` (description and terms) or a URDF (rigid links alone).
+        """Read a model from a ``robot.toml`` (description and terms) or a URDF (links, friction and offset).
 
         Parameters
         ----------

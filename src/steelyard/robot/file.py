@@ -19,6 +19,7 @@ __all__ = ["RobotFile"]
 
 TABLES = ("log", "processing", "limits", "constraints")
 TOP_LEVEL = ("name", "description", "terms", *TABLES)
+URDF_TERMS = ("viscous", "coulomb", "offset")
 URDF_KEYS = ("urdf", "tip", "locked", "gravity")
 DH_KEYS = ("convention", "rows", "gravity")
 
@@ -51,7 +52,10 @@ class RobotFile:
 
     @classmethod
     def load(cls, path: str | Path) -> RobotFile:
-        """Read a `.toml` robot file, or a plain `.urdf` (then every section is empty).
+        """Read a `.toml` robot file, or a plain `.urdf`.
+
+        A URDF gives no terms. Since every robot has friction, and URDF a place for it, it stands for a file with viscous
+        friction, Coulomb friction and an offset at every joint, and no other settings.
 
         Raises
         ------
@@ -79,7 +83,7 @@ class RobotFile:
         path = Path(path)
         match path.suffix.lower():
             case ".urdf" | ".xml":
-                return cls(path, Robot.from_urdf(path))
+                return cls(path, Robot.from_urdf(path), tuple({"kind": kind} for kind in URDF_TERMS))
             case ".toml":
                 return cls._from_toml(path)
         raise InputError(f"{path}: a robot is described by a .urdf or a .toml file, got the suffix {path.suffix!r}")
