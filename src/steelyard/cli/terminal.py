@@ -88,6 +88,7 @@ def show_model(model: Model, consistency: Literal["full", "inertia"]) -> None:
     from rich.text import Text
 
     from steelyard.feasibility import FeasibleSet, check
+    from steelyard.robot import INERTIA_SYMBOLS
 
     console = Console(highlight=False)
     robot, base = model.robot, model.base_parameters()
@@ -101,6 +102,8 @@ def show_model(model: Model, consistency: Literal["full", "inertia"]) -> None:
         table.add_row(Text(name), joint.kind, Text(link.name), mass, *cells)
     console.print(table)
     console.print(Text(f"Terms: {', '.join(t.kind for t in robot.terms) or 'none'}"), soft_wrap=True)
+    symbols = (*INERTIA_SYMBOLS, *(p.symbol for term in robot.terms for p in term.parameters))
+    console.print(Text(f"Parameters of each link and its joint, with its number: {' '.join(symbols)}"), soft_wrap=True)
     console.print(
         Text(f"{model.parameter_count} parameters, {base.count} base parameters (rank gap {base.gap:.1e})"),
         soft_wrap=True,
