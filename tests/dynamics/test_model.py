@@ -108,6 +108,17 @@ def test_parts_add_up_to_the_whole(wam, random):
     np.testing.assert_allclose(whole, wam.regressor(q, dq, ddq) @ parameters, atol=1e-11)
 
 
+def test_forward_dynamics_undoes_inverse_dynamics(wam, random):
+    """Rotors, coupled ones too, belong to the inertia that torques accelerate."""
+    from steelyard.identification.wam import true_parameters
+
+    q, dq, ddq = random.normal(size=(3, 20, 7))
+    torque = wam.inverse_dynamics(q, dq, ddq, true_parameters())
+    np.testing.assert_allclose(wam.forward_dynamics(q, dq, torque, true_parameters()), ddq, atol=1e-8)
+    with pytest.raises(sy.InputError, match="inertia matrix of wam is singular"):
+        wam.forward_dynamics(q, dq, torque, np.zeros(wam.parameter_count))
+
+
 def test_shapes_of_one_sample_and_of_batches(wam):
     q = np.zeros((2, 3, 7))
     parameters = np.zeros(wam.parameter_count)
@@ -128,6 +139,7 @@ def test_shapes_of_one_sample_and_of_batches(wam):
         ),
         (lambda m: m.gravity(np.zeros(7), np.zeros(118)), "wam has 119 parameters: expected shape (119,), got (118,)"),
         (lambda m: m.pose(np.zeros(7), "hand"), "wam has no link 'hand'"),
+        (lambda m: m.jacobian(np.zeros(7), 7), "wam has moving links 0 to 6, got 7"),
         (lambda m: m.operation_count("mass"), "There is no function 'mass'"),
         (lambda m: m.operation_count("gravity", base=True), "counted for 'regressor'"),
         (lambda m: m.conditions("weak"), "must be 'full' or 'inertia', got 'weak'"),

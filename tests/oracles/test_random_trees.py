@@ -66,7 +66,12 @@ def test_random_trees_agree(tmp_path_factory, text, seed):
     np.testing.assert_allclose(model.inverse_dynamics(q, dq, ddq, parameters), torque, rtol=1e-9, atol=1e-10 * size)
     np.testing.assert_allclose(model.regressor(q, dq, ddq) @ parameters, torque, rtol=1e-9, atol=1e-10 * size)
     np.testing.assert_allclose(model.inertia_matrix(q, parameters), inertia, rtol=1e-9, atol=1e-10)
+    acceleration = model.forward_dynamics(q, dq, torque, parameters)
+    np.testing.assert_allclose(acceleration, ddq, rtol=1e-6, atol=1e-6 * np.linalg.cond(inertia) ** 0.5)
+    pinocchio.computeJointJacobians(oracle, data, full)
+    pinocchio.updateFramePlacements(oracle, data)
     for k, link in enumerate(robot.link_names):
-        pinocchio.framesForwardKinematics(oracle, data, full)
-        pose = data.oMf[oracle.getFrameId(link)].homogeneous
-        np.testing.assert_allclose(model.pose(q, k), pose, atol=1e-12)
+        frame = oracle.getFrameId(link)
+        np.testing.assert_allclose(model.pose(q, k), data.oMf[frame].homogeneous, atol=1e-12)
+        jacobian = pinocchio.getFrameJacobian(oracle, data, frame, pinocchio.LOCAL_WORLD_ALIGNED)
+        np.testing.assert_allclose(model.jacobian(q, link), np.reshape(jacobian, (6, oracle.nv))[:, rows], atol=1e-12)

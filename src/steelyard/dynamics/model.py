@@ -177,6 +177,43 @@ class Model:
         result[..., [e[0] for e in entries], [e[1] for e in entries]] = flat
         return result
 
+    def forward_dynamics(self, q: ArrayLike, dq: ArrayLike, tau: ArrayLike, parameters: ArrayLike) -> Array:
+        """Return the accelerations (..., N) that joint torques cause, thesis eq. 5.1.
+
+        Parameters
+        ----------
+        q, dq, tau : array_like
+            (..., N).
+        parameters : array_like
+            (n,).
+
+        Returns
+        -------
+        ndarray
+            rad/s² or m/s².
+
+        Raises
+        ------
+        InputError
+            If the inertia matrix is singular at some sample: such parameters are not physically possible.
+        """
+        (q, dq, tau), shape = self._motion((q, dq, tau))
+        still = np.zeros_like(q)
+        rest = tau - self.inverse_dynamics(q, dq, still, parameters)
+        matrix = self.inertia_matrix(q, parameters)
+        # What terms add per acceleration (rotors): they are linear in it.
+        base = self.drive_torque(dq, still, parameters, q)
+        for k, unit in enumerate(np.eye(self.joint_count)):
+            matrix[:, :, k] += self.drive_torque(dq, np.broadcast_to(unit, q.shape), parameters, q) - base
+        try:
+            acceleration = np.asarray(np.linalg.solve(matrix, rest[..., None])[..., 0], dtype=np.float64)
+        except np.linalg.LinAlgError:
+            raise InputError(
+                f"The inertia matrix of {self.robot.name} is singular with these parameters; "
+                "steelyard.check tells which link is not physically possible."
+            ) from None
+        return acceleration.reshape((*shape, self.joint_count))
+
     def pose(self, q: ArrayLike, link: str | int) -> Array:
         """Return the pose of a link frame in the base frame, (..., 4, 4).
 
@@ -191,20 +228,65 @@ class Model:
         -------
         ndarray
         """
+        index = self._link_index(link)
+        (q,), shape = self._motion((q,))
+        return self._poses(q)[index].reshape((*shape, 4, 4))
+
+    def jacobian(self, q: ArrayLike, link: str | int) -> Array:
+        """Return the Jacobian of a link frame's origin in the base frame, (..., 6, N), linear rows first.
+
+        Parameters
+        ----------
+        q : array_like
+            (..., N).
+        link : str or int
+            Name or index.
+
+        Returns
+        -------
+        ndarray
+            Rows: m/rad or 1 (linear), then 1 or 0 (angular).
+        """
+        index = self._link_index(link)
+        (q,), shape = self._motion((q,))
+        poses = self._poses(q)
+        origin = poses[index][:, :3, 3]
+        result = np.zeros((len(q), 6, self.joint_count))
+        while index >= 0:
+            joint = self.robot.joints[index]
+            before = np.broadcast_to(np.eye(4), poses[index].shape) if joint.parent < 0 else poses[joint.parent]
+            frame = before @ np.asarray(joint.before)
+            axis = joint.multiplier * frame[:, :3, 2]
+            if joint.kind == "prismatic":
+                result[:, :3, joint.coordinate] += axis
+            else:
+                result[:, :3, joint.coordinate] += np.cross(axis, origin - frame[:, :3, 3])
+                result[:, 3:, joint.coordinate] += axis
+            index = joint.parent
+        return result.reshape((*shape, 6, self.joint_count))
+
+    def _link_index(self, link: str | int) -> int:
         names = self.robot.link_names
         if isinstance(link, str):
             if link not in names:
                 raise InputError(f"{self.robot.name} has no link {link!r}; its moving links are {', '.join(names)}.")
-            link = names.index(link)
-        (q,), shape = self._motion((q,))
-        turn, place = kinematics.link_poses(self.robot, list(q.T), np)[link]
-        result = np.zeros((len(q), 4, 4))
-        for i in range(3):
-            result[:, i, 3] = place[i]
-            for j in range(3):
-                result[:, i, j] = turn[i][j]
-        result[:, 3, 3] = 1.0
-        return result.reshape((*shape, 4, 4))
+            return names.index(link)
+        if not 0 <= link < len(names):
+            raise InputError(f"{self.robot.name} has moving links 0 to {len(names) - 1}, got {link}.")
+        return link
+
+    def _poses(self, q: Array) -> list[Array]:
+        """Return the poses of all link frames, (S, 4, 4) each."""
+        result = []
+        for turn, place in kinematics.link_poses(self.robot, list(q.T), np):
+            pose = np.zeros((len(q), 4, 4))
+            pose[:, 3, 3] = 1.0
+            for i in range(3):
+                pose[:, i, 3] = place[i]
+                for j in range(3):
+                    pose[:, i, j] = turn[i][j]
+            result.append(pose)
+        return result
 
     # What the model is made of
 

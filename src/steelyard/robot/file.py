@@ -54,8 +54,8 @@ class RobotFile:
     def load(cls, path: str | Path) -> RobotFile:
         """Read a `.toml` robot file, or a plain `.urdf`.
 
-        A URDF gives no terms. Since every robot has friction, and URDF a place for it, it stands for a file with viscous
-        friction, Coulomb friction and an offset at every joint, and no other settings.
+        A URDF gives no terms. Since every robot has friction, and URDF a place for it, it stands for a file with
+        viscous friction, Coulomb friction and an offset at every joint, and no other settings.
 
         Raises
         ------
