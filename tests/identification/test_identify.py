@@ -78,6 +78,28 @@ def test_swapped_torque_columns_are_found(elbow, simulation):
     assert any("The torque columns of joint2 and joint3 look swapped" in remark for remark in remarks)
 
 
+def test_swapped_position_columns_are_found(elbow, simulation):
+    path, model, folder = elbow
+    simulation.record(model, folder / "good.csv", seed=7)
+    good = sy.Recording.read(folder / "good.csv", joints=3)
+    mixed = sy.Recording(t=good.t, q=good.q[:, [1, 0, 2]], torque=good.torque, source="mixed")
+    mixed.save(folder / "mixed.csv")
+    remarks = sy.identify(path, [folder / "mixed.csv"]).remarks
+    assert any("The position columns of joint1 and joint2 look swapped" in remark for remark in remarks)
+
+
+def test_torques_of_the_wrong_sign_are_said(elbow, simulation):
+    """The negative of a robot fits as well as the robot, and cannot exist."""
+    path, model, folder = elbow
+    simulation.record(model, folder / "good.csv", seed=7)
+    good = sy.Recording.read(folder / "good.csv", joints=3)
+    assert not any("No possible robot" in r for r in sy.identify(path, [folder / "good.csv"]).remarks)
+    sy.Recording(t=good.t, q=good.q, torque=-good.torque, source="negative").save(folder / "negative.csv")
+    result = sy.identify(path, [folder / "negative.csv"])
+    assert any("No possible robot explains these torques well" in remark for remark in result.remarks)
+    assert result.verdict.status == "infeasible"
+
+
 def test_constraints_of_the_robot_file_hold(elbow, simulation):
     path, model, folder = elbow
     log = simulation.record(model, folder / "log.csv", seed=8, noise=1.0)

@@ -31,9 +31,12 @@ TIE_TOLERANCES = (1e-8, 1e-6)
 """What the preferred answer may cost, relative to the squared residual, where least squares is feasible; the second
 where the solver finds no answer within the first."""
 
-PRICE_FRACTION = 0.01
+PRICE_FRACTION = 0.008
 """Part of the price of feasibility that the preferred answer may cost: what the model misses anyway says how near is
 near."""
+
+DEAREST = 0.02
+"""That part is at most this, relative to the squared residual."""
 
 RIDGE = 1e-12
 """Curvature that settles unknowns which neither data nor conditions bound, in units of the scaled objective."""
@@ -98,7 +101,7 @@ def fit_reduced(
     prefer : {"lightest", "cad", None}
         ``None`` returns the first stage as it is.
     tolerance : float
-        Fraction of the squared residual that may be spent where plain least squares is infeasible; a hundredth of what
+        Fraction of the squared residual that may be spent where plain least squares is infeasible; 0.008 of what
         feasibility itself costs, where that is more.
 
     Returns
@@ -131,7 +134,7 @@ def fit_reduced(
         near = 0.0
         if preference is not None:
             ties = regression.least_squares_is_feasible(best) or tolerance < TIE_TOLERANCES[0]
-            near = max(tolerance, PRICE_FRACTION * regression.price(best))
+            near = max(tolerance, min(PRICE_FRACTION * regression.price(best), DEAREST))
             for spent in TIE_TOLERANCES if ties else (near,):
                 second = regression.preferred(preference, margin, best * (1 + spent), bound, found)
                 iterations += second.iterations

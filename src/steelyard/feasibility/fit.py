@@ -39,7 +39,7 @@ def fit(
     prefer : {"lightest", "cad", None}
         Least total mass; closest to the inertial parameters of CAD; or what the solver returns within the mass bound.
     tolerance : float
-        Fraction of the squared residual that may be spent where plain least squares is infeasible; a hundredth of what
+        Fraction of the squared residual that may be spent where plain least squares is infeasible; 0.008 of what
         feasibility itself costs, where that is more. 0 spends nothing.
 
     Returns

@@ -18,7 +18,7 @@ from steelyard.regression import Estimate, Information, least_squares
 from steelyard.robot import RobotFile
 
 from .result import Identification, Prediction, Trace
-from .swapped import swapped_torques
+from .swapped import swapped_positions, swapped_torques
 
 __all__ = ["identify"]
 
@@ -104,7 +104,9 @@ def identify(
     estimate = replace(estimate, description=reader.description)
     predictions = tuple(_predict(model, unconstrained, estimate, *part) for part in parts)
     remarks = dict.fromkeys(reader.remarks)
-    remarks.update(dict.fromkeys(swapped_torques(model, parts[0][3].samples)))
+    thinned = parts[0][3].samples
+    remarks.update(dict.fromkeys(swapped_torques(model, thinned) or swapped_positions(model, thinned)))
+    remarks.update(dict.fromkeys(_dear(unconstrained, estimate)))
     return Identification(
         model=model,
         information=information,
@@ -225,6 +227,17 @@ def _require_excitation(information: Information, model: Model) -> None:
 def _has_cad(model: Model) -> bool:
     parameters = np.asarray(model.robot.parameters)
     return all(parameters[columns[9]] > 0.0 for columns in model.link_columns)
+
+
+def _dear(unconstrained: Estimate, estimate: Estimate) -> tuple[str, ...]:
+    """Warn where a possible robot explains the data far worse than an impossible one."""
+    before, after = unconstrained.relative_error, estimate.relative_error
+    if after < 2.0 * before or after < 0.05:
+        return ()
+    return (
+        f"No possible robot explains these torques well ({after:.0%} error, plain least squares {before:.0%}): "
+        "check the signs, units and order of the columns, the direction of gravity, and the constraints.",
+    )
 
 
 def _weak(estimate: Estimate) -> tuple[str, ...]:
