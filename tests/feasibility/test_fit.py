@@ -6,7 +6,7 @@ from steelyard.errors import InputError
 from steelyard.feasibility import FeasibleSet, check, fit
 from steelyard.recording import Samples
 from steelyard.regression import Estimate, Information, least_squares
-from steelyard.robot import Robot
+from steelyard.robot import Inertia, Robot
 
 
 @pytest.fixture(scope="module")
@@ -79,3 +79,29 @@ def test_data_of_another_model_is_refused(arm, truth):
     other = Model(Robot.from_dh([("0", 0.0, 0.0, "q")]))
     with pytest.raises(InputError, match="belongs to another model"):
         fit(information(arm, truth, 1.0), FeasibleSet(other))
+
+
+@pytest.mark.parametrize("size", [1e-2, 1.0, 1e4])
+def test_light_and_heavy_robots(size):
+    """From ten grams a link to tens of tonnes, noise-free data gives the truth back, without being told the mass."""
+    model = Model(Robot.from_dh([("pi/2", 0, 0.3, "q"), (0, 0.4, 0, "q"), (0, 0.3, 0, "q")]).with_terms(Viscous()))
+    random = np.random.default_rng(4)
+    truth = np.zeros(model.parameter_count)
+    for columns in model.link_columns:
+        spread = random.uniform(0.3, 1.0, 3) * 0.01 * size
+        mass, com = random.uniform(0.5, 5.0) * size, 0.1 * random.normal(size=3)
+        truth[columns] = Inertia.from_com(mass=mass, com=com, about_com=np.diag(spread.sum() - spread)).parameters
+        truth[columns[-1] + 1] = size
+    q, dq, ddq = random.normal(size=(3, 300, 3))
+    samples = Samples(q=q, dq=dq, ddq=ddq, torque=model.inverse_dynamics(q, dq, ddq, truth))
+    estimate = fit(Information.from_samples(model, samples), FeasibleSet(model, margin=1e-9 * size))
+    base = model.base_parameters().values(truth)
+    np.testing.assert_allclose(estimate.base, base, atol=1e-4 * np.abs(base).max())
+
+
+def test_torques_that_are_all_zero_are_refused():
+    model = Model(Robot.from_dh([(0, 0.3, 0, "q")]))
+    q, dq, ddq = np.random.default_rng(1).normal(size=(3, 50, 1))
+    information = Information.from_samples(model, Samples(q=q, dq=dq, ddq=ddq, torque=np.zeros_like(q)))
+    with pytest.raises(InputError, match="no usable samples"):
+        fit(information, FeasibleSet(model))

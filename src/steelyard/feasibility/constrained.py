@@ -24,6 +24,10 @@ Matrix = npt.NDArray[np.float64]
 MASS_BOUND = 1000.0
 """Bound on the total mass while the best residual is looked for, in kg (20 times a known mass, where that is more)."""
 
+LARGEST_BOUND, HEAVIER_PAYS = 1e7, 0.9
+"""The bound is raised, up to the first, where a hundred times the mass leaves less than the second of the squared
+residual: then the robot is that heavy."""
+
 TRACE_PER_MASS = 100.0
 """Bound on the sum of the traces of all blocks, for each kg of the mass bound."""
 
@@ -129,8 +133,17 @@ def fit_reduced(
         first = regression.least_residual(margin, bound)
         found = regression.parameters(first)
         best = regression.squared_residual(found)
-        attained = not regression.stopped_by_bound(first, found, bound)
         iterations = first.iterations
+        attained = not regression.stopped_by_bound(first, found, bound)
+        while not attained and bound < LARGEST_BOUND:  # is the robot really that heavy?
+            heavier = regression.least_residual(margin, 100.0 * bound)
+            candidate = regression.parameters(heavier)
+            iterations += heavier.iterations
+            if regression.squared_residual(candidate) > HEAVIER_PAYS * best:
+                break
+            first, found, bound = heavier, candidate, 100.0 * bound
+            best = regression.squared_residual(found)
+            attained = not regression.stopped_by_bound(first, found, bound)
         near = 0.0
         if preference is not None:
             ties = regression.least_squares_is_feasible(best) or tolerance < TIE_TOLERANCES[0]

@@ -283,7 +283,10 @@ class Information:
         freedom = [max(f.count - self.base_count, 1) for f in self.factors]
         values = np.sqrt([f.residual2(base) / n for f, n in zip(self.factors, freedom, strict=True)])
         # A joint without noise or without rows would get an infinite weight: bound it by the others.
-        floor = 1e-9 * max(float(values.max(initial=0.0)), 1e-300)
+        largest = float(values.max(initial=0.0))
+        if largest == 0.0:
+            return np.ones(len(values))
+        floor = 1e-9 * largest
         return np.where([f.count > 0 for f in self.factors], 1.0 / np.maximum(values, floor), 1.0)
 
     @cached_property
