@@ -130,41 +130,71 @@ def fit_reduced(
     outside: Vector | None = None
     for factor in MARGIN_FACTORS:
         margin = factor * feasible.margin
-        first = regression.least_residual(margin, bound)
-        found = regression.parameters(first)
-        best = regression.squared_residual(found)
-        iterations = first.iterations
-        attained = not regression.stopped_by_bound(first, found, bound)
-        while not attained and bound < LARGEST_BOUND:  # is the robot really that heavy?
-            heavier = regression.least_residual(margin, 100.0 * bound)
-            candidate = regression.parameters(heavier)
-            iterations += heavier.iterations
-            if regression.squared_residual(candidate) > HEAVIER_PAYS * best:
-                break
-            first, found, bound = heavier, candidate, 100.0 * bound
-            best = regression.squared_residual(found)
-            attained = not regression.stopped_by_bound(first, found, bound)
-        near = 0.0
+        best = _optimum(regression, margin, bound)
+        found, near, iterations = best.parameters, 0.0, best.iterations
         if preference is not None:
-            ties = regression.least_squares_is_feasible(best) or tolerance < TIE_TOLERANCES[0]
-            near = max(tolerance, min(PRICE_FRACTION * regression.price(best), DEAREST))
-            for spent in TIE_TOLERANCES if ties else (near,):
-                second = regression.preferred(preference, margin, best * (1 + spent), bound, found)
-                iterations += second.iterations
-                candidate = regression.parameters(second)
-                affordable = regression.squared_residual(candidate) <= best * (1 + 1.01 * spent) + 2 * regression.tiny
-                if second.outcome.usable and feasible.contains(candidate) and affordable:
-                    found = candidate
-                    break
+            near = max(tolerance, min(PRICE_FRACTION * regression.price(best.squared_residual), DEAREST))
+            ties = regression.least_squares_is_feasible(best.squared_residual) or tolerance < TIE_TOLERANCES[0]
+            found, more = _preferred(regression, preference, margin, best, TIE_TOLERANCES if ties else (near,))
+            iterations += more
         if feasible.contains(found):
             if outside is not None:
                 found = pull_inside(feasible, outside, found)
-            return regression.report(found, best, attained, bound, prefer, near, iterations)
+            return regression.report(found, best, prefer, near, iterations)
         outside = found if outside is None else outside
     raise SolverError(
         "Clarabel ended outside the feasible set with every margin tried; check that the constraints leave room and "
         f"that units are SI, or give FeasibleSet a larger margin than {feasible.margin:g}."
     )
+
+
+@dataclass(frozen=True, eq=False)
+class _Optimum:
+    """Least residual below a mass bound."""
+
+    parameters: Vector
+    squared_residual: float
+    attained: bool
+    bound: float
+    iterations: int
+
+
+def _optimum(regression: "_Regression", margin: float, bound: float) -> _Optimum:
+    """First stage; the bound is raised where the robot turns out to be heavier."""
+
+    def below(limit: float) -> _Optimum:
+        solution = regression.least_residual(margin, limit)
+        parameters = regression.parameters(solution)
+        attained = not regression.stopped_by_bound(solution, parameters, limit)
+        return _Optimum(parameters, regression.squared_residual(parameters), attained, limit, solution.iterations)
+
+    best = below(bound)
+    while not best.attained and best.bound < LARGEST_BOUND:
+        try:
+            heavier = below(100.0 * best.bound)
+        except SolverError:  # the answer below the lower bound stands
+            break
+        if heavier.squared_residual > HEAVIER_PAYS * best.squared_residual:
+            break
+        best = heavier
+    return best
+
+
+def _preferred(
+    regression: "_Regression", preference: Preference, margin: float, best: _Optimum, tolerances: tuple[float, ...]
+) -> tuple[Vector, int]:
+    """Second stage: the preferred parameters within the first tolerance that works, else the optimum; iterations."""
+    iterations = 0
+    for spent in tolerances:
+        limit = best.squared_residual * (1 + spent)
+        solution = regression.preferred(preference, margin, limit, best.bound, best.parameters)
+        iterations += solution.iterations
+        candidate = regression.parameters(solution)
+        allowed = best.squared_residual * (1 + 1.01 * spent) + 2 * regression.tiny
+        affordable = regression.squared_residual(candidate) <= allowed
+        if solution.outcome.usable and affordable and regression.feasible.contains(candidate):
+            return candidate, iterations
+    return best.parameters, iterations
 
 
 def _mass_bound(feasible: FeasibleSet) -> float:
@@ -298,33 +328,27 @@ class _Regression:
         return best <= float(self.reduced.residual2) * (1 + 1e-7) + self.tiny
 
     def report(
-        self,
-        parameters: Vector,
-        best: float,
-        attained: bool,
-        bound: float,
-        prefer: str | None,
-        tolerance: float,
-        iterations: int,
+        self, parameters: Vector, best: _Optimum, prefer: str | None, tolerance: float, iterations: int
     ) -> FeasibleFit:
         """Pack the answer, with remarks in words."""
         feasible = self.feasible
         mass = float(parameters[feasible.mass_indices].sum())
         value = self.squared_residual(parameters)
         remarks = []
-        if not attained:
+        if not best.attained:
             remarks.append(
-                f"No optimum below {bound:g} kg: the residual keeps falling as masses that the motion does not show "
+                f"No optimum below {best.bound:g} kg: the residual keeps falling as masses that the motion does not "
+                "show "
                 "grow."
             )
             if prefer is None:
                 remarks.append(f"The answer lies at that bound, with a total mass of {mass:.4g} kg.")
         chosen = {"lightest": "the lightest", "cad": "the closest to CAD"}
-        if prefer is not None and not self.least_squares_is_feasible(best):
+        if prefer is not None and not self.least_squares_is_feasible(best.squared_residual):
             remarks.append(
                 f"Among all answers within {100 * tolerance:.2g} % of the least squared residual this is "
                 f"{chosen[prefer]}: total mass {mass:.4g} kg, at a price of "
-                f"{100 * max(0.0, value / best - 1):.2g} % in squared residual."
+                f"{100 * max(0.0, value / best.squared_residual - 1):.2g} % in squared residual."
             )
         elif prefer is not None:
             remarks.append(
@@ -336,11 +360,11 @@ class _Regression:
             base=feasible.K @ parameters,
             parameters=parameters,
             squared_residual=value,
-            best_squared_residual=best,
+            best_squared_residual=best.squared_residual,
             unconstrained_squared_residual=unconstrained,
             total_mass=mass,
-            attained=attained,
-            mass_bound=bound,
+            attained=best.attained,
+            mass_bound=best.bound,
             iterations=iterations,
             remarks=tuple(remarks),
         )
