@@ -108,6 +108,21 @@ def test_parts_add_up_to_the_whole(wam, random):
     np.testing.assert_allclose(whole, wam.regressor(q, dq, ddq) @ parameters, atol=1e-11)
 
 
+def test_coriolis_matrix_is_the_christoffel_one(wam, random):
+    q, dq = random.normal(size=(2, 5, 7))
+    parameters = random.normal(size=wam.parameter_count)
+    matrix = wam.coriolis_matrix(q, dq, parameters)
+    np.testing.assert_allclose(np.einsum("sij,sj->si", matrix, dq), wam.coriolis(q, dq, parameters), atol=1e-11)
+    h = 1e-6
+    rate = (wam.inertia_matrix(q + h * dq, parameters) - wam.inertia_matrix(q - h * dq, parameters)) / (2 * h)
+    skew = rate - 2.0 * matrix
+    np.testing.assert_allclose(skew, -np.swapaxes(skew, 1, 2), atol=1e-7)
+    # C is linear in dq, and the torques are symmetric in two velocities: both hold for Christoffel symbols alone.
+    other = random.normal(size=dq.shape)
+    there = np.einsum("sij,sj->si", wam.coriolis_matrix(q, other, parameters), dq)
+    np.testing.assert_allclose(np.einsum("sij,sj->si", matrix, other), there, atol=1e-11)
+
+
 def test_forward_dynamics_undoes_inverse_dynamics(wam, random):
     """Rotors, coupled ones too, belong to the inertia that torques accelerate."""
     from steelyard.identification.wam import true_parameters

@@ -66,6 +66,9 @@ def test_random_trees_agree(tmp_path_factory, text, seed):
     np.testing.assert_allclose(model.inverse_dynamics(q, dq, ddq, parameters), torque, rtol=1e-9, atol=1e-10 * size)
     np.testing.assert_allclose(model.regressor(q, dq, ddq) @ parameters, torque, rtol=1e-9, atol=1e-10 * size)
     np.testing.assert_allclose(model.inertia_matrix(q, parameters), inertia, rtol=1e-9, atol=1e-10)
+    coriolis = pinocchio.computeCoriolisMatrix(oracle, data, full, v)[np.ix_(rows, rows)]
+    ours = model.coriolis_matrix(q, dq, parameters)
+    np.testing.assert_allclose(ours, coriolis, rtol=1e-9, atol=1e-10 * size)
     acceleration = model.forward_dynamics(q, dq, torque, parameters)
     np.testing.assert_allclose(acceleration, ddq, rtol=1e-6, atol=1e-6 * np.linalg.cond(inertia) ** 0.5)
     pinocchio.computeJointJacobians(oracle, data, full)

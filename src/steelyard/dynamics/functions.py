@@ -15,6 +15,7 @@ from steelyard.errors import InputError
 from steelyard.graph import Graph, InputGroup, Kernel, Node
 
 from . import newton_euler
+from .coriolis_matrix import coriolis_matrix
 from .inertia_matrix import inertia_matrix
 from .layout import ParameterLayout
 
@@ -61,6 +62,7 @@ class CompiledFunctions:
                 "inertia_matrix": self._inertia_matrix_kernel,
                 "gravity": self._gravity_kernel,
                 "coriolis": self._coriolis_kernel,
+                "coriolis_matrix": self._coriolis_matrix_kernel,
                 "drive_torque": self._drive_torque_kernel,
             }
             if function not in builders:
@@ -103,6 +105,12 @@ class CompiledFunctions:
         links = self.layout.link_parameters(p)
         torques = newton_euler.inverse_dynamics(self.robot, q, dq, still, links, graph, weightless)
         return Kernel(self._groups("q", "dq", "parameters"), [g.node(t) for t in torques])
+
+    def _coriolis_matrix_kernel(self) -> Kernel:
+        g = Graph()
+        q, dq, p = self._inputs(g, "q", "dq", "parameters")
+        matrix = coriolis_matrix(self.robot, q, dq, self.layout.link_parameters(p), graph)
+        return Kernel(self._groups("q", "dq", "parameters"), [g.node(value) for row in matrix for value in row])
 
     def _drive_torque_kernel(self) -> Kernel:
         g = Graph()

@@ -122,6 +122,11 @@ class Model:
         """Return the Coriolis and centripetal torques (..., N), ``C(q, dq) dq`` of thesis eq. 2.8."""
         return self._evaluate("coriolis", (q, dq), parameters)
 
+    def coriolis_matrix(self, q: ArrayLike, dq: ArrayLike, parameters: ArrayLike) -> Array:
+        """Return C(q, dq) (..., N, N) with the Christoffel symbols: ``dM/dt - 2 C`` is skew-symmetric."""
+        flat = self._evaluate("coriolis_matrix", (q, dq), parameters)
+        return flat.reshape((*flat.shape[:-1], self.joint_count, self.joint_count))
+
     def drive_torque(self, dq: ArrayLike, ddq: ArrayLike, parameters: ArrayLike, q: ArrayLike | None = None) -> Array:
         """Return the torques (..., N) of all the terms, ``h`` of thesis eq. 2.9; `q` matters to springs only."""
         return self._evaluate("drive_torque", (np.zeros_like(dq) if q is None else q, dq, ddq), parameters)
