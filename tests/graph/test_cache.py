@@ -8,7 +8,7 @@ import threading
 import numpy as np
 import pytest
 
-from steelyard.graph import Graph, InputGroup, Kernel, ObjectCache
+from steelyard.graph import Argument, Graph, Kernel, ObjectCache
 
 
 @pytest.fixture
@@ -20,7 +20,7 @@ def cache(tmp_path):
 
 def doubled(cache):
     graph = Graph()
-    return Kernel([InputGroup("x", 1)], [2.0 * graph.input("x[0]")], cache=cache)
+    return Kernel([Argument("x", 1)], [2.0 * graph.input("x[0]")], cache=cache)
 
 
 def test_what_was_written_is_read(cache):

@@ -42,8 +42,8 @@ def test_operations_are_counted_once():
     graph = Graph()
     x, y = graph.input("x"), graph.input("y")
     product = x * y
-    count = operation_count([product + x, product - y, sin(product), sin(product)])
-    assert count == {"mul": 1, "add": 2, "neg": 0, "sin": 1, "cos": 0, "sign": 0}
+    count = operation_count([product + x, product - y, sin(product), sin(product), x / y, x / 4.0])
+    assert count == {"mul": 2, "add": 2, "div": 1, "neg": 0, "sin": 1, "cos": 0, "sign": 0}
 
 
 OPERATIONS = ("add", "sub", "mul", "neg", "sin", "cos", "sign")

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from steelyard.errors import InputError
-from steelyard.graph import Graph, InputGroup, Kernel, ObjectCache, cos, evaluate, sign, sin
+from steelyard.graph import Argument, Graph, Kernel, ObjectCache, cos, evaluate, sign, sin
 
 NO_CACHE = ObjectCache(None)
 
@@ -35,7 +35,7 @@ def outputs_of(graph, width):
 def test_every_size_and_layout_agrees_with_numpy(layout, width, count):
     graph = Graph()
     outputs = outputs_of(graph, width)
-    kernel = Kernel([InputGroup("x", 3), InputGroup("p", 2, uniform=True)], outputs, layout=layout, cache=NO_CACHE)
+    kernel = Kernel([Argument("x", 3), Argument("p", 2, uniform=True)], outputs, layout=layout, cache=NO_CACHE)
     random = np.random.default_rng(count)
     x, p = random.normal(size=(count, 3)), random.normal(size=2)
     names = {f"x[{k}]": x[:, k] for k in range(3)} | {f"p[{k}]": p[k] for k in range(2)}
@@ -47,7 +47,7 @@ def test_every_size_and_layout_agrees_with_numpy(layout, width, count):
 def sine_kernel():
     graph = Graph()
     x = graph.input("x[0]")
-    return Kernel([InputGroup("x", 1)], [sin(x), cos(x)], cache=NO_CACHE)
+    return Kernel([Argument("x", 1)], [sin(x), cos(x)], cache=NO_CACHE)
 
 
 @pytest.mark.parametrize("size", [1e-300, 1e-8, 0.1, 1.0, 10.0, 1e3, 1e6, 1e9])

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from steelyard import graph
 from steelyard.errors import InputError
-from steelyard.graph import Graph, InputGroup, Kernel, Node
+from steelyard.graph import Argument, Graph, Kernel, Node
 
 from . import newton_euler
 from .coriolis_matrix import coriolis_matrix
@@ -70,9 +70,9 @@ class CompiledFunctions:
             self._kernels[function] = builders[function]()
         return self._kernels[function]
 
-    def _groups(self, *names: str) -> list[InputGroup]:
+    def _groups(self, *names: str) -> list[Argument]:
         widths = {"parameters": len(self.layout.names)}
-        return [InputGroup(n, widths.get(n, self.robot.dof), uniform=n == "parameters") for n in names]
+        return [Argument(n, widths.get(n, self.robot.dof), uniform=n == "parameters") for n in names]
 
     def _inputs(self, graph_: Graph, *names: str) -> list[list[Node]]:
         return [graph_.inputs(group.name, group.width) for group in self._groups(*names)]

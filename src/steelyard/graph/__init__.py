@@ -8,7 +8,22 @@ from .expression import evaluate as evaluate
 from .expression import operation_count as operation_count
 from .expression import sign as sign
 from .expression import sin as sin
-from .kernel import InputGroup as InputGroup
+from .function import Argument as Argument
+from .function import Function as Function
+from .function import Output as Output
 from .kernel import Kernel as Kernel
 
-__all__ = ["Graph", "InputGroup", "Kernel", "Node", "ObjectCache", "cos", "evaluate", "operation_count", "sign", "sin"]
+__all__ = [
+    "Argument",
+    "Function",
+    "Graph",
+    "Kernel",
+    "Node",
+    "ObjectCache",
+    "Output",
+    "cos",
+    "evaluate",
+    "operation_count",
+    "sign",
+    "sin",
+]

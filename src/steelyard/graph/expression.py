@@ -8,7 +8,7 @@ needs. Folding never reorders sums or products, so a value changes by no more th
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from typing import Any
 
 import numpy as np
@@ -30,7 +30,8 @@ class Node:
     index : int
         Order of creation; the arguments of a node have smaller indices.
     operation : str
-        ``"input"``, ``"constant"``, ``"add"``, ``"sub"``, ``"mul"``, ``"neg"``, ``"sin"``, ``"cos"`` or ``"sign"``.
+        ``"input"``, ``"constant"``, ``"add"``, ``"sub"``, ``"mul"``, ``"div"``, ``"neg"``, ``"sin"``, ``"cos"`` or
+        ``"sign"``.
     arguments : tuple of Node
     value : float or str
         The number of a constant, the name of an input, otherwise ``""``.
@@ -64,6 +65,12 @@ class Node:
 
     def __rmul__(self, other: float) -> Node:
         return self.graph.mul(self.graph.node(other), self)
+
+    def __truediv__(self, other: Node | float) -> Node:
+        return self.graph.div(self, self.graph.node(other))
+
+    def __rtruediv__(self, other: float) -> Node:
+        return self.graph.div(self.graph.node(other), self)
 
     def __neg__(self) -> Node:
         return self.graph.neg(self)
@@ -179,6 +186,28 @@ class Graph:
             return self.neg(self.mul(a, b.arguments[0]))
         return self._make(("mul", a.index, b.index), "mul", (a, b))
 
+    def div(self, a: Node, b: Node) -> Node:
+        """Return ``a / b``; b must not be the constant 0."""
+        if b.operation == "constant":
+            divisor = _number(b)
+            if divisor == 0.0:
+                raise ZeroDivisionError("an expression is divided by the constant 0")
+            if a.operation == "constant":
+                return self.constant(_number(a) / divisor)
+            if math.frexp(divisor)[0] in (0.5, -0.5):  # a power of two, whose reciprocal is exact
+                return self.mul(self.constant(1.0 / divisor), a)
+            if divisor < 0.0:
+                return self.neg(self.div(a, self.constant(-divisor)))
+        if a is self.zero:
+            return a
+        if a is b:
+            return self.one
+        if a.operation == "neg":
+            return self.neg(self.div(a.arguments[0], b))
+        if b.operation == "neg":
+            return self.neg(self.div(a, b.arguments[0]))
+        return self._make(("div", a.index, b.index), "div", (a, b))
+
     def neg(self, a: Node) -> Node:
         """Return ``-a``."""
         if a.operation == "neg":
@@ -248,7 +277,7 @@ def operation_count(outputs: Iterable[Node]) -> dict[str, int]:
     Returns
     -------
     dict
-        ``"mul"``, ``"add"`` (with subtractions), ``"neg"``, ``"sin"``, ``"cos"`` and ``"sign"``.
+        ``"mul"``, ``"add"`` (with subtractions), ``"div"``, ``"neg"``, ``"sin"``, ``"cos"`` and ``"sign"``.
 
     Examples
     --------
@@ -257,7 +286,7 @@ def operation_count(outputs: Iterable[Node]) -> dict[str, int]:
     >>> operation_count([x * y + x, x * y])["mul"]
     1
     """
-    count = dict.fromkeys(("mul", "add", "neg", "sin", "cos", "sign"), 0)
+    count = dict.fromkeys(("mul", "add", "div", "neg", "sin", "cos", "sign"), 0)
     for node in reachable(outputs):
         if node.operation in ("add", "sub"):
             count["add"] += 1
@@ -266,22 +295,23 @@ def operation_count(outputs: Iterable[Node]) -> dict[str, int]:
     return count
 
 
-def evaluate(outputs: Sequence[Node], values: Mapping[str, Any]) -> list[NDArray[np.float64]]:
+def evaluate(outputs: Sequence[Node], values: Mapping[str, Any]) -> list[NDArray[Any]]:
     """Interpret the graph with NumPy, without a compiler.
 
     Parameters
     ----------
     outputs : sequence of Node
     values : mapping
-        Number or array (of one common shape) for every input name.
+        Number or array (of one common shape) for every input name; complex numbers are allowed, and the sign is that
+        of the real part, so that derivatives can be taken by complex steps.
 
     Returns
     -------
     list of ndarray
     """
     results: dict[int, Any] = {}
-    binary = {"add": np.add, "sub": np.subtract, "mul": np.multiply}
-    unary = {"neg": np.negative, "sin": np.sin, "cos": np.cos, "sign": np.sign}
+    binary = {"add": np.add, "sub": np.subtract, "mul": np.multiply, "div": np.divide}
+    unary: dict[str, Callable[[Any], Any]] = {"neg": np.negative, "sin": np.sin, "cos": np.cos, "sign": _real_sign}
     for node in reachable(outputs):
         if node.operation == "constant":
             results[node.index] = node.value
@@ -292,4 +322,13 @@ def evaluate(outputs: Sequence[Node], values: Mapping[str, Any]) -> list[NDArray
         else:
             a, b = node.arguments
             results[node.index] = binary[node.operation](results[a.index], results[b.index])
-    return [np.asarray(results[node.index], dtype=np.float64) for node in outputs]
+    return [_array(results[node.index]) for node in outputs]
+
+
+def _real_sign(value: Any) -> Any:
+    return np.sign(np.real(value))
+
+
+def _array(value: Any) -> NDArray[Any]:
+    array = np.asarray(value)
+    return array if np.iscomplexobj(array) else np.asarray(array, dtype=np.float64)

@@ -15,9 +15,10 @@ from steelyard.errors import InputError
 
 from .cache import ObjectCache
 from .expression import Node, operation_count
-from .llvm import InputGroup, llvm_source
+from .function import Argument
+from .llvm import llvm_source
 
-__all__ = ["InputGroup", "Kernel"]
+__all__ = ["Kernel"]
 
 LANES = 8
 _LARGE = 60_000
@@ -30,7 +31,7 @@ class Kernel:
 
     Parameters
     ----------
-    groups : sequence of InputGroup
+    groups : sequence of Argument
         The arrays that the kernel reads.
     outputs : sequence of Node
         At least one.
@@ -45,14 +46,14 @@ class Kernel:
     >>> from steelyard.graph import Graph, sin
     >>> graph = Graph()
     >>> x = graph.inputs("x", 2)
-    >>> kernel = Kernel([InputGroup("x", 2)], [sin(x[0]) * x[1]])
+    >>> kernel = Kernel([Argument("x", 2)], [sin(x[0]) * x[1]])
     >>> bool(np.allclose(kernel(np.array([[0.5, 2.0]])), np.sin(0.5) * 2.0))
     True
     """
 
     def __init__(
         self,
-        groups: Sequence[InputGroup],
+        groups: Sequence[Argument],
         outputs: Sequence[Node],
         *,
         layout: str = "rows",
@@ -144,7 +145,7 @@ class Kernel:
         function(count, *(a.ctypes.data for a in inputs), out.ctypes.data, stride)
 
     @staticmethod
-    def _checked(group: InputGroup, array: NDArray[np.float64]) -> NDArray[np.float64]:
+    def _checked(group: Argument, array: NDArray[np.float64]) -> NDArray[np.float64]:
         array = np.ascontiguousarray(array, dtype=np.float64)
         expected = 1 if group.uniform else 2
         if array.ndim != expected or array.shape[-1] != group.width:

@@ -5,29 +5,11 @@ from __future__ import annotations
 import math
 import struct
 from collections.abc import Sequence
-from dataclasses import dataclass
 
 from .expression import Node, reachable
+from .function import Argument
 
-__all__ = ["InputGroup", "llvm_source"]
-
-
-@dataclass(frozen=True)
-class InputGroup:
-    """A row of inputs that a kernel reads from one array.
-
-    Attributes
-    ----------
-    name : str
-        Input nodes of this group are called ``name[0]`` to ``name[width - 1]``.
-    width : int
-    uniform : bool
-        True where all the samples share one row (parameters), False where each sample has its own (joint positions).
-    """
-
-    name: str
-    width: int
-    uniform: bool = False
+__all__ = ["llvm_source"]
 
 
 # pi/2 as a sum of three doubles, so that reduction with fused multiply-add keeps the argument exact up to 1e9 rad.
@@ -38,13 +20,13 @@ _COSINE = [(-1.0) ** n / math.factorial(2 * n) for n in range(9)]
 
 
 def llvm_source(
-    groups: Sequence[InputGroup], outputs: Sequence[Node], *, lanes: int, layout: str, triple: str = ""
+    groups: Sequence[Argument], outputs: Sequence[Node], *, lanes: int, layout: str, triple: str = ""
 ) -> str:
     """Return the LLVM assembly of a function ``kernel(count, group pointers…, out, stride)``.
 
     Parameters
     ----------
-    groups : sequence of InputGroup
+    groups : sequence of Argument
         The arrays that the function reads; an array of samples is row-major, (count, width).
     outputs : sequence of Node
     lanes : int
@@ -64,7 +46,7 @@ def llvm_source(
 
 class _Writer:
     def __init__(
-        self, groups: Sequence[InputGroup], outputs: Sequence[Node], lanes: int, layout: str, triple: str
+        self, groups: Sequence[Argument], outputs: Sequence[Node], lanes: int, layout: str, triple: str
     ) -> None:
         self.groups = groups
         self.outputs = outputs
@@ -168,7 +150,7 @@ class _Writer:
             return
         arguments = [self._value(a) for a in node.arguments]
         kind = node.operation
-        if kind in ("add", "sub", "mul"):
+        if kind in ("add", "sub", "mul", "div"):
             name = self._new(f"f{kind} contract {self.type} {arguments[0]}, {arguments[1]}")
         elif kind == "neg":
             name = self._new(f"fneg {self.type} {arguments[0]}")
