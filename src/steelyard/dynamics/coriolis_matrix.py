@@ -12,9 +12,8 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
-from steelyard.robot import Robot
-
-from .kinematics import ZERO, JointFrame, Matrix3, Vector3, add, cross, dot, joint_frames, scale, times
+from .kinematics import ZERO, JointFrame, Matrix3, Vector3, add, coordinate_count, cross, dot, scale, times
+from .newton_euler import joint_torques
 
 __all__ = ["coriolis_matrix"]
 
@@ -57,32 +56,31 @@ def _wrench(field: _Field, p: Sequence[Any]) -> tuple[Vector3, Vector3]:
 
 
 def coriolis_matrix(
-    robot: Robot, q: Sequence[Any], dq: Sequence[Any], link_parameters: Sequence[Sequence[Any]], algebra: Any
+    frames: Sequence[JointFrame], dq: Sequence[Any], link_parameters: Sequence[Sequence[Any]]
 ) -> list[list[Any]]:
     """Compute C(q, dq) of the rigid links (thesis eq. 2.7), with the Christoffel symbols.
 
     Parameters
     ----------
-    robot : Robot
-    q, dq : sequence of scalar
-        N positions and velocities.
+    frames : sequence of JointFrame
+        The joints at their positions.
+    dq : sequence of scalar
+        N velocities.
     link_parameters : sequence
         For each link its ten barycentric parameters.
-    algebra : module
-        Brings ``sin`` and ``cos``.
 
     Returns
     -------
     list of list of scalar
         (N, N); ``C dq`` are the Coriolis and centripetal torques.
     """
-    frames = joint_frames(robot, q, algebra)
+    count = coordinate_count(frames)
     velocities: list[Vector3] = []
     for frame in frames:
         w = frame.to_link(velocities[frame.joint.parent]) if frame.joint.parent >= 0 else ZERO
         velocities.append(add(w, scale(frame.axis, _scaled(frame, dq))) if frame.rotates else w)
-    columns = [_column(robot, frames, velocities, dq, link_parameters, k) for k in range(robot.dof)]
-    return [[columns[j][i] for j in range(robot.dof)] for i in range(robot.dof)]
+    columns = [_column(frames, velocities, dq, link_parameters, k) for k in range(count)]
+    return [[columns[j][i] for j in range(count)] for i in range(count)]
 
 
 def _scaled(frame: JointFrame, values: Sequence[Any]) -> Any:
@@ -91,7 +89,6 @@ def _scaled(frame: JointFrame, values: Sequence[Any]) -> Any:
 
 
 def _column(
-    robot: Robot,
     frames: Sequence[JointFrame],
     velocities: Sequence[Vector3],
     dq: Sequence[Any],
@@ -122,17 +119,4 @@ def _column(
     wrenches: list[tuple[Vector3, Vector3]] = [
         (ZERO, ZERO) if field is None else _wrench(field, p) for field, p in zip(fields, link_parameters, strict=True)
     ]
-    efforts: list[Any] = [0.0] * robot.dof
-    for index in reversed(range(len(frames))):
-        frame = frames[index]
-        moment, force = wrenches[index]
-        moment = add(moment, cross(frame.arm, force))
-        effort = dot(frame.axis, moment) if frame.rotates else dot(frame.axis, force)
-        row = frame.joint.coordinate
-        efforts[row] = efforts[row] + effort * frame.joint.multiplier
-        if frame.joint.parent >= 0:
-            force, moment = frame.to_parent(force), frame.to_parent(moment)
-            below = wrenches[frame.joint.parent]
-            total = add(moment, cross(frame.base_point, force))
-            wrenches[frame.joint.parent] = (add(below[0], total), add(below[1], force))
-    return efforts
+    return joint_torques(frames, wrenches)

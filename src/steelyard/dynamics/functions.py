@@ -1,10 +1,12 @@
-"""The functions of a model, recorded as expression graphs and compiled when they are first used."""
+"""The functions of a model: recorded as expression graphs, and compiled when they are first used."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
-from dataclasses import dataclass
-from functools import cached_property
+import difflib
+import json
+import re
+from collections.abc import Callable
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -12,16 +14,18 @@ from numpy.typing import NDArray
 
 from steelyard import graph
 from steelyard.errors import InputError
-from steelyard.graph import Argument, Graph, Kernel, Node
+from steelyard.graph import Argument, Function, Graph, Kernel, Node, Output, operation_count
 
-from . import newton_euler
-from .coriolis_matrix import coriolis_matrix
-from .inertia_matrix import inertia_matrix
+from .base_parameters import BaseParameters
+from .catalogue import CATALOGUE, Entry
 from .layout import ParameterLayout
+from .scene import Scene
+from .terms import is_known_term
 
-__all__ = ["BaseColumns", "CompiledFunctions"]
+__all__ = ["BaseColumns", "ModelFunctions"]
 
-_LARGEST_DENSE = 1500  # outputs beyond which a regressor is compiled without its zeros
+GRAVITIES = ("fixed", "argument")
+_LARGEST_DENSE = 1500  # elements of a regressor beyond which its kernel leaves the zeros out
 
 
 @dataclass(frozen=True)
@@ -40,122 +44,207 @@ class BaseColumns:
     joints: tuple[NDArray[np.intp], ...]
 
 
-class CompiledFunctions:
-    """The kernels of one model.
+class ModelFunctions:
+    """The functions of one model by name.
 
     Parameters
     ----------
     layout : ParameterLayout
+    base : callable
+        Returns the base parameters, when they are needed.
     """
 
-    def __init__(self, layout: ParameterLayout) -> None:
+    def __init__(self, layout: ParameterLayout, base: Callable[[], BaseParameters]) -> None:
         self.layout = layout
         self.robot = layout.robot
-        self._kernels: dict[str, Kernel] = {}
+        self._base = base
+        self._kernels: dict[tuple[str, bool, str], Kernel] = {}
+        self._functions: dict[tuple[str, bool, str], Function] = {}
 
-    def kernel(self, function: str) -> Kernel:
-        """Return the compiled function; see `operation_count` for the names."""
-        if function not in self._kernels:
-            builders: dict[str, Callable[[], Kernel]] = {
-                "inverse_dynamics": self._inverse_dynamics_kernel,
-                "regressor": self._regressor_kernel,
-                "inertia_matrix": self._inertia_matrix_kernel,
-                "gravity": self._gravity_kernel,
-                "coriolis": self._coriolis_kernel,
-                "coriolis_matrix": self._coriolis_matrix_kernel,
-                "drive_torque": self._drive_torque_kernel,
-            }
-            if function not in builders:
-                raise InputError(f"There is no function {function!r}; there are {', '.join(builders)}.")
-            self._kernels[function] = builders[function]()
-        return self._kernels[function]
+    def kernel(self, name: str, *, base: bool = False, gravity: str = "fixed") -> Kernel:
+        """Return a compiled function, see :meth:`function`."""
+        key = (name, base, gravity)
+        if key not in self._kernels:
+            entry, _ = self._entry(name, base, gravity)
+            self._refuse_lengths()
+            elements = self.robot.dof * len(self.layout.names)
+            self._kernels[key] = Kernel(
+                lambda: self.function(name, base=base, gravity=gravity),
+                identity=self._identity(name, base, gravity),
+                compact=entry.by_parameter and elements > _LARGEST_DENSE,
+            )
+        return self._kernels[key]
 
-    def _groups(self, *names: str) -> list[Argument]:
-        widths = {"parameters": len(self.layout.names)}
-        return [Argument(n, widths.get(n, self.robot.dof), uniform=n == "parameters") for n in names]
-
-    def _inputs(self, graph_: Graph, *names: str) -> list[list[Node]]:
-        return [graph_.inputs(group.name, group.width) for group in self._groups(*names)]
-
-    def _add_terms(
-        self, torques: list[Any], q: Sequence[Any], dq: Sequence[Any], ddq: Sequence[Any], parameters: Sequence[Any]
-    ) -> list[Any]:
-        for row, column, value in self.layout.terms(q, dq, ddq, graph):
-            torques[row] = torques[row] + parameters[column] * value
-        return torques
-
-    def _inverse_dynamics_kernel(self) -> Kernel:
-        g = Graph()
-        q, dq, ddq, p = self._inputs(g, "q", "dq", "ddq", "parameters")
-        torques = newton_euler.inverse_dynamics(self.robot, q, dq, ddq, self.layout.link_parameters(p), graph)
-        outputs = [g.node(t) for t in self._add_terms(torques, q, dq, ddq, p)]
-        return Kernel(self._groups("q", "dq", "ddq", "parameters"), outputs)
-
-    def _gravity_kernel(self) -> Kernel:
-        g = Graph()
-        q, p = self._inputs(g, "q", "parameters")
-        still = [0.0] * self.robot.dof
-        torques = newton_euler.inverse_dynamics(self.robot, q, still, still, self.layout.link_parameters(p), graph)
-        return Kernel(self._groups("q", "parameters"), [g.node(t) for t in torques])
-
-    def _coriolis_kernel(self) -> Kernel:
-        g = Graph()
-        q, dq, p = self._inputs(g, "q", "dq", "parameters")
-        still, weightless = [0.0] * self.robot.dof, (0.0, 0.0, 0.0)
-        links = self.layout.link_parameters(p)
-        torques = newton_euler.inverse_dynamics(self.robot, q, dq, still, links, graph, weightless)
-        return Kernel(self._groups("q", "dq", "parameters"), [g.node(t) for t in torques])
-
-    def _coriolis_matrix_kernel(self) -> Kernel:
-        g = Graph()
-        q, dq, p = self._inputs(g, "q", "dq", "parameters")
-        matrix = coriolis_matrix(self.robot, q, dq, self.layout.link_parameters(p), graph)
-        return Kernel(self._groups("q", "dq", "parameters"), [g.node(value) for row in matrix for value in row])
-
-    def _drive_torque_kernel(self) -> Kernel:
-        g = Graph()
-        q, dq, ddq, p = self._inputs(g, "q", "dq", "ddq", "parameters")
-        torques = self._add_terms([0.0] * self.robot.dof, q, dq, ddq, p)
-        return Kernel(self._groups("q", "dq", "ddq", "parameters"), [g.node(t) for t in torques])
-
-    def _inertia_matrix_kernel(self) -> Kernel:
-        g = Graph()
-        q, p = self._inputs(g, "q", "parameters")
-        matrix = inertia_matrix(self.robot, q, self.layout.link_parameters(p), graph)
-        rows, columns = np.tril_indices(self.robot.dof)
-        outputs = [g.node(matrix[i][j]) for i, j in zip(rows, columns, strict=True)]
-        return Kernel(self._groups("q", "parameters"), outputs)
-
-    @property
-    def regressor_is_sparse(self) -> bool:
-        """Whether the regressor's kernel leaves out its zeros, because there would be too many."""
-        return self.robot.dof * len(self.layout.names) > _LARGEST_DENSE
-
-    @cached_property
-    def regressor_nodes(self) -> dict[tuple[int, int], Node]:
-        """The regressor's entries that are not zero, by (row, column)."""
-        g = Graph()
-        q, dq, ddq = self._inputs(g, "q", "dq", "ddq")
-        entries = self.layout.regressor(q, dq, ddq, graph)
-        nodes = {key: g.node(value) for key, value in entries.items()}
-        return {key: node for key, node in nodes.items() if node is not g.zero}
-
-    def _regressor_kernel(self) -> Kernel:
-        nodes = self.regressor_nodes
-        n, count = self.robot.dof, len(self.layout.names)
-        if self.regressor_is_sparse:
-            return Kernel(self._groups("q", "dq", "ddq"), [nodes[key] for key in sorted(nodes)])
-        zero = next(iter(nodes.values())).graph.zero
-        outputs = [nodes.get((row, column), zero) for row in range(n) for column in range(count)]
-        return Kernel(self._groups("q", "dq", "ddq"), outputs)
-
-    def base_columns(self, independent: NDArray[np.intp]) -> BaseColumns:
+    def base_columns(self) -> BaseColumns:
         """Compile the columns of the independent parameters."""
-        position = {int(column): k for k, column in enumerate(independent)}
-        by_joint: list[list[tuple[int, Node]]] = [[] for _ in range(self.robot.dof)]
-        for (row, column), node in sorted(self.regressor_nodes.items()):
-            if column in position and node is not node.graph.zero:
-                by_joint[row].append((position[column], node))
-        outputs = [node for entries in by_joint for _, node in entries]
-        columns = tuple(np.array([k for k, _ in entries], dtype=np.intp) for entries in by_joint)
-        return BaseColumns(Kernel(self._groups("q", "dq", "ddq"), outputs), columns)
+        self._refuse_lengths()
+        kernel = Kernel(
+            lambda: self.function("regressor", base=True),
+            identity=self._identity("regressor", True, "fixed"),
+            compact=True,
+        )
+        rows, columns = np.divmod(kernel.places, self._base().count)
+        return BaseColumns(kernel, tuple(columns[rows == joint] for joint in range(self.robot.dof)))
+
+    def function(self, name: str, *, base: bool = False, gravity: str = "fixed") -> Function:
+        """Return a function of the catalogue as an expression graph.
+
+        Parameters
+        ----------
+        name : str
+            As in the catalogue; functions of one link take its name in parentheses, ``"pose(link7)"``.
+        base : bool
+            In base parameters instead of standard ones.
+        gravity : {"fixed", "argument"}
+            Gravity of the robot, or an argument.
+
+        Returns
+        -------
+        Function
+
+        Raises
+        ------
+        InputError
+            If there is no such function or link, or base parameters do not apply.
+        """
+        key = (name, base, gravity)
+        if key not in self._functions:
+            self._functions[key] = self._built(name, base, gravity)
+        return self._functions[key]
+
+    def _entry(self, name: str, base: bool, gravity: str) -> tuple[Entry, int | None]:
+        match = re.fullmatch(r"([^()]*)(?:\((.*)\))?", name, flags=re.DOTALL)
+        kind, link_name = (match[1], match[2]) if match else (name, None)
+        if kind not in CATALOGUE:
+            close = difflib.get_close_matches(kind, CATALOGUE, n=1)
+            hint = f"did you mean {close[0]!r}?" if close else f"there are {', '.join(CATALOGUE)}."
+            raise InputError(f"There is no function {name!r}; {hint}")
+        entry = CATALOGUE[kind]
+        if link_name is not None and not entry.by_link:
+            raise InputError(
+                f"The function {kind!r} is about the whole robot; {link_name!r} in parentheses is too much."
+            )
+        if gravity not in GRAVITIES:
+            raise InputError(f"gravity must be 'fixed' or 'argument', got {gravity!r}.")
+        if base and gravity == "argument":
+            raise InputError(
+                "Base parameters hold for the robot's own gravity; with gravity as an argument use standard parameters."
+            )
+        if link_name is None:
+            return entry, None
+        if link_name not in self.robot.link_names:
+            names = ", ".join(self.robot.link_names)
+            raise InputError(f"{self.robot.name} has no link {link_name!r}; its moving links are {names}.")
+        return entry, self.robot.link_names.index(link_name)
+
+    def _refuse_lengths(self) -> None:
+        if self.robot.lengths:
+            names = ", ".join(self.robot.lengths)
+            raise InputError(
+                f"{self.robot.name} has lengths without a value: {names}; give them with robot.with_lengths, "
+                "or use symbols or generated code, where they are arguments."
+            )
+
+    def _arguments(self, entry: Entry, base: bool, gravity: str) -> list[Argument]:
+        robot = self.robot
+        names = [n for n in entry.arguments if not (base and n == "parameters")]
+        result = [self._motion_argument(name) for name in names if name in _MOTION_UNITS]
+        if "parameters" in entry.arguments:
+            if base:
+                expressions = self._base().expressions
+                texts = tuple(f"beta{i + 1} = {text}" for i, text in enumerate(expressions))
+                result.append(Argument("base_parameters", len(texts), True, "base parameters, SI units", texts))
+            else:
+                texts = self.layout.descriptions
+                result.append(Argument("parameters", len(texts), True, "standard parameters, SI units", texts))
+        if "point" in entry.arguments:
+            texts = tuple(f"{axis} of the point in the link frame, m" for axis in "xyz")
+            result.append(Argument("point", 3, True, "a point of the link, m", texts))
+        if gravity == "argument":
+            texts = tuple(f"{axis} of gravity in the base frame, m/s²" for axis in "xyz")
+            result.append(Argument("gravity", 3, True, "acceleration of gravity in the base frame, m/s²", texts))
+        if robot.lengths:
+            texts = tuple(f"length {name}, m" for name in robot.lengths)
+            result.append(Argument("lengths", len(texts), True, "lengths of the robot, m", texts))
+        return result
+
+    def _motion_argument(self, name: str) -> Argument:
+        what, turning, sliding = _MOTION_UNITS[name]
+        texts = []
+        for k in self.robot.driving_joints:
+            joint = self.robot.joints[k]
+            texts.append(f"{what} of joint {joint.name!r}, {turning if joint.rotates else sliding}")
+        return Argument(name, self.robot.dof, False, f"joint {what}s", tuple(texts))
+
+    def _built(self, name: str, base: bool, gravity: str) -> Function:
+        entry, link = self._entry(name, base, gravity)
+        recorder = Graph()
+        arguments = self._arguments(entry, base, gravity)
+        scalars: dict[str, Any] = {a.name: recorder.inputs(a.name, a.width) for a in arguments}
+        if base and "parameters" in entry.arguments:
+            own: list[Any] = [0.0] * len(self.layout.names)
+            for k, node in zip(self._base().independent, scalars.pop("base_parameters"), strict=True):
+                own[k] = node
+            scalars["parameters"] = own
+        scene = Scene(self.layout, graph, scalars, link=link)
+        candidates = [scene, replace(scene, regroups=False)] if "parameters" in entry.arguments else [scene]
+        outputs = min((self._outputs(entry, s, recorder, base) for s in candidates), key=_operations)
+        identifier = re.sub(r"[^A-Za-z0-9]+", "_", name).strip("_")
+        description = entry.description
+        if entry.by_link:
+            description += f" Link: {self.robot.link_names[-1 if link is None else link]!r}."
+        return Function(identifier, tuple(arguments), outputs, description)
+
+    def _outputs(self, entry: Entry, scene: Scene, recorder: Graph, base: bool) -> tuple[Output, ...]:
+        result = []
+        width = len(self.layout.names)
+        for value in entry.build(scene):
+            shape, elements = value.shape, value.elements
+            if base and entry.by_parameter:
+                kept = self._base().independent
+                shape = (*shape[:-1], len(kept))
+                elements = [elements[start + k] for start in range(0, len(elements), width) for k in kept]
+            nodes = tuple(recorder.node(element) for element in elements)
+            result.append(Output(value.name, shape, nodes, value.description))
+        return tuple(result)
+
+    def _identity(self, name: str, base: bool, gravity: str) -> str | None:
+        """Return a text that determines a function; None where a term is not one of ours."""
+        robot = self.robot
+        if not all(is_known_term(term) for term in robot.terms):
+            return None
+        joints = [
+            [
+                j.kind,
+                j.parent,
+                np.asarray(j.before).tolist(),
+                np.asarray(j.after).tolist(),
+                j.coordinate,
+                j.multiplier,
+                j.offset,
+            ]
+            for j in robot.joints
+        ]
+        content = {
+            "function": name,
+            "links": list(robot.link_names) if "(" in name else len(robot.links),
+            "gravity": [gravity, np.asarray(robot.gravity).tolist()],
+            "terms": [term.to_dict() for term in robot.terms],
+            "joints": joints,
+            "base": self._base().independent.tolist() if base else None,
+        }
+        return json.dumps(content)
+
+
+_MOTION_UNITS = {
+    "q": ("position", "rad", "m"),
+    "dq": ("velocity", "rad/s", "m/s"),
+    "ddq": ("acceleration", "rad/s²", "m/s²"),
+    "tau": ("torque", "N·m", "N"),
+}
+
+
+def _operations(outputs: tuple[Output, ...]) -> int:
+    nodes: list[Node] = [node for output in outputs for node in output.nodes]
+    count = operation_count(nodes)
+    return count["mul"] + count["add"] + count["div"]

@@ -5,16 +5,26 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import Any
 
-from steelyard.robot import Robot
+from .kinematics import (
+    JointFrame,
+    Matrix3,
+    Vector3,
+    add,
+    coordinate_count,
+    cross,
+    dot,
+    product,
+    scale,
+    times,
+    transposed,
+)
 
-from .kinematics import JointFrame, Matrix3, Vector3, add, cross, dot, joint_frames, product, scale, times, transposed
+__all__ = ["Body", "in_parent", "inertia_matrix", "joined", "rigid_body"]
 
-__all__ = ["inertia_matrix"]
-
-_Body = tuple[Matrix3, Vector3, Any]  # moment of inertia about the origin, first moment, mass
+Body = tuple[Matrix3, Vector3, Any]  # moment of inertia about the origin, first moment, mass
 
 
-def _shifted(body: _Body, arm: Vector3) -> _Body:
+def _shifted(body: Body, arm: Vector3) -> Body:
     """Refer a body to a new origin, from which the old one stands at `arm` (Huygens and Steiner)."""
     inertia, first, mass = body
     moved = scale(arm, mass)
@@ -29,7 +39,14 @@ def _shifted(body: _Body, arm: Vector3) -> _Body:
     return tuple(rows), add(first, moved), mass  # type: ignore[return-value]
 
 
-def _in_parent(frame: JointFrame, body: _Body) -> _Body:
+def rigid_body(p: Sequence[Any]) -> Body:
+    """Return a body from its ten barycentric parameters."""
+    xx, xy, xz, yy, yz, zz, lx, ly, lz, m = p
+    return ((xx, xy, xz), (xy, yy, yz), (xz, yz, zz)), (lx, ly, lz), m
+
+
+def in_parent(frame: JointFrame, body: Body) -> Body:
+    """Return a body of a link, seen from the frame of the parent link."""
     inertia, first, mass = _shifted(body, frame.arm)
     for factor in reversed(frame.factors):
         inertia = product(product(factor, inertia), transposed(factor))
@@ -37,36 +54,30 @@ def _in_parent(frame: JointFrame, body: _Body) -> _Body:
     return _shifted((inertia, first, mass), frame.base_point)
 
 
-def _sum(a: _Body, b: _Body) -> _Body:
+def joined(a: Body, b: Body) -> Body:
+    """Return two bodies of one frame as one."""
     inertia = (add(a[0][0], b[0][0]), add(a[0][1], b[0][1]), add(a[0][2], b[0][2]))
     return inertia, add(a[1], b[1]), a[2] + b[2]
 
 
-def inertia_matrix(
-    robot: Robot, q: Sequence[Any], link_parameters: Sequence[Sequence[Any]], algebra: Any
-) -> list[list[Any]]:
+def inertia_matrix(frames: Sequence[JointFrame], link_parameters: Sequence[Sequence[Any]]) -> list[list[Any]]:
     """Compute the inertia matrix M(q) of the rigid links (thesis eq. 2.7).
 
     Parameters
     ----------
-    robot : Robot
-    q : sequence of scalar
-        N positions.
+    frames : sequence of JointFrame
+        The joints at their positions.
     link_parameters : sequence
         For each link its ten barycentric parameters.
-    algebra : module
-        Brings ``sin`` and ``cos``.
 
     Returns
     -------
     list of list of scalar
         (N, N), symmetric; kg m², kg m or kg.
     """
-    frames = joint_frames(robot, q, algebra)
-    bodies: list[_Body] = []
-    for xx, xy, xz, yy, yz, zz, lx, ly, lz, m in link_parameters:
-        bodies.append((((xx, xy, xz), (xy, yy, yz), (xz, yz, zz)), (lx, ly, lz), m))
-    matrix: list[list[Any]] = [[0.0] * robot.dof for _ in range(robot.dof)]
+    count = coordinate_count(frames)
+    bodies = [rigid_body(p) for p in link_parameters]
+    matrix: list[list[Any]] = [[0.0] * count for _ in range(count)]
     for index in reversed(range(len(frames))):
         frame = frames[index]
         inertia, first, mass = bodies[index]
@@ -90,5 +101,5 @@ def inertia_matrix(
             moment = add(moment, cross(step.base_point, force))
             at = step.joint.parent
         if frame.joint.parent >= 0:
-            bodies[frame.joint.parent] = _sum(bodies[frame.joint.parent], _in_parent(frame, bodies[index]))
+            bodies[frame.joint.parent] = joined(bodies[frame.joint.parent], in_parent(frame, bodies[index]))
     return matrix

@@ -6,13 +6,15 @@ the module that brings ``sin`` and ``cos`` for it (``numpy``, ``steelyard.graph`
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from steelyard.errors import InputError
+from steelyard.graph import Node
 from steelyard.robot import Joint, Robot
 
 __all__ = ["JointFrame", "Matrix3", "Vector3", "add", "cross", "dot", "joint_frames", "link_poses", "scale", "times"]
@@ -20,6 +22,7 @@ __all__ = ["JointFrame", "Matrix3", "Vector3", "add", "cross", "dot", "joint_fra
 Vector3 = tuple[Any, Any, Any]
 Matrix3 = tuple[Vector3, Vector3, Vector3]
 ZERO: Vector3 = (0.0, 0.0, 0.0)
+IDENTITY: Matrix3 = ((1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0))
 
 
 def dot(a: Vector3, b: Vector3) -> Any:
@@ -59,6 +62,21 @@ def product(a: Matrix3, b: Matrix3) -> Matrix3:
     return tuple(tuple(dot(row, column) for column in columns) for row in a)  # type: ignore[return-value]
 
 
+def is_zero(value: Any) -> bool:
+    """Tell whether a scalar is the constant 0."""
+    if isinstance(value, Node):
+        return value is value.graph.zero
+    return isinstance(value, float) and value == 0.0
+
+
+def unit_vector(a: Vector3) -> tuple[int, float] | None:
+    """Return index and sign of the only element where `a` is plus or minus a coordinate axis, otherwise None."""
+    places = [i for i in range(3) if a[i] != 0.0]
+    if len(places) != 1 or abs(a[places[0]]) != 1.0:
+        return None
+    return places[0], float(a[places[0]])
+
+
 def _vector(values: NDArray[np.float64]) -> Vector3:
     return (float(values[0]), float(values[1]), float(values[2]))
 
@@ -86,8 +104,8 @@ class JointFrame:
     base_point : Vector3
     arm : Vector3
         Constant for a rotation; holds the joint position for a translation.
-    axis : Vector3
-        Joint axis in the moved link frame, constant.
+    axis, parent_axis : Vector3
+        Joint axis in the moved link frame and in the parent's, constant.
     """
 
     joint: Joint
@@ -95,6 +113,7 @@ class JointFrame:
     base_point: Vector3
     arm: Vector3
     axis: Vector3
+    parent_axis: Vector3
 
     @property
     def rotates(self) -> bool:
@@ -119,7 +138,9 @@ class JointFrame:
         return (self.axis, cross(self.axis, self.arm)) if self.rotates else (ZERO, self.axis)
 
 
-def joint_frames(robot: Robot, q: Sequence[Any], algebra: Any) -> list[JointFrame]:
+def joint_frames(
+    robot: Robot, q: Sequence[Any], algebra: Any, lengths: Mapping[str, Any] | None = None
+) -> list[JointFrame]:
     """Place all the joints.
 
     Parameters
@@ -129,28 +150,50 @@ def joint_frames(robot: Robot, q: Sequence[Any], algebra: Any) -> list[JointFram
         N joint positions, rad or m.
     algebra : module
         Brings ``sin`` and ``cos``.
+    lengths : mapping, optional
+        A scalar for each symbolic length of the robot, m.
 
     Returns
     -------
     list of JointFrame
         One for each joint of the robot.
     """
-    return [_joint_frame(joint, q, algebra) for joint in robot.joints]
+    missing = [name for name in robot.lengths if lengths is None or name not in lengths]
+    if missing:
+        raise InputError(
+            f"{robot.name} has lengths without a value: {', '.join(missing)}; give them with robot.with_lengths."
+        )
+    return [_joint_frame(joint, q, algebra, lengths or {}) for joint in robot.joints]
 
 
-def _joint_frame(joint: Joint, q: Sequence[Any], algebra: Any) -> JointFrame:
+def coordinate_count(frames: Sequence[JointFrame]) -> int:
+    """Return the number N of joint coordinates."""
+    return 1 + max(frame.joint.coordinate for frame in frames)
+
+
+def _shift(placement: NDArray[np.float64], symbols: Mapping[str, Vector3], lengths: Mapping[str, Any]) -> Vector3:
+    """Return the translation of a placement, symbolic lengths included."""
+    result = _vector(placement[:3, 3])
+    for name, direction in symbols.items():
+        result = add(result, scale(direction, lengths[name]))
+    return result
+
+
+def _joint_frame(joint: Joint, q: Sequence[Any], algebra: Any, lengths: Mapping[str, Any]) -> JointFrame:
     before, after = np.asarray(joint.before), np.asarray(joint.after)
     turn_before, turn_after = before[:3, :3], after[:3, :3]
     coordinate = q[joint.coordinate]
     value = coordinate if joint.multiplier == 1.0 else joint.multiplier * coordinate
-    base_point = _vector(before[:3, 3])
+    base_point = _shift(before, joint.before_lengths, lengths)
     axis = _vector(turn_after.T @ np.array([0.0, 0.0, 1.0]) + 0.0)
-    arm = _vector(turn_after.T @ after[:3, 3] + 0.0)
+    parent_axis = _vector(turn_before[:, 2] + 0.0)
+    to_link = _matrix(turn_after.T)
+    arm = times(to_link, _shift(after, joint.after_lengths, lengths))
     if joint.kind == "prismatic":
         turn = turn_before @ turn_after
         # The point slides with the link: its place in the parent, seen from the link, goes into the arm.
-        start = _vector(turn.T @ before[:3, 3] + turn_after.T @ after[:3, 3] + np.asarray(axis) * joint.offset + 0.0)
-        return JointFrame(joint, (_matrix(turn),), ZERO, add(start, scale(axis, value)), axis)
+        start = add(add(times(_matrix(turn.T), base_point), arm), scale(axis, joint.offset))
+        return JointFrame(joint, (_matrix(turn),), ZERO, add(start, scale(axis, value)), axis, parent_axis)
     if joint.offset:
         turn_before = turn_before @ _turn_about_z(joint.offset)
     s, c = algebra.sin(value), algebra.cos(value)
@@ -160,7 +203,7 @@ def _joint_frame(joint: Joint, q: Sequence[Any], algebra: Any) -> JointFrame:
         factors: tuple[Matrix3, ...] = (first, turn_z, last)
     else:
         factors = (product(product(first, turn_z), last),)
-    return JointFrame(joint, factors, base_point, arm, axis)
+    return JointFrame(joint, factors, base_point, arm, axis, parent_axis)
 
 
 def _turn_about_z(angle: float) -> NDArray[np.float64]:
@@ -169,25 +212,11 @@ def _turn_about_z(angle: float) -> NDArray[np.float64]:
     return np.array([[c, -s, 0.0], [s, c, 0.0], [0.0, 0.0, 1.0]])
 
 
-def link_poses(robot: Robot, q: Sequence[Any], algebra: Any) -> list[tuple[Matrix3, Vector3]]:
-    """Return rotation and position of every link frame in the base frame.
-
-    Parameters
-    ----------
-    robot : Robot
-    q : sequence of scalar
-        N joint positions, rad or m.
-    algebra : module
-
-    Returns
-    -------
-    list of (Matrix3, Vector3)
-    """
+def link_poses(frames: Sequence[JointFrame]) -> list[tuple[Matrix3, Vector3]]:
+    """Return rotation and position (m) of every link frame in the base frame."""
     poses: list[tuple[Matrix3, Vector3]] = []
-    identity: Matrix3 = ((1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0))
-    for frame in joint_frames(robot, q, algebra):
-        parent = frame.joint.parent
-        turn, place = poses[parent] if parent >= 0 else (identity, ZERO)
+    for frame in frames:
+        turn, place = poses[frame.joint.parent] if frame.joint.parent >= 0 else (IDENTITY, ZERO)
         own = frame.factors[0]
         for factor in frame.factors[1:]:
             own = product(own, factor)

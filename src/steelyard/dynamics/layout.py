@@ -9,13 +9,18 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from steelyard.robot import Robot
+from steelyard.robot import INERTIA_SYMBOLS, Robot
 
-from . import newton_euler
+from .kinematics import is_zero
 
 __all__ = ["ParameterLayout"]
 
 Entries = dict[tuple[int, int], Any]
+_INERTIAL = {
+    "L": ("moment of inertia {} about the frame's origin", "kg·m²"),
+    "l": ("first moment of mass {}", "kg·m"),
+    "m": ("mass", "kg"),
+}
 
 
 class ParameterLayout:
@@ -55,15 +60,9 @@ class ParameterLayout:
         """Pick the ten parameters of each link."""
         return [[parameters[c] for c in columns] for columns in self.links]
 
-    def regressor(self, q: Sequence[Any], dq: Sequence[Any], ddq: Sequence[Any], algebra: Any) -> Entries:
-        """Return the regressor of links and terms as scalars by (row, column); what is missing is 0."""
-        entries: Entries = {
-            (row, int(self.links[column // 10][column % 10])): value
-            for (row, column), value in newton_euler.regressor(self.robot, q, dq, ddq, algebra).items()
-        }
-        for row, column, value in self.terms(q, dq, ddq, algebra):
-            entries[row, column] = value
-        return entries
+    def with_links(self, entries: Entries) -> Entries:
+        """Return a regressor of the links, by (row, 10 * link + parameter), by (row, column) of all the parameters."""
+        return {(row, int(self.links[k // 10][k % 10])): value for (row, k), value in entries.items()}
 
     def terms(
         self, q: Sequence[Any], dq: Sequence[Any], ddq: Sequence[Any], algebra: Any
@@ -77,3 +76,44 @@ class ParameterLayout:
                     entries.extend((row, column, value) for row, value in values.items())
                     column += 1
         return entries
+
+    def term_momenta(self, q: Sequence[Any], dq: Sequence[Any], algebra: Any) -> Entries:
+        """Return what the terms add to the momentum regressor: their torques, linear in ddq, with dq in its place."""
+        still = [0.0 * x for x in q]
+        at_rest = {(row, column): value for row, column, value in self.terms(q, still, still, algebra)}
+        moving = {(row, column): value for row, column, value in self.terms(q, still, dq, algebra)}
+        return {key: value - at_rest[key] if key in at_rest else value for key, value in moving.items()}
+
+    def term_inertias(self, q: Sequence[Any], k: int, algebra: Any) -> list[tuple[int, int, Any]]:
+        """Return what the terms add to column k of the inertia matrix, as (row, column of the parameter, scalar)."""
+        unit = [0.0 * x + (1.0 if i == k else 0.0) for i, x in enumerate(q)]
+        momenta = self.term_momenta(q, unit, algebra)
+        return [(row, column, value) for (row, column), value in momenta.items() if not is_zero(value)]
+
+    def term_potentials(self, q: Sequence[Any], algebra: Any) -> list[tuple[int, Any]]:
+        """Return the potential energy of the terms by their parameters, as (column, scalar)."""
+        entries: list[tuple[int, Any]] = []
+        for k, first in enumerate(self._columns[1]):
+            column = first
+            for term in self.robot.terms:
+                entries.extend((column + i, value) for i, value in enumerate(term.potential(k, q, algebra)))
+                column += len(term.parameters)
+        return entries
+
+    @cached_property
+    def descriptions(self) -> tuple[str, ...]:
+        """What each parameter is, with its unit."""
+        robot = self.robot
+        driving = {joint: k for k, joint in enumerate(robot.driving_joints)}
+        texts: list[str] = []
+        for index, link in enumerate(robot.links):
+            for symbol in INERTIA_SYMBOLS:
+                what, unit = _INERTIAL[symbol[0]]
+                texts.append(f"{what.format(symbol[1:])} of link {link.name!r}, {unit}")
+            if index in driving:
+                joint = robot.joints[index]
+                for term in robot.terms:
+                    for p in term.parameters:
+                        unit = p.unit_prismatic if joint.kind == "prismatic" else p.unit
+                        texts.append(f"{p.description} at joint {joint.name!r}, {unit}")
+        return tuple(f"{name}: {text}" for name, text in zip(self.names, texts, strict=True))

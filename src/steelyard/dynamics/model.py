@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from functools import cached_property
 from pathlib import Path
 
@@ -10,14 +9,16 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from steelyard.errors import InputError
-from steelyard.graph import Kernel
+from steelyard.graph import Function, Kernel
 from steelyard.robot import Robot, RobotFile
 
-from . import kinematics
 from .base_parameters import BaseParameters, base_parameters_of
+from .catalogue import CATALOGUE, forward_dynamics_function
 from .conditions import ModelCondition, model_conditions
-from .functions import BaseColumns, CompiledFunctions
+from .evaluation import Evaluator
+from .functions import BaseColumns, ModelFunctions
 from .layout import ParameterLayout
+from .sampling import regressor_with_numpy, term_torques
 from .terms import term_from_dict
 
 __all__ = ["Model"]
@@ -51,7 +52,8 @@ class Model:
     def __init__(self, robot: Robot) -> None:
         self.robot = robot
         self._layout = ParameterLayout(robot)
-        self._functions = CompiledFunctions(self._layout)
+        self._functions = ModelFunctions(self._layout, self.base_parameters)
+        self._call = Evaluator(self._functions)
 
     def __repr__(self) -> str:
         return f"Model({self.robot.name}: {self.robot.dof} joints, {self.parameter_count} parameters)"
@@ -98,7 +100,9 @@ class Model:
 
     # Functions of motion and parameters
 
-    def inverse_dynamics(self, q: ArrayLike, dq: ArrayLike, ddq: ArrayLike, parameters: ArrayLike) -> Array:
+    def inverse_dynamics(
+        self, q: ArrayLike, dq: ArrayLike, ddq: ArrayLike, parameters: ArrayLike, *, gravity: ArrayLike | None = None
+    ) -> Array:
         """Return the joint torques (..., N), N·m or N, of links and terms.
 
         Parameters
@@ -107,29 +111,161 @@ class Model:
             (..., N): rad or m, and per s, per s².
         parameters : array_like
             (n,) in the order of `parameter_names`.
+        gravity : array_like, optional
+            (3,) in the base frame, m/s², in place of the robot's own; also in the functions below.
 
         Returns
         -------
         ndarray
         """
-        return self._evaluate("inverse_dynamics", (q, dq, ddq), parameters)
+        return self._call("inverse_dynamics", (q, dq, ddq), parameters, gravity)
 
-    def gravity(self, q: ArrayLike, parameters: ArrayLike) -> Array:
+    def inverse_dynamics_derivatives(
+        self, q: ArrayLike, dq: ArrayLike, ddq: ArrayLike, parameters: ArrayLike, *, gravity: ArrayLike | None = None
+    ) -> tuple[Array, Array, Array]:
+        """Return the derivatives of the joint torques by q, dq and ddq, (..., N, N) each; row = torque.
+
+        The derivatives by the parameters are the `regressor`. The sign of Coulomb friction counts as constant.
+        """
+        n = self.joint_count
+        flat = self._call("inverse_dynamics_derivatives", (q, dq, ddq), parameters, gravity)
+        by_q, by_dq, by_ddq = (
+            flat[..., k * n * n : (k + 1) * n * n].reshape((*flat.shape[:-1], n, n)) for k in range(3)
+        )
+        return by_q, by_dq, by_ddq
+
+    def gravity(self, q: ArrayLike, parameters: ArrayLike, *, gravity: ArrayLike | None = None) -> Array:
         """Return the torques (..., N) that hold the links still, ``g(q)`` of thesis eq. 2.7."""
-        return self._evaluate("gravity", (q,), parameters)
+        return self._call("gravity", (q,), parameters, gravity)
 
     def coriolis(self, q: ArrayLike, dq: ArrayLike, parameters: ArrayLike) -> Array:
         """Return the Coriolis and centripetal torques (..., N), ``C(q, dq) dq`` of thesis eq. 2.8."""
-        return self._evaluate("coriolis", (q, dq), parameters)
+        return self._call("coriolis", (q, dq), parameters)
 
     def coriolis_matrix(self, q: ArrayLike, dq: ArrayLike, parameters: ArrayLike) -> Array:
         """Return C(q, dq) (..., N, N) with the Christoffel symbols: ``dM/dt - 2 C`` is skew-symmetric."""
-        flat = self._evaluate("coriolis_matrix", (q, dq), parameters)
-        return flat.reshape((*flat.shape[:-1], self.joint_count, self.joint_count))
+        return self._call.matrix("coriolis_matrix", (q, dq), parameters)
 
     def drive_torque(self, dq: ArrayLike, ddq: ArrayLike, parameters: ArrayLike, q: ArrayLike | None = None) -> Array:
         """Return the torques (..., N) of all the terms, ``h`` of thesis eq. 2.9; `q` matters to springs only."""
-        return self._evaluate("drive_torque", (np.zeros_like(dq) if q is None else q, dq, ddq), parameters)
+        return self._call("drive_torque", (np.zeros_like(dq) if q is None else q, dq, ddq), parameters)
+
+    def inertia_matrix(self, q: ArrayLike, parameters: ArrayLike) -> Array:
+        """Return the inertia matrix of the links M(q) (..., N, N) of thesis eq. 2.7."""
+        return self._call.matrix("inertia_matrix", (q,), parameters)
+
+    def momentum(self, q: ArrayLike, dq: ArrayLike, parameters: ArrayLike) -> Array:
+        """Return the generalised momentum (..., N) of links and rotors, N·m·s or N·s."""
+        return self._call("momentum", (q, dq), parameters)
+
+    def kinetic_energy(self, q: ArrayLike, dq: ArrayLike, parameters: ArrayLike) -> Array:
+        """Return the kinetic energy (...) of links and rotors, J."""
+        return self._call("kinetic_energy", (q, dq), parameters)[..., 0]
+
+    def potential_energy(self, q: ArrayLike, parameters: ArrayLike, *, gravity: ArrayLike | None = None) -> Array:
+        """Return the potential energy (...), J; zero for mass at the origin of the base frame."""
+        return self._call("potential_energy", (q,), parameters, gravity)[..., 0]
+
+    def regressor(self, q: ArrayLike, dq: ArrayLike, ddq: ArrayLike) -> Array:
+        """Return H(q, dq, ddq) (..., N, n) of thesis eq. 2.22: torques are ``H delta``."""
+        flat = self._call("regressor", (q, dq, ddq))
+        return flat.reshape((*flat.shape[:-1], self.joint_count, self.parameter_count))
+
+    def momentum_regressor(self, q: ArrayLike, dq: ArrayLike) -> Array:
+        """Return (..., N, n): times the parameters it is the generalised momentum."""
+        flat = self._call("momentum_regressor", (q, dq))
+        return flat.reshape((*flat.shape[:-1], self.joint_count, self.parameter_count))
+
+    def energy_regressor(self, q: ArrayLike, dq: ArrayLike) -> tuple[Array, Array]:
+        """Return (..., n) for the kinetic and for the potential energy: times the parameters they are the energies."""
+        flat = self._call("energy_regressor", (q, dq))
+        return flat[..., : self.parameter_count], flat[..., self.parameter_count :]
+
+    def forward_dynamics(
+        self,
+        q: ArrayLike,
+        dq: ArrayLike,
+        tau: ArrayLike,
+        parameters: ArrayLike,
+        *,
+        method: str = "automatic",
+        gravity: ArrayLike | None = None,
+    ) -> Array:
+        """Return the accelerations (..., N) that joint torques cause, thesis eq. 5.1.
+
+        Parameters
+        ----------
+        q, dq, tau : array_like
+            (..., N).
+        parameters : array_like
+            (n,).
+        method : {"automatic", "inertia_matrix", "articulated_body"}
+            ``"inertia_matrix"`` factors M as ``L' D L``; ``"articulated_body"`` is for robots without mimic joints and
+            coupled motors. ``"automatic"`` takes the latter from 9 joints on, where it can.
+        gravity : array_like, optional
+            (3,) in the base frame, m/s², in place of the robot's own.
+
+        Returns
+        -------
+        ndarray
+            rad/s² or m/s².
+
+        Raises
+        ------
+        InputError
+            If the inertia matrix is singular at some sample: such parameters are not physically possible.
+        """
+        function = forward_dynamics_function(self.robot, method)
+        result = self._call(function, (q, dq, tau), parameters, gravity)
+        given = all(np.isfinite(np.asarray(a, dtype=np.float64)).all() for a in (q, dq, tau, parameters))
+        if given and not np.isfinite(result).all():
+            raise InputError(
+                f"The inertia matrix of {self.robot.name} is singular with these parameters; "
+                "steelyard.check tells which link is not physically possible."
+            )
+        return result
+
+    def pose(self, q: ArrayLike, link: str | int) -> Array:
+        """Return the pose of a link frame in the base frame, (..., 4, 4).
+
+        Parameters
+        ----------
+        q : array_like
+            (..., N).
+        link : str or int
+            Name or index.
+
+        Returns
+        -------
+        ndarray
+        """
+        flat = self._call(f"pose({self._link_name(link)})", (q,))
+        return flat.reshape((*flat.shape[:-1], 4, 4))
+
+    def jacobian(self, q: ArrayLike, link: str | int, point: ArrayLike = (0.0, 0.0, 0.0)) -> Array:
+        """Return the Jacobian of a point of a link in the base frame, (..., 6, N), linear rows first.
+
+        Parameters
+        ----------
+        q : array_like
+            (..., N).
+        link : str or int
+            Name or index.
+        point : array_like
+            (3,) in the link frame, m; the origin where not given.
+
+        Returns
+        -------
+        ndarray
+            Rows: m/rad or 1 (linear), then 1 or 0 (angular).
+        """
+        flat = self._call(f"jacobian({self._link_name(link)})", (q,), point=point)
+        return flat.reshape((*flat.shape[:-1], 6, self.joint_count))
+
+    def jacobian_rate(self, q: ArrayLike, dq: ArrayLike, link: str | int, point: ArrayLike = (0.0, 0.0, 0.0)) -> Array:
+        """Return the time derivative of `jacobian` while the robot moves with `dq`, (..., 6, N)."""
+        flat = self._call(f"jacobian_rate({self._link_name(link)})", (q, dq), point=point)
+        return flat.reshape((*flat.shape[:-1], 6, self.joint_count))
 
     def joint_friction(self, parameters: ArrayLike) -> tuple[Array, Array]:
         """Return viscous and Coulomb friction (N,) of each joint moving alone, all the terms together.
@@ -150,148 +286,20 @@ class Model:
         if not self.robot.terms:
             return np.full(n, np.nan), np.full(n, np.nan)
         still, each = np.zeros((n, n)), np.eye(n)
-
-        def own(speed: float) -> Array:
-            torques = self._drive_torque_with_numpy(
-                still, speed * each, still, np.asarray(parameters, dtype=np.float64)
-            )
-            return np.diagonal(torques).copy()
-
-        forward, backward, faster = own(1.0), own(-1.0), own(2.0)
+        delta = np.asarray(parameters, dtype=np.float64)
+        forward, backward, faster = (
+            np.diagonal(term_torques(self._layout, still, speed * each, still, delta)) for speed in (1.0, -1.0, 2.0)
+        )
         damping = faster - forward
         return damping, 0.5 * (forward - backward) - damping
 
-    def inertia_matrix(self, q: ArrayLike, parameters: ArrayLike) -> Array:
-        """Return the inertia matrix of the links M(q) (..., N, N) of thesis eq. 2.7."""
-        flat = self._evaluate("inertia_matrix", (q,), parameters)
-        n = self.joint_count
-        rows, columns = np.tril_indices(n)
-        matrix = np.empty((*flat.shape[:-1], n, n))
-        matrix[..., rows, columns] = flat
-        matrix[..., columns, rows] = flat
-        return matrix
-
-    def regressor(self, q: ArrayLike, dq: ArrayLike, ddq: ArrayLike) -> Array:
-        """Return H(q, dq, ddq) (..., N, n) of thesis eq. 2.22."""
-        n, count = self.joint_count, self.parameter_count
-        if not self._functions.regressor_is_sparse:
-            return self._evaluate("regressor", (q, dq, ddq)).reshape((*np.shape(q)[:-1], n, count))
-        entries = sorted(self._functions.regressor_nodes)
-        flat = self._evaluate("regressor", (q, dq, ddq))
-        result = np.zeros((*flat.shape[:-1], n, count))
-        result[..., [e[0] for e in entries], [e[1] for e in entries]] = flat
-        return result
-
-    def forward_dynamics(self, q: ArrayLike, dq: ArrayLike, tau: ArrayLike, parameters: ArrayLike) -> Array:
-        """Return the accelerations (..., N) that joint torques cause, thesis eq. 5.1.
-
-        Parameters
-        ----------
-        q, dq, tau : array_like
-            (..., N).
-        parameters : array_like
-            (n,).
-
-        Returns
-        -------
-        ndarray
-            rad/s² or m/s².
-
-        Raises
-        ------
-        InputError
-            If the inertia matrix is singular at some sample: such parameters are not physically possible.
-        """
-        (q, dq, tau), shape = self._motion((q, dq, tau))
-        still = np.zeros_like(q)
-        rest = tau - self.inverse_dynamics(q, dq, still, parameters)
-        matrix = self.inertia_matrix(q, parameters)
-        # What terms add per acceleration (rotors): they are linear in it.
-        base = self.drive_torque(dq, still, parameters, q)
-        for k, unit in enumerate(np.eye(self.joint_count)):
-            matrix[:, :, k] += self.drive_torque(dq, np.broadcast_to(unit, q.shape), parameters, q) - base
-        try:
-            acceleration = np.asarray(np.linalg.solve(matrix, rest[..., None])[..., 0], dtype=np.float64)
-        except np.linalg.LinAlgError:
-            raise InputError(
-                f"The inertia matrix of {self.robot.name} is singular with these parameters; "
-                "steelyard.check tells which link is not physically possible."
-            ) from None
-        return acceleration.reshape((*shape, self.joint_count))
-
-    def pose(self, q: ArrayLike, link: str | int) -> Array:
-        """Return the pose of a link frame in the base frame, (..., 4, 4).
-
-        Parameters
-        ----------
-        q : array_like
-            (..., N).
-        link : str or int
-            Name or index.
-
-        Returns
-        -------
-        ndarray
-        """
-        index = self._link_index(link)
-        (q,), shape = self._motion((q,))
-        return self._poses(q)[index].reshape((*shape, 4, 4))
-
-    def jacobian(self, q: ArrayLike, link: str | int) -> Array:
-        """Return the Jacobian of a link frame's origin in the base frame, (..., 6, N), linear rows first.
-
-        Parameters
-        ----------
-        q : array_like
-            (..., N).
-        link : str or int
-            Name or index.
-
-        Returns
-        -------
-        ndarray
-            Rows: m/rad or 1 (linear), then 1 or 0 (angular).
-        """
-        index = self._link_index(link)
-        (q,), shape = self._motion((q,))
-        poses = self._poses(q)
-        origin = poses[index][:, :3, 3]
-        result = np.zeros((len(q), 6, self.joint_count))
-        while index >= 0:
-            joint = self.robot.joints[index]
-            before = np.broadcast_to(np.eye(4), poses[index].shape) if joint.parent < 0 else poses[joint.parent]
-            frame = before @ np.asarray(joint.before)
-            axis = joint.multiplier * frame[:, :3, 2]
-            if joint.kind == "prismatic":
-                result[:, :3, joint.coordinate] += axis
-            else:
-                result[:, :3, joint.coordinate] += np.cross(axis, origin - frame[:, :3, 3])
-                result[:, 3:, joint.coordinate] += axis
-            index = joint.parent
-        return result.reshape((*shape, 6, self.joint_count))
-
-    def _link_index(self, link: str | int) -> int:
+    def _link_name(self, link: str | int) -> str:
         names = self.robot.link_names
         if isinstance(link, str):
-            if link not in names:
-                raise InputError(f"{self.robot.name} has no link {link!r}; its moving links are {', '.join(names)}.")
-            return names.index(link)
+            return link
         if not 0 <= link < len(names):
             raise InputError(f"{self.robot.name} has moving links 0 to {len(names) - 1}, got {link}.")
-        return link
-
-    def _poses(self, q: Array) -> list[Array]:
-        """Return the poses of all link frames, (S, 4, 4) each."""
-        result = []
-        for turn, place in kinematics.link_poses(self.robot, list(q.T), np):
-            pose = np.zeros((len(q), 4, 4))
-            pose[:, 3, 3] = 1.0
-            for i in range(3):
-                pose[:, i, 3] = place[i]
-                for j in range(3):
-                    pose[:, i, j] = turn[i][j]
-            result.append(pose)
-        return result
+        return names[link]
 
     # What the model is made of
 
@@ -315,29 +323,54 @@ class Model:
         Parameters
         ----------
         function : str
-            ``"inverse_dynamics"``, ``"regressor"``, ``"inertia_matrix"``, ``"gravity"`` or ``"coriolis"``.
+            See `function`.
         base : bool
-            Count the regressor of the base parameters alone.
+            In base parameters.
 
         Returns
         -------
         dict
             See :func:`steelyard.graph.operation_count`.
         """
-        if base:
-            if function != "regressor":
-                raise InputError(f"Operations of base parameters are counted for 'regressor', got {function!r}.")
-            return self.base_columns.kernel.operation_count
-        return self.kernel(function).operation_count
+        return self.function(function, base=base).operation_count
 
-    def kernel(self, function: str) -> Kernel:
-        """Return a compiled function, for arrays that are laid out already; see `operation_count` for the names."""
-        return self._functions.kernel(function)
+    def function(self, name: str, *, base: bool = False, gravity: str = "fixed") -> Function:
+        """Return a function of the model as an expression graph, to print, differentiate or export.
+
+        Parameters
+        ----------
+        name : str
+            ``"inverse_dynamics"``, ``"regressor"`` and so on; `functions` names them all. Those of one link take its
+            name in parentheses: ``"pose(link7)"``, and without it the last link.
+        base : bool
+            In base parameters instead of standard ones.
+        gravity : {"fixed", "argument"}
+            The gravity of the robot, or an argument of the function.
+
+        Returns
+        -------
+        Function
+
+        Raises
+        ------
+        InputError
+            If there is no such function or link, or base parameters do not apply.
+        """
+        return self._functions.function(name, base=base, gravity=gravity)
+
+    @property
+    def functions(self) -> tuple[str, ...]:
+        """Names of all the functions of a model."""
+        return tuple(CATALOGUE)
+
+    def kernel(self, function: str, *, base: bool = False, gravity: str = "fixed") -> Kernel:
+        """Return a compiled function, for arrays that are laid out already; see `function` for the arguments."""
+        return self._functions.kernel(function, base=base, gravity=gravity)
 
     @cached_property
     def base_columns(self) -> BaseColumns:
         """The kernel of the base regressor, which the regression reads joint by joint."""
-        return self._functions.base_columns(self._base.independent)
+        return self._functions.base_columns()
 
     @cached_property
     def _base(self) -> BaseParameters:
@@ -347,52 +380,10 @@ class Model:
         q = generator.uniform(-np.pi, np.pi, (count, self.joint_count))
         dq = generator.uniform(-3.0, 3.0, q.shape)
         ddq = generator.uniform(-9.0, 9.0, q.shape)
-        regressor = self._regressor_with_numpy(q, dq, ddq)
-        return base_parameters_of(regressor.reshape(-1, self.parameter_count), self.parameter_names)
-
-    def _regressor_with_numpy(self, q: Array, dq: Array, ddq: Array) -> Array:
-        entries = self._layout.regressor(list(q.T), list(dq.T), list(ddq.T), np)
-        result = np.zeros((len(q), self.joint_count, self.parameter_count))
-        for (row, column), value in entries.items():
-            result[:, row, column] = value
-        return result
-
-    def _drive_torque_with_numpy(self, q: Array, dq: Array, ddq: Array, parameters: Array) -> Array:
-        torques = np.zeros_like(q)
-        for row, column, value in self._layout.terms(list(q.T), list(dq.T), list(ddq.T), np):
-            torques[:, row] += parameters[column] * value
-        return torques
+        matrix = regressor_with_numpy(self._layout, q, dq, ddq)
+        return base_parameters_of(matrix.reshape(-1, self.parameter_count), self.parameter_names)
 
     @property
     def link_columns(self) -> tuple[NDArray[np.intp], ...]:
         """For each link the indices of its ten parameters ``Lxx Lxy Lxz Lyy Lyz Lzz lx ly lz m``."""
         return self._layout.links
-
-    # Shapes
-
-    def _motion(self, arrays: Sequence[ArrayLike]) -> tuple[list[Array], tuple[int, ...]]:
-        converted = [np.asarray(a, dtype=np.float64) for a in arrays]
-        n = self.joint_count
-        for array in converted:
-            if array.ndim == 0 or array.shape[-1] != n:
-                raise InputError(
-                    f"{self.robot.name} has {n} joints: expected arrays of shape (..., {n}), got {array.shape}."
-                )
-        try:
-            shape = np.broadcast_shapes(*(a.shape for a in converted))
-        except ValueError:
-            raise InputError(f"Motion arrays do not fit each other: {[a.shape for a in converted]}.") from None
-        return [np.broadcast_to(a, shape).reshape(-1, n) for a in converted], shape[:-1]
-
-    def _evaluate(self, function: str, motion: Sequence[ArrayLike], parameters: ArrayLike | None = None) -> Array:
-        arrays, shape = self._motion(motion)
-        if parameters is not None:
-            vector = np.asarray(parameters, dtype=np.float64)
-            if vector.shape != (self.parameter_count,):
-                raise InputError(
-                    f"{self.robot.name} has {self.parameter_count} parameters: "
-                    f"expected shape ({self.parameter_count},), got {vector.shape}."
-                )
-            arrays.append(vector)
-        kernel = self.kernel(function)
-        return kernel(*arrays).reshape((*shape, len(kernel.outputs)))

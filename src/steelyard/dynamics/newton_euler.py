@@ -1,4 +1,4 @@
-"""Newton-Euler dynamics and its regressor in barycentric parameters, written over generic scalars.
+"""Newton-Euler dynamics in barycentric parameters, written over generic scalars.
 
 All quantities of a link stand in its own frame, at its origin. With ``U = [dw]x + [w]x [w]x`` a body with moment of
 inertia L about the origin, first moment l and mass m needs the force ``f = m a + U l`` and the moment
@@ -13,13 +13,28 @@ from typing import Any
 
 from steelyard.robot import Robot
 
-from .kinematics import ZERO, JointFrame, Matrix3, Vector3, add, cross, dot, joint_frames, scale, times, transposed
+from .kinematics import (
+    ZERO,
+    JointFrame,
+    Matrix3,
+    Vector3,
+    add,
+    coordinate_count,
+    cross,
+    dot,
+    scale,
+    times,
+    transposed,
+    unit_vector,
+)
 
-__all__ = ["inverse_dynamics", "regressor"]
+__all__ = ["Motion", "body_wrench", "inverse_dynamics", "joint_torques", "link_motions", "robot_gravity"]
 
 
 @dataclass(frozen=True)
-class _Motion:
+class Motion:
+    """How a link moves, in its own frame."""
+
     angular_velocity: Vector3
     angular_acceleration: Vector3
     u: Matrix3
@@ -36,36 +51,74 @@ def _u_matrix(w: Vector3, dw: Vector3) -> Matrix3:
     )
 
 
-def _motions(
-    robot: Robot, frames: Sequence[JointFrame], dq: Sequence[Any], ddq: Sequence[Any], gravity: Vector3
-) -> list[_Motion]:
-    motions: list[_Motion] = []
-    still = _Motion(ZERO, ZERO, (ZERO, ZERO, ZERO), scale(gravity, -1.0))
+def _turned(frame: JointFrame, parent: Motion, velocity: Any, acceleration: Any) -> tuple[Vector3, Vector3, Matrix3]:
+    """Return w, dw and U of a link that turns on its parent.
+
+    A turn about the unit vector e leaves ``U e`` alone: the points of the axis move with both links. Where e is a
+    coordinate axis of both frames, a column of U is thus only turned, and gives the two elements of dw across it.
+    """
+    w = frame.to_link(parent.angular_velocity)
+    place, parent_place = unit_vector(frame.axis), unit_vector(frame.parent_axis)
+    if place is None or parent_place is None:
+        spin = scale(frame.axis, velocity)
+        dw = frame.to_link(parent.angular_acceleration)
+        dw = add(add(dw, scale(frame.axis, acceleration)), cross(w, spin))
+        w = add(w, spin)
+        return w, dw, _u_matrix(w, dw)
+    (k, sign), (parent_k, parent_sign) = place, parent_place
+    w = add(w, scale(frame.axis, velocity))
+    below = (parent.u[0][parent_k], parent.u[1][parent_k], parent.u[2][parent_k])
+    column = scale(frame.to_link(below), sign * parent_sign)
+    i, j = (k + 1) % 3, (k + 2) % 3
+    along = sign * (parent_sign * parent.angular_acceleration[parent_k] + acceleration)
+    ik, jk, ij = w[i] * w[k], w[j] * w[k], w[i] * w[j]
+    across_j, across_i = column[i] - ik, jk - column[j]  # dw_j and dw_i
+    jj, kk = w[j] * w[j], w[k] * w[k]
+    u: list[list[Any]] = [[0.0] * 3 for _ in range(3)]
+    u[i][k], u[j][k], u[k][k] = column[i], column[j], column[k]
+    u[k][i], u[k][j] = ik - across_j, jk + across_i
+    u[i][j], u[j][i] = ij - along, ij + along
+    u[i][i] = -(jj + kk)
+    u[j][j] = column[k] + (jj - kk)
+    dw_list: list[Any] = [0.0] * 3
+    dw_list[i], dw_list[j], dw_list[k] = across_i, across_j, along
+    return w, tuple(dw_list), tuple(tuple(row) for row in u)  # type: ignore[return-value]
+
+
+def _carried(frame: JointFrame, parent: Motion) -> tuple[Vector3, Vector3, Matrix3]:
+    """Return w, dw and U of a link that only slides on its parent: the same, seen from its frame."""
+    w, dw = frame.to_link(parent.angular_velocity), frame.to_link(parent.angular_acceleration)
+    (factor,) = frame.factors
+    places = [place for place in map(unit_vector, transposed(factor)) if place is not None]
+    if len(places) < 3:
+        return w, dw, _u_matrix(w, dw)
+    rows = (tuple((si * sj) * parent.u[i][j] for j, sj in places) for i, si in places)
+    return w, dw, tuple(rows)  # type: ignore[return-value]
+
+
+def link_motions(frames: Sequence[JointFrame], dq: Sequence[Any], ddq: Sequence[Any], gravity: Vector3) -> list[Motion]:
+    """Return the motion of every link, in its own frame."""
+    motions: list[Motion] = []
+    still = Motion(ZERO, ZERO, (ZERO, ZERO, ZERO), scale(gravity, -1.0))
     for frame in frames:
         joint = frame.joint
         parent = motions[joint.parent] if joint.parent >= 0 else still
         k = joint.multiplier
         velocity = dq[joint.coordinate] if k == 1.0 else k * dq[joint.coordinate]
         acceleration = ddq[joint.coordinate] if k == 1.0 else k * ddq[joint.coordinate]
-        w = frame.to_link(parent.angular_velocity)
-        dw = frame.to_link(parent.angular_acceleration)
         a = frame.to_link(add(parent.acceleration, times(parent.u, frame.base_point)))
         if frame.rotates:
-            spin = scale(frame.axis, velocity)
-            dw = add(add(dw, scale(frame.axis, acceleration)), cross(w, spin))
-            w = add(w, spin)
-            u = _u_matrix(w, dw)
+            w, dw, u = _turned(frame, parent, velocity, acceleration)
             a = add(a, times(u, frame.arm))
         else:
-            u = _u_matrix(w, dw)
-            slide = scale(frame.axis, velocity)
+            w, dw, u = _carried(frame, parent)
             a = add(a, times(u, frame.arm))
-            a = add(add(a, scale(frame.axis, acceleration)), scale(cross(w, slide), 2.0))
-        motions.append(_Motion(w, dw, u, a))
+            a = add(add(a, scale(frame.axis, acceleration)), cross(w, scale(frame.axis, 2.0 * velocity)))
+        motions.append(Motion(w, dw, u, a))
     return motions
 
 
-def _body_wrench(motion: _Motion, p: Sequence[Any]) -> tuple[Vector3, Vector3]:
+def body_wrench(motion: Motion, p: Sequence[Any]) -> tuple[Vector3, Vector3]:
     """Return moment and force that move a body with parameters ``Lxx Lxy Lxz Lyy Lyz Lzz lx ly lz m``."""
     w, dw, u, a = motion.angular_velocity, motion.angular_acceleration, motion.u, motion.acceleration
     xx, xy, xz, yy, yz, zz = p[:6]
@@ -80,40 +133,42 @@ def _body_wrench(motion: _Motion, p: Sequence[Any]) -> tuple[Vector3, Vector3]:
 
 
 def inverse_dynamics(
-    robot: Robot,
-    q: Sequence[Any],
+    frames: Sequence[JointFrame],
     dq: Sequence[Any],
     ddq: Sequence[Any],
     link_parameters: Sequence[Sequence[Any]],
-    algebra: Any,
-    gravity: Vector3 | None = None,
+    gravity: Vector3,
 ) -> list[Any]:
     """Compute the joint torques that the rigid links need (thesis eq. 2.7), by Newton-Euler recursion.
 
     Parameters
     ----------
-    robot : Robot
-    q, dq, ddq : sequence of scalar
-        N positions, velocities and accelerations.
+    frames : sequence of JointFrame
+        The joints at their positions.
+    dq, ddq : sequence of scalar
+        N velocities and accelerations.
     link_parameters : sequence
         For each link its ten barycentric parameters (thesis eq. 2.18) in the link frame.
-    algebra : module
-        Brings ``sin`` and ``cos``.
-    gravity : Vector3, optional
-        In the base frame, m/s²; None takes the robot's.
+    gravity : Vector3
+        In the base frame, m/s².
 
     Returns
     -------
     list of scalar
         N torques, N·m or N.
     """
-    frames = joint_frames(robot, q, algebra)
-    motions = _motions(robot, frames, dq, ddq, robot_gravity(robot) if gravity is None else gravity)
-    wrenches = [_body_wrench(motion, p) for motion, p in zip(motions, link_parameters, strict=True)]
-    torques: list[Any] = [0.0] * robot.dof
+    motions = link_motions(frames, dq, ddq, gravity)
+    wrenches = [body_wrench(motion, p) for motion, p in zip(motions, link_parameters, strict=True)]
+    return joint_torques(frames, wrenches)
+
+
+def joint_torques(frames: Sequence[JointFrame], wrenches: Sequence[tuple[Vector3, Vector3]]) -> list[Any]:
+    """Compute the N joint torques that bring a wrench (moment about the link's origin, force) to every link."""
+    total = list(wrenches)
+    torques: list[Any] = [0.0] * coordinate_count(frames)
     for index in reversed(range(len(frames))):
         frame = frames[index]
-        moment, force = wrenches[index]
+        moment, force = total[index]
         moment = add(moment, cross(frame.arm, force))  # now about the joint's point
         effort = dot(frame.axis, moment) if frame.rotates else dot(frame.axis, force)
         k = frame.joint.multiplier
@@ -121,68 +176,9 @@ def inverse_dynamics(
         if frame.joint.parent >= 0:
             force, moment = frame.to_parent(force), frame.to_parent(moment)
             moment = add(moment, cross(frame.base_point, force))
-            below = wrenches[frame.joint.parent]
-            wrenches[frame.joint.parent] = (add(below[0], moment), add(below[1], force))
+            below = total[frame.joint.parent]
+            total[frame.joint.parent] = (add(below[0], moment), add(below[1], force))
     return torques
-
-
-def _row(motion: _Motion, angular: Vector3, linear: Vector3) -> tuple[Any, ...]:
-    """Power of the wrench of a moving body on a unit motion, by its ten parameters."""
-    w, dw, u, a = motion.angular_velocity, motion.angular_acceleration, motion.u, motion.acceleration
-    x, y, z = angular
-    xy, xz, yz = w[0] * w[1], w[0] * w[2], w[1] * w[2]
-    first = add(times(transposed(u), linear), cross(a, angular))
-    return (
-        x * dw[0] + y * xz - z * xy,
-        y * u[2][1] - x * u[2][0] + z * (u[0][0] - u[1][1]),
-        x * u[1][0] + y * (u[2][2] - u[0][0]) - z * u[1][2],
-        y * dw[1] + z * xy - x * yz,
-        x * (u[1][1] - u[2][2]) - y * u[0][1] + z * u[0][2],
-        z * dw[2] + x * yz - y * xz,
-        *first,
-        dot(linear, a),
-    )
-
-
-def regressor(
-    robot: Robot, q: Sequence[Any], dq: Sequence[Any], ddq: Sequence[Any], algebra: Any
-) -> dict[tuple[int, int], Any]:
-    """Compute the regressor of the rigid links (thesis eq. 2.22) from the joint axes.
-
-    Each joint's unit motion is carried into the frames of the links beyond it, and meets there the wrench of the
-    link, which is linear in its ten parameters.
-
-    Parameters
-    ----------
-    robot : Robot
-    q, dq, ddq : sequence of scalar
-        N positions, velocities and accelerations.
-    algebra : module
-
-    Returns
-    -------
-    dict
-        Scalars by (torque row, 10 * link + parameter); what is missing is 0.
-    """
-    frames = joint_frames(robot, q, algebra)
-    motions = _motions(robot, frames, dq, ddq, robot_gravity(robot))
-    entries: dict[tuple[int, int], Any] = {}
-    carried: list[dict[int, tuple[Vector3, Vector3]]] = []
-    for index, frame in enumerate(frames):
-        here: dict[int, tuple[Vector3, Vector3]] = {}
-        if frame.joint.parent >= 0:
-            for source, (angular, linear) in carried[frame.joint.parent].items():
-                angular, linear = frame.to_link(angular), frame.to_link(add(linear, cross(angular, frame.base_point)))
-                here[source] = (angular, add(linear, cross(angular, frame.arm)))
-        here[index] = frame.unit_motion
-        carried.append(here)
-        for source, (angular, linear) in here.items():
-            joint = robot.joints[source]
-            for parameter, value in enumerate(_row(motions[index], angular, linear)):
-                key = (joint.coordinate, 10 * index + parameter)
-                scaled = value if joint.multiplier == 1.0 else joint.multiplier * value
-                entries[key] = entries[key] + scaled if key in entries else scaled
-    return entries
 
 
 def robot_gravity(robot: Robot) -> Vector3:

@@ -12,7 +12,7 @@ from numpy.typing import ArrayLike, NDArray
 from steelyard.errors import InputError
 from steelyard.robot import Joint, Robot, Term, TermParameter
 
-__all__ = ["Coulomb", "MotorSide", "Offset", "RotorInertia", "Viscous", "term_from_dict"]
+__all__ = ["Coulomb", "MotorSide", "Offset", "RotorInertia", "Viscous", "is_known_term", "term_from_dict"]
 
 
 class _JointTerm(Term):
@@ -199,6 +199,11 @@ def _weighted(ratios: Sequence[tuple[int, float]], values: Sequence[Any]) -> Any
 
 
 _KINDS: dict[str, type[Term]] = {t.kind: t for t in (Viscous, Coulomb, Offset, RotorInertia, MotorSide)}
+
+
+def is_known_term(term: Term) -> bool:
+    """Tell whether a term is one of those defined here, so that `to_dict` says all there is to know of it."""
+    return type(term) in _KINDS.values()
 
 
 def term_from_dict(section: Mapping[str, Any], where: str = "[[terms]]") -> Term:

@@ -1,6 +1,8 @@
 """Scalar expression graph: hash-consed nodes, simplification, operation counts, and the LLVM compiler."""
 
 from .cache import ObjectCache as ObjectCache
+from .differentiation import gradient as gradient
+from .differentiation import jacobian as jacobian
 from .expression import Graph as Graph
 from .expression import Node as Node
 from .expression import cos as cos
@@ -23,6 +25,8 @@ __all__ = [
     "Output",
     "cos",
     "evaluate",
+    "gradient",
+    "jacobian",
     "operation_count",
     "sign",
     "sin",

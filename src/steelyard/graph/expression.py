@@ -139,6 +139,9 @@ class Graph:
             return self.sub(a, b.arguments[0])
         if a is b:
             return self.mul(self.constant(2.0), a)
+        for x, y in ((a, b), (b, a)):  # x + (z - x)
+            if y.operation == "sub" and y.arguments[1] is x:
+                return y.arguments[0]
         if a.index > b.index:
             a, b = b, a
         return self._make(("add", a.index, b.index), "add", (a, b))
@@ -157,6 +160,14 @@ class Graph:
             return self.add(a, b.arguments[0])
         if a.operation == "neg":
             return self.neg(self.add(a.arguments[0], b))
+        if a.operation == "add" and b in a.arguments:  # (b + z) - b
+            return a.arguments[a.arguments[0] is b]
+        if a.operation == "sub" and a.arguments[0] is b:  # (b - z) - b
+            return self.neg(a.arguments[1])
+        if b.operation == "add" and a in b.arguments:  # a - (a + z)
+            return self.neg(b.arguments[b.arguments[0] is a])
+        if b.operation == "sub" and b.arguments[0] is a:  # a - (a - z)
+            return b.arguments[1]
         reverse = self._known.get(("sub", b.index, a.index))
         if reverse is not None:
             return self.neg(reverse)

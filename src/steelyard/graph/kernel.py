@@ -1,10 +1,10 @@
-"""Compiled expression graphs: a batch of samples in vector registers, or one sample."""
+"""Compiled functions: a batch of samples in vector registers, or one sample."""
 
 from __future__ import annotations
 
 import ctypes
 import hashlib
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from functools import cached_property
 from typing import Any
 
@@ -14,9 +14,10 @@ from numpy.typing import NDArray
 from steelyard.errors import InputError
 
 from .cache import ObjectCache
-from .expression import Node, operation_count
-from .function import Argument
+from .expression import Node
+from .function import Argument, Function, Output
 from .llvm import llvm_source
+from .signature import Signature
 
 __all__ = ["Kernel"]
 
@@ -25,54 +26,91 @@ _LARGE = 60_000
 
 
 class Kernel:
-    """The outputs of an expression graph as machine code for this processor.
+    """A function of the expression graph as machine code for this processor.
 
     Compilation happens at the first call and is kept in the object cache.
 
     Parameters
     ----------
-    groups : sequence of Argument
-        The arrays that the kernel reads.
-    outputs : sequence of Node
-        At least one.
+    function : Function or callable
+        Or what returns it, called only when the function is needed.
     layout : {"rows", "columns"}
         Whether the outputs of one sample, or the samples of one output, are neighbours in memory.
+    compact : bool
+        Compute only the elements that are not the constant 0; see `places`.
+    identity : str, optional
+        Text that determines the function together with this package's code. With it, what is in the cache is used
+        without building the function.
     cache : ObjectCache or None
         None takes the user's.
 
     Examples
     --------
     >>> import numpy as np
-    >>> from steelyard.graph import Graph, sin
-    >>> graph = Graph()
-    >>> x = graph.inputs("x", 2)
-    >>> kernel = Kernel([Argument("x", 2)], [sin(x[0]) * x[1]])
+    >>> from steelyard.graph import Function, Graph, Output, sin
+    >>> x = Graph().inputs("x", 2)
+    >>> kernel = Kernel(Function("f", (Argument("x", 2),), (Output("y", (), (sin(x[0]) * x[1],)),)))
     >>> bool(np.allclose(kernel(np.array([[0.5, 2.0]])), np.sin(0.5) * 2.0))
     True
     """
 
     def __init__(
         self,
-        groups: Sequence[Argument],
-        outputs: Sequence[Node],
+        function: Function | Callable[[], Function] | Sequence[Argument],
+        nodes: Sequence[Node] | None = None,
         *,
         layout: str = "rows",
+        compact: bool = False,
+        identity: str | None = None,
         cache: ObjectCache | None = None,
     ) -> None:
-        self.groups = tuple(groups)
-        self.outputs = tuple(outputs)
+        if nodes is not None:
+            function = Function("kernel", tuple(function), (Output("values", (len(nodes),), tuple(nodes)),))  # type: ignore[arg-type]
+        self._given: Any = function
         self.layout = layout
+        self.compact = compact
+        self.identity = identity
         self._cache = cache
         self._keep: list[Any] = []  # engines own the code, so they live as long as the kernel
 
     def __repr__(self) -> str:
-        inputs = ", ".join(f"{g.name}[{g.width}]" for g in self.groups)
-        return f"Kernel({inputs} -> {len(self.outputs)}, {self.layout})"
+        inputs = ", ".join(f"{g.name}[{g.width}]" for g in self.arguments)
+        return f"Kernel({inputs} -> {self.width}, {self.layout})"
+
+    @cached_property
+    def function(self) -> Function:
+        """The function, built at the first use."""
+        return self._given if isinstance(self._given, Function) else self._given()
+
+    @cached_property
+    def signature(self) -> Signature:
+        """Sizes of arguments and outputs."""
+        return Signature.of(self.function, compact=self.compact)
+
+    @property
+    def arguments(self) -> tuple[Argument, ...]:
+        """Names and widths of the arguments, without descriptions."""
+        return self.signature.arguments
+
+    @property
+    def places(self) -> NDArray[np.intp]:
+        """Flat row-major indices (n,) of the computed elements in the concatenated outputs."""
+        return self.signature.places
+
+    @property
+    def width(self) -> int:
+        """Number n of computed elements."""
+        return self.signature.width
+
+    @property
+    def outputs(self) -> tuple[Node, ...]:
+        nodes = self.function.nodes
+        return tuple(nodes[k] for k in self.places)
 
     @property
     def operation_count(self) -> dict[str, int]:
         """Operations a sample, see :func:`steelyard.graph.operation_count`."""
-        return operation_count(self.outputs)
+        return self.function.operation_count
 
     @cached_property
     def batch_function(self) -> Any:
@@ -84,30 +122,33 @@ class Kernel:
         """The compiled function for samples one by one, with the same arguments."""
         return self._compile(1)
 
-    def __call__(self, *arrays: NDArray[np.float64], out: NDArray[np.float64] | None = None) -> NDArray[np.float64]:
+    def __call__(
+        self, *arrays: NDArray[np.float64], out: NDArray[np.float64] | None = None, threads: int = 1
+    ) -> NDArray[np.float64]:
         """Compute the outputs of every sample.
 
         Parameters
         ----------
         *arrays : ndarray
-            One for each group: (S, width), or (width,) where the group is uniform.
+            One for each argument: (S, width), or (width,) where the argument is uniform.
         out : ndarray, optional
             C-contiguous, (S, n) for ``"rows"``, (n, S) for ``"columns"``.
+        threads : int
 
         Returns
         -------
         ndarray
-            (S, n) or (n, S) with n the number of outputs.
+            (S, n) or (n, S) with n the number of computed elements.
         """
-        inputs = [self._checked(group, array) for group, array in zip(self.groups, arrays, strict=True)]
-        count = next((len(a) for g, a in zip(self.groups, inputs, strict=True) if not g.uniform), 1)
-        width = len(self.outputs)
+        inputs = [self._checked(group, array) for group, array in zip(self.arguments, arrays, strict=True)]
+        count = next((len(a) for g, a in zip(self.arguments, inputs, strict=True) if not g.uniform), 1)
+        width = self.width
         shape = (count, width) if self.layout == "rows" else (width, count)
         if out is None:
             out = np.empty(shape)
         elif out.shape != shape or not out.flags.c_contiguous or out.dtype != np.float64:
             raise InputError(f"out must be a C-contiguous float64 array of shape {shape}, got {out.dtype} {out.shape}.")
-        if count == 0:
+        if count == 0 or width == 0:
             return out
         if count == 1:
             self._run(self.single_function, 1, inputs, out, 1)
@@ -123,14 +164,14 @@ class Kernel:
         """Compute the last samples, fewer than the lanes, in a padded block."""
         rest = count - start
         padded = []
-        for group, array in zip(self.groups, inputs, strict=True):
+        for group, array in zip(self.arguments, inputs, strict=True):
             if group.uniform:
                 padded.append(array)
             else:
                 block = np.repeat(array[-1:], LANES, axis=0)
                 block[:rest] = array[start:]
                 padded.append(block)
-        width = len(self.outputs)
+        width = self.width
         last = np.empty((LANES, width) if self.layout == "rows" else (width, LANES))
         self._run(self.batch_function, LANES, padded, last, LANES)
         if self.layout == "rows":
@@ -162,7 +203,7 @@ class Kernel:
         processor, features = llvm.get_host_cpu_name(), llvm.get_host_cpu_features().flatten()
         if lanes == LANES:  # full-width registers where the processor has them
             features += ",-prefer-256-bit"
-        source = llvm_source(self.groups, self.outputs, lanes=lanes, layout=self.layout, triple=triple)
+        source = llvm_source(self.arguments, self.outputs, lanes=lanes, layout=self.layout, triple=triple)
         level = 1 if source.count("\n") < _LARGE else 0  # optimising a very long function takes minutes
         version = ".".join(map(str, llvm.llvm_version_info))
         material = "\n".join((version, triple, processor, features, str(level), source))
@@ -180,6 +221,6 @@ class Kernel:
         engine.add_object_file(llvm.ObjectFileRef.from_data(code))
         engine.finalize_object()
         self._keep.append(engine)
-        pointers = [ctypes.c_void_p] * (len(self.groups) + 1)
+        pointers = [ctypes.c_void_p] * (len(self.arguments) + 1)
         prototype = ctypes.CFUNCTYPE(None, ctypes.c_int64, *pointers, ctypes.c_int64)
         return prototype(engine.get_function_address("kernel"))

@@ -1,9 +1,11 @@
 """Denavit-Hartenberg tables, standard and modified."""
 
+from __future__ import annotations
+
 import ast
 import math
 import re
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from typing import NamedTuple
 
 import numpy as np
@@ -16,14 +18,25 @@ from steelyard.robot.robot import Robot
 
 __all__ = ["robot_from_dh"]
 
+_Shifts = dict[str, tuple[float, float, float]]
 COLUMNS = ("alpha", "a", "d", "theta")
 
 
 class _Affine(NamedTuple):
-    """An expression `slope * q + constant`."""
+    """An expression `slope * q + constant + sum of coefficient * length`."""
 
     slope: float
     constant: float
+    lengths: Mapping[str, float] = {}
+
+    def times(self, factor: float) -> _Affine:
+        lengths = {name: value * factor for name, value in self.lengths.items()}
+        return _Affine(self.slope * factor, self.constant * factor, lengths)
+
+    def plus(self, other: _Affine) -> _Affine:
+        lengths = {n: self.lengths.get(n, 0.0) + other.lengths.get(n, 0.0) for n in {**self.lengths, **other.lengths}}
+        used = {name: value for name, value in lengths.items() if value != 0.0}
+        return _Affine(self.slope + other.slope, self.constant + other.constant, used)
 
 
 def robot_from_dh(
@@ -45,7 +58,7 @@ def _joint(row: Sequence[float | str], number: int, convention: str, where: str)
     place = f"{where}, row {number}"
     if isinstance(row, str | bytes) or not hasattr(row, "__len__") or len(row) != 4:
         raise InputError(f"{place}: four cells (alpha, a, d, theta) were expected, got {row!r}")
-    cells = {column: _parse(cell, number, f"{place}, {column}") for column, cell in zip(COLUMNS, row, strict=True)}
+    cells = {column: _parse(cell, number, f"{place}, {column}", column in ("a", "d")) for column, cell in zip(COLUMNS, row, strict=True)}
     moving = [column for column in COLUMNS if cells[column].slope != 0.0]
     for column in ("alpha", "a"):
         if column in moving:
@@ -69,13 +82,38 @@ def _joint(row: Sequence[float | str], number: int, convention: str, where: str)
         # Turning by -q about z is turning by q about the z axis of a frame flipped by pi about x.
         flip = rotation_x(math.pi)
         before, after = before @ flip, flip @ after
-    return Joint(f"joint{number}", kind, number - 2, before, after, coordinate=number - 1)
+    shifts_a = {name: (value, 0.0, 0.0) for name, value in cells["a"].lengths.items()}
+    direction = (0.0, 0.0, 1.0) if convention == "standard" else tuple(rotation_x(alpha)[:3, 2].tolist())
+    shifts_d = {name: tuple(value * x for x in direction) for name, value in cells["d"].lengths.items()}
+    if convention == "modified":
+        shifts_a, shifts_d = {}, _added(shifts_a, shifts_d)
+    return Joint(
+        f"joint{number}",
+        kind,
+        number - 2,
+        before,
+        after,
+        coordinate=number - 1,
+        before_lengths=shifts_d,
+        after_lengths=shifts_a,
+    )
 
 
-def _parse(cell: object, number: int, place: str) -> _Affine:
+def _added(first: _Shifts, second: _Shifts) -> _Shifts:
+    zero = (0.0, 0.0, 0.0)
+    names = dict.fromkeys([*first, *second])
+    return {
+        n: tuple(x + y for x, y in zip(first.get(n, zero), second.get(n, zero), strict=True))  # type: ignore[misc]
+        for n in names
+    }
+
+
+def _parse(cell: object, number: int, place: str, is_length: bool) -> _Affine:
     if isinstance(cell, str):
         try:
             value = _evaluate(ast.parse(cell.strip(), mode="eval").body, number)
+            if value.lengths and not is_length:
+                raise ValueError(f"{next(iter(value.lengths))!r} is unknown; only pi and q are known in an angle")
         except (SyntaxError, ValueError, RecursionError, MemoryError, OverflowError, ZeroDivisionError) as error:
             reason = str(error) if type(error) is ValueError else "it is not a valid expression"
             raise InputError(
@@ -91,7 +129,7 @@ def _parse(cell: object, number: int, place: str) -> _Affine:
 
 
 def _evaluate(node: ast.expr, number: int) -> _Affine:
-    """The value of an expression of numbers, pi, q, + - * / and parentheses."""
+    """The value of an expression of numbers, pi, q, names of lengths, + - * / and parentheses."""
     match node:
         case ast.Constant(value=bool()):
             raise ValueError("True and False are no numbers")
@@ -102,31 +140,33 @@ def _evaluate(node: ast.expr, number: int) -> _Affine:
         case ast.Name(id=name):
             numbered = re.fullmatch(r"q_?(\d*)", name)
             if numbered is None:
-                raise ValueError(f"{name!r} is unknown; only pi and q are known")
+                return _Affine(0.0, 0.0, {name: 1.0})
             if numbered[1] and int(numbered[1]) != number:
                 raise ValueError(f"{name!r} stands in the row of joint {number}, which may only hold q or q{number}")
             return _Affine(1.0, 0.0)
         case ast.UnaryOp(op=ast.USub(), operand=operand):
             value = _evaluate(operand, number)
-            return _Affine(-value.slope, -value.constant)
+            return value.times(-1.0)
         case ast.UnaryOp(op=ast.UAdd(), operand=operand):
             return _evaluate(operand, number)
         case ast.BinOp(left=left, op=ast.Add() | ast.Sub() | ast.Mult() | ast.Div() as operator, right=right):
             return _combine(_evaluate(left, number), operator, _evaluate(right, number))
-    raise ValueError("only numbers, pi, q, + - * / and parentheses may be used")
+    raise ValueError("only numbers, pi, q, names of lengths, + - * / and parentheses may be used")
 
 
 def _combine(left: _Affine, operator: ast.operator, right: _Affine) -> _Affine:
     match operator:
         case ast.Add():
-            return _Affine(left.slope + right.slope, left.constant + right.constant)
+            return left.plus(right)
         case ast.Sub():
-            return _Affine(left.slope - right.slope, left.constant - right.constant)
-        case ast.Mult() if left.slope == 0.0 or right.slope == 0.0:
-            slope = left.slope * right.constant + left.constant * right.slope
-            return _Affine(slope, left.constant * right.constant)
-        case ast.Div() if right.slope == 0.0:
+            return left.plus(right.times(-1.0))
+        case ast.Mult() if not (left.slope or left.lengths):
+            return right.times(left.constant)
+        case ast.Mult() if not (right.slope or right.lengths):
+            return left.times(right.constant)
+        case ast.Div() if not (right.slope or right.lengths):
             if right.constant == 0.0:
                 raise ValueError("it divides by zero")
-            return _Affine(left.slope / right.constant, left.constant / right.constant)
-    raise ValueError("it must be q times a constant plus a constant")
+            c = right.constant
+            return _Affine(left.slope / c, left.constant / c, {n: v / c for n, v in left.lengths.items()})
+    raise ValueError("it must be a sum of numbers, q and lengths with constant factors")

@@ -1,6 +1,9 @@
 """Joints and links: the parts of a robot."""
 
-from dataclasses import dataclass
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field, replace
 from typing import Literal
 
 import numpy as np
@@ -112,6 +115,8 @@ class Joint:
         Limits of the joint value, rad or m; infinite where unknown.
     velocity_limit, effort_limit : float
         Limits of speed (rad/s or m/s) and effort (N m or N); infinite where unknown.
+    before_lengths, after_lengths : mapping
+        Symbolic lengths (m): for each name the vector (3,) by which it adds to the translation of `before` or `after`.
     damping, friction : float
         Viscous (N m s/rad or N s/m) and Coulomb friction (N m or N) of the description; NaN where unknown.
 
@@ -137,10 +142,24 @@ class Joint:
     effort_limit: float = np.inf
     damping: float = np.nan
     friction: float = np.nan
+    before_lengths: Mapping[str, tuple[float, float, float]] = field(default_factory=dict)
+    after_lengths: Mapping[str, tuple[float, float, float]] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "before", frozen(self.before, (4, 4)))
         object.__setattr__(self, "after", frozen(self.after, (4, 4)))
+
+    def with_lengths(self, values: Mapping[str, float]) -> Joint:
+        """The same joint with numbers (m) for these symbolic lengths."""
+        placements = []
+        for placement, symbols in ((self.before, self.before_lengths), (self.after, self.after_lengths)):
+            moved = np.array(placement)
+            for name, direction in symbols.items():
+                if name in values:
+                    moved[:3, 3] += values[name] * np.array(direction)
+            placements.append((moved, {name: d for name, d in symbols.items() if name not in values}))
+        (before, before_lengths), (after, after_lengths) = placements
+        return replace(self, before=before, after=after, before_lengths=before_lengths, after_lengths=after_lengths)
 
     @property
     def rotates(self) -> bool:

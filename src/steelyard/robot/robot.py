@@ -143,7 +143,8 @@ class Robot:
         ----------
         rows : sequence of (alpha, a, d, theta)
             Numbers (rad, m) or strings such as "-pi/2", "q", "q1", "q+pi/2"; exactly one of d (prismatic joint) and
-            theta (revolute joint) holds q.
+            theta (revolute joint) holds q. In a and d any other name, as in "a2" or "0.1 - d4", is a symbolic length
+            (m), see `with_lengths`.
         convention : {"standard", "modified"}
             "standard": Rz(theta) Tz(d) Tx(a) Rx(alpha). "modified" (Craig, Khalil): Rx(alpha) Tx(a) Rz(theta) Tz(d).
         name : str
@@ -236,6 +237,39 @@ class Robot:
                 "give each term once, or rename its symbol"
             )
         return replace(self, terms=terms)
+
+    @cached_property
+    def lengths(self) -> tuple[str, ...]:
+        """Names of the symbolic lengths, in the order in which the joints first use them."""
+        joints = self.joints
+        return tuple(dict.fromkeys(name for j in joints for name in (*j.before_lengths, *j.after_lengths)))
+
+    def with_lengths(self, values: Mapping[str, float]) -> Robot:
+        """The same robot with numbers for symbolic lengths.
+
+        Parameters
+        ----------
+        values : mapping
+            From name to length, m; those not named stay symbols.
+
+        Raises
+        ------
+        InputError
+            When the robot has no such length, or a value is not finite.
+
+        Examples
+        --------
+        >>> arm = Robot.from_dh([(0, "a1", 0, "q"), (0, "a2", 0, "q")])
+        >>> arm.lengths, arm.with_lengths({"a1": 0.4}).lengths
+        (('a1', 'a2'), ('a2',))
+        """
+        for name, value in values.items():
+            if name not in self.lengths:
+                known = ", ".join(self.lengths) or "none"
+                raise InputError(f'robot "{self.name}" has no symbolic length "{name}"; it has {known}')
+            if not np.isfinite(value):
+                raise InputError(f'robot "{self.name}": the length "{name}" must be finite, got {value!r}')
+        return replace(self, joints=tuple(joint.with_lengths(values) for joint in self.joints))
 
     @cached_property
     def dof(self) -> int:

@@ -119,6 +119,10 @@ class Term(ABC):
         """Values that the description gives at the driving joint, one a parameter; NaN where unknown."""
         return (np.nan,) * len(self.parameters)
 
+    def potential(self, k: int, q: Sequence[Any], algebra: Any) -> tuple[Any, ...]:
+        """Potential energy (J) of coordinate `k` by each parameter; none, unless a subclass (a spring) says so."""
+        return (0.0,) * len(self.parameters)
+
     def conditions(self) -> tuple[Condition, ...]:
         """Conditions on the parameters of one coordinate; by default each nonnegative parameter is at least 0."""
         return tuple(

@@ -1,0 +1,334 @@
+"""The functions of a model: what each is called, reads and computes, over generic scalars."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from steelyard.errors import InputError
+from steelyard.graph import Node, jacobian
+from steelyard.robot import Robot, Term
+
+from . import energy, jacobians
+from .coriolis_matrix import coriolis_matrix
+from .derivatives import inverse_dynamics_derivatives
+from .forward_dynamics import articulated_body, solve_inertia
+from .inertia_matrix import inertia_matrix
+from .kinematics import ZERO, Vector3, link_poses
+from .newton_euler import body_wrench, inverse_dynamics, link_motions
+from .regressor import regressor
+from .scene import Scene, Value
+
+__all__ = ["CATALOGUE", "Entry", "forward_dynamics_function"]
+
+
+def _plus(a: Sequence[Any], b: Sequence[Any]) -> list[Any]:
+    return [x + y for x, y in zip(a, b, strict=True)]
+
+
+def _torque(scene: Scene, elements: list[Any], description: str) -> list[Value]:
+    return [Value("torque", (scene.count,), elements, f"{description}, N·m or N")]
+
+
+def _matrix(name: str, rows: Sequence[Sequence[Any]], description: str) -> Value:
+    return Value(name, (len(rows), len(rows[0])), [x for row in rows for x in row], description)
+
+
+def _inverse_dynamics(scene: Scene) -> list[Value]:
+    q, dq, ddq = (scene.scalars[name] for name in ("q", "dq", "ddq"))
+    frames, links = scene.bodies
+    torques = inverse_dynamics(frames, dq, ddq, links, scene.gravity)
+    return _torque(scene, _plus(torques, scene.term_torques(q, dq, ddq)), "joint torques of links and terms")
+
+
+def _gravity(scene: Scene) -> list[Value]:
+    still = [0.0] * scene.count
+    frames, links = scene.bodies
+    return _torque(scene, inverse_dynamics(frames, still, still, links, scene.gravity), "torques that hold the links")
+
+
+def _coriolis(scene: Scene) -> list[Value]:
+    frames, links = scene.bodies
+    torques = inverse_dynamics(frames, scene.scalars["dq"], [0.0] * scene.count, links, ZERO)
+    return _torque(scene, torques, "Coriolis and centripetal torques C(q, dq) dq")
+
+
+def _coriolis_matrix(scene: Scene) -> list[Value]:
+    frames, links = scene.bodies
+    rows = coriolis_matrix(frames, scene.scalars["dq"], links)
+    return [_matrix("matrix", rows, "Coriolis matrix C(q, dq) of the Christoffel symbols, N·m·s/rad, N·s/rad or N·s/m")]
+
+
+def _inertia_matrix(scene: Scene) -> list[Value]:
+    return [_matrix("matrix", inertia_matrix(*scene.bodies), "inertia matrix M(q) of the links, kg·m², kg·m or kg")]
+
+
+def _drive_torque(scene: Scene) -> list[Value]:
+    torques = scene.term_torques(*(scene.scalars[name] for name in ("q", "dq", "ddq")))
+    return _torque(scene, torques, "torques of all the terms beyond the rigid links")
+
+
+def _bias(scene: Scene) -> tuple[list[Any], list[Any]]:
+    """Return the torques, less those of the terms, and the wrenches of the links, both at zero acceleration."""
+    frames, links = scene.bodies
+    dq, still = scene.scalars["dq"], scene.still
+    motions = link_motions(frames, dq, [0.0] * scene.count, scene.gravity)
+    terms = scene.term_torques(scene.scalars["q"], dq, still)
+    free = [a - b for a, b in zip(scene.scalars["tau"], terms, strict=True)]
+    return free, [body_wrench(motion, p) for motion, p in zip(motions, links, strict=True)]
+
+
+def _acceleration(scene: Scene, elements: list[Any]) -> list[Value]:
+    return [Value("acceleration", (scene.count,), elements, "joint accelerations, rad/s² or m/s²")]
+
+
+def _forward_dynamics_by_solving(scene: Scene) -> list[Value]:
+    frames, links = scene.bodies
+    dq, none = scene.scalars["dq"], [0.0] * scene.count
+    bias = _plus(
+        inverse_dynamics(frames, dq, none, links, scene.gravity),
+        scene.term_torques(scene.scalars["q"], dq, scene.still),
+    )
+    free = [a - b for a, b in zip(scene.scalars["tau"], bias, strict=True)]
+    matrix = [_plus(a, b) for a, b in zip(inertia_matrix(frames, links), scene.term_inertias(), strict=True)]
+    return _acceleration(scene, solve_inertia(matrix, free))
+
+
+def _forward_dynamics_articulated(scene: Scene) -> list[Value]:
+    frames, links = scene.bodies
+    free, wrenches = _bias(scene)
+    rotors = [row[k] for k, row in enumerate(scene.term_inertias())]
+    return _acceleration(scene, articulated_body(frames, wrenches, links, free, rotors))
+
+
+def _regressor(scene: Scene) -> list[Value]:
+    q, dq, ddq = (scene.scalars[name] for name in ("q", "dq", "ddq"))
+    width = len(scene.layout.names)
+    elements: list[Any] = [0.0] * (scene.count * width)
+    for (row, column), value in scene.layout.with_links(regressor(scene.frames, dq, ddq, scene.gravity)).items():
+        elements[row * width + column] = value
+    for row, column, value in scene.layout.terms(q, dq, ddq, scene.algebra):
+        elements[row * width + column] = value
+    return [Value("matrix", (scene.count, width), elements, "regressor H: torques are H times the parameters")]
+
+
+def _momentum_regressor(scene: Scene) -> list[Value]:
+    dq, width = scene.scalars["dq"], len(scene.layout.names)
+    elements: list[Any] = [0.0] * (scene.count * width)
+    entries = regressor(scene.frames, [0.0] * scene.count, dq, ZERO)
+    for (row, column), value in scene.layout.with_links(entries).items():
+        elements[row * width + column] = value
+    for (row, column), value in scene.layout.term_momenta(scene.scalars["q"], dq, scene.algebra).items():
+        elements[row * width + column] = value
+    return [Value("matrix", (scene.count, width), elements, "the momentum M(q) dq is this times the parameters")]
+
+
+def _energy_rows(scene: Scene, links: Sequence[Sequence[Any]]) -> list[Any]:
+    elements: list[Any] = [0.0] * len(scene.layout.names)
+    for columns, row in zip(scene.layout.links, links, strict=True):
+        for column, value in zip(columns, row, strict=True):
+            elements[int(column)] = value
+    return elements
+
+
+def _kinetic_row(scene: Scene) -> list[Any]:
+    dq = scene.scalars["dq"]
+    elements = _energy_rows(scene, energy.kinetic_energy_regressor(scene.frames, dq))
+    for (row, column), value in scene.layout.term_momenta(scene.scalars["q"], dq, scene.algebra).items():
+        elements[column] = elements[column] + 0.5 * (dq[row] * value)
+    return elements
+
+
+def _potential_row(scene: Scene) -> list[Any]:
+    elements = _energy_rows(scene, energy.potential_energy_regressor(scene.frames, scene.gravity))
+    for column, value in scene.layout.term_potentials(scene.scalars["q"], scene.algebra):
+        elements[column] = elements[column] + value
+    return elements
+
+
+def _energy_regressor(scene: Scene) -> list[Value]:
+    kinetic, potential = _kinetic_row(scene), _potential_row(scene)
+    return [
+        Value("kinetic", (len(kinetic),), kinetic, "the kinetic energy is this times the parameters, J per unit"),
+        Value(
+            "potential", (len(potential),), potential, "the potential energy is this times the parameters, J per unit"
+        ),
+    ]
+
+
+def _weighted(scene: Scene, row: Sequence[Any]) -> Any:
+    total: Any = 0.0
+    for value, parameter in zip(row, scene.scalars["parameters"], strict=True):
+        total = total + value * parameter
+    return total
+
+
+def _kinetic_energy(scene: Scene) -> list[Value]:
+    return [Value("energy", (), [_weighted(scene, _kinetic_row(scene))], "kinetic energy of links and rotors, J")]
+
+
+def _potential_energy(scene: Scene) -> list[Value]:
+    text = "potential energy of the links, zero for mass at the origin of the base frame, and of springs, J"
+    return [Value("energy", (), [_weighted(scene, _potential_row(scene))], text)]
+
+
+def _momentum(scene: Scene) -> list[Value]:
+    frames, links = scene.bodies
+    dq = scene.scalars["dq"]
+    elements = inverse_dynamics(frames, [0.0] * scene.count, dq, links, ZERO)
+    for (row, column), value in scene.layout.term_momenta(scene.scalars["q"], dq, scene.algebra).items():
+        elements[row] = elements[row] + scene.scalars["parameters"][column] * value
+    return [Value("momentum", (scene.count,), elements, "generalised momentum of links and rotors, N·m·s or N·s")]
+
+
+def _derivatives(scene: Scene) -> list[Value]:
+    q, dq, ddq = (scene.scalars[name] for name in ("q", "dq", "ddq"))
+    frames, links = scene.bodies
+    of_links = inverse_dynamics_derivatives(frames, dq, ddq, links, scene.gravity)
+    torques = [t if isinstance(t, Node) else q[0].graph.node(t) for t in scene.term_torques(q, dq, ddq)]
+    of_terms = [jacobian(torques, inputs) for inputs in (q, dq, ddq)]
+    blocks = zip(("by_q", "by_dq", "by_ddq"), (of_links.by_q, of_links.by_dq, of_links.by_ddq), of_terms, strict=True)
+    units = {"by_q": "position", "by_dq": "velocity", "by_ddq": "acceleration"}
+    return [
+        _matrix(
+            name,
+            [_plus(a, b) for a, b in zip(links_, terms, strict=True)],
+            f"derivatives of the joint torques (rows) by each joint's {units[name]} (columns)",
+        )
+        for name, links_, terms in blocks
+    ]
+
+
+def _chosen(scene: Scene) -> int:
+    return len(scene.robot.links) - 1 if scene.link is None else scene.link
+
+
+def _pose(scene: Scene) -> list[Value]:
+    turn, place = link_poses(scene.frames)[_chosen(scene)]
+    rows = [[*row, place[i]] for i, row in enumerate(turn)] + [[0.0, 0.0, 0.0, 1.0]]
+    return [_matrix("pose", rows, "pose of the link frame in the base frame: rotation and position, m")]
+
+
+def _point(scene: Scene) -> Vector3:
+    x, y, z = scene.scalars["point"]
+    return (x, y, z)
+
+
+def _jacobian(scene: Scene) -> list[Value]:
+    rows = jacobians.jacobian(scene.frames, _chosen(scene), _point(scene))
+    return [_matrix("jacobian", rows, "velocity (rows 1 to 3, m/s) and angular velocity (rad/s) per joint velocity")]
+
+
+def _jacobian_rate(scene: Scene) -> list[Value]:
+    rows = jacobians.jacobian_rate(scene.frames, scene.scalars["dq"], _chosen(scene), _point(scene))
+    return [_matrix("jacobian_rate", rows, "time derivative of the Jacobian")]
+
+
+@dataclass(frozen=True)
+class Entry:
+    """A function of the catalogue.
+
+    Attributes
+    ----------
+    arguments : tuple of str
+        What it reads, in this order.
+    description : str
+    build : callable
+        From a scene to what it computes.
+    by_link : bool
+        Whether it is about one link, which is named in parentheses: ``"pose(link7)"``.
+    by_parameter : bool
+        Whether the last index of the outputs counts parameters.
+    """
+
+    arguments: tuple[str, ...]
+    description: str
+    build: Callable[[Scene], list[Value]]
+    by_link: bool = False
+    by_parameter: bool = False
+
+
+_MOTION = ("q", "dq", "ddq")
+CATALOGUE: dict[str, Entry] = {
+    "inverse_dynamics": Entry(
+        (*_MOTION, "parameters"), "Inverse dynamics: the joint torques of a motion (thesis eq. 2.7).", _inverse_dynamics
+    ),
+    "forward_dynamics": Entry(
+        ("q", "dq", "tau", "parameters"),
+        "Forward dynamics: the accelerations that torques cause, by factors of the inertia matrix (thesis eq. 5.1).",
+        _forward_dynamics_by_solving,
+    ),
+    "forward_dynamics_articulated": Entry(
+        ("q", "dq", "tau", "parameters"),
+        "Forward dynamics: the joint accelerations that torques cause, with the articulated-body algorithm.",
+        _forward_dynamics_articulated,
+    ),
+    "inertia_matrix": Entry(("q", "parameters"), "The inertia matrix of the links.", _inertia_matrix),
+    "coriolis_matrix": Entry(
+        ("q", "dq", "parameters"),
+        "The Coriolis matrix with the Christoffel symbols: dM/dt - 2 C is skew-symmetric.",
+        _coriolis_matrix,
+    ),
+    "coriolis": Entry(("q", "dq", "parameters"), "Coriolis and centripetal torques of the links.", _coriolis),
+    "gravity": Entry(("q", "parameters"), "The torques that hold the links against gravity.", _gravity),
+    "drive_torque": Entry((*_MOTION, "parameters"), "The torques of friction, rotors and other terms.", _drive_torque),
+    "momentum": Entry(("q", "dq", "parameters"), "The generalised momentum.", _momentum),
+    "kinetic_energy": Entry(("q", "dq", "parameters"), "The kinetic energy.", _kinetic_energy),
+    "potential_energy": Entry(("q", "parameters"), "The potential energy.", _potential_energy),
+    "regressor": Entry(_MOTION, "The regressor of inverse dynamics (thesis eq. 2.22).", _regressor, by_parameter=True),
+    "momentum_regressor": Entry(
+        ("q", "dq"), "The regressor of the generalised momentum.", _momentum_regressor, by_parameter=True
+    ),
+    "energy_regressor": Entry(
+        ("q", "dq"), "The regressors of kinetic and potential energy.", _energy_regressor, by_parameter=True
+    ),
+    "inverse_dynamics_derivatives": Entry(
+        (*_MOTION, "parameters"),
+        "The partial derivatives of inverse dynamics by positions, velocities and accelerations.",
+        _derivatives,
+    ),
+    "pose": Entry(("q",), "The pose of a link frame in the base frame.", _pose, by_link=True),
+    "jacobian": Entry(("q", "point"), "The Jacobian of a point of a link in the base frame.", _jacobian, by_link=True),
+    "jacobian_rate": Entry(
+        ("q", "dq", "point"), "The time derivative of the Jacobian of a point of a link.", _jacobian_rate, by_link=True
+    ),
+}
+
+# Joints up to which factoring the inertia matrix takes fewer operations than articulated bodies.
+_FEW_JOINTS = 8
+
+
+def forward_dynamics_function(robot: Robot, method: str) -> str:
+    """Return the function of the catalogue that is a method of forward dynamics.
+
+    Parameters
+    ----------
+    robot : Robot
+    method : {"automatic", "inertia_matrix", "articulated_body"}
+
+    Raises
+    ------
+    InputError
+        If the method is something else, or articulated bodies do not apply.
+    """
+    if method not in ("automatic", "inertia_matrix", "articulated_body"):
+        raise InputError(f"method must be 'automatic', 'inertia_matrix' or 'articulated_body', got {method!r}.")
+    coupled = len(robot.joints) > robot.dof or not all(_acts_alone(term, robot) for term in robot.terms)
+    if method == "articulated_body" and coupled:
+        raise InputError(
+            f"{robot.name} has mimic joints or coupled motors, which articulated bodies do not allow; "
+            "use method='inertia_matrix'."
+        )
+    articulated = method == "articulated_body" or (method == "automatic" and not coupled and robot.dof > _FEW_JOINTS)
+    return "forward_dynamics_articulated" if articulated else "forward_dynamics"
+
+
+def _acts_alone(term: Term, robot: Robot) -> bool:
+    """Tell whether a term of a coordinate acts on that coordinate only."""
+    zeros = [0.0] * robot.dof
+    return all(
+        row == k for k in range(robot.dof) for column in term.columns(k, zeros, zeros, zeros, np) for row in column
+    )

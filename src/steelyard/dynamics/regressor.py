@@ -1,0 +1,122 @@
+"""The regressor of the rigid links in barycentric parameters, written over generic scalars.
+
+Each joint's unit motion is carried into the frames of the links beyond it, and meets there the wrench of the link,
+which is linear in its ten parameters. Three of the ten columns of a link that turns say nothing new to the joints
+below it: mass on the joint axis might as well belong to the parent (see :mod:`.regrouping`). These columns are thus
+read from those of the parent, where that takes fewer operations.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any
+
+from .kinematics import JointFrame, Vector3, add, cross, dot, is_zero, times, transposed
+from .newton_euler import Motion, link_motions
+from .regrouping import JointLine, joint_line
+
+__all__ = ["regressor"]
+
+_DIAGONAL = (0, 3, 5)
+_PRODUCT = {(0, 1): 1, (0, 2): 2, (1, 2): 4}
+
+
+def _row(motion: Motion, angular: Vector3, linear: Vector3) -> list[Any]:
+    """Power of the wrench of a moving body on a unit motion, by its ten parameters."""
+    w, dw, u, a = motion.angular_velocity, motion.angular_acceleration, motion.u, motion.acceleration
+    x, y, z = angular
+    xy, xz, yz = w[0] * w[1], w[0] * w[2], w[1] * w[2]
+    first = add(times(transposed(u), linear), cross(a, angular))
+    return [
+        x * dw[0] + (y * xz - z * xy),
+        y * u[2][1] - x * u[2][0] + z * (u[0][0] - u[1][1]),
+        x * u[1][0] + y * (u[2][2] - u[0][0]) - z * u[1][2],
+        y * dw[1] + (z * xy - x * yz),
+        x * (u[1][1] - u[2][2]) - y * u[0][1] + z * u[0][2],
+        z * dw[2] + (x * yz - y * xz),
+        *first,
+        dot(linear, a),
+    ]
+
+
+def _nonzero(v: Vector3) -> list[int]:
+    return [i for i in range(3) if not is_zero(v[i])]
+
+
+def _second_moment(row: Sequence[Any], i: int, j: int, factor: Any) -> Any:
+    """Torque of the second moment of mass ``factor`` at (i, j) and (j, i): ``L = tr(S) 1 - S``."""
+    if i == j:
+        others = [k for k in range(3) if k != i]
+        return factor * (row[_DIAGONAL[others[0]]] + row[_DIAGONAL[others[1]]])
+    return -(factor * row[_PRODUCT[min(i, j), max(i, j)]])
+
+
+def _read_from_parent(row: list[Any], parent: Sequence[Any], line: JointLine) -> None:
+    """Replace the columns of the link that the parent's columns and the link's others determine."""
+    k, sign = line.axis
+    parent_k, parent_sign = line.parent_axis
+    # Mass spread along the axis: its second moment belongs to either link.
+    i, j = (k + 1) % 3, (k + 2) % 3
+    pi, pj = (parent_k + 1) % 3, (parent_k + 2) % 3
+    row[_DIAGONAL[j]] = (parent[_DIAGONAL[pi]] + parent[_DIAGONAL[pj]]) - row[_DIAGONAL[i]]
+    here, there = _nonzero(line.point), _nonzero(line.parent_point)
+    if len(here) + len(there) <= 3:
+        # A first moment along the axis, which passes at the two points.
+        value = parent[6 + parent_k] * parent_sign
+        for n in there:
+            factor = line.parent_point[n] * parent_sign
+            value = value + _second_moment(parent, n, parent_k, 2.0 * factor if n == parent_k else factor)
+        for n in here:
+            value = value - _second_moment(row, n, k, line.point[n] * sign)
+        row[6 + k] = sign * value
+    if not here and not there:
+        row[9] = parent[9]  # a mass on the axis, at the origins
+
+
+def regressor(
+    frames: Sequence[JointFrame], dq: Sequence[Any], ddq: Sequence[Any], gravity: Vector3
+) -> dict[tuple[int, int], Any]:
+    """Compute the regressor of the rigid links (thesis eq. 2.22) from the joint axes.
+
+    With ``dq = 0``, ``ddq`` in the place of velocities and no gravity it is the regressor of the momentum ``M dq``.
+
+    Parameters
+    ----------
+    frames : sequence of JointFrame
+        The joints at their positions.
+    dq, ddq : sequence of scalar
+        N velocities and accelerations.
+    gravity : Vector3
+        In the base frame, m/s².
+
+    Returns
+    -------
+    dict
+        Scalars by (torque row, 10 * link + parameter); what is missing is 0.
+    """
+    motions = link_motions(frames, dq, ddq, gravity)
+    carried: list[dict[int, tuple[Vector3, Vector3]]] = []
+    rows: list[dict[int, list[Any]]] = []
+    entries: dict[tuple[int, int], Any] = {}
+    for index, frame in enumerate(frames):
+        parent = frame.joint.parent
+        here: dict[int, tuple[Vector3, Vector3]] = {}
+        line = joint_line(frame)
+        if parent >= 0:
+            for source, (angular, linear) in carried[parent].items():
+                angular, linear = frame.to_link(angular), frame.to_link(add(linear, cross(angular, frame.base_point)))
+                here[source] = (angular, add(linear, cross(angular, frame.arm)))
+        here[index] = frame.unit_motion
+        carried.append(here)
+        rows.append({})
+        for source, (angular, linear) in here.items():
+            row = _row(motions[index], angular, linear)
+            if line is not None and source != index:
+                _read_from_parent(row, rows[parent][source], line)
+            rows[index][source] = row
+            joint = frames[source].joint
+            for parameter, value in enumerate(row):
+                key = (joint.coordinate, 10 * index + parameter)
+                scaled = value if joint.multiplier == 1.0 else joint.multiplier * value
+                entries[key] = entries[key] + scaled if key in entries else scaled
+    return entries
