@@ -22,6 +22,32 @@ def test_zero_one_and_minus_one_vanish():
     assert (-1.0 * x) * (-1.0 * y) is x * y
 
 
+def test_what_was_added_is_taken_away_again():
+    graph = Graph()
+    x, y = graph.input("x"), graph.input("y")
+    assert (x + y) - x is y
+    assert (x + y) - y is x
+    assert (x - y) - x is -y
+    assert x - (x + y) is -y
+    assert x - (x - y) is y
+    assert (x - y) + y is x
+    assert y + (x - y) is x
+
+
+def test_division_folds_without_changing_values():
+    graph = Graph()
+    x, y = graph.input("x"), graph.input("y")
+    assert x / 1.0 is x
+    assert x / x is graph.one
+    assert 0.0 / x is graph.zero
+    assert x / -y is -(x / y)
+    assert x / 4.0 is 0.25 * x
+    assert (x / 3.0).operation == "div"  # a third is not a double
+    assert x / -3.0 is -(x / 3.0)
+    with pytest.raises(ZeroDivisionError, match="constant 0"):
+        _ = x / 0.0
+
+
 def test_equal_expressions_are_one_node():
     graph = Graph()
     x, y = graph.input("x"), graph.input("y")

@@ -17,7 +17,7 @@ from steelyard.errors import InputError
 from steelyard.graph import Argument, Function, Graph, Kernel, Node, Output, operation_count
 
 from .base_parameters import BaseParameters
-from .catalogue import CATALOGUE, Entry
+from .catalogue import CATALOGUE, Entry, forward_dynamics_function
 from .layout import ParameterLayout
 from .scene import Scene
 from .terms import is_known_term
@@ -124,6 +124,8 @@ class ModelFunctions:
             raise InputError(
                 f"The function {kind!r} is about the whole robot; {link_name!r} in parentheses is too much."
             )
+        if kind == "forward_dynamics_articulated":
+            forward_dynamics_function(self.robot, "articulated_body")
         if gravity not in GRAVITIES:
             raise InputError(f"gravity must be 'fixed' or 'argument', got {gravity!r}.")
         if base and gravity == "argument":
