@@ -11,6 +11,8 @@ PACKAGE = Path(__file__).resolve().parent.parent / "src" / "steelyard"
 ROOMS = (
     "robot",
     "graph",
+    "generation",
+    "export",
     "dynamics",
     "recording",
     "regression",

@@ -103,10 +103,13 @@ def test_documented_options_are_those_of_the_command_line() -> None:
         assert set(re.findall(r"^\| `(--[\w-]+)", sections[name], re.MULTILINE)) == options, name
 
 
-def test_snippets_of_the_library_guide_run(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+@pytest.mark.parametrize(
+    ("page", "count"), [("use-the-library.md", 5), ("generate-code.md", 3), ("symbolic-models.md", 3)]
+)
+def test_snippets_of_the_guides_run(page: str, count: int, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.chdir(tmp_path)
     names: dict[str, object] = {}
-    snippets = blocks("docs/how-to/use-the-library.md", "python")
-    assert len(snippets) >= 5
+    snippets = blocks(f"docs/how-to/{page}", "python")
+    assert len(snippets) >= count
     for snippet in snippets:
-        exec(compile(snippet, "use-the-library.md", "exec"), names)
+        exec(compile(snippet, page, "exec"), names)

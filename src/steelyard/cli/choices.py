@@ -5,7 +5,7 @@ from __future__ import annotations
 from enum import Enum
 from typing import Literal
 
-__all__ = ["Consistency", "Preference", "Weights"]
+__all__ = ["Consistency", "Gravity", "Language", "Preference", "Weights"]
 
 
 class Consistency(Enum):
@@ -32,3 +32,24 @@ class Preference(Enum):
     LIGHTEST = "lightest"
 
     value: Literal["auto", "cad", "lightest"]
+
+
+class Language(Enum):
+    """The languages that source is generated in."""
+
+    C = "c"
+    CPP = "cpp"
+    PYTHON = "python"
+    RUST = "rust"
+    JULIA = "julia"
+    OCTAVE = "octave"
+    MATLAB = "matlab"
+    CASADI = "casadi"
+    JAX = "jax"
+
+
+class Gravity(Enum):
+    """Where generated source has gravity from."""
+
+    FIXED = "fixed"
+    ARGUMENT = "argument"

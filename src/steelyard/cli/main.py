@@ -10,6 +10,7 @@ from steelyard import __version__
 
 from .check import check
 from .demo import demo
+from .generate import generate
 from .identify import identify
 from .inspect import inspect
 
@@ -25,6 +26,7 @@ app = typer.Typer(
 )
 app.command()(demo)
 app.command()(inspect)
+app.command()(generate)
 app.command()(identify)
 app.command()(check)
 

@@ -10,7 +10,7 @@ from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 from steelyard import graph
 from steelyard.errors import InputError
@@ -86,7 +86,9 @@ class ModelFunctions:
         rows, columns = np.divmod(kernel.places, self._base().count)
         return BaseColumns(kernel, tuple(columns[rows == joint] for joint in range(self.robot.dof)))
 
-    def function(self, name: str, *, base: bool = False, gravity: str = "fixed") -> Function:
+    def function(
+        self, name: str, *, base: bool = False, gravity: str = "fixed", parameters: ArrayLike | None = None
+    ) -> Function:
         """Return a function of the catalogue as an expression graph.
 
         Parameters
@@ -97,6 +99,8 @@ class ModelFunctions:
             In base parameters instead of standard ones.
         gravity : {"fixed", "argument"}
             Gravity of the robot, or an argument.
+        parameters : array_like, optional
+            (n,), or (n_b,) with `base`: numbers in the place of the argument.
 
         Returns
         -------
@@ -107,9 +111,11 @@ class ModelFunctions:
         InputError
             If there is no such function or link, or base parameters do not apply.
         """
+        if parameters is not None:
+            return self._built(name, base, gravity, self._numbers(parameters, base))
         key = (name, base, gravity)
         if key not in self._functions:
-            self._functions[key] = self._built(name, base, gravity)
+            self._functions[key] = self._built(name, base, gravity, None)
         return self._functions[key]
 
     def _entry(self, name: str, base: bool, gravity: str) -> tuple[Entry, int | None]:
@@ -138,6 +144,17 @@ class ModelFunctions:
             names = ", ".join(self.robot.link_names)
             raise InputError(f"{self.robot.name} has no link {link_name!r}; its moving links are {names}.")
         return entry, self.robot.link_names.index(link_name)
+
+    def _numbers(self, parameters: ArrayLike, base: bool) -> list[float]:
+        values = np.asarray(parameters, dtype=np.float64)
+        size = self._base().count if base else len(self.layout.names)
+        if values.shape != (size,) or not np.isfinite(values).all():
+            kind = "base parameters" if base else "parameters"
+            raise InputError(
+                f"{self.robot.name} has {size} {kind}: expected so many finite numbers, got shape {values.shape}"
+                f"{'' if np.isfinite(values).all() else ' with some that are not finite'}."
+            )
+        return [float(value) for value in values]
 
     def _refuse_lengths(self) -> None:
         if self.robot.lengths:
@@ -176,17 +193,21 @@ class ModelFunctions:
         for k in self.robot.driving_joints:
             joint = self.robot.joints[k]
             texts.append(f"{what} of joint {joint.name!r}, {turning if joint.rotates else sliding}")
-        return Argument(name, self.robot.dof, False, f"joint {what}s", tuple(texts))
+        plural = f"{what[:-1]}ies" if what.endswith("y") else f"{what}s"
+        return Argument(name, self.robot.dof, False, f"joint {plural}", tuple(texts))
 
-    def _built(self, name: str, base: bool, gravity: str) -> Function:
+    def _built(self, name: str, base: bool, gravity: str, numbers: list[float] | None) -> Function:
         entry, link = self._entry(name, base, gravity)
         recorder = Graph()
         arguments = self._arguments(entry, base, gravity)
+        if numbers is not None:
+            arguments = [a for a in arguments if a.name not in ("parameters", "base_parameters")]
         scalars: dict[str, Any] = {a.name: recorder.inputs(a.name, a.width) for a in arguments}
-        if base and "parameters" in entry.arguments:
+        if "parameters" in entry.arguments:
+            given = numbers or scalars.pop("base_parameters" if base else "parameters")
             own: list[Any] = [0.0] * len(self.layout.names)
-            for k, node in zip(self._base().independent, scalars.pop("base_parameters"), strict=True):
-                own[k] = node
+            for k, value in zip(self._base().independent if base else range(len(own)), given, strict=True):
+                own[k] = value
             scalars["parameters"] = own
         scene = Scene(self.layout, graph, scalars, link=link)
         candidates = [scene, replace(scene, regroups=False)] if "parameters" in entry.arguments else [scene]

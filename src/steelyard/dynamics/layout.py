@@ -17,7 +17,7 @@ __all__ = ["ParameterLayout"]
 
 Entries = dict[tuple[int, int], Any]
 _INERTIAL = {
-    "L": ("moment of inertia {} about the frame's origin", "kg·m²"),
+    "L": ("moment of inertia {} about the origin of the frame", "kg·m²"),
     "l": ("first moment of mass {}", "kg·m"),
     "m": ("mass", "kg"),
 }

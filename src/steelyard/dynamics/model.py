@@ -2,31 +2,38 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping, Sequence
 from functools import cached_property
 from pathlib import Path
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from steelyard.errors import InputError
+from steelyard.generation import generate
 from steelyard.graph import Function, Kernel
 from steelyard.robot import Robot, RobotFile
 
 from .base_parameters import BaseParameters, base_parameters_of
-from .catalogue import CATALOGUE, forward_dynamics_function
+from .catalogue import CATALOGUE
 from .conditions import ModelCondition, model_conditions
 from .evaluation import Evaluator
 from .functions import BaseColumns, ModelFunctions
 from .layout import ParameterLayout
-from .sampling import regressor_with_numpy, term_torques
+from .numeric import NumericFunctions
+from .project import DEFAULT_FUNCTIONS, model_project
+from .sampling import regressor_with_numpy
 from .terms import term_from_dict
+
+if TYPE_CHECKING:
+    from steelyard.export import SymbolicFunction
 
 __all__ = ["Model"]
 
 Array = NDArray[np.float64]
 
 
-class Model:
+class Model(NumericFunctions):
     """The dynamic model of a robot, linear in its parameters: ``H(q, dq, ddq) delta = tau`` (thesis eq. 2.22).
 
     Functions take one sample or any batch: arrays of positions, velocities and accelerations with shape (..., N).
@@ -98,209 +105,6 @@ class Model:
         """Number n of parameters."""
         return len(self.parameter_names)
 
-    # Functions of motion and parameters
-
-    def inverse_dynamics(
-        self, q: ArrayLike, dq: ArrayLike, ddq: ArrayLike, parameters: ArrayLike, *, gravity: ArrayLike | None = None
-    ) -> Array:
-        """Return the joint torques (..., N), N·m or N, of links and terms.
-
-        Parameters
-        ----------
-        q, dq, ddq : array_like
-            (..., N): rad or m, and per s, per s².
-        parameters : array_like
-            (n,) in the order of `parameter_names`.
-        gravity : array_like, optional
-            (3,) in the base frame, m/s², in place of the robot's own; also in the functions below.
-
-        Returns
-        -------
-        ndarray
-        """
-        return self._call("inverse_dynamics", (q, dq, ddq), parameters, gravity)
-
-    def inverse_dynamics_derivatives(
-        self, q: ArrayLike, dq: ArrayLike, ddq: ArrayLike, parameters: ArrayLike, *, gravity: ArrayLike | None = None
-    ) -> tuple[Array, Array, Array]:
-        """Return the derivatives of the joint torques by q, dq and ddq, (..., N, N) each; row = torque.
-
-        The derivatives by the parameters are the `regressor`. The sign of Coulomb friction counts as constant.
-        """
-        n = self.joint_count
-        flat = self._call("inverse_dynamics_derivatives", (q, dq, ddq), parameters, gravity)
-        by_q, by_dq, by_ddq = (
-            flat[..., k * n * n : (k + 1) * n * n].reshape((*flat.shape[:-1], n, n)) for k in range(3)
-        )
-        return by_q, by_dq, by_ddq
-
-    def gravity(self, q: ArrayLike, parameters: ArrayLike, *, gravity: ArrayLike | None = None) -> Array:
-        """Return the torques (..., N) that hold the links still, ``g(q)`` of thesis eq. 2.7."""
-        return self._call("gravity", (q,), parameters, gravity)
-
-    def coriolis(self, q: ArrayLike, dq: ArrayLike, parameters: ArrayLike) -> Array:
-        """Return the Coriolis and centripetal torques (..., N), ``C(q, dq) dq`` of thesis eq. 2.8."""
-        return self._call("coriolis", (q, dq), parameters)
-
-    def coriolis_matrix(self, q: ArrayLike, dq: ArrayLike, parameters: ArrayLike) -> Array:
-        """Return C(q, dq) (..., N, N) with the Christoffel symbols: ``dM/dt - 2 C`` is skew-symmetric."""
-        return self._call.matrix("coriolis_matrix", (q, dq), parameters)
-
-    def drive_torque(self, dq: ArrayLike, ddq: ArrayLike, parameters: ArrayLike, q: ArrayLike | None = None) -> Array:
-        """Return the torques (..., N) of all the terms, ``h`` of thesis eq. 2.9; `q` matters to springs only."""
-        return self._call("drive_torque", (np.zeros_like(dq) if q is None else q, dq, ddq), parameters)
-
-    def inertia_matrix(self, q: ArrayLike, parameters: ArrayLike) -> Array:
-        """Return the inertia matrix of the links M(q) (..., N, N) of thesis eq. 2.7."""
-        return self._call.matrix("inertia_matrix", (q,), parameters)
-
-    def momentum(self, q: ArrayLike, dq: ArrayLike, parameters: ArrayLike) -> Array:
-        """Return the generalised momentum (..., N) of links and rotors, N·m·s or N·s."""
-        return self._call("momentum", (q, dq), parameters)
-
-    def kinetic_energy(self, q: ArrayLike, dq: ArrayLike, parameters: ArrayLike) -> Array:
-        """Return the kinetic energy (...) of links and rotors, J."""
-        return self._call("kinetic_energy", (q, dq), parameters)[..., 0]
-
-    def potential_energy(self, q: ArrayLike, parameters: ArrayLike, *, gravity: ArrayLike | None = None) -> Array:
-        """Return the potential energy (...), J; zero for mass at the origin of the base frame."""
-        return self._call("potential_energy", (q,), parameters, gravity)[..., 0]
-
-    def regressor(self, q: ArrayLike, dq: ArrayLike, ddq: ArrayLike) -> Array:
-        """Return H(q, dq, ddq) (..., N, n) of thesis eq. 2.22: torques are ``H delta``."""
-        flat = self._call("regressor", (q, dq, ddq))
-        return flat.reshape((*flat.shape[:-1], self.joint_count, self.parameter_count))
-
-    def momentum_regressor(self, q: ArrayLike, dq: ArrayLike) -> Array:
-        """Return (..., N, n): times the parameters it is the generalised momentum."""
-        flat = self._call("momentum_regressor", (q, dq))
-        return flat.reshape((*flat.shape[:-1], self.joint_count, self.parameter_count))
-
-    def energy_regressor(self, q: ArrayLike, dq: ArrayLike) -> tuple[Array, Array]:
-        """Return (..., n) for the kinetic and for the potential energy: times the parameters they are the energies."""
-        flat = self._call("energy_regressor", (q, dq))
-        return flat[..., : self.parameter_count], flat[..., self.parameter_count :]
-
-    def forward_dynamics(
-        self,
-        q: ArrayLike,
-        dq: ArrayLike,
-        tau: ArrayLike,
-        parameters: ArrayLike,
-        *,
-        method: str = "automatic",
-        gravity: ArrayLike | None = None,
-    ) -> Array:
-        """Return the accelerations (..., N) that joint torques cause, thesis eq. 5.1.
-
-        Parameters
-        ----------
-        q, dq, tau : array_like
-            (..., N).
-        parameters : array_like
-            (n,).
-        method : {"automatic", "inertia_matrix", "articulated_body"}
-            ``"inertia_matrix"`` factors M as ``L' D L``; ``"articulated_body"`` is for robots without mimic joints and
-            coupled motors. ``"automatic"`` takes the latter from 9 joints on, where it can.
-        gravity : array_like, optional
-            (3,) in the base frame, m/s², in place of the robot's own.
-
-        Returns
-        -------
-        ndarray
-            rad/s² or m/s².
-
-        Raises
-        ------
-        InputError
-            If the inertia matrix is singular at some sample: such parameters are not physically possible.
-        """
-        function = forward_dynamics_function(self.robot, method)
-        result = self._call(function, (q, dq, tau), parameters, gravity)
-        given = all(np.isfinite(np.asarray(a, dtype=np.float64)).all() for a in (q, dq, tau, parameters))
-        if given and not np.isfinite(result).all():
-            raise InputError(
-                f"The inertia matrix of {self.robot.name} is singular with these parameters; "
-                "steelyard.check tells which link is not physically possible."
-            )
-        return result
-
-    def pose(self, q: ArrayLike, link: str | int) -> Array:
-        """Return the pose of a link frame in the base frame, (..., 4, 4).
-
-        Parameters
-        ----------
-        q : array_like
-            (..., N).
-        link : str or int
-            Name or index.
-
-        Returns
-        -------
-        ndarray
-        """
-        flat = self._call(f"pose({self._link_name(link)})", (q,))
-        return flat.reshape((*flat.shape[:-1], 4, 4))
-
-    def jacobian(self, q: ArrayLike, link: str | int, point: ArrayLike = (0.0, 0.0, 0.0)) -> Array:
-        """Return the Jacobian of a point of a link in the base frame, (..., 6, N), linear rows first.
-
-        Parameters
-        ----------
-        q : array_like
-            (..., N).
-        link : str or int
-            Name or index.
-        point : array_like
-            (3,) in the link frame, m; the origin where not given.
-
-        Returns
-        -------
-        ndarray
-            Rows: m/rad or 1 (linear), then 1 or 0 (angular).
-        """
-        flat = self._call(f"jacobian({self._link_name(link)})", (q,), point=point)
-        return flat.reshape((*flat.shape[:-1], 6, self.joint_count))
-
-    def jacobian_rate(self, q: ArrayLike, dq: ArrayLike, link: str | int, point: ArrayLike = (0.0, 0.0, 0.0)) -> Array:
-        """Return the time derivative of `jacobian` while the robot moves with `dq`, (..., 6, N)."""
-        flat = self._call(f"jacobian_rate({self._link_name(link)})", (q, dq), point=point)
-        return flat.reshape((*flat.shape[:-1], 6, self.joint_count))
-
-    def joint_friction(self, parameters: ArrayLike) -> tuple[Array, Array]:
-        """Return viscous and Coulomb friction (N,) of each joint moving alone, all the terms together.
-
-        Coupled motors count with what the joint feels of them. NaN where no term models friction.
-
-        Parameters
-        ----------
-        parameters : array_like
-            (n,).
-
-        Returns
-        -------
-        damping, friction : ndarray
-            (N,) each: N·m·s/rad and N·m, or N·s/m and N.
-        """
-        n = self.joint_count
-        if not self.robot.terms:
-            return np.full(n, np.nan), np.full(n, np.nan)
-        still, each = np.zeros((n, n)), np.eye(n)
-        delta = np.asarray(parameters, dtype=np.float64)
-        forward, backward, faster = (
-            np.diagonal(term_torques(self._layout, still, speed * each, still, delta)) for speed in (1.0, -1.0, 2.0)
-        )
-        damping = faster - forward
-        return damping, 0.5 * (forward - backward) - damping
-
-    def _link_name(self, link: str | int) -> str:
-        names = self.robot.link_names
-        if isinstance(link, str):
-            return link
-        if not 0 <= link < len(names):
-            raise InputError(f"{self.robot.name} has moving links 0 to {len(names) - 1}, got {link}.")
-        return names[link]
-
     # What the model is made of
 
     def base_parameters(self) -> BaseParameters:
@@ -334,7 +138,9 @@ class Model:
         """
         return self.function(function, base=base).operation_count
 
-    def function(self, name: str, *, base: bool = False, gravity: str = "fixed") -> Function:
+    def function(
+        self, name: str, *, base: bool = False, gravity: str = "fixed", parameters: ArrayLike | None = None
+    ) -> Function:
         """Return a function of the model as an expression graph, to print, differentiate or export.
 
         Parameters
@@ -346,6 +152,8 @@ class Model:
             In base parameters instead of standard ones.
         gravity : {"fixed", "argument"}
             The gravity of the robot, or an argument of the function.
+        parameters : array_like, optional
+            (n,), or (n_b,) with `base`: numbers that stand in the function instead of an argument.
 
         Returns
         -------
@@ -356,7 +164,95 @@ class Model:
         InputError
             If there is no such function or link, or base parameters do not apply.
         """
-        return self._functions.function(name, base=base, gravity=gravity)
+        return self._functions.function(name, base=base, gravity=gravity, parameters=parameters)
+
+    def generate(
+        self,
+        language: str,
+        functions: Sequence[str] = DEFAULT_FUNCTIONS,
+        *,
+        directory: str | Path,
+        base: bool = False,
+        gravity: str = "fixed",
+        parameters: ArrayLike | None = None,
+    ) -> tuple[Path, ...]:
+        """Write functions of the model as source: a small project with documentation and a self-test.
+
+        Parameters
+        ----------
+        language : str
+            ``"c"``, ``"cpp"``, ``"python"``, ``"rust"``, ``"julia"``, ``"octave"`` (for MATLAB too), ``"casadi"`` or
+            ``"jax"``.
+        functions : sequence of str
+            See `function`.
+        directory : str or Path
+            Where the files go; made where it is missing. A file that was not generated is never overwritten.
+        base, gravity, parameters
+            See `function`; with `parameters` the source holds the numbers of one robot.
+
+        Returns
+        -------
+        tuple of Path
+            The files.
+
+        Raises
+        ------
+        InputError
+            If the language or a function is unknown, or the directory cannot be written.
+        """
+        project = model_project(self, functions, base=base, gravity=gravity, parameters=parameters)
+        return generate(project, language, Path(directory))
+
+    def symbolic(
+        self,
+        name: str,
+        *,
+        closed: bool = True,
+        base: bool = False,
+        gravity: str = "fixed",
+        substitute: Mapping[str, float | str] | None = None,
+    ) -> SymbolicFunction:
+        """Return a function of the model as SymPy expressions.
+
+        Parameters
+        ----------
+        name : str
+            See `function`.
+        closed : bool
+            Single expressions; False keeps intermediate variables.
+        base, gravity
+            See `function`.
+        substitute : mapping, optional
+            Numbers or expressions for symbols by name, such as ``{"m1": 0, "lx2": "m2*c"}``.
+
+        Returns
+        -------
+        SymbolicFunction
+
+        Raises
+        ------
+        InputError
+            If there is no such function or symbol, or a closed expression would be too long.
+        MissingExtraError
+            If SymPy is not installed.
+        """
+        from steelyard.export import sympy_function
+
+        return sympy_function(
+            self.function(name, base=base, gravity=gravity), closed=closed, substitute=substitute or {}
+        )
+
+    def casadi(self, name: str, *, base: bool = False, gravity: str = "fixed") -> Any:
+        """Return a function of the model as a ``casadi.Function``, which CasADi differentiates; see `function`."""
+        from steelyard.export import casadi_function
+
+        return casadi_function(self.function(name, base=base, gravity=gravity))
+
+    def jax(self, name: str, *, base: bool = False, gravity: str = "fixed") -> Any:
+        """Return a function of the model for JAX, to compile, map and differentiate; see `function`."""
+        from steelyard.export import jax_function
+
+        return jax_function(self.function(name, base=base, gravity=gravity))
 
     @property
     def functions(self) -> tuple[str, ...]:

@@ -5,6 +5,15 @@ from .identify import identify as identify
 from .result import Identification as Identification
 from .result import Prediction as Prediction
 from .result import Trace as Trace
-from .verdict import check_estimate as check_estimate
+from .saved import check_estimate as check_estimate
+from .saved import parameters_of_estimate as parameters_of_estimate
 
-__all__ = ["Identification", "Prediction", "Trace", "check_estimate", "demonstrate", "identify"]
+__all__ = [
+    "Identification",
+    "Prediction",
+    "Trace",
+    "check_estimate",
+    "demonstrate",
+    "identify",
+    "parameters_of_estimate",
+]

@@ -1,0 +1,110 @@
+"""Source projects of a model: which functions, constants and reference values they hold."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+import steelyard
+from steelyard.errors import InputError
+from steelyard.generation import Constant, Project
+from steelyard.robot import Inertia
+
+if TYPE_CHECKING:
+    from .model import Model
+
+__all__ = ["DEFAULT_FUNCTIONS", "model_project", "possible_parameters"]
+
+DEFAULT_FUNCTIONS = ("inverse_dynamics", "forward_dynamics", "inertia_matrix", "coriolis", "gravity", "regressor")
+_SAMPLES = 3
+
+
+def possible_parameters(model: Model, seed: int = 0) -> NDArray[np.float64]:
+    """Return parameters (n,) that are physically possible, the same for the same seed: a few point masses a link.
+
+    Parameters
+    ----------
+    model : Model
+    seed : int
+    """
+    random = np.random.default_rng(seed)
+    values = random.uniform(0.1, 1.0, model.parameter_count)
+    for columns in model.link_columns:
+        body = Inertia.zero()
+        for _ in range(5):
+            body = body + Inertia.from_com(random.uniform(0.1, 1.0), random.uniform(-0.3, 0.3, 3), np.zeros((3, 3)))
+        values[columns] = body.parameters
+    return values
+
+
+def model_project(
+    model: Model,
+    functions: Sequence[str],
+    *,
+    base: bool = False,
+    gravity: str = "fixed",
+    parameters: ArrayLike | None = None,
+) -> Project:
+    """Collect functions of a model for one source project.
+
+    Parameters
+    ----------
+    model : Model
+    functions : sequence of str
+    base, gravity, parameters
+        See :meth:`steelyard.Model.function`.
+
+    Returns
+    -------
+    Project
+        The reference values of its self-test are of random motions and of parameters that are physically possible.
+    """
+    if isinstance(functions, str) or not functions:
+        raise InputError(f"functions must be a sequence of names such as ['inverse_dynamics'], got {functions!r}.")
+    robot, random = model.robot, np.random.default_rng(1)
+    standard = possible_parameters(model)
+    reference = {name: random.uniform(-2.0, 2.0, (_SAMPLES, robot.dof)) for name in ("q", "dq", "ddq", "tau")}
+    reference |= {
+        "parameters": np.tile(standard, (_SAMPLES, 1)),
+        "gravity": random.uniform(-10.0, 10.0, (_SAMPLES, 3)),
+        "point": random.uniform(-0.5, 0.5, (_SAMPLES, 3)),
+        "lengths": random.uniform(0.2, 0.6, (_SAMPLES, len(robot.lengths))),
+    }
+    constants = [
+        Constant("joint_count", robot.dof, "number of joint coordinates"),
+        Constant("link_count", len(robot.links), "number of moving links"),
+        Constant("parameter_count", model.parameter_count, "number of standard parameters"),
+    ]
+    if base:
+        reference["base_parameters"] = np.tile(model.base_parameters().values(standard), (_SAMPLES, 1))
+        constants.append(Constant("base_parameter_count", model.base_parameters().count, "number of base parameters"))
+    built = tuple(model.function(name, base=base, gravity=gravity, parameters=parameters) for name in functions)
+    used = {argument.name for function in built for argument in function.arguments}
+    return Project(
+        robot.name,
+        built,
+        _description(model, parameters is not None),
+        tuple(constants),
+        {name: values for name, values in reference.items() if name in used},
+        steelyard.__version__,
+    )
+
+
+def _description(model: Model, fixed: bool) -> str:
+    robot = model.robot
+    x, y, z = robot.gravity
+    terms = ", ".join(term.kind.replace("_", " ") for term in robot.terms)
+    parts = [
+        f"Dynamics of the robot {robot.name!r}: {robot.dof} joints, {len(robot.links)} moving links"
+        + (f", with {terms}" if terms else "")
+        + ".",
+        f"Units are SI, angles in radians. Gravity, where it is no argument, is ({x:g}, {y:g}, {z:g}) m/s² in the base "
+        "frame.",
+        "Inertial parameters are barycentric: L about the origin of the link frame, first moment l, mass m.",
+    ]
+    if fixed:
+        parts.append("The parameters of one robot stand in the code as numbers.")
+    return " ".join(parts)
