@@ -2,6 +2,8 @@
 
 import hashlib
 import json
+import shutil
+import subprocess
 
 import numpy as np
 import pytest
@@ -96,6 +98,63 @@ def test_inspect_says_what_is_wrong_with_the_cad(run, place):
     assert "body of fore fails by" in out
     _, out, _ = run("inspect", place / "robot.toml", "--consistency", "inertia")
     assert "CAD: Physically feasible" in out
+
+
+def test_generated_c_holds_the_identified_robot(run, place):
+    """From a log to a controller: identify, generate with the estimate, compile, and run the self-test."""
+    compiler = shutil.which("gcc") or shutil.which("cc")
+    if compiler is None:
+        pytest.skip("there is no C compiler")
+    assert run("identify", place / "robot.toml", place / "log.csv", "--output", place / "result")[0] == 0
+    estimate = place / "result" / "estimate.json"
+    target = place / "code"
+    options = (
+        "--language",
+        "c",
+        "--estimate",
+        estimate,
+        "--output",
+        target,
+        "-f",
+        "inverse_dynamics",
+        "-f",
+        "pose(fore)",
+    )
+    code, out, _ = run("generate", place / "robot.toml", *options)
+    assert code == 0
+    assert sorted(out.split()) == sorted(str(path) for path in target.iterdir())
+    header = (target / "pair.h").read_text()
+    assert "parameters[" not in header
+    assert "pair_pose_fore" in header
+    sources = sorted(target.glob("*.c"))
+    strict = ("-std=c99", "-Wall", "-Wextra", "-Werror", "-pedantic")
+    subprocess.run([compiler, *strict, *sources, "-lm", "-o", target / "test"], check=True)
+    subprocess.run([target / "test"], check=True, capture_output=True)
+    model, values = sy.Model.load(place / "robot.toml"), sy.Estimate.load(estimate).parameters
+    (target / "main.c").write_text(
+        '#include "pair.h"\n#include <stdio.h>\nint main(void) { const double q[2] = {0.3, -0.5}, dq[2] = {1.0, 2.0}, '
+        "ddq[2] = {-1.0, 0.5}; double torque[2]; pair_inverse_dynamics(q, dq, ddq, torque); "
+        'printf("%.17g %.17g", torque[0], torque[1]); return 0; }\n'
+    )
+    main = [compiler, *strict, target / "pair.c", target / "main.c", "-lm", "-o", target / "main"]
+    subprocess.run(main, check=True)
+    printed = subprocess.run([target / "main"], check=True, capture_output=True, text=True).stdout
+    torque = model.inverse_dynamics([0.3, -0.5], [1.0, 2.0], [-1.0, 0.5], values)
+    np.testing.assert_allclose([float(x) for x in printed.split()], torque, rtol=1e-12)
+
+
+def test_generate_lists_functions_and_refuses_foreign_files(run, place):
+    code, out, _ = run("generate", place / "pair.urdf", "--language", "rust", "-o", place / "x", "--function", "list")
+    assert code == 0
+    assert "inverse_dynamics_derivatives" in out.split()
+    assert not (place / "x").exists()
+    (place / "x").mkdir()
+    (place / "x" / "pair.h").write_text("mine")
+    code, _, err = run("generate", place / "pair.urdf", "--language", "c", "--output", place / "x")
+    assert code == 2
+    assert "pair.h" in err
+    assert [path.name for path in (place / "x").iterdir()] == ["pair.h"]
+    assert (place / "x" / "pair.h").read_text() == "mine"
 
 
 def test_demo_runs_and_tells_where_to_look(run, tmp_path):
