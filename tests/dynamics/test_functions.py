@@ -224,6 +224,19 @@ def test_terms_of_users_are_told_apart_by_what_they_compute():
     assert results == [0.5, 1.5]
 
 
+def test_the_torque_of_each_term_alone(wam):
+    random = np.random.default_rng(4)
+    dq, ddq = random.normal(size=(2, 5, 7))
+    delta = random_parameters(random, wam)
+    kinds = [term.kind for term in wam.robot.terms]
+    parts = [wam.drive_torque(dq, ddq, delta, term=kind) for kind in kinds]
+    np.testing.assert_allclose(np.sum(parts, axis=0), wam.drive_torque(dq, ddq, delta), atol=1e-12)
+    viscous = [wam.parameter_names.index(f"Fvj{k}") for k in range(1, 8)]
+    np.testing.assert_allclose(parts[kinds.index("viscous")], delta[viscous] * dq, atol=1e-14)
+    with pytest.raises(sy.InputError, match="has no term 'spring'"):
+        wam.drive_torque(dq, ddq, delta, term="spring")
+
+
 def test_coupled_motors_have_no_articulated_bodies(wam):
     with pytest.raises(sy.InputError, match="coupled motors"):
         wam.forward_dynamics(np.zeros(7), np.zeros(7), np.zeros(7), np.ones(119), method="articulated_body")

@@ -160,6 +160,11 @@ def test_energies_and_momentum(case):
     assert close(rows["potential"] @ case.parameters, np.array(potential))
     base = case.model.base_parameters().values(case.parameters)
     assert close(case.values("energy_regressor", base=True)["kinetic"] @ base, np.array(kinetic))
+    there = case.oracle.state(2 * case.q, case.dq, case.ddq)[0]
+    rise = pinocchio.computePotentialEnergy(oracle, data, there) - potential
+    function = case.model.function("energy_regressor", base=True)
+    rows = [function.evaluate({"q": q, "dq": case.dq})["potential"] @ base for q in (case.q, 2 * case.q)]
+    assert close(rows[1] - rows[0], np.array(rise))
     momentum = case.inertia @ case.dq
     assert close(case.values("momentum"), momentum)
     assert close(case.values("momentum_regressor") @ case.parameters, momentum)

@@ -68,7 +68,7 @@ def _inertia_matrix(scene: Scene) -> list[Value]:
 
 def _drive_torque(scene: Scene) -> list[Value]:
     torques = scene.term_torques(*(scene.scalars[name] for name in ("q", "dq", "ddq")))
-    return _torque(scene, torques, "torques of all the terms beyond the rigid links")
+    return _torque(scene, torques, "torques of the terms beyond the rigid links")
 
 
 def _bias(scene: Scene) -> tuple[list[Any], list[Any]]:
@@ -152,10 +152,8 @@ def _potential_row(scene: Scene) -> list[Any]:
 def _energy_regressor(scene: Scene) -> list[Value]:
     kinetic, potential = _kinetic_row(scene), _potential_row(scene)
     return [
-        Value("kinetic", (len(kinetic),), kinetic, "the kinetic energy is this times the parameters, J per unit"),
-        Value(
-            "potential", (len(potential),), potential, "the potential energy is this times the parameters, J per unit"
-        ),
+        Value("kinetic", (len(kinetic),), kinetic, "the kinetic energy is this times the parameters"),
+        Value("potential", (len(potential),), potential, "the potential energy is this times the parameters"),
     ]
 
 
@@ -238,8 +236,9 @@ class Entry:
     description : str
     build : callable
         From a scene to what it computes.
-    by_link : bool
-        Whether it is about one link, which is named in parentheses: ``"pose(link7)"``.
+    subject : str
+        What may be named in parentheses: ``"link"`` as in ``"pose(link7)"``, ``"term"`` as in
+        ``"drive_torque(viscous)"``, or nothing.
     by_parameter : bool
         Whether the last index of the outputs counts parameters.
     """
@@ -247,7 +246,7 @@ class Entry:
     arguments: tuple[str, ...]
     description: str
     build: Callable[[Scene], list[Value]]
-    by_link: bool = False
+    subject: str = ""
     by_parameter: bool = False
 
 
@@ -274,7 +273,9 @@ CATALOGUE: dict[str, Entry] = {
     ),
     "coriolis": Entry(("q", "dq", "parameters"), "Coriolis and centripetal torques of the links.", _coriolis),
     "gravity": Entry(("q", "parameters"), "The torques that hold the links against gravity.", _gravity),
-    "drive_torque": Entry((*_MOTION, "parameters"), "The torques of friction, rotors and other terms.", _drive_torque),
+    "drive_torque": Entry(
+        (*_MOTION, "parameters"), "The torques of friction, rotors and other terms.", _drive_torque, subject="term"
+    ),
     "momentum": Entry(("q", "dq", "parameters"), "The generalised momentum.", _momentum),
     "kinetic_energy": Entry(("q", "dq", "parameters"), "The kinetic energy.", _kinetic_energy),
     "potential_energy": Entry(("q", "parameters"), "The potential energy.", _potential_energy),
@@ -290,10 +291,12 @@ CATALOGUE: dict[str, Entry] = {
         "The partial derivatives of inverse dynamics by positions, velocities and accelerations.",
         _derivatives,
     ),
-    "pose": Entry(("q",), "The pose of a link frame in the base frame.", _pose, by_link=True),
-    "jacobian": Entry(("q", "point"), "The Jacobian of a point of a link in the base frame.", _jacobian, by_link=True),
+    "pose": Entry(("q",), "The pose of a link frame in the base frame.", _pose, subject="link"),
+    "jacobian": Entry(
+        ("q", "point"), "The Jacobian of a point of a link in the base frame.", _jacobian, subject="link"
+    ),
     "jacobian_rate": Entry(
-        ("q", "dq", "point"), "The time derivative of the Jacobian of a point of a link.", _jacobian_rate, by_link=True
+        ("q", "dq", "point"), "The time derivative of the Jacobian of a point.", _jacobian_rate, subject="link"
     ),
 }
 

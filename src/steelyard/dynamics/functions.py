@@ -94,7 +94,8 @@ class ModelFunctions:
         Parameters
         ----------
         name : str
-            As in the catalogue; functions of one link take its name in parentheses, ``"pose(link7)"``.
+            As in the catalogue; those of one link or term take its name in parentheses, ``"pose(link7)"`` or
+            ``"drive_torque(viscous)"``.
         base : bool
             In base parameters instead of standard ones.
         gravity : {"fixed", "argument"}
@@ -118,18 +119,17 @@ class ModelFunctions:
             self._functions[key] = self._built(name, base, gravity, None)
         return self._functions[key]
 
-    def _entry(self, name: str, base: bool, gravity: str) -> tuple[Entry, int | None]:
+    def _entry(self, name: str, base: bool, gravity: str) -> tuple[Entry, dict[str, Any]]:
+        """Return an entry of the catalogue, and what a scene must know of the link or term in parentheses."""
         match = re.fullmatch(r"([^()]*)(?:\((.*)\))?", name, flags=re.DOTALL)
-        kind, link_name = (match[1], match[2]) if match else (name, None)
+        kind, subject = (match[1], match[2]) if match else (name, None)
         if kind not in CATALOGUE:
             close = difflib.get_close_matches(kind, CATALOGUE, n=1)
             hint = f"did you mean {close[0]!r}?" if close else f"there are {', '.join(CATALOGUE)}."
             raise InputError(f"There is no function {name!r}; {hint}")
         entry = CATALOGUE[kind]
-        if link_name is not None and not entry.by_link:
-            raise InputError(
-                f"The function {kind!r} is about the whole robot; {link_name!r} in parentheses is too much."
-            )
+        if subject is not None and not entry.subject:
+            raise InputError(f"The function {kind!r} is about the whole robot; leave out ({subject}).")
         if kind == "forward_dynamics_articulated":
             forward_dynamics_function(self.robot, "articulated_body")
         if gravity not in GRAVITIES:
@@ -138,12 +138,17 @@ class ModelFunctions:
             raise InputError(
                 "Base parameters hold for the robot's own gravity; with gravity as an argument use standard parameters."
             )
-        if link_name is None:
-            return entry, None
-        if link_name not in self.robot.link_names:
+        if subject is None:
+            return entry, {}
+        if entry.subject == "term":
+            kinds = [term.kind for term in self.robot.terms]
+            if subject not in kinds:
+                raise InputError(f"{self.robot.name} has no term {subject!r}; it has {', '.join(kinds) or 'none'}.")
+            return entry, {"term": subject}
+        if subject not in self.robot.link_names:
             names = ", ".join(self.robot.link_names)
-            raise InputError(f"{self.robot.name} has no link {link_name!r}; its moving links are {names}.")
-        return entry, self.robot.link_names.index(link_name)
+            raise InputError(f"{self.robot.name} has no link {subject!r}; its moving links are {names}.")
+        return entry, {"link": self.robot.link_names.index(subject)}
 
     def _numbers(self, parameters: ArrayLike, base: bool) -> list[float]:
         values = np.asarray(parameters, dtype=np.float64)
@@ -197,7 +202,7 @@ class ModelFunctions:
         return Argument(name, self.robot.dof, False, f"joint {plural}", tuple(texts))
 
     def _built(self, name: str, base: bool, gravity: str, numbers: list[float] | None) -> Function:
-        entry, link = self._entry(name, base, gravity)
+        entry, subject = self._entry(name, base, gravity)
         recorder = Graph()
         arguments = self._arguments(entry, base, gravity)
         if numbers is not None:
@@ -209,13 +214,13 @@ class ModelFunctions:
             for k, value in zip(self._base().independent if base else range(len(own)), given, strict=True):
                 own[k] = value
             scalars["parameters"] = own
-        scene = Scene(self.layout, graph, scalars, link=link)
+        scene = Scene(self.layout, graph, scalars, **subject)
         candidates = [scene, replace(scene, regroups=False)] if "parameters" in entry.arguments else [scene]
         outputs = min((self._outputs(entry, s, recorder, base) for s in candidates), key=_operations)
         identifier = re.sub(r"[^A-Za-z0-9]+", "_", name).strip("_")
         description = entry.description
-        if entry.by_link:
-            description += f" Link: {self.robot.link_names[-1 if link is None else link]!r}."
+        if entry.subject == "link":
+            description += f" Link: {self.robot.link_names[subject.get('link', -1)]!r}."
         return Function(identifier, tuple(arguments), outputs, description)
 
     def _outputs(self, entry: Entry, scene: Scene, recorder: Graph, base: bool) -> tuple[Output, ...]:

@@ -65,15 +65,16 @@ class ParameterLayout:
         return {(row, int(self.links[k // 10][k % 10])): value for (row, k), value in entries.items()}
 
     def terms(
-        self, q: Sequence[Any], dq: Sequence[Any], ddq: Sequence[Any], algebra: Any
+        self, q: Sequence[Any], dq: Sequence[Any], ddq: Sequence[Any], algebra: Any, kind: str | None = None
     ) -> list[tuple[int, int, Any]]:
-        """Return the regressor of the terms alone, as (row, column, scalar)."""
+        """Return the regressor of the terms alone, or of those of one kind, as (row, column, scalar)."""
         entries: list[tuple[int, int, Any]] = []
         for k, first in enumerate(self._columns[1]):
             column = first
             for term in self.robot.terms:
                 for values in term.columns(k, q, dq, ddq, algebra):
-                    entries.extend((row, column, value) for row, value in values.items())
+                    if kind is None or term.kind == kind:
+                        entries.extend((row, column, value) for row, value in values.items())
                     column += 1
         return entries
 

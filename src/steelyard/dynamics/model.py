@@ -147,7 +147,8 @@ class Model(NumericFunctions):
         ----------
         name : str
             ``"inverse_dynamics"``, ``"regressor"`` and so on; `functions` names them all. Those of one link take its
-            name in parentheses: ``"pose(link7)"``, and without it the last link.
+            name in parentheses, ``"pose(link7)"``, and mean the last link without it; ``"drive_torque(viscous)"`` is
+            the torque of one kind of term.
         base : bool
             In base parameters instead of standard ones.
         gravity : {"fixed", "argument"}

@@ -71,9 +71,34 @@ class NumericFunctions:
         """Return C(q, dq) (..., N, N) with the Christoffel symbols: ``dM/dt - 2 C`` is skew-symmetric."""
         return self._call.matrix("coriolis_matrix", (q, dq), parameters)
 
-    def drive_torque(self, dq: ArrayLike, ddq: ArrayLike, parameters: ArrayLike, q: ArrayLike | None = None) -> Array:
-        """Return the torques (..., N) of all the terms, ``h`` of thesis eq. 2.9; `q` matters to springs only."""
-        return self._call("drive_torque", (np.zeros_like(dq) if q is None else q, dq, ddq), parameters)
+    def drive_torque(
+        self,
+        dq: ArrayLike,
+        ddq: ArrayLike,
+        parameters: ArrayLike,
+        q: ArrayLike | None = None,
+        *,
+        term: str | None = None,
+    ) -> Array:
+        """Return the torques (..., N) of all the terms, ``h`` of thesis eq. 2.9, or of one kind of term.
+
+        Parameters
+        ----------
+        dq, ddq : array_like
+            (..., N).
+        parameters : array_like
+            (n,).
+        q : array_like, optional
+            (..., N); matters to springs only.
+        term : str, optional
+            Kind of the term, such as ``"viscous"``.
+
+        Returns
+        -------
+        ndarray
+        """
+        name = "drive_torque" if term is None else f"drive_torque({term})"
+        return self._call(name, (np.zeros_like(dq) if q is None else q, dq, ddq), parameters)
 
     def inertia_matrix(self, q: ArrayLike, parameters: ArrayLike) -> Array:
         """Return the inertia matrix of the links M(q) (..., N, N) of thesis eq. 2.7."""
@@ -102,7 +127,10 @@ class NumericFunctions:
         return flat.reshape((*flat.shape[:-1], self.robot.dof, len(self._layout.names)))
 
     def energy_regressor(self, q: ArrayLike, dq: ArrayLike) -> tuple[Array, Array]:
-        """Return (..., n) for the kinetic and for the potential energy: times the parameters they are the energies."""
+        """Return (..., n) for the kinetic and for the potential energy: times the parameters they are the energies.
+
+        In base parameters (`function` with ``base=True``) the potential energy is known up to a constant.
+        """
         flat = self._call("energy_regressor", (q, dq))
         return flat[..., : len(self._layout.names)], flat[..., len(self._layout.names) :]
 

@@ -41,6 +41,8 @@ class Scene:
         Whether mass may move along joint axes from link to link, see :mod:`.regrouping`.
     link : int or None
         The link that a function is about.
+    term : str or None
+        The kind of the terms that a function is about; None for all.
     """
 
     layout: ParameterLayout
@@ -48,6 +50,7 @@ class Scene:
     scalars: Mapping[str, Sequence[Any]]
     regroups: bool = True
     link: int | None = None
+    term: str | None = None
 
     @property
     def robot(self) -> Robot:
@@ -83,9 +86,9 @@ class Scene:
         return self.robot.dof
 
     def term_torques(self, q: Sequence[Any], dq: Sequence[Any], ddq: Sequence[Any]) -> list[Any]:
-        """Return the N torques of all the terms."""
+        """Return the N torques of the terms."""
         torques: list[Any] = [0.0] * self.count
-        for row, column, value in self.layout.terms(q, dq, ddq, self.algebra):
+        for row, column, value in self.layout.terms(q, dq, ddq, self.algebra, self.term):
             torques[row] = torques[row] + self.scalars["parameters"][column] * value
         return torques
 
