@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-import steelyard
+from steelyard import __version__
 from steelyard.errors import InputError
 from steelyard.generation import Constant, Project
 from steelyard.robot import Inertia
@@ -89,7 +89,7 @@ def model_project(
         _description(model, parameters is not None),
         tuple(constants),
         {name: values for name, values in reference.items() if name in used},
-        steelyard.__version__,
+        __version__,
     )
 
 
