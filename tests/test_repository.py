@@ -103,6 +103,15 @@ def test_documented_options_are_those_of_the_command_line() -> None:
         assert set(re.findall(r"^\| `(--[\w-]+)", sections[name], re.MULTILINE)) == options, name
 
 
+def test_documented_functions_are_those_of_a_model() -> None:
+    model = steelyard.Model(steelyard.Robot.from_dh([(0, 1, 0, "q")]))
+    text = (ROOT / "docs" / "reference" / "functions.md").read_text(encoding="utf-8")
+    rows = dict(re.findall(r"^\| `(\w+)` \| ([\w, ]+) \|", text, re.MULTILINE))
+    assert tuple(rows) == model.functions
+    for name, arguments in rows.items():
+        assert arguments.split(", ") == [argument.name for argument in model.function(name).arguments]
+
+
 @pytest.mark.parametrize(
     ("page", "count"), [("use-the-library.md", 5), ("generate-code.md", 3), ("symbolic-models.md", 3)]
 )
