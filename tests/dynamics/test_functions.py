@@ -237,6 +237,17 @@ def test_the_torque_of_each_term_alone(wam):
         wam.drive_torque(dq, ddq, delta, term="spring")
 
 
+def test_threads_share_a_batch_and_change_nothing(wam):
+    random = np.random.default_rng(5)
+    q, dq, ddq = random.normal(size=(3, 5003, 7))
+    delta = random_parameters(random, wam)
+    shared = sy.Model(wam.robot, threads=3)
+    assert np.array_equal(shared.inverse_dynamics(q, dq, ddq, delta), wam.inverse_dynamics(q, dq, ddq, delta))
+    assert np.array_equal(shared.regressor(q, dq, ddq), wam.regressor(q, dq, ddq))
+    with pytest.raises(sy.InputError, match="threads must be a positive integer, got 0"):
+        sy.Model(wam.robot, threads=0)
+
+
 def test_coupled_motors_have_no_articulated_bodies(wam):
     with pytest.raises(sy.InputError, match="coupled motors"):
         wam.forward_dynamics(np.zeros(7), np.zeros(7), np.zeros(7), np.ones(119), method="articulated_body")

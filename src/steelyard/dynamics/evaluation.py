@@ -22,9 +22,14 @@ class Evaluator:
     Parameters
     ----------
     functions : ModelFunctions
+    threads : int
+        How many share a large batch.
     """
 
-    def __init__(self, functions: ModelFunctions) -> None:
+    def __init__(self, functions: ModelFunctions, threads: int = 1) -> None:
+        if not isinstance(threads, int) or threads < 1:
+            raise InputError(f"threads must be a positive integer, got {threads!r}.")
+        self._threads = threads
         self._functions = functions
         self._robot = functions.robot
         self._parameter_count = len(functions.layout.names)
@@ -60,7 +65,7 @@ class Evaluator:
         if gravity is not None:
             arrays.append(self._vector(gravity, 3, "elements of gravity"))
         kernel = self._functions.kernel(function, gravity="fixed" if gravity is None else "argument")
-        flat = kernel(*arrays)
+        flat = kernel(*arrays, threads=self._threads)
         if kernel.compact:
             full = np.zeros((len(flat), kernel.signature.size))
             full[:, kernel.places] = flat

@@ -43,6 +43,8 @@ class Model(NumericFunctions):
     ----------
     robot : Robot
         With its terms.
+    threads : int
+        How many share a large batch; the result is the same.
 
     Examples
     --------
@@ -56,11 +58,11 @@ class Model(NumericFunctions):
     True
     """
 
-    def __init__(self, robot: Robot) -> None:
+    def __init__(self, robot: Robot, *, threads: int = 1) -> None:
         self.robot = robot
         self._layout = ParameterLayout(robot)
         self._functions = ModelFunctions(self._layout, self.base_parameters)
-        self._call = Evaluator(self._functions)
+        self._call = Evaluator(self._functions, threads)
 
     def __repr__(self) -> str:
         return f"Model({self.robot.name}: {self.robot.dof} joints, {self.parameter_count} parameters)"
