@@ -1,0 +1,253 @@
+"""A function as a list of assignments, in the order and with the parentheses that any language understands.
+
+The operations and their order are exactly those of the graph: ``a + (b + c)`` keeps its parentheses, and nothing is
+distributed or regrouped. A value that is used once is written where it is used, as long as the line stays short.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field
+from functools import cached_property
+
+from steelyard.errors import InputError
+from steelyard.graph import Function, Node
+from steelyard.graph.expression import reachable
+
+from .text import Names, number
+
+__all__ = ["Assignment", "Listing", "OutputListing", "Syntax", "listing"]
+
+_SUM, _PRODUCT, _ATOM = 1, 2, 3
+_PRECEDENCE = {"add": _SUM, "sub": _SUM, "mul": _PRODUCT, "div": _PRODUCT, "neg": _SUM}
+_SIGN = {"add": "+", "sub": "-", "mul": "*", "div": "/"}
+_WIDTH = 44
+
+
+@dataclass(frozen=True)
+class Syntax:
+    """How a language writes what an expression is made of; sums, products and parentheses are the same in all.
+
+    Attributes
+    ----------
+    element : callable
+        From the name of an argument (in the language) and an index from 0, such as ``("q", 0)``, the text ``q[0]``.
+    calls : mapping
+        Templates for ``"sin"``, ``"cos"`` and ``"sign"``, such as ``"sin({})"``.
+    number : callable
+        The literal of a finite float; a negative one is put in parentheses where needed.
+    pair : (str, str) or None
+        Templates for sine and cosine at once, such as ``("({}, {})", "sincos({})")``: what is assigned to, and what is
+        assigned. None writes two neighbouring assignments.
+    """
+
+    element: Callable[[str, int], str] = lambda name, index: f"{name}[{index}]"
+    calls: Mapping[str, str] = field(default_factory=lambda: {"sin": "sin({})", "cos": "cos({})", "sign": "sign({})"})
+    number: Callable[[float], str] = number
+    pair: tuple[str, str] | None = None
+
+
+@dataclass(frozen=True)
+class Assignment:
+    """A local variable and the expression it is set to, once."""
+
+    name: str
+    expression: str
+
+
+@dataclass(frozen=True)
+class OutputListing:
+    """The expressions of an output's elements, in row-major order.
+
+    Attributes
+    ----------
+    elements : tuple of str
+    zero : tuple of bool
+        Which of them are the constant 0 whatever the arguments.
+    """
+
+    elements: tuple[str, ...]
+    zero: tuple[bool, ...]
+
+    @cached_property
+    def mostly_zero(self) -> bool:
+        """Whether at least a quarter is 0, so that filling with 0 first makes shorter code."""
+        return sum(self.zero) >= 8 and 4 * sum(self.zero) >= len(self.zero)
+
+    @cached_property
+    def stored(self) -> tuple[tuple[int, str], ...]:
+        """Index and expression of the elements to store, after filling with 0 where the output is mostly that."""
+        skip = self.mostly_zero
+        elements = zip(self.elements, self.zero, strict=True)
+        return tuple((k, text) for k, (text, zero) in enumerate(elements) if not (zero and skip))
+
+
+@dataclass(frozen=True)
+class Listing:
+    """A function as assignments to local variables, and then expressions for its outputs.
+
+    Attributes
+    ----------
+    assignments : tuple of Assignment
+        In order; each uses arguments and earlier local variables.
+    outputs : tuple of OutputListing
+        One for each output of the function.
+    used_arguments : frozenset of str
+        Names (in the graph) of the arguments that the listing reads; the others must not cause warnings.
+    operations : frozenset of str
+        The operations that occur, such as ``"sin"`` and ``"sign"``.
+    """
+
+    assignments: tuple[Assignment, ...]
+    outputs: tuple[OutputListing, ...]
+    used_arguments: frozenset[str]
+    operations: frozenset[str]
+
+
+def listing(
+    function: Function, syntax: Syntax, names: Mapping[str, str] | None = None, scope: Names | None = None
+) -> Listing:
+    """List a function's assignments.
+
+    The work is linear in the number of operations, without recursion.
+
+    Parameters
+    ----------
+    function : Function
+    syntax : Syntax
+    names : mapping, optional
+        What the language calls each argument of the graph; what is missing keeps its name.
+    scope : Names, optional
+        Names that local variables must differ from; the arguments' are added.
+
+    Returns
+    -------
+    Listing
+
+    Raises
+    ------
+    InputError
+        Where the function reads what is no argument of it.
+
+    Examples
+    --------
+    >>> from steelyard.graph import Argument, Graph, Output, sin
+    >>> a, b = Graph().inputs("x", 2)
+    >>> y = sin(a) * (a + b)
+    >>> f = Function("f", (Argument("x", 2),), (Output("y", (2,), (y, y - (b - a))),))
+    >>> result = listing(f, Syntax())
+    >>> for assignment in result.assignments:
+    ...     print(assignment.name, "=", assignment.expression)
+    s1 = sin(x[0])
+    t1 = s1 * (x[0] + x[1])
+    >>> result.outputs[0].elements
+    ('t1', 't1 - (x[1] - x[0])')
+    """
+    return _Writer(function, syntax, names or {}, scope or Names()).listing()
+
+
+class _Writer:
+    def __init__(self, function: Function, syntax: Syntax, names: Mapping[str, str], scope: Names) -> None:
+        self.function = function
+        self.syntax = syntax
+        scope = scope.inner()
+        self.inputs: dict[str, str] = {}
+        self.owner: dict[str, str] = {}
+        for argument in function.arguments:
+            name = names.get(argument.name, argument.name)
+            scope.take(name)
+            for k in range(argument.width):
+                self.inputs[f"{argument.name}[{k}]"] = syntax.element(name, k)
+                self.owner[f"{argument.name}[{k}]"] = argument.name
+        self.prefixes = {"sin": scope.prefix("s"), "cos": scope.prefix("c"), "local": scope.prefix("t")}
+        self.nodes = reachable(function.nodes)
+        self.uses = self._count_uses()
+        self.text: dict[int, tuple[str, int]] = {}  # expression and precedence, of the nodes written so far
+        self.assignments: list[Assignment] = []
+        self.used: set[str] = set()
+        self.locals = 0
+        self.angles: dict[int, int] = {}
+
+    def listing(self) -> Listing:
+        present = {(node.operation, node.arguments[0].index): node for node in self.nodes if len(node.arguments) == 1}
+        for node in self.nodes:
+            if node.index in self.text:
+                continue
+            if node.operation in ("sin", "cos"):
+                self._write_angle(node, present)
+            else:
+                self._write(node)
+        outputs = tuple(
+            OutputListing(
+                tuple(self.text[node.index][0] for node in output.nodes),
+                tuple(node.operation == "constant" and node.value == 0.0 for node in output.nodes),
+            )
+            for output in self.function.outputs
+        )
+        operations = frozenset(node.operation for node in self.nodes)
+        return Listing(tuple(self.assignments), outputs, frozenset(self.used), operations)
+
+    def _count_uses(self) -> dict[int, int]:
+        uses = dict.fromkeys((node.index for node in self.nodes), 0)
+        for node in self.nodes:
+            for argument in node.arguments:
+                uses[argument.index] += 1
+        for node in self.function.nodes:
+            uses[node.index] += 1
+        return uses
+
+    def _write(self, node: Node) -> None:
+        kind = node.operation
+        if kind == "input":
+            key = str(node.value)
+            if key not in self.inputs:
+                raise InputError(f"function {self.function.name!r} reads {key}, which is no argument of it; add one.")
+            self.used.add(self.owner[key])
+            self.text[node.index] = (self.inputs[key], _ATOM)
+            return
+        if kind == "constant":
+            value = float(node.value)
+            self.text[node.index] = (self.syntax.number(value), _SUM if value < 0.0 else _ATOM)
+            return
+        expression = self._expression(node)
+        if self.uses[node.index] == 1 and len(expression) <= _WIDTH:
+            self.text[node.index] = (expression, _PRECEDENCE.get(kind, _ATOM))
+        else:
+            self.locals += 1
+            self._assign(node, f"{self.prefixes['local']}{self.locals}", expression)
+
+    def _assign(self, node: Node, name: str, expression: str) -> None:
+        self.assignments.append(Assignment(name, expression))
+        self.text[node.index] = (name, _ATOM)
+
+    def _expression(self, node: Node) -> str:
+        kind = node.operation
+        if kind == "neg":
+            return f"-{self._operand(node.arguments[0], _ATOM)}"
+        if kind == "sign":
+            return self.syntax.calls[kind].format(self.text[node.arguments[0].index][0])
+        own = _PRECEDENCE[kind]
+        a, b = node.arguments
+        # The value written first is grouped by the language's left-to-right rule; the second needs parentheses.
+        return f"{self._operand(a, own)} {_SIGN[kind]} {self._operand(b, own + 1)}"
+
+    def _operand(self, node: Node, least: int) -> str:
+        text, precedence = self.text[node.index]
+        return text if precedence >= least else f"({text})"
+
+    def _write_angle(self, node: Node, present: Mapping[tuple[str, int], Node]) -> None:
+        """Assign the sine and the cosine of an angle side by side, as soon as one of them is needed."""
+        angle = node.arguments[0]
+        self.angles.setdefault(angle.index, len(self.angles) + 1)
+        label = self.angles[angle.index]
+        text = self.text[angle.index][0]
+        names = {kind: f"{self.prefixes[kind]}{label}" for kind in ("sin", "cos")}
+        nodes = {kind: present[kind, angle.index] for kind in ("sin", "cos") if (kind, angle.index) in present}
+        if len(nodes) == 2 and self.syntax.pair is not None:
+            target, call = self.syntax.pair
+            self.assignments.append(Assignment(target.format(names["sin"], names["cos"]), call.format(text)))
+            for kind, written in nodes.items():
+                self.text[written.index] = (names[kind], _ATOM)
+            return
+        for kind, written in nodes.items():
+            self._assign(written, names[kind], self.syntax.calls[kind].format(text))

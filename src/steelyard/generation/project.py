@@ -1,0 +1,258 @@
+"""Source projects: functions written out in a language, with documentation, self-test and build files."""
+
+from __future__ import annotations
+
+import contextlib
+import difflib
+import importlib
+import math
+import os
+import re
+import tempfile
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from functools import cached_property
+from pathlib import Path, PurePosixPath
+
+import numpy as np
+from numpy.typing import NDArray
+
+from steelyard.errors import InputError
+from steelyard.graph import Function
+from steelyard.graph.expression import reachable
+
+from .reference import Reference, reference_of
+from .text import MARKER
+
+__all__ = ["Constant", "Project", "files", "generate", "languages"]
+
+# Where the writer of each language stands: module and function, imported when it is needed.
+_WRITERS = {
+    "c": "c:write",
+    "cpp": "cpp:write",
+    "rust": "rust:write",
+    "python": "numpy_source:write",
+    "octave": "octave:write",
+    "julia": "julia:write",
+    "jax": "jax_source:write",
+    "casadi": "casadi_source:write",
+}
+_ALIASES = {"c99": "c", "c++": "cpp", "numpy": "python", "matlab": "octave"}
+_IDENTIFIER = re.compile(r"[A-Za-z][A-Za-z0-9_]*")
+
+
+@dataclass(frozen=True)
+class Constant:
+    """A number that the generated source gives a name.
+
+    Attributes
+    ----------
+    name : str
+        An identifier in lower case, such as ``"joint_count"``; languages write it in their own way.
+    value : int or float
+        Finite; an integer is of at most 31 bits.
+    description : str
+        What it is, any text.
+    """
+
+    name: str
+    value: int | float
+    description: str = ""
+
+    def __post_init__(self) -> None:
+        if not _IDENTIFIER.fullmatch(self.name):
+            raise InputError(f"a constant's name is of letters, digits and _, got {self.name!r}.")
+        if isinstance(self.value, int):
+            if abs(self.value) >= 2**31:
+                raise InputError(f"the constant {self.name!r} must be an integer of at most 31 bits, got {self.value}.")
+        elif not math.isfinite(self.value):
+            raise InputError(f"the constant {self.name!r} must be finite, got {self.value}.")
+
+
+@dataclass(frozen=True, eq=False)
+class Project:
+    """Functions that are written out together.
+
+    Attributes
+    ----------
+    name : str
+        Any text, such as a robot's name; it becomes a prefix, a namespace or a package name.
+    functions : tuple of Function
+        At least one, with different names.
+    description : str
+        What the functions belong to, any text.
+    constants : tuple of Constant
+        Sizes and other numbers that a user of the source needs.
+    reference : mapping
+        For each argument's name a few rows (S, width): inputs of the embedded self-test. The expected outputs come
+        from :meth:`steelyard.graph.Function.evaluate`.
+    version : str
+        Of the program that generates, for the first line of each file.
+
+    Examples
+    --------
+    >>> from steelyard.graph import Argument, Graph, Output, sin
+    >>> x = Graph().inputs("x", 1)
+    >>> f = Function("f", (Argument("x", 1),), (Output("y", (), (sin(x[0]),)),))
+    >>> project = Project("pendulum", (f,), "", (), {"x": np.array([[0.5]])}, "1.0")
+    >>> sorted(files(project, "c"))
+    ['CMakeLists.txt', 'README.md', 'pendulum.c', 'pendulum.h', 'pendulum_test.c']
+    """
+
+    name: str
+    functions: tuple[Function, ...]
+    description: str
+    constants: tuple[Constant, ...]
+    reference: Mapping[str, NDArray[np.float64]]
+    version: str
+
+    def __post_init__(self) -> None:
+        if not self.functions:
+            raise InputError(f"the project {self.name!r} has no functions; give at least one.")
+        for kind, names in (
+            ("function", [function.name for function in self.functions]),
+            ("constant", [constant.name for constant in self.constants]),
+        ):
+            twice = sorted({name for name in names if names.count(name) > 1})
+            if twice:
+                raise InputError(f"the project {self.name!r} has two {kind}s named {twice[0]!r}; rename one.")
+        for function in self.functions:
+            for output in function.outputs:
+                if not output.size:
+                    raise InputError(f"the output {output.name!r} of {function.name!r} has no elements; leave it out.")
+            for node in reachable(function.nodes):
+                if node.operation == "constant" and not math.isfinite(float(node.value)):
+                    raise InputError(
+                        f"the function {function.name!r} holds the constant {node.value}, which has no literal in most "
+                        "languages; look for an overflow in its numbers."
+                    )
+
+    @cached_property
+    def references(self) -> dict[str, Reference]:
+        """Inputs, expected outputs and tolerances of the self-test, by function."""
+        return {function.name: reference_of(function, self.reference) for function in self.functions}
+
+
+def languages() -> tuple[str, ...]:
+    """Return the names of the languages.
+
+    Examples
+    --------
+    >>> "c" in languages()
+    True
+    """
+    return tuple(_WRITERS)
+
+
+def _writer(language: str) -> Callable[[Project], dict[str, str]]:
+    name = _ALIASES.get(str(language).lower(), str(language).lower())
+    if name not in _WRITERS:
+        close = difflib.get_close_matches(name, [*_WRITERS, *_ALIASES], n=1)
+        hint = f"did you mean {close[0]!r}?" if close else "choose one of these."
+        raise InputError(f"{language!r} is no language that is generated; there are {', '.join(_WRITERS)}: {hint}")
+    module, function = _WRITERS[name].split(":")
+    writer: Callable[[Project], dict[str, str]] = getattr(importlib.import_module(f"{__package__}.{module}"), function)
+    return writer
+
+
+def files(project: Project, language: str) -> dict[str, str]:
+    """Return the files of a project as text, by relative path.
+
+    The same project gives the same text.
+
+    Parameters
+    ----------
+    project : Project
+    language : str
+        One of :func:`languages`, or ``"c99"``, ``"c++"``, ``"numpy"``, ``"matlab"``.
+
+    Raises
+    ------
+    InputError
+        Where the language is unknown, or the reference values do not fit the functions.
+    """
+    return dict(sorted(_writer(language)(project).items()))
+
+
+def generate(project: Project, language: str, directory: Path) -> tuple[Path, ...]:
+    """Write a project to a directory.
+
+    All the files are made first, written beside their places, and then renamed, so that no file is ever half written.
+
+    Parameters
+    ----------
+    project : Project
+    language : str
+        See :func:`files`.
+    directory : Path
+        Made where it is missing.
+
+    Returns
+    -------
+    tuple of Path
+        The files written, in alphabetical order.
+
+    Raises
+    ------
+    InputError
+        Where the language is unknown, where the reference values do not fit the functions, where a file of the same
+        name exists that was not generated, or where the directory cannot be written.
+
+    Examples
+    --------
+    >>> import tempfile
+    >>> from steelyard.graph import Argument, Graph, Output, cos
+    >>> x = Graph().inputs("x", 1)
+    >>> f = Function("f", (Argument("x", 1),), (Output("y", (), (cos(x[0]),)),))
+    >>> project = Project("pendulum", (f,), "", (), {"x": np.array([[0.5]])}, "1.0")
+    >>> with tempfile.TemporaryDirectory() as folder:
+    ...     [path.name for path in generate(project, "c", Path(folder))]
+    ['CMakeLists.txt', 'README.md', 'pendulum.c', 'pendulum.h', 'pendulum_test.c']
+    """
+    contents = {PurePosixPath(name): text.encode() for name, text in files(project, language).items()}
+    directory = Path(directory)
+    targets = {directory / name: content for name, content in contents.items()}
+    for target in targets:
+        _check_free(target)
+    written: dict[Path, str] = {}
+    try:
+        for target, content in targets.items():
+            target.parent.mkdir(parents=True, exist_ok=True)
+            handle, temporary = tempfile.mkstemp(dir=target.parent, prefix=f".{target.name}.")
+            written[target] = temporary
+            with os.fdopen(handle, "wb") as file:
+                file.write(content)
+            # mkstemp makes the file private; source has the usual permissions.
+            mask = os.umask(0)
+            os.umask(mask)
+            os.chmod(temporary, 0o666 & ~mask)
+        for target, temporary in written.items():
+            os.replace(temporary, target)
+    except OSError as error:
+        where = error.filename or directory
+        raise InputError(f"{where} cannot be written: {error.strerror}; choose another directory.") from None
+    finally:
+        for temporary in written.values():
+            with contextlib.suppress(OSError):
+                os.unlink(temporary)
+    return tuple(targets)
+
+
+def _check_free(target: Path) -> None:
+    """Refuse a place where something stands that is not a generated file."""
+    if not os.path.lexists(target):
+        return
+    if target.is_file():
+        try:
+            with target.open("rb") as file:
+                first = file.readline(400)
+        except OSError as error:
+            raise InputError(
+                f"{target} exists and cannot be read: {error.strerror}; choose another directory."
+            ) from None
+        if MARKER.encode() in first:
+            return
+    raise InputError(
+        f"{target} exists and was not generated by Steelyard, so it is left alone; move it away or choose another "
+        "directory."
+    )

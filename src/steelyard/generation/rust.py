@@ -1,0 +1,276 @@
+"""Rust: a crate without the standard library, without dependencies and without unsafe code."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy.typing import NDArray
+
+from .assignments import Listing, Syntax, listing
+from .c_words import DEVICE_NAMES
+from .documentation import MARKDOWN, elements_lines, function_lines, shared_arguments
+from .naming import NamedFunction, naming, project_name
+from .partition import Part, Store, partition
+from .readme import readme
+from .reference import Reference
+from .rust_trigonometry import TRIGONOMETRY
+from .text import Names, markdown_text, marker, number, number_lines, wrapped_lines
+
+if TYPE_CHECKING:
+    from steelyard.graph import Output
+
+    from .project import Project
+
+__all__ = ["write"]
+
+_SIGN = "steelyard_sign"
+_KEYWORDS = """
+as break const continue crate else enum extern false fn for if impl in let loop match mod move mut pub ref return self
+Self static struct super trait true type unsafe use where while async await dyn abstract become box do final macro
+override priv typeof unsized virtual yield try gen union raw safe macro_rules bool char str i8 i16 i32 i64 i128 isize
+u8 u16 u32 u64 u128 usize f16 f32 f64 f128 main trigonometry
+"""
+_RESERVED = frozenset(_KEYWORDS.split())
+_CRATES = """
+test core std alloc proc_macro libm build deps examples incremental bench
+"""
+_PROJECT_RESERVED = _RESERVED | DEVICE_NAMES | frozenset(_CRATES.split())
+
+
+def write(project: Project) -> dict[str, str]:
+    """Return the files of a Rust crate by relative path.
+
+    Parameters
+    ----------
+    project : Project
+    """
+    return _Source(project).files()
+
+
+class _Source:
+    def __init__(self, project: Project) -> None:
+        self.project = project
+        self.name = project_name(project, _PROJECT_RESERVED)
+        self.scope = Names(_RESERVED | {_SIGN})
+        names = naming(project, self.scope, style=str.upper)
+        self.functions, self.sizes = names.functions, names.sizes
+        self.syntax = Syntax(
+            calls={
+                "sin": "trigonometry::sin_cos({}).0",
+                "cos": "trigonometry::sin_cos({}).1",
+                "sign": f"{_SIGN}({{}})",
+            },
+            pair=("({}, {})", "trigonometry::sin_cos({})"),
+        )
+        self.listings: list[Listing] = [listing(f.function, self.syntax, f.names, f.scope) for f in self.functions]
+        self.operations = frozenset[str]().union(*(found.operations for found in self.listings))
+
+    def files(self) -> dict[str, str]:
+        described = {
+            "Cargo.toml": "the crate, without dependencies",
+            "src/lib.rs": "the functions, their sizes, and what every argument is",
+            "tests/reference.rs": "self-test with reference values",
+        }
+        result = {
+            "Cargo.toml": self._manifest(),
+            "src/lib.rs": self._library(),
+            "tests/reference.rs": self._test(),
+        }
+        if self.operations & {"sin", "cos"}:
+            described["src/trigonometry.rs"] = "sine and cosine with and without the standard library"
+            result["src/trigonometry.rs"] = f"// {marker(self.project.version)}{TRIGONOMETRY}"
+        text = readme(self.project, "Rust", described, self._use(), self.functions, self.syntax.element)
+        return {**result, "README.md": text}
+
+    def _manifest(self) -> str:
+        return "\n".join(
+            [
+                f"# {marker(self.project.version)}",
+                "[package]",
+                f'name = "{self.name}"',
+                'version = "0.1.0"',
+                'edition = "2021"',
+                "publish = false",
+                "",
+                "[features]",
+                'default = ["std"]',
+                "# Sine and cosine of the standard library; without it, the crate's own.",
+                "std = []",
+                "",
+            ]
+        )
+
+    def _library(self) -> str:
+        project = self.project
+        introduction = [
+            markdown_text(project.name),
+            "",
+            markdown_text(project.description),
+            "",
+            "Every function reads arrays and writes arrays; it allocates nothing and keeps nothing. Matrices are "
+            "stored row by row.",
+        ]
+        elements = elements_lines(project, self.functions, self.syntax.element, prose=MARKDOWN)
+        lines = [f"// {marker(project.version)}", *wrapped_lines([*introduction, "", *elements], "//! ")]
+        lines += [
+            "",
+            "#![no_std]",
+            "#![deny(warnings)]",
+            "#![forbid(unsafe_code)]",
+            "#![allow(non_snake_case, clippy::all, rustdoc::bare_urls)]",
+            "",
+        ]
+        lines += ["mod trigonometry;", ""] if self.operations & {"sin", "cos"} else []
+        for size in self.sizes.declared:
+            lines += wrapped_lines([markdown_text(size.description)], "/// ") if size.description else []
+            kind = "f64" if isinstance(size.value, float) else "usize" if size.value >= 0 else "i64"
+            value = number(size.value) if isinstance(size.value, float) else str(size.value)
+            lines.append(f"pub const {size.name}: {kind} = {value};")
+        lines.append("")
+        if "sign" in self.operations:
+            lines += [
+                f"fn {_SIGN}(x: f64) -> f64 {{",
+                "    if x > 0.0 {",
+                "        1.0",
+                "    } else if x < 0.0 {",
+                "        -1.0",
+                "    } else {",
+                "        x + 0.0",
+                "    }",
+                "}",
+                "",
+            ]
+        shared = shared_arguments(project)
+        for named, found in zip(self.functions, self.listings, strict=True):
+            text = function_lines(named.function, named.names, self.syntax.element, shared, prose=MARKDOWN)
+            lines += [*self._function(named, found, wrapped_lines(text, "/// ")), ""]
+        return "\n".join(lines).rstrip("\n") + "\n"
+
+    def _function(self, named: NamedFunction, found: Listing, documentation: list[str]) -> list[str]:
+        function, cut = named.function, partition(found)
+        parameters = {}
+        for argument in function.arguments:
+            size = self.sizes.of[function.name, argument.name]
+            parameters[named.names[argument.name]] = f"&[f64; {size}]"
+        for output in function.outputs:
+            parameters[named.names[output.name]] = f"&mut {self._output_type(named, output)}"
+        unused = [a.name for a in function.arguments if a.name not in found.used_arguments]
+        body = [f"    let _ = {named.names[name]};" for name in unused]
+        outputs = [named.names[output.name] for output in function.outputs]
+        for name, elements in zip(outputs, found.outputs, strict=True):
+            body += [f"    *{name} = [0.0; {len(elements.elements)}];"] if elements.mostly_zero else []
+        head = [*documentation, *_head(f"pub fn {named.name}", parameters)]
+        if len(cut.parts) == 1:
+            return [*head, *body, *_statements(named, cut.parts[0], ""), "}"]
+        kept = named.scope.inner().take("kept")
+        lines = ["// A long function is cut into parts, because compilers take very long over one that is whole."]
+        body += [f"    let mut {kept} = [0.0; {cut.places}];"] if cut.places else []
+        for k, part in enumerate(cut.parts):
+            name = self.scope.take(f"{named.name}_part_{k + 1}")
+            needed = part.names | {outputs[j] for j in part.stored}
+            passed = {key: text for key, text in parameters.items() if key in needed}
+            values = list(passed)
+            if part.reads or part.keeps:
+                passed[kept] = f"&mut [f64; {cut.places}]"
+                values.append(f"&mut {kept}")
+            lines += ["#[inline(never)]", *_head(f"fn {name}", passed), *_statements(named, part, kept), "}", ""]
+            body.append(f"    {name}({', '.join(values)});")
+        return [*lines, *head, *body, "}"]
+
+    def _output_type(self, named: NamedFunction, output: Output) -> str:
+        return f"[f64; {self.sizes.of[named.function.name, output.name]}]" if output.shape else "f64"
+
+    def _test(self) -> str:
+        lines = [
+            f"// {marker(self.project.version)}",
+            "// Each function must give its reference values.",
+            "#![allow(non_snake_case)]",
+            "",
+            "fn differences(what: &str, sample: usize, actual: &[f64], expected: &[f64], tolerance: f64) -> usize {",
+            "    let mut count = 0;",
+            "    for (i, (a, e)) in actual.iter().zip(expected).enumerate() {",
+            "        if !((a - e).abs() <= tolerance) {",
+            "            count += 1;",
+            "            if count <= 5 {",
+            '                println!("{what}[{i}] of sample {sample} is {a}, expected {e} within {tolerance}");',
+            "            }",
+            "        }",
+            "    }",
+            "    count",
+            "}",
+        ]
+        for named in self.functions:
+            lines += ["", *self._test_function(named, self.project.references[named.function.name])]
+        return "\n".join(lines) + "\n"
+
+    def _test_function(self, named: NamedFunction, reference: Reference) -> list[str]:
+        function = named.function
+        lines = ["#[test]", f"fn {named.name}_gives_its_reference_values() {{"]
+        for k, values in enumerate(reference.inputs):
+            lines += _table(f"INPUT_{k + 1}", values)
+        for k, values in enumerate(reference.outputs):
+            lines += _table(f"EXPECTED_{k + 1}", values)
+        lines += ["    let mut count = 0;", f"    for sample in 0..{reference.samples} {{"]
+        passed = [f"&INPUT_{k + 1}[sample]" for k in range(len(reference.inputs))]
+        for k, output in enumerate(function.outputs):
+            passed.append(f"&mut actual_{k + 1}")
+            value = f"[f64::INFINITY; {output.size}]" if output.shape else "f64::INFINITY"
+            lines.append(f"        let mut actual_{k + 1} = {value};")
+        lines.append(f"        {self.name}::{named.name}({', '.join(passed)});")
+        for k, (output, tolerance) in enumerate(zip(function.outputs, reference.tolerances, strict=True)):
+            actual = f"&actual_{k + 1}" if output.shape else f"&[actual_{k + 1}]"
+            lines.append(f'        count += differences("{named.names[output.name]}", sample, {actual},')
+            lines.append(f"            &EXPECTED_{k + 1}[sample], {number(tolerance)});")
+        return [*lines, "    }", '    assert_eq!(count, 0, "{count} values differ");', "}"]
+
+    def _use(self) -> list[str]:
+        named = self.functions[0]
+        lines, passed = [], [f"&{named.names[a.name]}" for a in named.function.arguments]
+        for output in named.function.outputs:
+            name = named.names[output.name]
+            size = f"{self.name}::{self.sizes.of[named.function.name, output.name]}"
+            lines.append(f"let mut {name} = [0.0; {size}];" if output.shape else f"let mut {name} = 0.0;")
+            passed.append(f"&mut {name}")
+        return [
+            f'Add the crate by its path: `{self.name} = {{ path = "..." }}`. It depends on nothing, so it builds and',
+            "tests without a network:",
+            "",
+            "```sh",
+            "cargo test",
+            "```",
+            "",
+            "```rust",
+            *lines,
+            f"{self.name}::{named.name}({', '.join(passed)});",
+            "```",
+            "",
+            "The crate is `no_std`, allocates nothing and holds no unsafe code. Its feature `std`, on by default, only",
+            "takes sine and cosine from the standard library. With `default-features = false` they are computed by the",
+            "crate itself, within 1e-15 for angles up to a million radians.",
+        ]
+
+
+def _head(name: str, parameters: Mapping[str, str]) -> list[str]:
+    return [f"{name}(", *(f"    {key}: {text}," for key, text in parameters.items()), ") {"]
+
+
+def _statements(named: NamedFunction, part: Part, kept: str) -> list[str]:
+    lines = [f"    let {name} = {kept}[{place}];" for name, place in part.reads]
+    for statement in part.statements:
+        if isinstance(statement, Store):
+            output = named.function.outputs[statement.output]
+            name = named.names[output.name]
+            target = f"{name}[{statement.element}]" if output.shape else f"*{name}"
+            lines.append(f"    {target} = {statement.expression};")
+        else:
+            lines.append(f"    let {statement.name} = {statement.expression};")
+    return [*lines, *(f"    {kept}[{place}] = {name};" for name, place in part.keeps)]
+
+
+def _table(name: str, values: NDArray[np.float64]) -> list[str]:
+    lines = [f"    static {name}: [[f64; {values.shape[1]}]; {len(values)}] = ["]
+    for row in values:
+        lines += ["        [", *number_lines(row, "            "), "        ],"]
+    return [*lines, "    ];"]
