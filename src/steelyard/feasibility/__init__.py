@@ -8,6 +8,7 @@ from .certificate import InfeasibilityCertificate as InfeasibilityCertificate
 from .check import Verdict as Verdict
 from .check import Violation as Violation
 from .check import check as check
+from .closed_form import closed_form_conditions as closed_form_conditions
 from .conic import Cone as Cone
 from .conic import ConicProblem as ConicProblem
 from .conic import ConicSolution as ConicSolution
@@ -24,6 +25,8 @@ from .correct import Correction as Correction
 from .correct import correct as correct
 from .feasible_set import FeasibleSet as FeasibleSet
 from .fit import fit as fit
+from .polynomials import PolynomialCondition as PolynomialCondition
+from .polynomials import feasibility_polynomials as feasibility_polynomials
 
 __all__ = [
     "AffineBlock",
@@ -41,12 +44,15 @@ __all__ = [
     "FeasibleSet",
     "InfeasibilityCertificate",
     "Outcome",
+    "PolynomialCondition",
     "TotalMass",
     "Verdict",
     "Violation",
     "check",
+    "closed_form_conditions",
     "constraints_from_dict",
     "correct",
+    "feasibility_polynomials",
     "fit",
     "fit_reduced",
     "solve",

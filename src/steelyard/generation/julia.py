@@ -1,0 +1,210 @@
+"""Julia: a package of functions that write into arrays."""
+
+from __future__ import annotations
+
+import uuid
+from itertools import product
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy.typing import NDArray
+
+from .assignments import Listing, Syntax, listing
+from .documentation import elements_lines, function_lines, shared_arguments
+from .naming import NamedFunction, naming, project_name
+from .readme import readme
+from .text import Names, comment_lines, marker, number, number_lines
+
+if TYPE_CHECKING:
+    from collections.abc import Iterable
+
+    from .project import Project
+
+__all__ = ["write"]
+
+_KEYWORDS = """
+abstract baremodule begin break catch const continue do else elseif end export false finally for function global if
+import in isa let local macro module mutable outer primitive public quote return struct true try type using where while
+sin cos sign sincos length size throw fill pi im Inf NaN Float64 AbstractVector AbstractMatrix AbstractArray Ref Base
+Core Main DimensionMismatch nothing missing eval include one zero
+"""
+_RESERVED = frozenset(_KEYWORDS.split())
+_NAMESPACE = uuid.uuid5(uuid.NAMESPACE_DNS, "steelyard")
+
+
+def write(project: Project) -> dict[str, str]:
+    """Return the files of a Julia package by relative path.
+
+    Parameters
+    ----------
+    project : Project
+    """
+    return _Source(project).files()
+
+
+class _Source:
+    def __init__(self, project: Project) -> None:
+        self.project = project
+        words = project_name(project, _RESERVED).split("_")
+        self.module = "".join(word.capitalize() for word in words)
+        if self.module in ("Base", "Core", "Main", "Test"):
+            self.module += "Robot"
+        self.scope = Names(_RESERVED | {self.module})
+        names = naming(project, self.scope, style=str.upper)
+        self.functions, self.sizes = names.functions, names.sizes
+        self.syntax = Syntax(element=lambda name, index: f"{name}[{index + 1}]", pair=("({}, {})", "sincos({})"))
+        self.listings = [listing(f.function, self.syntax, f.names, f.scope) for f in self.functions]
+
+    def files(self) -> dict[str, str]:
+        source, test = f"src/{self.module}.jl", "test/runtests.jl"
+        described = {
+            "Project.toml": "the package, without dependencies",
+            source: "the functions, their sizes, and what every argument is",
+            test: "self-test with reference values",
+        }
+        layout = "Outputs come first and are overwritten; matrices are matrices, and a number is a `Ref{Float64}`."
+        named = [NamedFunction(f.function, f"{f.name}!", f.names, f.scope) for f in self.functions]
+        text = readme(self.project, "Julia", described, self._use(), named, self.syntax.element, layout)
+        module = self._module()
+        return {"Project.toml": self._manifest(module), source: module, test: self._test(), "README.md": text}
+
+    def _manifest(self, content: str) -> str:
+        identity = uuid.uuid5(_NAMESPACE, f"{self.module}\n{content}")
+        return "\n".join(
+            [
+                f"# {marker(self.project.version)}",
+                f'name = "{self.module}"',
+                f'uuid = "{identity}"',
+                'version = "0.1.0"',
+                "",
+                "[compat]",
+                'julia = "1.6"',
+                "",
+                "[extras]",
+                'Test = "8dfed614-e22c-5e08-85e1-65c5234f0b40"',
+                "",
+                "[targets]",
+                'test = ["Test"]',
+                "",
+            ]
+        )
+
+    def _module(self) -> str:
+        project = self.project
+        elements = elements_lines(project, self.functions, self.syntax.element)
+        text = [project.name or self.module, "", project.description, "", *elements]
+        lines = [f"# {marker(project.version)}", *_documentation(text, ""), f"module {self.module}", ""]
+        exported = [*(f"{f.name}!" for f in self.functions), *(s.name for s in self.sizes.declared)]
+        lines += [f"export {name}" for name in exported]
+        lines.append("")
+        for size in self.sizes.declared:
+            lines += comment_lines([size.description], "# ") if size.description else []
+            value = number(size.value) if isinstance(size.value, float) else str(size.value)
+            lines.append(f"const {size.name} = {value}")
+        for named, found in zip(self.functions, self.listings, strict=True):
+            lines += ["", *self._function(named, found)]
+        return "\n".join([*lines, "", "end", ""])
+
+    def _function(self, named: NamedFunction, found: Listing) -> list[str]:
+        function, names = named.function, named.names
+        shared = shared_arguments(self.project)
+        text = function_lines(function, names, self.syntax.element, shared, row_major=False)
+        typed = [f"{names[o.name]}::{_type(o.shape)}" for o in function.outputs]
+        typed += [f"{names[a.name]}::AbstractVector{{Float64}}" for a in function.arguments]
+        lines = [*_documentation(text, ""), f"function {named.name}!({', '.join(typed)})"]
+        for output in function.outputs:
+            if output.shape:
+                shape = f"({', '.join(map(str, output.shape))}{',' if len(output.shape) == 1 else ''})"
+                lines.append(_check(f"size({names[output.name]}) == {shape}", names[output.name], shape))
+        for argument in function.arguments:
+            name = names[argument.name]
+            lines.append(_check(f"length({name}) == {argument.width}", name, f"({argument.width},)"))
+        arrays = [names[o.name] for o in function.outputs if o.shape] + [names[a.name] for a in function.arguments]
+        lines += [f"    Base.require_one_based_indexing({', '.join(arrays)})"] if arrays else []
+        lines.append("    @inbounds begin")
+        lines += [f"        {a.name} = {a.expression}" for a in found.assignments]
+        for output, listed in zip(function.outputs, found.outputs, strict=True):
+            name = names[output.name]
+            if listed.mostly_zero:
+                lines.append(f"        {name} .= 0.0")
+            places = _places(output.shape)
+            lines += [f"        {name}[{places[k]}] = {text}" for k, text in listed.stored]
+        return [*lines, "    end", "    return nothing", "end"]
+
+    def _test(self) -> str:
+        lines = [
+            f"# {marker(self.project.version)}",
+            "# Compare the functions with reference values: julia --project test/runtests.jl",
+            "",
+            "using Test",
+            f"using {self.module}",
+            "",
+            "# Elements row by row, as the reference values are.",
+            "elements(x::Ref) = [x[]]",
+            "elements(x::AbstractArray) = vec(permutedims(x, ndims(x):-1:1))",
+            "agrees(x, y, tolerance) = length(x) == length(y) && all(abs.(x .- y) .<= tolerance)",
+        ]
+        for named in self.functions:
+            reference = self.project.references[named.function.name]
+            lines += ["", f'@testset "{named.name}!" begin']
+            for sample in range(reference.samples):
+                lines.append("    let")
+                results, inputs = [], []
+                for j, output in enumerate(named.function.outputs):
+                    results.append(f"result_{j + 1}")
+                    shape = ", ".join(map(str, output.shape))
+                    lines.append(f"        result_{j + 1} = {f'fill(NaN, {shape})' if shape else 'Ref(NaN)'}")
+                for j, array in enumerate(reference.inputs):
+                    inputs.append(f"input_{j + 1}")
+                    lines += _literal(f"input_{j + 1}", array[sample])
+                lines.append(f"        {self.module}.{named.name}!({', '.join([*results, *inputs])})")
+                for result, array, tolerance in zip(results, reference.outputs, reference.tolerances, strict=True):
+                    lines += _literal("expected", array[sample])
+                    lines.append(f"        @test agrees(elements({result}), expected, {number(tolerance)})")
+                lines.append("    end")
+            lines.append("end")
+        return "\n".join(lines) + "\n"
+
+    def _use(self) -> list[str]:
+        named = self.functions[0]
+        made = []
+        for output in named.function.outputs:
+            shape = ", ".join(map(str, output.shape))
+            made.append(f"{named.names[output.name]} = {f'zeros({shape})' if shape else 'Ref(0.0)'}")
+        wanted = [named.names[output.name] for output in named.function.outputs]
+        wanted += [named.names[argument.name] for argument in named.function.arguments]
+        return [
+            "```julia",
+            f"using {self.module}",
+            "",
+            *made,
+            f"{named.name}!({', '.join(wanted)})",
+            "```",
+            "",
+            "The functions allocate nothing. The self-test: `julia --project test/runtests.jl`.",
+        ]
+
+
+def _type(shape: tuple[int, ...]) -> str:
+    kinds = {0: "Ref{Float64}", 1: "AbstractVector{Float64}", 2: "AbstractMatrix{Float64}"}
+    return kinds.get(len(shape), f"AbstractArray{{Float64,{len(shape)}}}")
+
+
+def _places(shape: tuple[int, ...]) -> list[str]:
+    """Return the index of each element, in row-major order."""
+    return [", ".join(str(k + 1) for k in place) for place in product(*(range(n) for n in shape))]
+
+
+def _check(condition: str, name: str, shape: str) -> str:
+    return f'    {condition} || throw(DimensionMismatch("{name} must have the size {shape}"))'
+
+
+def _documentation(lines: Iterable[str], indent: str) -> list[str]:
+    """Return a docstring; in a raw string nothing is interpolated, and there is no backslash to escape with."""
+    return [f'{indent}@doc raw"""', *comment_lines(lines, indent), f'{indent}"""']
+
+
+def _literal(name: str, values: NDArray[np.float64]) -> list[str]:
+    if len(values) == 0:
+        return [f"        {name} = Float64[]"]
+    return [f"        {name} = [", *number_lines(values, " " * 12), "        ]"]
