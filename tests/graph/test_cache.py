@@ -8,7 +8,7 @@ import threading
 import numpy as np
 import pytest
 
-from steelyard.graph import Argument, Graph, Kernel, ObjectCache
+from steelyard.graph import Argument, Function, Graph, Kernel, ObjectCache, Output
 
 
 @pytest.fixture
@@ -19,8 +19,8 @@ def cache(tmp_path):
 
 
 def doubled(cache):
-    graph = Graph()
-    return Kernel([Argument("x", 1)], [2.0 * graph.input("x[0]")], cache=cache)
+    twice = 2.0 * Graph().input("x[0]")
+    return Kernel(Function("twice", (Argument("x", 1),), (Output("y", (1,), (twice,)),)), cache=cache)
 
 
 def test_what_was_written_is_read(cache):

@@ -6,9 +6,14 @@ import numpy as np
 import pytest
 
 from steelyard.errors import InputError
-from steelyard.graph import Argument, Graph, Kernel, ObjectCache, cos, evaluate, sign, sin
+from steelyard.graph import Argument, Function, Graph, Kernel, ObjectCache, Output, cos, evaluate, sign, sin
 
 NO_CACHE = ObjectCache(None)
+
+
+def kernel_of(arguments, nodes, **options):
+    function = Function("f", tuple(arguments), (Output("y", (len(nodes),), tuple(nodes)),))
+    return Kernel(function, **({"cache": NO_CACHE} | options))
 
 
 def outputs_of(graph, width):
@@ -35,7 +40,7 @@ def outputs_of(graph, width):
 def test_every_size_and_layout_agrees_with_numpy(layout, width, count):
     graph = Graph()
     outputs = outputs_of(graph, width)
-    kernel = Kernel([Argument("x", 3), Argument("p", 2, uniform=True)], outputs, layout=layout, cache=NO_CACHE)
+    kernel = kernel_of([Argument("x", 3), Argument("p", 2, uniform=True)], outputs, layout=layout)
     random = np.random.default_rng(count)
     x, p = random.normal(size=(count, 3)), random.normal(size=2)
     names = {f"x[{k}]": x[:, k] for k in range(3)} | {f"p[{k}]": p[k] for k in range(2)}
@@ -47,7 +52,7 @@ def test_every_size_and_layout_agrees_with_numpy(layout, width, count):
 def sine_kernel():
     graph = Graph()
     x = graph.input("x[0]")
-    return Kernel([Argument("x", 1)], [sin(x), cos(x)], cache=NO_CACHE)
+    return kernel_of([Argument("x", 1)], [sin(x), cos(x)])
 
 
 @pytest.mark.parametrize("size", [1e-300, 1e-8, 0.1, 1.0, 10.0, 1e3, 1e6, 1e9])

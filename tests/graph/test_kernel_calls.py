@@ -1,0 +1,232 @@
+"""Calls of kernels: threads, single samples, pointers, and arrays that do not fit."""
+
+import ctypes
+import shutil
+import subprocess
+import threading
+
+import numpy as np
+import pytest
+
+from steelyard.errors import InputError
+from steelyard.graph import Argument, Function, Graph, Kernel, ObjectCache, Output, cos, native, sin
+from steelyard.graph.machine import batch_lanes
+
+NO_CACHE = ObjectCache(None)
+
+
+def pendulum():
+    """Return the torque and the energy of a pendulum."""
+    g = Graph()
+    q, dq, ddq = (g.input(f"motion[{k}]") for k in range(3))
+    mass, length = g.inputs("parameters", 2)
+    weight = mass * length * 9.81
+    outputs = (
+        Output("torque", (), (mass * length * length * ddq + weight * sin(q),)),
+        Output("energy", (), (mass * length * length * dq * dq * 0.5 - weight * cos(q),)),
+    )
+    return Function("pendulum", (Argument("motion", 3), Argument("parameters", 2, uniform=True)), outputs)
+
+
+@pytest.fixture(scope="module")
+def kernel():
+    return Kernel(pendulum(), cache=NO_CACHE)
+
+
+PARAMETERS = np.array([2.0, 0.5])
+
+
+def motions(count, seed=0):
+    return np.random.default_rng(seed).normal(size=(count, 3))
+
+
+def expected(motion):
+    return np.stack(
+        [
+            0.5 * motion[:, 2] + 9.81 * np.sin(motion[:, 0]),
+            0.25 * motion[:, 1] ** 2 - 9.81 * np.cos(motion[:, 0]),
+        ],
+        axis=1,
+    )
+
+
+@pytest.mark.parametrize("layout", ["rows", "columns"])
+@pytest.mark.parametrize("threads", [2, 3, 7])
+@pytest.mark.parametrize("count", [1, 9, 511, 512, 1000, 4099])
+def test_threads_compute_the_same(layout, threads, count):
+    shared = Kernel(pendulum(), layout=layout, cache=NO_CACHE)
+    motion = motions(count)
+    alone = shared(motion, PARAMETERS)
+    out = np.full_like(alone, np.nan)
+    assert shared(motion, PARAMETERS, out=out, threads=threads) is out
+    assert out.tolist() == alone.tolist()
+    np.testing.assert_allclose(alone if layout == "rows" else alone.T, expected(motion), rtol=1e-12, atol=1e-13)
+
+
+def test_many_callers_of_a_new_kernel():
+    new = Kernel(pendulum(), cache=NO_CACHE)
+    motion = motions(3000)
+    results = [None] * 6
+
+    def call(k):
+        results[k] = new(motion[k:], PARAMETERS, threads=1 + k % 3)
+
+    threads = [threading.Thread(target=call, args=(k,)) for k in range(6)]
+    for thread in threads:
+        thread.start()
+    for thread in threads:
+        thread.join()
+    for k, result in enumerate(results):
+        np.testing.assert_allclose(result, expected(motion[k:]), rtol=1e-12, atol=1e-13)
+
+
+@pytest.mark.parametrize("threads", [0, -1, 1.5, None])
+def test_a_number_of_threads_that_is_none(kernel, threads):
+    with pytest.raises(InputError, match="threads must be a positive integer"):
+        kernel(motions(3), PARAMETERS, threads=threads)
+
+
+def test_arrays_that_do_not_fit(kernel):
+    motion = motions(4)
+    with pytest.raises(InputError, match=r"reads 2 arrays \(motion, parameters\), got 1"):
+        kernel(motion)
+    with pytest.raises(InputError, match=r"motion must have shape \(S, 3\), got \(3,\)"):
+        kernel(motion[0], PARAMETERS)
+    with pytest.raises(InputError, match=r"parameters must have shape \(2,\), got \(1, 2\)"):
+        kernel(motion, PARAMETERS[None])
+    with pytest.raises(InputError, match=r"out must be .* shape \(4, 2\), got float32"):
+        kernel(motion, PARAMETERS, out=np.empty((4, 2), dtype=np.float32))
+    with pytest.raises(InputError, match="layout must be 'rows' or 'columns', got 'diagonal'"):
+        Kernel(pendulum(), layout="diagonal")
+
+
+def test_batches_of_different_sizes_are_refused():
+    g = Graph()
+    sum_ = Function("f", (Argument("a", 1), Argument("b", 1)), (Output("y", (), (g.input("a[0]") + g.input("b[0]"),)),))
+    with pytest.raises(InputError, match="b must have as many rows as the arrays before it, 5, got 4"):
+        Kernel(sum_, cache=NO_CACHE)(np.zeros((5, 1)), np.zeros((4, 1)))
+
+
+def unusual(array):
+    """Yield the same numbers as arrays that are not contiguous rows of native doubles."""
+    yield array.tolist()
+    yield np.asfortranarray(array)
+    yield array.astype(">f8")
+    yield np.repeat(array, 2, axis=0)[::2]
+    fixed = array.copy()
+    fixed.flags.writeable = False
+    yield fixed
+    yield np.frombuffer(b"\0" + array.tobytes(), dtype=np.float64, offset=1).reshape(array.shape)  # not aligned
+    yield array.view(type("Special", (np.ndarray,), {}))
+
+
+@pytest.mark.parametrize("count", [1, 9])
+def test_arrays_of_any_kind_are_read(kernel, count):
+    motion = motions(count)
+    kernel(motion, PARAMETERS)
+    for kind in unusual(motion):
+        np.testing.assert_allclose(kernel(kind, PARAMETERS), expected(motion), rtol=1e-12)
+        np.testing.assert_allclose(kernel.sample(kind[0], PARAMETERS), expected(motion)[0], rtol=1e-12)
+    whole = np.arange(6).reshape(2, 3)
+    np.testing.assert_allclose(kernel(whole, PARAMETERS), expected(whole), rtol=1e-12)
+
+
+def test_single_samples(kernel):
+    motion = motions(5)
+    for row, values in zip(motion, expected(motion), strict=True):
+        np.testing.assert_allclose(kernel.sample(row, PARAMETERS), values, rtol=1e-12)
+        np.testing.assert_allclose(kernel(row[None], PARAMETERS)[0], values, rtol=1e-12)
+        out = np.empty(2)
+        assert kernel.sample(row, PARAMETERS, out=out) is out
+        np.testing.assert_allclose(out, values, rtol=1e-12)
+        np.testing.assert_allclose(kernel.sample(row.tolist(), PARAMETERS.tolist(), out=out), values, rtol=1e-12)
+
+
+def test_single_samples_that_do_not_fit(kernel):
+    motion = motions(2)
+    with pytest.raises(InputError, match=r"motion must have shape \(3,\), got \(1, 3\)"):
+        kernel.sample(motion[:1], PARAMETERS)
+    with pytest.raises(InputError, match=r"motion must have shape \(S, 3\), got \(1, 2\)"):
+        kernel.sample(motion[0, :2], PARAMETERS)
+    with pytest.raises(InputError, match=r"parameters must have shape \(2,\), got \(3,\)"):
+        kernel.sample(motion[0], np.ones(3))
+    with pytest.raises(InputError, match="reads 2 arrays"):
+        kernel.sample(motion[0])
+    with pytest.raises(InputError, match="reads 2 arrays"):
+        kernel.sample(motion[0], PARAMETERS, PARAMETERS)
+    for out in (np.empty(3), np.empty(4)[::2], np.empty(2, dtype=np.float32)):
+        with pytest.raises(InputError, match="out must be"):
+            kernel.sample(motion[0], PARAMETERS, out=out)
+
+
+def test_without_native_calls_single_samples_are_the_same(monkeypatch):
+    monkeypatch.setattr(native, "_objects_are_as_expected", lambda: False)
+    native._caller_address.cache_clear()
+    try:
+        plain = Kernel(pendulum(), cache=NO_CACHE)
+        row = motions(1)
+        for _ in range(2):
+            np.testing.assert_allclose(plain(row, PARAMETERS), expected(row), rtol=1e-12)
+            np.testing.assert_allclose(plain.sample(row[0], PARAMETERS), expected(row)[0], rtol=1e-12)
+        assert native.native_caller(0, (1,), (1,)) is None
+    finally:
+        native._caller_address.cache_clear()
+
+
+def test_native_calls_look_at_every_array(kernel):
+    kernel.sample(motions(1)[0], PARAMETERS)
+    call = kernel._quick_sample
+    if call is None:
+        pytest.skip("this interpreter allows no native calls")
+    row, out = motions(1)[0], np.empty(2)
+    assert call(row, PARAMETERS, out) is out
+    np.testing.assert_allclose(out, expected(row[None])[0], rtol=1e-12)
+    frozen = np.empty(2)
+    frozen.flags.writeable = False
+    wrong = [
+        (),
+        (row, PARAMETERS),
+        (row, PARAMETERS, out, out),
+        (row, PARAMETERS, None),
+        (row.tolist(), PARAMETERS, out),
+        (row, PARAMETERS, frozen),
+        (row[:2], PARAMETERS, out),
+        (row[None], PARAMETERS, out),
+        (np.repeat(row, 2)[::2], PARAMETERS, out),
+        (row.astype(np.float32), PARAMETERS, out),
+        (row.astype(">f8"), PARAMETERS, out),
+        (np.array(1.0), PARAMETERS, out),
+        (row.view(np.recarray), PARAMETERS, out),
+    ]
+    out[:] = -1.0
+    for arrays in wrong:
+        assert call(*arrays) is None
+    assert out.tolist() == [-1.0, -1.0]
+
+
+@pytest.mark.parametrize("count", [1, 3, 8, 13])
+def test_the_functions_behind_a_kernel_are_c_functions(kernel, count):
+    motion, out = motions(count), np.full((count + 1, 2), np.nan)
+    for function in (kernel.single_function, kernel.batch_function):
+        out[:] = np.nan
+        function(count, motion.ctypes.data, PARAMETERS.ctypes.data, out.ctypes.data, 0)
+        np.testing.assert_allclose(out[:count], expected(motion), rtol=1e-12)
+        assert np.isnan(out[count]).all()
+    assert batch_lanes() in (4, 8)
+
+
+@pytest.mark.skipif(shutil.which("gcc") is None, reason="needs a C compiler")
+def test_a_control_loop_in_c_calls_the_machine_code(kernel, tmp_path):
+    (tmp_path / "loop.c").write_text(
+        "#include <stdint.h>\n"
+        "typedef void kernel(int64_t, const double *, const double *, double *, int64_t);\n"
+        "double loop(kernel *run, const double *parameters, int steps) {\n"
+        "  double motion[3] = {1.0, 0.0, 0.0}, out[2], sum = 0.0;\n"
+        "  for (int k = 0; k < steps; k++) { run(1, motion, parameters, out, 1); sum += out[0]; motion[0] += 0.01; }\n"
+        "  return sum;\n}\n"
+    )
+    subprocess.run(["gcc", "-shared", "-fPIC", "-o", "loop.so", "loop.c"], cwd=tmp_path, check=True)
+    loop = ctypes.CDLL(str(tmp_path / "loop.so")).loop
+    loop.argtypes, loop.restype = (ctypes.c_void_p, ctypes.c_void_p, ctypes.c_int), ctypes.c_double
+    result = loop(kernel.function_pointer, PARAMETERS.ctypes.data, 100)
+    assert result == pytest.approx(sum(9.81 * np.sin(1.0 + 0.01 * k) for k in range(100)), rel=1e-12)
