@@ -10,16 +10,16 @@ import sys
 import tempfile
 from pathlib import Path
 
-__all__ = ["ObjectCache"]
+__all__ = ["ObjectCache", "pack", "unpack"]
 
-_MAGIC = b"steelyard-object-1\n"
+_MAGIC = b"steelyard-object-2\n"
 
 
 class ObjectCache:
     """A folder of object files named by the hash of what they were made from.
 
-    A file holds the hash of its own content, so that a damaged one is recognised and made again. Files are written
-    beside and renamed, so that two processes may write the same one. The environment variable
+    A file holds a hash of its key and its content, so that a damaged or misplaced one is recognised and made again.
+    Files are written beside and renamed, so that two processes may write the same one. The environment variable
     ``STEELYARD_CACHE=off`` turns the cache off; ``STEELYARD_CACHE_DIR`` moves it. A folder that others may write is
     not used, because object code from it would run.
 
@@ -59,7 +59,7 @@ class ObjectCache:
         if not content.startswith(_MAGIC):
             return None
         digest, code = content[len(_MAGIC) : len(_MAGIC) + 32], content[len(_MAGIC) + 32 :]
-        return code if hashlib.sha256(code).digest() == digest else None
+        return code if _digest(key, code) == digest else None
 
     def write(self, key: str, code: bytes) -> None:
         """Keep `code` under `key`; a folder that cannot be written is no error."""
@@ -69,12 +69,35 @@ class ObjectCache:
         try:
             handle, temporary = tempfile.mkstemp(dir=self.folder, suffix=".part")
             with os.fdopen(handle, "wb") as file:
-                file.write(_MAGIC + hashlib.sha256(code).digest() + code)
+                file.write(_MAGIC + _digest(key, code) + code)
             os.replace(temporary, self.folder / f"{key}.o")
         except OSError:
             if temporary:
                 with contextlib.suppress(OSError):
                     os.unlink(temporary)
+
+
+def _digest(key: str, code: bytes) -> bytes:
+    return hashlib.sha256(key.encode() + b"\0" + code).digest()
+
+
+def pack(description: str, code: bytes) -> bytes:
+    """Join machine code and what describes it into the content of one entry."""
+    text = description.encode()
+    return len(text).to_bytes(8, "little") + text + code
+
+
+def unpack(content: bytes | None) -> tuple[str, bytes] | None:
+    """Return description and code of an entry, or None where there is no entry or it is not one."""
+    if content is None or len(content) < 8:
+        return None
+    end = 8 + int.from_bytes(content[:8], "little")
+    if end > len(content):
+        return None
+    try:
+        return content[8:end].decode(), content[end:]
+    except UnicodeDecodeError:
+        return None
 
 
 def _user_folder() -> Path | None:

@@ -1,11 +1,17 @@
-"""Compiled functions: a batch of samples in vector registers, or one sample."""
+"""Compiled functions: batches of samples in vector registers, on one thread or several, and single samples."""
 
 from __future__ import annotations
 
 import ctypes
+import gc
 import hashlib
-from collections.abc import Callable, Sequence
-from functools import cached_property
+import os
+import threading
+from collections.abc import Callable, Iterator, Sequence
+from concurrent.futures import ThreadPoolExecutor
+from contextlib import contextmanager
+from functools import cache, cached_property
+from itertools import pairwise
 from typing import Any
 
 import numpy as np
@@ -13,36 +19,47 @@ from numpy.typing import NDArray
 
 from steelyard.errors import InputError
 
-from .cache import ObjectCache
-from .expression import Node
-from .function import Argument, Function, Output
-from .llvm import llvm_source
+from .cache import ObjectCache, pack, unpack
+from .expression import operation_count
+from .function import Argument, Function
+from .llvm import kernel_source
+from .machine import LoadedCode, batch_lanes, host_machine
+from .native import native_caller
 from .signature import Signature
+from .sources import source_digest
+from .support import support_source
 
 __all__ = ["Kernel"]
 
-LANES = 8
-_LARGE = 60_000
+Array = NDArray[np.float64]
+
+_DOUBLE = np.dtype(np.float64)
+_FEWEST = 256  # samples that are worth a thread
 
 
 class Kernel:
-    """A function of the expression graph as machine code for this processor.
+    """A function as machine code for this processor.
 
-    Compilation happens at the first call and is kept in the object cache.
+    It is compiled at the first call, for batches and for single samples apart, and kept in the object cache.
 
     Parameters
     ----------
     function : Function or callable
-        Or what returns it, called only when the function is needed.
+        Or what returns it, called only where the function is needed.
     layout : {"rows", "columns"}
         Whether the outputs of one sample, or the samples of one output, are neighbours in memory.
     compact : bool
         Compute only the elements that are not the constant 0; see `places`.
     identity : str, optional
-        Text that determines the function together with this package's code. With it, what is in the cache is used
-        without building the function.
-    cache : ObjectCache or None
-        None takes the user's.
+        Text that determines the function, together with the code of this package. What is in the cache under it is
+        used without building the function.
+    cache : ObjectCache, optional
+        The user's by default.
+
+    Raises
+    ------
+    InputError
+        If the layout is neither.
 
     Examples
     --------
@@ -56,26 +73,29 @@ class Kernel:
 
     def __init__(
         self,
-        function: Function | Callable[[], Function] | Sequence[Argument],
-        nodes: Sequence[Node] | None = None,
+        function: Function | Callable[[], Function],
         *,
         layout: str = "rows",
         compact: bool = False,
         identity: str | None = None,
         cache: ObjectCache | None = None,
     ) -> None:
-        if nodes is not None:
-            function = Function("kernel", tuple(function), (Output("values", (len(nodes),), tuple(nodes)),))  # type: ignore[arg-type]
-        self._given: Any = function
+        if layout not in ("rows", "columns"):
+            raise InputError(f"layout must be 'rows' or 'columns', got {layout!r}.")
+        self._given = function
         self.layout = layout
         self.compact = compact
         self.identity = identity
         self._cache = cache
-        self._keep: list[Any] = []  # engines own the code, so they live as long as the kernel
+        self._loaded: dict[int, LoadedCode] = {}
+        self._quick: Callable[..., Any] | None = None  # for a batch of one; known after the first
+        self._lock = threading.RLock()
 
     def __repr__(self) -> str:
-        inputs = ", ".join(f"{g.name}[{g.width}]" for g in self.arguments)
+        inputs = ", ".join(f"{a.name}[{a.width}]" for a in self.arguments)
         return f"Kernel({inputs} -> {self.width}, {self.layout})"
+
+    # What it computes
 
     @cached_property
     def function(self) -> Function:
@@ -84,8 +104,13 @@ class Kernel:
 
     @cached_property
     def signature(self) -> Signature:
-        """Sizes of arguments and outputs."""
-        return Signature.of(self.function, compact=self.compact)
+        """The sizes of arguments and outputs, from the object cache where it knows them."""
+        with self._lock:
+            for lanes in (batch_lanes(), 1) if self.identity is not None else ():
+                entry = self._entry(self._key(lanes))
+                if entry is not None:
+                    return entry[0]
+            return Signature.of(self.function, compact=self.compact)
 
     @property
     def arguments(self) -> tuple[Argument, ...]:
@@ -103,28 +128,93 @@ class Kernel:
         return self.signature.width
 
     @property
-    def outputs(self) -> tuple[Node, ...]:
-        nodes = self.function.nodes
-        return tuple(nodes[k] for k in self.places)
-
-    @property
     def operation_count(self) -> dict[str, int]:
         """Operations a sample, see :func:`steelyard.graph.operation_count`."""
-        return self.function.operation_count
+        return operation_count(self.function.nodes)
+
+    # Machine code
 
     @cached_property
     def batch_function(self) -> Any:
-        """The compiled function for multiples of 8 samples: ``(count, pointers…, out, stride)``."""
-        return self._compile(LANES)
+        """The compiled function ``(count, pointers…, out, stride)`` for batches.
+
+        In C ``void kernel(int64_t count, const double *argument…, double *out, int64_t stride)``: an argument has
+        `count` rows, or one where it is uniform; element j of sample s goes to ``out[s * n + j]``, and `stride` is
+        not used, or with the layout ``"columns"`` to ``out[j * stride + s]``. It keeps no state, so that threads may
+        share it, and lives as long as the kernel.
+        """
+        return self._prototype(self._code(batch_lanes()).addresses["kernel"])
 
     @cached_property
     def single_function(self) -> Any:
-        """The compiled function for samples one by one, with the same arguments."""
-        return self._compile(1)
+        """The compiled function for few samples, one by one, with the same arguments as `batch_function`."""
+        return self._prototype(self.function_pointer)
 
-    def __call__(
-        self, *arrays: NDArray[np.float64], out: NDArray[np.float64] | None = None, threads: int = 1
-    ) -> NDArray[np.float64]:
+    @property
+    def function_pointer(self) -> int:
+        """The address of `single_function`, for control loops that call it from C."""
+        return self._code(1).addresses["kernel"]
+
+    @cached_property
+    def _prototype(self) -> Any:
+        pointers = [ctypes.c_void_p] * (len(self.arguments) + 1)
+        return ctypes.CFUNCTYPE(None, ctypes.c_int64, *pointers, ctypes.c_int64)
+
+    def _code(self, lanes: int) -> LoadedCode:
+        with self._lock:
+            if lanes not in self._loaded:
+                self._loaded[lanes] = self._load(lanes)
+            return self._loaded[lanes]
+
+    def _load(self, lanes: int) -> LoadedCode:
+        machine = host_machine(lanes)
+        signature, key = self.signature, self._key(lanes)
+        source = None
+        if key is None:
+            with _without_collector():
+                source = self._source(lanes)
+            key = _digest(machine.description, support_source(lanes), source)
+        entry = self._entry(key)
+        loaded = machine.load(entry[1]) if entry is not None and entry[0] == signature else None
+        if loaded is not None:
+            return loaded
+        with _without_collector():
+            code = machine.compile(self._source(lanes) if source is None else source)
+        self._objects.write(str(key), pack(signature.to_json(), code))
+        loaded = machine.load(code)
+        if loaded is None:
+            raise RuntimeError("machine code that was just compiled cannot be loaded")
+        return loaded
+
+    def _source(self, lanes: int) -> str:
+        function, signature = self.function, self.signature
+        if Signature.of(function, compact=self.compact) != signature:
+            raise RuntimeError(f"the identity of the kernel of {function.name} does not determine it")
+        nodes = function.nodes
+        computed = nodes if signature.computed is None else [nodes[k] for k in signature.computed]
+        triple = host_machine(lanes).triple
+        return kernel_source(signature.arguments, computed, lanes=lanes, layout=self.layout, triple=triple)
+
+    @cached_property
+    def _objects(self) -> ObjectCache:
+        return self._cache if self._cache is not None else ObjectCache.default()
+
+    def _key(self, lanes: int) -> str | None:
+        """Return the name of the cache entry, or None where only the source gives it."""
+        sources = None if self.identity is None else source_digest()
+        if self.identity is None or sources is None:
+            return None
+        return _digest(host_machine(lanes).description, sources, self.layout, str(self.compact), self.identity)
+
+    def _entry(self, key: str | None) -> tuple[Signature, bytes] | None:
+        """Return what the cache has under the key, where it can be used."""
+        content = None if key is None else unpack(self._objects.read(key))
+        signature = None if content is None else Signature.from_json(content[0])
+        return None if content is None or signature is None else (signature, content[1])
+
+    # Calls
+
+    def __call__(self, *arrays: Array, out: Array | None = None, threads: int = 1) -> Array:
         """Compute the outputs of every sample.
 
         Parameters
@@ -132,95 +222,170 @@ class Kernel:
         *arrays : ndarray
             One for each argument: (S, width), or (width,) where the argument is uniform.
         out : ndarray, optional
-            C-contiguous, (S, n) for ``"rows"``, (n, S) for ``"columns"``.
+            C-contiguous, (S, n) for ``"rows"``, (n, S) for ``"columns"``; may not overlap the arguments.
         threads : int
+            How many share a large batch; the result is the same.
 
         Returns
         -------
         ndarray
             (S, n) or (n, S) with n the number of computed elements.
+
+        Raises
+        ------
+        InputError
+            If an array or the number of threads does not fit.
         """
-        inputs = [self._checked(group, array) for group, array in zip(self.arguments, arrays, strict=True)]
-        count = next((len(a) for g, a in zip(self.arguments, inputs, strict=True) if not g.uniform), 1)
-        width = self.width
-        shape = (count, width) if self.layout == "rows" else (width, count)
+        if self._quick is not None and out is None and threads == 1:
+            result = self._quick(*arrays, np.empty((1, self._width)))
+            if result is not None:
+                return result  # type: ignore[no-any-return]
+        signature = self.signature
+        addresses, count, kept = _addresses(signature.arguments, arrays)
+        rows = self.layout == "rows"
+        shape = (count, signature.width) if rows else (signature.width, count)
         if out is None:
             out = np.empty(shape)
-        elif out.shape != shape or not out.flags.c_contiguous or out.dtype != np.float64:
+        elif out.shape != shape or not out.flags.carray or out.dtype != _DOUBLE:
             raise InputError(f"out must be a C-contiguous float64 array of shape {shape}, got {out.dtype} {out.shape}.")
-        if count == 0 or width == 0:
+        if not isinstance(threads, int) or threads < 1:
+            raise InputError(f"threads must be a positive integer, got {threads!r}.")
+        if out.size == 0:
             return out
+        target = _address(out)
         if count == 1:
-            self._run(self.single_function, 1, inputs, out, 1)
-            return out
-        whole = count - count % LANES
-        if whole:
-            self._run(self.batch_function, whole, inputs, out, count)
-        if whole < count:
-            self._remainder(whole, count, inputs, out)
+            self.single_function(1, *addresses, target, 1)
+            if self._quick is None and rows:
+                self._quick = self._caller(2)
+        elif threads == 1 or count < 2 * _FEWEST:
+            self.batch_function(count, *addresses, target, count)
+        else:
+            self._share(threads, count, addresses, target)
+        del kept
         return out
 
-    def _remainder(self, start: int, count: int, inputs: list[NDArray[np.float64]], out: NDArray[np.float64]) -> None:
-        """Compute the last samples, fewer than the lanes, in a padded block."""
-        rest = count - start
-        padded = []
-        for group, array in zip(self.arguments, inputs, strict=True):
-            if group.uniform:
-                padded.append(array)
-            else:
-                block = np.repeat(array[-1:], LANES, axis=0)
-                block[:rest] = array[start:]
-                padded.append(block)
-        width = self.width
-        last = np.empty((LANES, width) if self.layout == "rows" else (width, LANES))
-        self._run(self.batch_function, LANES, padded, last, LANES)
-        if self.layout == "rows":
-            out[start:] = last[:rest]
-        else:
-            out[:, start:] = last[:, :rest]
+    def sample(self, *arrays: Array, out: Array | None = None) -> Array:
+        """Compute the outputs of one sample, with the least overhead.
 
-    @staticmethod
-    def _run(
-        function: Any, count: int, inputs: list[NDArray[np.float64]], out: NDArray[np.float64], stride: int
-    ) -> None:
-        function(count, *(a.ctypes.data for a in inputs), out.ctypes.data, stride)
+        Parameters
+        ----------
+        *arrays : ndarray
+            (width,) for each argument.
+        out : ndarray, optional
+            (n,), C-contiguous; may not overlap the arguments.
 
-    @staticmethod
-    def _checked(group: Argument, array: NDArray[np.float64]) -> NDArray[np.float64]:
-        array = np.ascontiguousarray(array, dtype=np.float64)
-        expected = 1 if group.uniform else 2
-        if array.ndim != expected or array.shape[-1] != group.width:
-            form = f"({group.width},)" if group.uniform else f"(S, {group.width})"
-            raise InputError(f"{group.name} must have shape {form}, got {array.shape}.")
-        return array
+        Returns
+        -------
+        ndarray
+            (n,), the computed elements.
 
-    def _compile(self, lanes: int) -> Any:
-        import llvmlite.binding as llvm
+        Raises
+        ------
+        InputError
+            If an array does not fit.
+        """
+        width = self._width
+        target = np.empty(width) if out is None else out
+        if self._quick_sample is not None and self._quick_sample(*arrays, target) is not None:
+            return target
+        if target.shape != (width,) or not target.flags.carray or target.dtype != _DOUBLE:
+            raise InputError(f"out must be a C-contiguous float64 array ({width},), got {target.dtype} {target.shape}.")
+        rows = [np.asarray(array) for array in arrays]
+        for k, argument in enumerate(self.arguments[: len(rows)]):
+            if not argument.uniform:
+                if rows[k].ndim != 1:
+                    raise InputError(f"{argument.name} must have shape ({argument.width},), got {rows[k].shape}.")
+                rows[k] = rows[k][np.newaxis]
+        self(*rows, out=target.reshape((1, width) if self.layout == "rows" else (width, 1)))
+        return target
 
-        llvm.initialize_native_target()
-        llvm.initialize_native_asmprinter()
-        triple = llvm.get_process_triple()
-        processor, features = llvm.get_host_cpu_name(), llvm.get_host_cpu_features().flatten()
-        if lanes == LANES:  # full-width registers where the processor has them
-            features += ",-prefer-256-bit"
-        source = llvm_source(self.arguments, self.outputs, lanes=lanes, layout=self.layout, triple=triple)
-        level = 1 if source.count("\n") < _LARGE else 0  # optimising a very long function takes minutes
-        version = ".".join(map(str, llvm.llvm_version_info))
-        material = "\n".join((version, triple, processor, features, str(level), source))
-        key = hashlib.sha256(material.encode()).hexdigest()
-        cache = self._cache if self._cache is not None else ObjectCache.default()
-        target = llvm.Target.from_triple(triple).create_target_machine(
-            cpu=processor, features=features, opt=level, reloc="pic", codemodel="default", jit=True
-        )
-        code = cache.read(key)
-        if code is None:
-            module = llvm.parse_assembly(source)
-            code = target.emit_object(module)
-            cache.write(key, code)
-        engine = llvm.create_mcjit_compiler(llvm.parse_assembly(f'target triple = "{triple}"\n'), target)
-        engine.add_object_file(llvm.ObjectFileRef.from_data(code))
-        engine.finalize_object()
-        self._keep.append(engine)
-        pointers = [ctypes.c_void_p] * (len(self.arguments) + 1)
-        prototype = ctypes.CFUNCTYPE(None, ctypes.c_int64, *pointers, ctypes.c_int64)
-        return prototype(engine.get_function_address("kernel"))
+    @cached_property
+    def _width(self) -> int:
+        return self.signature.width
+
+    @cached_property
+    def _quick_sample(self) -> Callable[..., Any] | None:
+        return self._caller(1)
+
+    def _caller(self, dimensions: int) -> Callable[..., Any] | None:
+        """Return what calls the machine code for one sample where all the arrays are as they should be."""
+        if self.width == 0:
+            return None
+        lengths = [*(a.width for a in self.arguments), self.width]
+        each = [*(1 if a.uniform else dimensions for a in self.arguments), dimensions]
+        return native_caller(self._code(1).addresses["from_table"], lengths, each)
+
+    def _share(self, threads: int, count: int, addresses: Sequence[int], target: int) -> None:
+        """Let threads compute blocks of samples; the last blocks are not left to one of them alone."""
+        lanes, function, signature = batch_lanes(), self.batch_function, self.signature
+        pieces = min(threads, count // _FEWEST)
+        groups = -(-count // lanes)
+        bounds = [min(count, lanes * (groups * k // pieces)) for k in range(pieces + 1)]
+        steps = [0 if a.uniform else 8 * a.width for a in signature.arguments]
+        step = 8 * signature.width if self.layout == "rows" else 8
+
+        def work(start: int, end: int) -> None:
+            inputs = [address + start * size for address, size in zip(addresses, steps, strict=True)]
+            function(end - start, *inputs, target + start * step, count)
+
+        pool = _pool(os.getpid(), threads)
+        others = [pool.submit(work, *piece) for piece in pairwise(bounds[1:])]
+        try:
+            work(bounds[0], bounds[1])
+        finally:  # whatever happens here, no thread writes into an array that is gone
+            for other in others:
+                other.result()
+
+
+@cache
+def _pool(process: int, threads: int) -> ThreadPoolExecutor:
+    """Return a pool that is kept; a forked process has its own."""
+    return ThreadPoolExecutor(threads - 1, f"steelyard-{process}")
+
+
+@contextmanager
+def _without_collector() -> Iterator[None]:
+    """Do not look for garbage meanwhile: a graph is many objects that all live on."""
+    enabled = gc.isenabled()
+    gc.disable()
+    try:
+        yield
+    finally:
+        if enabled:
+            gc.enable()
+
+
+def _digest(*texts: str) -> str:
+    return hashlib.sha256("\0".join(texts).encode()).hexdigest()
+
+
+def _address(array: Array) -> int:
+    try:
+        return ctypes.addressof(ctypes.c_char.from_buffer(array))  # type: ignore[arg-type]
+    except (TypeError, ValueError, BufferError):  # an array that may not be written, or an empty one
+        return int(array.ctypes.data)
+
+
+def _addresses(arguments: tuple[Argument, ...], arrays: tuple[Array, ...]) -> tuple[list[int], int, list[Array]]:
+    """Return the addresses of the arrays, the number of samples, and arrays that must live until they are used."""
+    if len(arrays) != len(arguments):
+        names = ", ".join(a.name for a in arguments)
+        raise InputError(f"the kernel reads {len(arguments)} arrays ({names}), got {len(arrays)}.")
+    addresses, kept, count = [], [], None
+    for argument, array in zip(arguments, arrays, strict=True):
+        if type(array) is not np.ndarray or array.dtype is not _DOUBLE or not array.flags.carray:
+            array = np.require(array, np.float64, ["C", "A"])
+            kept.append(array)
+        shape = array.shape
+        if shape != (argument.width,) if argument.uniform else len(shape) != 2 or shape[1] != argument.width:
+            form = f"({argument.width},)" if argument.uniform else f"(S, {argument.width})"
+            raise InputError(f"{argument.name} must have shape {form}, got {shape}.")
+        if not argument.uniform:
+            if count is None:
+                count = shape[0]
+            elif shape[0] != count:
+                raise InputError(
+                    f"{argument.name} must have as many rows as the arrays before it, {count}, got {shape[0]}."
+                )
+        addresses.append(_address(array))
+    return addresses, 1 if count is None else count, kept

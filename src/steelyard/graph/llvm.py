@@ -1,36 +1,38 @@
-"""Writes an expression graph as LLVM assembly: one function that works through samples, several at a time."""
+"""Writes a function as LLVM assembly: one loop over samples, several of them side by side.
+
+A block of samples is read into a workspace on the stack, where each value has a slot as wide as the lanes. The parts
+of the program, each a function, read and write slots, so that the work of the compiler grows in proportion to the
+program. The block's outputs are then moved from their slots to memory. What reads, writes and turns angles into sines
+and cosines is the same for all programs: the support, compiled once.
+"""
 
 from __future__ import annotations
 
-import math
-import struct
 from collections.abc import Sequence
 
-from .expression import Node, reachable
+from .expression import Node
 from .function import Argument
+from .instructions import Instructions
+from .program import Program
+from .support import SUPPORT
 
-__all__ = ["llvm_source"]
-
-
-# pi/2 as a sum of three doubles, so that reduction with fused multiply-add keeps the argument exact up to 1e9 rad.
-_HALF_PI = (1.5707963267948966, 6.123233995736766e-17, -1.4973849048591833e-33)
-_ROUNDER = 6755399441055744.0  # 1.5 * 2**52: adding it leaves the nearest integer in the low bits
-_SINE = [(-1.0) ** n / math.factorial(2 * n + 1) for n in range(9)]
-_COSINE = [(-1.0) ** n / math.factorial(2 * n) for n in range(9)]
+__all__ = ["kernel_source"]
 
 
-def llvm_source(
-    groups: Sequence[Argument], outputs: Sequence[Node], *, lanes: int, layout: str, triple: str = ""
+def kernel_source(
+    arguments: Sequence[Argument], outputs: Sequence[Node], *, lanes: int, layout: str, triple: str = ""
 ) -> str:
-    """Return the LLVM assembly of a function ``kernel(count, group pointers…, out, stride)``.
+    """Return the LLVM assembly of a function ``kernel(count, argument pointers…, out, stride)``.
+
+    With one lane there is also ``from_table(table)`` for one sample, which finds the same pointers in a table.
 
     Parameters
     ----------
-    groups : sequence of Argument
+    arguments : sequence of Argument
         The arrays that the function reads; an array of samples is row-major, (count, width).
     outputs : sequence of Node
     lanes : int
-        Samples computed side by side; ``count`` must be a multiple of it.
+        Samples computed side by side.
     layout : {"rows", "columns"}
         ``"rows"``: output j of sample s goes to ``out[s * len(outputs) + j]``; ``"columns"``: to
         ``out[j * stride + s]``.
@@ -41,48 +43,174 @@ def llvm_source(
     -------
     str
     """
-    return _Writer(groups, outputs, lanes, layout, triple).text()
+    return _Writer(arguments, outputs, lanes, layout, triple).text()
+
+
+class _Slots:
+    """Where in the workspace everything stands, in slots of one value each."""
+
+    def __init__(self, program: Program, arguments: Sequence[Argument], lanes: int) -> None:
+        self.of: dict[int, int] = {}
+        self.total = 0
+        self.arguments: dict[int, int] = {}
+        if lanes > 1:
+            for number, argument in enumerate(arguments):
+                if number in program.used_arguments and not argument.uniform:
+                    self.arguments[number] = self._take(_padded(argument.width, lanes))
+        self.angles = self._take(3 * len(program.angles))
+        for index, (number, name) in program.circular.items():
+            self.of[index] = self.angles + len(program.angles) * (1 if name == "sin" else 2) + number
+        self._place_what_crosses(program)
+        self.outputs = self._take(_padded(len(program.outputs), lanes)) if lanes > 1 else self.total
+
+    def _take(self, count: int) -> int:
+        first = self.total
+        self.total += count
+        return first
+
+    def _place_what_crosses(self, program: Program) -> None:
+        """Give a slot to each value that a later part reads; parts after its last reader may have it again."""
+        written = {node.index: k for k, part in enumerate(program.parts) for node in part}
+        last: dict[int, int] = {}
+        for k, part in enumerate(program.parts):
+            for node in part:
+                for operand in program.operands(node):
+                    if written.get(operand.index, k) < k:
+                        last[operand.index] = k
+        free: list[int] = []
+        ending: dict[int, list[int]] = {}
+        for k, part in enumerate(program.parts):
+            free += ending.pop(k - 1, [])
+            for node in part:
+                if node.index in last:
+                    slot = free.pop() if free else self._take(1)
+                    self.of[node.index] = slot
+                    ending.setdefault(last[node.index], []).append(slot)
+
+
+def _padded(width: int, lanes: int) -> int:
+    return -(-width // lanes) * lanes
 
 
 class _Writer:
     def __init__(
-        self, groups: Sequence[Argument], outputs: Sequence[Node], lanes: int, layout: str, triple: str
+        self, arguments: Sequence[Argument], outputs: Sequence[Node], lanes: int, layout: str, triple: str
     ) -> None:
-        self.groups = groups
+        self.arguments = arguments
         self.outputs = outputs
         self.lanes = lanes
         self.layout = layout
         self.triple = triple
-        self.lines: list[str] = []
-        self.count = 0
-        self.rows: dict[tuple[str, int], str] = {}
-        self.type = "double" if lanes == 1 else f"<{lanes} x double>"
-        self.integer = "i64" if lanes == 1 else f"<{lanes} x i64>"
-        self.suffix = "f64" if lanes == 1 else f"v{lanes}f64"
-        self.places = {f"{g.name}[{k}]": (number, g, k) for number, g in enumerate(groups) for k in range(g.width)}
-        self.names: dict[int, str] = {}
-        self.pairs: dict[str, tuple[str, str]] = {}
+        self.program = Program(arguments, outputs)
+        self.slots = _Slots(self.program, arguments, lanes)
+        self.once = {node.index: k for k, node in enumerate(self.program.once)}
+        # Zeros are written all at once, before the rest; in single columns they are not neighbours.
+        zeros = sum(node.operation == "constant" and node.value == 0.0 for node in outputs)
+        self.clears = zeros > 0 and (lanes > 1 or layout == "rows")
+        self.columns: dict[int, list[int]] = {}
+        for column, node in enumerate(outputs):
+            if not (self.clears and node.operation == "constant" and node.value == 0.0):
+                self.columns.setdefault(node.index, []).append(column)
+        self.pointers = [f"%g{k}" for k in range(len(arguments))]
 
     def text(self) -> str:
-        for node in reachable(self.outputs):
-            if node.operation != "input":  # inputs are read where they are first used, to keep registers free
-                self._emit(node)
-        if self.layout == "rows":
-            self._store_rows()
+        lines = [f'target triple = "{self.triple}"'] if self.triple else []
+        for lanes in sorted({1, self.lanes}):
+            lines += Instructions.declarations(lanes)
+        lines += [f"declare void @{name}({types})" for name, types in SUPPORT.items()]
+        last = len(self.program.parts) - 1
+        for number, part in enumerate(self.program.parts):
+            lines += self._part(number, part, is_last=number == last)
+        lines += self._kernel()
+        if self.lanes == 1:
+            lines += self._from_table()
+        lines += ["attributes #0 = { nounwind }", "!0 = !{}"]
+        return "\n".join(lines) + "\n"
+
+    def _part(self, number: int, part: list[Node], *, is_last: bool) -> list[str]:
+        """Return the function that computes some of the nodes of a block."""
+        it = Instructions(self.lanes)
+        names: dict[int, str] = {}
+        pairs: dict[int, tuple[str, str]] = {}
+        for node in part:
+            names[node.index] = self._operation(it, node, names, pairs)
+            if node.index in self.slots.of:
+                it.store(names[node.index], "%w", self.slots.of[node.index])
+            self._store_output(it, node, names[node.index])
+        if number == 0:
+            for k, angle in enumerate(self.program.angles):
+                it.store(self._value(it, angle, names), "%w", self.slots.angles + k)
+        if is_last:
+            computed = {node.index for p in self.program.parts for node in p}
+            for node in {n.index: n for n in self.outputs}.values():
+                same = self.lanes > 1 and node.index in self.program.uniform  # written once, before the loop
+                if node.index not in computed and not same:
+                    self._store_output(it, node, self._value(it, node, names))
+        pointers = "".join(f"ptr noalias readonly {p}, " for p in self.pointers)
+        # No slot that a part reads is one that it writes, so the two pointers may be told apart.
+        head = (
+            f"ptr noalias readonly %r, ptr noalias %w, ptr noalias readonly %u, {pointers}ptr noalias %o, i64 %stride"
+        )
+        return [f"define internal void @part{number}({head}) #0 {{", *it.lines, "  ret void", "}"]
+
+    def _value(self, it: Instructions, node: Node, names: dict[int, str]) -> str:
+        """Return a value that a part reads; what is the same for all samples is read anew at each use."""
+        name = names.get(node.index)
+        if name is not None:
+            return name
+        if node.operation == "constant":
+            return it.constant(float(node.value))
+        if node.index in self.once:
+            return it.load_same("%u", self.once[node.index])
+        if node.operation == "input":
+            number, column = self.program.inputs[str(node.value)]
+            if self.lanes == 1 or self.arguments[number].uniform:
+                return it.load_same(self.pointers[number], column)
+            slot = self.slots.arguments[number] + column
         else:
-            self._store_columns()
-        pointers = "".join(f"ptr noalias readonly %g{i}, " for i in range(len(self.groups)))
-        head = [
-            f'target triple = "{self.triple}"' if self.triple else "",
-            f"declare {self.type} @llvm.fma.{self.suffix}({self.type}, {self.type}, {self.type})",
-            f"define void @kernel(i64 %count, {pointers}ptr noalias %out, i64 %stride) {{",
+            slot = self.slots.of[node.index]
+        names[node.index] = it.load("%r", slot, unchanging=True)
+        return names[node.index]
+
+    def _operation(self, it: Instructions, node: Node, names: dict[int, str], pairs: dict[int, tuple[str, str]]) -> str:
+        values = [self._value(it, operand, names) for operand in self.program.operands(node)]
+        fused = self.program.fused.get(node.index)
+        if fused is not None:
+            a, b, c = values
+            a = it.negative(a) if fused.negative_product else a
+            return it.multiply_add(a, b, it.negative(c) if fused.negative_addend else c)
+        return plain_operation(it, node, values, pairs)
+
+    def _store_output(self, it: Instructions, node: Node, value: str) -> None:
+        for column in self.columns.get(node.index, ()):
+            if self.lanes > 1:
+                it.store(value, "%w", self.slots.outputs + column)
+            elif self.layout == "rows":
+                it.store(value, "%o", column)
+            else:
+                it.store(value, "%o", it.new(f"mul i64 %stride, {column}"))
+
+    def _kernel(self) -> list[str]:
+        """Return the function that is called: what is done once, then the loop over blocks."""
+        scalar, vector = Instructions(1, "c"), Instructions(self.lanes, "v")
+        self._compute_once(scalar, vector)
+        block = Instructions(self.lanes, "b")
+        self._block(block)
+        parameters = "".join(f"ptr noalias readonly {p}, " for p in self.pointers)
+        return [
+            f"define void @kernel(i64 %count, {parameters}ptr noalias %out, i64 %stride) #0 {{",
             "entry:",
+            f"  %w = alloca [{max(1, self.slots.total)} x {vector.type}], align 64",
+            f"  %u = alloca [{max(1, len(self.once))} x double], align 64",
+            *scalar.lines,
+            *self._clearing("%w", self.lanes > 1),
+            *vector.lines,
+            "  %last = sub i64 %count, 1",
             "  %some = icmp sgt i64 %count, 0",
             "  br i1 %some, label %body, label %done",
             "body:",
             "  %s = phi i64 [ 0, %entry ], [ %following, %body ]",
-        ]
-        tail = [
+            *block.lines,
             f"  %following = add i64 %s, {self.lanes}",
             "  %more = icmp slt i64 %following, %count",
             "  br i1 %more, label %body, label %done",
@@ -90,194 +218,86 @@ class _Writer:
             "  ret void",
             "}",
         ]
-        return "\n".join(head + self.lines + tail) + "\n"
 
-    def _new(self, instruction: str) -> str:
-        name = f"%t{self.count}"
-        self.count += 1
-        self.lines.append(f"  {name} = {instruction}")
-        return name
+    def _from_table(self) -> list[str]:
+        """Return the function for one sample that takes the addresses of arguments and outputs in a table."""
+        it = Instructions(1)
+        given = []
+        for number in range(len(self.arguments) + 1):
+            place = it.new(f"getelementptr ptr, ptr %table, i64 {number}")
+            given.append(f"ptr {it.new(f'load ptr, ptr {place}')}, ")
+        call = f"  call void @kernel(i64 1, {''.join(given)}i64 1)"
+        return ["define void @from_table(ptr %table) #0 {", *it.lines, call, "  ret void", "}"]
 
-    def _constant(self, value: float) -> str:
-        number = f"0x{struct.unpack('>Q', struct.pack('>d', value))[0]:016X}"
-        return number if self.lanes == 1 else "<" + ", ".join([f"double {number}"] * self.lanes) + ">"
+    def _clearing(self, pointer: str, when: bool) -> list[str]:
+        if not (self.clears and when):
+            return []
+        it = Instructions(self.lanes, "z")
+        start = it.new(f"getelementptr {it.type}, ptr {pointer}, i64 {self.slots.outputs if self.lanes > 1 else 0}")
+        return [*it.lines, f"  call void @clear(ptr {start}, i64 {len(self.outputs)})"]
 
-    def _integer(self, value: int) -> str:
-        return str(value) if self.lanes == 1 else "<" + ", ".join([f"i64 {value}"] * self.lanes) + ">"
+    def _compute_once(self, scalar: Instructions, vector: Instructions) -> None:
+        """Write what is the same for all the samples: operations as numbers, outputs into their slots."""
+        names: dict[int, str] = {}
+        pairs: dict[int, tuple[str, str]] = {}
 
-    def _value(self, node: Node) -> str:
-        name = self.names.get(node.index)
-        if name is None:
-            name = self._read(node) if node.operation == "input" else self._constant(float(node.value))
-            self.names[node.index] = name
-        return name
+        def value(node: Node) -> str:
+            if node.index not in names:
+                if node.operation == "constant":
+                    return scalar.constant(float(node.value))
+                number, column = self.program.inputs[str(node.value)]
+                names[node.index] = scalar.load(self.pointers[number], column)
+            return names[node.index]
 
-    def _read(self, node: Node) -> str:
-        number, group, k = self.places[str(node.value)]
-        if group.uniform:
-            scalar = self._load(f"%g{number}", str(k))
-            return self._splat(scalar)
-        rows = [self._row(f"%g{number}", group.width, lane) for lane in range(self.lanes)]
-        values = [self._load(row, str(k)) for row in rows]
+        for node in self.program.once:
+            names[node.index] = plain_operation(scalar, node, [value(a) for a in node.arguments], pairs)
+            scalar.store(names[node.index], "%u", self.once[node.index])
         if self.lanes == 1:
-            return values[0]
-        vector = "undef"
-        for lane, scalar in enumerate(values):
-            vector = self._new(f"insertelement {self.type} {vector}, double {scalar}, i32 {lane}")
-        return vector
+            return
+        for node in {n.index: n for n in self.outputs if n.index in self.program.uniform}.values():
+            constant = node.operation == "constant"
+            self._store_output(
+                vector, node, vector.constant(float(node.value)) if constant else vector.same(value(node))
+            )
 
-    def _row(self, pointer: str, width: int, lane: int) -> str:
-        """Return the address of a lane's row, computed once."""
-        key = (pointer, lane)
-        if key not in self.rows:
-            sample = self._new(f"add i64 %s, {lane}")
-            start = self._new(f"mul i64 {sample}, {width}")
-            self.rows[key] = self._new(f"getelementptr double, ptr {pointer}, i64 {start}")
-        return self.rows[key]
-
-    def _load(self, pointer: str, index: str) -> str:
-        address = self._new(f"getelementptr double, ptr {pointer}, i64 {index}")
-        return self._new(f"load double, ptr {address}, align 8")
-
-    def _splat(self, scalar: str) -> str:
+    def _block(self, it: Instructions) -> None:
+        """Write one turn of the loop: read, compute, write."""
+        pointers, out = list(self.pointers), "%out"
         if self.lanes == 1:
-            return scalar
-        first = self._new(f"insertelement {self.type} undef, double {scalar}, i32 0")
-        return self._new(f"shufflevector {self.type} {first}, {self.type} undef, <{self.lanes} x i32> zeroinitializer")
+            for number, argument in enumerate(self.arguments):
+                if not argument.uniform:
+                    start = it.new(f"mul i64 %s, {argument.width}")
+                    pointers[number] = it.new(f"getelementptr double, ptr %g{number}, i64 {start}")
+            start = it.new(f"mul i64 %s, {len(self.outputs)}") if self.layout == "rows" else "%s"
+            out = it.new(f"getelementptr double, ptr %out, i64 {start}")
+        it.lines += self._clearing(out, self.lanes == 1)
+        for number, slot in self.slots.arguments.items():
+            target = it.new(f"getelementptr {it.type}, ptr %w, i64 {slot}")
+            width = self.arguments[number].width
+            it.lines.append(f"  call void @gather(ptr %g{number}, i64 {width}, i64 %s, i64 %last, ptr {target})")
+        given = "".join(f"ptr {p}, " for p in pointers)
+        for number in range(len(self.program.parts)):
+            it.lines.append(f"  call void @part{number}(ptr %w, ptr %w, ptr %u, {given}ptr {out}, i64 %stride)")
+            if number == 0 and self.program.angles:
+                angles = it.new(f"getelementptr {it.type}, ptr %w, i64 {self.slots.angles}")
+                it.lines.append(f"  call void @sines_and_cosines(ptr {angles}, i64 {len(self.program.angles)})")
+        if self.lanes > 1:
+            source = it.new(f"getelementptr {it.type}, ptr %w, i64 {self.slots.outputs}")
+            mover, end = ("scatter", "") if self.layout == "rows" else ("columns", ", i64 %stride")
+            width = len(self.outputs)
+            it.lines.append(f"  call void @{mover}(ptr {source}, i64 {width}, i64 %s, i64 %last, ptr %out{end})")
 
-    def _emit(self, node: Node) -> None:
-        if node.operation == "constant":
-            return
-        arguments = [self._value(a) for a in node.arguments]
-        kind = node.operation
-        if kind in ("add", "sub", "mul", "div"):
-            name = self._new(f"f{kind} contract {self.type} {arguments[0]}, {arguments[1]}")
-        elif kind == "neg":
-            name = self._new(f"fneg {self.type} {arguments[0]}")
-        elif kind == "sign":
-            name = self._sign(arguments[0])
-        else:
-            pair = self.pairs.get(arguments[0])
-            if pair is None:
-                pair = self.pairs[arguments[0]] = self._sine_and_cosine(arguments[0])
-            name = pair[0] if kind == "sin" else pair[1]
-        self.names[node.index] = name
 
-    def _select(self, condition: str, yes: str, no: str) -> str:
-        flag = "i1" if self.lanes == 1 else f"<{self.lanes} x i1>"
-        return self._new(f"select {flag} {condition}, {self.type} {yes}, {self.type} {no}")
-
-    def _sign(self, x: str) -> str:
-        zero, one = self._constant(0.0), self._constant(1.0)
-        positive = self._select(self._new(f"fcmp ogt {self.type} {x}, {zero}"), one, zero)
-        below = self._select(self._new(f"fcmp olt {self.type} {x}, {zero}"), self._constant(-1.0), positive)
-        # A value that is not a number stays one.
-        return self._select(self._new(f"fcmp uno {self.type} {x}, {x}"), x, below)
-
-    def _fused(self, a: str, b: str, c: str) -> str:
-        t = self.type
-        return self._new(f"call {t} @llvm.fma.{self.suffix}({t} {a}, {t} {b}, {t} {c})")
-
-    def _sine_and_cosine(self, x: str) -> tuple[str, str]:
-        """Reduce to [-pi/4, pi/4] by quadrants, then Taylor series to order 17 and 16 (1.5 ulp)."""
-        t, i = self.type, self.integer
-        turns = self._new(f"fmul {t} {x}, {self._constant(2.0 / math.pi)}")
-        shifted = self._new(f"fadd {t} {turns}, {self._constant(_ROUNDER)}")
-        quadrant = self._new(f"bitcast {t} {shifted} to {i}")
-        whole = self._new(f"fsub {t} {shifted}, {self._constant(_ROUNDER)}")
-        back = self._new(f"fneg {t} {whole}")
-        r = x
-        for part in _HALF_PI:
-            r = self._fused(back, self._constant(part), r)
-        square = self._new(f"fmul {t} {r}, {r}")
-        sine = self._polynomial(_SINE[1:], square)
-        cosine = self._polynomial(_COSINE[2:], square)
-        cube = self._new(f"fmul {t} {r}, {square}")
-        sine = self._fused(cube, sine, r)
-        fourth = self._new(f"fmul {t} {square}, {square}")
-        # 1 - square/2 first, then what it lost, so that the cosine keeps its last bit.
-        half = self._new(f"fmul {t} {square}, {self._constant(0.5)}")
-        main = self._new(f"fsub {t} {self._constant(1.0)}, {half}")
-        lost = self._new(f"fsub {t} {self._constant(1.0)}, {main}")
-        lost = self._new(f"fsub {t} {lost}, {half}")
-        cosine = self._new(f"fadd {t} {main}, {self._fused(fourth, cosine, lost)}")
-        odd = self._new(f"and {i} {quadrant}, {self._integer(1)}")
-        swapped = self._new(f"icmp ne {i} {odd}, {self._integer(0)}")
-        sine, cosine = self._select(swapped, cosine, sine), self._select(swapped, sine, cosine)
-        following = self._new(f"add {i} {quadrant}, {self._integer(1)}")
-        return self._flip(sine, quadrant), self._flip(cosine, following)
-
-    def _polynomial(self, coefficients: Sequence[float], x: str) -> str:
-        value = self._constant(coefficients[-1])
-        for coefficient in reversed(coefficients[:-1]):
-            value = self._fused(value, x, self._constant(coefficient))
-        return value
-
-    def _flip(self, value: str, quadrant: str) -> str:
-        """Change the sign of `value` in quadrants 2 and 3."""
-        t, i = self.type, self.integer
-        bit = self._new(f"and {i} {quadrant}, {self._integer(2)}")
-        mask = self._new(f"shl {i} {bit}, {self._integer(62)}")
-        bits = self._new(f"bitcast {t} {value} to {i}")
-        flipped = self._new(f"xor {i} {bits}, {mask}")
-        return self._new(f"bitcast {i} {flipped} to {t}")
-
-    def _store(self, value: str, pointer: str, index: str) -> None:
-        address = self._new(f"getelementptr double, ptr {pointer}, i64 {index}")
-        self.lines.append(f"  store {self.type} {value}, ptr {address}, align 8")
-
-    def _store_columns(self) -> None:
-        for j, node in enumerate(self.outputs):
-            start = self._new(f"mul i64 %stride, {j}")
-            self._store(self._value(node), "%out", self._new(f"add i64 {start}, %s"))
-
-    def _store_rows(self) -> None:
-        width, lanes = len(self.outputs), self.lanes
-        values = [self._value(node) for node in self.outputs]
-        rows = [self._row("%out", width, lane) for lane in range(lanes)]
-        if lanes == 1 or width < lanes:
-            for j, value in enumerate(values):
-                for lane in range(lanes):
-                    scalar = value
-                    if lanes > 1:
-                        scalar = self._new(f"extractelement {self.type} {value}, i32 {lane}")
-                    address = self._new(f"getelementptr double, ptr {rows[lane]}, i64 {j}")
-                    self.lines.append(f"  store double {scalar}, ptr {address}, align 8")
-            return
-        starts = list(range(0, width - lanes + 1, lanes))
-        if starts[-1] + lanes < width:
-            starts.append(width - lanes)  # overlaps its neighbour and writes the same values again
-        for start in starts:
-            block = values[start : start + lanes]
-            constant = [self.outputs[j].operation == "constant" for j in range(start, start + lanes)]
-            if all(constant):
-                numbers = [float(self.outputs[j].value) for j in range(start, start + lanes)]
-                bits = [struct.unpack(">Q", struct.pack(">d", v))[0] for v in numbers]
-                same = "<" + ", ".join(f"double 0x{b:016X}" for b in bits) + ">"
-                parts = [same] * lanes
-            else:
-                parts = self._transposed(block)
-            for row, part in zip(rows, parts, strict=True):
-                self._store(part, row, str(start))
-
-    def _transposed(self, block: list[str]) -> list[str]:
-        """Transpose a square block of vectors in registers, by halves."""
-        distance = 1
-        while distance < self.lanes:
-            low, high = [], []
-            for lane in range(self.lanes):
-                pair = lane // distance % 2
-                low.append(lane if pair == 0 else lane - distance + self.lanes)
-                high.append(lane + distance if pair == 0 else lane + self.lanes)
-            block = list(block)
-            for lane in range(self.lanes):
-                if lane // distance % 2 == 0:
-                    a, b = block[lane], block[lane + distance]
-                    block[lane] = self._shuffle(a, b, low)
-                    block[lane + distance] = self._shuffle(a, b, high)
-            distance *= 2
-        return block
-
-    def _shuffle(self, a: str, b: str, order: list[int]) -> str:
-        mask = ", ".join(f"i32 {k}" for k in order)
-        return self._new(f"shufflevector {self.type} {a}, {self.type} {b}, <{self.lanes} x i32> <{mask}>")
+def plain_operation(it: Instructions, node: Node, values: list[str], pairs: dict[int, tuple[str, str]]) -> str:
+    """Write one operation; `pairs` keeps sine and cosine of an angle, which are computed together."""
+    kind = node.operation
+    if kind in ("add", "sub", "mul", "div"):
+        return it.binary(kind, values[0], values[1])
+    if kind == "neg":
+        return it.negative(values[0])
+    if kind == "sign":
+        return it.sign(values[0])
+    angle = node.arguments[0].index
+    if angle not in pairs:
+        pairs[angle] = it.sine_and_cosine(values[0])
+    return pairs[angle][0 if kind == "sin" else 1]

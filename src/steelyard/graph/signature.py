@@ -6,6 +6,7 @@ import json
 import math
 from dataclasses import dataclass
 from functools import cached_property
+from itertools import pairwise
 from typing import Any
 
 import numpy as np
@@ -83,16 +84,14 @@ class Signature:
         """Return the signature that the text describes, or None where the text is not one."""
         try:
             data = json.loads(text)
-            arguments = tuple(
-                Argument(name, _size(width), bool(uniform)) for name, width, uniform in data["arguments"]
-            )
+            arguments = tuple(Argument(name, _size(width), bool(uniform)) for name, width, uniform in data["arguments"])
             outputs = tuple((str(name), tuple(map(_size, shape))) for name, shape in data["outputs"])
             computed = None if data["computed"] is None else tuple(map(_size, data["computed"]))
         except (ValueError, TypeError, KeyError):  # InputError is a ValueError
             return None
         signature = cls(arguments, outputs, computed)
         if computed is not None:
-            ascending = all(a < b for a, b in zip(computed, computed[1:], strict=False))
+            ascending = all(a < b for a, b in pairwise(computed))
             if not ascending or (computed and computed[-1] >= signature.size):
                 return None
         return signature

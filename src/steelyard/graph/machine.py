@@ -1,0 +1,151 @@
+"""The processor of this computer: compiles LLVM assembly for it and loads the machine code."""
+
+from __future__ import annotations
+
+import hashlib
+import itertools
+import threading
+from functools import cache, cached_property
+from typing import Any
+
+from .cache import ObjectCache, pack, unpack
+from .support import SUPPORT, support_source
+
+__all__ = ["LoadedCode", "Machine", "batch_lanes", "host_machine"]
+
+_LOCK = threading.RLock()
+_NUMBERS = itertools.count()
+
+
+class LoadedCode:
+    """Machine code in memory, for as long as this object lives.
+
+    Parameters
+    ----------
+    tracker : llvmlite ResourceTracker
+    symbols : iterable of str
+
+    Attributes
+    ----------
+    addresses : dict of str to int
+    """
+
+    def __init__(self, tracker: Any, symbols: tuple[str, ...]) -> None:
+        self._tracker = tracker
+        self.addresses = {name: int(tracker[name]) for name in symbols}
+
+
+class Machine:
+    """This computer's processor, computing a number of samples side by side; see :func:`host_machine`.
+
+    Parameters
+    ----------
+    lanes : int
+
+    Attributes
+    ----------
+    triple : str
+        Of LLVM.
+    description : str
+        All that machine code depends on but its source.
+    """
+
+    def __init__(self, lanes: int) -> None:
+        import llvmlite.binding as llvm
+
+        llvm.initialize_native_target()
+        llvm.initialize_native_asmprinter()
+        self.lanes = lanes
+        self.triple: str = llvm.get_process_triple()
+        self._processor: str = llvm.get_host_cpu_name()
+        self._features: str = llvm.get_host_cpu_features().flatten()
+        if lanes == 8:  # registers of the full width
+            self._features += ",-prefer-256-bit"
+        self._kept: list[LoadedCode] = []
+        version = ".".join(map(str, llvm.llvm_version_info))
+        self.description = "\n".join((version, self.triple, self._processor, self._features, str(lanes)))
+
+    @cached_property
+    def _target(self) -> Any:
+        import llvmlite.binding as llvm
+
+        return llvm.Target.from_triple(self.triple).create_target_machine(
+            cpu=self._processor, features=self._features, opt=1, reloc="pic", codemodel="default", jit=True
+        )
+
+    def compile(self, source: str) -> bytes:
+        """Return the object code of LLVM assembly."""
+        import llvmlite.binding as llvm
+
+        with _LOCK:
+            return bytes(self._target.emit_object(llvm.parse_assembly(source)))
+
+    def load(self, code: bytes) -> LoadedCode | None:
+        """Bring the object code of a kernel into memory; None where it is not such code."""
+        symbols = ("kernel",) if self.lanes > 1 else ("kernel", "from_table")
+        return _link(code, symbols, self.support.addresses)
+
+    @cached_property
+    def support(self) -> LoadedCode:
+        """The functions that kernels import."""
+        symbols = tuple(SUPPORT) if self.lanes > 1 else ("sines_and_cosines", "clear")
+        return self._permanent(support_source(self.lanes, self.triple), symbols, {})
+
+    def permanent(self, source: str, symbol: str, imports: dict[str, int]) -> int:
+        """Return the address of machine code that stays in memory and in the user's object cache."""
+        loaded = self._permanent(source, (symbol,), imports)
+        self._kept.append(loaded)
+        return loaded.addresses[symbol]
+
+    def _permanent(self, source: str, symbols: tuple[str, ...], imports: dict[str, int]) -> LoadedCode:
+        with _LOCK:
+            key = hashlib.sha256(f"{self.description}\n{source}".encode()).hexdigest()
+            objects = ObjectCache.default()
+            entry = unpack(objects.read(key))
+            loaded = None if entry is None else _link(entry[1], symbols, imports)
+            if loaded is None:
+                code = self.compile(source)
+                objects.write(key, pack("", code))
+                loaded = _link(code, symbols, imports)
+            if loaded is None:
+                raise RuntimeError("machine code that was just compiled cannot be loaded")
+            return loaded
+
+
+@cache
+def host_machine(lanes: int) -> Machine:
+    """Return this computer's processor with 1 or :func:`batch_lanes` lanes."""
+    with _LOCK:
+        return Machine(lanes)
+
+
+@cache
+def batch_lanes() -> int:
+    """Return how many samples are worth computing side by side: registers of 512 bits take 8, smaller ones share 4."""
+    import llvmlite.binding as llvm
+
+    return 8 if llvm.get_host_cpu_features().get("avx512f", False) else 4
+
+
+@cache
+def _linker() -> Any:
+    import llvmlite.binding as llvm
+
+    return llvm.create_lljit_compiler(suppress_errors=True)
+
+
+def _link(code: bytes, symbols: tuple[str, ...], imports: dict[str, int]) -> LoadedCode | None:
+    import llvmlite.binding as llvm
+
+    # The process brings what some targets call for: a fused multiplication, or a check of the stack.
+    builder = llvm.JITLibraryBuilder().add_object_img(code).add_current_process()
+    for name in symbols:
+        builder.export_symbol(name)
+    for name, address in imports.items():
+        builder.import_symbol(name, address)
+    with _LOCK:
+        try:
+            tracker = builder.link(_linker(), f"steelyard-{next(_NUMBERS)}")
+        except RuntimeError:
+            return None
+    return LoadedCode(tracker, symbols)
