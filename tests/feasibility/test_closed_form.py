@@ -5,6 +5,7 @@ from __future__ import annotations
 import shutil
 import sys
 import time
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -96,6 +97,35 @@ def test_agrees_with_the_solver(lengths: list[float], terms: Any, gravity: Any, 
     assert 3 < sum(verdicts) < 23
 
 
+SLIDING = {
+    "last": [(0, 0.55, 0, "q"), ("pi/2", 0.3, 0, "q"), (0, 0, "q", 0)],
+    "middle": [("pi/2", 0.55, 0, "q"), ("-pi/2", 0.1, "q", 0), (0, 0.3, 0, "q")],
+    "first": [("pi/2", 0, "q", 0), (0, 0.55, 0, "q"), (0, 0.3, 0, "q")],
+}
+
+
+@needs_qepcad
+@pytest.mark.parametrize("rows", SLIDING.values(), ids=SLIDING)
+def test_joints_that_slide_in_the_plane(rows: Any) -> None:
+    """Links of mass points, disturbed; frames that slide are turned, so that they show other parameters."""
+    model = sy.Model(sy.Robot.from_dh(rows, gravity=GRAVITY))
+    condition, feasible = closed_form_conditions(model), sy.FeasibleSet(model, consistency="inertia")
+    generator, verdicts = np.random.default_rng(1), []
+    for _ in range(20):
+        links: list[float] = []
+        for _ in rows:
+            points, masses = generator.normal(size=(5, 3)), generator.uniform(0.1, 0.6, 5)
+            moments = np.einsum("k,ki,kj->ij", masses, points, points)
+            tensor = np.trace(moments) * np.eye(3) - moments
+            links += [*tensor[np.triu_indices(3)], *(masses @ points), masses.sum()]
+        base = model.base_parameters().values(np.array(links))
+        base = base + generator.choice([0.0, 0.5, 2.0]) * generator.normal(size=len(base))
+        verdict = sy.check(feasible, base=base).feasible
+        assert evaluated(condition, base) == verdict
+        verdicts.append(verdict)
+    assert 3 < sum(verdicts) < 20
+
+
 @needs_qepcad
 def test_robots_in_space_are_refused() -> None:
     model = sy.Model(sy.Robot.from_dh([("pi/2", 0.2, 0, "q"), (0, 0.3, 0, "q")]))
@@ -150,7 +180,7 @@ def test_answers_are_read(text: str, expected: str, monkeypatch: pytest.MonkeyPa
     answer = f"An equivalent quantifier-free formula:\n\n{text}\n\n\n=====================  The End\n"
     stand_in(monkeypatch, tmp_path, f"sys.stdin.read()\nprint({answer!r})")
     x, y, z = sympy.symbols("x y z", real=True)
-    found = quantifier_elimination.eliminate(z, [x + y + z > 0], 10.0)
+    found = quantifier_elimination.eliminate(z, [x + y + z > 0], float("inf"))
     assert found == sympy.sympify(expected, locals={"x": x, "y": y})
 
 
@@ -169,6 +199,40 @@ def test_failures_are_explained(code: str, message: str, monkeypatch: pytest.Mon
     x, z = sympy.symbols("x z", real=True)
     with pytest.raises(InputError, match=message):
         quantifier_elimination.eliminate(z, [x + z > 0], 1.0)
+
+
+def test_what_the_program_started_ends_with_it(monkeypatch: pytest.MonkeyPatch, tmp_path: Any) -> None:
+    """A child in a session of its own, as Singular is, holds a lock, which the system frees when it ends."""
+    fcntl = pytest.importorskip("fcntl", reason="locks of files are those of POSIX")
+    if not list(Path("/proc/self/task").glob("*/children")):
+        pytest.skip("this system does not list the children of a process")
+    lock = tmp_path / "lock"
+    lock.touch()
+    child = (
+        "import fcntl, sys, time; f = open(sys.argv[1], 'w'); fcntl.flock(f, fcntl.LOCK_EX); "
+        "f.write('held'); f.flush(); time.sleep(20)"
+    )
+    start = f"[sys.executable, '-c', {child!r}, {str(lock)!r}], start_new_session=True, stdout=null, stderr=null"
+    # Nobody waits for what the child writes.
+    code = f"import subprocess; null = subprocess.DEVNULL; subprocess.Popen({start})\ntime.sleep(20)"
+    stand_in(monkeypatch, tmp_path, code)
+    x, z = sympy.symbols("x z", real=True)
+    with pytest.raises(InputError, match="was stopped after"):
+        quantifier_elimination.eliminate(z, [x + z > 0], 2.0)
+    assert lock.read_text() == "held"
+    deadline = time.monotonic() + 5.0
+    with lock.open("r+") as file:
+        while not _locked(fcntl, file):
+            assert time.monotonic() < deadline, "the child still runs"
+            time.sleep(0.05)
+
+
+def _locked(fcntl: Any, file: Any) -> bool:
+    try:
+        fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
+    except BlockingIOError:
+        return False
+    return True
 
 
 @needs_qepcad

@@ -31,7 +31,8 @@ def closed_form_conditions(
     Values for its other six exist just where m > 0 and m Lzz > lx² + ly², for either consistency: the link can
     be a flat plate. The dependent parameters that are left are eliminated one after the other by the program QEPCAD
     (cylindrical algebraic decomposition, Collins 1975), whose work grows doubly exponentially with the number of
-    variables: up to three turning joints take seconds; four, or a sliding last joint, hours or more.
+    variables: up to three joints that turn, or slide in the plane, take seconds; four turning joints, or two and one
+    that slides along the axes (SCARA), hours or more.
 
     Parameters
     ----------

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import contextlib
+import math
 import os
 import re
 import shutil
@@ -9,6 +11,7 @@ import signal
 import subprocess
 import textwrap
 from collections.abc import Sequence
+from pathlib import Path
 from typing import Any
 
 from steelyard.errors import InputError, MissingExtraError
@@ -17,6 +20,7 @@ from steelyard.export.symbols import import_sympy
 __all__ = ["eliminate", "qepcad_program"]
 
 _CELLS = 40_000_000  # words of memory, 320 MB
+_LONGEST = 10**6  # seconds, about eleven days
 _RESULT = re.compile(r"An equivalent quantifier-free formula:(.*?)={5,}", re.DOTALL)
 _TOKEN = re.compile(r"\s*(/\\|\\/|/=|<=|>=|[-+^<>=\[\]()~]|[0-9]+|[A-Za-z][A-Za-z0-9_]*)")
 
@@ -82,10 +86,11 @@ def eliminate(variable: Any, conditions: Sequence[Any], timeout: float) -> Any:
 
 
 def _run(given: str, timeout: float, what: str) -> str:
-    command = [qepcad_program(), f"+N{_CELLS}"]
-    # A session of its own, so that whatever the program starts ends with it.
+    timeout = min(timeout, _LONGEST)
+    # The limit on processor time also ends what outlives this process, should that be killed.
+    limited = ["/bin/sh", "-c", 'ulimit -t "$0"; exec "$@"', str(math.ceil(timeout) + 1)]
     process = subprocess.Popen(
-        command,
+        [*limited, qepcad_program(), f"+N{_CELLS}"],
         stdin=subprocess.PIPE,
         stdout=subprocess.PIPE,
         stderr=subprocess.STDOUT,
@@ -102,9 +107,20 @@ def _run(given: str, timeout: float, what: str) -> str:
         ) from None
     finally:
         if process.poll() is None:
-            os.killpg(process.pid, signal.SIGKILL)
+            _stop(process.pid)
             process.communicate()
     return answer
+
+
+def _stop(number: int) -> None:
+    """Kill a process and all that it started: Singular, which QEPCAD calls, leaves the process group."""
+    started = [number]
+    for parent in started:
+        with contextlib.suppress(OSError):  # where the system does not list children, their limit ends them
+            started += map(int, Path(f"/proc/{parent}/task/{parent}/children").read_text().split())
+    for each in started:
+        with contextlib.suppress(ProcessLookupError):
+            os.kill(each, signal.SIGKILL)
 
 
 def _written(condition: Any, names: dict[Any, str]) -> str:
