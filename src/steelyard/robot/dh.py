@@ -58,7 +58,10 @@ def _joint(row: Sequence[float | str], number: int, convention: str, where: str)
     place = f"{where}, row {number}"
     if isinstance(row, str | bytes) or not hasattr(row, "__len__") or len(row) != 4:
         raise InputError(f"{place}: four cells (alpha, a, d, theta) were expected, got {row!r}")
-    cells = {column: _parse(cell, number, f"{place}, {column}", column in ("a", "d")) for column, cell in zip(COLUMNS, row, strict=True)}
+    cells = {
+        column: _parse(cell, number, f"{place}, {column}", column in ("a", "d"))
+        for column, cell in zip(COLUMNS, row, strict=True)
+    }
     moving = [column for column in COLUMNS if cells[column].slope != 0.0]
     for column in ("alpha", "a"):
         if column in moving:
