@@ -8,7 +8,7 @@ import pytest
 
 import steelyard as sy
 from steelyard.export import evaluate_over
-from steelyard.export.schedule import repeated_operations, schedule
+from steelyard.generation.schedule import repeated_operations, schedule
 from steelyard.graph import Argument, Function, Graph, Output, sin
 
 from .conftest import deep_chain, inputs_of

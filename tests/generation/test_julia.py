@@ -1,9 +1,8 @@
-"""Generated Julia: run where Julia is installed, and read by an independent reader everywhere."""
+"""Generated Julia, evaluated by a reader that knows the language and nothing of how it is written."""
 
-import ast
-import keyword
 import re
 import tomllib
+import uuid
 from pathlib import Path
 
 import numpy as np
@@ -12,124 +11,158 @@ import pytest
 from steelyard.generation import Project, files, generate
 
 from .conftest import need, run
-from .test_script_languages import check, fresh
+from .julia_reader import DimensionMismatchError, JuliaError, JuliaModule, Reader
+from .scripts import check, fresh, plain_project, several_functions
 
 
-class JuliaReader:
-    """Reads the Julia that is generated, line by line, and evaluates it; knows nothing of how it is written."""
-
-    LOCAL = re.compile(r"\(?(\w+(?:, \w+)*)\)? = (.+)")
-    STORE = re.compile(r"(\w+)\[([\d, ]*)\] = (.+)")
-    FILL = re.compile(r"(\w+) \.= ([\d.]+)")
-
-    def __init__(self, text: str) -> None:
-        text = re.sub(r'^@doc raw""".*?^"""$', "", text, flags=re.MULTILINE | re.DOTALL)
-        lines = [line.strip() for line in text.splitlines() if line.strip() and not line.strip().startswith("#")]
-        assert re.fullmatch(r"module [A-Z]\w*", lines[0])
-        assert lines[-1] == "end"
-        self.functions: dict[str, tuple[list[str], list[str]]] = {}
-        self.constants: dict[str, float] = {}
-        self.exported = [line.removeprefix("export ") for line in lines if line.startswith("export ")]
-        position = 1
-        while position < len(lines) - 1:
-            line = lines[position]
-            head = re.fullmatch(r"function (\w+!)\((.*)\)", line)
-            if head:
-                position = self._function(lines, position, head)
-            elif line.startswith("const "):
-                name, value = line.removeprefix("const ").split(" = ")
-                self.constants[name] = float(value)
-            else:
-                assert line.startswith("export "), line
-            position += 1
-
-    def _function(self, lines: list[str], position: int, head: re.Match[str]) -> int:
-        parameters = [p.split("::")[0] for p in re.split(r", (?=\w+::)", head[2])] if head[2] else []
-        body, depth = [], 1
-        while depth:
-            position += 1
-            depth += lines[position] == "@inbounds begin"
-            depth -= lines[position] == "end"
-            body.append(lines[position])
-        self.functions[head[1]] = (parameters, body[:-1])
-        return position
-
-    def call(self, name: str, outputs: list[np.ndarray], inputs: list[np.ndarray]) -> None:
-        parameters, body = self.functions[name]
-        scope: dict[str, object] = dict(zip(parameters, [*outputs, *inputs], strict=True))
-        for line in body:
-            guard = re.fullmatch(r"(size|length)\((\w+)\) == (.+) \|\| throw\(.*\)", line)
-            store, fill, local = self.STORE.fullmatch(line), self.FILL.fullmatch(line), self.LOCAL.fullmatch(line)
-            if guard:
-                found = scope[guard[2]].shape if guard[1] == "size" else len(scope[guard[2]])
-                assert found == ast.literal_eval(guard[3])
-            elif store:
-                place = tuple(int(k) - 1 for k in store[2].split(",")) if store[2] else ()
-                scope[store[1]][place] = self.value(store[3], scope)
-            elif fill:
-                scope[fill[1]][...] = float(fill[2])
-            elif local:
-                names, value = local[1].split(", "), self.value(local[2], scope)
-                assert not set(names) & set(scope), "each local variable is set once"
-                scope |= dict(zip(names, value if len(names) > 1 else [value], strict=True))
-            else:
-                assert line in ("@inbounds begin", "end", "return nothing") or line.startswith(
-                    "Base.require_one_based_indexing("
-                ), line
-
-    def value(self, text: str, scope: dict[str, object]) -> object:
-        functions = {"sin": np.sin, "cos": np.cos, "sign": np.sign, "sincos": lambda x: (np.sin(x), np.cos(x))}
-        operators = {ast.Add: np.add, ast.Sub: np.subtract, ast.Mult: np.multiply, ast.Div: np.divide}
-
-        def at(node: ast.expr) -> object:
-            match node:
-                case ast.Constant(value=float() | int() as number):
-                    assert isinstance(number, float), "an integer would make integer arithmetic"
-                    return number
-                case ast.Name(id=name):
-                    return scope[name]
-                case ast.Subscript(value=ast.Name(id=name), slice=ast.Constant(value=int() as index)):
-                    return scope[name][index - 1]
-                case ast.UnaryOp(op=ast.USub(), operand=operand):
-                    return -at(operand)
-                case ast.BinOp(left=left, op=operator, right=right):
-                    return operators[type(operator)](at(left), at(right))
-                case ast.Call(func=ast.Name(id=name), args=[argument], keywords=[]):
-                    return functions[name](at(argument))
-            raise AssertionError(f"not understood: {text}")
-
-        # Words that Python keeps for itself are names in Julia.
-        kept = re.compile(rf"\b({'|'.join(keyword.kwlist)})\b")
-        scope = {kept.sub(r"\1_", name): value for name, value in scope.items()}
-        return at(ast.parse(kept.sub(r"\1_", text), mode="eval").body)
-
-
-@pytest.mark.parametrize("which", ["wam_generated", "odd_generated"])
-def test_julia_read_by_an_independent_reader(which: str, request: pytest.FixtureRequest) -> None:
-    project: Project = request.getfixturevalue(which)
-    written = files(project, "julia")
+def module_of(written: dict[str, str]) -> JuliaModule:
     (source,) = (text for path, text in written.items() if path.startswith("src/"))
-    manifest = tomllib.loads(written["Project.toml"])
-    assert re.fullmatch(r"[0-9a-f-]{36}", manifest["uuid"])
-    assert f"src/{manifest['name']}.jl" in written
-    reader = JuliaReader(source)
-    assert set(reader.exported) == {*reader.functions, *reader.constants}
+    return Reader(source).module()
+
+
+@pytest.mark.parametrize("name", ["wam_generated", "odd_generated", "several"])
+def test_functions_agree_at_fresh_inputs(name: str, request: pytest.FixtureRequest) -> None:
+    project = several_functions() if name == "several" else request.getfixturevalue(name)
+    module = module_of(files(project, "julia"))
     inputs = fresh(project)
     found = []
-    for name, function, samples in zip(reader.functions, project.functions, inputs, strict=True):
+    for julia_name, function, samples in zip(module.functions, project.functions, inputs, strict=True):
         for arrays in samples:
             outputs = [np.full(output.shape, np.nan) for output in function.outputs]
-            reader.call(name, outputs, arrays)
+            module.call(julia_name, *outputs, *arrays)
             found.append([output.ravel() for output in outputs])
     check(project, inputs, found)
-    test = written["test/runtests.jl"]
-    for name in reader.functions:
-        assert f'@testset "{name}" begin' in test
-    opened = len(re.findall(r"^\s*(?:let$|@testset .* begin$)", test, re.MULTILINE))
-    assert opened == len(re.findall(r"^\s*end$", test, re.MULTILINE))
 
 
-def test_julia_runs_where_it_is_installed(wam_generated: Project, tmp_path: Path) -> None:
+@pytest.mark.parametrize("name", ["wam_generated", "odd_generated", "several"])
+def test_self_test_passes_in_the_reader(name: str, request: pytest.FixtureRequest) -> None:
+    project = several_functions() if name == "several" else request.getfixturevalue(name)
+    written = files(project, "julia")
+    module = module_of(written)
+    verdicts = Reader.of_self_test(written["test/runtests.jl"]).run_self_test(module)
+    assert list(verdicts) == list(module.functions)
+    for function, found in zip(project.functions, verdicts.values(), strict=True):
+        assert found == [True] * (len(function.outputs) * project.references[function.name].samples)
+
+
+@pytest.mark.parametrize(
+    ("pattern", "replacement"),
+    [(r"parameters\[2\] \*", "parameters[1] *"), (r" - q\[1\]", ""), (r"sin\(q\[1\]\)", "sin(q[2])")],
+)
+def test_self_test_notices_changes(pattern: str, replacement: str) -> None:
+    written = files(plain_project(), "julia")
+    text, count = re.subn(pattern, replacement, written["src/PlainRobot.jl"])
+    assert count == 1
+    verdicts = Reader.of_self_test(written["test/runtests.jl"]).run_self_test(Reader(text).module())
+    assert not all(verdicts["torque!"])
+
+
+def test_the_package() -> None:
+    written = files(several_functions(), "julia")
+    assert set(written) == {"Project.toml", "README.md", "src/Elbow.jl", "test/runtests.jl"}
+    description = tomllib.loads(written["Project.toml"])
+    assert description["name"] == "Elbow"
+    assert uuid.UUID(description["uuid"]).version == 5
+    assert description["targets"] == {"test": ["Test"]}
+    assert description["uuid"] != tomllib.loads(files(plain_project(name="elbow"), "julia")["Project.toml"])["uuid"]
+    module = module_of(written)
+    assert module.name == "Elbow"
+    assert module.exported == [*module.functions, *module.constants]
+    assert (module.constants["Q_SIZE"], module.constants["JACOBIAN_COLUMNS"]) == (3, 3)
+    assert [name for name, _ in module.functions["gravity!"].parameters] == ["torque", "q", "parameters", "gravity"]
+
+
+def test_every_element_is_documented() -> None:
+    project = several_functions()
+    (source,) = (text for path, text in files(project, "julia").items() if path.startswith("src/"))
+    text = re.sub(r"\s+", " ", source.replace("\n#", "\n"))
+    for function in project.functions:
+        for argument in function.arguments:
+            for k, element in enumerate(argument.elements):
+                assert re.search(rf"{argument.name}\[{k + 1}\]`?: {re.escape(element)}", text)
+    for name, function in Reader(source).module().functions.items():
+        documented = re.sub(r"\s+", " ", function.documentation)
+        arguments = ", ".join(parameter for parameter, _ in function.parameters)
+        assert documented.startswith(f'raw""" {name}({arguments}) ')
+
+
+def test_wrong_sizes_are_refused() -> None:
+    module = module_of(files(several_functions(), "julia"))
+    three = np.zeros(3)
+    module.call("jacobian!", np.zeros((6, 3)), three, three, three)
+    for wrong in (
+        (np.zeros((3, 6)), three, three, three),
+        (np.zeros((6, 3)), np.zeros(2), three, three),
+        (np.zeros((6, 3)), three, three, np.zeros(4)),
+    ):
+        with pytest.raises(DimensionMismatchError, match="must have"):
+            module.call("jacobian!", *wrong)
+
+
+@pytest.mark.parametrize("name", ["Base", "test", "linear algebra", "random", "end", "Main"])
+def test_a_robot_never_hides_a_package(name: str) -> None:
+    module = module_of(files(plain_project(name=name), "julia"))
+    assert module.name.endswith("Robot")
+
+
+BODY = """module M
+@doc raw\"\"\"
+    f!(y, x)
+\"\"\"
+function f!(
+    y::AbstractVector{Float64},
+    x::AbstractVector{Float64},
+)
+    @inbounds begin
+        LINE
+    end
+    return nothing
+end
+end
+"""
+
+
+@pytest.mark.parametrize(
+    ("expression", "value"),
+    [
+        ("x[1] - (x[2] - 0.5)", 3.0 - (5.0 - 0.5)),
+        ("x[1] - x[2] - 0.5", 3.0 - 5.0 - 0.5),
+        ("x[1] / x[2] / 2.0", 3.0 / 5.0 / 2.0),
+        ("x[1] / (x[2] / 2.0)", 3.0 / (5.0 / 2.0)),
+        ("-x[1] * x[2] + 1e-1", -15.0 + 0.1),
+        ("2.0 + 3.0 * -(x[1] + 1.0)", 2.0 - 12.0),
+    ],
+)
+def test_the_reader_groups_as_julia_does(expression: str, value: float) -> None:
+    y = np.zeros(1)
+    Reader(BODY.replace("LINE", f"y[1] = {expression}")).module().call("f!", y, np.array([3.0, 5.0]))
+    assert y[0] == value
+
+
+@pytest.mark.parametrize(
+    "line",
+    [
+        "y[1] = 2x[1]",
+        "y[1] = x[1] * 2.0; run(`true`)",
+        'y[1] = "$(x)"',
+        "y[1] = 2.0(x[1])",
+        "y[0] = x[1]",
+        "y[1] = x[3]",
+        "y[1, 1] = x[1]",
+        "y[1] = 2 * x[1]",
+        "t1 = x[1]\n t1 = x[2]",
+        "y[1] = z",
+        "#= y[1] = x[1] =#",
+        "while true",
+    ],
+)
+def test_the_reader_refuses_what_is_wrong(line: str) -> None:
+    with pytest.raises((JuliaError, AssertionError, KeyError)):
+        Reader(BODY.replace("LINE", line)).module().call("f!", np.zeros(1), np.array([3.0, 5.0]))
+
+
+def test_julia_runs_where_it_is_installed(wam_generated: Project, odd_generated: Project, tmp_path: Path) -> None:
     need("julia")
-    generate(wam_generated, "julia", tmp_path)
-    run(["julia", "--startup-file=no", "--project=.", "test/runtests.jl"], tmp_path)
+    for k, project in enumerate((wam_generated, odd_generated, several_functions())):
+        generate(project, "julia", tmp_path / str(k))
+        run(["julia", "--startup-file=no", "--project=.", "test/runtests.jl"], tmp_path / str(k))

@@ -10,15 +10,12 @@ from typing import Any
 
 from steelyard.errors import InputError, MissingExtraError
 from steelyard.generation import Names
+from steelyard.generation.schedule import prefers_vectors, schedule
 from steelyard.graph import Function
 
 from .evaluation import evaluate_over
-from .schedule import repeated_operations, schedule
 
 __all__ = ["jax_function"]
-
-# XLA repeats the operations that several outputs share: beyond so many, vectors compile and differentiate sooner.
-_MOST_REPEATED = 5_000
 
 
 def jax_function(function: Function, *, lowering: str = "automatic") -> Callable[..., Any]:
@@ -71,8 +68,8 @@ def jax_function(function: Function, *, lowering: str = "automatic") -> Callable
         ) from error
     if lowering not in ("automatic", "scalars", "vectors"):
         raise InputError(f"lowering must be 'automatic', 'scalars' or 'vectors', got {lowering!r}.")
-    scalars = lowering == "scalars" or (lowering == "automatic" and _few(function))
-    compiled = jax.jit(_scalars(function) if scalars else _vectors(function))
+    vectors = prefers_vectors(function) if lowering == "automatic" else lowering == "vectors"
+    compiled = jax.jit(_vectors(function) if vectors else _scalars(function))
     kind = inspect.Parameter.POSITIONAL_OR_KEYWORD
     scope = Names(keyword.kwlist)
     signature = inspect.Signature([inspect.Parameter(scope.take(a.name), kind) for a in function.arguments])
@@ -88,18 +85,10 @@ def jax_function(function: Function, *, lowering: str = "automatic") -> Callable
     return call
 
 
-def _few(function: Function) -> bool:
-    if sum(function.operation_count.values()) > _MOST_REPEATED:
-        return False
-    return repeated_operations(function) <= _MOST_REPEATED
-
-
 def _checked(function: Function, given: Sequence[Any]) -> list[Any]:
-    import jax
     import jax.numpy as jnp
 
-    config: Any = jax.config
-    if not config.jax_enable_x64:
+    if jnp.result_type(float) != jnp.float64:
         raise InputError(
             f"{function.name} computes in double precision, which JAX has switched off; call "
             'jax.config.update("jax_enable_x64", True) when the program starts.'

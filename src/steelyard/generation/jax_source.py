@@ -2,16 +2,96 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import TYPE_CHECKING, ClassVar
 
-from .assignments import Listing
 from .naming import NamedFunction
 from .python_project import PythonProject, shape_literal
+from .schedule import Schedule, prefers_vectors, schedule
+from .text import number_lines, wrapped_lines
 
 if TYPE_CHECKING:
     from .project import Project
 
 __all__ = ["write"]
+
+_HEAD = '''{collections}import jax
+import jax.numpy as jnp
+{numpy}from jax.typing import ArrayLike
+
+
+def _columns(name: str, values: ArrayLike, size: int) -> jax.Array:
+    """Return an argument with its last axis first."""
+    array = jnp.asarray(values)
+    if array.ndim == 0 or array.shape[-1] != size:
+        raise ValueError(f"{{name}} must have shape (..., {{size}}), got {{array.shape}}")
+    return jnp.moveaxis(array.astype(jnp.float64), -1, 0)
+
+
+def _stacked(elements: list[ArrayLike], leading: tuple[int, ...], shape: tuple[int, ...]) -> jax.Array:
+    """Return the elements of an output, in row-major order, as an array of its shape."""
+    columns = [jnp.broadcast_to(jnp.asarray(element, dtype=jnp.float64), leading) for element in elements]
+    return jnp.stack(columns, axis=-1).reshape((*leading, *shape))
+
+
+def _require_double_precision() -> None:
+    if jnp.result_type(float) != jnp.float64:
+        raise RuntimeError(
+            "these functions compute in double precision, which JAX has switched off; "
+            'call jax.config.update("jax_enable_x64", True) when the program starts'
+        )
+'''
+
+_VECTORS = '''
+
+_OPERATIONS: dict[str, Callable[..., jax.Array]] = {
+    "add": jnp.add,
+    "mul": jnp.multiply,
+    "div": jnp.divide,
+    "neg": jnp.negative,
+    "sin": jnp.sin,
+    "cos": jnp.cos,
+    "sign": jnp.sign,
+}
+
+
+def _computed(
+    arguments: list[jax.Array],
+    leading: tuple[int, ...],
+    constants: tuple[float, ...],
+    steps: tuple[tuple[str, tuple[int, ...], tuple[int, ...], tuple[int, ...]], ...],
+) -> jax.Array:
+    """Return all the values of a function in one array: arguments, constants, and the results of the steps.
+
+    A step is an operation, the places of its first and second operands, and the signs of the second operands where
+    some are subtracted. Its operations do not need each other, so that they are one operation on vectors.
+    """
+    count = 1
+    for length in leading:
+        count *= length
+    rows = [jnp.broadcast_to(a, (len(a), *leading)).reshape((len(a), count)) for a in arguments]
+    rows.append(jnp.broadcast_to(np.array(constants, dtype=np.float64)[:, None], (len(constants), count)))
+    start = sum(map(len, rows))
+    size = start + sum(len(first) for _, first, _, _ in steps)
+    values = jnp.concatenate([*rows, jnp.zeros((size - start, count))])
+    for operation, first, second, signs in steps:
+        operands = [values[np.array(places)] for places in (first, second) if places]
+        if signs:
+            operands[1] = operands[1] * np.array(signs, dtype=np.float64)[:, None]
+        result = _OPERATIONS[operation](*operands)
+        values = jax.lax.dynamic_update_slice(values, result, (start, 0))
+        start += len(first)
+    return values
+
+
+def _selected(values: jax.Array, places: list[int], leading: tuple[int, ...], shape: tuple[int, ...]) -> jax.Array:
+    """Return an output whose elements stand at some places."""
+    return values[np.array(places)].T.reshape((*leading, *shape))
+'''
+
+_RESERVED = """
+jax jnp np ArrayLike Callable _columns _stacked _require_double_precision _OPERATIONS _computed _selected
+"""
 
 
 def write(project: Project) -> dict[str, str]:
@@ -26,48 +106,67 @@ def write(project: Project) -> dict[str, str]:
 
 class _JaxProject(PythonProject):
     title = "Python for JAX"
-    requirement = "jax"
-    reserved = frozenset({"jax", "jnp", "annotations", "_checked", "_stacked"})
+    requirements = ("jax>=0.4.30",)
+    python = "3.10"
+    reserved = frozenset(_RESERVED.split())
     calls: ClassVar[dict[str, str]] = {"sin": "jnp.sin({})", "cos": "jnp.cos({})", "sign": "jnp.sign({})"}
 
-    def head(self) -> list[str]:
+    def __init__(self, project: Project) -> None:
+        super().__init__(project)
+        self.vectors = [prefers_vectors(function) for function in project.functions]
+
+    def introduction(self) -> list[str]:
         return [
-            "import jax",
-            "import jax.numpy as jnp",
-            "",
-            "",
-            "def _checked(name: str, values: jax.typing.ArrayLike, size: int) -> jax.Array:",
-            "    array = jnp.asarray(values)",
-            "    if array.ndim == 0 or array.shape[-1] != size:",
-            '        raise ValueError(f"{name} must have shape (..., {size}), got {array.shape}")',
-            "    return jnp.moveaxis(array, -1, 0)",
-            "",
-            "",
-            "def _stacked(elements: list, leading: tuple, shape: tuple) -> jax.Array:",
-            "    columns = [jnp.broadcast_to(element, leading) for element in elements]",
-            "    return jnp.stack(columns, axis=-1).reshape((*leading, *shape))",
-            "",
+            "Every function takes arrays (..., width) with any leading axes, which broadcast, and is compiled by JAX "
+            "at its first call. jax.vmap, jax.grad, jax.jacfwd and jax.jacrev apply; the derivative of a sign is 0. "
+            'Without double precision, jax.config.update("jax_enable_x64", True), a function raises RuntimeError; an '
+            "argument of another width raises ValueError.",
         ]
 
-    def definition(self, named: NamedFunction, found: Listing, documentation: list[str]) -> list[str]:
-        function, names = named.function, named.names
-        arguments = [names[argument.name] for argument in function.arguments]
-        kind = (
-            f"tuple[{', '.join(['jax.Array'] * len(function.outputs))}]" if len(function.outputs) > 1 else "jax.Array"
-        )
-        typed = ", ".join(f"{name}: jax.typing.ArrayLike" for name in arguments)
-        lines = [f"def {named.name}({typed}) -> {kind}:", *documentation]
-        leading = named.scope.take("leading")
-        for argument, name in zip(function.arguments, arguments, strict=True):
-            lines.append(f'    {name} = _checked("{name}", {name}, {argument.width})')
-        shapes = ", ".join(f"{name}.shape[1:]" for name in arguments)
-        lines.append(f"    {leading} = jnp.broadcast_shapes({shapes})")
+    def head(self) -> list[str]:
+        some = any(self.vectors)
+        extra = {"collections": "from collections.abc import Callable\n\n", "numpy": "import numpy as np\n"}
+        head = _HEAD.format(**(extra if some else dict.fromkeys(extra, "")))
+        return (head + (_VECTORS + "\n" if some else "")).splitlines()
+
+    def definition(self, index: int, named: NamedFunction) -> list[str]:
+        names = named.names
+        results = [names[output.name] for output in named.function.outputs]
+        kind = f"tuple[{', '.join(['jax.Array'] * len(results))}]" if len(results) > 1 else "jax.Array"
+        lines = ["@jax.jit", *self.signature(named, "ArrayLike", kind), *self.documentation(named, "jax.Array")]
+        lines.append("    _require_double_precision()")
+        leading = named.scope.inner().take("leading")
+        shapes = []
+        for argument in named.function.arguments:
+            name = names[argument.name]
+            lines.append(f'    {name} = _columns("{name}", {name}, {self.size(named, argument.name)})')
+            shapes.append(f"{name}.shape[1:]")
+        lines.append(f"    {leading} = jnp.broadcast_shapes({', '.join(shapes)})")
+        end = f"    return {', '.join(results)}"
+        if self.vectors[index]:
+            plan = schedule(named.function)
+            return [*_tables(index, plan), *lines, *self._vectors(index, named, leading, plan), end]
+        found = self.listing(named)
         lines += [f"    {a.name} = {a.expression}" for a in found.assignments]
-        for output, elements in zip(function.outputs, found.outputs, strict=True):
+        for output, elements in zip(named.function.outputs, found.outputs, strict=True):
             name = names[output.name]
-            lines += [f"    {name} = [", *(f"        {text}," for text in elements.elements), "    ]"]
-            lines.append(f"    {name} = _stacked({name}, {leading}, {shape_literal(output)})")
-        return [*lines, f"    return {', '.join(names[output.name] for output in function.outputs)}"]
+            lines += [f"    {name} = _stacked(", "        ["]
+            lines += [f"            {text}," for text in elements.elements]
+            lines += ["        ],", f"        {leading},", f"        {shape_literal(output)},", "    )"]
+        return [*lines, end]
+
+    @staticmethod
+    def _vectors(index: int, named: NamedFunction, leading: str, plan: Schedule) -> list[str]:
+        function, names = named.function, named.names
+        arguments = ", ".join(names[argument.name] for argument in function.arguments)
+        values = named.scope.inner().take("values")
+        lines = [f"    {values} = _computed([{arguments}], {leading}, _CONSTANTS_{index + 1}, _STEPS_{index + 1})"]
+        for output, places in zip(function.outputs, plan.outputs, strict=True):
+            name = names[output.name]
+            lines += [f"    {name} = _selected(", f"        {values},", "        ["]
+            lines += _integers(places.tolist(), "            ")
+            lines += ["        ],", f"        {leading},", f"        {shape_literal(output)},", "    )"]
+        return lines
 
     def comparison(self) -> list[str]:
         return [
@@ -81,23 +180,52 @@ class _JaxProject(PythonProject):
             "",
             "def evaluated(function, arrays):",
             "    results = function(*map(np.array, arrays))",
-            "    return [np.ravel(r) for r in (results if isinstance(results, tuple) else (results,))]",
+            "    results = results if isinstance(results, tuple) else (results,)",
+            "    return [np.ravel(result).tolist() for result in results]",
         ]
 
     def use(self) -> list[str]:
         named = self.functions[0]
+        outputs = ", ".join(named.names[output.name] for output in named.function.outputs)
         arguments = ", ".join(named.names[argument.name] for argument in named.function.arguments)
         return [
             "```python",
             "import jax",
             "",
-            'jax.config.update("jax_enable_x64", True)  # for double precision; JAX computes in single without it',
+            'jax.config.update("jax_enable_x64", True)  # double precision, which JAX has switched off at first',
             f"import {self.name}",
             "",
-            f"compiled = jax.jit({self.name}.{named.name})",
-            f"slope = jax.jacfwd({self.name}.{named.name})({arguments})",
+            f"{outputs} = {self.name}.{named.name}({arguments})",
+            f"slopes = jax.jacfwd({self.name}.{named.name})({arguments})",
             "```",
             "",
-            "Arguments are arrays of shape (..., width); `jit`, `vmap`, `grad`, `jacfwd` and `jacrev` apply. The",
-            "derivative of the sign is 0.",
+            "Arguments are arrays of shape (..., width) for one sample or many; leading axes broadcast. Functions are",
+            "compiled at their first call, and work inside others that are; `vmap`, `grad`, `jacfwd` and `jacrev`",
+            "apply. The derivative of a sign is 0. Functions with many operations are tables of vector operations,",
+            "which XLA compiles much sooner than thousands of single ones. XLA takes numbers below 2.2e-308 for 0.",
         ]
+
+
+def _tables(index: int, plan: Schedule) -> list[str]:
+    """Return the constants and steps of a schedule as tuples."""
+    lines = [f"_CONSTANTS_{index + 1} = (", *_ended(number_lines(plan.constants, "    ")), ")"]
+    lines.append(f"_STEPS_{index + 1} = (")
+    for step in plan.steps:
+        lines += ["    (", f'        "{step.operation}",']
+        for values in (step.first, step.second, step.signs):
+            inner = _integers([] if values is None else values.tolist(), "            ")
+            if len(inner) > 1:
+                lines += ["        (", *inner, "        ),"]
+            else:
+                lines.append(f"        ({inner[0].strip() if inner else ''}),")
+        lines.append("    ),")
+    return [*lines, ")", "", ""]
+
+
+def _integers(values: Sequence[float], indent: str) -> list[str]:
+    return _ended(wrapped_lines([", ".join(str(int(value)) for value in values)], indent)) if values else []
+
+
+def _ended(lines: list[str]) -> list[str]:
+    """Return the lines of a tuple with a comma at the end, also where it has one element."""
+    return [*lines[:-1], f"{lines[-1]},"] if lines else []

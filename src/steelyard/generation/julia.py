@@ -9,15 +9,14 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
-from .assignments import Listing, Syntax, listing
-from .documentation import elements_lines, function_lines, shared_arguments
+from .assignments import Syntax, listing
+from .documentation import MARKDOWN, elements_lines, function_lines, shared_arguments
 from .naming import NamedFunction, naming, project_name
 from .readme import readme
-from .text import Names, comment_lines, marker, number, number_lines
+from .shadowing import shadowing
+from .text import Names, comment_lines, marker, number, number_lines, wrapped_lines
 
 if TYPE_CHECKING:
-    from collections.abc import Iterable
-
     from .project import Project
 
 __all__ = ["write"]
@@ -26,9 +25,15 @@ _KEYWORDS = """
 abstract baremodule begin break catch const continue do else elseif end export false finally for function global if
 import in isa let local macro module mutable outer primitive public quote return struct true try type using where while
 sin cos sign sincos length size throw fill pi im Inf NaN Float64 AbstractVector AbstractMatrix AbstractArray Ref Base
-Core Main DimensionMismatch nothing missing eval include one zero
+Core Main DimensionMismatch nothing missing eval include one zero ans
 """
 _RESERVED = frozenset(_KEYWORDS.split())
+_PACKAGES = """
+Base Core Main Test Pkg ArgTools Artifacts Base64 CRC32c Dates Distributed Downloads FileWatching Future
+InteractiveUtils LazyArtifacts LibGit2 Libdl LinearAlgebra Logging Markdown Mmap Printf Profile Random Serialization
+Sockets SparseArrays Statistics StyledStrings SuiteSparse Tar Unicode
+"""
+_MODULES = frozenset(_PACKAGES.split())
 _NAMESPACE = uuid.uuid5(uuid.NAMESPACE_DNS, "steelyard")
 
 
@@ -47,13 +52,11 @@ class _Source:
         self.project = project
         words = project_name(project, _RESERVED).split("_")
         self.module = "".join(word.capitalize() for word in words)
-        if self.module in ("Base", "Core", "Main", "Test"):
+        if self.module in _MODULES:
             self.module += "Robot"
-        self.scope = Names(_RESERVED | {self.module})
-        names = naming(project, self.scope, style=str.upper)
-        self.functions, self.sizes = names.functions, names.sizes
+        found = naming(project, Names(_RESERVED | {self.module}), style=str.upper)
+        self.functions, self.sizes = shadowing(found, _RESERVED | {self.module}), found.sizes
         self.syntax = Syntax(element=lambda name, index: f"{name}[{index + 1}]", pair=("({}, {})", "sincos({})"))
-        self.listings = [listing(f.function, self.syntax, f.names, f.scope) for f in self.functions]
 
     def files(self) -> dict[str, str]:
         source, test = f"src/{self.module}.jl", "test/runtests.jl"
@@ -92,8 +95,17 @@ class _Source:
     def _module(self) -> str:
         project = self.project
         elements = elements_lines(project, self.functions, self.syntax.element)
-        text = [project.name or self.module, "", project.description, "", *elements]
-        lines = [f"# {marker(project.version)}", *_documentation(text, ""), f"module {self.module}", ""]
+        text = [
+            project.name or self.module,
+            "",
+            project.description,
+            "",
+            "Every function writes into its first arguments, which must not share memory with the others; it allocates "
+            "nothing and keeps nothing. Arrays of another size raise DimensionMismatch.",
+            "",
+            *elements,
+        ]
+        lines = [f"# {marker(project.version)}", "#", *comment_lines(text, "# "), f"module {self.module}", ""]
         exported = [*(f"{f.name}!" for f in self.functions), *(s.name for s in self.sizes.declared)]
         lines += [f"export {name}" for name in exported]
         lines.append("")
@@ -101,24 +113,31 @@ class _Source:
             lines += comment_lines([size.description], "# ") if size.description else []
             value = number(size.value) if isinstance(size.value, float) else str(size.value)
             lines.append(f"const {size.name} = {value}")
-        for named, found in zip(self.functions, self.listings, strict=True):
-            lines += ["", *self._function(named, found)]
+        for named in self.functions:
+            lines += ["", *self._function(named)]
         return "\n".join([*lines, "", "end", ""])
 
-    def _function(self, named: NamedFunction, found: Listing) -> list[str]:
+    def _function(self, named: NamedFunction) -> list[str]:
         function, names = named.function, named.names
+        found = listing(function, self.syntax, names, named.scope)
         shared = shared_arguments(self.project)
-        text = function_lines(function, names, self.syntax.element, shared, row_major=False)
+        lines = ['@doc raw"""', f"    {named.name}!({', '.join(self._arguments(named))})", ""]
+        text = function_lines(function, names, self.syntax.element, shared, row_major=False, prose=MARKDOWN)
+        # In a raw string nothing is interpolated, and no character of the text is a quote that ends it.
+        lines += [*wrapped_lines(text, ""), '"""']
         typed = [f"{names[o.name]}::{_type(o.shape)}" for o in function.outputs]
         typed += [f"{names[a.name]}::AbstractVector{{Float64}}" for a in function.arguments]
-        lines = [*_documentation(text, ""), f"function {named.name}!({', '.join(typed)})"]
+        lines += [f"function {named.name}!(", *(f"    {text}," for text in typed), ")"]
         for output in function.outputs:
-            if output.shape:
-                shape = f"({', '.join(map(str, output.shape))}{',' if len(output.shape) == 1 else ''})"
-                lines.append(_check(f"size({names[output.name]}) == {shape}", names[output.name], shape))
+            name, size = names[output.name], self.sizes.of[function.name, output.name]
+            if len(output.shape) == 1:
+                lines.append(_check(f"length({name}) == {size}", f"{name} must have {output.size} elements"))
+            elif output.shape:
+                shape = f"({', '.join(map(str, output.shape))})"
+                lines.append(_check(f"size({name}) == {shape}", f"{name} must have the size {shape}"))
         for argument in function.arguments:
-            name = names[argument.name]
-            lines.append(_check(f"length({name}) == {argument.width}", name, f"({argument.width},)"))
+            name, size = names[argument.name], self.sizes.of[function.name, argument.name]
+            lines.append(_check(f"length({name}) == {size}", f"{name} must have {argument.width} elements"))
         arrays = [names[o.name] for o in function.outputs if o.shape] + [names[a.name] for a in function.arguments]
         lines += [f"    Base.require_one_based_indexing({', '.join(arrays)})"] if arrays else []
         lines.append("    @inbounds begin")
@@ -130,6 +149,11 @@ class _Source:
             places = _places(output.shape)
             lines += [f"        {name}[{places[k]}] = {text}" for k, text in listed.stored]
         return [*lines, "    end", "    return nothing", "end"]
+
+    @staticmethod
+    def _arguments(named: NamedFunction) -> list[str]:
+        function, names = named.function, named.names
+        return [names[o.name] for o in function.outputs] + [names[a.name] for a in function.arguments]
 
     def _test(self) -> str:
         lines = [
@@ -171,17 +195,16 @@ class _Source:
         for output in named.function.outputs:
             shape = ", ".join(map(str, output.shape))
             made.append(f"{named.names[output.name]} = {f'zeros({shape})' if shape else 'Ref(0.0)'}")
-        wanted = [named.names[output.name] for output in named.function.outputs]
-        wanted += [named.names[argument.name] for argument in named.function.arguments]
         return [
             "```julia",
             f"using {self.module}",
             "",
             *made,
-            f"{named.name}!({', '.join(wanted)})",
+            f"{named.name}!({', '.join(self._arguments(named))})",
             "```",
             "",
-            "The functions allocate nothing. The self-test: `julia --project test/runtests.jl`.",
+            "The functions allocate nothing. Outputs must not share memory with arguments. The self-test is",
+            "`julia --project test/runtests.jl`, or `Pkg.test()`.",
         ]
 
 
@@ -195,13 +218,8 @@ def _places(shape: tuple[int, ...]) -> list[str]:
     return [", ".join(str(k + 1) for k in place) for place in product(*(range(n) for n in shape))]
 
 
-def _check(condition: str, name: str, shape: str) -> str:
-    return f'    {condition} || throw(DimensionMismatch("{name} must have the size {shape}"))'
-
-
-def _documentation(lines: Iterable[str], indent: str) -> list[str]:
-    """Return a docstring; in a raw string nothing is interpolated, and there is no backslash to escape with."""
-    return [f'{indent}@doc raw"""', *comment_lines(lines, indent), f'{indent}"""']
+def _check(condition: str, message: str) -> str:
+    return f'    {condition} || throw(DimensionMismatch("{message}"))'
 
 
 def _literal(name: str, values: NDArray[np.float64]) -> list[str]:

@@ -1,10 +1,9 @@
-"""Python with NumPy: a module of functions over any leading dimensions."""
+"""Python with NumPy: a module of functions over any leading axes."""
 
 from __future__ import annotations
 
 from typing import TYPE_CHECKING, ClassVar
 
-from .assignments import Listing
 from .naming import NamedFunction
 from .python_project import PythonProject, shape_literal
 
@@ -12,6 +11,20 @@ if TYPE_CHECKING:
     from .project import Project
 
 __all__ = ["write"]
+
+_HEAD = '''import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+Array = NDArray[np.float64]
+
+
+def _columns(name: str, values: ArrayLike, size: int) -> Array:
+    """Return an argument with its last axis first."""
+    array = np.asarray(values, dtype=np.float64)
+    if array.ndim == 0 or array.shape[-1] != size:
+        raise ValueError(f"{name} must have shape (..., {size}), got {array.shape}")
+    return np.moveaxis(array, -1, 0)
+'''
 
 
 def write(project: Project) -> dict[str, str]:
@@ -26,56 +39,53 @@ def write(project: Project) -> dict[str, str]:
 
 class _NumPyProject(PythonProject):
     title = "Python"
-    requirement = "numpy"
-    reserved = frozenset({"np", "ArrayLike", "NDArray", "annotations", "_checked", "_leading"})
+    requirements = ("numpy>=1.21",)
+    reserved = frozenset({"np", "ArrayLike", "NDArray", "Array", "_columns"})
     calls: ClassVar[dict[str, str]] = {"sin": "np.sin({})", "cos": "np.cos({})", "sign": "np.sign({})"}
 
-    def head(self) -> list[str]:
+    def introduction(self) -> list[str]:
         return [
-            "import numpy as np",
-            "from numpy.typing import ArrayLike, NDArray",
-            "",
-            "",
-            "def _checked(name: str, values: ArrayLike, size: int) -> NDArray[np.float64]:",
-            "    array = np.asarray(values, dtype=np.float64)",
-            "    if array.ndim == 0 or array.shape[-1] != size:",
-            '        raise ValueError(f"{name} must have shape (..., {size}), got {array.shape}")',
-            "    return array",
-            "",
+            "Every function takes arrays (..., width) with any leading axes, which broadcast: one sample, or many at "
+            "once. It keeps nothing and changes none of its arguments. An argument of another width raises ValueError.",
         ]
 
-    def definition(self, named: NamedFunction, found: Listing, documentation: list[str]) -> list[str]:
+    def head(self) -> list[str]:
+        return _HEAD.splitlines()
+
+    def definition(self, index: int, named: NamedFunction) -> list[str]:
         function, names = named.function, named.names
-        arguments = [names[argument.name] for argument in function.arguments]
-        several = len(function.outputs) > 1
-        array = "NDArray[np.float64]"
-        kind = f"tuple[{', '.join([array] * len(function.outputs))}]" if several else array
-        lines = [f"def {named.name}({', '.join(f'{name}: ArrayLike' for name in arguments)}) -> {kind}:"]
-        lines += documentation
-        leading = named.scope.take("leading")
-        for argument, name in zip(function.arguments, arguments, strict=True):
-            lines.append(f'    {name} = _checked("{name}", {name}, {argument.width})')
-        shapes = ", ".join(f"{name}.shape[:-1]" for name in arguments)
-        lines.append(f"    {leading} = np.broadcast_shapes({shapes})")
-        lines += [f"    {name} = np.moveaxis({name}, -1, 0)" for name in arguments]
+        found = self.listing(named)
+        results = [names[output.name] for output in function.outputs]
+        kind = f"tuple[{', '.join(['Array'] * len(results))}]" if len(results) > 1 else "Array"
+        lines = [*self.signature(named, "ArrayLike", kind), *self.documentation(named, "ndarray")]
+        leading = named.scope.inner().take("leading")
+        shapes = []
+        for argument in function.arguments:
+            name = names[argument.name]
+            lines.append(f'    {name} = _columns("{name}", {name}, {self.size(named, argument.name)})')
+            shapes.append(f"{name}.shape[1:]")
+        lines.append(f"    {leading} = np.broadcast_shapes({', '.join(shapes)})")
         lines += [f"    {a.name} = {a.expression}" for a in found.assignments]
         for output, elements in zip(function.outputs, found.outputs, strict=True):
             name = names[output.name]
             make = "zeros" if elements.mostly_zero else "empty"
-            lines.append(f"    {name} = np.{make}((*{leading}, {output.size}))")
+            lines.append(f"    {name} = np.{make}((*{leading}, {self.size(named, output.name)}))")
             lines += [f"    {name}[..., {k}] = {text}" for k, text in elements.stored]
-            lines.append(f"    {name} = {name}.reshape((*{leading}, *{shape_literal(output)}))")
-        return [*lines, f"    return {', '.join(names[output.name] for output in function.outputs)}"]
+            if len(output.shape) != 1:
+                lines.append(f"    {name} = {name}.reshape((*{leading}, *{shape_literal(output)}))")
+        return [*lines, f"    return {', '.join(results)}"]
 
     def comparison(self) -> list[str]:
         return [
             "import numpy as np",
+            "",
             f"import {self.name} as module",
             "",
             "",
             "def evaluated(function, arrays):",
             "    results = function(*map(np.array, arrays))",
-            "    return [np.ravel(r) for r in (results if isinstance(results, tuple) else (results,))]",
+            "    results = results if isinstance(results, tuple) else (results,)",
+            "    return [np.ravel(result).tolist() for result in results]",
         ]
 
     def use(self) -> list[str]:
@@ -89,6 +99,7 @@ class _NumPyProject(PythonProject):
             f"{outputs} = {self.name}.{named.name}({arguments})",
             "```",
             "",
-            "Arguments are arrays of shape (..., width) for one sample or many; leading dimensions are broadcast,",
-            "so that parameters may be given once for all.",
+            "Arguments are arrays of shape (..., width) for one sample or many; leading axes broadcast,",
+            "so that parameters may be given once for all. A function with several outputs returns a tuple. Very long",
+            "recordings are best computed in parts of some thousand samples, which stay in the processor's cache.",
         ]

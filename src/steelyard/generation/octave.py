@@ -8,8 +8,8 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
-from .assignments import Listing, Syntax, listing
-from .documentation import elements_lines, function_lines, shared_arguments
+from .assignments import Syntax, listing
+from .documentation import elements_lines, function_lines
 from .naming import NamedFunction, naming, project_name
 from .readme import readme
 from .text import Names, comment_lines, marker, number, number_lines
@@ -29,11 +29,27 @@ try while arguments do endfunction endif endfor endwhile end_try_catch end_unwin
 unwind_protect unwind_protect_cleanup endclassdef enumeration events methods properties __FILE__ __LINE__ import
 """
 _FUNCTIONS = """
-sin cos sign zeros numel error abs max fprintf permute ndims pi i j inf nan eps ans nargin nargout varargin varargout
-size isequal e NA true false
+sin cos sign zeros numel error abs all fprintf permute ndims pi i j inf nan eps ans nargin nargout varargin varargout
+size isa isreal isequal double e NA true false
 """
 _RESERVED = frozenset((_KEYWORDS + _FUNCTIONS).split())
 _LONGEST = 63  # characters of a name in MATLAB
+_COMPARE = """
+function compare(what, actual, expected, tolerance)
+  % Elements row by row, as the reference values are.
+  actual = permute(actual, ndims(actual):-1:1);
+  actual = actual(:);
+  if numel(actual) ~= numel(expected)
+    error('self_test:size', '%s has %d elements, expected %d.', what, numel(actual), numel(expected));
+  end
+  for k = 1:numel(expected)
+    if ~(abs(actual(k) - expected(k)) <= tolerance)
+      error('self_test:value', 'element %d of %s, row by row, is %.17g, expected %.17g within %.3g.', ...
+            k, what, actual(k), expected(k), tolerance);
+    end
+  end
+end
+"""
 
 
 def write(project: Project) -> dict[str, str]:
@@ -46,34 +62,27 @@ def write(project: Project) -> dict[str, str]:
     return _Source(project).files()
 
 
-def _index(shape: tuple[int, ...]) -> list[str]:
-    """Return the index of each element, in row-major order."""
-    if len(shape) == 1:
-        return [f"({k + 1})" for k in range(shape[0])]
-    return [f"({', '.join(str(k + 1) for k in place)})" for place in product(*(range(n) for n in shape))]
-
-
 class _Source:
     def __init__(self, project: Project) -> None:
         self.project = project
-        longest = max((len(function.name) for function in project.functions), default=0)
+        longest = max(len(function.name) for function in project.functions)
         self.name = project_name(project, _RESERVED)[: max(_LONGEST - longest - 6, 8)].rstrip("_")
         # File systems that ignore case would make one file of two.
-        self.scope = Names(_RESERVED, ignore_case=True)
-        self.sizes_name = self.scope.take(f"{self.name}_sizes")
-        self.test_name = self.scope.take(f"{self.name}_self_test")
-        names = naming(project, self.scope, prefix=f"{self.name}_")
-        self.functions, self.sizes = names.functions, names.sizes
+        scope = Names(_RESERVED, ignore_case=True)
+        self.sizes_name = scope.take(f"{self.name}_sizes")
+        self.test_name = scope.take(f"{self.name}_self_test")
+        found = naming(project, scope, prefix=f"{self.name}_")
+        self.sizes = found.sizes
+        files = Names([*_RESERVED, self.sizes_name, self.test_name], ignore_case=True)
+        self.functions = [
+            NamedFunction(f.function, files.take(f.name[: _LONGEST - 3]), f.names, f.scope) for f in found.functions
+        ]
         self.syntax = Syntax(element=lambda name, index: f"{name}({index + 1})")
-        self.listings = [listing(f.function, self.syntax, f.names, f.scope) for f in self.functions]
 
     def files(self) -> dict[str, str]:
-        described = {f"{f.name}.m": "a function" for f in self.functions}
+        described = {f"{f.name}.m": "a function, with help" for f in self.functions}
         described |= {f"{self.sizes_name}.m": "sizes and constants", f"{self.test_name}.m": "self-test"}
-        result = {
-            f"{named.name}.m": self._function(named, found)
-            for named, found in zip(self.functions, self.listings, strict=True)
-        }
+        result = {f"{named.name}.m": self._function(named) for named in self.functions}
         result |= {f"{self.sizes_name}.m": self._sizes(), f"{self.test_name}.m": self._test()}
         layout = "Vectors are columns, matrices are matrices, and a number is a scalar."
         text = readme(
@@ -81,23 +90,24 @@ class _Source:
         )
         return {**result, "README.md": text}
 
-    def _head(self, first: str, lines: Iterable[str]) -> list[str]:
-        return [f"% {marker(self.project.version)}", first, *comment_lines(lines, "% ")]
+    def _head(self, name: str, signature: str, lines: Iterable[str]) -> list[str]:
+        """Return the help of a function, which both take from the first block of comments, and its first line."""
+        first = f"% {name}. {marker(self.project.version)}"
+        return [first, "%", *comment_lines(lines, "% "), f"function {signature}"]
 
-    def _function(self, named: NamedFunction, found: Listing) -> str:
+    def _function(self, named: NamedFunction) -> str:
         function, names = named.function, named.names
+        found = listing(function, self.syntax, names, named.scope)
         arguments = ", ".join(names[argument.name] for argument in function.arguments)
         results = ", ".join(names[output.name] for output in function.outputs)
-        shared = shared_arguments(self.project)
-        text = function_lines(function, names, self.syntax.element, shared, row_major=False)
-        elements = elements_lines(self.project, [named], self.syntax.element) if self._complete(named) else []
-        lines = self._head(f"function [{results}] = {named.name}({arguments})", [*text, "", *elements])
+        text = function_lines(function, names, self.syntax.element, row_major=False)
+        lines = self._head(named.name, f"[{results}] = {named.name}({arguments}) %#codegen", text)
         for argument in function.arguments:
-            name = names[argument.name]
-            message = f"'{name} must have {argument.width} elements, not %d.'"
+            name, width = names[argument.name], argument.width
+            message = f"{name} must be a real double array of {width} elements, not %d."
             lines += [
-                f"  if numel({name}) ~= {argument.width}",
-                f"    error('{named.name}:size', {message}, numel({name}));",
+                f"  if ~(isa({name}, 'double') && isreal({name}) && numel({name}) == {width})",
+                f"    error('{named.name}:{name}', '{message}', numel({name}));",
                 "  end",
             ]
         lines += [f"  {a.name} = {a.expression};" for a in found.assignments]
@@ -107,30 +117,25 @@ class _Source:
                 lines.append(f"  {name} = {listed.elements[0]};")
                 continue
             lines.append(f"  {name} = zeros({_shape(output)});")
-            places = _index(output.shape)
-            stored = zip(places, listed.elements, listed.zero, strict=True)
-            lines += [f"  {name}{place} = {text};" for place, text, zero in stored if not zero]
+            stored = zip(_places(output.shape), listed.elements, listed.zero, strict=True)
+            lines += [f"  {name}({place}) = {text};" for place, text, zero in stored if not zero]
         return "\n".join([*lines, "end", ""])
 
-    def _complete(self, named: NamedFunction) -> bool:
-        """Tell whether a function has all the arguments that are documented once for all."""
-        have = {argument.name for argument in named.function.arguments}
-        return all(argument.name in have for argument in shared_arguments(self.project) if argument.elements)
-
     def _sizes(self) -> str:
-        text = [self.project.name or self.name, "", self.project.description, ""]
+        text = ["Sizes and constants of all the functions.", "", self.project.name or self.name, ""]
+        text += [self.project.description, ""]
         text += elements_lines(self.project, self.functions, self.syntax.element)
-        lines = self._head(f"function sizes = {self.sizes_name}()", text)
+        lines = self._head(self.sizes_name, f"sizes = {self.sizes_name}()", text)
+        fields = Names(_RESERVED)
         for size in self.sizes.declared:
+            lines += comment_lines([size.description], "  % ") if size.description else []
             value = number(size.value) if isinstance(size.value, float) else str(size.value)
-            lines.append(f"  sizes.{size.name} = {value};")
+            lines.append(f"  sizes.{fields.take(size.name.removeprefix(f'{self.name}_'))} = {value};")
         return "\n".join([*lines, "end", ""])
 
     def _test(self) -> str:
-        lines = self._head(
-            f"function {self.test_name}()",
-            ["Compare the functions with reference values; an error tells what differs."],
-        )
+        what = "Compare the functions with reference values; an error tells what differs."
+        lines = self._head(self.test_name, f"{self.test_name}()", [what])
         tests: list[str] = []
         for k, named in enumerate(self.functions):
             lines.append(f"  test_{k + 1}();")
@@ -145,11 +150,11 @@ class _Source:
                 outputs = zip(named.function.outputs, results, reference.outputs, reference.tolerances, strict=True)
                 for output, result, array, tolerance in outputs:
                     tests += _literal("expected", array[sample])
-                    what = f"{named.names[output.name]} of {named.name}"
-                    tests.append(f"  compare('{what}', {result}, expected, {number(tolerance)});")
+                    label = f"{named.names[output.name]} of {named.name}"
+                    tests.append(f"  compare('{label}', {result}, expected, {number(tolerance)});")
             tests.append("end")
         lines += [f"  fprintf('{self.name}: all the reference values agree.\\n');", "end"]
-        return "\n".join([*lines, *tests, *_COMPARE]) + "\n"
+        return "\n".join([*lines, *tests]) + "\n" + _COMPARE
 
     def _use(self) -> list[str]:
         named = self.functions[0]
@@ -165,24 +170,15 @@ class _Source:
             "```matlab",
             f"[{results}] = {named.name}({arguments});",
             "```",
+            "",
+            f"`help {named.name}` tells what every element of an argument is. Arguments are rows or columns of double",
+            "precision, one sample a call. The functions keep nothing, and are ready for MATLAB Coder.",
         ]
 
 
-_COMPARE = (
-    "",
-    "function compare(what, actual, expected, tolerance)",
-    "  % Elements row by row, as the reference values are.",
-    "  actual = permute(actual, ndims(actual):-1:1);",
-    "  actual = actual(:);",
-    "  if numel(actual) ~= numel(expected)",
-    "    error('self_test:size', '%s has %d elements, expected %d.', what, numel(actual), numel(expected));",
-    "  end",
-    "  difference = max(abs(actual - expected(:)));",
-    "  if ~(difference <= tolerance)",
-    "    error('self_test:value', '%s differs by %.3g, more than %.3g.', what, difference, tolerance);",
-    "  end",
-    "end",
-)
+def _places(shape: tuple[int, ...]) -> list[str]:
+    """Return the index of each element, in row-major order."""
+    return [", ".join(str(k + 1) for k in place) for place in product(*(range(n) for n in shape))]
 
 
 def _literal(name: str, values: NDArray[np.float64]) -> list[str]:

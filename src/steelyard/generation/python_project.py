@@ -2,40 +2,38 @@
 
 from __future__ import annotations
 
-import builtins
 import keyword
+import sys
 from abc import ABC, abstractmethod
 from typing import TYPE_CHECKING, ClassVar
 
 from .assignments import Listing, Syntax, listing
-from .documentation import elements_lines, function_lines, shared_arguments
+from .documentation import elements_lines, operations_line, shape_text, shared_arguments
 from .naming import NamedFunction, naming, project_name
+from .python_self_test import python_self_test
 from .readme import readme
-from .text import Names, comment_lines, marker, number, number_lines
+from .shadowing import shadowing
+from .text import Names, comment_lines, comment_text, marker, number
 
 if TYPE_CHECKING:
-    from steelyard.graph import Output
+    from collections.abc import Sequence
+
+    from steelyard.graph import Argument, Output
 
     from .project import Project
 
-__all__ = ["PythonProject"]
+__all__ = ["PythonProject", "shape_literal"]
 
-_PROJECT_RESERVED = frozenset(
-    [
-        *keyword.kwlist,
-        *keyword.softkwlist,
-        "numpy",
-        "jax",
-        "casadi",
-        "math",
-        "unittest",
-        "test",
-        "setup",
-        "build",
-        "dist",
-    ]
-)
-_RESERVED = frozenset([*keyword.kwlist, *dir(builtins)])
+# A module of one of these names would hide another one, or be a folder of the build.
+_MODULES = """
+numpy jax jaxlib casadi pytest setuptools pip wheel test tests setup build dist conftest
+"""
+_PROJECT_RESERVED = frozenset([*_MODULES.split(), *keyword.kwlist, *keyword.softkwlist, *sys.stdlib_module_names])
+_BUILTINS = """
+annotations list tuple str int float len range zip map sum
+"""
+_RESERVED = frozenset([*_BUILTINS.split(), *keyword.kwlist])
+_WIDTH = 100
 
 
 class PythonProject(ABC):
@@ -47,30 +45,39 @@ class PythonProject(ABC):
     """
 
     title: ClassVar[str]
-    requirement: ClassVar[str]
+    requirements: ClassVar[tuple[str, ...]]
+    python: ClassVar[str] = "3.9"
     reserved: ClassVar[frozenset[str]]
     calls: ClassVar[dict[str, str]]
+    batches: ClassVar[bool] = True  # whether arguments have any leading axes
 
     def __init__(self, project: Project) -> None:
         self.project = project
         self.name = project_name(project, _PROJECT_RESERVED)
-        self.scope = Names(_RESERVED | self.reserved)
-        names = naming(project, self.scope, style=str.upper)
-        self.functions, self.sizes = names.functions, names.sizes
+        reserved = _RESERVED | self.reserved
+        found = naming(project, Names(reserved), style=str.upper)
+        self.functions, self.sizes = shadowing(found, reserved), found.sizes
         self.syntax = Syntax(calls=self.calls)
-        self.listings = [listing(f.function, self.syntax, f.names, f.scope) for f in self.functions]
+
+    def listing(self, named: NamedFunction) -> Listing:
+        """List the assignments of a function."""
+        return listing(named.function, self.syntax, named.names, named.scope)
+
+    @abstractmethod
+    def introduction(self) -> list[str]:
+        """Return what the documentation of the module says about all the functions."""
 
     @abstractmethod
     def head(self) -> list[str]:
         """Return imports and private functions."""
 
     @abstractmethod
-    def definition(self, named: NamedFunction, found: Listing, documentation: list[str]) -> list[str]:
+    def definition(self, index: int, named: NamedFunction) -> list[str]:
         """Return the definition of one function."""
 
     @abstractmethod
     def comparison(self) -> list[str]:
-        """Return the lines of the self-test that call ``function`` with ``arrays`` and return a list of flat arrays."""
+        """Return the lines of the self-test that define ``evaluated(function, arrays)``, a list of flat arrays."""
 
     @abstractmethod
     def use(self) -> list[str]:
@@ -84,7 +91,7 @@ class PythonProject(ABC):
             "pyproject.toml": "makes it installable",
         }
         use = [
-            f"Copy `{self.name}.py`, or install the folder. The self-test:",
+            f"Copy `{self.name}.py`, or install the folder. The self-test, which pytest runs too:",
             "",
             "```sh",
             "python -m unittest",
@@ -95,31 +102,106 @@ class PythonProject(ABC):
         layout = "Outputs have the shapes that are given."
         return {
             f"{self.name}.py": self._module(),
-            f"test_{self.name}.py": self._test(),
+            f"test_{self.name}.py": python_self_test(self.project, self.name, self.functions, self.comparison()),
             "pyproject.toml": self._package(),
-            "README.md": readme(self.project, self.title, described, use, self.functions, self.syntax.element, layout),
+            "README.md": readme(self.project, self.title, described, use, self.functions, self.element, layout),
         }
+
+    def element(self, name: str, index: int) -> str:
+        """Return how a caller writes an element of an argument."""
+        return f"{name}[..., {index}]" if self.batches else f"{name}[{index}]"
+
+    def size(self, named: NamedFunction, item: str) -> str:
+        """Return the name of the size of an argument or output."""
+        return self.sizes.of[named.function.name, item]
+
+    def signature(self, named: NamedFunction, kind: str, result: str) -> list[str]:
+        """Return the first lines of a function that takes the arguments as `kind`."""
+        typed = [f"{named.names[a.name]}: {kind}" for a in named.function.arguments]
+        line = f"def {named.name}({', '.join(typed)}) -> {result}:"
+        if len(line) <= _WIDTH:
+            return [line]
+        return [f"def {named.name}(", *(f"    {text}," for text in typed), f") -> {result}:"]
+
+    def documentation(self, named: NamedFunction, kind: str) -> list[str]:
+        """Return the docstring of a function that takes arrays.
+
+        Parameters
+        ----------
+        named : NamedFunction
+        kind : str
+            Type of the outputs.
+        """
+        function = named.function
+        shared = shared_arguments(self.project)
+        lines = [comment_text(function.description) or f"Compute {named.name}.", ""]
+        if function.arguments:
+            lines += ["Parameters", "----------"]
+        for argument in function.arguments:
+            name = named.names[argument.name]
+            lines += [f"{name} : array_like", f"    (..., {argument.width}) {comment_text(argument.description)}"]
+            lines += self._elements(argument, name, argument in shared)
+        lines += ["", "Returns", "-------"] if function.arguments else ["Returns", "-------"]
+        for output in function.outputs:
+            sizes = "".join(f", {size}" for size in output.shape)
+            lines += [
+                f"{named.names[output.name]} : {kind}",
+                f"    (...{sizes}) {comment_text(output.description)}",
+            ]
+        lines += ["", "Notes", "-----", operations_line(function)]
+        return self.docstring(lines)
+
+    def _elements(self, argument: Argument, name: str, shared: bool) -> list[str]:
+        if not argument.elements:
+            return []
+        if shared:
+            return ["    Elements: see the module."]
+        texts = [comment_text(text) for text in argument.elements]
+        return ["", *(f"    * ``{self.element(name, k)}``: {text}" for k, text in enumerate(texts))]
+
+    def documented_builder(self, named: NamedFunction, kind: str) -> list[str]:
+        """Return the docstring of a function that takes nothing and returns an object to call."""
+        function, names = named.function, named.names
+        shared = shared_arguments(self.project)
+        lines = [comment_text(function.description) or f"Compute {named.name}.", "", "Returns", "-------", kind]
+        lines.append("    Inputs:" if function.arguments else "    It has no inputs.")
+        for argument in function.arguments:
+            name, text = names[argument.name], comment_text(argument.description)
+            lines += ["", f"    * ``{name}`` ({argument.width}): {text}"]
+            if argument not in shared:
+                lines += self._elements(argument, name, False)
+            elif argument.elements:
+                lines.append("      (elements: see the module)")
+        lines += ["", "    Outputs:"]
+        for output in function.outputs:
+            text = comment_text(output.description)
+            lines += ["", f"    * ``{names[output.name]}``: {shape_text(output)}; {text}".rstrip("; ")]
+        lines += ["", "Notes", "-----", operations_line(function)]
+        return self.docstring(lines)
+
+    @staticmethod
+    def docstring(lines: Sequence[str]) -> list[str]:
+        """Return harmless text as the docstring of a function."""
+        return ['    """', *comment_lines(lines, "    "), '    """']
 
     def _module(self) -> str:
         project = self.project
-        elements = elements_lines(project, self.functions, self.syntax.element)
-        introduction = [project.name or self.name, "", project.description, "", *elements]
-        lines = [f"# {marker(project.version)}", '"""', *comment_lines(introduction, ""), '"""', ""]
-        lines += ["from __future__ import annotations", "", *self.head(), ""]
+        elements = elements_lines(project, self.functions, self.element)
+        text = [project.name or self.name, "", project.description, "", *self.introduction(), "", *elements]
+        lines = [f"# {marker(project.version)}", '"""', *comment_lines(text, ""), '"""', ""]
+        lines += ["from __future__ import annotations", "", *self.head(), "", ""]
         exported = sorted([*(f.name for f in self.functions), *(s.name for s in self.sizes.declared)])
         lines += ["__all__ = [", *(f'    "{name}",' for name in exported), "]", ""]
         for size in self.sizes.declared:
             lines += comment_lines([size.description], "# ") if size.description else []
             value = number(size.value) if isinstance(size.value, float) else str(size.value)
             lines.append(f"{size.name} = {value}")
-        shared = shared_arguments(project)
-        for named, found in zip(self.functions, self.listings, strict=True):
-            text = function_lines(named.function, named.names, self.syntax.element, shared, row_major=False)
-            documentation = ['    """', *comment_lines(text, "    "), '    """']
-            lines += ["", "", *self.definition(named, found, documentation)]
+        for index, named in enumerate(self.functions):
+            lines += ["", "", *self.definition(index, named)]
         return "\n".join(lines) + "\n"
 
     def _package(self) -> str:
+        requirements = ", ".join(f'"{requirement}"' for requirement in self.requirements)
         return "\n".join(
             [
                 f"# {marker(self.project.version)}",
@@ -130,8 +212,8 @@ class PythonProject(ABC):
                 "[project]",
                 f'name = "{self.name.replace("_", "-")}"',
                 'version = "0.1.0"',
-                'requires-python = ">=3.9"',
-                f'dependencies = ["{self.requirement}"]',
+                f'requires-python = ">={self.python}"',
+                f"dependencies = [{requirements}]",
                 "",
                 "[tool.setuptools]",
                 f'py-modules = ["{self.name}"]',
@@ -139,46 +221,15 @@ class PythonProject(ABC):
             ]
         )
 
-    def _test(self) -> str:
-        lines = [
-            f"# {marker(self.project.version)}",
-            '"""Compare the functions with reference values: python -m unittest."""',
-            "",
-            "import unittest",
-            "",
-            *self.comparison(),
-            "",
-            "",
-            "class ReferenceValues(unittest.TestCase):",
-            "    def check(self, function, samples, expected, tolerances):",
-            "        for arrays, values in zip(samples, expected):",
-            "            results = evaluated(function, arrays)",
-            "            self.assertEqual(len(results), len(values))",
-            "            for result, value, tolerance in zip(results, values, tolerances):",
-            "                self.assertEqual(len(result), len(value))",
-            "                for k, (x, y) in enumerate(zip(result, value)):",
-            '                    self.assertTrue(abs(x - y) <= tolerance, f"element {k} is {x}, expected {y}")',
-        ]
-        for k, named in enumerate(self.functions):
-            reference = self.project.references[named.function.name]
-            lines += ["", f"    def test_{k + 1}_{named.name}(self):", "        samples = ["]
-            for sample in range(reference.samples):
-                lines += ["            [", *self._rows([a[sample] for a in reference.inputs]), "            ],"]
-            lines += ["        ]", "        expected = ["]
-            for sample in range(reference.samples):
-                lines += ["            [", *self._rows([a[sample] for a in reference.outputs]), "            ],"]
-            tolerances = ", ".join(map(number, reference.tolerances))
-            lines += ["        ]", f"        self.check(module.{named.name}, samples, expected, [{tolerances}])"]
-        return "\n".join([*lines, "", "", 'if __name__ == "__main__":', "    unittest.main()"]) + "\n"
-
-    @staticmethod
-    def _rows(arrays: list[object]) -> list[str]:
-        lines: list[str] = []
-        for array in arrays:
-            lines += ["                [", *number_lines(array, " " * 20), "                ],"]  # type: ignore[arg-type]
-        return lines
-
 
 def shape_literal(output: Output) -> str:
-    """Return the shape of an output as a Python tuple."""
+    """Return the shape of an output as a Python tuple.
+
+    Examples
+    --------
+    >>> from steelyard.graph import Graph, Output
+    >>> x = Graph().inputs("x", 2)
+    >>> shape_literal(Output("y", (2,), tuple(x)))
+    '(2,)'
+    """
     return f"({', '.join(map(str, output.shape))}{',' if len(output.shape) == 1 else ''})"

@@ -11,7 +11,10 @@ from numpy.typing import NDArray
 from steelyard.graph import Function, Node
 from steelyard.graph.expression import reachable
 
-__all__ = ["Schedule", "Step", "repeated_operations", "schedule"]
+__all__ = ["Schedule", "Step", "prefers_vectors", "repeated_operations", "schedule"]
+
+# XLA repeats the operations that several outputs share: beyond so many, vectors compile and differentiate sooner.
+_MOST_REPEATED = 5_000
 
 Indices = NDArray[np.intp]
 
@@ -162,3 +165,15 @@ def repeated_operations(function: Function) -> int:
         for argument in node.arguments:
             users[argument.index] = users.get(argument.index, 0) | mask
     return count
+
+
+def prefers_vectors(function: Function) -> bool:
+    """Tell whether XLA compiles a function sooner from a :func:`schedule` than from single numbers.
+
+    Parameters
+    ----------
+    function : Function
+    """
+    if sum(function.operation_count.values()) > _MOST_REPEATED:
+        return True
+    return repeated_operations(function) > _MOST_REPEATED
