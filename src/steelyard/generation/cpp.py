@@ -9,8 +9,9 @@ from .c_family import SIGN, CFamily, cmake
 from .c_self_test import cpp_self_test
 from .c_words import C_RESERVED, PROJECT_RESERVED
 from .documentation import elements_lines, function_lines, shared_arguments
-from .naming import NamedFunction, naming, project_name
+from .naming import NamedFunction, Naming, naming, project_name
 from .readme import readme
+from .shadowing import shadowing
 from .text import comment_lines, marker, number
 
 if TYPE_CHECKING:
@@ -42,7 +43,9 @@ class _Source(CFamily):
         self.namespace = f"{_OUTER}::{self.name}"
         self.part = self.scope.take(f"{self.name.upper()}_PART")
         calls = {"sin": "std::sin({})", "cos": "std::cos({})", "sign": f"{SIGN}({{}})"}
-        self.prepare(naming(project, self.scope), Syntax(calls=calls))
+        found = naming(project, self.scope)
+        reserved = C_RESERVED | {SIGN, _OUTER, self.name, self.part}
+        self.prepare(Naming(shadowing(found, reserved), found.sizes), Syntax(calls=calls))
 
     def files(self) -> dict[str, str]:
         project, name = self.project, self.name

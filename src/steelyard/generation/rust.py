@@ -16,6 +16,7 @@ from .partition import Part, Store, partition
 from .readme import readme
 from .reference import Reference
 from .rust_trigonometry import TRIGONOMETRY
+from .shadowing import shadowing
 from .text import Names, markdown_text, marker, number, number_lines, wrapped_lines
 
 if TYPE_CHECKING:
@@ -55,7 +56,7 @@ class _Source:
         self.name = project_name(project, _PROJECT_RESERVED)
         self.scope = Names(_RESERVED | {_SIGN})
         names = naming(project, self.scope, style=str.upper)
-        self.functions, self.sizes = names.functions, names.sizes
+        self.functions, self.sizes = shadowing(names, _RESERVED | {_SIGN}), names.sizes
         self.syntax = Syntax(
             calls={
                 "sin": "trigonometry::sin_cos({}).0",
