@@ -10,6 +10,7 @@ import pytest
 
 from steelyard.errors import InputError
 from steelyard.graph import Argument, Function, Graph, Kernel, ObjectCache, Output, cos, native, sin
+from steelyard.graph import kernel as kernel_module
 from steelyard.graph.machine import batch_lanes
 
 NO_CACHE = ObjectCache(None)
@@ -53,7 +54,8 @@ def expected(motion):
 @pytest.mark.parametrize("layout", ["rows", "columns"])
 @pytest.mark.parametrize("threads", [2, 3, 7])
 @pytest.mark.parametrize("count", [1, 9, 511, 512, 1000, 4099])
-def test_threads_compute_the_same(layout, threads, count):
+def test_threads_compute_the_same(layout, threads, count, monkeypatch):
+    monkeypatch.setattr(kernel_module, "_WORTHWHILE", 1.0)
     shared = Kernel(pendulum(), layout=layout, cache=NO_CACHE)
     motion = motions(count)
     alone = shared(motion, PARAMETERS)
@@ -61,6 +63,15 @@ def test_threads_compute_the_same(layout, threads, count):
     assert shared(motion, PARAMETERS, out=out, threads=threads) is out
     assert out.tolist() == alone.tolist()
     np.testing.assert_allclose(alone if layout == "rows" else alone.T, expected(motion), rtol=1e-12, atol=1e-13)
+
+
+def test_only_large_batches_are_shared(monkeypatch):
+    shares = []
+    monkeypatch.setattr(Kernel, "_share", lambda kernel, pieces, *_: shares.append(pieces))
+    shared = Kernel(pendulum(), cache=NO_CACHE)
+    for count in (2, 1000, 1_000_000):
+        shared(motions(count), PARAMETERS, threads=3)
+    assert shares == [3]
 
 
 def test_many_callers_of_a_new_kernel():

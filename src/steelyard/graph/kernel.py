@@ -8,7 +8,7 @@ import hashlib
 import os
 import threading
 from collections.abc import Callable, Iterator, Sequence
-from concurrent.futures import ThreadPoolExecutor
+from concurrent.futures import ThreadPoolExecutor, wait
 from contextlib import contextmanager
 from functools import cache, cached_property
 from itertools import pairwise
@@ -19,6 +19,7 @@ from numpy.typing import NDArray
 
 from steelyard.errors import InputError
 
+from .addresses import DOUBLE, address_of, addresses_of
 from .cache import ObjectCache, pack, unpack
 from .expression import operation_count
 from .function import Argument, Function
@@ -33,8 +34,7 @@ __all__ = ["Kernel"]
 
 Array = NDArray[np.float64]
 
-_DOUBLE = np.dtype(np.float64)
-_FEWEST = 256  # samples that are worth a thread
+_WORTHWHILE = 100_000.0  # ns of work that are worth a thread
 
 
 class Kernel:
@@ -241,26 +241,26 @@ class Kernel:
             if result is not None:
                 return result  # type: ignore[no-any-return]
         signature = self.signature
-        addresses, count, kept = _addresses(signature.arguments, arrays)
+        addresses, count, kept = addresses_of(signature.arguments, arrays)
         rows = self.layout == "rows"
         shape = (count, signature.width) if rows else (signature.width, count)
         if out is None:
             out = np.empty(shape)
-        elif out.shape != shape or not out.flags.carray or out.dtype != _DOUBLE:
+        elif out.shape != shape or not out.flags.carray or out.dtype != DOUBLE:
             raise InputError(f"out must be a C-contiguous float64 array of shape {shape}, got {out.dtype} {out.shape}.")
         if not isinstance(threads, int) or threads < 1:
             raise InputError(f"threads must be a positive integer, got {threads!r}.")
         if out.size == 0:
             return out
-        target = _address(out)
+        target = address_of(out)
         if count == 1:
             self.single_function(1, *addresses, target, 1)
             if self._quick is None and rows:
                 self._quick = self._caller(2)
-        elif threads == 1 or count < 2 * _FEWEST:
+        elif (pieces := 1 if threads == 1 else self._pieces(threads, count)) < 2:
             self.batch_function(count, *addresses, target, count)
         else:
-            self._share(threads, count, addresses, target)
+            self._share(pieces, threads, count, addresses, target)
         del kept
         return out
 
@@ -288,7 +288,7 @@ class Kernel:
         target = np.empty(width) if out is None else out
         if self._quick_sample is not None and self._quick_sample(*arrays, target) is not None:
             return target
-        if target.shape != (width,) or not target.flags.carray or target.dtype != _DOUBLE:
+        if target.shape != (width,) or not target.flags.carray or target.dtype != DOUBLE:
             raise InputError(f"out must be a C-contiguous float64 array ({width},), got {target.dtype} {target.shape}.")
         rows = [np.asarray(array) for array in arrays]
         for k, argument in enumerate(self.arguments[: len(rows)]):
@@ -315,10 +315,15 @@ class Kernel:
         each = [*(1 if a.uniform else dimensions for a in self.arguments), dimensions]
         return native_caller(self._code(1).addresses["from_table"], lengths, each)
 
-    def _share(self, threads: int, count: int, addresses: Sequence[int], target: int) -> None:
-        """Let threads compute blocks of samples; the last blocks are not left to one of them alone."""
+    def _pieces(self, threads: int, count: int) -> int:
+        """Return how many threads a batch is worth, from what it may take: 1 ns for 500 bytes of code or 4 outputs."""
+        lanes = batch_lanes()
+        work = count * (self._code(lanes).size / 500 + self._width / 4)
+        return min(threads, int(work / _WORTHWHILE), -(-count // lanes))
+
+    def _share(self, pieces: int, threads: int, count: int, addresses: Sequence[int], target: int) -> None:
+        """Let threads compute blocks of samples."""
         lanes, function, signature = batch_lanes(), self.batch_function, self.signature
-        pieces = min(threads, count // _FEWEST)
         groups = -(-count // lanes)
         bounds = [min(count, lanes * (groups * k // pieces)) for k in range(pieces + 1)]
         steps = [0 if a.uniform else 8 * a.width for a in signature.arguments]
@@ -333,8 +338,9 @@ class Kernel:
         try:
             work(bounds[0], bounds[1])
         finally:  # whatever happens here, no thread writes into an array that is gone
-            for other in others:
-                other.result()
+            wait(others)
+        for other in others:
+            other.result()
 
 
 @cache
@@ -357,35 +363,3 @@ def _without_collector() -> Iterator[None]:
 
 def _digest(*texts: str) -> str:
     return hashlib.sha256("\0".join(texts).encode()).hexdigest()
-
-
-def _address(array: Array) -> int:
-    try:
-        return ctypes.addressof(ctypes.c_char.from_buffer(array))  # type: ignore[arg-type]
-    except (TypeError, ValueError, BufferError):  # an array that may not be written, or an empty one
-        return int(array.ctypes.data)
-
-
-def _addresses(arguments: tuple[Argument, ...], arrays: tuple[Array, ...]) -> tuple[list[int], int, list[Array]]:
-    """Return the addresses of the arrays, the number of samples, and arrays that must live until they are used."""
-    if len(arrays) != len(arguments):
-        names = ", ".join(a.name for a in arguments)
-        raise InputError(f"the kernel reads {len(arguments)} arrays ({names}), got {len(arrays)}.")
-    addresses, kept, count = [], [], None
-    for argument, array in zip(arguments, arrays, strict=True):
-        if type(array) is not np.ndarray or array.dtype is not _DOUBLE or not array.flags.carray:
-            array = np.require(array, np.float64, ["C", "A"])
-            kept.append(array)
-        shape = array.shape
-        if shape != (argument.width,) if argument.uniform else len(shape) != 2 or shape[1] != argument.width:
-            form = f"({argument.width},)" if argument.uniform else f"(S, {argument.width})"
-            raise InputError(f"{argument.name} must have shape {form}, got {shape}.")
-        if not argument.uniform:
-            if count is None:
-                count = shape[0]
-            elif shape[0] != count:
-                raise InputError(
-                    f"{argument.name} must have as many rows as the arrays before it, {count}, got {shape[0]}."
-                )
-        addresses.append(_address(array))
-    return addresses, 1 if count is None else count, kept

@@ -23,16 +23,20 @@ class LoadedCode:
     Parameters
     ----------
     tracker : llvmlite ResourceTracker
-    symbols : iterable of str
+    symbols : tuple of str
+    size : int
 
     Attributes
     ----------
     addresses : dict of str to int
+    size : int
+        Bytes of the object code.
     """
 
-    def __init__(self, tracker: Any, symbols: tuple[str, ...]) -> None:
+    def __init__(self, tracker: Any, symbols: tuple[str, ...], size: int) -> None:
         self._tracker = tracker
         self.addresses = {name: int(tracker[name]) for name in symbols}
+        self.size = size
 
 
 class Machine:
@@ -148,4 +152,4 @@ def _link(code: bytes, symbols: tuple[str, ...], imports: dict[str, int]) -> Loa
             tracker = builder.link(_linker(), f"steelyard-{next(_NUMBERS)}")
         except RuntimeError:
             return None
-    return LoadedCode(tracker, symbols)
+    return LoadedCode(tracker, symbols, len(code))

@@ -1,0 +1,329 @@
+"""Dynamics beside Pinocchio, MuJoCo, CasADi and SymPyBotics: time a sample, operations, and time to compile.
+
+Every peer computes the same robot with the same parameters on one thread; ours too, unless said. Times are the least
+of several rounds in which all take turns.
+"""
+
+import argparse
+import os
+import subprocess
+import sys
+import tempfile
+import time
+from functools import partial
+from pathlib import Path
+
+import numpy as np
+import peers
+
+import steelyard as sy
+
+WAM = [
+    ("-pi/2", 0, 0, "q"),
+    ("pi/2", 0, 0, "q"),
+    ("-pi/2", 0.045, 0.55, "q"),
+    ("pi/2", -0.045, 0, "q"),
+    ("-pi/2", 0, 0.3, "q"),
+    ("pi/2", 0, 0, "q"),
+    (0, 0, 0.06, "q"),
+]
+PUMA = [
+    ("pi/2", 0, 0, "q"),
+    (0, 0.4318, 0, "q"),
+    ("-pi/2", 0.0203, 0.15005, "q"),
+    ("pi/2", 0, 0.4318, "q"),
+    ("-pi/2", 0, 0, "q"),
+    (0, 0, 0, "q"),
+]
+STANFORD = [
+    ("-pi/2", 0, 0.412, "q"),
+    ("pi/2", 0, 0.154, "q"),
+    (0, 0, "q", "-pi/2"),
+    ("-pi/2", 0, 0, "q"),
+    ("pi/2", 0, 0, "q"),
+    (0, 0, 0.263, "q"),
+]
+ARMS = {"WAM": WAM, "Puma 560": PUMA, "Stanford arm": STANFORD}
+# Thesis table 7.1: additions and multiplications of inverse dynamics.
+TABLE_7_1 = {"WAM": (493, 626), "Puma 560": (454, 576), "Stanford arm": (393, 477)}
+# SymPyBotics with these rows: inverse dynamics with all the parameters, with squares; with base parameters, without
+# squares; the regressor, with squares.
+SYMPYBOTICS = {"WAM": (1051, 879, 2301), "Puma 560": (904, 548, 1700), "Stanford arm": (810, 466, 1092)}
+URDFS = {
+    "Panda": ("panda_description/urdf/panda.urdf", ("panda_finger_joint1", "panda_finger_joint2")),
+    "Talos": ("talos_data/robots/talos_reduced.urdf", ()),
+}
+CACHE = 512 * 1024  # bytes
+HUMANOID = "human_description/robots/human.urdf"
+
+COMPILED = (
+    "inverse_dynamics",
+    "gravity",
+    "coriolis",
+    "coriolis_matrix",
+    "inertia_matrix",
+    "forward_dynamics",
+    "drive_torque",
+    "regressor",
+)
+FRESH = """
+import sys, time
+began = time.perf_counter()
+import numpy, llvmlite.binding, steelyard as sy, steelyard.dynamics
+imported = time.perf_counter()
+robot = sy.Robot.from_dh({rows!r}) if {rows!r} else sy.Robot.from_urdf({path!r})
+model = sy.Model(robot.with_terms(sy.Viscous(), sy.Coulomb(), sy.Offset()))
+for name in {names!r}:
+    model.kernel(name).batch_function
+model.base_columns.kernel.batch_function
+print(imported - began, time.perf_counter() - imported)
+"""
+
+
+def collection():
+    """Return the folder of example-robot-data, or None."""
+    try:
+        import pinocchio
+    except ImportError:
+        return None
+    for place in pinocchio.__path__:
+        for parent in Path(place).parents:
+            folder = parent / "share" / "example-robot-data" / "robots"
+            if folder.is_dir():
+                return folder
+    return None
+
+
+def possible_parameters(count, random):
+    """Return parameters of links that could be built: a few masses around each origin."""
+    delta = []
+    for _ in range(count):
+        masses, places = random.uniform(0.2, 1.0, 8), random.normal(0.0, 0.1, (8, 3))
+        first = masses @ places
+        second = places.T @ (masses[:, None] * places)
+        inertia = np.trace(second) * np.eye(3) - second
+        delta += [*inertia[np.triu_indices(3)], *first, masses.sum()]
+    return np.array(delta)
+
+
+def cases(samples):
+    """Yield name, case and DH rows of every robot."""
+    random = np.random.default_rng(0)
+    for name, rows in ARMS.items():
+        yield name, make_case(sy.Robot.from_dh(rows, name=name), samples, random), rows
+    folder = collection()
+    if folder is None:
+        print("example-robot-data is not installed: no robots from URDFs")
+        return
+    for name, (path, locked) in URDFS.items():
+        yield name, make_case(sy.Robot.from_urdf(folder / path, locked=locked), samples, random), None
+
+
+def make_case(robot, samples, random):
+    q, dq, ddq, tau = random.normal(size=(4, samples, robot.dof))
+    delta = np.asarray(robot.parameters, dtype=float)
+    if not np.isfinite(delta).all():
+        delta = possible_parameters(len(robot.links), random)
+    return peers.Case(sy.Model(robot), delta, q, dq, ddq, tau)
+
+
+def ours(case, function, threads=1):
+    """Return our batch kernel, which writes into an array that is there."""
+    kernel, arrays = case.model.kernel(function), case.arguments(function)
+    out = np.empty((len(case.q), kernel.width))
+    return lambda: kernel(*arrays, out=out, threads=threads)
+
+
+def batch_size(case, function):
+    """Return so many samples that what is written stays in the cache."""
+    width = case.model.kernel(function).width
+    return min(len(case.q), max(64, CACHE // (8 * width) // 8 * 8))
+
+
+def available(case, function, rows, missing):
+    """Return the peers that are installed and have the function: what computes it, and for how many samples."""
+    loops = max(32, len(case.q) // 16)
+    builders = {
+        "Pinocchio, Python loop": (peers.pinocchio_loop, loops),
+        "Pinocchio, batch in C++": (peers.pinocchio_batch, len(case.q)),
+        "MuJoCo, Python loop": (peers.mujoco_loop, loops),
+        "MuJoCo, rollout in C++": (peers.mujoco_rollout, loops),
+        "CasADi, map": (peers.casadi_map, loops),
+        "CasADi, C by a compiler": (peers.casadi_c, len(case.q)),
+    }
+    if rows is not None:
+        builders["SymPyBotics, C by a compiler"] = (partial(peers.sympybotics_c, rows=rows), len(case.q))
+    found = {}
+    for name, (build, count) in builders.items():
+        try:
+            action = build(case.few(count), function)
+        except ImportError as error:
+            missing.add(f"{name}: {error}")
+            continue
+        if action is not None:
+            found[name] = (action, count)
+    return found
+
+
+def agree(case, function, found):
+    """Check that peers with the same form of output compute the same."""
+    if function not in ("inverse_dynamics", "forward_dynamics"):
+        return
+    expected = case.model.kernel(function)(*case.arguments(function))
+    for name in ("Pinocchio, Python loop", "CasADi, C by a compiler", "SymPyBotics, C by a compiler"):
+        if name in found:
+            values = np.asarray(found[name][0]())
+            assert np.allclose(values, expected[: len(values)], rtol=1e-7, atol=1e-7), (name, function)
+    if "MuJoCo, Python loop" in found:
+        action, count = found["MuJoCo, Python loop"]
+        error = np.abs(action() - expected[count - 1]).max() / np.abs(expected[count - 1]).max()
+        if error > 1e-6:
+            print(f"  MuJoCo changed inertias that it does not accept; its result differs by {100 * error:.1g} %")
+
+
+def least(actions, rounds):
+    """Return the least time of each action, all taking turns."""
+    best = [float("inf")] * len(actions)
+    for action in actions:
+        action()
+    for _ in range(rounds):
+        for k, action in enumerate(actions):
+            begin = time.perf_counter()
+            action()
+            best[k] = min(best[k], time.perf_counter() - begin)
+    return best
+
+
+def times(samples, rounds):
+    """Print ns a sample of every function, robot and peer, and how many times longer than ours."""
+    print("ns a sample (how many times ours)")
+    missing = set()
+    for name, whole, rows in cases(samples):
+        print(f"\n{name}, {whole.robot.dof} joints")
+        for function in peers.FUNCTIONS:
+            case = whole.few(batch_size(whole, function))
+            count = len(case.q)
+            found = available(case, function, rows, missing)
+            agree(case, function, found)
+            row = {"ours": (ours(case, function), count)} | found
+            measured = least([action for action, _ in row.values()], rounds)
+            own, *others = (1e9 * t / n for t, (_, n) in zip(measured, row.values(), strict=True))
+            print(f"  {function}, {count} samples: ours {own:.1f}")
+            for peer, each in zip(found, others, strict=True):
+                print(f"    {peer:30s} {each:9.0f}  ({each / own:.1f})")
+    for line in sorted(missing):
+        print(f"left out: {line}")
+
+
+def threads(samples, rounds):
+    """Print how much faster two threads are with large batches."""
+    print("\ntwo threads: times faster than one, batches of", samples)
+    for name, case, _ in cases(samples):
+        print(f"  {name:13s}", end="")
+        for function in peers.FUNCTIONS:
+            one, two = least([ours(case, function), ours(case, function, threads=2)], rounds)
+            print(f"  {function} {one / two:.2f}", end="")
+        print()
+
+
+def single_samples(rounds):
+    """Print ns of one call from Python for one sample."""
+    print("\nns a call for one sample from Python")
+    for name, case, _ in cases(1):
+        kernel = case.model.kernel("inverse_dynamics")
+        q, dq, ddq = case.q[0], case.dq[0], case.ddq[0]
+        out = np.empty(case.robot.dof)
+
+        def repeat(call):
+            return lambda: [call() for _ in range(500)]
+
+        given, batch = (q, dq, ddq, case.delta), case.arguments("inverse_dynamics")
+        actions = {
+            "kernel.sample": partial(kernel.sample, *given),
+            "kernel.sample, out": partial(kernel.sample, *given, out=out),
+            "kernel, batch of one": partial(kernel, *batch),
+            "model": partial(case.model.inverse_dynamics, *given),
+        }
+        try:
+            import pinocchio
+
+            model = peers.pinocchio_model(case)
+            actions["Pinocchio"] = partial(pinocchio.rnea, model, model.createData(), q, dq, ddq)
+        except ImportError:
+            pass
+        measured = least([repeat(a) for a in actions.values()], rounds)
+        print(f"  {name:13s}" + " | ".join(f"{k} {1e9 * t / 500:.0f}" for k, t in zip(actions, measured, strict=True)))
+
+
+def operations():
+    """Print additions and multiplications beside those published."""
+    print("\noperations: additions + multiplications, rigid links")
+    for name, rows in ARMS.items():
+        model = sy.Model(sy.Robot.from_dh(rows))
+        additions, multiplications = TABLE_7_1[name]
+        everything, base, regressor = SYMPYBOTICS[name]
+
+        def total(function, *, squares=True, in_base=False, model=model):
+            recorded = model.function(function, base=in_base)
+            count = recorded.operation_count["add"] + recorded.operation_count["mul"]
+            return count if squares else count - square_count(recorded)
+
+        table = (
+            ("inverse dynamics, all parameters", total("inverse_dynamics"), everything),
+            ("  base parameters, no squares", total("inverse_dynamics", squares=False, in_base=True), base),
+            ("regressor", total("regressor"), regressor),
+        )
+        print(f"  {name}; thesis, table 7.1: {additions} + {multiplications} = {additions + multiplications}")
+        for what, mine, theirs in table:
+            print(f"    {what:34s} ours {mine:5d}   SymPyBotics {theirs:5d}   {mine / theirs:.3f}")
+
+
+def square_count(function):
+    """Return how many multiplications of a function are squares."""
+    seen, stack = {}, list(function.nodes)
+    while stack:
+        node = stack.pop()
+        if node.index not in seen:
+            seen[node.index] = node
+            stack.extend(node.arguments)
+    return sum(n.operation == "mul" and n.arguments[0] is n.arguments[1] for n in seen.values())
+
+
+def compile_times(rounds):
+    """Print the time from the description to all the compiled kernels, in fresh processes."""
+    print(f"\ns from the description to {len(COMPILED) + 1} compiled kernels (imports apart)")
+    robots = {"WAM": (WAM, None)}
+    folder = collection()
+    if folder is not None:
+        robots["humanoid, 36 joints"] = (None, str(folder / HUMANOID))
+    for name, (rows, path) in robots.items():
+        script = FRESH.format(rows=rows, path=path, names=COMPILED)
+        cold, warm, imports = [], [], []
+        for _ in range(rounds):
+            with tempfile.TemporaryDirectory() as cache:
+                for target in (cold, warm):
+                    environment = os.environ | {"STEELYARD_CACHE_DIR": cache, "STEELYARD_CACHE": "on"}
+                    run = subprocess.run(
+                        [sys.executable, "-W", "ignore", "-c", script],
+                        env=environment, capture_output=True, text=True, check=True,
+                    )  # fmt: skip
+                    importing, making = map(float, run.stdout.split())
+                    imports.append(importing)
+                    target.append(making)
+        print(f"  {name:20s} cold {min(cold):.3f}   warm {min(warm):.3f}   imports {min(imports):.3f}")
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("--samples", type=int, default=2048)
+    parser.add_argument("--rounds", type=int, default=15)
+    options = parser.parse_args()
+    times(options.samples, options.rounds)
+    threads(8 * options.samples, options.rounds)
+    single_samples(options.rounds)
+    operations()
+    compile_times(3)
+
+
+if __name__ == "__main__":
+    main()
