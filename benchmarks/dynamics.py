@@ -149,7 +149,7 @@ def available(case, function, rows, missing):
         "MuJoCo, Python loop": (peers.mujoco_loop, loops),
         "MuJoCo, rollout in C++": (peers.mujoco_rollout, loops),
         "CasADi, map": (peers.casadi_map, loops),
-        "CasADi, C by a compiler": (peers.casadi_c, len(case.q)),
+        "our graph as CasADi's C, compiled": (peers.casadi_c, len(case.q)),
     }
     if rows is not None:
         builders["SymPyBotics, C by a compiler"] = (partial(peers.sympybotics_c, rows=rows), len(case.q))
@@ -170,7 +170,7 @@ def agree(case, function, found):
     if function not in ("inverse_dynamics", "forward_dynamics"):
         return
     expected = case.model.kernel(function)(*case.arguments(function))
-    for name in ("Pinocchio, Python loop", "CasADi, C by a compiler", "SymPyBotics, C by a compiler"):
+    for name in ("Pinocchio, Python loop", "our graph as CasADi's C, compiled", "SymPyBotics, C by a compiler"):
         if name in found:
             values = np.asarray(found[name][0]())
             assert np.allclose(values, expected[: len(values)], rtol=1e-7, atol=1e-7), (name, function)

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from steelyard.errors import InputError
-from steelyard.graph import Argument, Function, Graph, Kernel, ObjectCache, Output, cos, native, sin
+from steelyard.graph import Argument, Function, Graph, Kernel, ObjectCache, Output, cos, sin
 from steelyard.graph import kernel as kernel_module
 from steelyard.graph.machine import batch_lanes
 
@@ -119,7 +119,7 @@ def test_batches_of_different_sizes_are_refused():
 
 
 def unusual(array):
-    """Yield the same numbers as arrays that are not contiguous rows of native doubles."""
+    """Yield the same numbers as arrays that are not contiguous rows of doubles of this machine."""
     yield array.tolist()
     yield np.asfortranarray(array)
     yield array.astype(">f8")
@@ -168,51 +168,6 @@ def test_single_samples_that_do_not_fit(kernel):
     for out in (np.empty(3), np.empty(4)[::2], np.empty(2, dtype=np.float32)):
         with pytest.raises(InputError, match="out must be"):
             kernel.sample(motion[0], PARAMETERS, out=out)
-
-
-def test_without_native_calls_single_samples_are_the_same(monkeypatch):
-    monkeypatch.setattr(native, "_objects_are_as_expected", lambda: False)
-    native._caller_address.cache_clear()
-    try:
-        plain = Kernel(pendulum(), cache=NO_CACHE)
-        row = motions(1)
-        for _ in range(2):
-            np.testing.assert_allclose(plain(row, PARAMETERS), expected(row), rtol=1e-12)
-            np.testing.assert_allclose(plain.sample(row[0], PARAMETERS), expected(row)[0], rtol=1e-12)
-        assert native.native_caller(0, (1,), (1,)) is None
-    finally:
-        native._caller_address.cache_clear()
-
-
-def test_native_calls_look_at_every_array(kernel):
-    kernel.sample(motions(1)[0], PARAMETERS)
-    call = kernel._quick_sample
-    if call is None:
-        pytest.skip("this interpreter allows no native calls")
-    row, out = motions(1)[0], np.empty(2)
-    assert call(row, PARAMETERS, out) is out
-    np.testing.assert_allclose(out, expected(row[None])[0], rtol=1e-12)
-    frozen = np.empty(2)
-    frozen.flags.writeable = False
-    wrong = [
-        (),
-        (row, PARAMETERS),
-        (row, PARAMETERS, out, out),
-        (row, PARAMETERS, None),
-        (row.tolist(), PARAMETERS, out),
-        (row, PARAMETERS, frozen),
-        (row[:2], PARAMETERS, out),
-        (row[None], PARAMETERS, out),
-        (np.repeat(row, 2)[::2], PARAMETERS, out),
-        (row.astype(np.float32), PARAMETERS, out),
-        (row.astype(">f8"), PARAMETERS, out),
-        (np.array(1.0), PARAMETERS, out),
-        (row.view(np.recarray), PARAMETERS, out),
-    ]
-    out[:] = -1.0
-    for arrays in wrong:
-        assert call(*arrays) is None
-    assert out.tolist() == [-1.0, -1.0]
 
 
 @pytest.mark.parametrize("count", [1, 3, 8, 13])

@@ -25,7 +25,6 @@ from .expression import operation_count
 from .function import Argument, Function
 from .llvm import kernel_source
 from .machine import LoadedCode, batch_lanes, host_machine
-from .native import native_caller
 from .signature import Signature
 from .sources import source_digest
 from .support import support_source
@@ -88,7 +87,6 @@ class Kernel:
         self.identity = identity
         self._cache = cache
         self._loaded: dict[int, LoadedCode] = {}
-        self._quick: Callable[..., Any] | None = None  # for a batch of one; known after the first
         self._lock = threading.RLock()
 
     def __repr__(self) -> str:
@@ -236,10 +234,6 @@ class Kernel:
         InputError
             If an array or the number of threads does not fit.
         """
-        if self._quick is not None and out is None and threads == 1:
-            result = self._quick(*arrays, np.empty((1, self._width)))
-            if result is not None:
-                return result  # type: ignore[no-any-return]
         signature = self.signature
         addresses, count, kept = addresses_of(signature.arguments, arrays)
         rows = self.layout == "rows"
@@ -255,8 +249,6 @@ class Kernel:
         target = address_of(out)
         if count == 1:
             self.single_function(1, *addresses, target, 1)
-            if self._quick is None and rows:
-                self._quick = self._caller(2)
         elif (pieces := 1 if threads == 1 else self._pieces(threads, count)) < 2:
             self.batch_function(count, *addresses, target, count)
         else:
@@ -265,7 +257,7 @@ class Kernel:
         return out
 
     def sample(self, *arrays: Array, out: Array | None = None) -> Array:
-        """Compute the outputs of one sample, with the least overhead.
+        """Compute the outputs of one sample.
 
         Parameters
         ----------
@@ -286,8 +278,6 @@ class Kernel:
         """
         width = self._width
         target = np.empty(width) if out is None else out
-        if self._quick_sample is not None and self._quick_sample(*arrays, target) is not None:
-            return target
         if target.shape != (width,) or not target.flags.carray or target.dtype != DOUBLE:
             raise InputError(f"out must be a C-contiguous float64 array ({width},), got {target.dtype} {target.shape}.")
         rows = [np.asarray(array) for array in arrays]
@@ -302,18 +292,6 @@ class Kernel:
     @cached_property
     def _width(self) -> int:
         return self.signature.width
-
-    @cached_property
-    def _quick_sample(self) -> Callable[..., Any] | None:
-        return self._caller(1)
-
-    def _caller(self, dimensions: int) -> Callable[..., Any] | None:
-        """Return what calls the machine code for one sample where all the arrays are as they should be."""
-        if self.width == 0:
-            return None
-        lengths = [*(a.width for a in self.arguments), self.width]
-        each = [*(1 if a.uniform else dimensions for a in self.arguments), dimensions]
-        return native_caller(self._code(1).addresses["from_table"], lengths, each)
 
     def _pieces(self, threads: int, count: int) -> int:
         """Return how many threads a batch is worth, from what it may take: 1 ns for 500 bytes of code or 4 outputs."""

@@ -24,8 +24,6 @@ def kernel_source(
 ) -> str:
     """Return the LLVM assembly of a function ``kernel(count, argument pointers…, out, stride)``.
 
-    With one lane there is also ``from_table(table)`` for one sample, which finds the same pointers in a table.
-
     Parameters
     ----------
     arguments : sequence of Argument
@@ -122,8 +120,6 @@ class _Writer:
         for number, part in enumerate(self.program.parts):
             lines += self._part(number, part, is_last=number == last)
         lines += self._kernel()
-        if self.lanes == 1:
-            lines += self._from_table()
         lines += ["attributes #0 = { nounwind }", "!0 = !{}"]
         return "\n".join(lines) + "\n"
 
@@ -218,16 +214,6 @@ class _Writer:
             "  ret void",
             "}",
         ]
-
-    def _from_table(self) -> list[str]:
-        """Return the function for one sample that takes the addresses of arguments and outputs in a table."""
-        it = Instructions(1)
-        given = []
-        for number in range(len(self.arguments) + 1):
-            place = it.new(f"getelementptr ptr, ptr %table, i64 {number}")
-            given.append(f"ptr {it.new(f'load ptr, ptr {place}')}, ")
-        call = f"  call void @kernel(i64 1, {''.join(given)}i64 1)"
-        return ["define void @from_table(ptr %table) #0 {", *it.lines, call, "  ret void", "}"]
 
     def _clearing(self, pointer: str, when: bool) -> list[str]:
         if not (self.clears and when):

@@ -65,7 +65,6 @@ class Machine:
         self._features: str = llvm.get_host_cpu_features().flatten()
         if lanes == 8:  # registers of the full width
             self._features += ",-prefer-256-bit"
-        self._kept: list[LoadedCode] = []
         version = ".".join(map(str, llvm.llvm_version_info))
         self.description = "\n".join((version, self.triple, self._processor, self._features, str(lanes)))
 
@@ -86,31 +85,22 @@ class Machine:
 
     def load(self, code: bytes) -> LoadedCode | None:
         """Bring the object code of a kernel into memory; None where it is not such code."""
-        symbols = ("kernel",) if self.lanes > 1 else ("kernel", "from_table")
-        return _link(code, symbols, self.support.addresses)
+        return _link(code, ("kernel",), self.support.addresses)
 
     @cached_property
     def support(self) -> LoadedCode:
-        """The functions that kernels import."""
+        """The functions that kernels import, in memory and in the user's object cache."""
         symbols = tuple(SUPPORT) if self.lanes > 1 else ("sines_and_cosines", "clear")
-        return self._permanent(support_source(self.lanes, self.triple), symbols, {})
-
-    def permanent(self, source: str, symbol: str, imports: dict[str, int]) -> int:
-        """Return the address of machine code that stays in memory and in the user's object cache."""
-        loaded = self._permanent(source, (symbol,), imports)
-        self._kept.append(loaded)
-        return loaded.addresses[symbol]
-
-    def _permanent(self, source: str, symbols: tuple[str, ...], imports: dict[str, int]) -> LoadedCode:
+        source = support_source(self.lanes, self.triple)
         with _LOCK:
             key = hashlib.sha256(f"{self.description}\n{source}".encode()).hexdigest()
             objects = ObjectCache.default()
             entry = unpack(objects.read(key))
-            loaded = None if entry is None else _link(entry[1], symbols, imports)
+            loaded = None if entry is None else _link(entry[1], symbols, {})
             if loaded is None:
                 code = self.compile(source)
                 objects.write(key, pack("", code))
-                loaded = _link(code, symbols, imports)
+                loaded = _link(code, symbols, {})
             if loaded is None:
                 raise RuntimeError("machine code that was just compiled cannot be loaded")
             return loaded
