@@ -75,13 +75,33 @@ def test_every_function_stands_in_every_language(arm, tmp_path):
         assert any(b"Fvj1" in text for text in content), "parameters are documented"
 
 
+def test_links_whose_names_are_alike_are_told_apart(tmp_path):
+    joint = '<joint name="j{k}" type="revolute"><parent link="{parent}"/><child link="{child}"/></joint>'
+    links = ["base", "a b", "a_b", "\u6a5f", "a-b"]
+    text = "".join(f'<link name="{name}"/>' for name in links)
+    text += "".join(joint.format(k=k, parent=links[k], child=links[k + 1]) for k in range(4))
+    (tmp_path / "alike.urdf").write_text(f'<robot name="alike">{text}</robot>', encoding="utf-8")
+    model = sy.Model(sy.Robot.from_urdf(tmp_path / "alike.urdf"))
+    names = ["pose", *(f"pose({name})" for name in links[1:])]
+    module = module_of(model.generate("python", names, directory=tmp_path / "code"))
+    done = run(tmp_path, f"import sys; sys.path.insert(0, {str(module.parent)!r}); import alike; print(*dir(alike))")
+    assert done.returncode == 0, done.stderr
+    assert {n for n in done.stdout.split() if n.startswith("pose")} == {
+        "pose",
+        "pose_a_b",
+        "pose_a_b_2",
+        "pose_a_b_3",
+        "pose_link3",
+    }
+
+
 def test_bad_requests_are_refused_before_anything_is_written(arm, tmp_path):
     target = tmp_path / "out"
     for call, phrase in (
         (lambda: arm.generate("cobol", directory=target), "'cobol' is no language"),
         (lambda: arm.generate("c", ["inverse_dynamic"], directory=target), "did you mean 'inverse_dynamics'"),
         (lambda: arm.generate("c", "gravity", directory=target), "must be a sequence of names"),
-        (lambda: arm.generate("c", ["gravity", "gravity"], directory=target), "two functions named 'gravity'"),
+        (lambda: arm.generate("c", ["gravity", "gravity"], directory=target), "names 'gravity' twice"),
         (lambda: arm.generate("c", ["pose(hand)"], directory=target), "has no link 'hand'"),
     ):
         with pytest.raises(sy.InputError, match=phrase):

@@ -85,6 +85,9 @@ class Evaluator:
                 raise InputError(
                     f"{self._robot.name} has {n} joints: expected arrays of shape (..., {n}), got {array.shape}."
                 )
+        shape = converted[0].shape
+        if all(array.shape == shape for array in converted):  # the usual case, without the price of broadcasting
+            return [array.reshape(-1, n) for array in converted], shape[:-1]
         try:
             shape = np.broadcast_shapes(*(a.shape for a in converted))
         except ValueError:

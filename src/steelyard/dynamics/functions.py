@@ -217,7 +217,10 @@ class ModelFunctions:
         scene = Scene(self.layout, graph, scalars, **subject)
         candidates = [scene, replace(scene, regroups=False)] if "parameters" in entry.arguments else [scene]
         outputs = min((self._outputs(entry, s, recorder, base) for s in candidates), key=_operations)
-        identifier = re.sub(r"[^A-Za-z0-9]+", "_", name).strip("_")
+        kind, *named = (re.sub(r"[^A-Za-z0-9]+", "_", part).strip("_") for part in name.split("(", 1))
+        if named and not named[0]:
+            named = [f"link{subject['link'] + 1}" if "link" in subject else "term"]  # no letter that all languages have
+        identifier = "_".join([kind, *named])
         description = entry.description
         if entry.subject == "link":
             description += f" Link: {self.robot.link_names[subject.get('link', -1)]!r}."

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -11,6 +12,7 @@ from numpy.typing import ArrayLike, NDArray
 from steelyard import __version__
 from steelyard.errors import InputError
 from steelyard.generation import Constant, Project
+from steelyard.graph import Function
 from steelyard.robot import Inertia
 
 if TYPE_CHECKING:
@@ -81,7 +83,10 @@ def model_project(
     if base:
         reference["base_parameters"] = np.tile(model.base_parameters().values(standard), (_SAMPLES, 1))
         constants.append(Constant("base_parameter_count", model.base_parameters().count, "number of base parameters"))
-    built = tuple(model.function(name, base=base, gravity=gravity, parameters=parameters) for name in functions)
+    if len(set(functions)) < len(functions):
+        twice = next(name for name in functions if list(functions).count(name) > 1)
+        raise InputError(f"functions names {twice!r} twice; name each function once.")
+    built = _told_apart([model.function(name, base=base, gravity=gravity, parameters=parameters) for name in functions])
     used = {argument.name for function in built for argument in function.arguments}
     return Project(
         robot.name,
@@ -91,6 +96,18 @@ def model_project(
         {name: values for name, values in reference.items() if name in used},
         __version__,
     )
+
+
+def _told_apart(functions: Sequence[Function]) -> tuple[Function, ...]:
+    """Number the functions of links whose names differ in signs that no identifier has."""
+    names = [function.name for function in functions]
+    result = []
+    for k, function in enumerate(functions):
+        name, count = function.name, names[:k].count(function.name)
+        while count and f"{name}_{count + 1}" in names:
+            count += 1
+        result.append(replace(function, name=f"{name}_{count + 1}") if count else function)
+    return tuple(result)
 
 
 def _description(model: Model, fixed: bool) -> str:
