@@ -78,14 +78,9 @@ def coriolis_matrix(
     velocities: list[Vector3] = []
     for frame in frames:
         w = frame.to_link(velocities[frame.joint.parent]) if frame.joint.parent >= 0 else ZERO
-        velocities.append(add(w, scale(frame.axis, _scaled(frame, dq))) if frame.rotates else w)
+        velocities.append(add(w, scale(frame.axis, frame.own(dq))) if frame.rotates else w)
     columns = [_column(frames, velocities, dq, link_parameters, k) for k in range(count)]
     return [[columns[j][i] for j in range(count)] for i in range(count)]
-
-
-def _scaled(frame: JointFrame, values: Sequence[Any]) -> Any:
-    k, value = frame.joint.multiplier, values[frame.joint.coordinate]
-    return value if k == 1.0 else k * value
 
 
 def _column(
@@ -113,7 +108,7 @@ def _column(
             angular = add(angular, scale(frame.axis, unit))
         else:
             rate = add(rate, scale(cross(w, frame.axis), unit))
-            rate = add(rate, scale(cross(angular, frame.axis), _scaled(frame, dq)))
+            rate = add(rate, scale(cross(angular, frame.axis), frame.own(dq)))
         turning = _turning(angular_rate, w, angular)
         fields.append(_Field(angular, angular_rate, turning, add(rate, times(turning, frame.arm))))
     wrenches: list[tuple[Vector3, Vector3]] = [

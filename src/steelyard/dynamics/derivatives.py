@@ -28,8 +28,10 @@ from .kinematics import (
     coordinate_count,
     cross,
     dot,
+    matrix_add,
     product,
     scale,
+    subtract,
     times,
     transposed,
 )
@@ -62,16 +64,8 @@ class _Moving:
     wrench: _Twist
 
 
-def _minus(a: Vector3, b: Vector3) -> Vector3:
-    return (a[0] - b[0], a[1] - b[1], a[2] - b[2])
-
-
 def _outer(a: Vector3, b: Vector3) -> Matrix3:
     return (scale(b, a[0]), scale(b, a[1]), scale(b, a[2]))
-
-
-def _sum(a: Matrix3, b: Matrix3) -> Matrix3:
-    return (add(a[0], b[0]), add(a[1], b[1]), add(a[2], b[2]))
 
 
 def _crossed(v: _Twist, s: _Twist) -> _Twist:
@@ -87,7 +81,7 @@ def _momentum(v: _Twist, p: Sequence[Any]) -> tuple[Matrix3, Vector3]:
     first = (lx, ly, lz)
     w = v[0]
     turning: Matrix3 = ((0.0, -w[2], w[1]), (w[2], 0.0, -w[0]), (-w[1], w[0], 0.0))
-    return _sum(_outer(v[1], first), product(turning, second)), add(scale(v[1], m), cross(w, first))
+    return matrix_add(_outer(v[1], first), product(turning, second)), add(scale(v[1], m), cross(w, first))
 
 
 def _inertial(body: Body, s: _Twist) -> _Twist:
@@ -100,7 +94,7 @@ def _gyroscopic(link: _Moving, angular: Vector3) -> _Twist:
     """Return twice ``B``, moment and force, of a twist, of which only the angular velocity matters."""
     trace = link.q[0][0] + link.q[1][1] + link.q[2][2]
     twice = scale(angular, 2.0)
-    return _minus(scale(twice, trace), times(link.q, twice)), cross(twice, link.momentum)
+    return subtract(scale(twice, trace), times(link.q, twice)), cross(twice, link.momentum)
 
 
 def _both(a: _Twist, b: _Twist) -> _Twist:
@@ -158,7 +152,7 @@ def _moving_links(
     links: list[_Moving] = []
     for frame, motion, p in zip(frames, motions, link_parameters, strict=True):
         w = motion.angular_velocity
-        velocity = dq[frame.joint.coordinate] * frame.joint.multiplier
+        velocity = frame.own(dq)
         v = ZERO
         if frame.joint.parent >= 0:
             below = velocities[frame.joint.parent]
@@ -168,7 +162,7 @@ def _moving_links(
             v = add(v, scale(frame.axis, velocity))
         axis = frame.unit_motion
         # The spatial acceleration: of the field of velocities at the origin, not of the point that is there.
-        acceleration = (motion.angular_acceleration, _minus(motion.acceleration, cross(w, v)))
+        acceleration = (motion.angular_acceleration, subtract(motion.acceleration, cross(w, v)))
         rate = _crossed((w, v), axis)
         changed, turned = _crossed(acceleration, axis), _crossed((w, v), rate)
         velocities.append((w, v))
@@ -188,16 +182,16 @@ def _moving_links(
 def _with_child(link: _Moving, frame: JointFrame, child: _Moving) -> _Moving:
     """Add a link, with all that it carries, to its parent."""
     # Q and p refer to a new origin, then to other axes, then to the parent's origin.
-    q = _sum(child.q, _outer(child.momentum, frame.arm))
+    q = matrix_add(child.q, _outer(child.momentum, frame.arm))
     momentum = frame.to_parent(child.momentum)
     for factor in reversed(frame.factors):
         q = product(product(factor, q), transposed(factor))
-    q = _sum(q, _outer(momentum, frame.base_point))
+    q = matrix_add(q, _outer(momentum, frame.base_point))
     moment, force = _step(frame, child.wrench)[1]
     return replace(
         link,
         body=joined(link.body, in_parent(frame, child.body)),
-        q=_sum(link.q, q),
+        q=matrix_add(link.q, q),
         momentum=add(link.momentum, momentum),
         wrench=(add(link.wrench[0], moment), add(link.wrench[1], force)),
     )
@@ -228,7 +222,7 @@ def _differentiate(
     by_position = _both(_both(_gyroscopic(link, rate[0]), _inertial(link.body, second)), crossed)
     inertial = _inertial(link.body, s)
     trace = link.q[0][0] + link.q[1][1] + link.q[2][2]
-    turning = _minus(scale(s[0], trace), times(transposed(link.q), s[0]))
+    turning = subtract(scale(s[0], trace), times(transposed(link.q), s[0]))
     turning = scale(add(turning, cross(link.momentum, s[1])), 2.0)
     column, at = joint.coordinate, index
     while True:

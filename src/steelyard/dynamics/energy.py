@@ -28,7 +28,7 @@ def kinetic_energy_regressor(frames: Sequence[JointFrame], dq: Sequence[Any]) ->
     rows: list[list[Any]] = []
     for frame in frames:
         joint = frame.joint
-        velocity = dq[joint.coordinate] if joint.multiplier == 1.0 else joint.multiplier * dq[joint.coordinate]
+        velocity = frame.own(dq)
         below_w, below_v = twists[joint.parent] if joint.parent >= 0 else (ZERO, ZERO)
         w = frame.to_link(below_w)
         v = frame.to_link(add(below_v, cross(below_w, frame.base_point)))

@@ -18,6 +18,7 @@ from .kinematics import (
     cross,
     dot,
     is_zero,
+    matrix_add,
     product,
     scale,
     times,
@@ -77,10 +78,6 @@ def _skew(v: Vector3) -> Matrix3:
     return ((0.0, -v[2], v[1]), (v[2], 0.0, -v[0]), (-v[1], v[0], 0.0))
 
 
-def _plus(a: Matrix3, b: Matrix3) -> Matrix3:
-    return (add(a[0], b[0]), add(a[1], b[1]), add(a[2], b[2]))
-
-
 def _minus(a: Matrix3, b: Matrix3) -> Matrix3:
     rows = (tuple(x - y for x, y in zip(r, s, strict=True)) for r, s in zip(a, b, strict=True))
     return tuple(rows)  # type: ignore[return-value]
@@ -106,8 +103,8 @@ def _shifted(body: _Articulated, arm: Vector3) -> _Articulated:
         return body
     j, h, m = body
     s = _skew(arm)
-    moved = _plus(h, product(s, m))
-    return _symmetric(_plus(_minus(j, product(h, s)), product(s, transposed(moved)))), moved, m
+    moved = matrix_add(h, product(s, m))
+    return _symmetric(matrix_add(_minus(j, product(h, s)), product(s, transposed(moved)))), moved, m
 
 
 def _turned(frame: JointFrame, body: _Articulated) -> _Articulated:
@@ -202,7 +199,11 @@ def articulated_body(
         parent = frame.joint.parent
         total[parent] = (add(total[parent][0], moment), add(total[parent][1], force))
         j, h, m = _shifted(_turned(frame, body), frame.base_point)
-        bodies[parent] = (_plus(bodies[parent][0], j), _plus(bodies[parent][1], h), _plus(bodies[parent][2], m))
+        bodies[parent] = (
+            matrix_add(bodies[parent][0], j),
+            matrix_add(bodies[parent][1], h),
+            matrix_add(bodies[parent][2], m),
+        )
     kept.reverse()
     accelerations: list[Any] = [0.0] * len(frames)
     changes: list[tuple[Vector3, Vector3]] = []

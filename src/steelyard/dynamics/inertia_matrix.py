@@ -13,6 +13,7 @@ from .kinematics import (
     coordinate_count,
     cross,
     dot,
+    matrix_add,
     product,
     scale,
     times,
@@ -56,8 +57,7 @@ def in_parent(frame: JointFrame, body: Body) -> Body:
 
 def joined(a: Body, b: Body) -> Body:
     """Return two bodies of one frame as one."""
-    inertia = (add(a[0][0], b[0][0]), add(a[0][1], b[0][1]), add(a[0][2], b[0][2]))
-    return inertia, add(a[1], b[1]), a[2] + b[2]
+    return matrix_add(a[0], b[0]), add(a[1], b[1]), a[2] + b[2]
 
 
 def inertia_matrix(frames: Sequence[JointFrame], link_parameters: Sequence[Sequence[Any]]) -> list[list[Any]]:

@@ -15,14 +15,11 @@ from .kinematics import (
     cross,
     link_poses,
     scale,
+    subtract,
     times,
 )
 
 __all__ = ["jacobian", "jacobian_rate"]
-
-
-def _minus(a: Vector3, b: Vector3) -> Vector3:
-    return (a[0] - b[0], a[1] - b[1], a[2] - b[2])
 
 
 def _way(frames: Sequence[JointFrame], link: int) -> list[int]:
@@ -67,7 +64,7 @@ def jacobian(frames: Sequence[JointFrame], link: int, point: Vector3 = ZERO) -> 
     result: list[list[Any]] = [[0.0] * coordinate_count(frames) for _ in range(6)]
     for index, (axis, on_axis) in zip(_way(frames, link), axes, strict=True):
         joint = frames[index].joint
-        column = (*cross(axis, _minus(target, on_axis)), *axis) if frames[index].rotates else (*axis, *ZERO)
+        column = (*cross(axis, subtract(target, on_axis)), *axis) if frames[index].rotates else (*axis, *ZERO)
         for row, value in enumerate(column):
             scaled = value if joint.multiplier == 1.0 else joint.multiplier * value
             result[row][joint.coordinate] = result[row][joint.coordinate] + scaled
@@ -98,32 +95,27 @@ def jacobian_rate(frames: Sequence[JointFrame], dq: Sequence[Any], link: int, po
     angular: list[Vector3] = [ZERO]
     for index, (axis, _) in zip(way, axes, strict=True):
         frame = frames[index]
-        speed = _speed(frame, dq)
+        speed = frame.own(dq)
         angular.append(add(angular[-1], scale(axis, speed)) if frame.rotates else angular[-1])
     place_rates: list[Vector3] = []
     velocity, last = ZERO, ZERO
     for step, (index, (axis, on_axis)) in enumerate(zip(way, axes, strict=True)):
-        velocity = add(velocity, cross(angular[step], _minus(on_axis, last)))
+        velocity = add(velocity, cross(angular[step], subtract(on_axis, last)))
         place_rates.append(velocity)
         last = on_axis
         if not frames[index].rotates:
-            velocity = add(velocity, scale(axis, _speed(frames[index], dq)))
-    target_rate = add(velocity, cross(angular[-1], _minus(target, last)))
+            velocity = add(velocity, scale(axis, frames[index].own(dq)))
+    target_rate = add(velocity, cross(angular[-1], subtract(target, last)))
     result: list[list[Any]] = [[0.0] * coordinate_count(frames) for _ in range(6)]
     for step, (index, (axis, on_axis)) in enumerate(zip(way, axes, strict=True)):
         joint = frames[index].joint
         turned = cross(angular[step], axis)
         if frames[index].rotates:
-            moved = cross(axis, _minus(target_rate, place_rates[step]))
-            column = (*add(cross(turned, _minus(target, on_axis)), moved), *turned)
+            moved = cross(axis, subtract(target_rate, place_rates[step]))
+            column = (*add(cross(turned, subtract(target, on_axis)), moved), *turned)
         else:
             column = (*turned, *ZERO)
         for row, value in enumerate(column):
             scaled = value if joint.multiplier == 1.0 else joint.multiplier * value
             result[row][joint.coordinate] = result[row][joint.coordinate] + scaled
     return result
-
-
-def _speed(frame: JointFrame, dq: Sequence[Any]) -> Any:
-    joint = frame.joint
-    return dq[joint.coordinate] if joint.multiplier == 1.0 else joint.multiplier * dq[joint.coordinate]

@@ -40,6 +40,11 @@ def add(a: Vector3, b: Vector3) -> Vector3:
     return (a[0] + b[0], a[1] + b[1], a[2] + b[2])
 
 
+def subtract(a: Vector3, b: Vector3) -> Vector3:
+    """Return the difference."""
+    return (a[0] - b[0], a[1] - b[1], a[2] - b[2])
+
+
 def scale(a: Vector3, factor: Any) -> Vector3:
     """Return `a` times a scalar."""
     return (a[0] * factor, a[1] * factor, a[2] * factor)
@@ -54,6 +59,11 @@ def transposed(matrix: Matrix3) -> Matrix3:
     """Return the transpose."""
     a, b, c = matrix
     return ((a[0], b[0], c[0]), (a[1], b[1], c[1]), (a[2], b[2], c[2]))
+
+
+def matrix_add(a: Matrix3, b: Matrix3) -> Matrix3:
+    """Return the sum of two matrices."""
+    return (add(a[0], b[0]), add(a[1], b[1]), add(a[2], b[2]))
 
 
 def product(a: Matrix3, b: Matrix3) -> Matrix3:
@@ -119,6 +129,11 @@ class JointFrame:
     def rotates(self) -> bool:
         """Whether the joint turns (it slides otherwise)."""
         return self.joint.kind != "prismatic"
+
+    def own(self, rates: Sequence[Any]) -> Any:
+        """Return the joint's own velocity or acceleration from those of the coordinates; mimic joints have a factor."""
+        k, value = self.joint.multiplier, rates[self.joint.coordinate]
+        return value if k == 1.0 else k * value
 
     def to_parent(self, v: Vector3) -> Vector3:
         """Turn a vector from the moved link frame into the parent's."""

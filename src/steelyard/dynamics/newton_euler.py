@@ -103,9 +103,7 @@ def link_motions(frames: Sequence[JointFrame], dq: Sequence[Any], ddq: Sequence[
     for frame in frames:
         joint = frame.joint
         parent = motions[joint.parent] if joint.parent >= 0 else still
-        k = joint.multiplier
-        velocity = dq[joint.coordinate] if k == 1.0 else k * dq[joint.coordinate]
-        acceleration = ddq[joint.coordinate] if k == 1.0 else k * ddq[joint.coordinate]
+        velocity, acceleration = frame.own(dq), frame.own(ddq)
         a = frame.to_link(add(parent.acceleration, times(parent.u, frame.base_point)))
         if frame.rotates:
             w, dw, u = _turned(frame, parent, velocity, acceleration)
