@@ -323,7 +323,7 @@ def forward_dynamics_function(robot: Robot, method: str) -> str:
     if method == "articulated_body" and coupled:
         raise InputError(
             f"{robot.name} has mimic joints or coupled motors, which articulated bodies do not allow; "
-            "use method='inertia_matrix'."
+            "use the function 'forward_dynamics', or method='inertia_matrix'."
         )
     articulated = method == "articulated_body" or (method == "automatic" and not coupled and robot.dof > _FEW_JOINTS)
     return "forward_dynamics_articulated" if articulated else "forward_dynamics"
