@@ -152,3 +152,19 @@ def test_other_files_are_refused(tmp_path):
     latin.write_bytes(b'name = "\xe9"')
     with pytest.raises(InputError, match="byte 8 is not UTF-8"):
         RobotFile.load(latin)
+
+
+def test_lengths_of_rows_may_have_names(tmp_path):
+    path = tmp_path / "arm.toml"
+    text = '[description]\nrows = [[0, "a1", 0, "q"], [0, "a2", "d2", "q"]]\nlengths = {}\n'
+    path.write_text(text.format("{ a1 = 0.5, d2 = 1 }"))
+    robot = RobotFile.load(path).robot
+    assert robot.lengths == ("a2",)
+    assert robot.joints[0].after[0, 3] == 0.5
+    assert robot.joints[1].before[2, 3] == 1.0
+    path.write_text(text.format('{ a1 = "long" }'))
+    with pytest.raises(InputError, match="lengths must be a table of names and numbers in m"):
+        RobotFile.load(path)
+    path.write_text(text.format("{ a3 = 1.0 }"))
+    with pytest.raises(InputError, match='no symbolic length "a3"; it has a1, d2, a2'):
+        RobotFile.load(path)

@@ -165,8 +165,8 @@ class ModelFunctions:
         if self.robot.lengths:
             names = ", ".join(self.robot.lengths)
             raise InputError(
-                f"{self.robot.name} has lengths without a value: {names}; give them with robot.with_lengths, "
-                "or use symbols or generated code, where they are arguments."
+                f"{self.robot.name} has lengths without a value: {names}; give them with robot.with_lengths "
+                "or as lengths in [description] of robot.toml, or generate code, where they are arguments."
             )
 
     def _arguments(self, entry: Entry, base: bool, gravity: str) -> list[Argument]:

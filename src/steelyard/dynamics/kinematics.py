@@ -176,7 +176,8 @@ def joint_frames(
     missing = [name for name in robot.lengths if lengths is None or name not in lengths]
     if missing:
         raise InputError(
-            f"{robot.name} has lengths without a value: {', '.join(missing)}; give them with robot.with_lengths."
+            f"{robot.name} has lengths without a value: {', '.join(missing)}; give them with robot.with_lengths, or as "
+            "lengths in [description] of robot.toml."
         )
     return [_joint_frame(joint, q, algebra, lengths or {}) for joint in robot.joints]
 

@@ -21,7 +21,7 @@ TABLES = ("log", "processing", "limits", "constraints")
 TOP_LEVEL = ("name", "description", "terms", *TABLES)
 URDF_TERMS = ("viscous", "coulomb", "offset")
 URDF_KEYS = ("urdf", "tip", "locked", "gravity")
-DH_KEYS = ("convention", "rows", "gravity")
+DH_KEYS = ("convention", "rows", "lengths", "gravity")
 
 
 @dataclass(frozen=True, eq=False)
@@ -159,7 +159,11 @@ def _describe(path: Path, description: dict[str, Any]) -> Robot:
         rows = description["rows"]
         if not isinstance(rows, list):
             raise InputError(f"{where}: rows must be a list of [alpha, a, d, theta], got {rows!r}")
-        return robot_from_dh(rows, description.get("convention", "standard"), path.stem, gravity, where)
+        lengths = description.get("lengths", {})
+        if not isinstance(lengths, dict) or not all(_is_number(value) for value in lengths.values()):
+            raise InputError(f"{where}: lengths must be a table of names and numbers in m, got {lengths!r}")
+        robot = robot_from_dh(rows, description.get("convention", "standard"), path.stem, gravity, where)
+        return robot.with_lengths(lengths)
 
     urdf, tip, locked = description["urdf"], description.get("tip"), description.get("locked", [])
     if not isinstance(urdf, str) or not urdf:
