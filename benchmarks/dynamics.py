@@ -127,9 +127,11 @@ def make_case(robot, samples, random):
     return peers.Case(sy.Model(robot), delta, q, dq, ddq, tau)
 
 
-def ours(case, function, threads=1):
+def ours(case, function, *, threads=1, compact=False):
     """Return our batch kernel, which writes into an array that is there."""
     kernel, arrays = case.model.kernel(function), case.arguments(function)
+    if compact:
+        kernel = sy.Kernel(case.model.function(function), compact=True)
     out = np.empty((len(case.q), kernel.width))
     return lambda: kernel(*arrays, out=out, threads=threads)
 
@@ -205,6 +207,8 @@ def times(samples, rounds):
             count = len(case.q)
             found = available(case, function, rows, missing)
             agree(case, function, found)
+            if function == "regressor":
+                found = {"ours, without the zeros": (ours(case, function, compact=True), count)} | found
             row = {"ours": (ours(case, function), count)} | found
             measured = least([action for action, _ in row.values()], rounds)
             own, *others = (1e9 * t / n for t, (_, n) in zip(measured, row.values(), strict=True))

@@ -157,7 +157,7 @@ def test_single_samples_that_do_not_fit(kernel):
     motion = motions(2)
     with pytest.raises(InputError, match=r"motion must have shape \(3,\), got \(1, 3\)"):
         kernel.sample(motion[:1], PARAMETERS)
-    with pytest.raises(InputError, match=r"motion must have shape \(S, 3\), got \(1, 2\)"):
+    with pytest.raises(InputError, match=r"motion must have shape \(3,\), got \(2,\)"):
         kernel.sample(motion[0, :2], PARAMETERS)
     with pytest.raises(InputError, match=r"parameters must have shape \(2,\), got \(3,\)"):
         kernel.sample(motion[0], np.ones(3))
@@ -165,9 +165,34 @@ def test_single_samples_that_do_not_fit(kernel):
         kernel.sample(motion[0])
     with pytest.raises(InputError, match="reads 2 arrays"):
         kernel.sample(motion[0], PARAMETERS, PARAMETERS)
-    for out in (np.empty(3), np.empty(4)[::2], np.empty(2, dtype=np.float32)):
+    for out in (np.empty(3), np.empty((1, 2)), np.empty(2, dtype=np.float32)):
         with pytest.raises(InputError, match="out must be"):
             kernel.sample(motion[0], PARAMETERS, out=out)
+
+
+def test_single_samples_of_many_callers_and_into_any_array(kernel):
+    motion = motions(400)
+    results = np.full((2, 400, 2), np.nan)
+
+    def call(k):
+        for s in range(k, 400, 4):
+            kernel.sample(motion[s], PARAMETERS, out=results[0, s])
+            kernel.sample(motion[s], PARAMETERS, out=results[1, s, ::-1])
+
+    threads = [threading.Thread(target=call, args=(k,)) for k in range(4)]
+    for thread in threads:
+        thread.start()
+    for thread in threads:
+        thread.join()
+    np.testing.assert_allclose(results[0], expected(motion), rtol=1e-12)
+    assert results[1, :, ::-1].tolist() == results[0].tolist()
+
+
+def test_the_result_of_a_single_sample_is_not_overwritten(kernel):
+    motion = motions(2)
+    first = kernel.sample(motion[0], PARAMETERS)
+    kernel.sample(motion[1], PARAMETERS)
+    np.testing.assert_allclose(first, expected(motion)[0], rtol=1e-12)
 
 
 @pytest.mark.parametrize("count", [1, 3, 8, 13])

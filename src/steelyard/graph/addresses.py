@@ -11,11 +11,37 @@ from steelyard.errors import InputError
 
 from .function import Argument
 
-__all__ = ["DOUBLE", "address_of", "addresses_of"]
+__all__ = ["DOUBLE", "Desk", "address_of", "addresses_of"]
 
 Array = NDArray[np.float64]
 
 DOUBLE = np.dtype(np.float64)
+
+
+class Desk:
+    """Memory for one sample at places that do not change, so that a call need not look for them.
+
+    Parameters
+    ----------
+    arguments : tuple of Argument
+    width : int
+        Number of outputs.
+
+    Attributes
+    ----------
+    places : tuple of ndarray
+        One for each argument.
+    out : ndarray
+        (width,).
+    given : tuple
+        What a compiled function takes: one sample, the places, the outputs, and a stride of one.
+    """
+
+    def __init__(self, arguments: tuple[Argument, ...], width: int) -> None:
+        self.places = tuple(np.empty(a.width) for a in arguments)
+        self.out = np.empty(width)
+        pointers = [ctypes.c_void_p(address_of(array)) for array in (*self.places, self.out)]
+        self.given = (ctypes.c_int64(1), *pointers, ctypes.c_int64(1))
 
 
 def address_of(array: Array) -> int:

@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 
 from steelyard.errors import InputError
 
-from .addresses import DOUBLE, address_of, addresses_of
+from .addresses import DOUBLE, Desk, address_of, addresses_of
 from .cache import ObjectCache, pack, unpack
 from .expression import operation_count
 from .function import Argument, Function
@@ -87,6 +87,7 @@ class Kernel:
         self.identity = identity
         self._cache = cache
         self._loaded: dict[int, LoadedCode] = {}
+        self._desks: list[Desk] = []
         self._lock = threading.RLock()
 
     def __repr__(self) -> str:
@@ -257,14 +258,14 @@ class Kernel:
         return out
 
     def sample(self, *arrays: Array, out: Array | None = None) -> Array:
-        """Compute the outputs of one sample.
+        """Compute the outputs of one sample, with less to do around it than a batch of one.
 
         Parameters
         ----------
-        *arrays : ndarray
+        *arrays : array_like
             (width,) for each argument.
         out : ndarray, optional
-            (n,), C-contiguous; may not overlap the arguments.
+            (n,).
 
         Returns
         -------
@@ -276,18 +277,30 @@ class Kernel:
         InputError
             If an array does not fit.
         """
-        width = self._width
-        target = np.empty(width) if out is None else out
-        if target.shape != (width,) or not target.flags.carray or target.dtype != DOUBLE:
-            raise InputError(f"out must be a C-contiguous float64 array ({width},), got {target.dtype} {target.shape}.")
-        rows = [np.asarray(array) for array in arrays]
-        for k, argument in enumerate(self.arguments[: len(rows)]):
-            if not argument.uniform:
-                if rows[k].ndim != 1:
-                    raise InputError(f"{argument.name} must have shape ({argument.width},), got {rows[k].shape}.")
-                rows[k] = rows[k][np.newaxis]
-        self(*rows, out=target.reshape((1, width) if self.layout == "rows" else (width, 1)))
-        return target
+        if out is not None and (out.shape != (self._width,) or out.dtype is not DOUBLE):
+            raise InputError(f"out must be a float64 array of shape ({self._width},), got {out.dtype} {out.shape}.")
+        try:
+            desk = self._desks.pop()  # each caller has its own
+        except IndexError:
+            desk = Desk(self.arguments, self._width)
+        try:
+            if len(arrays) != len(desk.places):
+                names = ", ".join(a.name for a in self.arguments)
+                raise InputError(f"the kernel reads {len(desk.places)} arrays ({names}), got {len(arrays)}.")
+            for k, place in enumerate(desk.places):
+                array = arrays[k] if type(arrays[k]) is np.ndarray else np.asarray(arrays[k])
+                if array.shape != place.shape:
+                    name = self.arguments[k].name
+                    raise InputError(f"{name} must have shape {place.shape}, got {array.shape}.")
+                place[...] = array
+            if self._width:
+                self.single_function(*desk.given)
+            if out is None:
+                return desk.out.copy()
+            out[...] = desk.out
+            return out
+        finally:
+            self._desks.append(desk)
 
     @cached_property
     def _width(self) -> int:
