@@ -221,10 +221,11 @@ def times(samples, rounds):
 
 def threads(samples, rounds):
     """Print how much faster two threads are with large batches."""
-    print("\ntwo threads: times faster than one, batches of", samples)
-    for name, case, _ in cases(samples):
+    print("\ntwo threads: times faster than one, large batches")
+    for name, whole, _ in cases(64 * samples):
         print(f"  {name:13s}", end="")
         for function in peers.FUNCTIONS:
+            case = whole.few(128 * CACHE // (8 * whole.model.kernel(function).width))
             one, two = least([ours(case, function), ours(case, function, threads=2)], rounds)
             print(f"  {function} {one / two:.2f}", end="")
         print()
@@ -323,7 +324,7 @@ def main() -> None:
     parser.add_argument("--rounds", type=int, default=15)
     options = parser.parse_args()
     times(options.samples, options.rounds)
-    threads(8 * options.samples, options.rounds)
+    threads(options.samples, options.rounds)
     single_samples(options.rounds)
     operations()
     compile_times(3)

@@ -65,7 +65,7 @@ class Evaluator:
         if gravity is not None:
             arrays.append(self._vector(gravity, 3, "elements of gravity"))
         kernel = self._functions.kernel(function, gravity="fixed" if gravity is None else "argument")
-        flat = kernel(*arrays, threads=self._threads)
+        flat = kernel.sample(*arrays)[np.newaxis] if shape == () else kernel(*arrays, threads=self._threads)
         if kernel.compact:
             full = np.zeros((len(flat), kernel.signature.size))
             full[:, kernel.places] = flat
@@ -80,6 +80,8 @@ class Evaluator:
     def _motion(self, arrays: Sequence[ArrayLike]) -> tuple[list[Array], tuple[int, ...]]:
         converted = [np.asarray(a, dtype=np.float64) for a in arrays]
         n = self._robot.dof
+        if all(array.shape == (n,) for array in converted):
+            return converted, ()  # one sample
         for array in converted:
             if array.ndim == 0 or array.shape[-1] != n:
                 raise InputError(

@@ -24,6 +24,7 @@ from .numeric import NumericFunctions
 from .project import DEFAULT_FUNCTIONS, model_project
 from .sampling import regressor_with_numpy
 from .terms import term_from_dict
+from .threads import one_thread
 
 if TYPE_CHECKING:
     from steelyard.export import SymbolicFunction
@@ -280,7 +281,8 @@ class Model(NumericFunctions):
         dq = generator.uniform(-3.0, 3.0, q.shape)
         ddq = generator.uniform(-9.0, 9.0, q.shape)
         matrix = regressor_with_numpy(self._layout, q, dq, ddq)
-        return base_parameters_of(matrix.reshape(-1, self.parameter_count), self.parameter_names)
+        with one_thread():
+            return base_parameters_of(matrix.reshape(-1, self.parameter_count), self.parameter_names)
 
     @property
     def link_columns(self) -> tuple[NDArray[np.intp], ...]:

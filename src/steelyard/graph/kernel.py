@@ -33,7 +33,7 @@ __all__ = ["Kernel"]
 
 Array = NDArray[np.float64]
 
-_WORTHWHILE = 100_000.0  # ns of work that are worth a thread
+_WORTHWHILE = 250_000.0  # ns of work that are worth a thread
 
 
 class Kernel:

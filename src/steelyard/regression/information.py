@@ -14,11 +14,11 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from steelyard.dynamics import Model
+from steelyard.dynamics.threads import one_thread
 from steelyard.errors import InputError
 from steelyard.recording import Samples
 
 from .factor import Factor, Reduced, solve, triangular, undetermined_columns
-from .threads import one_thread
 
 __all__ = ["Information"]
 
