@@ -4,6 +4,7 @@ import json
 import re
 import subprocess
 import sys
+from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
@@ -77,6 +78,19 @@ def plain_project(text: str = "plain", name: str = "plain robot") -> Project:
     )
     values = inputs_of([function, other], np.random.default_rng(3), 2)
     return Project(name, (function, other), text, (Constant("count", 2, text),), values, "1.0")
+
+
+def project_with_names(words: Sequence[str]) -> Project:
+    """A function with arguments, and one with outputs, that have these names."""
+    graph = Graph()
+    total = graph.zero
+    for k, word in enumerate(words):
+        (x,) = graph.inputs(word, 1)
+        total = total + sin(x) * cos(x) * (k + 1.0)
+    arguments = Function("arguments", tuple(Argument(w, 1) for w in words), (Output("total", (), (total,)),))
+    (x,) = Graph().inputs("source", 1)
+    outputs = tuple(Output(w, (), (sin(x) * (k + 1.0),)) for k, w in enumerate(words))
+    return project_of("words", [arguments, Function("outputs", (Argument("source", 1),), outputs)])
 
 
 def fresh(project: Project, samples: int = 3) -> Samples:

@@ -12,7 +12,7 @@ from steelyard.generation import Project, files, generate
 
 from .conftest import need, run
 from .julia_reader import DimensionMismatchError, JuliaError, JuliaModule, Reader
-from .scripts import check, fresh, plain_project, several_functions
+from .scripts import check, fresh, plain_project, project_with_names, several_functions
 
 
 def module_of(written: dict[str, str]) -> JuliaModule:
@@ -105,6 +105,23 @@ def test_a_robot_never_hides_a_package(name: str) -> None:
     assert module.name.endswith("Robot")
 
 
+# What the parser of Julia takes for no name of an argument.
+KEYWORDS = re.findall(
+    r"\w+",
+    """
+baremodule begin break catch ccall cglobal const continue do else elseif end export false finally for function global if
+import let local macro module quote return struct true try using while in isa
+""",
+)
+
+
+def test_keywords_are_no_names() -> None:
+    project = project_with_names(KEYWORDS)
+    for function in module_of(files(project, "julia")).functions.values():
+        assert len(function.parameters) == len(KEYWORDS) + 1
+        assert not {name for name, _ in function.parameters} & set(KEYWORDS)
+
+
 BODY = """module M
 @doc raw\"\"\"
     f!(y, x)
@@ -163,6 +180,7 @@ def test_the_reader_refuses_what_is_wrong(line: str) -> None:
 
 def test_julia_runs_where_it_is_installed(wam_generated: Project, odd_generated: Project, tmp_path: Path) -> None:
     need("julia")
-    for k, project in enumerate((wam_generated, odd_generated, several_functions())):
+    projects = (wam_generated, odd_generated, several_functions(), project_with_names(KEYWORDS))
+    for k, project in enumerate(projects):
         generate(project, "julia", tmp_path / str(k))
         run(["julia", "--startup-file=no", "--project=.", "test/runtests.jl"], tmp_path / str(k))

@@ -11,7 +11,7 @@ from steelyard.generation import Project, files, generate
 from steelyard.graph import Argument, Function, Graph, Output
 
 from .conftest import need, project_of, run
-from .scripts import check, fresh, mutated, plain_project, several_functions
+from .scripts import check, fresh, mutated, plain_project, project_with_names, several_functions
 
 HEAD = re.compile(r"^function \[(?P<results>.*?)\] = (?P<name>\w+)\((?P<arguments>.*?)\) %#codegen$", re.MULTILINE)
 
@@ -134,6 +134,14 @@ def test_a_failing_self_test_ends_octave_with_an_error(tmp_path: Path) -> None:
     done = subprocess.run(command, cwd=tmp_path, capture_output=True, text=True, check=False)
     assert done.returncode != 0
     assert "element 1 of tau of plain_robot_torque" in done.stderr
+
+
+def test_keywords_are_no_names(tmp_path: Path) -> None:
+    """The list of Octave itself."""
+    words = [word for word in octave("printf('%s\\n', iskeyword(){:});", tmp_path) if re.fullmatch(r"[a-z]\w*", word)]
+    assert {"end", "endfunction", "endspmd"} <= set(words)
+    generate(project_with_names(words), "octave", tmp_path)
+    assert "agree" in octave(f"cd('{tmp_path}'); words_self_test();", tmp_path)[-1]
 
 
 # Statements of both languages: these, and comments.

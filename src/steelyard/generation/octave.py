@@ -27,6 +27,7 @@ _KEYWORDS = """
 break case catch classdef continue else elseif end for function global if otherwise parfor persistent return spmd switch
 try while arguments do endfunction endif endfor endwhile end_try_catch end_unwind_protect endswitch endparfor until
 unwind_protect unwind_protect_cleanup endclassdef enumeration events methods properties __FILE__ __LINE__ import
+endarguments endenumeration endevents endmethods endproperties endspmd
 """
 _FUNCTIONS = """
 sin cos sign zeros numel error abs all fprintf permute ndims pi i j inf nan eps ans nargin nargout varargin varargout
