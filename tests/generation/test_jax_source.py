@@ -11,7 +11,7 @@ from steelyard.generation import Project, files, generate
 from steelyard.generation.schedule import prefers_vectors
 
 from .conftest import project_of, run
-from .scripts import mutated, run_python, self_test_of, several_functions
+from .scripts import mutated, plain_project, run_python, self_test_of, several_functions
 
 pytest.importorskip("jax", reason="JAX is not installed")
 
@@ -87,6 +87,17 @@ def test_single_precision_is_refused(tmp_path: Path) -> None:
     assert done.returncode == 1
     assert "RuntimeError" in done.stderr
     assert 'jax.config.update("jax_enable_x64", True)' in done.stderr
+
+
+def test_complex_numbers_are_refused_rather_than_cut(tmp_path: Path) -> None:
+    generate(plain_project(), "jax", tmp_path)
+    code = (
+        "import jax; jax.config.update('jax_enable_x64', True); import plain_robot as module\n"
+        "import numpy as np\n"
+        "try:\n    module.torque(np.array([0.1 + 1j, 0.2]), np.array([1.0, 2.0]))\n"
+        "except ValueError as error:\n    print(error)"
+    )
+    assert run([sys.executable, "-c", code], tmp_path).strip() == "q must be real, got complex128"
 
 
 def test_a_changed_table_fails_the_self_test(wam_generated: Project, tmp_path: Path) -> None:

@@ -34,7 +34,7 @@ def write(project: Project) -> dict[str, str]:
 
 class _CasadiProject(PythonProject):
     title = "Python for CasADi"
-    requirements = ("casadi>=3.5.5",)
+    requirements = ("casadi>=3.6.5",)
     reserved = frozenset({"casadi", "_shaped"})
     calls: ClassVar[dict[str, str]] = {"sin": "casadi.sin({})", "cos": "casadi.cos({})", "sign": "casadi.sign({})"}
     batches = False

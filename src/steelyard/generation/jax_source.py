@@ -23,6 +23,8 @@ import jax.numpy as jnp
 def _columns(name: str, values: ArrayLike, size: int) -> jax.Array:
     """Return an argument with its last axis first."""
     array = jnp.asarray(values)
+    if jnp.iscomplexobj(array):
+        raise ValueError(f"{{name}} must be real, got {{array.dtype}}")
     if array.ndim == 0 or array.shape[-1] != size:
         raise ValueError(f"{{name}} must have shape (..., {{size}}), got {{array.shape}}")
     return jnp.moveaxis(array.astype(jnp.float64), -1, 0)
