@@ -264,3 +264,5 @@ def test_descriptions_say_what_each_element_is(wam):
     base = wam.function("gravity", base=True).arguments[-1]
     assert base.width == 76
     assert base.elements[0].startswith("beta1 = Lyy1 ")
+    assert "in order, to Lxx1, Lxy1, Lxz1" in wam.function("regressor").outputs[0].description
+    assert "in order, to Lyy1 " in wam.function("regressor", base=True).outputs[0].description

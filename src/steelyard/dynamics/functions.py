@@ -236,7 +236,11 @@ class ModelFunctions:
                 shape = (*shape[:-1], len(kept))
                 elements = [elements[start + k] for start in range(0, len(elements), width) for k in kept]
             nodes = tuple(recorder.node(element) for element in elements)
-            result.append(Output(value.name, shape, nodes, value.description))
+            description = value.description
+            if entry.by_parameter:
+                columns = self._base().expressions if base else self.layout.names
+                description += f"; the columns belong, in order, to {', '.join(columns)}"
+            result.append(Output(value.name, shape, nodes, description))
         return tuple(result)
 
     def _identity(self, name: str, base: bool, gravity: str) -> str | None:

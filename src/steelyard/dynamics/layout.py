@@ -17,8 +17,8 @@ __all__ = ["ParameterLayout"]
 
 Entries = dict[tuple[int, int], Any]
 _INERTIAL = {
-    "L": ("moment of inertia {} about the origin of the frame", "kg·m²"),
-    "l": ("first moment of mass {}", "kg·m"),
+    "L": ("element {} of the inertia about the origin of the frame (as i{} in URDF)", "kg·m²"),
+    "l": ("mass times {} of the centre of mass in the frame", "kg·m"),
     "m": ("mass", "kg"),
 }
 
@@ -108,9 +108,11 @@ class ParameterLayout:
         driving = {joint: k for k, joint in enumerate(robot.driving_joints)}
         texts: list[str] = []
         for index, link in enumerate(robot.links):
+            carried = f" with {', '.join(map(repr, link.absorbed))} fixed to it" if link.absorbed else ""
             for symbol in INERTIA_SYMBOLS:
                 what, unit = _INERTIAL[symbol[0]]
-                texts.append(f"{what.format(symbol[1:])} of link {link.name!r}, {unit}")
+                axes = symbol[1:]
+                texts.append(f"{what.format(axes, axes)} of link {link.name!r}{carried}, {unit}")
             if index in driving:
                 joint = robot.joints[index]
                 for term in robot.terms:
