@@ -1,21 +1,16 @@
 """Physical feasibility: linear matrix inequalities, the feasible set, and check, correct and fit."""
 
-from .affine import AffineBlock as AffineBlock
-from .affine import AffineStack as AffineStack
-from .certificate import CertificateCheck as CertificateCheck
-from .certificate import FeasibilityCertificate as FeasibilityCertificate
-from .certificate import InfeasibilityCertificate as InfeasibilityCertificate
 from .check import Verdict as Verdict
 from .check import Violation as Violation
 from .check import check as check
+from .closed_form import PolynomialCondition as PolynomialCondition
 from .closed_form import closed_form_conditions as closed_form_conditions
+from .closed_form import feasibility_polynomials as feasibility_polynomials
 from .conic import Cone as Cone
 from .conic import ConicProblem as ConicProblem
 from .conic import ConicSolution as ConicSolution
 from .conic import Outcome as Outcome
 from .conic import solve as solve
-from .constrained import FeasibleFit as FeasibleFit
-from .constrained import fit_reduced as fit_reduced
 from .constraints import CenterOfMassBox as CenterOfMassBox
 from .constraints import Constraint as Constraint
 from .constraints import Equality as Equality
@@ -25,8 +20,13 @@ from .correct import Correction as Correction
 from .correct import correct as correct
 from .feasible_set import FeasibleSet as FeasibleSet
 from .fit import fit as fit
-from .polynomials import PolynomialCondition as PolynomialCondition
-from .polynomials import feasibility_polynomials as feasibility_polynomials
+from .fitting import FeasibleFit as FeasibleFit
+from .fitting import fit_reduced as fit_reduced
+from .lmi import AffineBlock as AffineBlock
+from .lmi import AffineStack as AffineStack
+from .proof import CertificateCheck as CertificateCheck
+from .proof import FeasibilityCertificate as FeasibilityCertificate
+from .proof import InfeasibilityCertificate as InfeasibilityCertificate
 
 __all__ = [
     "AffineBlock",

@@ -7,11 +7,11 @@ import numpy.typing as npt
 
 from steelyard.errors import InputError
 
-from .affine import is_positive_definite
-from .certificate import FeasibilityCertificate, InfeasibilityCertificate
 from .feasible_set import FeasibleSet
+from .fitting import lightest_witness
+from .lmi import is_positive_definite
 from .margin import MARGIN_CAP, FreeProblem, fixed_certificate, largest_margin, least_violations
-from .preference import lightest_witness
+from .proof import FeasibilityCertificate, InfeasibilityCertificate
 
 __all__ = ["Verdict", "Violation", "check"]
 

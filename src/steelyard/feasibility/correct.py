@@ -8,10 +8,10 @@ import scipy.sparse as sparse
 
 from steelyard.errors import InputError, SolverError
 
-from .certificate import FeasibilityCertificate
 from .conic import Cone, ConicProblem, ConicSolution, Outcome, solve
 from .feasible_set import FeasibleSet
-from .interior import MARGIN_FACTORS, pull_inside
+from .fitting import MARGIN_FACTORS, pull_inside
+from .proof import FeasibilityCertificate
 
 __all__ = ["Correction", "correct"]
 

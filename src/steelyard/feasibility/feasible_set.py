@@ -12,8 +12,8 @@ import scipy.sparse as sparse
 
 from steelyard.errors import InputError
 
-from .affine import AffineBlock, AffineStack
 from .constraints import Constraint, Equality
+from .lmi import AffineBlock, AffineStack
 from .protocols import ModelLike
 
 __all__ = ["FeasibleSet"]

@@ -8,9 +8,9 @@ import numpy.typing as npt
 from steelyard.dynamics import Model
 from steelyard.regression import Estimate, Information, standard_deviations
 
-from .certificate import FeasibilityCertificate
-from .constrained import fit_reduced
 from .feasible_set import FeasibleSet
+from .fitting import fit_reduced
+from .proof import FeasibilityCertificate
 
 __all__ = ["fit"]
 

@@ -6,10 +6,10 @@ import numpy as np
 import numpy.typing as npt
 import scipy.sparse as sparse
 
-from .affine import AffineBlock, AffineStack, vector_to_symmetric
-from .certificate import InfeasibilityCertificate
 from .conic import Cone, ConicProblem, ConicSolution, Outcome, solve
 from .feasible_set import FeasibleSet
+from .lmi import AffineBlock, AffineStack, vector_to_symmetric
+from .proof import InfeasibilityCertificate
 
 __all__ = ["FreeProblem", "fixed_certificate", "largest_margin", "least_violations"]
 

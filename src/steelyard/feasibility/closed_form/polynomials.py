@@ -13,7 +13,7 @@ import numpy as np
 from steelyard.errors import InputError
 from steelyard.export.symbols import exact_number, import_sympy, latex_name
 
-from .protocols import ModelLike
+from ..protocols import ModelLike
 
 __all__ = ["PolynomialCondition", "feasibility_polynomials", "standard_by_base"]
 

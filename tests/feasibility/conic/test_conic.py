@@ -5,7 +5,7 @@ import scipy.sparse as sparse
 
 from steelyard.errors import SolverError
 from steelyard.feasibility import Cone, ConicProblem, Outcome, solve
-from steelyard.feasibility.affine import symmetric_to_vector
+from steelyard.feasibility.lmi import symmetric_to_vector
 
 
 def problem(P, q, A, b, *cones):

@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from .feasible_set import FeasibleSet
+from ..feasible_set import FeasibleSet
 
 __all__ = ["CertificateCheck", "FeasibilityCertificate", "InfeasibilityCertificate"]
 

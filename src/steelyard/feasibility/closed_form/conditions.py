@@ -11,8 +11,8 @@ import numpy as np
 from steelyard.errors import InputError
 from steelyard.export.symbols import import_sympy
 
+from ..protocols import ModelLike
 from .polynomials import feasibility_polynomials, standard_by_base
-from .protocols import ModelLike
 from .quantifier_elimination import eliminate, qepcad_program
 
 __all__ = ["closed_form_conditions"]

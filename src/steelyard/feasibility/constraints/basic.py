@@ -11,8 +11,8 @@ import numpy.typing as npt
 
 from steelyard.errors import InputError
 
-from .affine import AffineBlock
-from .protocols import ModelLike
+from ..lmi import AffineBlock
+from ..protocols import ModelLike
 
 __all__ = ["CenterOfMassBox", "Constraint", "Equality", "TotalMass", "constraints_from_dict", "link_index"]
 

@@ -13,7 +13,8 @@ import pytest
 
 import steelyard as sy
 from steelyard.errors import InputError, MissingExtraError
-from steelyard.feasibility import closed_form_conditions, quantifier_elimination
+from steelyard.feasibility import closed_form_conditions
+from steelyard.feasibility.closed_form import quantifier_elimination
 
 sympy = pytest.importorskip("sympy", reason="closed forms need sympy")
 needs_qepcad = pytest.mark.skipif(shutil.which("qepcad") is None, reason="the program qepcad is not installed")

@@ -3,7 +3,7 @@
 import numpy as np
 import numpy.typing as npt
 
-from .feasible_set import FeasibleSet
+from ..feasible_set import FeasibleSet
 
 __all__ = ["MARGIN_FACTORS", "pull_inside"]
 

@@ -8,8 +8,8 @@ import scipy.sparse as sparse
 
 from steelyard.errors import InputError
 
-from .conic import Cone, ConicProblem, solve
-from .feasible_set import FeasibleSet
+from ..conic import Cone, ConicProblem, solve
+from ..feasible_set import FeasibleSet
 
 __all__ = ["Preference", "closest_to_cad", "lightest", "lightest_witness"]
 

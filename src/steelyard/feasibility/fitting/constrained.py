@@ -9,12 +9,12 @@ import scipy.sparse as sparse
 
 from steelyard.errors import InputError, SolverError
 
-from .conic import Cone, ConicProblem, ConicSolution, Outcome, solve
-from .constraints import TotalMass
-from .feasible_set import FeasibleSet
+from ..conic import Cone, ConicProblem, ConicSolution, Outcome, solve
+from ..constraints import TotalMass
+from ..feasible_set import FeasibleSet
+from ..protocols import ReducedLike
 from .interior import MARGIN_FACTORS, pull_inside
 from .preference import Preference, closest_to_cad, lightest
-from .protocols import ReducedLike
 
 __all__ = ["FeasibleFit", "fit_reduced"]
 

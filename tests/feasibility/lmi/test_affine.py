@@ -3,7 +3,7 @@ import pytest
 
 from steelyard.errors import InputError
 from steelyard.feasibility import AffineBlock, AffineStack
-from steelyard.feasibility.affine import is_positive_definite, symmetric_to_vector, vector_to_symmetric
+from steelyard.feasibility.lmi import is_positive_definite, symmetric_to_vector, vector_to_symmetric
 
 
 def random_block(rng, name, size, indices):

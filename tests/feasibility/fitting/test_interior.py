@@ -2,7 +2,7 @@ import numpy as np
 import pytest
 
 from steelyard.feasibility import FeasibleSet
-from steelyard.feasibility.interior import pull_inside
+from steelyard.feasibility.fitting import pull_inside
 
 
 def test_point_on_the_line_keeps_half_the_margin(two_links, point_cloud_parameters):
