@@ -13,7 +13,8 @@ import scipy.sparse as sparse
 from steelyard.errors import InputError
 
 from .constraints import Constraint, Equality
-from .lmi import AffineBlock, AffineStack
+from .constraints.equations import distinct_blocks, independent_equalities, solved_for_some
+from .lmi import AffineBlock, AffineStack, LinearMatrixInequality
 from .protocols import ModelLike
 
 __all__ = ["FeasibleSet"]
@@ -33,7 +34,9 @@ class FeasibleSet:
         also the principal moments obey the triangle inequality, so that a positive density exists (pseudo-inertia,
         4 x 4 blocks: Traversaro et al. 2016, Wensing et al. 2018, Sousa and Cortesão 2019).
     constraints : sequence of Constraint
-        What else is known: `TotalMass`, `CenterOfMassBox`.
+        What else is known: `TotalMass`, `MeasuredMass`, `LinearBound`, `ConfidenceInterval`, `CenterOfMassBox`,
+        `CenterOfMassSphere`, `CenterOfMassHull`, `DensityInBox`, `DensityInEllipsoid`, `SymmetricLink`, `EqualLinks`,
+        or a class of your own, see `Constraint`. What two of them say alike counts once.
     margin : float
         Distance ε by which `correct` and `fit` keep from the boundary: D(δ) - ε 1 ⪰ 0 (thesis 3.29).
     terms : bool
@@ -42,7 +45,8 @@ class FeasibleSet:
     Raises
     ------
     InputError
-        For an unknown consistency, a margin that is not positive, or a constraint on a link that does not exist.
+        For an unknown consistency, a margin that is not positive, a constraint on a link that does not exist, or
+        equations of constraints that contradict each other.
 
     Examples
     --------
@@ -73,9 +77,13 @@ class FeasibleSet:
         self.constraints = tuple(constraints)
         self.margin = float(margin)
         self.terms = bool(terms)
+        for constraint in self.constraints:
+            if not (hasattr(constraint, "blocks") and hasattr(constraint, "equalities")):
+                raise InputError(f"constraints must hold objects such as TotalMass(maximum=27.0), got {constraint!r}.")
         self.blocks: tuple[AffineBlock, ...] = self._blocks()
-        self.equalities: tuple[Equality, ...] = tuple(
-            equality for constraint in self.constraints for equality in constraint.equalities(model)
+        self.equalities: tuple[Equality, ...] = independent_equalities(
+            (equality for constraint in self.constraints for equality in constraint.equalities(model)),
+            self.parameter_count,
         )
 
     def _blocks(self) -> tuple[AffineBlock, ...]:
@@ -97,13 +105,15 @@ class FeasibleSet:
             )
         for constraint in self.constraints:
             found.extend(constraint.blocks(self.model))
-        return tuple(found)
+        return distinct_blocks(found)
 
     def __repr__(self) -> str:
         kinds = {kind: sum(block.kind == kind for block in self.blocks) for kind in ("link", "term", "constraint")}
         counts = ", ".join(f"{count} of {kind}s" for kind, count in kinds.items() if count)
+        equations = len(self.equalities)
+        equal = f"{equations} equation{'' if equations == 1 else 's'}, " if equations else ""
         return (
-            f"FeasibleSet({self.consistency!r}: {len(self.blocks)} blocks ({counts}), "
+            f"FeasibleSet({self.consistency!r}: {len(self.blocks)} blocks ({counts}), {equal}"
             f"{self.parameter_count} parameters, margin {self.margin:g})"
         )
 
@@ -111,6 +121,7 @@ class FeasibleSet:
         import html
 
         rows = "".join(f"<tr><td>{html.escape(b.name)}</td><td>{b.size} × {b.size}</td></tr>" for b in self.blocks)
+        rows += "".join(f"<tr><td>{html.escape(e.name)}</td><td>equation</td></tr>" for e in self.equalities)
         return f"<p>{html.escape(repr(self))}</p><table><tr><th>block</th><th>size</th></tr>{rows}</table>"
 
     @property
@@ -122,6 +133,23 @@ class FeasibleSet:
     def stack(self) -> AffineStack:
         """All blocks, stacked, in the standard parameters."""
         return AffineStack(self.blocks, self.parameter_count)
+
+    @cached_property
+    def inequality(self) -> LinearMatrixInequality:
+        """D(δ) ≻ 0 of all blocks, in the parameters by name (thesis 3.26); equations do not belong to it.
+
+        Examples
+        --------
+        >>> from steelyard.dynamics import Model
+        >>> from steelyard.robot import Robot
+        >>> feasible = FeasibleSet(Model(Robot.from_dh([("0", 0.0, 0.0, "q")])), consistency="inertia")
+        >>> print(feasible.inequality.with_margin(feasible.margin).pretty(most=3))
+        body of link1:
+        ⎡ Lxx1 - 1e-06  ⋯  -ly1       ⎤
+        ⎢ ⋮             ⋱  ⋮          ⎥
+        ⎣ -ly1          ⋯  m1 - 1e-06 ⎦ ⪰ 0
+        """
+        return LinearMatrixInequality(tuple(map(str, self.model.parameter_names)), self.blocks, strict=True)
 
     @cached_property
     def K(self) -> Matrix:
@@ -167,6 +195,17 @@ class FeasibleSet:
     def equation_values(self) -> Vector:
         """Right sides f, (r,)."""
         return np.array([equality.value for equality in self.equalities])
+
+    @cached_property
+    def base_equations(self) -> tuple[Matrix, Vector]:
+        """What the equations say of β alone, Z β = z, as (k, n_b) and (k,); β is infeasible where they do not hold."""
+        if not self.equalities:
+            return np.zeros((0, self.K.shape[0])), np.zeros(0)
+        hidden = self.equation_matrix @ self.unidentifiable
+        left, sizes, _ = np.linalg.svd(hidden)
+        scale = np.linalg.norm(self.equation_matrix, axis=1).max()
+        combinations = left[:, int(np.sum(sizes > 1e-9 * scale)) :].T
+        return combinations @ self.equation_matrix @ self.lift, combinations @ self.equation_values
 
     @cached_property
     def mass_indices(self) -> npt.NDArray[np.intp]:
@@ -216,21 +255,42 @@ class FeasibleSet:
             )
         return vector
 
+    @cached_property
+    def _solved_equations(self) -> tuple[npt.NDArray[np.intp], Matrix, Vector]:
+        return solved_for_some(self.equation_matrix, self.equation_values)
+
     def satisfies_equations(self, parameters: Vector) -> bool:
         """Whether the equations hold to rounding."""
         if not self.equalities:
             return True
+        return self._equations_hold(parameters, 1e-9)
+
+    def _equations_hold(self, parameters: Vector, relative: float) -> bool:
+        """Whether they hold relative to what is added up in each, or to rounding of the largest parameter."""
+        sizes = np.abs(self.equation_matrix)
         error = np.abs(self.equation_matrix @ parameters - self.equation_values)
-        scale = np.abs(self.equation_matrix) @ np.abs(parameters) + np.abs(self.equation_values)
-        return bool(np.all(error <= 1e-9 * scale))
+        scale = sizes @ np.abs(parameters) + np.abs(self.equation_values)
+        rounding = np.finfo(float).eps * sizes.sum(axis=1) * np.abs(parameters).max(initial=0.0)
+        return bool(np.all(error <= relative * scale + rounding))
 
     def project_on_equations(self, parameters: Vector) -> Vector:
-        """Remove what a solver left of the error in the equations, along unidentifiable directions (β stays)."""
+        """Remove what a solver left of the error in the equations.
+
+        Along unidentifiable directions, so that β stays, as far as these reach; an error that is left then, in what
+        equations say of β itself, is made good by the smallest change of δ. At last some parameters are computed from
+        the others, so that what must be zero or equal is so exactly.
+        """
         if not self.equalities:
             return parameters
         error = self.equation_values - self.equation_matrix @ parameters
         step = np.linalg.lstsq(self.equation_matrix @ self.unidentifiable, error)[0]
-        return parameters + self.unidentifiable @ step
+        moved = parameters + self.unidentifiable @ step
+        if not self._equations_hold(moved, 1e-13):
+            error = self.equation_values - self.equation_matrix @ moved
+            moved = moved + np.linalg.lstsq(self.equation_matrix, error)[0]
+        which, rest, constant = self._solved_equations
+        moved[which] = constant - rest @ moved
+        return np.asarray(moved)
 
     def contains(self, parameters: npt.ArrayLike) -> bool:
         """Whether every block is proved positive definite at δ and the equations hold; 1 x 1 blocks may be zero.

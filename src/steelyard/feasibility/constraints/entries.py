@@ -1,0 +1,173 @@
+"""Reading the values of constraints: tables of robot.toml, numbers, vectors, rotations and placements."""
+
+from __future__ import annotations
+
+import difflib
+import math
+import numbers
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from steelyard.errors import InputError
+from steelyard.robot.placement import rpy_rotation
+
+__all__ = ["check_keys", "is_number", "read_number", "read_placement", "read_rotation", "read_vector", "table"]
+
+Matrix = npt.NDArray[np.float64]
+Rows = tuple[tuple[float, ...], ...]
+
+_ROTATION_ERROR = 1e-6
+
+
+def check_keys(entry: Any, known: Sequence[str], where: str) -> None:
+    """Refuse what is no table, and unknown keys, with the closest known one."""
+    if not isinstance(entry, Mapping):
+        raise InputError(f"{where} in [constraints] must be a table with {', '.join(known)}, got {entry!r}.")
+    for key in entry:
+        if key not in known:
+            close = difflib.get_close_matches(str(key), known, n=1, cutoff=0.0)
+            raise InputError(f"{where} in [constraints] has an unknown key {key!r}; did you mean {close[0]!r}?")
+
+
+def table(entry: Any, where: str, required: Sequence[str], optional: Sequence[str] = ()) -> dict[str, Any]:
+    """A table of ``[constraints]`` with all of its required keys and no unknown one.
+
+    Raises
+    ------
+    InputError
+        If it is no table, a key is missing or unknown.
+    """
+    check_keys(entry, (*required, *optional), where)
+    missing = [key for key in required if key not in entry]
+    if missing:
+        *first, last = required
+        listed = f"{', '.join(first)} and {last}" if first else last
+        raise InputError(f"[[constraints.{where}]] lacks {missing[0]!r}; give {listed}.")
+    return dict(entry)
+
+
+def is_number(value: Any) -> bool:
+    """Whether it is a real number, which a truth value is not."""
+    return isinstance(value, numbers.Real) and not isinstance(value, bool | np.bool_)
+
+
+def read_number(value: Any, what: str, unit: str, *, positive: bool = False, infinite: bool = False) -> float:
+    """A number; `what` and `unit` stand in the message.
+
+    Parameters
+    ----------
+    value : object
+    what, unit : str
+    positive : bool
+        Whether it must be above 0.
+    infinite : bool
+        Whether it may be infinite.
+
+    Raises
+    ------
+    InputError
+        If it is not a number, or not such a one.
+    """
+    expected = f"a {'positive ' if positive else ''}number{f' of {unit}' if unit else ''}"
+    if not is_number(value):
+        raise InputError(f"{what} must be {expected}, got {value!r}.")
+    number = float(value)
+    if math.isnan(number) or (math.isinf(number) and not infinite) or (positive and number <= 0):
+        raise InputError(f"{what} must be {expected}, got {number:g}.")
+    return number + 0.0
+
+
+def read_vector(value: Any, what: str, unit: str) -> tuple[float, float, float]:
+    """Three finite numbers.
+
+    Raises
+    ------
+    InputError
+        If it is something else.
+    """
+    found = _numbers(value)
+    if found is None or found.shape != (3,) or not np.all(np.isfinite(found)):
+        raise InputError(f"{what} must be three numbers{f' ({unit})' if unit else ''}, got {value!r}.")
+    x, y, z = found.tolist()
+    return x, y, z
+
+
+def read_rotation(value: Any, what: str) -> Rows:
+    """A rotation matrix, from its three rows or from roll, pitch and yaw.
+
+    Parameters
+    ----------
+    value : (3, 3) or (3,)
+        The matrix, whose columns are the directions of the turned axes, or URDF's ``rpy`` in radians.
+    what : str
+        Begins the message.
+
+    Returns
+    -------
+    tuple of three rows
+
+    Raises
+    ------
+    InputError
+        If it is neither, or the matrix is no rotation.
+    """
+    found = _numbers(value)
+    if found is not None and found.shape == (3,) and np.all(np.isfinite(found)):
+        return _rows(rpy_rotation(*found.tolist())[:3, :3])
+    if found is None or found.shape != (3, 3) or not np.all(np.isfinite(found)):
+        raise InputError(f"{what} must be roll, pitch and yaw (rad) or a 3 x 3 matrix, got {value!r}.")
+    error = float(np.abs(found @ found.T - np.eye(3)).max())
+    if error > _ROTATION_ERROR or np.linalg.det(found) < 0:
+        raise InputError(
+            f"{what} must be a rotation matrix, with orthogonal rows of length 1 and determinant 1, "
+            f"got {found.tolist()}."
+        )
+    return _rows(found)
+
+
+def read_placement(value: Any, what: str) -> Rows:
+    """A placement, from its four rows or from a table ``{xyz = ..., rpy = ...}`` as in URDF.
+
+    Returns
+    -------
+    tuple of four rows
+
+    Raises
+    ------
+    InputError
+        If it is neither, or the matrix is no rigid motion.
+    """
+    found = np.eye(4)
+    if isinstance(value, Mapping):
+        unknown = [key for key in value if key not in ("xyz", "rpy")]
+        if unknown or not value:
+            raise InputError(f"{what} must hold xyz (m) and rpy (rad), got {dict(value)!r}.")
+        found[:3, 3] = read_vector(value.get("xyz", (0, 0, 0)), f"xyz of {what}", "m")
+        angles = read_vector(value.get("rpy", (0, 0, 0)), f"rpy of {what}", "rad")
+        found[:3, :3] = read_rotation(angles, f"rpy of {what}")
+        return _rows(found)
+    given = _numbers(value)
+    if given is None or given.shape != (4, 4) or not np.all(np.isfinite(given)):
+        raise InputError(f"{what} must be a 4 x 4 matrix, or xyz (m) and rpy (rad), got {value!r}.")
+    if not np.array_equal(given[3], [0.0, 0.0, 0.0, 1.0]):
+        raise InputError(f"{what} must have 0, 0, 0, 1 as its last row, got {given[3].tolist()}.")
+    found[:3, :3] = read_rotation(given[:3, :3], f"the rotation of {what}")
+    found[:3, 3] = given[:3, 3]
+    return _rows(found)
+
+
+def _numbers(value: Any) -> Matrix | None:
+    if isinstance(value, str | bytes | Mapping):
+        return None
+    try:
+        array = np.asarray(value)
+        return None if array.dtype.kind not in "iuf" else array.astype(float) + 0.0
+    except (TypeError, ValueError):
+        return None
+
+
+def _rows(matrix: Matrix) -> Rows:
+    return tuple(tuple(row) for row in matrix.tolist())

@@ -1,0 +1,161 @@
+"""Blocks and equations of several constraints put together: each once, under names of their own."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from dataclasses import replace
+
+import numpy as np
+import numpy.typing as npt
+
+from steelyard.errors import InputError
+
+from ..lmi import AffineBlock
+from .protocol import Equality
+
+__all__ = ["distinct_blocks", "independent_equalities", "solved_for_some"]
+
+Vector = npt.NDArray[np.float64]
+Matrix = npt.NDArray[np.float64]
+
+_DEPENDENT = 1e-9
+"""An equation counts as following from others where what is left of it is less than this part of it."""
+
+
+def distinct_blocks(blocks: Iterable[AffineBlock]) -> tuple[AffineBlock, ...]:
+    """Leave out blocks that say exactly what an earlier one says, and number those that share a name.
+
+    Examples
+    --------
+    >>> one = AffineBlock("mass", np.zeros((1, 1)), np.array([9]), np.ones((1, 1, 1)))
+    >>> other = AffineBlock("mass", np.ones((1, 1)), np.array([9]), np.ones((1, 1, 1)))
+    >>> [block.name for block in distinct_blocks([one, one, other])]
+    ['mass', 'mass (2)']
+    """
+    found: list[AffineBlock] = []
+    seen: set[tuple[bytes, ...]] = set()
+    names: set[str] = set()
+    for block in blocks:
+        order = np.argsort(block.indices, kind="stable")
+        parts = (block.constant + 0.0, block.indices[order].astype(np.int64), block.coefficients[order] + 0.0)
+        content = tuple(part.tobytes() for part in parts)
+        if content in seen:
+            continue
+        seen.add(content)
+        name, number = block.name, 1
+        while name in names:
+            number += 1
+            name = f"{block.name} ({number})"
+        names.add(name)
+        found.append(block if name == block.name else replace(block, name=name))
+    return tuple(found)
+
+
+def independent_equalities(equalities: Iterable[Equality], parameter_count: int) -> tuple[Equality, ...]:
+    """Leave out equations that follow from earlier ones.
+
+    Parameters
+    ----------
+    equalities : iterable of Equality
+    parameter_count : int
+
+    Returns
+    -------
+    tuple of Equality
+
+    Raises
+    ------
+    InputError
+        If equations contradict each other; names them.
+
+    Examples
+    --------
+    >>> def mass(value):
+    ...     return Equality(f"mass = {value} kg", np.array([9]), np.ones(1), value)
+    >>> independent_equalities([mass(3.0), mass(3.0)], 10)
+    (Equality('mass = 3.0 kg', of 1 parameter),)
+    >>> independent_equalities([mass(3.0), mass(4.0)], 10)
+    Traceback (most recent call last):
+    ...
+    steelyard.errors.InputError: the constraint 'mass = 4.0 kg' contradicts 'mass = 3.0 kg'; remove or correct one.
+    """
+    given = list(equalities)
+    most = min(len(given), parameter_count)
+    # The rows that are kept are triangle @ basis, by Gram and Schmidt.
+    basis, triangle = np.zeros((most, parameter_count)), np.zeros((most, most))
+    kept: list[Equality] = []
+    values = np.zeros(most)
+    for equality in given:
+        row = np.zeros(parameter_count)
+        np.add.at(row, equality.indices, equality.coefficients)
+        length = float(np.linalg.norm(row))
+        if length == 0.0:
+            if equality.value != 0.0:
+                raise InputError(f"the constraint {equality.name!r} cannot hold for any parameters; remove it.")
+            continue
+        row, value, count = row / length, equality.value / length, len(kept)
+        rest, along = row, np.zeros(count)
+        for _ in range(2):
+            step = basis[:count] @ rest
+            along, rest = along + step, rest - step @ basis[:count]
+        left = float(np.linalg.norm(rest))
+        if left > _DEPENDENT:
+            basis[count], triangle[count, :count], triangle[count, count] = rest / left, along, left
+            values[count] = value
+            kept.append(equality)
+            continue
+        weights = np.linalg.solve(triangle[:count, :count].T, along)
+        terms = weights * values[:count]
+        if abs(value - terms.sum()) > _DEPENDENT * (abs(value) + np.abs(terms).sum()):
+            others = [kept[i].name for i in np.flatnonzero(np.abs(weights) > _DEPENDENT)]
+            raise InputError(_contradiction(equality.name, others))
+    return tuple(kept)
+
+
+def _contradiction(name: str, others: list[str]) -> str:
+    if len(others) == 1:
+        return f"the constraint {name!r} contradicts {others[0]!r}; remove or correct one."
+    listed = ", ".join(map(repr, others[:6])) + (" and others" if len(others) > 6 else "")
+    return f"the constraint {name!r} contradicts these together: {listed}; remove or correct one."
+
+
+def solved_for_some(matrix: Matrix, values: Vector) -> tuple[npt.NDArray[np.intp], Matrix, Vector]:
+    """Solve independent equations E δ = f for as many of the parameters, those with the largest coefficients.
+
+    Parameters
+    ----------
+    matrix : (r, n)
+        E.
+    values : (r,)
+        f.
+
+    Returns
+    -------
+    (r,) int
+        Which parameters.
+    (r, n)
+        R, with zeros in their columns: δ[which] = constant - R δ.
+    (r,)
+        The constant.
+
+    Examples
+    --------
+    >>> solved_for_some(np.array([[0.0, -2.0, 1.0]]), np.array([4.0]))
+    (array([1]), array([[ 0. ,  0. , -0.5]]), array([-2.]))
+    """
+    both = np.column_stack([matrix, values])
+    count, width = matrix.shape
+    which = np.zeros(count, dtype=np.intp)
+    for row in range(count):
+        place = int(np.argmax(np.abs(both[row:, :width]).max(axis=1)))
+        both[[row, row + place]] = both[[row + place, row]]
+        column = int(np.argmax(np.abs(both[row, :width])))
+        which[row] = column
+        both[row] /= both[row, column]
+        others = np.arange(count) != row
+        both[others] -= np.outer(both[others, column], both[row])
+        both[others, column] = 0.0
+    rest = both[:, :width]
+    rest[np.arange(count), which] = 0.0
+    rest[np.abs(rest) < 1e-14] = 0.0
+    return which, rest + 0.0, both[:, width] + 0.0

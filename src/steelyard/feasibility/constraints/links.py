@@ -1,0 +1,156 @@
+"""The parameters of single links, and blocks and equations made of them."""
+
+from __future__ import annotations
+
+import difflib
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+import numpy.typing as npt
+
+from steelyard.errors import InputError
+from steelyard.robot import INERTIA_SYMBOLS
+
+from ..lmi import AffineBlock, LinearExpression
+from ..protocols import ModelLike
+from .protocol import Equality
+
+__all__ = ["LinkParameters", "equation", "independent_rows", "link_index", "scalar_block"]
+
+Vector = npt.NDArray[np.float64]
+Matrix = npt.NDArray[np.float64]
+
+_NEGLIGIBLE = 1e-12
+
+
+def link_index(model: ModelLike, link: str, where: str) -> int:
+    """Index of a link by name.
+
+    Raises
+    ------
+    InputError
+        If there is no such link; the message suggests the closest name.
+    """
+    names = list(model.robot.link_names)
+    if link in names:
+        return names.index(link)
+    close = difflib.get_close_matches(str(link), names, n=1, cutoff=0.0)
+    raise InputError(
+        f"{where} names the link {link!r}, which the robot does not have; did you mean {close[0]!r}? "
+        f"(links: {', '.join(names)})"
+    )
+
+
+@dataclass(frozen=True)
+class LinkParameters:
+    """Where the ten inertial parameters of a link stand in a model.
+
+    Attributes
+    ----------
+    model : Model
+    index : int
+    """
+
+    model: ModelLike
+    index: int
+
+    @classmethod
+    def of(cls, model: ModelLike, link: str, where: str) -> LinkParameters:
+        """Those of a link by name; `where` begins the message where there is none."""
+        return cls(model, link_index(model, link, where))
+
+    @property
+    def title(self) -> str:
+        """As in ``"link 3 (forearm)"``."""
+        return f"link {self.index + 1} ({list(self.model.robot.link_names)[self.index]})"
+
+    @cached_property
+    def indices(self) -> npt.NDArray[np.intp]:
+        """Of Lxx Lxy Lxz Lyy Lyz Lzz lx ly lz m, (10,)."""
+        names = list(self.model.parameter_names)
+        return np.array([names.index(f"{symbol}{self.index + 1}") for symbol in INERTIA_SYMBOLS], dtype=np.intp)
+
+    @property
+    def mass(self) -> int:
+        """Index of the mass."""
+        return int(self.indices[9])
+
+    @cached_property
+    def terms(self) -> dict[str, int]:
+        """Indices of the parameters of the terms at the link's joint, by symbol; they stand after the mass."""
+        names = list(self.model.parameter_names)
+        after = f"{INERTIA_SYMBOLS[0]}{self.index + 2}"
+        stop = names.index(after) if after in names else len(names)
+        number = str(self.index + 1)
+        return {names[i].removesuffix(number): i for i in range(self.mass + 1, stop)}
+
+    def row_block(self, name: str, unit: str, row: npt.ArrayLike) -> AffineBlock:
+        """The 1 x 1 block row · (the ten parameters)."""
+        return scalar_block(name, unit, self.indices, row, 0.0)
+
+
+def scalar_block(
+    name: str, unit: str, indices: Sequence[int] | npt.NDArray[np.intp], row: npt.ArrayLike, constant: float
+) -> AffineBlock:
+    """The 1 x 1 block row · δ[indices] + constant; zeros of the row are left out."""
+    values = np.asarray(row, dtype=float)
+    used = np.flatnonzero(values)
+    return AffineBlock(
+        name,
+        np.array([[float(constant)]]),
+        np.asarray(indices, dtype=np.intp)[used],
+        values[used].reshape(-1, 1, 1),
+        kind="constraint",
+        unit=unit,
+    )
+
+
+def equation(
+    what: str, model: ModelLike, indices: Sequence[int] | npt.NDArray[np.intp], row: npt.ArrayLike, value: float = 0.0
+) -> Equality:
+    """The equation row · δ[indices] = value, named by what it comes from and by how it reads."""
+    values = np.asarray(row, dtype=float)
+    used = np.flatnonzero(values)
+    places = np.asarray(indices, dtype=np.intp)[used]
+    names = list(model.parameter_names)
+    text = LinearExpression({names[i]: float(f"{v:.6g}") for i, v in zip(places, values[used], strict=True)})
+    return Equality(f"{what}: {text} = {value:g}", places, values[used], float(value))
+
+
+def independent_rows(matrix: Matrix) -> Matrix:
+    """Independent rows with the same null space, each with a leading 1, by Gauss and Jordan.
+
+    Parameters
+    ----------
+    matrix : (rows, c)
+
+    Returns
+    -------
+    (rank, c)
+
+    Examples
+    --------
+    >>> independent_rows(np.array([[0.0, -2.0, 0.0], [0.0, 4.0, 0.0], [1.0, 1.0, 1.0]])).tolist()
+    [[1.0, 0.0, 1.0], [0.0, 1.0, 0.0]]
+    """
+    rows = np.array(matrix, dtype=float)
+    scale = float(np.abs(rows).max(initial=0.0))
+    rank = 0
+    for column in range(rows.shape[1]):
+        if rank == len(rows):
+            break
+        best = rank + int(np.argmax(np.abs(rows[rank:, column])))
+        if abs(rows[best, column]) <= _NEGLIGIBLE * scale:
+            rows[rank:, column] = 0.0
+            continue
+        rows[[rank, best]] = rows[[best, rank]]
+        rows[rank] /= rows[rank, column]
+        others = np.arange(len(rows)) != rank
+        rows[others] -= np.outer(rows[others, column], rows[rank])
+        rows[others, column] = 0.0
+        rank += 1
+    found = rows[:rank]
+    found[np.abs(found) <= _NEGLIGIBLE * np.abs(found).max(axis=1, initial=0.0, keepdims=True)] = 0.0
+    return found + 0.0

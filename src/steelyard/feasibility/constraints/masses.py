@@ -1,0 +1,208 @@
+"""What is known of masses: the total, parts of it, and links that were weighed."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from steelyard.errors import InputError
+
+from ..lmi import AffineBlock
+from ..protocols import ModelLike
+from .entries import check_keys, is_number, read_number, table
+from .links import LinkParameters, scalar_block
+from .protocol import Equality
+
+__all__ = ["MeasuredMass", "TotalMass"]
+
+
+@dataclass(frozen=True)
+class TotalMass:
+    """The mass of some links together, in kg (thesis 2.66, 4.39).
+
+    Parameters
+    ----------
+    maximum, minimum : float, optional
+        Bounds. Equal ones are an exact mass.
+    equal : float, optional
+        The exact mass, instead of bounds.
+    links : sequence of str, optional
+        Names of the links that are weighed together; all of them where absent.
+
+    Raises
+    ------
+    InputError
+        If no bound is given, a bound is not a number, or the bounds contradict each other.
+
+    See Also
+    --------
+    MeasuredMass : A mass with its uncertainty.
+
+    Examples
+    --------
+    >>> TotalMass(maximum=27.0)
+    TotalMass(maximum=27.0)
+    """
+
+    maximum: float | None = None
+    minimum: float | None = None
+    equal: float | None = None
+    links: Sequence[str] | None = None
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "links", _links(self.links, "TotalMass"))
+        for key in ("maximum", "minimum", "equal"):
+            value = getattr(self, key)
+            if value is None:
+                continue
+            if not is_number(value) or not math.isfinite(value):
+                raise InputError(f"TotalMass must have a finite number of kg as {key}, got {value!r}.")
+            if value < 0 or (value == 0 and key != "minimum"):
+                raise InputError(f"TotalMass must have a positive {key}, got {value} kg; masses are positive.")
+        if self.maximum is None and self.minimum is None and self.equal is None:
+            raise InputError("TotalMass needs a bound; give maximum, minimum or equal, in kg.")
+        if self.equal is not None and (self.maximum is not None or self.minimum is not None):
+            raise InputError("TotalMass takes either equal or bounds (maximum, minimum), not both; remove one.")
+        if self.maximum is not None and self.minimum is not None and self.minimum > self.maximum:
+            raise InputError(
+                f"TotalMass has minimum {self.minimum} kg above its maximum {self.maximum} kg; swap or correct them."
+            )
+
+    def __repr__(self) -> str:
+        given = ((key, getattr(self, key)) for key in ("maximum", "minimum", "equal", "links"))
+        return f"TotalMass({', '.join(f'{key}={value!r}' for key, value in given if value is not None)})"
+
+    @classmethod
+    def from_dict(cls, entry: Mapping[str, Any], folder: Path | None = None) -> TotalMass:
+        """From ``{"maximum": 27.0}``, as in ``robot.toml``."""
+        check_keys(entry, ("maximum", "minimum", "equal", "links"), "total_mass")
+        return cls(**entry)
+
+    def blocks(self, model: ModelLike) -> tuple[AffineBlock, ...]:
+        """Bounds as 1 x 1 blocks."""
+        label, indices = _masses(model, self.links, "total mass", "mass of", "TotalMass")
+        if self._exact is not None:
+            return ()
+        return _bounds(label, indices, self.minimum, self.maximum)
+
+    def equalities(self, model: ModelLike) -> tuple[Equality, ...]:
+        """The exact mass as an equation."""
+        label, indices = _masses(model, self.links, "total mass", "mass of", "TotalMass")
+        return () if self._exact is None else (_exactly(label, indices, self._exact),)
+
+    @property
+    def _exact(self) -> float | None:
+        if self.maximum is not None and self.maximum == self.minimum:
+            return float(self.maximum)
+        return self.equal
+
+
+@dataclass(frozen=True)
+class MeasuredMass:
+    """A link, or several together, that was put on a scale.
+
+    Parameters
+    ----------
+    value : float
+        In kg.
+    links : str or sequence of str, optional
+        The links that were weighed together; the whole robot (its moving links) where absent.
+    standard_deviation : float, optional
+        Of the scale, and of what was on it beside the links, in kg. Without it, or at 0, the mass is taken as exact.
+    deviations : float
+        How many standard deviations the mass may be away.
+
+    Raises
+    ------
+    InputError
+        If a value is not a number or cannot be a mass.
+
+    Notes
+    -----
+    The mass lies in value ± deviations · standard_deviation, two 1 x 1 blocks; without a standard deviation it is
+    an equation. What a link weighs in the model includes what is fixed to it.
+
+    Examples
+    --------
+    >>> MeasuredMass(2.41, "forearm", standard_deviation=0.01)
+    MeasuredMass(2.41, links=('forearm',), standard_deviation=0.01)
+    """
+
+    value: float
+    links: str | Sequence[str] | None = None
+    standard_deviation: float | None = None
+    deviations: float = 3.0
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "links", _links(self.links, "MeasuredMass"))
+        object.__setattr__(self, "value", read_number(self.value, "value of MeasuredMass", "kg", positive=True))
+        if self.standard_deviation is not None:
+            deviation = read_number(self.standard_deviation, "standard_deviation of MeasuredMass", "kg")
+            if deviation < 0:
+                raise InputError(f"standard_deviation of MeasuredMass must be at least 0 kg, got {deviation:g}.")
+            object.__setattr__(self, "standard_deviation", deviation)
+        factor = read_number(self.deviations, "deviations of MeasuredMass", "", positive=True)
+        object.__setattr__(self, "deviations", factor)
+
+    def __repr__(self) -> str:
+        text = f"MeasuredMass({self.value!r}"
+        for key, default in (("links", None), ("standard_deviation", None), ("deviations", 3.0)):
+            if getattr(self, key) != default:
+                text += f", {key}={getattr(self, key)!r}"
+        return f"{text})"
+
+    @classmethod
+    def from_dict(cls, entry: Mapping[str, Any], folder: Path | None = None) -> MeasuredMass:
+        """From ``{"links": ["forearm"], "value": 2.41, "standard_deviation": 0.01}``, as in ``robot.toml``."""
+        return cls(**table(entry, "measured_mass", ("value",), ("links", "standard_deviation", "deviations")))
+
+    def blocks(self, model: ModelLike) -> tuple[AffineBlock, ...]:
+        """Lower and upper limit of the mass; the lower one only where it is above 0."""
+        label, indices = _masses(model, self.links, "weighed total mass", "weighed mass of", "MeasuredMass")
+        if not self.standard_deviation:
+            return ()
+        reach = self.deviations * self.standard_deviation
+        low = self.value - reach
+        return _bounds(label, indices, low if low > 0 else None, self.value + reach)
+
+    def equalities(self, model: ModelLike) -> tuple[Equality, ...]:
+        """The exact mass as an equation."""
+        label, indices = _masses(model, self.links, "weighed total mass", "weighed mass of", "MeasuredMass")
+        return () if self.standard_deviation else (_exactly(label, indices, self.value),)
+
+
+def _links(links: str | Sequence[str] | None, where: str) -> tuple[str, ...] | None:
+    if links is None:
+        return None
+    found = (links,) if isinstance(links, str) else links
+    if not isinstance(found, Sequence) or not all(isinstance(name, str) for name in found):
+        raise InputError(f"{where} must have names of links as links, got {links!r}.")
+    if not found:
+        raise InputError(f"{where} got an empty list of links; name at least one, or leave `links` out.")
+    return tuple(dict.fromkeys(found))
+
+
+def _masses(
+    model: ModelLike, links: str | Sequence[str] | None, of_all: str, of_some: str, where: str
+) -> tuple[str, list[int]]:
+    names = tuple(model.robot.link_names) if links is None else tuple(links)
+    label = of_all if links is None else f"{of_some} {' + '.join(names)}"
+    return label, [LinkParameters.of(model, name, where).mass for name in names]
+
+
+def _bounds(label: str, indices: list[int], low: float | None, high: float | None) -> tuple[AffineBlock, ...]:
+    found = []
+    if high is not None:
+        found.append(scalar_block(f"{label} <= {high:g} kg", "kg", indices, [-1.0] * len(indices), high))
+    if low is not None:
+        found.append(scalar_block(f"{label} >= {low:g} kg", "kg", indices, [1.0] * len(indices), -low))
+    return tuple(found)
+
+
+def _exactly(label: str, indices: list[int], value: float) -> Equality:
+    return Equality(f"{label} = {value:g} kg", np.asarray(indices, dtype=np.intp), np.ones(len(indices)), value)
