@@ -1,6 +1,7 @@
 """The nearest physically possible parameters."""
 
 from dataclasses import dataclass, field
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
@@ -8,20 +9,28 @@ import scipy.sparse as sparse
 
 from steelyard.errors import InputError, SolverError
 
-from .conic import Cone, ConicProblem, ConicSolution, Outcome, solve
+from .conic import Cone, ConicProblem, ConicSolution, Outcome, find_solver, solve
 from .feasible_set import FeasibleSet
 from .fitting import MARGIN_FACTORS, pull_inside
+from .metric import Metric
 from .proof import FeasibilityCertificate
 
 __all__ = ["Correction", "correct"]
 
 Vector = npt.NDArray[np.float64]
 
-UNIDENTIFIABLE_WEIGHT = 1e-9
-"""Weight of |δ_d|² against the squared distance: keeps masses finite where the infimum is at infinity."""
+UNIDENTIFIABLE_WEIGHT, LEAST_WEIGHT = 1e-9, 1e-6
+"""Weight of squares of what has no distance, against the squared distance: keeps masses finite where the infimum is at
+infinity. Multiplied by the squared distance where that is below 1, down to the second."""
 
 FINE = 1e-3
-"""Below this squared distance the problem is solved again in units of the distance found."""
+"""Below this squared distance, in units of the parameters given, the problem is solved again in units of it."""
+
+FINEST = 1e-6
+"""Those units are no smaller than this part of the ones before: one step goes no further than can be trusted."""
+
+REFINEMENTS = 3
+"""How often at most. In the Euclidean metric once is enough: less than that of the largest parameter is rounding."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -35,12 +44,20 @@ class Correction:
     parameters : (n,)
         Feasible standard parameters δ.
     squared_distance : float
-        ‖β - K δ‖², or ‖δ̂ - δ‖² where standard parameters were given.
+        dᵀ M d with d = β - K δ, or d = δ̂ - δ where standard parameters were given; M is the metric, 1 where none was
+        given.
     status : str
         ``"already feasible"`` where nothing had to change, or ``"corrected"``.
     certificate : FeasibilityCertificate
     iterations : int
         Of the solver.
+    squared_euclidean_distance : float
+        dᵀ d.
+    metric : str
+        ``"Euclidean"``, ``"given"``, ``"the covariance"`` or ``"the data's own"``.
+    solver : str
+    outcome : Outcome
+        How the solver ended.
     """
 
     base: Vector = field(repr=False)
@@ -49,16 +66,29 @@ class Correction:
     status: str
     certificate: FeasibilityCertificate = field(repr=False)
     iterations: int
+    squared_euclidean_distance: float
+    metric: str = "Euclidean"
+    solver: str = "Clarabel"
+    outcome: Outcome = Outcome.SOLVED
 
     def __str__(self) -> str:
         kind = self.certificate.feasible_set.consistency
         if self.status == "already feasible":
             return f'Already feasible under "{kind}" consistency; nothing changed.'
-        return f'Corrected to be feasible under "{kind}" consistency; squared distance {self.squared_distance:.6g}.'
+        text = f'Corrected to be feasible under "{kind}" consistency; squared distance {self.squared_distance:.6g}'
+        if self.metric != "Euclidean":
+            text += f" in the metric of {self.metric.removeprefix('the ')}" if self.metric != "given" else ""
+            text += f" (Euclidean: {self.squared_euclidean_distance:.6g})"
+        return f"{text}."
 
 
 def correct(
-    feasible: FeasibleSet, base: npt.ArrayLike | None = None, parameters: npt.ArrayLike | None = None
+    feasible: FeasibleSet,
+    base: npt.ArrayLike | None = None,
+    parameters: npt.ArrayLike | None = None,
+    metric: Any = None,
+    solver: str = "clarabel",
+    covariance: npt.ArrayLike | None = None,
 ) -> Correction:
     """The feasible parameters closest to given ones (thesis 3.40, 3.56), at least `feasible.margin` within the set.
 
@@ -66,9 +96,18 @@ def correct(
     ----------
     feasible : FeasibleSet
     base : (n_b,), optional
-        Base parameters β; the distance is ‖β - K δ‖.
+        Base parameters β; d = β - K δ.
     parameters : (n,), optional
-        Standard parameters, instead; the distance is ‖δ̂ - δ‖.
+        Standard parameters δ̂, instead; d = δ̂ - δ.
+    metric : (k, k) or Information, optional
+        What is meant by closest, where it is not the length of d: a positive semidefinite matrix M for dᵀ M d (k = n_b,
+        or n for standard parameters), or data, in whose metric the distance is by how much the squared residual of the
+        (by joint weighted) regression rises above that of least squares, if β is that of least squares. Directions
+        without weight are settled by the least Euclidean change.
+    solver : str
+        One of `solver_table`.
+    covariance : (k, k), optional
+        Of what was given, e.g. of an estimate; M is its inverse (Mahalanobis distance).
 
     Returns
     -------
@@ -78,7 +117,8 @@ def correct(
     Raises
     ------
     InputError
-        If not exactly one of `base` and `parameters` is given, or it does not fit the model.
+        If not exactly one of `base` and `parameters` is given, they do not fit the model, or the metric is not a
+        positive semidefinite matrix of the right size.
     SolverError
         If the set is empty or the solver finds no point of it.
 
@@ -90,104 +130,192 @@ def correct(
     >>> correction = correct(FeasibleSet(model), base=[-0.6, 0.0, 0.0])
     >>> print(correction)
     Corrected to be feasible under "full" consistency; squared distance 0.36...
+
+    With an estimate whose first parameter is known ten times as well as the others:
+
+    >>> print(correct(FeasibleSet(model), base=[0.6, 0.0, 0.0], covariance=np.diag([0.01, 1.0, 1.0])))
+    Already feasible under "full" consistency; nothing changed.
     """
     if (base is None) == (parameters is None):
         raise InputError("correct takes either base= or parameters=; give exactly one of them.")
-    if parameters is not None:
-        given = feasible.as_parameters(parameters)
-        origin, matrix, measured = given, np.eye(feasible.parameter_count), feasible.parameter_count
-        coefficients = feasible.stack.coefficients
-    else:
-        given = feasible.as_base(base if base is not None else ())
-        origin, matrix, measured = feasible.lift @ given, feasible.base_dependent, len(given)
-        coefficients = feasible.stacked_base_dependent
-
-    problem = _Nearest(feasible, origin, coefficients, matrix, measured)
+    title = find_solver(solver).title
+    nearest = _Nearest.of(feasible, base, parameters, metric, covariance, solver)
     outside: Vector | None = None
+    early: Correction | None = None
     for factor in MARGIN_FACTORS:
-        solution = problem.solve(factor * feasible.margin, 1.0)
-        if solution.outcome is Outcome.INFEASIBLE and feasible.constraints:
+        found, outcome, iterations, status = nearest.search(factor * feasible.margin)
+        if outcome is Outcome.INFEASIBLE and feasible.constraints:
             raise SolverError(
                 f"no parameters satisfy all of the {len(feasible.blocks)} conditions with margin {feasible.margin:g} "
-                f"(Clarabel: {solution.status}); loosen the constraints, which contradict each other."
+                f"({title}: {status}); loosen the constraints, which contradict each other."
             )
-        if not solution.outcome.usable or not np.all(np.isfinite(solution.primal)):
+        if found is None:
             continue
-        found, iterations = problem.parameters(solution), solution.iterations
-        distance = _squared_distance(feasible, found, given, parameters is not None)
-        if distance < FINE:
-            solution = problem.solve(factor * feasible.margin, max(distance, 1e-6))
-            iterations += solution.iterations
-            finer = problem.parameters(solution) if solution.outcome.usable else found
-            nearer = _squared_distance(feasible, finer, given, parameters is not None) < distance
-            if feasible.contains(finer) and (nearer or not feasible.contains(found)):
-                found = finer
-        unchanged = origin if parameters is not None else found - feasible.lift @ (feasible.K @ found - given)
-        if distance < FINE and problem.keeps_margin(unchanged):
-            found, status = unchanged, "already feasible"
-        else:
-            status = "corrected"
+        if nearest.squared(found) < FINE and nearest.keeps_margin(nearest.unchanged(found)):
+            return nearest.correction(nearest.unchanged(found), "already feasible", outcome, iterations, title)
         if not feasible.contains(found):
             outside = found if outside is None else outside
-        else:
-            if outside is not None and status == "corrected":
-                found = pull_inside(feasible, outside, found)
-            corrected = feasible.K @ found
-            return Correction(
-                base=corrected,
-                parameters=found,
-                squared_distance=_squared_distance(feasible, found, given, parameters is not None),
-                status=status,
-                certificate=FeasibilityCertificate(feasible, corrected, found),
-                iterations=iterations,
-            )
+            continue
+        if outside is not None:
+            found = pull_inside(feasible, outside, found)
+        correction = nearest.correction(found, "corrected", outcome, iterations, title)
+        if outcome is not Outcome.STOPPED:
+            return correction
+        early = correction if early is None else early
+    if early is not None:
+        return early
     raise SolverError(
-        "Clarabel ended outside the feasible set with every margin tried; check that the constraints leave room and "
+        f"{title} ended outside the feasible set with every margin tried; check that the constraints leave room and "
         f"that units are SI, or give FeasibleSet a larger margin than {feasible.margin:g}."
     )
 
 
-def _squared_distance(feasible: FeasibleSet, found: Vector, given: Vector, standard: bool) -> float:
-    difference = (found if standard else feasible.K @ found) - given
-    return float(difference @ difference)
-
-
 @dataclass(frozen=True, eq=False)
 class _Nearest:
-    """Minimise the squared norm of the first `measured` unknowns x, where δ = origin + matrix x is in the set."""
+    """Minimise ‖R d‖², where d are the first `measured` of the unknowns and δ = origin + matrix x is in the set.
+
+    All unknowns are in units of the largest parameter given, and the squared distance in units of that of a step of
+    this size.
+    """
 
     feasible: FeasibleSet
+    given: Vector
+    standard: bool
+    metric: Metric
+    solver: str
     origin: Vector
     coefficients: sparse.csc_array
     matrix: npt.NDArray[np.float64]
-    measured: int
+    unit: float
+
+    @classmethod
+    def of(
+        cls, feasible: FeasibleSet, base: Any, parameters: Any, metric: Any, covariance: Any, solver: str
+    ) -> "_Nearest":
+        """From the arguments of `correct`."""
+        standard = parameters is not None
+        if standard:
+            given = feasible.as_parameters(parameters)
+            origin, matrix = given, np.eye(feasible.parameter_count)
+            coefficients = feasible.stack.coefficients
+        else:
+            given = feasible.as_base(base)
+            origin, matrix = feasible.lift @ given, feasible.base_dependent
+            coefficients = feasible.stacked_base_dependent
+        chosen = Metric.of(metric, covariance, feasible, standard)
+        unit = float(np.abs(given).max(initial=0.0))
+        return cls(feasible, given, standard, chosen, solver, origin, coefficients, matrix, unit if unit > 0 else 1.0)
+
+    def difference(self, parameters: Vector) -> Vector:
+        """d."""
+        return (parameters if self.standard else self.feasible.K @ parameters) - self.given
+
+    def squared(self, parameters: Vector) -> float:
+        """Squared distance in the units of the problem."""
+        return self.metric.squared(self.difference(parameters)) / (self.unit * self.metric.size) ** 2
+
+    def unchanged(self, parameters: Vector) -> Vector:
+        """The same unidentifiable parameters with exactly what was given."""
+        if self.standard:
+            return self.origin
+        return parameters - self.feasible.lift @ self.difference(parameters)
 
     def parameters(self, solution: ConicSolution) -> Vector:
         """δ of a solution."""
-        return self.feasible.project_on_equations(self.origin + self.matrix @ solution.primal)
+        step = self.unit * solution.primal[: self.matrix.shape[1]]
+        return self.feasible.project_on_equations(self.origin + self.matrix @ step)
 
-    def solve(self, margin: float, unit: float) -> ConicSolution:
-        """Solve with this margin; the squared norm is divided by `unit`."""
+    def search(self, margin: float) -> tuple[Vector | None, Outcome, int, str]:
+        """The best δ found with this margin, if any, the outcome, the iterations and the solver's word."""
+        solution = self.solve(margin, 1.0, 1.0)
+        if not solution.outcome.usable or not np.all(np.isfinite(solution.primal)):
+            return None, solution.outcome, solution.iterations, solution.status
+        found, outcome, iterations = self.parameters(solution), solution.outcome, solution.iterations
+        scale = 1.0
+        for _ in range(1 if self.metric.factor is None else REFINEMENTS):
+            distance = self.squared(found)
+            if distance >= FINE * scale:
+                break
+            scale = max(distance, FINEST * scale)
+            solution = self.solve(margin, scale, min(1.0, max(distance * self.unit**2, LEAST_WEIGHT)))
+            iterations += solution.iterations
+            if not solution.outcome.usable or not np.all(np.isfinite(solution.primal)):
+                break
+            finer = self.parameters(solution)
+            inside, before = self.feasible.contains(finer), self.feasible.contains(found)
+            if inside and (self.squared(finer) < distance or not before):
+                found, outcome = finer, solution.outcome
+        return found, outcome, iterations, solution.status
+
+    def solve(self, margin: float, scale: float, weight: float) -> ConicSolution:
+        """Solve with this margin; the squared distance is divided by `scale`, the other squares have this weight."""
         feasible, stack = self.feasible, self.feasible.stack
-        count = self.matrix.shape[1]
-        weights = np.full(count, UNIDENTIFIABLE_WEIGHT)
-        weights[: self.measured] = 2.0 / unit
+        count, measured = self.matrix.shape[1], len(self.given)
+        hidden = UNIDENTIFIABLE_WEIGHT * weight / scale
+        weights = np.full(count, hidden)
+        weights[:measured] = 0.0
         equations = feasible.equation_matrix @ self.matrix
         values = stack.constant + stack.coefficients @ self.origin - margin * stack.identity
+        rows = [sparse.csc_array(equations), -self.coefficients]
+        right = [(feasible.equation_values - feasible.equation_matrix @ self.origin) / self.unit, values / self.unit]
+        cones = [
+            Cone("zero", len(equations)),
+            Cone("nonnegative", stack.scalar_count),
+            *(Cone("semidefinite", size) for size in stack.matrix_sizes),
+        ]
+        if self.metric.is_diagonal:
+            squares = self._diagonal()
+            weights[:measured] = np.where(squares > 0, 2.0 * squares / scale, hidden)
+        else:
+            seen, unseen = self._seen()
+            extra = seen.shape[0] + unseen.shape[0]
+            both = sparse.csc_array(sparse.vstack([seen, unseen]))
+            image = sparse.csc_array(sparse.hstack([both, sparse.csc_array((extra, count - measured))]))
+            rows = [sparse.csc_array(sparse.hstack([part, sparse.csc_array((part.shape[0], extra))])) for part in rows]
+            rows.insert(0, sparse.csc_array(sparse.hstack([image, sparse.csc_array(-np.eye(extra))])))
+            right.insert(0, np.zeros(extra))
+            cones.insert(0, Cone("zero", extra))
+            tail = np.full(extra, hidden)
+            tail[: seen.shape[0]] = 2.0 / scale
+            weights = np.concatenate([weights, tail])
         problem = ConicProblem(
             P=sparse.csc_array(sparse.diags_array(weights, format="csc")),
-            q=np.zeros(count),
-            A=sparse.csc_array(sparse.vstack([sparse.csc_array(equations), -self.coefficients], format="csc")),
-            b=np.concatenate([feasible.equation_values - feasible.equation_matrix @ self.origin, values]),
-            cones=(
-                Cone("zero", len(equations)),
-                Cone("nonnegative", stack.scalar_count),
-                *(Cone("semidefinite", size) for size in stack.matrix_sizes),
-            ),
+            q=np.zeros(len(weights)),
+            A=sparse.csc_array(sparse.vstack(rows, format="csc")),
+            b=np.concatenate(right),
+            cones=tuple(cones),
         )
-        return solve(problem)
+        return solve(problem, solver=self.solver)
+
+    def _diagonal(self) -> Vector:
+        """Weights of the squares of d, where each counts by itself."""
+        if self.metric.factor is None:
+            return np.ones(len(self.given))
+        return np.asarray(np.sum((self.metric.factor / self.metric.size) ** 2, axis=0), dtype=float)
+
+    def _seen(self) -> tuple[sparse.csc_array, sparse.csc_array]:
+        """R in units of its size, and directions in which it sees nothing."""
+        assert self.metric.factor is not None
+        return sparse.csc_array(self.metric.factor / self.metric.size), sparse.csc_array(self.metric.unseen)
 
     def keeps_margin(self, parameters: Vector) -> bool:
         """Whether δ is in the set with at least half the margin, so that nothing need be changed."""
         eigenvalues = self.feasible.stack.smallest_eigenvalues(parameters)
         return bool(np.all(eigenvalues >= 0.5 * self.feasible.margin)) and self.feasible.contains(parameters)
+
+    def correction(self, parameters: Vector, status: str, outcome: Outcome, iterations: int, solver: str) -> Correction:
+        """Pack the answer."""
+        difference = self.difference(parameters)
+        corrected = self.feasible.K @ parameters
+        return Correction(
+            base=corrected,
+            parameters=parameters,
+            squared_distance=self.metric.squared(difference),
+            status=status,
+            certificate=FeasibilityCertificate(self.feasible, corrected, parameters),
+            iterations=iterations,
+            squared_euclidean_distance=float(difference @ difference),
+            metric=self.metric.name,
+            solver=solver,
+            outcome=outcome,
+        )

@@ -1,4 +1,4 @@
-"""Conic problems, handed to Clarabel without a modelling layer in between."""
+"""Conic problems and their solutions, whichever solver finds them."""
 
 import enum
 from dataclasses import dataclass, field
@@ -7,11 +7,14 @@ import numpy as np
 import numpy.typing as npt
 import scipy.sparse as sparse
 
-from steelyard.errors import SolverError
+from steelyard.errors import InputError, SolverError
 
-__all__ = ["Cone", "ConicProblem", "ConicSolution", "Outcome", "solve"]
+__all__ = ["CONE_KINDS", "Cone", "ConicProblem", "ConicSolution", "Outcome"]
 
 Vector = npt.NDArray[np.float64]
+
+CONE_KINDS = ("zero", "nonnegative", "second-order", "semidefinite", "exponential")
+"""Kinds of cones that a problem may be made of."""
 
 
 class Outcome(enum.Enum):
@@ -31,10 +34,22 @@ class Outcome(enum.Enum):
 
 @dataclass(frozen=True)
 class Cone:
-    """One cone of the product K: ``"zero"``, ``"nonnegative"``, ``"second-order"`` or ``"semidefinite"``.
+    """One cone of the product K.
 
-    `size` is the number of rows, but for ``"semidefinite"``, where it is the order d of the matrix, whose upper
-    triangle takes d (d + 1) / 2 rows, stacked by columns, off-diagonal elements times √2.
+    Attributes
+    ----------
+    kind : str
+        ``"zero"``: s = 0. ``"nonnegative"``: s ≥ 0. ``"second-order"``: s₁ ≥ ‖(s₂, …)‖. ``"semidefinite"``: a symmetric
+        matrix, whose upper triangle is stacked by columns, off-diagonal elements times √2. ``"exponential"``: the
+        closure of s₃ ≥ s₂ exp(s₁ / s₂), s₂ > 0.
+    size : int
+        Number of rows, but for ``"semidefinite"``, where it is the order d of the matrix, which takes d (d + 1) / 2
+        rows. Always 3 for ``"exponential"``.
+
+    Raises
+    ------
+    InputError
+        For an unknown kind or a size that the kind cannot have.
 
     Examples
     --------
@@ -44,6 +59,13 @@ class Cone:
 
     kind: str
     size: int
+
+    def __post_init__(self) -> None:
+        if self.kind not in CONE_KINDS:
+            raise InputError(f"there is no cone {self.kind!r}; the kinds are {', '.join(CONE_KINDS)}.")
+        if self.size < 0 or (self.kind == "exponential" and self.size != 3):
+            expected = "is of size 3" if self.kind == "exponential" else "has a size of at least 0"
+            raise InputError(f"a {self.kind} cone {expected}, got {self.size}.")
 
     @property
     def rows(self) -> int:
@@ -89,6 +111,9 @@ class ConicSolution:
     objective : float
     iterations : int
     seconds : float
+        That the solver itself took.
+    solver : str
+        The solver's name, as in sentences.
     """
 
     outcome: Outcome
@@ -99,6 +124,7 @@ class ConicSolution:
     objective: float
     iterations: int
     seconds: float
+    solver: str = "Clarabel"
 
     def require(self, purpose: str) -> "ConicSolution":
         """Return itself if the point may be used, else raise.
@@ -111,77 +137,6 @@ class ConicSolution:
         if self.outcome.usable and bool(np.all(np.isfinite(self.primal))):
             return self
         raise SolverError(
-            f"Clarabel could not {purpose}: {self.outcome.value} (status {self.status}, {self.iterations} iterations); "
-            "check that the constraints do not contradict each other and that units are SI."
+            f"{self.solver} could not {purpose}: {self.outcome.value} (status {self.status}, {self.iterations} "
+            "iterations); check that the constraints do not contradict each other and that units are SI."
         )
-
-
-_OUTCOMES = {
-    "Solved": Outcome.SOLVED,
-    "AlmostSolved": Outcome.ALMOST_SOLVED,
-    "PrimalInfeasible": Outcome.INFEASIBLE,
-    "AlmostPrimalInfeasible": Outcome.INFEASIBLE,
-    "DualInfeasible": Outcome.UNBOUNDED,
-    "AlmostDualInfeasible": Outcome.UNBOUNDED,
-}
-
-
-def solve(problem: ConicProblem, accuracy: float = 1e-8, iterations: int = 200) -> ConicSolution:
-    """Solve a conic problem with Clarabel.
-
-    Parameters
-    ----------
-    problem : ConicProblem
-    accuracy : float
-        Tolerance on the duality gap (absolute and relative) and on both feasibilities.
-    iterations : int
-        Most iterations to take.
-
-    Returns
-    -------
-    ConicSolution
-        Also when nothing was found: look at its `outcome`, or call its `require`.
-
-    Examples
-    --------
-    The smallest x with [[x, 1], [1, x]] positive semidefinite:
-
-    >>> A = sparse.csc_array(np.array([[-1.0], [0.0], [-1.0]]))
-    >>> b = np.array([0.0, 2**0.5, 0.0])
-    >>> problem = ConicProblem(sparse.csc_array((1, 1)), np.ones(1), A, b, (Cone("semidefinite", 2),))
-    >>> solution = solve(problem)
-    >>> solution.outcome, round(solution.objective, 6)
-    (<Outcome.SOLVED: 'solved'>, 1.0)
-    """
-    import clarabel
-
-    kinds = {
-        "zero": clarabel.ZeroConeT,
-        "nonnegative": clarabel.NonnegativeConeT,
-        "second-order": clarabel.SecondOrderConeT,
-        "semidefinite": clarabel.PSDTriangleConeT,
-    }
-    settings = clarabel.DefaultSettings()
-    settings.verbose = False
-    settings.max_iter = iterations
-    settings.max_threads = 1
-    settings.tol_gap_abs = settings.tol_gap_rel = settings.tol_feas = accuracy
-    settings.presolve_enable = False
-    settings.chordal_decomposition_enable = False
-    # Clarabel reads the classic matrix classes of SciPy.
-    P = sparse.csc_matrix(sparse.triu(problem.P, format="csc"))
-    A = sparse.csc_matrix(problem.A)
-    cones = [kinds[cone.kind](cone.size) for cone in problem.cones if cone.size]
-    solver = clarabel.DefaultSolver(P, problem.q, A, problem.b, cones, settings)
-    found = solver.solve()
-    status = str(found.status)
-    return ConicSolution(
-        outcome=_OUTCOMES.get(status, Outcome.STOPPED),
-        status=status,
-        primal=np.asarray(found.x),
-        slack=np.asarray(found.s),
-        dual=np.asarray(found.z),
-        objective=float(found.obj_val),
-        iterations=int(found.iterations),
-        seconds=float(found.solve_time),
-    )

@@ -1,0 +1,165 @@
+"""Clarabel: an interior-point method in memory, without a modelling layer in between."""
+
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+import scipy.sparse as sparse
+
+from .accuracy import infeasibility_error
+from .problem import Cone, ConicProblem, ConicSolution, Outcome
+from .scaling import Scaling, equilibrate, scaling_around
+
+__all__ = ["solve_with_clarabel"]
+
+_OUTCOMES = {
+    "Solved": Outcome.SOLVED,
+    "AlmostSolved": Outcome.ALMOST_SOLVED,
+    "PrimalInfeasible": Outcome.INFEASIBLE,
+    "AlmostPrimalInfeasible": Outcome.INFEASIBLE,
+    "DualInfeasible": Outcome.UNBOUNDED,
+    "AlmostDualInfeasible": Outcome.UNBOUNDED,
+}
+
+_UNFINISHED = (Outcome.ALMOST_SOLVED, Outcome.STOPPED)
+
+
+@dataclass(frozen=True)
+class _Attempt:
+    """How to try: units around the point found (see `scaling_around`), equilibrated, Clarabel's own, regularisation."""
+
+    floor: float | None
+    equilibrated: bool = True
+    own_scaling: bool = True
+    regularisation: float = 1e-8
+
+
+_ATTEMPTS = (
+    _Attempt(None),
+    _Attempt(1e-4),
+    _Attempt(None, regularisation=1e-10),
+    _Attempt(1e-4, own_scaling=False),
+    _Attempt(1e-8, equilibrated=False),
+    _Attempt(1e-2),
+    _Attempt(1e-6, equilibrated=False),
+)
+"""What is tried, one after the other, until the status is a plain "Solved"."""
+
+
+WEAK_PROOF = 1e-3
+"""A proof of infeasibility is doubted where Aᵀz, for bᵀz = -1, exceeds this divided by the largest element of b."""
+
+
+def solve_with_clarabel(problem: ConicProblem, accuracy: float = 1e-8, iterations: int = 200) -> ConicSolution:
+    """Solve a conic problem with Clarabel (Goulart and Chen, 2024), in units in which it is well conditioned.
+
+    Where the solver ends with less than the accuracy asked for, the problem is put in units of the point that it
+    found, and solved again.
+
+    Parameters
+    ----------
+    problem : ConicProblem
+    accuracy : float
+        Tolerance on the duality gap (absolute and relative) and on both feasibilities.
+    iterations : int
+        Most iterations to take in one attempt.
+
+    Returns
+    -------
+    ConicSolution
+        Its iterations and seconds are those of all attempts together.
+    """
+    best = _attempts(problem, accuracy, iterations)
+    if best.outcome is not Outcome.INFEASIBLE:
+        return best
+    # Aᵀz is not exactly zero, so that z says nothing of points far out: where b is large, look there.
+    size = float(np.abs(problem.b).max(initial=0.0))
+    if size <= 1.0 or infeasibility_error(problem, best.dual) * size <= WEAK_PROOF:
+        return best
+    smaller = ConicProblem(problem.P, problem.q / size, problem.A, problem.b / size, problem.cones)
+    found = _attempts(smaller, accuracy, iterations)
+    return replace(
+        found,
+        primal=size * found.primal,
+        slack=size * found.slack,
+        dual=size * found.dual,
+        objective=size**2 * found.objective,
+        iterations=best.iterations + found.iterations,
+        seconds=best.seconds + found.seconds,
+    )
+
+
+def _attempts(problem: ConicProblem, accuracy: float, iterations: int) -> ConicSolution:
+    """One attempt after the other."""
+    balanced = equilibrate(problem)
+    best: ConicSolution | None = None
+    taken, seconds = 0, 0.0
+    for attempt in _ATTEMPTS:
+        scaling = balanced
+        if attempt.floor is not None and best is not None and np.all(np.isfinite(best.slack)):
+            around = scaling_around(problem, best.slack, attempt.floor)
+            scaling = around.then(equilibrate(around.apply(problem))) if attempt.equilibrated else around
+        found = _run(problem, scaling, attempt, accuracy, iterations)
+        taken, seconds = taken + found.iterations, seconds + found.seconds
+        if best is None or _rank(found) < _rank(best):
+            best = found
+        if best.outcome not in _UNFINISHED:
+            break
+    assert best is not None
+    return replace(best, iterations=taken, seconds=seconds)
+
+
+def _rank(solution: ConicSolution) -> int:
+    """The smaller, the more an outcome says."""
+    order = (Outcome.SOLVED, Outcome.INFEASIBLE, Outcome.UNBOUNDED, Outcome.ALMOST_SOLVED, Outcome.STOPPED)
+    return order.index(solution.outcome)
+
+
+def _cone(cone: Cone) -> Any:
+    """Clarabel's own object."""
+    import clarabel
+
+    if cone.kind == "exponential":
+        return clarabel.ExponentialConeT()
+    kinds = {
+        "zero": clarabel.ZeroConeT,
+        "nonnegative": clarabel.NonnegativeConeT,
+        "second-order": clarabel.SecondOrderConeT,
+        "semidefinite": clarabel.PSDTriangleConeT,
+    }
+    return kinds[cone.kind](cone.size)
+
+
+def _run(problem: ConicProblem, scaling: Scaling, attempt: _Attempt, accuracy: float, iterations: int) -> ConicSolution:
+    """One run, its answer in the units of the problem."""
+    import clarabel
+
+    settings = clarabel.DefaultSettings()
+    settings.verbose = False
+    settings.max_iter = iterations
+    settings.max_threads = 1
+    settings.tol_gap_abs = settings.tol_gap_rel = settings.tol_feas = accuracy
+    settings.presolve_enable = False
+    settings.chordal_decomposition_enable = False
+    settings.equilibrate_enable = attempt.own_scaling
+    settings.static_regularization_constant = attempt.regularisation
+    scaled = scaling.apply(problem)
+    # Clarabel reads the classic matrix classes of SciPy.
+    P = sparse.csc_matrix(sparse.triu(scaled.P, format="csc"))
+    A = sparse.csc_matrix(scaled.A)
+    cones = [_cone(cone) for cone in problem.cones if cone.size]
+    found = clarabel.DefaultSolver(P, scaled.q, A, scaled.b, cones, settings).solve()
+    status = str(found.status)
+    return scaling.undo(
+        ConicSolution(
+            outcome=_OUTCOMES.get(status, Outcome.STOPPED),
+            status=status,
+            primal=np.asarray(found.x),
+            slack=np.asarray(found.s),
+            dual=np.asarray(found.z),
+            objective=float(found.obj_val),
+            iterations=int(found.iterations),
+            seconds=float(found.solve_time),
+            solver="Clarabel",
+        )
+    )

@@ -1,0 +1,179 @@
+"""Solving a conic problem with a program: rewriting, scaling, running, and what the answer is worth."""
+
+from collections.abc import Callable
+from dataclasses import replace
+
+import numpy as np
+import numpy.typing as npt
+
+from .accuracy import infeasibility_error, optimality_error, recession_error
+from .phases import infeasibility_problem, recession_problem
+from .problem import ConicProblem, ConicSolution, Outcome
+from .program import Answer, Program, run_program
+from .rewriting import Decided, Rewritten, rewrite
+from .scaling import Scaling, equilibrate, scaling_around
+from .semidefinite_program import SemidefiniteProgram
+
+__all__ = ["solve_with_program"]
+
+Vector = npt.NDArray[np.float64]
+
+SUCCESS_ERROR, SOLVED_ERROR, ALMOST_ERROR = 1e-4, 1e-5, 1e-3
+"""Largest errors of optimality of a point that counts as a solution where the program says so, where it ended early,
+and of one of reduced accuracy.
+
+The gap of a quadratic objective is met to the accuracy asked for; its gradient, with the Schur complement that the
+programs need, to the square root of that."""
+
+PROOF_ERROR = 1e-6
+"""Largest error of a direction that proves that there is no point, or no least value."""
+
+ATTEMPTS: tuple[tuple[float, float | None], ...] = ((1.0, None), (10.0, 1e-4), (100.0, None))
+"""Multiples of the accuracy that are asked of a program, one after the other until it ends with plain success; with the
+second, in units of the point found."""
+
+
+def solve_with_program(program: Program, problem: ConicProblem, accuracy: float, iterations: int) -> ConicSolution:
+    """Solve a conic problem through an SDPA file.
+
+    The outcome rests on errors measured here, not on the program's word alone: where neither a solution nor a proof of
+    the contrary came back, two more problems, which always have solutions, tell whether there is a point at all and
+    whether the objective is bounded.
+
+    Parameters
+    ----------
+    program : Program
+    problem : ConicProblem
+        Without exponential cones.
+    accuracy : float
+        Tolerance that is asked of the program.
+    iterations : int
+
+    Returns
+    -------
+    ConicSolution
+
+    Raises
+    ------
+    SolverError
+        See `run_program`.
+    """
+    balance = equilibrate(problem)
+    found = _solve_balanced(program, balance.apply(problem), accuracy, iterations)
+    if found.outcome in (Outcome.ALMOST_SOLVED, Outcome.STOPPED):
+        found = _explain(program, balance.apply(problem), accuracy, iterations, found)
+    return balance.undo(found)
+
+
+def _solve_balanced(program: Program, problem: ConicProblem, accuracy: float, iterations: int) -> ConicSolution:
+    """Rewrite and run."""
+    rewritten = rewrite(problem)
+    if isinstance(rewritten, Decided):
+        return _decided(program, problem, rewritten)
+    linear = rewritten.problem
+    balance = _with_unit_cost(linear, equilibrate(linear))
+    scaling, best, taken, seconds = balance, None, 0, 0.0
+    least = np.inf
+    for attempt, (multiple, floor) in enumerate(ATTEMPTS):
+        if floor is not None and best is not None and np.isfinite(least):
+            around = scaling_around(linear, linear.b - linear.A @ best[1], floor)
+            scaling = _with_unit_cost(linear, around.then(equilibrate(around.apply(linear))))
+        else:
+            scaling = balance
+        written = SemidefiniteProgram.from_conic(scaling.apply(linear))
+        answer = run_program(program, written, min(multiple * accuracy, 1e-4), iterations, attempt)
+        taken, seconds = taken + answer.iterations, seconds + answer.seconds
+        primal, dual = scaling.columns * answer.x, scaling.rows * answer.dual / scaling.objective
+        proof = _proof(program, problem, rewritten, answer, primal, dual)
+        if proof is not None:
+            return replace(proof, iterations=taken, seconds=seconds)
+        x, slack, z = rewritten.recover(primal, dual)
+        error = optimality_error(problem, x, slack, z)
+        if best is None or error < least:
+            best, least = (_solution(program, problem, x, slack, z, error, answer), primal), error
+        if answer.outcome is Outcome.SOLVED and error <= SUCCESS_ERROR:
+            break
+    assert best is not None
+    return replace(best[0], iterations=taken, seconds=seconds)
+
+
+def _with_unit_cost(problem: ConicProblem, scaling: Scaling) -> Scaling:
+    """The scaling, with an objective whose largest coefficient is 1."""
+    largest = float(np.abs(scaling.columns * problem.q).max(initial=0.0))
+    return replace(scaling, objective=1.0 / largest if largest > 0 else 1.0)
+
+
+def _solution(
+    program: Program, problem: ConicProblem, x: Vector, slack: Vector, z: Vector, error: float, answer: Answer
+) -> ConicSolution:
+    """A point, with the outcome that its error deserves."""
+    outcome = Outcome.ALMOST_SOLVED if error <= ALMOST_ERROR else Outcome.STOPPED
+    if error <= (SUCCESS_ERROR if answer.outcome is Outcome.SOLVED else SOLVED_ERROR):
+        outcome = Outcome.SOLVED
+    objective = float(0.5 * x @ (problem.P @ x) + problem.q @ x)
+    return ConicSolution(outcome, answer.status, x, slack, z, objective, 0, 0.0, program.title)
+
+
+def _no_point(program: Program, problem: ConicProblem, z: Vector, status: str) -> ConicSolution:
+    nothing = np.full(problem.A.shape[1], np.nan)
+    slack = np.full(len(problem.b), np.nan)
+    return ConicSolution(Outcome.INFEASIBLE, status, nothing, slack, z, float("nan"), 0, 0.0, program.title)
+
+
+def _no_bound(program: Program, problem: ConicProblem, x: Vector, status: str) -> ConicSolution:
+    nothing = np.full(len(problem.b), np.nan)
+    slack = -(problem.A @ x)
+    return ConicSolution(Outcome.UNBOUNDED, status, x, slack, nothing, -float("inf"), 0, 0.0, program.title)
+
+
+def _decided(program: Program, problem: ConicProblem, decided: Decided) -> ConicSolution:
+    """What needed no program."""
+    status = "decided without the program"
+    if decided.dual is not None:
+        return _no_point(program, problem, decided.dual, status)
+    assert decided.primal is not None
+    if decided.unbounded:
+        return _no_bound(program, problem, decided.primal, status)
+    x, z = decided.primal, decided.multipliers
+    answer = Answer(Outcome.SOLVED, status, x, z, 0)
+    return _solution(program, problem, x, problem.b - problem.A @ x, z, 0.0, answer)
+
+
+def _proof(
+    program: Program, problem: ConicProblem, rewritten: Rewritten, answer: Answer, primal: Vector, dual: Vector
+) -> ConicSolution | None:
+    """The program's proof that there is no point, or no least value, where it holds."""
+    if answer.outcome is Outcome.INFEASIBLE:
+        z = rewritten.certificate(dual)
+        if infeasibility_error(problem, z) <= PROOF_ERROR:
+            return _no_point(program, problem, z / -float(problem.b @ z), answer.status)
+    if answer.outcome is Outcome.UNBOUNDED:
+        x = rewritten.direction(primal)
+        if recession_error(problem, x) <= PROOF_ERROR:
+            return _no_bound(program, problem, x / -float(problem.q @ x), answer.status)
+    return None
+
+
+def _explain(
+    program: Program, problem: ConicProblem, accuracy: float, iterations: int, found: ConicSolution
+) -> ConicSolution:
+    """Look for the reason why no solution was found; without one, what was found stands."""
+    steps: tuple[tuple[Callable[[ConicProblem], ConicProblem], bool], ...] = (
+        (infeasibility_problem, True),
+        (recession_problem, False),
+    )
+    taken, seconds = found.iterations, found.seconds
+    for build, about_points in steps:
+        answer = _solve_balanced(program, build(problem), accuracy, iterations)
+        taken, seconds = taken + answer.iterations, seconds + answer.seconds
+        if not answer.outcome.usable:
+            continue
+        if about_points:
+            z = answer.dual[: len(problem.b)]
+            if infeasibility_error(problem, z) <= PROOF_ERROR:
+                found = _no_point(program, problem, z / -float(problem.b @ z), found.status)
+                break
+        elif recession_error(problem, answer.primal) <= PROOF_ERROR:
+            x = answer.primal
+            found = _no_bound(program, problem, x / -float(problem.q @ x), found.status)
+    return replace(found, iterations=taken, seconds=seconds)

@@ -1,0 +1,274 @@
+"""Any problem over zero, nonnegative, second-order and semidefinite cones as a plain semidefinite program.
+
+Equations are eliminated. A second-order cone becomes an arrow matrix. A quadratic objective ½ ‖r(x)‖² becomes ½ u with
+the Schur complement [[u, rᵀ], [r, 1]] ⪰ 0 (thesis 3.39, 3.52). Rows and blocks without unknowns are decided here, and
+blocks fall apart into those that share no element.
+"""
+
+from dataclasses import dataclass, field
+
+import numpy as np
+import numpy.typing as npt
+import scipy.sparse as sparse
+from scipy.sparse.csgraph import connected_components
+
+from .elimination import Contradiction, Elimination, eliminate
+from .problem import Cone, ConicProblem
+from .quadratic import Squares, arrow, squares_of
+
+__all__ = ["Decided", "Rewritten", "rewrite"]
+
+Vector = npt.NDArray[np.float64]
+Indices = npt.NDArray[np.intp]
+
+CONSTANT_TOLERANCE = 1e-9
+"""A constant that must not be negative may be this much below zero, relative to its terms, for rounding."""
+
+CANCELLED = 1e-14
+"""Elements this small, relative to what they are the sum of, are zero but for rounding."""
+
+
+@dataclass(frozen=True, eq=False)
+class Decided:
+    """What can be said of a problem without a solver.
+
+    Attributes
+    ----------
+    primal : (n,) or None
+        A solution, or for `unbounded` a direction in which the objective falls without end.
+    dual : (rows,) or None
+        A proof that no point satisfies the constraints.
+    unbounded : bool
+    multipliers : (rows,)
+        The dual that belongs to a solution.
+    """
+
+    primal: Vector | None = field(default=None, repr=False)
+    dual: Vector | None = field(default=None, repr=False)
+    unbounded: bool = False
+    multipliers: Vector = field(default_factory=lambda: np.zeros(0), repr=False)
+
+
+@dataclass(frozen=True, eq=False)
+class Rewritten:
+    """A problem as minimise qᵀv over nonnegative and semidefinite cones, and the way back.
+
+    Attributes
+    ----------
+    source : ConicProblem
+    problem : ConicProblem
+    """
+
+    source: ConicProblem = field(repr=False)
+    problem: ConicProblem
+    _elimination: Elimination = field(repr=False)
+    _kept: Indices = field(repr=False)
+    _unfolding: sparse.csr_array = field(repr=False)
+    _coned: Indices = field(repr=False)
+    _equations: Indices = field(repr=False)
+
+    def recover(self, primal: Vector, dual: Vector) -> tuple[Vector, Vector, Vector]:
+        """(x, s, z) of the source from a solution of the rewritten problem."""
+        source = self.source
+        x = self._elimination.offset + self.direction(primal)
+        slack = np.zeros(len(source.b))
+        slack[self._coned] = (source.b - source.A @ x)[self._coned]
+        return x, slack, self._whole_dual(dual, source.P @ x + source.q)
+
+    def direction(self, primal: Vector) -> Vector:
+        """A direction of the source from one of the rewritten problem."""
+        remaining = np.zeros(self._elimination.directions.shape[1])
+        remaining[self._kept] = primal[: len(self._kept)]
+        return np.asarray(self._elimination.directions @ remaining, dtype=float)
+
+    def certificate(self, dual: Vector) -> Vector:
+        """A proof that the source has no point, from one for the rewritten problem."""
+        return self._whole_dual(dual, np.zeros(self.source.A.shape[1]))
+
+    def _whole_dual(self, dual: Vector, gradient: Vector) -> Vector:
+        whole = np.zeros(len(self.source.b))
+        whole[self._coned] = (self._unfolding.T @ dual)[: len(self._coned)]
+        whole[self._equations] = self._elimination.multipliers(gradient + self.source.A.T @ whole)
+        return whole
+
+
+def rewrite(problem: ConicProblem) -> Rewritten | Decided:
+    """Rewrite a problem, or decide it where nothing is left to solve.
+
+    Parameters
+    ----------
+    problem : ConicProblem
+        With P whole; without exponential cones.
+    """
+    kinds = np.repeat([cone.kind for cone in problem.cones], [cone.rows for cone in problem.cones])
+    equations, coned = np.flatnonzero(kinds == "zero"), np.flatnonzero(kinds != "zero")
+    rows = sparse.csr_array(problem.A)
+    found = eliminate(sparse.csr_array(rows[equations]), problem.b[equations])
+    whole = np.zeros(len(problem.b))
+    if isinstance(found, Contradiction):
+        whole[equations] = found.multipliers
+        return Decided(dual=whole)
+
+    own = rows[coned]
+    A = _without_rounding(own, found.directions)
+    b = problem.b[coned] - own @ found.offset
+    size = np.abs(problem.b[coned]) + abs(own) @ np.abs(found.offset)
+    squares = squares_of(problem.P, found.offset, found.directions)
+    q = found.directions.T @ problem.q
+    layout = _Layout.of(problem.cones, len(coned), squares)
+    A, b, size = layout.extended(A, b, size, squares)
+    q = np.concatenate([q, [0.5]]) if squares is not None else q
+    unfolding, cones, refuted = _settle(layout, A, b, size)
+    if refuted is not None:
+        whole[coned] = refuted[: len(coned)]
+        whole[equations] = found.multipliers(problem.A.T @ whole)
+        return Decided(dual=whole)
+
+    unfolded = sparse.csc_array(unfolding @ A)
+    used = np.diff(unfolded.indptr) > 0
+    if np.any(q[~used] != 0):
+        worst = int(np.argmax(np.where(used, 0.0, np.abs(q))))
+        return Decided(primal=-np.sign(q[worst]) * found.directions[:, [worst]].toarray()[:, 0], unbounded=True)
+    if not np.any(used):
+        whole[equations] = found.multipliers(problem.P @ found.offset + problem.q)
+        return Decided(primal=found.offset, multipliers=whole)
+    kept = np.flatnonzero(used)
+    linear = ConicProblem(
+        sparse.csc_array((len(kept), len(kept))), q[kept], sparse.csc_array(unfolded[:, kept]), unfolding @ b, cones
+    )
+    original = kept[kept < found.directions.shape[1]]
+    return Rewritten(problem, linear, found, original, unfolding, coned, equations)
+
+
+def _without_rounding(left: sparse.csr_array, right: sparse.csc_array) -> sparse.csr_array:
+    """The product, with what cancels but for rounding exactly zero."""
+    product, terms = sparse.coo_array(left @ right), sparse.csr_array(abs(left) @ abs(right))
+    if not product.nnz:
+        return sparse.csr_array(product)
+    sizes = np.asarray(terms[product.coords[0], product.coords[1]]).ravel()
+    kept = np.abs(product.data) > CANCELLED * sizes
+    places = (product.coords[0][kept], product.coords[1][kept])
+    return sparse.csr_array(sparse.coo_array((product.data[kept], places), shape=product.shape))
+
+
+@dataclass(frozen=True, eq=False)
+class _Layout:
+    """Symmetric matrices made of the rows of the cones.
+
+    `matrices` are (order, row, column, source, factor): element (row, column), row ≤ column, is factor times the row
+    `source`; `scalars` are rows that must not be negative.
+    """
+
+    scalars: Indices
+    matrices: tuple[tuple[int, Indices, Indices, Indices, Vector], ...]
+
+    @classmethod
+    def of(cls, cones: tuple[Cone, ...], count: int, squares: Squares | None) -> "_Layout":
+        """From the cones other than equations, and three more kinds of rows: u, 1, r."""
+        scalars: list[Indices] = [np.zeros(0, dtype=np.intp)]
+        matrices = []
+        start = 0
+        for cone in cones:
+            if cone.kind == "zero" or not cone.size:
+                continue
+            rows = np.arange(start, start + cone.rows)
+            start += cone.rows
+            if cone.kind == "nonnegative" or cone.size == 1:
+                scalars.append(rows)
+            elif cone.kind == "semidefinite":
+                column, row = np.tril_indices(cone.size)
+                matrices.append((cone.size, row, column, rows, np.where(row == column, 1.0, np.sqrt(0.5))))
+            else:
+                matrices.append(arrow(np.full(cone.size, rows[0]), rows[1:]))
+        if squares is not None:
+            length = len(squares.constant)
+            diagonal = np.concatenate([[count], np.full(length, count + 1)])
+            matrices.append(arrow(diagonal, count + 2 + np.arange(length)))
+        return cls(np.concatenate(scalars), tuple(matrices))
+
+    def extended(
+        self, A: sparse.csr_array, b: Vector, size: Vector, squares: Squares | None
+    ) -> tuple[sparse.csr_array, Vector, Vector]:
+        """Rows for u, 1 and r below those of the cones, and a column for u beside."""
+        if squares is None:
+            return A, b, size
+        length, width = squares.matrix.shape
+        below = sparse.vstack([sparse.csr_array((2, width)), -squares.matrix])
+        beside = sparse.coo_array(([-1.0], ([A.shape[0]], [0])), shape=(A.shape[0] + 2 + length, 1))
+        whole = sparse.csr_array(sparse.hstack([sparse.vstack([A, below]), beside]))
+        values = np.concatenate([[0.0, 1.0], squares.constant])
+        return whole, np.concatenate([b, values]), np.concatenate([size, np.abs(values)])
+
+
+def _settle(
+    layout: _Layout, A: sparse.csr_array, b: Vector, size: Vector
+) -> tuple[sparse.csr_array, tuple[Cone, ...], Vector | None]:
+    """Decide what is constant, split what falls apart; the rest as a map from rows to stacked blocks, and its cones.
+
+    The third is a proof of infeasibility (over the rows), where a constant is refuted.
+    """
+    free = np.diff(A.indptr) > 0
+    scalars: list[tuple[Indices, Vector]] = []
+    blocks: list[tuple[int, Indices, Indices, Vector]] = []
+    for row in layout.scalars:
+        if free[row]:
+            scalars.append((np.array([row]), np.ones(1)))
+        elif b[row] < -CONSTANT_TOLERANCE * size[row]:
+            refuted = np.zeros(len(b))
+            refuted[row] = 1.0
+            return sparse.csr_array((0, len(b))), (), refuted
+    for order, row, column, source, factor in layout.matrices:
+        present = free[source] | (np.abs(b[source]) > CANCELLED * size[source])
+        pattern = sparse.coo_array((np.ones(int(present.sum())), (row[present], column[present])), shape=(order, order))
+        parts, label = connected_components(sparse.csr_array(pattern), directed=False)
+        for part in range(parts):
+            members = np.flatnonzero(label == part)
+            own = (label[row] == part) & (label[column] == part)
+            if not np.any(free[source[own]]):
+                proof = _refute(row[own], column[own], source[own], factor[own], members, b, size)
+                if proof is not None:
+                    return sparse.csr_array((0, len(b))), (), proof
+            elif len(members) == 1:
+                scalars.append((source[own], factor[own]))
+            else:
+                place = np.zeros(order, dtype=np.intp)
+                place[members] = np.arange(len(members))
+                i, j = place[row[own]], place[column[own]]
+                scale = factor[own] * np.where(i == j, 1.0, np.sqrt(2.0))
+                blocks.append((len(members), j * (j + 1) // 2 + i, source[own], scale))
+    # The diagonal block comes last: DSDP mixes up the blocks of its answer otherwise.
+    start, rows, columns, values = 0, [], [], []
+    cones = [Cone("semidefinite", order) for order, *_ in blocks]
+    for cone, (_, within, source, scale) in zip(cones, blocks, strict=True):
+        rows.append(start + within)
+        columns.append(source)
+        values.append(scale)
+        start += cone.rows
+    for source, factor in scalars:
+        rows.append(np.array([start]))
+        columns.append(source)
+        values.append(factor)
+        start += 1
+    if scalars:
+        cones.append(Cone("nonnegative", len(scalars)))
+    none = np.zeros(0, dtype=np.intp)
+    places = (np.concatenate([none, *rows]), np.concatenate([none, *columns]))
+    data = np.concatenate([np.zeros(0), *values])
+    return sparse.csr_array(sparse.coo_array((data, places), shape=(start, len(b)))), tuple(cones), None
+
+
+def _refute(
+    row: Indices, column: Indices, source: Indices, factor: Vector, members: Indices, b: Vector, size: Vector
+) -> Vector | None:
+    """A proof that a constant block is not semidefinite, if it is not."""
+    place = {int(member): k for k, member in enumerate(members)}
+    i, j = np.array([place[int(k)] for k in row]), np.array([place[int(k)] for k in column])
+    matrix = np.zeros((len(members), len(members)))
+    matrix[i, j] = matrix[j, i] = b[source] * factor
+    values, vectors = np.linalg.eigh(matrix)
+    if values[0] >= -CONSTANT_TOLERANCE * float((size[source] * factor).max()):
+        return None
+    vector = vectors[:, 0]
+    refuted = np.zeros(len(b))
+    np.add.at(refuted, source, vector[i] * vector[j] * factor * np.where(i == j, 1.0, 2.0))
+    return refuted

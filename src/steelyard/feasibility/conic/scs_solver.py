@@ -1,0 +1,174 @@
+"""SCS: a first-order method in memory; many cheap iterations, moderate accuracy."""
+
+import itertools
+from dataclasses import replace
+from importlib.util import find_spec
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+import scipy.sparse as sparse
+
+from .accuracy import optimality_error
+from .problem import Cone, ConicProblem, ConicSolution, Outcome
+from .scaling import equilibrate, scaling_around
+
+__all__ = ["scs_is_installed", "scs_version", "solve_with_scs"]
+
+Indices = npt.NDArray[np.intp]
+Vector = npt.NDArray[np.float64]
+
+ITERATIONS_FOR_ONE = 1000
+"""Iterations of a first-order method that are allowed for one of an interior-point method."""
+
+FIRST_LENGTH, GROWTH, MOST_RESTARTS = 1000, 1.3, 60
+"""Iterations until the first restart, by how many times more until each next one, and how many there are at most."""
+
+FLOORS = (1e-4, 1e-2, 1e-6)
+"""How far units of a restart follow the point found, in turn; see `scaling_around`."""
+
+_OUTCOMES = {
+    "solved": Outcome.SOLVED,
+    "solved (inaccurate": Outcome.ALMOST_SOLVED,
+    "infeasible": Outcome.INFEASIBLE,
+    "infeasible (inaccurate": Outcome.INFEASIBLE,
+    "unbounded": Outcome.UNBOUNDED,
+    "unbounded (inaccurate": Outcome.UNBOUNDED,
+}
+
+
+def scs_is_installed() -> bool:
+    """Whether the package can be imported."""
+    return find_spec("scs") is not None
+
+
+def scs_version() -> str:
+    """The package's version."""
+    import scs
+
+    return str(scs.__version__)
+
+
+def solve_with_scs(problem: ConicProblem, accuracy: float = 1e-8, iterations: int = 200) -> ConicSolution:
+    """Solve a conic problem with SCS (O'Donoghue, 2021), restarted in units of the point found so far.
+
+    A first-order method goes as fast as the problem is well conditioned. So after some iterations the problem is scaled
+    such that the slack found has ones on its diagonal, and the method goes on from there.
+
+    Parameters
+    ----------
+    problem : ConicProblem
+    accuracy : float
+        Tolerance, absolute and relative, on the residuals and on the duality gap.
+    iterations : int
+        A thousandth of the most iterations to take.
+
+    Returns
+    -------
+    ConicSolution
+        `Outcome.ALMOST_SOLVED` where the iterations ended before the tolerance was met.
+    """
+    balance = equilibrate(problem)
+    balanced = balance.apply(problem)
+    arrangement = _arrangement(problem.cones)
+    scaling = balance
+    start: tuple[Vector, Vector, Vector] | None = None
+    taken, seconds, length, most = 0, 0.0, float(FIRST_LENGTH), iterations * ITERATIONS_FOR_ONE
+    best: ConicSolution | None = None
+    least = np.inf
+    for floor in itertools.islice(itertools.cycle(FLOORS), MOST_RESTARTS):
+        found = scaling.undo(_run(scaling.apply(problem), arrangement, accuracy, min(int(length), most - taken), start))
+        taken, seconds = taken + found.iterations, seconds + found.seconds
+        if found.outcome not in (Outcome.SOLVED, Outcome.ALMOST_SOLVED):
+            best = found if best is None or found.outcome is not Outcome.STOPPED else best
+            break
+        error = optimality_error(
+            balanced, found.primal / balance.columns, found.slack * balance.rows, found.dual / balance.rows
+        )
+        if best is None or error < least:
+            best, least = found, error
+        if taken >= most or (found.outcome is Outcome.SOLVED and error <= 10 * accuracy):
+            break
+        scaling = scaling_around(problem, found.slack, floor)
+        start = (found.primal / scaling.columns, found.slack * scaling.rows, found.dual / scaling.rows)
+        length *= GROWTH
+    assert best is not None
+    outcome = best.outcome
+    if outcome in (Outcome.SOLVED, Outcome.ALMOST_SOLVED):
+        outcome = Outcome.SOLVED if least <= 10 * accuracy else Outcome.ALMOST_SOLVED
+    return replace(best, outcome=outcome, iterations=taken, seconds=seconds)
+
+
+def _run(
+    problem: ConicProblem,
+    arrangement: tuple[Indices, dict[str, Any]],
+    accuracy: float,
+    most: int,
+    start: tuple[Vector, Vector, Vector] | None,
+) -> ConicSolution:
+    """At most so many iterations, from (x, s, z) where given."""
+    import scs
+
+    order, sizes = arrangement
+    data = {
+        "P": sparse.csc_matrix(sparse.triu(problem.P, format="csc")),
+        "A": sparse.csc_matrix(sparse.csr_array(problem.A)[order]),
+        "b": problem.b[order],
+        "c": problem.q,
+    }
+    workspace = scs.SCS(data, sizes, eps_abs=accuracy, eps_rel=accuracy, max_iters=most, verbose=False)
+    if start is None:
+        found = workspace.solve()
+    else:
+        primal, slack, dual = start
+        found = workspace.solve(warm_start=True, x=primal, s=slack[order], y=dual[order])
+    info = found["info"]
+    status = str(info["status"])
+    slack, dual = np.empty(len(order)), np.empty(len(order))
+    slack[order], dual[order] = found["s"], found["y"]
+    return ConicSolution(
+        outcome=_OUTCOMES.get(status.partition(" - ")[0], Outcome.STOPPED),
+        status=status,
+        primal=np.asarray(found["x"]),
+        slack=slack,
+        dual=dual,
+        objective=float(info["pobj"]),
+        iterations=int(info["iter"]),
+        seconds=1e-3 * float(info["setup_time"] + info["solve_time"]),
+        solver="SCS",
+    )
+
+
+def _arrangement(cones: tuple[Cone, ...]) -> tuple[Indices, dict[str, Any]]:
+    """Our rows in SCS's order, and its description of the cones.
+
+    SCS wants the cones sorted by kind, and of a symmetric matrix the lower triangle stacked by columns.
+    """
+    rows: dict[str, list[Indices]] = {kind: [] for kind in _KINDS}
+    sizes: dict[str, list[int]] = {kind: [] for kind in _KINDS}
+    start = 0
+    for cone in cones:
+        if not cone.size:
+            continue
+        own = np.arange(start, start + cone.rows)
+        start += cone.rows
+        if cone.kind == "semidefinite":
+            column, row = np.tril_indices(cone.size)
+            places = np.zeros((cone.size, cone.size), dtype=np.intp)
+            places[column, row] = own
+            upper = np.triu_indices(cone.size)
+            own = places.T[upper]
+        rows[cone.kind].append(own)
+        sizes[cone.kind].append(cone.size)
+    order = np.concatenate([np.zeros(0, dtype=np.intp), *(part for kind in _KINDS for part in rows[kind])])
+    return order, {
+        "z": sum(sizes["zero"]),
+        "l": sum(sizes["nonnegative"]),
+        "q": sizes["second-order"],
+        "s": sizes["semidefinite"],
+        "ep": len(sizes["exponential"]),
+    }
+
+
+_KINDS = ("zero", "nonnegative", "second-order", "semidefinite", "exponential")
+"""The order in which SCS wants the cones."""
