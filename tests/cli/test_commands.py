@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 
 import steelyard as sy
+from steelyard.feasibility import verify_document
 
 
 def test_identify_writes_a_feasible_urdf(run, place):
@@ -174,3 +175,72 @@ def test_version_and_help(run):
     code, out, _ = run("identify", "--help")
     assert code == 0
     assert "--validate" in out
+
+
+def pendulum(folder, base):
+    """A pendulum's robot.toml and an estimate with these base parameters (Lzz1, lx1, ly1)."""
+    robot = folder / "robot.toml"
+    robot.write_text('name = "pendulum"\n[description]\nrows = [[0, 0, 0, "q"]]\ngravity = [0, -9.81, 0]\n')
+    names = ("Lzz1", "lx1", "ly1")
+    estimate = sy.Estimate(
+        method="by hand",
+        base_names=names,
+        base_expressions=names,
+        base=np.array(base),
+        standard_deviation=np.array([0.1, 0.01, 0.0]),
+        joint_names=("joint1",),
+        relative_error=0.1,
+        row_count=10,
+        condition_number=1.0,
+    )
+    estimate.save(folder / "estimate.json")
+    return robot, folder / "estimate.json"
+
+
+def test_a_verdict_is_saved_and_verified(run, tmp_path):
+    robot, estimate = pendulum(tmp_path, [-0.6, 1.0, 0.0])
+    certificate = tmp_path / "certificate.json"
+    code, out, _ = run("check", robot, estimate, "--output", certificate)
+    assert code == 1
+    assert "steelyard check --certificate" in out
+    code, out, _ = run("check", "--certificate", certificate)
+    assert (code, out) == (
+        0,
+        "Proved in exact arithmetic: no parameters with these base parameters satisfy all conditions.\n",
+    )
+    assert run("check", robot, estimate, "--certificate", certificate)[0] == 0
+    code, out, _ = run("check", robot, "--certificate", certificate, "--consistency", "inertia")
+    assert (code, "it speaks of something else" in out) == (1, True)
+    (tmp_path / "other").mkdir()
+    other = pendulum(tmp_path / "other", [0.6, 1.0, 0.0])
+    assert run("check", *other, "--certificate", certificate)[0] == 1
+    text = certificate.read_text().replace("-0.6", "0.6")
+    certificate.write_text(text)
+    code, out, _ = run("check", "--certificate", certificate)
+    assert (code, out.startswith("Not a proof: ")) == (1, True)
+
+
+def test_correct_writes_the_nearest_possible_estimate(run, tmp_path):
+    robot, estimate = pendulum(tmp_path, [-0.6, 0.0, 0.2])
+    before = estimate.read_bytes()
+    target = tmp_path / "corrected.json"
+    code, out, _ = run("correct", robot, estimate, "--output", target)
+    assert (code, "Corrected to be feasible" in out) == (0, True)
+    corrected = sy.Estimate.load(target)
+    assert corrected.base[0] > 0
+    # ly1 is known exactly, so that the moment of inertia is what changes.
+    assert corrected.base[2] == pytest.approx(0.2, abs=1e-4)
+    assert verify_document(dict(corrected.certificate))
+    assert np.isnan(corrected.relative_error)
+    assert run("check", robot, target)[0] == 0
+    assert estimate.read_bytes() == before
+    assert run("correct", robot, target, "--output", tmp_path / "again.json", "--metric", "euclidean")[0] == 0
+    code, _, err = run("correct", robot, estimate, "--output", estimate)
+    assert (code, "give another file" in err) == (2, True)
+
+
+@pytest.mark.parametrize("arguments", [[], ["robot.toml"], ["--certificate", "a.json", "--output", "b.json"]])
+def test_check_says_what_it_needs(run, arguments):
+    code, _, err = run("check", *arguments)
+    assert code == 2
+    assert err.count("\n") == 1

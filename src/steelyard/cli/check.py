@@ -13,14 +13,45 @@ __all__ = ["check"]
 
 
 def check(
-    robot: Annotated[Path, typer.Argument(help="URDF or robot.toml.")],
-    estimate: Annotated[Path, typer.Argument(help="estimate.json.")],
+    robot: Annotated[
+        Path | None, typer.Argument(help="URDF or robot.toml; not needed to verify a certificate by itself.")
+    ] = None,
+    estimate: Annotated[Path | None, typer.Argument(help="estimate.json.")] = None,
+    certificate: Annotated[
+        Path | None,
+        typer.Option(
+            "--certificate",
+            help="Verify this certificate instead, in exact arithmetic; with ROBOT also that it is about it.",
+        ),
+    ] = None,
+    output: Annotated[
+        Path | None, typer.Option("--output", "-o", help="File for the certificate of the verdict (JSON).")
+    ] = None,
     consistency: Consistency = Consistency.FULL,
 ) -> None:
-    """Tell whether a robot with these parameters could exist: exit 0 feasible, 1 infeasible, 2 bad input."""
-    from steelyard.identification import check_estimate
+    """Tell whether a robot with these parameters could exist: exit 0 feasible, 1 not, 2 bad input.
 
+    With --certificate: exit 0 where it proves what it says, 1 where it does not.
+    """
+    from steelyard.errors import InputError
+    from steelyard.identification import check_certificate, check_estimate
+
+    if certificate is not None:
+        if output is not None:
+            raise InputError("--certificate verifies a certificate and --output saves a new one; give one of them.")
+        verified = check_certificate(certificate, robot, estimate, consistency.value)
+        typer.echo(verified.sentence)
+        if not verified:
+            raise typer.Exit(1)
+        return
+    if robot is None or estimate is None:
+        raise InputError("steelyard check needs ROBOT and ESTIMATE, or --certificate FILE to verify a certificate.")
     verdict = check_estimate(robot, estimate, consistency.value)
     typer.echo(str(verdict))
+    if output is not None:
+        if verdict.certificate is None:
+            raise InputError(f"{output} was not written: nothing is proved, so that there is no certificate to save.")
+        verdict.certificate.save(output)
+        typer.echo(f"The proof is in {output}; anybody can verify it with: steelyard check --certificate {output}")
     if not verdict.feasible:
         raise typer.Exit(1)

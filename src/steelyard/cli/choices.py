@@ -5,7 +5,7 @@ from __future__ import annotations
 from enum import Enum
 from typing import Literal
 
-__all__ = ["Consistency", "Gravity", "Language", "Preference", "Weights"]
+__all__ = ["Consistency", "DistanceMetric", "Gravity", "Language", "Preference", "Weights"]
 
 
 class Consistency(Enum):
@@ -15,6 +15,15 @@ class Consistency(Enum):
     INERTIA = "inertia"
 
     value: Literal["full", "inertia"]
+
+
+class DistanceMetric(Enum):
+    """In what the distance to an estimate is measured."""
+
+    DEVIATION = "deviation"
+    EUCLIDEAN = "euclidean"
+
+    value: Literal["deviation", "euclidean"]
 
 
 class Weights(Enum):

@@ -9,6 +9,7 @@ import typer
 from steelyard import __version__
 
 from .check import check
+from .correct import correct
 from .demo import demo
 from .generate import generate
 from .identify import identify
@@ -29,6 +30,7 @@ app.command()(inspect)
 app.command()(generate)
 app.command()(identify)
 app.command()(check)
+app.command()(correct)
 
 
 def _version(value: bool) -> None:

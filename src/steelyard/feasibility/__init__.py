@@ -10,11 +10,27 @@ from .conic import Cone as Cone
 from .conic import ConicProblem as ConicProblem
 from .conic import ConicSolution as ConicSolution
 from .conic import Outcome as Outcome
+from .conic import SemidefiniteProgram as SemidefiniteProgram
+from .conic import Solver as Solver
+from .conic import SolverTable as SolverTable
+from .conic import register_solver as register_solver
 from .conic import solve as solve
+from .conic import solver_table as solver_table
+from .conic import unregister_solver as unregister_solver
 from .constraints import CenterOfMassBox as CenterOfMassBox
+from .constraints import CenterOfMassHull as CenterOfMassHull
+from .constraints import CenterOfMassSphere as CenterOfMassSphere
+from .constraints import ConfidenceInterval as ConfidenceInterval
 from .constraints import Constraint as Constraint
+from .constraints import DensityInBox as DensityInBox
+from .constraints import DensityInEllipsoid as DensityInEllipsoid
 from .constraints import Equality as Equality
+from .constraints import EqualLinks as EqualLinks
+from .constraints import LinearBound as LinearBound
+from .constraints import MeasuredMass as MeasuredMass
+from .constraints import SymmetricLink as SymmetricLink
 from .constraints import TotalMass as TotalMass
+from .constraints import confidence_intervals as confidence_intervals
 from .constraints import constraints_from_dict as constraints_from_dict
 from .correct import Correction as Correction
 from .correct import correct as correct
@@ -24,36 +40,82 @@ from .fitting import FeasibleFit as FeasibleFit
 from .fitting import fit_reduced as fit_reduced
 from .lmi import AffineBlock as AffineBlock
 from .lmi import AffineStack as AffineStack
+from .lmi import LinearExpression as LinearExpression
+from .lmi import LinearMatrixInequality as LinearMatrixInequality
+from .lmi import base_variable_names as base_variable_names
+from .lmi import block_diagonal as block_diagonal
+from .lmi import distance_inequality as distance_inequality
+from .lmi import inequality_of_program as inequality_of_program
+from .lmi import parse_expression as parse_expression
+from .lmi import residual_inequality as residual_inequality
+from .lmi import to_base_dependent as to_base_dependent
+from .lmi import to_standard as to_standard
+from .lmi import variables as variables
 from .proof import CertificateCheck as CertificateCheck
 from .proof import FeasibilityCertificate as FeasibilityCertificate
 from .proof import InfeasibilityCertificate as InfeasibilityCertificate
+from .proof import load_certificate as load_certificate
+from .proof import speaks_of as speaks_of
+from .proof import verify_certificate as verify_certificate
+from .proof import verify_document as verify_document
 
 __all__ = [
     "AffineBlock",
     "AffineStack",
     "CenterOfMassBox",
+    "CenterOfMassHull",
+    "CenterOfMassSphere",
     "CertificateCheck",
     "Cone",
+    "ConfidenceInterval",
     "ConicProblem",
     "ConicSolution",
     "Constraint",
     "Correction",
+    "DensityInBox",
+    "DensityInEllipsoid",
+    "EqualLinks",
     "Equality",
     "FeasibilityCertificate",
     "FeasibleFit",
     "FeasibleSet",
     "InfeasibilityCertificate",
+    "LinearBound",
+    "LinearExpression",
+    "LinearMatrixInequality",
+    "MeasuredMass",
     "Outcome",
     "PolynomialCondition",
+    "SemidefiniteProgram",
+    "Solver",
+    "SolverTable",
+    "SymmetricLink",
     "TotalMass",
     "Verdict",
     "Violation",
+    "base_variable_names",
+    "block_diagonal",
     "check",
     "closed_form_conditions",
+    "confidence_intervals",
     "constraints_from_dict",
     "correct",
+    "distance_inequality",
     "feasibility_polynomials",
     "fit",
     "fit_reduced",
+    "inequality_of_program",
+    "load_certificate",
+    "parse_expression",
+    "register_solver",
+    "residual_inequality",
     "solve",
+    "solver_table",
+    "speaks_of",
+    "to_base_dependent",
+    "to_standard",
+    "unregister_solver",
+    "variables",
+    "verify_certificate",
+    "verify_document",
 ]

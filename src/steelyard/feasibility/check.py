@@ -7,10 +7,10 @@ import numpy.typing as npt
 
 from steelyard.errors import InputError
 
+from .checking import MARGIN_CAP, decide, largest_margin, least_violations
 from .feasible_set import FeasibleSet
 from .fitting import lightest_witness
 from .lmi import is_positive_definite
-from .margin import MARGIN_CAP, FreeProblem, fixed_certificate, largest_margin, least_violations
 from .proof import FeasibilityCertificate, InfeasibilityCertificate
 
 __all__ = ["Verdict", "Violation", "check"]
@@ -188,42 +188,21 @@ def _check_parameters(feasible: FeasibleSet, parameters: Vector) -> Verdict:
 
 
 def _check_base(feasible: FeasibleSet, base: Vector) -> Verdict:
-    free = FreeProblem.of(feasible, base)
-    fixed, proof = fixed_certificate(free)
-    if not free.free:
-        margin, candidate, dual = np.inf, free.parameters(np.zeros(feasible.unidentifiable.shape[1])), None
-    else:
-        margin, candidate, dual = largest_margin(free)
-    if proof is not None and proof.verify():
-        margin = min(margin, fixed)
-        return Verdict(False, "infeasible", margin, base, None, proof, _violations(free), feasible.consistency)
-    found = _decide(free, candidate, dual)
-    if found is None and free.free:
-        scaling = _scaling(free, candidate)
-        _, candidate, dual = largest_margin(free, scaling)
-        found = _decide(free, candidate, dual)
-    if isinstance(found, FeasibilityCertificate):
-        smallest = float(feasible.stack.smallest_eigenvalues(found.parameters).min(initial=np.inf))
-        margin = min(smallest, MARGIN_CAP)
-        found = _lighter(free, found, smallest) if free.free else found
-        return Verdict(True, "feasible", margin, base, found.parameters, found, (), feasible.consistency)
-    margin = min(margin, fixed)
-    if found is not None:
-        return Verdict(False, "infeasible", margin, base, None, found, _violations(free), feasible.consistency)
-    return Verdict(None, "undecided", margin, base, None, None, _violations(free), feasible.consistency)
+    decision = decide(feasible, base)
+    proof, margin = decision.certificate, decision.margin
+    if isinstance(proof, FeasibilityCertificate):
+        smallest = float(feasible.stack.smallest_eigenvalues(proof.parameters).min(initial=np.inf))
+        proof = _lighter(proof, smallest)
+        margin = min(max(margin, smallest), MARGIN_CAP)
+        return Verdict(True, "feasible", margin, base, proof.parameters, proof, (), feasible.consistency)
+    status = "undecided" if proof is None else "infeasible"
+    violations = _sorted(feasible, least_violations(feasible, base), least=1e-7)
+    return Verdict(
+        None if proof is None else False, status, margin, base, None, proof, violations, feasible.consistency
+    )
 
 
-def _decide(
-    free: FreeProblem, candidate: Vector, dual: InfeasibilityCertificate | None
-) -> FeasibilityCertificate | InfeasibilityCertificate | None:
-    """What is proved: by the candidate, or else by the dual point."""
-    witness = FeasibilityCertificate(free.feasible, free.base, candidate)
-    if np.all(np.isfinite(candidate)) and witness.verify():
-        return witness
-    return dual if dual is not None and dual.verify() else None
-
-
-def _lighter(free: FreeProblem, witness: FeasibilityCertificate, margin: float) -> FeasibilityCertificate:
+def _lighter(witness: FeasibilityCertificate, margin: float) -> FeasibilityCertificate:
     """A witness of moderate mass, where one is found: the first one lies in the middle of a set without bounds.
 
     The lightest one with half the margin or, where the set is too thin for the solver to find that, the one of largest
@@ -235,26 +214,15 @@ def _lighter(free: FreeProblem, witness: FeasibilityCertificate, margin: float) 
         lighter = FeasibilityCertificate(feasible, witness.base, parameters)
         if lighter.verify():
             return lighter
+    whole = [np.eye(block.size) for block in feasible.blocks]
     for bound in MODERATE_TRACES:
-        _, parameters, _ = largest_margin(free, trace_bound=bound)
-        lighter = FeasibilityCertificate(feasible, witness.base, parameters)
+        scale = max(1.0, float(np.abs(witness.base).max(initial=0.0)))
+        lighter = FeasibilityCertificate(
+            feasible, witness.base, largest_margin(feasible, witness.base, whole, trace_bound=bound * scale).parameters
+        )
         if lighter.verify():
             return lighter
     return witness
-
-
-def _scaling(free: FreeProblem, parameters: Vector) -> dict[int, Vector]:
-    """Diagonal scalings that bring the blocks near the candidate to diagonals of one."""
-    found = {}
-    for index in free.free:
-        diagonal = np.abs(np.diag(free.feasible.blocks[index].evaluate(parameters)))
-        floor = max(1e-9 * float(diagonal.max(initial=0.0)), 1e-12)
-        found[index] = 1.0 / np.sqrt(np.maximum(diagonal, floor))
-    return found
-
-
-def _violations(free: FreeProblem) -> tuple[Violation, ...]:
-    return _sorted(free.feasible, least_violations(free), least=1e-7)
 
 
 def _sorted(feasible: FeasibleSet, amounts: Vector, least: float) -> tuple[Violation, ...]:

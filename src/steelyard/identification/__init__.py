@@ -5,14 +5,18 @@ from .identify import identify as identify
 from .result import Identification as Identification
 from .result import Prediction as Prediction
 from .result import Trace as Trace
+from .saved import check_certificate as check_certificate
 from .saved import check_estimate as check_estimate
+from .saved import correct_estimate as correct_estimate
 from .saved import parameters_of_estimate as parameters_of_estimate
 
 __all__ = [
     "Identification",
     "Prediction",
     "Trace",
+    "check_certificate",
     "check_estimate",
+    "correct_estimate",
     "demonstrate",
     "identify",
     "parameters_of_estimate",

@@ -81,7 +81,7 @@ def identify(
     file = robot if isinstance(robot, RobotFile) else RobotFile.load(robot)
     model = Model.from_file(file)
     reader = _Reader(file, model, chunk_rows)
-    constraints = constraints_from_dict(file.section("constraints"))
+    constraints = constraints_from_dict(file.section("constraints"), folder=file.path.parent)
     feasible = FeasibleSet(model, consistency, list(constraints))
 
     say(f"{model.robot.name}: {model.joint_count} joints, {model.base_parameters().count} base parameters")

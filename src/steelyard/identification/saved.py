@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 from typing import Literal
 
@@ -10,11 +11,21 @@ from numpy.typing import NDArray
 
 from steelyard.dynamics import Model
 from steelyard.errors import InputError
-from steelyard.feasibility import FeasibleSet, Verdict, check, constraints_from_dict
+from steelyard.feasibility import (
+    CertificateCheck,
+    FeasibleSet,
+    Verdict,
+    check,
+    constraints_from_dict,
+    correct,
+    load_certificate,
+    speaks_of,
+    verify_document,
+)
 from steelyard.regression import Estimate
 from steelyard.robot import RobotFile
 
-__all__ = ["check_estimate", "matching_estimate", "parameters_of_estimate"]
+__all__ = ["check_certificate", "check_estimate", "correct_estimate", "matching_estimate", "parameters_of_estimate"]
 
 
 def check_estimate(
@@ -41,13 +52,125 @@ def check_estimate(
     InputError
         If a file cannot be used, or the estimate belongs to another robot.
     """
-    file = RobotFile.load(robot)
-    model = Model.from_file(file)
-    loaded = matching_estimate(model, estimate)
-    feasible = FeasibleSet(model, consistency, list(constraints_from_dict(file.section("constraints"))))
+    feasible, loaded = _set_and_estimate(robot, estimate, consistency)
     if loaded.parameters is not None:
         return check(feasible, parameters=loaded.parameters)
     return check(feasible, base=loaded.base)
+
+
+def check_certificate(
+    certificate: str | Path,
+    robot: str | Path | None = None,
+    estimate: str | Path | None = None,
+    consistency: Literal["full", "inertia"] = "full",
+) -> CertificateCheck:
+    """Verify a saved certificate in exact arithmetic, and, where a robot is given, that it speaks of it.
+
+    Parameters
+    ----------
+    certificate : str or Path
+        What ``save`` of a certificate wrote.
+    robot : str or Path, optional
+        URDF or robot.toml: the statement of the certificate must be that of this robot.
+    estimate : str or Path, optional
+        Its base parameters must be those of the certificate.
+    consistency : {"full", "inertia"}
+        Of the robot's set.
+
+    Returns
+    -------
+    CertificateCheck
+
+    Raises
+    ------
+    InputError
+        If a file cannot be used.
+    """
+    document = load_certificate(certificate)
+    verified = verify_document(document, str(certificate))
+    if robot is None or not verified:
+        return verified
+    base = None
+    if estimate is None:
+        feasible = _feasible_set(RobotFile.load(robot), consistency)
+    else:
+        feasible, loaded = _set_and_estimate(robot, estimate, consistency)
+        base = loaded.base
+    different = speaks_of(document, feasible, base)
+    if different:
+        whose = f"{estimate}" if different == "base parameters" else f"{robot} under {consistency!r} consistency"
+        sentence = f"The proof is valid, but it speaks of something else: its {different} are not those of {whose}."
+        return CertificateCheck(False, sentence, 0.0, 0.0)
+    return verified
+
+
+def correct_estimate(
+    robot: str | Path,
+    estimate: str | Path,
+    consistency: Literal["full", "inertia"] = "full",
+    metric: Literal["deviation", "euclidean"] = "deviation",
+) -> Estimate:
+    """Return the physically possible estimate that is nearest to a saved one.
+
+    Parameters
+    ----------
+    robot : str or Path
+        URDF or robot.toml, whose constraints count too.
+    estimate : str or Path
+        What :meth:`steelyard.Estimate.save` wrote.
+    consistency : {"full", "inertia"}
+        See :class:`steelyard.FeasibleSet`.
+    metric : {"deviation", "euclidean"}
+        Whether each base parameter counts in units of its standard deviation, or all count in SI units. What the data
+        does not determine has an infinite deviation and may change freely.
+
+    Returns
+    -------
+    Estimate
+        Its errors are NaN, since there are no data to tell them.
+
+    Raises
+    ------
+    InputError
+        If a file cannot be used, or the estimate belongs to another robot.
+    SolverError
+        If no parameters satisfy the constraints.
+    """
+    feasible, loaded = _set_and_estimate(robot, estimate, consistency)
+    weights = None
+    if metric == "deviation":
+        with np.errstate(divide="ignore"):
+            weights = np.diag(np.where(loaded.standard_deviation > 0, 1.0 / loaded.standard_deviation**2, 0.0))
+        exact = loaded.standard_deviation == 0
+        weights[exact, exact] = max(1.0, float(weights.max(initial=0.0)))
+    found = correct(feasible, base=loaded.base, metric=weights)
+    damping, friction = feasible.model.joint_friction(found.parameters)
+    return replace(
+        loaded,
+        method=loaded.method if found.status == "already feasible" else f"{loaded.method}, corrected",
+        base=found.base,
+        parameter_names=tuple(feasible.model.parameter_names),
+        parameters=found.parameters,
+        consistency=consistency,
+        relative_error=loaded.relative_error if found.status == "already feasible" else float("nan"),
+        joint_relative_error=loaded.joint_relative_error if found.status == "already feasible" else None,
+        damping=damping,
+        friction=friction,
+        certificate=found.certificate.document(),
+        remarks=(*loaded.remarks, str(found)),
+    )
+
+
+def _feasible_set(file: RobotFile, consistency: Literal["full", "inertia"]) -> FeasibleSet:
+    constraints = constraints_from_dict(file.section("constraints"), folder=file.path.parent)
+    return FeasibleSet(Model.from_file(file), consistency, list(constraints))
+
+
+def _set_and_estimate(
+    robot: str | Path, estimate: str | Path, consistency: Literal["full", "inertia"]
+) -> tuple[FeasibleSet, Estimate]:
+    feasible = _feasible_set(RobotFile.load(robot), consistency)
+    return feasible, matching_estimate(feasible.model, estimate)
 
 
 def matching_estimate(model: Model, estimate: str | Path) -> Estimate:

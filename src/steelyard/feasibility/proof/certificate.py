@@ -1,54 +1,36 @@
-"""Proofs of feasibility and infeasibility that are checked without the solver."""
+"""Proofs of feasibility and infeasibility, which anybody can check without a solver."""
 
-from collections.abc import Mapping
+import json
+import os
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
+from fractions import Fraction
+from functools import cached_property
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 
 from ..feasible_set import FeasibleSet
+from .document import FORMAT, CertificateDocument
+from .exact_set import exact_conditions, exact_statement, exact_vector
+from .rational import written
+from .statement import Matrix as ExactMatrix
+from .verification import CertificateCheck, verify_dual_point, verify_witness
 
-__all__ = ["CertificateCheck", "FeasibilityCertificate", "InfeasibilityCertificate"]
+__all__ = ["FeasibilityCertificate", "InfeasibilityCertificate", "save_certificate"]
 
 Vector = npt.NDArray[np.float64]
 Matrix = npt.NDArray[np.float64]
-
-LEAST_REACH = 1e6
-"""An infeasibility certificate must exclude all parameters up to this size (SI units) to count."""
-
-
-@dataclass(frozen=True)
-class CertificateCheck:
-    """Outcome of verifying a certificate; true where it proves what it says.
-
-    Attributes
-    ----------
-    valid : bool
-    smallest_eigenvalue : float
-        Of the blocks at the witness, or of the dual matrices.
-    gap : float
-        By how much the dual point contradicts feasibility (0 for a witness).
-    residual : float
-        Largest error of the linear equations that the certificate must satisfy.
-    reach : float
-        Size (sum of absolute values of the unidentifiable parameters, SI units) up to which infeasibility is proved in
-        spite of the residual; infinite without residual.
-    """
-
-    valid: bool
-    smallest_eigenvalue: float
-    gap: float
-    residual: float
-    reach: float
-
-    def __bool__(self) -> bool:
-        return self.valid
 
 
 @dataclass(frozen=True, eq=False)
 class FeasibilityCertificate:
     """Standard parameters δ of a real robot that has the base parameters β: K δ = β, D(δ) ≻ 0 (thesis 3.34).
+
+    The proof holds for decimal numbers: those that β and δ_d print, with the independent parameters following exactly
+    from K δ = β.
 
     Attributes
     ----------
@@ -61,94 +43,155 @@ class FeasibilityCertificate:
     base: Vector = field(repr=False)
     parameters: Vector = field(repr=False)
 
+    @cached_property
+    def exact_parameters(self) -> tuple[Fraction, ...]:
+        """δ in rational numbers; K δ = β holds exactly."""
+        conditions = exact_conditions(self.feasible_set)
+        found = list(exact_vector(self.parameters))
+        independent = np.asarray(self.feasible_set.model.base_parameters().independent, dtype=np.intp).tolist()
+        for index, row, value in zip(independent, conditions.base_map, exact_vector(self.base), strict=True):
+            others = sum((c * found[k] for k, c in row.items() if k != index), Fraction(0))
+            found[index] = (value - others) / row[index]
+        return tuple(found)
+
     def verify(self) -> CertificateCheck:
-        """Factorise every block anew, and compare K δ with β."""
-        feasible = self.feasible_set
-        error = np.abs(feasible.K @ self.parameters - self.base)
-        scale = np.abs(feasible.K) @ np.abs(self.parameters) + np.abs(self.base)
-        same = bool(np.all(error <= 1e-12 * scale))
-        eigenvalues = feasible.stack.smallest_eigenvalues(self.parameters)
-        return CertificateCheck(
-            valid=same and feasible.contains(self.parameters),
-            smallest_eigenvalue=float(eigenvalues.min(initial=np.inf)),
-            gap=0.0,
-            residual=float(error.max(initial=0.0)),
-            reach=np.inf,
-        )
+        """Check everything anew in rational arithmetic."""
+        statement = exact_statement(self.feasible_set, exact_vector(self.base))
+        return verify_witness(statement, self.exact_parameters)
 
     def to_dict(self) -> dict[str, Any]:
-        """As plain numbers, for JSON."""
+        """As plain data, for JSON: the whole statement with its proof."""
+        statement = exact_statement(self.feasible_set, exact_vector(self.base))
         return {
-            "kind": "feasible",
-            "consistency": self.feasible_set.consistency,
-            "base": self.base.tolist(),
-            "parameters": self.parameters.tolist(),
+            "format": FORMAT,
+            "verdict": "feasible",
+            "statement": statement.to_dict(),
+            "proof": {"parameters": [written(value) for value in self.exact_parameters]},
         }
+
+    def document(self) -> CertificateDocument:
+        """The same, put together when it is first looked at."""
+        return CertificateDocument(self.to_dict)
+
+    def save(self, path: str | Path) -> None:
+        """Write it as JSON; the file appears whole or not at all."""
+        save_certificate(self.to_dict(), path)
 
 
 @dataclass(frozen=True, eq=False)
 class InfeasibilityCertificate:
     """A dual point: matrices Z ⪰ 0 that no feasible parameters with this β can face.
 
-    For every δ with K δ = β and E δ = f, Σ <D_b(δ), Z_b> - yᵀ(E δ - f) has the same value, because Z and y are
-    orthogonal to all unidentifiable directions; the value is negative, but would not be if every D_b(δ) were positive
-    semidefinite.
+    For every δ with K δ = β, Σ <D_b(δ), Z_b> has the same value (but for the equations of constraints, which have
+    multipliers), because Z is orthogonal to all directions that the motion does not show; the value is negative, but
+    would not be if every D_b(δ) were positive semidefinite. In base space: yᵀβ is negative, and yᵀK δ is not for any
+    feasible δ.
 
     Attributes
     ----------
     feasible_set : FeasibleSet
     base : (n_b,)
-    dual : mapping from block name to (d, d)
-        Z_b, for the blocks where it is not zero; their traces add to 1.
-    equation_multipliers : (r,)
+    exact_direction : tuple of Fraction
         y.
+    exact_dual : mapping from index of a block to rows of Fraction
+        Z_b, where it is not zero.
+    exact_multipliers : tuple of Fraction
+        Of the equations of constraints.
+    shift : Fraction
+        What Z_b may lack to be semidefinite; 0 but for robots whose lengths are not decimal numbers.
     """
 
     feasible_set: FeasibleSet = field(repr=False)
     base: Vector = field(repr=False)
-    dual: Mapping[str, Matrix] = field(repr=False)
-    equation_multipliers: Vector = field(repr=False)
+    exact_direction: tuple[Fraction, ...] = field(repr=False)
+    exact_dual: Mapping[int, ExactMatrix] = field(repr=False)
+    exact_multipliers: tuple[Fraction, ...] = field(repr=False)
+    shift: Fraction = field(repr=False)
 
-    def verify(self) -> CertificateCheck:
-        """Recompute everything from the model's conditions and the constraints."""
-        feasible = self.feasible_set
-        gradient = np.zeros(feasible.parameter_count)
-        value, magnitude, smallest = 0.0, 0.0, np.inf
-        known = {block.name for block in feasible.blocks}
-        particular = feasible.lift @ self.base
-        for block in feasible.blocks:
-            if block.name not in self.dual:
-                continue
-            dual = np.asarray(self.dual[block.name], dtype=float)
-            smallest = min(smallest, float(np.linalg.eigvalsh(dual)[0]))
-            np.add.at(gradient, block.indices, np.einsum("cij,ij->c", block.coefficients, dual))
-            elements = block.evaluate(particular) * dual
-            value += float(elements.sum())
-            magnitude += float(np.abs(elements).sum())
-        if feasible.equalities:
-            gradient -= feasible.equation_matrix.T @ self.equation_multipliers
-            error = feasible.equation_matrix @ particular - feasible.equation_values
-            value -= float(self.equation_multipliers @ error)
-            magnitude += float(np.abs(self.equation_multipliers) @ np.abs(error))
-        residual = float(np.abs(feasible.unidentifiable.T @ gradient).max(initial=0.0))
-        gap = -value
-        reach = gap / residual if residual > 0 else np.inf
-        semidefinite = smallest >= -1e-13
-        valid = known.issuperset(self.dual) and semidefinite and gap > 1e-13 * magnitude and reach >= LEAST_REACH
-        return CertificateCheck(valid, smallest, gap, residual, reach)
+    @classmethod
+    def exact(
+        cls,
+        feasible: FeasibleSet,
+        base: Vector,
+        direction: Sequence[Fraction],
+        dual: Mapping[int, ExactMatrix],
+        multipliers: Sequence[Fraction],
+        shift: Fraction,
+    ) -> "InfeasibilityCertificate":
+        """From exact numbers, scaled such that the traces of the dual matrices add to 1 or a little more."""
+        total = sum((row[i] for matrix in dual.values() for i, row in enumerate(matrix)), Fraction(0))
+        # A power of two keeps the numbers as short as they are.
+        unit = (
+            Fraction(2) ** (total.numerator.bit_length() - total.denominator.bit_length()) if total > 0 else Fraction(1)
+        )
+        return cls(
+            feasible,
+            base,
+            tuple(value / unit for value in direction),
+            {index: [[value / unit for value in row] for row in matrix] for index, matrix in dual.items()},
+            tuple(value / unit for value in multipliers),
+            shift / unit,
+        )
+
+    @cached_property
+    def direction(self) -> Vector:
+        """y in floating point, (n_b,): the combination of base parameters that cannot be negative but is."""
+        return np.array([float(value) for value in self.exact_direction])
+
+    @cached_property
+    def dual(self) -> dict[str, Matrix]:
+        """Z_b of each block in floating point, by the block's name."""
+        blocks = self.feasible_set.blocks
+        return {
+            blocks[index].name: np.array([[float(value) for value in row] for row in matrix])
+            for index, matrix in self.exact_dual.items()
+        }
 
     @property
     def blocks(self) -> tuple[tuple[str, float], ...]:
         """Names of the blocks that take part in the contradiction with their share (trace of Z_b), largest first."""
         shares = [(name, float(np.trace(dual))) for name, dual in self.dual.items()]
-        return tuple(sorted(shares, key=lambda item: -item[1]))
+        total = sum(share for _, share in shares) or 1.0
+        return tuple(sorted(((name, share / total) for name, share in shares), key=lambda item: -item[1]))
+
+    @cached_property
+    def _checked(self) -> CertificateCheck:
+        statement = exact_statement(self.feasible_set, exact_vector(self.base))
+        return verify_dual_point(statement, self.exact_direction, self.exact_dual, self.exact_multipliers, self.shift)
+
+    def verify(self) -> CertificateCheck:
+        """Check everything anew in rational arithmetic."""
+        return self._checked
 
     def to_dict(self) -> dict[str, Any]:
-        """As plain numbers, for JSON."""
+        """As plain data, for JSON: the whole statement with its proof."""
+        statement = exact_statement(self.feasible_set, exact_vector(self.base))
         return {
-            "kind": "infeasible",
-            "consistency": self.feasible_set.consistency,
-            "base": self.base.tolist(),
-            "dual": {name: np.asarray(dual).tolist() for name, dual in self.dual.items()},
-            "equation_multipliers": self.equation_multipliers.tolist(),
+            "format": FORMAT,
+            "verdict": "infeasible",
+            "statement": statement.to_dict(),
+            "proof": {
+                "direction": [written(value) for value in self.exact_direction],
+                "duals": [
+                    [
+                        index,
+                        [[i, j, written(row[j])] for i, row in enumerate(matrix) for j in range(i, len(row)) if row[j]],
+                    ]
+                    for index, matrix in self.exact_dual.items()
+                ],
+                "multipliers": [written(value) for value in self.exact_multipliers],
+                "shift": written(self.shift),
+            },
         }
+
+    def save(self, path: str | Path) -> None:
+        """Write it as JSON; the file appears whole or not at all."""
+        save_certificate(self.to_dict(), path)
+
+
+def save_certificate(document: Mapping[str, Any], path: str | Path) -> None:
+    """Write a certificate as JSON, whole or not at all."""
+    target = Path(path)
+    part = target.with_name(target.name + ".part")
+    part.write_text(json.dumps(document, indent=1) + "\n", encoding="utf-8")
+    os.replace(part, target)

@@ -1,0 +1,34 @@
+"""``steelyard correct``."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from .choices import Consistency, DistanceMetric
+
+__all__ = ["correct"]
+
+
+def correct(
+    robot: Annotated[Path, typer.Argument(help="URDF or robot.toml.")],
+    estimate: Annotated[Path, typer.Argument(help="estimate.json.")],
+    output: Annotated[Path, typer.Option("--output", "-o", help="File for the corrected estimate (JSON).")],
+    consistency: Consistency = Consistency.FULL,
+    metric: Annotated[
+        DistanceMetric,
+        typer.Option(help="Base parameters count in units of their standard deviations, or all in SI units."),
+    ] = DistanceMetric.DEVIATION,
+) -> None:
+    """Write the physically possible estimate that is nearest to another one."""
+    from steelyard.errors import InputError
+    from steelyard.identification import correct_estimate
+
+    if output.resolve() == estimate.resolve():
+        raise InputError(f"{output}: is the estimate itself, which stays as it is; give another file.")
+    corrected = correct_estimate(robot, estimate, consistency.value, metric.value)
+    corrected.save(output)
+    typer.echo(corrected.remarks[-1])
+    typer.echo(f"Written to {output}")

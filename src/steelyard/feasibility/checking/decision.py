@@ -1,0 +1,109 @@
+"""Feasible or not: the search for a proof of either."""
+
+from dataclasses import dataclass
+
+import numpy as np
+import numpy.typing as npt
+
+from steelyard.dynamics.threads import one_thread
+
+from ..feasible_set import FeasibleSet
+from ..proof import FeasibilityCertificate, InfeasibilityCertificate
+from .centering import centre
+from .dual_point import DualPoint, prove_infeasible
+from .face import dual_face
+from .fibre import Fibre
+from .margin import MARGIN_CAP, TRACE_BOUND, largest_margin
+from .witness import SCALED_ACCURACY, proved_witness, raised_witness, scaled_witness
+
+__all__ = ["Decision", "decide"]
+
+Vector = npt.NDArray[np.float64]
+Matrix = npt.NDArray[np.float64]
+
+TURNS, FIRST_STEPS, LATER_STEPS = 5, 40, 25
+"""Most turns of Newton's method and a solver before the answer is that there is no proof, and steps in each."""
+
+FARTHEST = 1e6
+
+
+@dataclass(frozen=True, eq=False)
+class Decision:
+    """What is proved of a base parameter vector.
+
+    Attributes
+    ----------
+    certificate : FeasibilityCertificate, InfeasibilityCertificate or None
+        None where neither could be proved.
+    margin : float
+        Largest t with D(δ) - t 1 ⪰ 0 that the solver found, unverified.
+    """
+
+    certificate: FeasibilityCertificate | InfeasibilityCertificate | None
+    margin: float
+
+
+def decide(feasible: FeasibleSet, base: Vector) -> Decision:
+    """Look for parameters, and for a dual point, until one of them is a proof.
+
+    The first tries are the largest margin of the blocks as they are, and on the face of the dual points. Where this
+    leaves it open, the problem is solved in units that fit it: for a dual point those in which Newton's method has
+    brought it to the middle, for a witness those in which the blocks near the best parameters so far are about unit
+    matrices. What is small beside other links, or close to the boundary, then has the solver's full accuracy.
+    """
+    whole = [np.eye(block.size) for block in feasible.blocks]
+    face = dual_face(feasible).bases
+    bound = TRACE_BOUND * max(1.0, float(np.abs(base).max(initial=0.0)))
+    first = largest_margin(feasible, base, whole, trace_bound=bound)
+    found = proved_witness(feasible, base, first.parameters)
+    if found is not None:
+        return Decision(found, first.value)
+    restricted = largest_margin(feasible, base, face)
+    margin = min(first.value, restricted.value)
+    particular = feasible.lift @ base
+    if restricted.value < 0:
+        refuted = prove_infeasible(feasible, particular, base, restricted.point)
+        if refuted is not None:
+            return Decision(refuted, margin)
+    with one_thread():
+        proof = _centred_proof(feasible, base)
+    if proof is not None:
+        return Decision(proof, margin)
+    return Decision(scaled_witness(feasible, base, first.parameters), margin)
+
+
+def _centred_proof(feasible: FeasibleSet, base: Vector) -> InfeasibilityCertificate | FeasibilityCertificate | None:
+    """A proof of either by Newton's method and margins in its metric; None where neither was met."""
+    face = dual_face(feasible)
+    fibre = Fibre(feasible, feasible.lift @ base, face.bases)
+    matrices = fibre.matrices(DualPoint(face.interior, face.multipliers))
+    for turn in range(TURNS):
+        found = centre(fibre, matrices, FIRST_STEPS if turn == 0 else LATER_STEPS)
+        if found is None:
+            return None
+        if found.feasible:
+            return raised_witness(feasible, base, found.parameters)
+        middle = fibre.point(found.matrices)
+        if found.value < 0:
+            proof = prove_infeasible(feasible, found.parameters, base, middle, middle)
+            if proof is not None:
+                return proof
+        try:
+            metric = fibre.metric(found.matrices)
+        except np.linalg.LinAlgError:
+            return None
+        blocks = metric.stacked(fibre.blocks(found.parameters))
+        margin, along, dual = metric.largest_margin(blocks, MARGIN_CAP, SCALED_ACCURACY)
+        if margin > 0:
+            return raised_witness(feasible, base, found.parameters + fibre.directions @ metric.along(along))
+        point = fibre.point(metric.expanded(dual))
+        proof = prove_infeasible(feasible, found.parameters, base, point, middle)
+        if proof is not None:
+            return proof
+        parameters = found.parameters + fibre.directions @ metric.along(along)
+        fibre = Fibre(feasible, parameters if np.all(np.isfinite(parameters)) else found.parameters, face.bases)
+        # As far towards the solver's point as the cone allows.
+        lowest = min(float(np.linalg.eigvalsh(matrix)[0]) for matrix in metric.stack.matrices(dual))
+        reach = min(FARTHEST, 0.5 / max(-lowest, 1e-16))
+        matrices = tuple(W + reach * V for W, V in zip(found.matrices, metric.expanded(dual), strict=True))
+    return None

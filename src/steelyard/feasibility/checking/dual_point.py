@@ -1,0 +1,284 @@
+"""From a solver's dual point, which satisfies its equations to rounding, to one that satisfies them exactly."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from fractions import Fraction
+from weakref import WeakKeyDictionary
+
+import numpy as np
+import numpy.typing as npt
+
+from ..feasible_set import FeasibleSet
+from ..lmi import symmetric_to_vector
+from ..proof import InfeasibilityCertificate
+from ..proof.exact_set import exact_conditions, exact_vector
+from ..proof.rational import SparseRows, exact_number, zero_combination_basis
+from ..proof.statement import Matrix as ExactMatrix
+from .block_problem import BlockProblem
+from .face import DualFace, dual_face
+
+__all__ = ["DualPoint", "prove_infeasible"]
+
+Vector = npt.NDArray[np.float64]
+Matrix = npt.NDArray[np.float64]
+
+LEAST_REACH, LEAST_RELATIVE_REACH = 1e6, 1e4
+"""A proof up to a size must reach this far, in kg and kg m², and this many times the largest base parameter, to
+count."""
+
+
+@dataclass(frozen=True, eq=False)
+class DualPoint:
+    """W of every block (r, r) on the face, and the multipliers of the equations, in floating point."""
+
+    matrices: tuple[Matrix, ...]
+    multipliers: Vector
+
+
+@dataclass(frozen=True, eq=False)
+class _DualSpace:
+    """All exact solutions of the equations of a dual point: pivots in terms of free unknowns.
+
+    The unknowns are the elements of W (upper triangles, block by block), the multipliers λ of the equations, and y.
+    """
+
+    places: tuple[tuple[int, int, int], ...]
+    pivots: dict[int, dict[int, Fraction]]
+    free: tuple[int, ...]
+
+    def complete(self, values: Sequence[Fraction]) -> list[Fraction]:
+        """All unknowns, from the free ones among `values`."""
+        found = list(values)
+        for pivot, row in self.pivots.items():
+            found[pivot] = sum((value * values[column] for column, value in row.items()), Fraction(0))
+        return found
+
+
+_cache: WeakKeyDictionary[FeasibleSet, _DualSpace] = WeakKeyDictionary()
+
+
+def prove_infeasible(
+    feasible: FeasibleSet, parameters: Vector, base: Vector, point: DualPoint, middle: DualPoint | None = None
+) -> InfeasibilityCertificate | None:
+    """The certificate that a dual point amounts to, or None where it does not prove anything.
+
+    The point is moved a little towards the middle of the face, as far as the contradiction allows, so that what
+    rounding takes away leaves it semidefinite; then its free unknowns are taken as decimal numbers, and the others
+    follow exactly. Where the face itself is not exact in decimals, the full matrices are repaired, at the price of a
+    finite reach.
+
+    Parameters
+    ----------
+    feasible : FeasibleSet
+    parameters : (n,)
+        Some δ with the base parameters β, such as P_b β; one near the middle of the fibre leaves little to cancel.
+    base : (n_b,)
+        β.
+    point : DualPoint
+        From a solver, with a negative value.
+    middle : DualPoint, optional
+        Inside the cone, and satisfying its equations; that of the face where absent.
+    """
+    face = dual_face(feasible)
+    middle = DualPoint(face.interior, face.multipliers) if middle is None else middle
+    value, middle_value = (_value(feasible, parameters, face, p) for p in (point, middle))
+    if not value < 0:
+        return None
+    steps = [share * (-value / middle_value if middle_value > 0 else 1.0) for share in (0.3, 1e-2, 1e-4, 1e-6, 0.0)]
+    for step in steps:
+        certificate = _on_the_face(feasible, face, _moved(point, middle, step), base)
+        if certificate is not None and certificate.verify():
+            return certificate
+    least = max(LEAST_REACH, LEAST_RELATIVE_REACH * float(np.abs(base).max(initial=0.0)))
+    best: tuple[float, InfeasibilityCertificate | None] = (least, None)
+    for step in (steps[0], steps[2], 0.0):
+        moved = _projected(feasible, face, _moved(point, middle, step))
+        certificate = _beside_the_face(feasible, face, moved, base)
+        verified = certificate.verify() if certificate is not None else None
+        if verified and verified.reach >= best[0]:
+            best = (verified.reach, certificate)
+    return best[1]
+
+
+def _moved(point: DualPoint, middle: DualPoint, step: float) -> DualPoint:
+    matrices = tuple(W + step * M for W, M in zip(point.matrices, middle.matrices, strict=True))
+    return DualPoint(matrices, point.multipliers + step * middle.multipliers)
+
+
+def _projected(feasible: FeasibleSet, face: DualFace, point: DualPoint) -> DualPoint:
+    """The nearest point that satisfies its equations to rounding, rather than to the tolerance of a solver."""
+    problem = BlockProblem.of(feasible, np.zeros(feasible.parameter_count), face.bases)
+    stack = problem.stack
+    equations = feasible.equation_matrix @ feasible.unidentifiable
+    matrix = np.vstack([stack.coefficients.toarray(), equations]).T
+    found = np.concatenate([np.zeros(len(stack.constant)), point.multipliers])
+    for place, index in zip(stack.slices, problem.used, strict=True):
+        found[place] = symmetric_to_vector(point.matrices[index])
+    for _ in range(2):
+        found -= np.linalg.lstsq(matrix, matrix @ found, rcond=1e-9)[0]
+    matrices = list(point.matrices)
+    for index, W in zip(problem.used, stack.matrices(found[: len(stack.constant)]), strict=True):
+        matrices[index] = W
+    return DualPoint(tuple(matrices), found[len(stack.constant) :])
+
+
+def _value(feasible: FeasibleSet, particular: Vector, face: DualFace, point: DualPoint) -> float:
+    """Σ <D_b(δ), Z_b> + λ·(E δ - f), the same for all δ with the same base parameters."""
+    value = float(point.multipliers @ (feasible.equation_matrix @ particular - feasible.equation_values))
+    for block, basis, W in zip(feasible.blocks, face.bases, point.matrices, strict=True):
+        value += float(np.sum((basis.T @ block.evaluate(particular) @ basis) * W))
+    return value
+
+
+def _gradient(feasible: FeasibleSet, matrices: Sequence[Matrix], multipliers: Vector) -> Vector:
+    gradient = feasible.equation_matrix.T @ multipliers
+    for block, Z in zip(feasible.blocks, matrices, strict=True):
+        np.add.at(gradient, block.indices, np.einsum("cij,ij->c", block.coefficients, Z))
+    return np.asarray(gradient)
+
+
+def _on_the_face(
+    feasible: FeasibleSet, face: DualFace, point: DualPoint, base: Vector
+) -> InfeasibilityCertificate | None:
+    space = _dual_space(feasible, face)
+    matrices = [U @ W @ U.T for U, W in zip(face.bases, point.matrices, strict=True)]
+    direction = _gradient(feasible, matrices, point.multipliers)[
+        np.asarray(feasible.model.base_parameters().independent)
+    ]
+    floats = [float(point.matrices[b][i, j]) for b, i, j in space.places]
+    scale = max((abs(value) for value in floats), default=0.0)
+    if not np.isfinite(scale) or scale == 0.0:
+        return None
+    values = [exact_number(float(v)) for v in np.concatenate([floats, point.multipliers, direction]) / scale]
+    found = space.complete(values)
+    count, equations = len(space.places), len(feasible.equalities)
+    duals: dict[int, ExactMatrix] = {}
+    small: dict[int, dict[tuple[int, int], Fraction]] = {}
+    for (b, i, j), value in zip(space.places, found[:count], strict=True):
+        small.setdefault(b, {})[i, j] = small.setdefault(b, {})[j, i] = value
+    for b, elements in small.items():
+        if any(elements.values()):
+            duals[b] = _expanded(face.exact_bases[b], elements)
+    return InfeasibilityCertificate.exact(
+        feasible, base, found[count + equations :], duals, found[count : count + equations], Fraction(0)
+    )
+
+
+def _expanded(basis: ExactMatrix, elements: dict[tuple[int, int], Fraction]) -> ExactMatrix:
+    """U W Uᵀ."""
+    size, rank = len(basis), len(basis[0])
+    half = [
+        [sum((row[i] * elements[i, j] for i in range(rank) if row[i]), Fraction(0)) for j in range(rank)]
+        for row in basis
+    ]
+    return [
+        [sum((half[p][j] * basis[q][j] for j in range(rank) if basis[q][j]), Fraction(0)) for q in range(size)]
+        for p in range(size)
+    ]
+
+
+def _dual_space(feasible: FeasibleSet, face: DualFace) -> _DualSpace:
+    found = _cache.get(feasible)
+    if found is None:
+        conditions = exact_conditions(feasible)
+        places: list[tuple[int, int, int]] = []
+        rows: SparseRows = [{} for _ in conditions.parameter_names]
+        for b, (condition, basis) in enumerate(zip(conditions.conditions, face.exact_bases, strict=True)):
+            rank = len(basis[0])
+            for i in range(rank):
+                for j in range(i, rank):
+                    column = len(places)
+                    places.append((b, i, j))
+                    for parameter, elements in condition.coefficients.items():
+                        value = Fraction(0)
+                        for (p, q), element in elements.items():
+                            value += element * basis[p][i] * basis[q][j]
+                            if p != q:
+                                value += element * basis[q][i] * basis[p][j]
+                        if value:
+                            rows[parameter][column] = value * (1 if i == j else 2)
+        start = len(places)
+        for e, equation in enumerate(conditions.equations):
+            for parameter, coefficient in equation.coefficients.items():
+                rows[parameter][start + e] = coefficient
+        start += len(conditions.equations)
+        for i, row in enumerate(conditions.base_map):
+            for parameter, coefficient in row.items():
+                rows[parameter][start + i] = -coefficient
+        total = start + len(conditions.base_map)
+        preference = [0] * len(places) + [2] * len(conditions.equations) + [1] * len(conditions.base_map)
+        pivots, free = zero_combination_basis(rows, total, preference)
+        found = _DualSpace(tuple(places), {k: dict(row) for k, row in pivots.items()}, free)
+        _cache[feasible] = found
+    return found
+
+
+def _beside_the_face(
+    feasible: FeasibleSet, face: DualFace, point: DualPoint, base: Vector
+) -> InfeasibilityCertificate | None:
+    """Take y as it is and let the blocks of the links absorb the residual; the shift makes up for what they lose."""
+    conditions = exact_conditions(feasible)
+    matrices = [U @ W @ U.T for U, W in zip(face.bases, point.matrices, strict=True)]
+    scale = max((float(np.abs(Z).max(initial=0.0)) for Z in matrices), default=0.0)
+    if not np.isfinite(scale) or scale == 0.0:
+        return None
+    multipliers = exact_vector(point.multipliers / scale)
+    gradient = _gradient(feasible, [Z / scale for Z in matrices], point.multipliers / scale)
+    direction = exact_vector(gradient[np.asarray(feasible.model.base_parameters().independent)])
+    rest = [Fraction(0)] * len(conditions.parameter_names)
+    for row, weight in zip(conditions.base_map, direction, strict=True):
+        for parameter, coefficient in row.items():
+            rest[parameter] += weight * coefficient
+    for equation, multiplier in zip(conditions.equations, multipliers, strict=True):
+        for parameter, coefficient in equation.coefficients.items():
+            rest[parameter] -= multiplier * coefficient
+    duals: dict[int, ExactMatrix] = {}
+    for b, (condition, Z) in enumerate(zip(conditions.conditions, matrices, strict=True)):
+        if not condition.physical and condition.size == 1:
+            Z = np.maximum(Z, 0.0)
+        exact = [[exact_number(float(v)) for v in row] for row in ((Z + Z.T) / (2 * scale)).tolist()]
+        duals[b] = exact
+        for parameter, product in condition.products(exact)[1].items():
+            rest[parameter] -= product
+    shift = Fraction(0)
+    for b, condition in enumerate(conditions.conditions):
+        if not condition.physical:
+            continue
+        change = _absorb(feasible, b, [rest[k] for k in condition.coefficients])
+        if change is None:
+            return None
+        dual = duals[b]
+        for i in range(condition.size):
+            for j in range(condition.size):
+                dual[i][j] += change[i][j]
+        for k in condition.coefficients:
+            rest[k] = Fraction(0)
+        smallest = float(np.linalg.eigvalsh(np.array([[float(v) for v in row] for row in dual]))[0])
+        largest = max(float(abs(v)) for row in dual for v in row)
+        shift = max(shift, exact_number(max(0.0, -2.0 * smallest) + 1e-15 * largest))
+    if any(rest):
+        return None
+    return InfeasibilityCertificate.exact(feasible, base, list(direction), duals, list(multipliers), shift)
+
+
+def _absorb(feasible: FeasibleSet, index: int, residual: list[Fraction]) -> ExactMatrix | None:
+    """A symmetric matrix Z with <D_i, Z> = residual_i, from the dual basis of the coefficients; None where there is
+    none."""
+    block = feasible.blocks[index]
+    size = block.size
+    if not any(residual):
+        return [[Fraction(0)] * size for _ in range(size)]
+    vectors = symmetric_to_vector(block.coefficients)
+    if np.linalg.matrix_rank(vectors) < len(vectors):
+        return None
+    # The Gram matrices of a link's coefficients have small rational inverses.
+    inverse = np.linalg.inv(vectors @ vectors.T)
+    exact_inverse = [[Fraction(v).limit_denominator(1000) for v in row] for row in inverse.tolist()]
+    weights = [sum((a * r for a, r in zip(row, residual, strict=True)), Fraction(0)) for row in exact_inverse]
+    change = [[Fraction(0)] * size for _ in range(size)]
+    for weight, matrix in zip(weights, block.coefficients, strict=True):
+        for i in range(size):
+            for j in range(size):
+                if matrix[i, j]:
+                    change[i][j] += weight * exact_number(float(matrix[i, j]))
+    return change

@@ -1,0 +1,172 @@
+"""All parameters that share a base parameter vector, as the conditions see them, in a metric that fits them."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+import numpy.typing as npt
+import scipy.linalg as linalg
+import scipy.sparse as sparse
+
+from ..conic import Cone, ConicProblem, Outcome, solve
+from ..feasible_set import FeasibleSet
+from ..lmi import AffineStack, symmetric_to_vector, vector_to_symmetric
+from .block_problem import BlockProblem
+from .dual_point import DualPoint
+
+__all__ = ["Fibre", "Metric"]
+
+Vector = npt.NDArray[np.float64]
+Matrix = npt.NDArray[np.float64]
+
+
+class Fibre:
+    """The blocks Uᵀ D(δ) U for all δ with K δ = β and the equations of constraints: origin + columns x.
+
+    Parameters
+    ----------
+    feasible : FeasibleSet
+    origin : (n,)
+        A δ of the fibre; close to what is looked for, nothing large has to cancel.
+    bases : tuple of (d, r)
+        Of the face of the dual points.
+    """
+
+    def __init__(self, feasible: FeasibleSet, origin: Vector, bases: tuple[Matrix, ...]) -> None:
+        problem = BlockProblem.of(feasible, origin, bases)
+        stack = problem.stack
+        self.feasible, self.bases, self.stack, self.used = feasible, bases, stack, problem.used
+        self._equations = feasible.equation_matrix @ feasible.unidentifiable
+        directions: Matrix = np.eye(stack.parameter_count)
+        self.origin = origin
+        if len(self._equations):
+            values = feasible.equation_values - feasible.equation_matrix @ origin
+            self.origin = origin + feasible.unidentifiable @ np.linalg.lstsq(self._equations, values)[0]
+            directions = linalg.null_space(self._equations)
+        # Directions that leave no trace in the blocks drop out.
+        columns = stack.coefficients @ directions
+        rank, steps = 0, np.zeros((len(directions), 0))
+        if columns.shape[1]:
+            _, triangle, order = linalg.qr(columns, mode="economic", pivoting=True)
+            sizes = np.abs(np.diag(triangle))
+            rank = int(np.sum(sizes > 1e-10 * sizes.max(initial=0.0)))
+            steps = directions[:, order[:rank]]
+        self.directions = feasible.unidentifiable @ steps
+        self.columns = stack.coefficients @ steps
+
+    def blocks(self, parameters: Vector) -> tuple[Matrix, ...]:
+        """Uᵀ D(δ) U of the blocks that are used."""
+        found = []
+        for index in self.used:
+            basis = self.bases[index]
+            found.append(basis.T @ self.feasible.blocks[index].evaluate(parameters) @ basis)
+        return tuple(found)
+
+    def matrices(self, point: DualPoint) -> tuple[Matrix, ...]:
+        """W of the blocks that are used."""
+        return tuple(point.matrices[index] for index in self.used)
+
+    def point(self, matrices: Sequence[Matrix]) -> DualPoint:
+        """The dual point of W of the blocks that are used, with the multipliers of the equations that belong to it."""
+        full: list[Matrix] = [np.zeros((0, 0))] * len(self.feasible.blocks)
+        vector = np.zeros(self.columns.shape[0])
+        for index, place, matrix in zip(self.used, self.stack.slices, matrices, strict=True):
+            full[index] = matrix
+            vector[place] = symmetric_to_vector(matrix)
+        multipliers = np.zeros(len(self._equations))
+        if len(self._equations):
+            multipliers = np.linalg.lstsq(self._equations.T, -(self.stack.coefficients.T @ vector))[0]
+        return DualPoint(tuple(full), np.asarray(multipliers))
+
+    def metric(self, matrices: Sequence[Matrix]) -> "Metric":
+        """The metric in which a dual point W = R Rᵀ is the unit matrix.
+
+        Raises
+        ------
+        numpy.linalg.LinAlgError
+            If a matrix is not positive definite.
+        """
+        roots = tuple(np.asarray(np.linalg.cholesky(matrix), dtype=float) for matrix in matrices)
+        scaled = np.zeros_like(self.columns)
+        for root, place in zip(roots, self.stack.slices, strict=True):
+            scaled[place] = symmetric_to_vector(root.T @ vector_to_symmetric(self.columns[place].T) @ root).T
+        lengths = np.maximum(np.linalg.norm(scaled, axis=0), np.finfo(float).tiny)
+        Q, triangle = np.linalg.qr(scaled / lengths)
+        return Metric(self.stack, roots, Q, triangle, lengths)
+
+
+@dataclass(frozen=True, eq=False)
+class Metric:
+    """Blocks Rᵀ D R and dual matrices R⁻¹ W R⁻ᵀ, where W = R Rᵀ is a dual point.
+
+    Attributes
+    ----------
+    stack : AffineStack
+        Tells sizes and places of the blocks.
+    roots : tuple of (r, r)
+        R, lower triangular.
+    Q : (rows, k)
+        Orthonormal basis of the blocks along the fibre; dual points are orthogonal to it.
+    triangle, lengths : (k, k), (k,)
+        Q triangle = scaled columns / lengths.
+    """
+
+    stack: AffineStack
+    roots: tuple[Matrix, ...]
+    Q: Matrix
+    triangle: Matrix
+    lengths: Vector
+
+    def stacked(self, blocks: Sequence[Matrix]) -> Vector:
+        """Rᵀ D R, stacked."""
+        vector = np.zeros(len(self.Q))
+        for root, block, place in zip(self.roots, blocks, self.stack.slices, strict=True):
+            vector[place] = symmetric_to_vector(root.T @ block @ root)
+        return vector
+
+    def along(self, coordinates: Vector) -> Vector:
+        """Coordinates on the columns of the fibre, from those on Q."""
+        if not len(coordinates):
+            return coordinates
+        return np.asarray(linalg.solve_triangular(self.triangle, coordinates) / self.lengths)
+
+    def across(self, vector: Vector) -> Vector:
+        """The part that is orthogonal to the fibre, to rounding."""
+        for _ in range(2):
+            vector = vector - self.Q @ (self.Q.T @ vector)
+        return vector
+
+    def expanded(self, vector: Vector) -> tuple[Matrix, ...]:
+        """R M Rᵀ of the matrices M that are stacked in a vector."""
+        found = []
+        for root, matrix in zip(self.roots, self.stack.matrices(vector), strict=True):
+            product = root @ matrix @ root.T
+            found.append((product + product.T) / 2)
+        return tuple(found)
+
+    def largest_margin(self, constant: Vector, cap: float, accuracy: float) -> tuple[float, Vector, Vector]:
+        """Solve max t subject to constant + Q q - t 1 ⪰ 0, t ≤ cap.
+
+        Returns t, q and the dual vector, its part across the fibre only.
+        """
+        rows, count = self.Q.shape
+        A = np.zeros((rows + 1, count + 1))
+        A[0, -1] = 1.0
+        A[1:, :-1] = -self.Q
+        A[1:, -1] = self.stack.identity
+        cost = np.zeros(count + 1)
+        cost[-1] = -1.0
+        problem = ConicProblem(
+            P=sparse.csc_array((count + 1, count + 1)),
+            q=cost,
+            A=sparse.csc_array(A),
+            b=np.concatenate([[cap], constant]),
+            cones=(
+                Cone("nonnegative", 1 + self.stack.scalar_count),
+                *(Cone("semidefinite", size) for size in self.stack.matrix_sizes),
+            ),
+        )
+        solution = solve(problem, accuracy=accuracy)
+        if solution.outcome is Outcome.INFEASIBLE or not np.all(np.isfinite(solution.primal)):
+            return -np.inf, np.zeros(count), self.across(solution.dual[1:])
+        return float(solution.primal[-1]), solution.primal[:-1], self.across(solution.dual[1:])

@@ -1,0 +1,96 @@
+"""Parameters that prove feasibility, from what solvers leave close to the boundary or far out of scale."""
+
+from collections.abc import Sequence
+
+import numpy as np
+import numpy.typing as npt
+
+from ..feasible_set import FeasibleSet
+from ..proof import FeasibilityCertificate
+from .face import dual_face
+from .margin import largest_margin
+
+__all__ = ["SCALED_ACCURACY", "proved_witness", "raised_witness", "scaled_witness"]
+
+Vector = npt.NDArray[np.float64]
+Matrix = npt.NDArray[np.float64]
+
+FLOORS = (1e-2, 1e-4, 1e-6, 1e-8, 1e-9, 1e-10)
+"""Least eigenvalues of a block, relative to its largest, that still count when it is scaled."""
+
+SCALED_ACCURACY = 1e-11
+"""Of the solver, on problems that are scaled to their middle."""
+
+LARGEST_ADDITION = 1e12
+
+
+def proved_witness(feasible: FeasibleSet, base: Vector, parameters: Vector) -> FeasibilityCertificate | None:
+    """The certificate that parameters amount to, or None where they do not prove anything."""
+    if not np.all(np.isfinite(parameters)):
+        return None
+    # Far from definite, exact arithmetic is not needed to see it.
+    for block, smallest in zip(feasible.blocks, feasible.stack.smallest_eigenvalues(parameters), strict=True):
+        if smallest < -1e-9 * max(1.0, float(np.abs(block.evaluate(parameters)).max(initial=0.0))):
+            return None
+    certificate = FeasibilityCertificate(feasible, base, parameters)
+    return certificate if certificate.verify() else None
+
+
+def raised_witness(feasible: FeasibleSet, base: Vector, parameters: Vector) -> FeasibilityCertificate | None:
+    """Add mass that does not show until blocks that are definite on the face of the dual points are definite.
+
+    With U on the face and V beside it, D = [[D_UU, D_UV], [D_VU, D_VV + s G]] is positive definite for s large enough,
+    since D_UU is.
+    """
+    face = dual_face(feasible)
+    amount = 0.0
+    for block, U in zip(feasible.blocks, face.bases, strict=True):
+        size, rank = U.shape
+        if rank == size:
+            continue
+        D = block.evaluate(parameters)
+        added = np.tensordot(face.unseen[block.indices], block.coefficients, axes=1)
+        left = np.linalg.svd(U)[0] if rank else np.eye(size)
+        Q, V = left[:, :rank], left[:, rank:]
+        lacking = -(V.T @ D @ V)
+        if rank:
+            try:
+                lacking += V.T @ D @ Q @ np.linalg.solve(Q.T @ D @ Q, Q.T @ D @ V)
+            except np.linalg.LinAlgError:
+                return None
+        sizes, vectors = np.linalg.eigh(V.T @ added @ V)
+        if sizes[0] <= 0 or not np.all(np.isfinite(lacking)):
+            return None
+        half = vectors / np.sqrt(sizes)
+        amount = max(amount, float(np.linalg.eigvalsh(half.T @ lacking @ half)[-1]))
+    for factor in (1.1, 3.0, 30.0, 1e3):
+        if factor * amount > LARGEST_ADDITION:
+            break
+        found = proved_witness(feasible, base, parameters + factor * amount * face.unseen)
+        if found is not None:
+            return found
+    return None
+
+
+def scaled_witness(feasible: FeasibleSet, base: Vector, parameters: Vector) -> FeasibilityCertificate | None:
+    """Parameters inside the set, from margins of blocks that are scaled at the best parameters so far."""
+    whole = [np.eye(block.size) for block in feasible.blocks]
+    for floor in FLOORS:
+        scalings = _scalings(feasible, whole, parameters, floor)
+        found = largest_margin(feasible, base, whole, scalings, 1e6 * len(whole), SCALED_ACCURACY)
+        certificate = proved_witness(feasible, base, found.parameters)
+        if certificate is not None:
+            return certificate
+        parameters = found.parameters
+    return None
+
+
+def _scalings(feasible: FeasibleSet, bases: Sequence[Matrix], parameters: Vector, floor: float) -> list[Matrix]:
+    """C_b with C_bᵀ U_bᵀ |D_b(δ)| U_b C_b = 1, where eigenvalues below `floor` times the largest count as that."""
+    found = []
+    for block, U in zip(feasible.blocks, bases, strict=True):
+        values, vectors = np.linalg.eigh(U.T @ block.evaluate(parameters) @ U)
+        size = np.abs(values)
+        largest = float(size.max(initial=0.0)) or 1.0
+        found.append(vectors / np.sqrt(np.maximum(size, floor * largest)))
+    return found

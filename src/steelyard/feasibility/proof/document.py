@@ -1,0 +1,149 @@
+"""Certificates as documents, which are checked with nothing but Python's integers."""
+
+import json
+from collections.abc import Callable, Iterator, Mapping
+from fractions import Fraction
+from functools import cached_property
+from pathlib import Path
+from typing import Any
+
+from steelyard.errors import InputError
+
+from .rational import parse_number
+from .statement import Matrix, Statement
+from .verification import CertificateCheck, verify_dual_point, verify_witness
+
+__all__ = ["FORMAT", "CertificateDocument", "load_certificate", "verify_certificate", "verify_document"]
+
+FORMAT = "steelyard-certificate-1"
+LARGEST_FILE = 200_000_000
+
+
+class CertificateDocument(Mapping[str, Any]):
+    """A certificate as plain data that is put together when it is first looked at.
+
+    Exact numbers take longer to write than a small fit takes to solve, and many certificates are never read.
+    """
+
+    def __init__(self, build: Callable[[], dict[str, Any]]) -> None:
+        self._build = build
+
+    @cached_property
+    def _content(self) -> dict[str, Any]:
+        return self._build()
+
+    def __getitem__(self, key: str) -> Any:
+        return self._content[key]
+
+    def __iter__(self) -> Iterator[str]:
+        return iter(self._content)
+
+    def __len__(self) -> int:
+        return len(self._content)
+
+
+def load_certificate(path: str | Path) -> dict[str, Any]:
+    """Read a certificate from a file.
+
+    Raises
+    ------
+    InputError
+        If the file cannot be read or is no certificate.
+    """
+    source = Path(path)
+    try:
+        if source.stat().st_size > LARGEST_FILE:
+            raise InputError(f"{source}: is too large for a certificate; give the JSON file that steelyard saved.")
+        document = json.loads(source.read_text(encoding="utf-8"))
+    except OSError as error:
+        raise InputError(f"{source}: cannot be read ({error.strerror}).") from None
+    except (ValueError, RecursionError):
+        raise InputError(f"{source}: is not JSON; give a certificate that steelyard saved.") from None
+    if not isinstance(document, dict) or document.get("format") != FORMAT:
+        found = document.get("format") if isinstance(document, dict) else type(document).__name__
+        raise InputError(f"{source}: is not a certificate (format {found!r}); expected {FORMAT!r}.")
+    return document
+
+
+def verify_certificate(path: str | Path) -> CertificateCheck:
+    """Verify a certificate in a file, with integers alone: no solver, no floating point, no robot is needed.
+
+    Parameters
+    ----------
+    path : str or Path
+        What `save` of a certificate wrote.
+
+    Returns
+    -------
+    CertificateCheck
+        True where the file proves what it says; its sentence says what that is, or what is wrong.
+
+    Raises
+    ------
+    InputError
+        If the file is not a certificate or is damaged.
+
+    Examples
+    --------
+    >>> import tempfile, pathlib
+    >>> import steelyard as sy
+    >>> model = sy.Model(sy.Robot.from_dh([("0", 0.0, 0.0, "q")], gravity=(0, -9.81, 0)))
+    >>> verdict = sy.check(sy.FeasibleSet(model), base=[-0.6, 1.0, 0.0])
+    >>> with tempfile.TemporaryDirectory() as folder:
+    ...     path = pathlib.Path(folder) / "certificate.json"
+    ...     verdict.certificate.save(path)
+    ...     print(verify_certificate(path).sentence)
+    Proved in exact arithmetic: no parameters with these base parameters satisfy all conditions.
+    """
+    return verify_document(load_certificate(path), str(path))
+
+
+def verify_document(document: Mapping[str, Any], where: str = "certificate") -> CertificateCheck:
+    """Verify a certificate as plain data, as `to_dict` of a certificate gives it.
+
+    Raises
+    ------
+    InputError
+        If something is missing or damaged; `where` is named in the message.
+    """
+    statement = Statement.from_dict(_mapping(document.get("statement"), where), where)
+    proof = _mapping(document.get("proof"), where)
+    verdict = document.get("verdict")
+    try:
+        if verdict == "feasible":
+            return verify_witness(statement, [parse_number(value) for value in proof["parameters"]])
+        if verdict == "infeasible":
+            return verify_dual_point(
+                statement,
+                [parse_number(value) for value in proof["direction"]],
+                _duals(proof["duals"], statement),
+                [parse_number(value) for value in proof["multipliers"]],
+                parse_number(proof["shift"]),
+            )
+    except (KeyError, TypeError, ValueError, IndexError) as error:
+        reason = f"lacks {error}" if isinstance(error, KeyError) else str(error)
+        raise InputError(f"{where}: its proof is damaged ({reason}); save the certificate anew.") from None
+    raise InputError(f'{where}: its verdict is {verdict!r}; expected "feasible" or "infeasible".')
+
+
+def _mapping(value: Any, where: str) -> Mapping[str, Any]:
+    if not isinstance(value, Mapping):
+        raise InputError(f"{where}: lacks its statement or its proof; save the certificate anew.")
+    return value
+
+
+def _duals(entries: Any, statement: Statement) -> dict[int, Matrix]:
+    found: dict[int, Matrix] = {}
+    for index, elements in entries:
+        if isinstance(index, bool) or not isinstance(index, int) or not 0 <= index < len(statement.conditions):
+            raise ValueError(f"there is no condition number {index!r}")
+        if index in found:
+            raise ValueError(f"condition number {index} has two dual matrices")
+        size = statement.conditions[index].size
+        matrix = [[Fraction(0)] * size for _ in range(size)]
+        for i, j, value in elements:
+            if not (isinstance(i, int) and isinstance(j, int) and 0 <= i <= j < size):
+                raise ValueError(f"({i!r}, {j!r}) is no place in a matrix of {size} rows")
+            matrix[i][j] = matrix[j][i] = parse_number(value)
+        found[index] = matrix
+    return found

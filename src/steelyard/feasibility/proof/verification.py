@@ -1,0 +1,144 @@
+"""Is a certificate a proof? Decided with integers alone, without a solver and without floating point."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from fractions import Fraction
+
+from .rational import is_definite
+from .statement import Matrix, Statement
+
+__all__ = ["CertificateCheck", "verify_dual_point", "verify_witness"]
+
+
+@dataclass(frozen=True)
+class CertificateCheck:
+    """Outcome of verifying a certificate; true where it proves what it says.
+
+    Attributes
+    ----------
+    valid : bool
+    sentence : str
+        What is proved, or what is wrong.
+    gap : float
+        By how much the dual point contradicts feasibility; 0 for a witness.
+    reach : float
+        Sum of the traces of the links' and terms' matrices (kg, kg m² and units of friction) up to which
+        infeasibility is proved; infinite where it is proved without restriction.
+    """
+
+    valid: bool
+    sentence: str
+    gap: float = 0.0
+    reach: float = float("inf")
+
+    def __bool__(self) -> bool:
+        return self.valid
+
+
+def verify_witness(statement: Statement, parameters: Sequence[Fraction]) -> CertificateCheck:
+    """Check K δ = β, every equation, and that every condition is definite at δ (thesis 3.34)."""
+    if len(parameters) != len(statement.parameter_names):
+        return _wrong(f"it has {len(parameters)} parameters instead of {len(statement.parameter_names)}")
+    for row, value, expression in zip(statement.base_map, statement.base, statement.base_expressions, strict=True):
+        if _dot(row, parameters) != value:
+            return _wrong(f"its parameters do not have the base parameter {expression}")
+    for equation in statement.equations:
+        if abs(_dot(equation.coefficients, parameters) - equation.value) > equation.tolerance:
+            return _wrong(f"its parameters do not satisfy {equation.name}")
+    for condition in statement.conditions:
+        if not is_definite(condition.evaluate(parameters), condition.strict):
+            kind = "positive definite" if condition.strict else "positive semidefinite"
+            return _wrong(f"at its parameters the condition {condition.name} is not {kind}")
+    count = len(statement.conditions)
+    return CertificateCheck(
+        True,
+        f"Proved in exact arithmetic: these base parameters are feasible; the parameters given have them and satisfy "
+        f"all {count} conditions.",
+    )
+
+
+def verify_dual_point(
+    statement: Statement,
+    direction: Sequence[Fraction],
+    duals: Mapping[int, Matrix],
+    multipliers: Sequence[Fraction],
+    shift: Fraction,
+) -> CertificateCheck:
+    """Check that no δ can satisfy everything.
+
+    For Z_b, y and λ with Σ <D_bi, Z_b> + Σ λ_e E_ei = (Kᵀ y)_i for every parameter i,
+
+    Σ <D_b(δ), Z_b> = Σ <D_b0, Z_b> + yᵀβ - λᵀ E δ
+
+    for all δ with K δ = β. The left side is not negative where Z_b ⪰ 0 and δ is feasible, so that a negative right side
+    proves infeasibility. With Z_b + shift 1 ⪰ 0 alone it proves it for all δ up to a size, the reach.
+
+    Parameters
+    ----------
+    statement : Statement
+    direction : (n_b,)
+        y.
+    duals : mapping from condition index to Z_b
+    multipliers : (r,)
+        λ.
+    shift : Fraction
+        Not negative; 0 for a proof without restriction.
+    """
+    if len(direction) != len(statement.base) or len(multipliers) != len(statement.equations) or shift < 0:
+        return _wrong("its dual point does not fit its statement")
+    gradient: dict[int, Fraction] = {}
+    value, touches_strict = Fraction(0), False
+    for index, dual in duals.items():
+        condition = statement.conditions[index]
+        if len(dual) != condition.size or any(len(row) != condition.size for row in dual):
+            return _wrong(f"the dual matrix of {condition.name} has another size than the condition")
+        slack = shift if condition.physical else Fraction(0)
+        shifted = [[entry + slack * (i == j) for j, entry in enumerate(row)] for i, row in enumerate(dual)]
+        if not is_definite(shifted, strict=False):
+            return _wrong(f"the dual matrix of {condition.name} is not positive semidefinite")
+        constant, products = condition.products(dual)
+        value += constant
+        touches_strict |= condition.strict and any(entry for row in dual for entry in row)
+        for parameter, product in products.items():
+            gradient[parameter] = gradient.get(parameter, Fraction(0)) + product
+    for equation, multiplier in zip(statement.equations, multipliers, strict=True):
+        value += abs(multiplier) * equation.tolerance - multiplier * equation.value
+        for parameter, coefficient in equation.coefficients.items():
+            gradient[parameter] = gradient.get(parameter, Fraction(0)) + multiplier * coefficient
+    for row, weight, base in zip(statement.base_map, direction, statement.base, strict=True):
+        value += weight * base
+        for parameter, coefficient in row.items():
+            gradient[parameter] = gradient.get(parameter, Fraction(0)) - weight * coefficient
+    for parameter, rest in gradient.items():
+        if rest:
+            return _wrong(f"its dual point is not orthogonal to changes of {statement.parameter_names[parameter]}")
+    if value > 0 or (value == 0 and (shift or not touches_strict)):
+        return _wrong("its dual point does not contradict feasibility")
+    gap = float(-value)
+    if shift:
+        reach = _quotient(-value, shift)
+        return CertificateCheck(
+            True,
+            "Proved in exact arithmetic: no parameters with these base parameters satisfy all conditions, as far as "
+            f"the traces of their matrices add to less than {reach:.3g} (kg and kg m²).",
+            gap,
+            reach,
+        )
+    return CertificateCheck(
+        True, "Proved in exact arithmetic: no parameters with these base parameters satisfy all conditions.", gap
+    )
+
+
+def _quotient(value: Fraction, shift: Fraction) -> float:
+    try:
+        return float(value / shift)
+    except OverflowError:
+        return float("inf")
+
+
+def _dot(row: Mapping[int, Fraction], parameters: Sequence[Fraction]) -> Fraction:
+    return sum((value * parameters[index] for index, value in row.items()), Fraction(0))
+
+
+def _wrong(reason: str) -> CertificateCheck:
+    return CertificateCheck(False, f"Not a proof: {reason}.", 0.0, 0.0)
