@@ -1,0 +1,217 @@
+"""Which conditions contradict each other: small sets of them that no parameters satisfy together."""
+
+from dataclasses import dataclass, field
+
+import numpy as np
+import numpy.typing as npt
+import scipy.sparse as sparse
+
+from ..conic import Cone, ConicProblem, Outcome, solve
+from ..feasible_set import FeasibleSet
+from ..lmi import AffineStack, symmetric_to_vector
+
+__all__ = ["Conflict", "find_conflicts", "separation"]
+
+Vector = npt.NDArray[np.float64]
+Matrix = npt.NDArray[np.float64]
+
+CLEAR = 1e-7
+"""A contradiction counts where it is larger than this part of the largest number in it."""
+
+TAKES_PART = 1e-6
+"""Share of a condition in a contradiction below which it takes no part."""
+
+MOST = 50
+"""Conflicts that are looked for."""
+
+
+@dataclass(frozen=True, eq=False)
+class Conflict:
+    """Conditions that no parameters with the given base parameters satisfy together, though without any of them some
+    do.
+
+    For every robot that satisfies them, direction · β is at least `threshold`; here it is `value`, which is less.
+
+    Attributes
+    ----------
+    conditions : tuple of str
+        Names of the blocks and equations.
+    shares : tuple of float
+        Traces of their dual matrices, which add to 1, largest first; nan for equations.
+    direction : (n_b,)
+        Its largest element is 1 in size.
+    value : float
+    threshold : float
+    blocks : tuple of int
+        Indices of the blocks.
+    """
+
+    conditions: tuple[str, ...]
+    shares: tuple[float, ...]
+    direction: Vector = field(repr=False)
+    value: float
+    threshold: float
+    blocks: tuple[int, ...] = field(repr=False)
+
+    def __str__(self) -> str:
+        if len(self.conditions) == 1:
+            return f"{self.conditions[0]} cannot hold by itself"
+        return f"{', '.join(self.conditions[:-1])} and {self.conditions[-1]} cannot hold together"
+
+
+@dataclass(frozen=True, eq=False)
+class Separation:
+    """Dual matrices of some blocks whose product with D(δ) is negative for all δ with K δ = β.
+
+    Attributes
+    ----------
+    matrices : dict from index of a block to (d, d)
+    multipliers : dict from index of an equation to float
+    """
+
+    matrices: dict[int, Matrix]
+    multipliers: dict[int, float]
+
+
+def separation(feasible: FeasibleSet, base: Vector, blocks: list[int], equations: list[int]) -> Separation | None:
+    """Why no δ with K δ = β satisfies some of the conditions; None where there is no clear reason.
+
+    Minimise Σ <D_b(δ), Z_b> over Z_b ⪰ 0 with traces that add to 1 and whose product with D(δ) is the same for all δ
+    with this β.
+    """
+    if not blocks:
+        return None
+    particular = feasible.lift @ base
+    stack = AffineStack(tuple(feasible.blocks[i] for i in blocks), feasible.parameter_count)
+    rows = np.asarray(stack.coefficients @ feasible.unidentifiable)
+    values = stack.constant + stack.coefficients @ particular
+    left = feasible.equation_matrix[equations] @ feasible.unidentifiable
+    missing = feasible.equation_matrix[equations] @ particular - feasible.equation_values[equations]
+    count, extra = len(values), len(equations)
+    # Each block in units of its own numbers, which changes the shares but not the sign.
+    units = np.ones(count)
+    for block, place in zip(stack.blocks, stack.slices, strict=True):
+        size = max(float(np.abs(values[place]).max(initial=0.0)), float(np.abs(block.constant).max(initial=0.0)))
+        units[place] = 1.0 / size if size > 1e-9 else 1.0
+    problem = ConicProblem(
+        P=sparse.csc_array((count + extra, count + extra)),
+        q=np.concatenate([units * values, missing]),
+        A=sparse.csc_array(
+            np.vstack(
+                [
+                    np.hstack([(units[:, None] * rows).T, left.T]),
+                    np.concatenate([stack.identity, np.zeros(extra)])[None],
+                    np.hstack([-np.eye(count), np.zeros((count, extra))]),
+                ]
+            )
+        ),
+        b=np.concatenate([np.zeros(rows.shape[1]), [1.0], np.zeros(count)]),
+        cones=(
+            Cone("zero", rows.shape[1] + 1),
+            Cone("nonnegative", stack.scalar_count),
+            *(Cone("semidefinite", size) for size in stack.matrix_sizes),
+        ),
+    )
+    solution = solve(problem, accuracy=1e-9)
+    if solution.outcome is Outcome.INFEASIBLE or not np.all(np.isfinite(solution.primal)):
+        return None
+    if not solution.outcome.usable or solution.objective > -CLEAR:
+        return None
+    dual = stack.matrices(units * solution.primal[:count])
+    total = sum(float(np.trace(Z)) for Z in dual) or 1.0
+    return Separation(
+        {i: Z / total for i, Z in zip(blocks, dual, strict=True)},
+        dict(zip(equations, (solution.primal[count:] / total).tolist(), strict=True)),
+    )
+
+
+def find_conflicts(feasible: FeasibleSet, base: Vector) -> tuple[Conflict, ...]:
+    """Sets of conditions that conflict, no condition in two of them; after the last one the rest can hold together.
+
+    Each is found by leaving out one condition after the other, as long as what is left still conflicts.
+
+    Parameters
+    ----------
+    feasible : FeasibleSet
+    base : (n_b,)
+    """
+    blocks = list(range(len(feasible.blocks)))
+    equations = list(range(len(feasible.equalities)))
+    found: list[Conflict] = []
+    # A condition that β alone decides is a conflict of its own.
+    for index in _violated_alone(feasible, base):
+        reason = separation(feasible, base, [index], [])
+        if reason is not None:
+            found.append(_conflict(feasible, base, reason))
+            blocks.remove(index)
+    while len(found) < MOST:
+        reason = separation(feasible, base, blocks, equations)
+        if reason is None:
+            break
+        reason = _smallest(feasible, base, reason)
+        found.append(_conflict(feasible, base, reason))
+        blocks = [i for i in blocks if i not in reason.matrices]
+    return tuple(found)
+
+
+def _violated_alone(feasible: FeasibleSet, base: Vector) -> list[int]:
+    particular = feasible.lift @ base
+    found = []
+    for index, block in enumerate(feasible.blocks):
+        substituted = block.substitute(feasible.unidentifiable, particular)
+        if not len(substituted.indices) and np.linalg.eigvalsh(substituted.constant)[0] < 0:
+            found.append(index)
+    return found
+
+
+def _smallest(feasible: FeasibleSet, base: Vector, reason: Separation) -> Separation:
+    """Leave out conditions, those with the smallest share first, as long as the others still conflict."""
+    reason = _taking_part(reason)
+    tried: set[tuple[str, int]] = set()
+    while True:
+        order = sorted(reason.matrices, key=lambda i: float(np.trace(reason.matrices[i])))
+        candidates = [("equation", i) for i in reason.multipliers] + [("block", i) for i in order]
+        left = [candidate for candidate in candidates if candidate not in tried]
+        if not left:
+            return reason
+        kind, index = left[0]
+        tried.add((kind, index))
+        blocks = [i for i in reason.matrices if (kind, i) != ("block", index)]
+        equations = [i for i in reason.multipliers if (kind, i) != ("equation", index)]
+        smaller = separation(feasible, base, sorted(blocks), sorted(equations))
+        if smaller is not None:
+            reason = _taking_part(smaller)
+
+
+def _taking_part(reason: Separation) -> Separation:
+    largest = max((abs(value) for value in reason.multipliers.values()), default=0.0)
+    return Separation(
+        {i: Z for i, Z in reason.matrices.items() if np.trace(Z) > TAKES_PART},
+        {i: value for i, value in reason.multipliers.items() if abs(value) > TAKES_PART * max(largest, 1e-3)},
+    )
+
+
+def _conflict(feasible: FeasibleSet, base: Vector, reason: Separation) -> Conflict:
+    gradient, constant = np.zeros(feasible.parameter_count), 0.0
+    for index, Z in reason.matrices.items():
+        block = feasible.blocks[index]
+        np.add.at(gradient, block.indices, symmetric_to_vector(block.coefficients) @ symmetric_to_vector(Z))
+        constant += float(np.sum(block.constant * Z))
+    for index, multiplier in reason.multipliers.items():
+        gradient += multiplier * feasible.equation_matrix[index]
+        constant -= multiplier * float(feasible.equation_values[index])
+    direction = feasible.lift.T @ gradient
+    size = float(np.abs(direction).max(initial=0.0)) or 1.0
+    direction = np.where(np.abs(direction) < 1e-9 * size, 0.0, direction / size)
+    order = sorted(reason.matrices, key=lambda i: -float(np.trace(reason.matrices[i])))
+    names = [feasible.blocks[i].name for i in order] + [feasible.equalities[i].name for i in reason.multipliers]
+    total = sum(float(np.trace(Z)) for Z in reason.matrices.values()) or 1.0
+    shares = [float(np.trace(reason.matrices[i])) / total for i in order] + [float("nan")] * len(reason.multipliers)
+    return Conflict(
+        tuple(names),
+        tuple(shares),
+        direction,
+        float(direction @ base),
+        -constant / size,
+        tuple(sorted(reason.matrices)),
+    )

@@ -1,0 +1,330 @@
+"""Why an estimate is infeasible."""
+
+import math
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from steelyard.dynamics.threads import one_thread
+from steelyard.errors import InputError
+
+from ..check import check
+from ..feasible_set import FeasibleSet
+from .base_names import base_expressions, base_names, combination
+from .conflict import Conflict, find_conflicts
+from .degree import BaseParameterDegree, change_alone, rank_correlation
+from .nearest import nearest_feasible
+from .region import region_of
+from .table import html_table, plain, text_table
+
+__all__ = ["InfeasibilityExplanation", "explain_infeasibility"]
+
+Vector = npt.NDArray[np.float64]
+
+HEADS = ("name", "value", "change", "in deviations", "share", "alone", "base parameter")
+
+SMALLEST_SHARE = 1e-4
+"""Shares of conditions below this are left out."""
+
+SHOWN = 12
+"""Base parameters that are shown, those with the largest shares."""
+
+
+@dataclass(frozen=True, eq=False)
+class InfeasibilityExplanation:
+    """Answer of `explain_infeasibility`.
+
+    Attributes
+    ----------
+    status : str
+        ``"feasible"``, ``"infeasible"`` or ``"undecided"``, as `check` says.
+    margin : float
+        Largest margin (`Verdict.margin`).
+    shares : tuple of (str, float)
+        Conditions that keep the estimate out, with their shares in the squared distance, largest first.
+    conflicts : tuple of Conflict
+        Small sets of conditions that contradict each other. No condition is in two of them, and without them the rest
+        can hold.
+    degrees : tuple of BaseParameterDegree
+        Of every base parameter.
+    distance : float
+        To the nearest feasible base parameters: in standard deviations where the covariance is known, else Euclidean.
+    probability : float or None
+        Of the confidence region that reaches as far as that.
+    region : float or None
+        How far the 95 % region reaches, in standard deviations.
+    correlation : float or None
+        Spearman's rank correlation between relative standard deviation and degree of infeasibility (the size of the
+        change over that of the parameter), over all determined base parameters.
+    chance : float or None
+        Probability of a correlation as strong by chance.
+    base : (n_b,)
+    nearest : (n_b,)
+        The nearest feasible base parameters.
+    consistency : str
+    """
+
+    status: str
+    margin: float
+    shares: tuple[tuple[str, float], ...]
+    conflicts: tuple[Conflict, ...]
+    degrees: tuple[BaseParameterDegree, ...]
+    distance: float
+    probability: float | None
+    region: float | None
+    correlation: float | None
+    chance: float | None
+    base: Vector = field(repr=False)
+    nearest: Vector = field(repr=False)
+    consistency: str
+
+    def sentences(self) -> tuple[str, ...]:
+        """The explanation in plain sentences."""
+        kind = f'under "{self.consistency}" consistency'
+        if self.status == "feasible":
+            return (f"Nothing to explain: the estimate is feasible {kind}, with a margin of {self.margin:.3g}.",)
+        if self.status == "undecided":
+            found = [f"It is undecided whether the estimate is feasible {kind}: it is too close to the boundary."]
+        else:
+            count = len(self.conflicts)
+            several = f"for {count} reasons that have no condition in common" if count > 1 else "for one reason"
+            found = [f"The estimate is infeasible {kind}, {several}."]
+        names = [degree.name for degree in self.degrees]
+        for number, conflict in enumerate(self.conflicts, start=1):
+            found.append(f"{number}. {conflict}: {_in_words(conflict, self.base, names)}.")
+        if self.region is None:
+            found.append(f"The nearest feasible base parameters lie {plain(self.distance)} away.")
+        else:
+            found.append(
+                f"The nearest feasible base parameters lie {plain(self.distance)} standard deviations away; the 95 % "
+                f"region ends at {plain(self.region)}."
+            )
+        largest = [f"{name} ({100 * share:.2g} %)" for name, share in self.shares[:5] if share >= 0.005]
+        if largest:
+            found.append(f"What keeps the estimate out, by shares in the squared distance: {', '.join(largest)}.")
+        cured = [degree for degree in self.degrees if math.isfinite(degree.alone)]
+        if cured:
+            best = min(cured, key=lambda degree: abs(degree.alone))
+            found.append(f"{best.name} alone would mend it, with a change of {plain(best.alone)}.")
+        else:
+            found.append("No base parameter alone can mend it.")
+        if self.correlation is not None and not math.isnan(self.correlation):
+            found.append(
+                f"Poorly identified parameters are the infeasible ones with a rank correlation of "
+                f"{self.correlation:.2f} (by chance as strong with a probability of {self.chance:.2g})."
+            )
+        return tuple(found)
+
+    def _rows(self) -> list[tuple[str, ...]]:
+        order = sorted(self.degrees, key=lambda degree: -abs(degree.share))[:SHOWN]
+        found = []
+        for degree in order:
+            deviations = plain(degree.change_in_deviations, 3) if not math.isnan(degree.deviation) else "-"
+            alone = plain(degree.alone, 3) if math.isfinite(degree.alone) else "-"
+            share = f"{100 * degree.share:.3g} %"
+            found.append(
+                (
+                    degree.name,
+                    plain(degree.value, 5),
+                    plain(degree.change, 3),
+                    deviations,
+                    share,
+                    alone,
+                    degree.expression,
+                )
+            )
+        return found
+
+    def __str__(self) -> str:
+        if self.status == "feasible":
+            return self.sentences()[0]
+        return "\n".join((*self.sentences(), text_table(HEADS, self._rows(), numbers=(1, 2, 3, 4, 5))))
+
+    def _repr_html_(self) -> str:
+        import html
+
+        first, *others = (html.escape(sentence) for sentence in self.sentences())
+        text = f"<p><strong>{first}</strong></p><ul>{''.join(f'<li>{other}</li>' for other in others)}</ul>"
+        if self.status == "feasible":
+            return text
+        return text + html_table("Base parameters with the largest shares", HEADS, self._rows())
+
+    def to_dict(self) -> dict[str, Any]:
+        """As plain data, for JSON; what is infinite or unknown is None."""
+
+        def number(value: float | None) -> float | None:
+            return float(value) if value is not None and math.isfinite(value) else None
+
+        return {
+            "status": self.status,
+            "consistency": self.consistency,
+            "margin": number(self.margin),
+            "region": number(self.region),
+            "distance": number(self.distance),
+            "probability": number(self.probability),
+            "correlation": number(self.correlation),
+            "chance": number(self.chance),
+            "shares": [{"name": name, "share": share} for name, share in self.shares],
+            "conflicts": [
+                {
+                    "conditions": list(conflict.conditions),
+                    "shares": [number(share) for share in conflict.shares],
+                    "direction": conflict.direction.tolist(),
+                    "value": conflict.value,
+                    "threshold": conflict.threshold,
+                }
+                for conflict in self.conflicts
+            ],
+            "degrees": [
+                {
+                    "name": degree.name,
+                    "expression": degree.expression,
+                    "value": degree.value,
+                    "change": number(degree.change),
+                    "share": number(degree.share),
+                    "alone": number(degree.alone),
+                    "deviation": number(degree.deviation),
+                }
+                for degree in self.degrees
+            ],
+            "base": self.base.tolist(),
+            "nearest": self.nearest.tolist(),
+        }
+
+
+def _in_words(conflict: Conflict, base: Vector, names: list[str]) -> str:
+    """The combination that is impossible, with its largest terms."""
+    parts = np.abs(conflict.direction * base)
+    order = np.argsort(-parts, kind="stable")
+    kept = [i for i in order if parts[i] > 1e-3 * parts.max(initial=0.0)]
+    text = combination(conflict.direction[kept], [names[i] for i in kept], most=4)
+    least = "negative" if abs(conflict.threshold) < 1e-12 else f"below {plain(conflict.threshold)}"
+    return f"{text} is {plain(conflict.value)}, and in no robot {least}"
+
+
+def explain_infeasibility(
+    feasible: FeasibleSet,
+    base: npt.ArrayLike | None = None,
+    *,
+    information: Any = None,
+    covariance: npt.ArrayLike | None = None,
+    noise_factor: float = 1.0,
+    weights: Any = "joint",
+    solver: str = "clarabel",
+) -> InfeasibilityExplanation:
+    """Tell which links, terms and constraints make an estimate infeasible, and which base parameters (thesis 8.1).
+
+    Parameters
+    ----------
+    feasible : FeasibleSet
+    base : (n_b,), optional
+        The estimate; least squares where `information` is given.
+    information : Information, optional
+        The data: distances then are in standard deviations of the estimate.
+    covariance : (n_b, n_b), optional
+        Of the estimate, instead.
+    noise_factor : float
+        By how much the true standard deviations are larger than those computed for independent noise.
+    weights : "joint", None or (N,)
+        Of the joints in `information`, as in `least_squares`.
+    solver : str
+        As in `solve`.
+
+    Returns
+    -------
+    InfeasibilityExplanation
+
+    Raises
+    ------
+    InputError
+        If nothing is given, or something does not fit the model.
+    SolverError
+        If no parameters at all satisfy the conditions.
+
+    See Also
+    --------
+    check : The verdict, with its proof.
+    constraint_prices : What the conditions cost in the fit.
+
+    Examples
+    --------
+    Two links one after the other: the second has a first moment that its moment of inertia and mass do not allow.
+
+    >>> from steelyard.dynamics import Model
+    >>> from steelyard.feasibility import FeasibleSet
+    >>> from steelyard.robot import Robot
+    >>> model = Model(Robot.from_dh([("0", 0.0, 0.0, "q")], gravity=(0, -9.81, 0)))
+    >>> explanation = explain_infeasibility(FeasibleSet(model), base=[-0.6, 1.0, 0.0])
+    >>> [conflict.conditions for conflict in explanation.conflicts]
+    [('body of link1',)]
+    """
+    with one_thread():
+        region = region_of(feasible, base, information, covariance, weights, noise_factor=noise_factor)
+        if region is None and base is None:
+            raise InputError("nothing is given of the estimate; give it as base=, or data as information=.")
+        beta = region.base if region is not None else feasible.as_base(base if base is not None else ())
+        verdict = check(feasible, base=beta)
+        names = tuple(zip(base_names(feasible), base_expressions(feasible), strict=True))
+        count = len(beta)
+        deviation = region.deviation if region is not None else np.full(count, np.nan)
+        if verdict.feasible:
+            degrees = tuple(
+                BaseParameterDegree(*name, float(value), 0.0, 0.0, 0.0, float(sigma))
+                for name, value, sigma in zip(names, beta, deviation, strict=True)
+            )
+            return InfeasibilityExplanation(
+                status="feasible",
+                margin=verdict.margin,
+                shares=(),
+                conflicts=(),
+                degrees=degrees,
+                distance=0.0,
+                probability=None if region is None else 0.0,
+                region=None if region is None else region.radius,
+                correlation=None,
+                chance=None,
+                base=beta,
+                nearest=beta,
+                consistency=feasible.consistency,
+            )
+        axes = region.axes if region is not None else np.eye(count)
+        nearest = nearest_feasible(feasible, beta, axes, None if region is None else region.unknown, solver)
+        corrected = feasible.K @ nearest.parameters
+        change = corrected - beta
+        measure = np.eye(count) if region is None else region.in_deviations()
+        pulled = measure.T @ (measure @ change)
+        squared = float(change @ pulled)
+        shares = change * pulled / squared if squared > 0 else np.zeros(count)
+        conflicts = find_conflicts(feasible, beta)
+        alone = [change_alone(feasible, beta, i, conflicts, solver) if conflicts else math.inf for i in range(count)]
+    kept = [i for i in np.argsort(-nearest.shares) if nearest.shares[i] > SMALLEST_SHARE]
+    degrees = tuple(
+        BaseParameterDegree(*name, *(float(value) for value in values))
+        for name, *values in zip(names, beta, change, shares, alone, deviation, strict=True)
+    )
+    correlation, chance = _correlation(degrees) if region is not None else (None, None)
+    return InfeasibilityExplanation(
+        status=verdict.status,
+        margin=verdict.margin,
+        shares=tuple((feasible.blocks[i].name, float(nearest.shares[i])) for i in kept),
+        conflicts=conflicts,
+        degrees=degrees,
+        distance=math.sqrt(max(squared, 0.0)),
+        probability=None if region is None else region.probability(math.sqrt(max(squared, 0.0))),
+        region=None if region is None else region.radius,
+        correlation=correlation,
+        chance=chance,
+        base=beta,
+        nearest=corrected,
+        consistency=feasible.consistency,
+    )
+
+
+def _correlation(degrees: tuple[BaseParameterDegree, ...]) -> tuple[float, float]:
+    known = [d for d in degrees if d.value and math.isfinite(d.deviation)]
+    return rank_correlation(
+        np.array([degree.relative_deviation for degree in known]),
+        np.array([abs(degree.change / degree.value) for degree in known]),
+    )

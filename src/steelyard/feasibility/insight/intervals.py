@@ -1,0 +1,315 @@
+"""Which values of a parameter are physically possible, given an estimate of the base parameters or its confidence
+region."""
+
+import math
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from steelyard.dynamics.threads import one_thread
+from steelyard.errors import InputError
+
+from ..feasible_set import FeasibleSet
+from .bounds import Bound, BoundFinder
+from .given import given_base, given_region
+from .quantities import Combination, Quantity, quantities
+from .region import region_of
+from .table import html_table, outward, plain, text_table
+
+__all__ = ["ParameterInterval", "ParameterIntervals", "interval_of", "parameter_intervals"]
+
+Vector = npt.NDArray[np.float64]
+
+
+@dataclass(frozen=True, eq=False)
+class ParameterInterval:
+    """The values of one quantity that some physically possible robot has, with the base parameters given.
+
+    Attributes
+    ----------
+    name : str
+        E.g. ``"m3"``.
+    meaning : str
+        E.g. ``"mass of forearm"``.
+    unit : str
+    lower, upper : float
+        Proved: no robot has less or more. Infinite where nothing bounds it.
+    attained_lower, attained_upper : float
+        Values that robots are known to have; between them everything is possible.
+    lower_parameters, upper_parameters : (n,) or None
+        Those robots.
+    decided : bool
+        Whether the base parameters alone decide the value.
+    """
+
+    name: str
+    meaning: str
+    unit: str
+    lower: float
+    upper: float
+    attained_lower: float
+    attained_upper: float
+    lower_parameters: Vector | None = field(repr=False)
+    upper_parameters: Vector | None = field(repr=False)
+    decided: bool
+
+    @property
+    def width(self) -> float:
+        """Upper less lower end; 0 where decided."""
+        return 0.0 if self.decided else self.upper - self.lower
+
+    @property
+    def looseness(self) -> float:
+        """Degree of (un)identifiability: the width over the largest size; 0 is decided, above 1 not even the sign
+        is."""
+        size = max(abs(self.lower), abs(self.upper))
+        if self.decided or size == 0.0:
+            return 0.0
+        return self.width / size if math.isfinite(size) else math.inf
+
+    @property
+    def bounded(self) -> bool:
+        """Whether both ends are finite."""
+        return math.isfinite(self.width)
+
+    @property
+    def tolerance(self) -> float:
+        """By how much the proved ends may lie outside the true ones."""
+        ends = ((self.attained_lower, self.lower), (self.upper, self.attained_upper))
+        return max((inner - outer for inner, outer in ends if math.isfinite(inner - outer)), default=0.0)
+
+    def __contains__(self, value: float) -> bool:
+        return self.lower <= value <= self.upper
+
+    def __str__(self) -> str:
+        unit = f" {self.unit}" if self.unit else ""
+        name = self.meaning if self.meaning == self.name else f"{self.meaning} ({self.name})"
+        subject = f"The {name}" if self.meaning != self.name else name
+        if self.decided:
+            return f"{subject} is {plain(self.attained_lower, 6)}{unit}: the motion decides it."
+        low, high = outward(self.lower, self.upper)
+        if self.bounded:
+            return f"{subject} lies between {low} and {high}{unit}."
+        if math.isfinite(self.lower):
+            return f"{subject} is at least {low}{unit}; nothing bounds it from above."
+        if math.isfinite(self.upper):
+            return f"{subject} is at most {high}{unit}; nothing bounds it from below."
+        return f"{subject} may have any value."
+
+    def to_dict(self) -> dict[str, Any]:
+        """As plain data, for JSON; infinite ends are None."""
+        numbers = ("lower", "upper", "attained_lower", "attained_upper")
+        found: dict[str, Any] = {"name": self.name, "meaning": self.meaning, "unit": self.unit, "decided": self.decided}
+        for key in numbers:
+            value = float(getattr(self, key))
+            found[key] = value if math.isfinite(value) else None
+        return found
+
+
+@dataclass(frozen=True, eq=False)
+class ParameterIntervals:
+    """The intervals of many quantities; ``intervals["m3"]`` is one of them.
+
+    Attributes
+    ----------
+    intervals : tuple of ParameterInterval
+    base : (n_b,)
+    consistency : str
+    confidence : float or None
+        Of the region that the base parameters may lie in; None for a point.
+    distance : float
+        How far outside the set the estimate itself is, in units of the region; 0 where it is feasible.
+    reach : float
+        The proofs hold for robots whose blocks have traces (kg, kg m², ...) that add to less than this.
+    """
+
+    intervals: tuple[ParameterInterval, ...]
+    base: Vector = field(repr=False)
+    consistency: str
+    confidence: float | None
+    distance: float
+    reach: float
+
+    def __getitem__(self, name: str) -> ParameterInterval:
+        for interval in self.intervals:
+            if interval.name == name:
+                return interval
+        raise InputError(f"there is no interval of {name!r}; these are {', '.join(i.name for i in self.intervals)}.")
+
+    def __iter__(self) -> Iterator[ParameterInterval]:
+        return iter(self.intervals)
+
+    def __len__(self) -> int:
+        return len(self.intervals)
+
+    def sentences(self) -> tuple[str, ...]:
+        """What the table shows, in words."""
+        given = "these base parameters"
+        if self.confidence is not None:
+            given = f"base parameters in the {100 * self.confidence:g} % region of the estimate"
+        decided = sum(i.decided for i in self.intervals)
+        bounded = sum(i.bounded and not i.decided for i in self.intervals)
+        found = [
+            f'Possible values under "{self.consistency}" consistency, given {given}.',
+            f"Of {len(self)} quantities, {decided} are decided by the motion, {bounded} more are bounded by what is "
+            f"physically possible, and {len(self) - decided - bounded} are not bounded on one side at least.",
+        ]
+        if self.distance > 0:
+            found.append(
+                f"The estimate itself is infeasible; the nearest feasible one lies at {self.distance:.3g} of the way "
+                "to the edge of the region."
+            )
+        return tuple(found)
+
+    def _rows(self) -> list[tuple[str, ...]]:
+        found = []
+        for i in self.intervals:
+            low, high = outward(i.lower, i.upper) if not i.decided else (plain(i.attained_lower, 6),) * 2
+            loose = "decided" if i.decided else ("open" if not i.bounded else f"{100 * i.looseness:.2g} %")
+            found.append((i.name, low, high, i.unit, loose, i.meaning))
+        return found
+
+    def __str__(self) -> str:
+        heads = ("name", "lower", "upper", "unit", "loose", "meaning")
+        return "\n".join((*self.sentences(), text_table(heads, self._rows(), numbers=(1, 2, 4))))
+
+    def _repr_html_(self) -> str:
+        return html_table(
+            " ".join(self.sentences()), ("name", "lower", "upper", "unit", "loose", "meaning"), self._rows()
+        )
+
+    def to_dict(self) -> dict[str, Any]:
+        """As plain data, for JSON."""
+        return {
+            "consistency": self.consistency,
+            "confidence": self.confidence,
+            "distance": self.distance,
+            "reach": self.reach,
+            "base": self.base.tolist(),
+            "intervals": [interval.to_dict() for interval in self.intervals],
+        }
+
+
+def parameter_intervals(
+    feasible: FeasibleSet,
+    base: npt.ArrayLike | None = None,
+    *,
+    information: Any = None,
+    covariance: npt.ArrayLike | None = None,
+    confidence: float = 0.95,
+    noise_factor: float = 1.0,
+    weights: Any = "joint",
+    names: Sequence[str] | None = None,
+    combinations: Mapping[str, Combination] | None = None,
+    solver: str = "clarabel",
+) -> ParameterIntervals:
+    """For every parameter the interval of values that are physically possible, given an estimate (thesis 8.1).
+
+    The motion shows base parameters alone, but not every set of standard parameters behind them is a robot: the mass
+    of a link may be bounded to within a few percent even though it is not identifiable.
+
+    Parameters
+    ----------
+    feasible : FeasibleSet
+        Its constraints count; a `TotalMass` bounds much that else is open.
+    base : (n_b,), optional
+        Base parameters β. Alone, they are taken as exact, and must be feasible; not needed with `information`, whose
+        least squares they then are.
+    information : Information, optional
+        The data: β then may be anywhere in the confidence region of the estimate.
+    covariance : (n_b, n_b), optional
+        Of the base parameters, instead of `information`.
+    confidence : float
+        Probability of that region; it is one for all base parameters together.
+    noise_factor : float
+        By how much the true standard deviations are larger than those computed for independent noise. The errors of
+        neighbouring samples of a real log are alike; where about one in a hundred samples is independent, it is 10.
+    weights : "joint", None or (N,)
+        Of the joints in `information`, as in `least_squares`.
+    names : sequence of str, optional
+        Which quantities: standard parameters, ``"total mass"``, and ``"cx2"``, ``"cy2"``, ``"cz2"``, the centre of
+        mass of the second link in its own frame. All of them where absent.
+    combinations : mapping, optional
+        More quantities: from a name to a row (n,), or to a mapping from parameters to coefficients.
+    solver : str
+        As in `solve`.
+
+    Returns
+    -------
+    ParameterIntervals
+        Ends are proved by dual points, which are checked, and rounded outward; `attained_lower` and `attained_upper`
+        are those of parameters inside the set.
+
+    Raises
+    ------
+    InputError
+        If no physically possible robot has these base parameters, or none within the region; or for a bad argument.
+    SolverError
+        If no parameters satisfy all conditions.
+
+    See Also
+    --------
+    lightest_robot : The smallest masses alone.
+
+    Notes
+    -----
+    K δ = β is put into the conditions, which leaves c·δ to be minimised and maximised over D(δ) ⪰ 0 (with a
+    second-order cone for the region). A quotient such as a centre of mass is made linear after Charnes and Cooper
+    (1962). All blocks are scaled by their own values at the analytic centre, so that links of very different sizes do
+    not disturb each other. An end that is only approached as masses elsewhere grow without limit is found by facial
+    reduction (Borwein and Wolkowicz 1981).
+
+    Examples
+    --------
+    A pendulum about a fixed horizontal axis tells its moment of inertia Lzz about the axis and its first moments lx,
+    ly, but not its mass. It cannot be lighter than (lx² + ly²) / Lzz, all of it in one point:
+
+    >>> from steelyard.dynamics import Model
+    >>> from steelyard.feasibility import FeasibleSet
+    >>> from steelyard.robot import Robot
+    >>> model = Model(Robot.from_dh([("0", 0.0, 0.0, "q")], gravity=(0, -9.81, 0)))
+    >>> model.base_parameters().names
+    ('Lzz1', 'lx1', 'ly1')
+    >>> print(parameter_intervals(FeasibleSet(model), base=[0.5, 1.0, 0.0])["m1"])
+    The mass of link1 (m1) is at least 2 kg; nothing bounds it from above.
+    """
+    chosen = quantities(feasible, names, combinations)
+    with one_thread():
+        region = region_of(feasible, base, information, covariance, weights, confidence, noise_factor)
+        given = given_region(feasible, region, solver) if region is not None else given_base(feasible, base, solver)
+        found = tuple(interval_of(given.finder, quantity) for quantity in chosen)
+    return ParameterIntervals(
+        found, given.base, feasible.consistency, given.confidence, given.distance, given.finder.reach
+    )
+
+
+def interval_of(finder: BoundFinder, quantity: Quantity) -> ParameterInterval:
+    """Both ends of one quantity."""
+    section = finder.middle.section
+    decided = section.is_decided(quantity.row) and (quantity.mass is None or section.is_decided(quantity.mass))
+    if quantity.mass is None:
+        low, high = finder.least(quantity.row), finder.least(-quantity.row)
+    else:
+        lightest = finder.least(quantity.mass).proved
+        low = finder.least_ratio(quantity.row, quantity.mass, lightest)
+        high = finder.least_ratio(-quantity.row, quantity.mass, lightest)
+    return _interval(quantity, low, high, decided)
+
+
+def _interval(quantity: Quantity, low: Bound, high: Bound, decided: bool) -> ParameterInterval:
+    lower = max(low.proved, 0.0) if quantity.never_negative else low.proved
+    return ParameterInterval(
+        name=quantity.name,
+        meaning=quantity.meaning,
+        unit=quantity.unit,
+        lower=min(lower, low.attained),
+        upper=-high.proved,
+        attained_lower=low.attained,
+        attained_upper=-high.attained,
+        lower_parameters=low.parameters,
+        upper_parameters=high.parameters,
+        decided=decided,
+    )

@@ -1,0 +1,163 @@
+"""How light a robot may be, given what its motion shows."""
+
+import math
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from steelyard.dynamics.threads import one_thread
+
+from ..feasible_set import FeasibleSet
+from .given import given_base, given_region
+from .quantities import Quantity, quantities
+from .region import region_of
+from .table import html_table, plain, text_table
+
+__all__ = ["LeastMass", "LightestRobot", "lightest_robot"]
+
+Vector = npt.NDArray[np.float64]
+
+
+@dataclass(frozen=True, eq=False)
+class LeastMass:
+    """The smallest mass of a link, or of all of them.
+
+    Attributes
+    ----------
+    name : str
+    meaning : str
+    proved : float
+        No robot has less, in kg.
+    attained : float
+        A robot has that.
+    parameters : (n,)
+        That robot.
+    """
+
+    name: str
+    meaning: str
+    proved: float
+    attained: float
+    parameters: Vector = field(repr=False)
+
+
+@dataclass(frozen=True, eq=False)
+class LightestRobot:
+    """Answer of `lightest_robot`.
+
+    Attributes
+    ----------
+    total : LeastMass
+        Of all links together.
+    links : tuple of LeastMass
+        Of each link by itself; the robots differ, so that these need not add to the total.
+    base : (n_b,)
+    consistency : str
+    confidence : float or None
+        Of the region that the base parameters may lie in; None for a point.
+    """
+
+    total: LeastMass
+    links: tuple[LeastMass, ...]
+    base: Vector = field(repr=False)
+    consistency: str
+    confidence: float | None
+
+    @property
+    def parameters(self) -> Vector:
+        """Standard parameters of the lightest robot, (n,)."""
+        return self.total.parameters
+
+    def sentences(self) -> tuple[str, ...]:
+        """The answer in words."""
+        given = (
+            "these base parameters"
+            if self.confidence is None
+            else f"base parameters in the {100 * self.confidence:g} % region"
+        )
+        return (
+            f'The lightest robot with {given} weighs {plain(self.total.attained)} kg, under "{self.consistency}" consistency.',
+        )
+
+    def _rows(self) -> list[tuple[str, ...]]:
+        return [(least.name, plain(least.attained), least.meaning) for least in self.links]
+
+    def __str__(self) -> str:
+        return "\n".join(
+            (*self.sentences(), text_table(("link", "at least, kg", "meaning"), self._rows(), numbers=(1,)))
+        )
+
+    def _repr_html_(self) -> str:
+        return html_table(" ".join(self.sentences()), ("link", "at least, kg", "meaning"), self._rows())
+
+    def to_dict(self) -> dict[str, Any]:
+        """As plain data, for JSON."""
+
+        def entry(least: LeastMass) -> dict[str, Any]:
+            return {"name": least.name, "meaning": least.meaning, "proved": least.proved, "attained": least.attained}
+
+        return {
+            "consistency": self.consistency,
+            "confidence": self.confidence,
+            "total": entry(self.total),
+            "links": [entry(least) for least in self.links],
+            "base": self.base.tolist(),
+            "parameters": self.parameters.tolist(),
+        }
+
+
+def lightest_robot(
+    feasible: FeasibleSet,
+    base: npt.ArrayLike | None = None,
+    *,
+    information: Any = None,
+    covariance: npt.ArrayLike | None = None,
+    confidence: float = 0.95,
+    noise_factor: float = 1.0,
+    weights: Any = "joint",
+    solver: str = "clarabel",
+) -> LightestRobot:
+    """The smallest total mass with which an estimate is physically possible, and the smallest mass of each link.
+
+    Parameters
+    ----------
+    feasible, base, information, covariance, confidence, noise_factor, weights, solver
+        As in `parameter_intervals`.
+
+    Returns
+    -------
+    LightestRobot
+
+    Raises
+    ------
+    InputError
+        If no physically possible robot has these base parameters, or none within the region; or for a bad argument.
+    SolverError
+        If no parameters satisfy all conditions.
+
+    Examples
+    --------
+    A pendulum with a moment of inertia of 0.5 kg m² and a first moment of 1 kg m is at least 2 kg at 0.5 m:
+
+    >>> from steelyard.dynamics import Model
+    >>> from steelyard.feasibility import FeasibleSet
+    >>> from steelyard.robot import Robot
+    >>> model = Model(Robot.from_dh([("0", 0.0, 0.0, "q")], gravity=(0, -9.81, 0)))
+    >>> print(lightest_robot(FeasibleSet(model), base=[0.5, 1.0, 0.0]).sentences()[0])
+    The lightest robot with these base parameters weighs 2 kg, under "full" consistency.
+    """
+    names = [str(feasible.model.parameter_names[i]) for i in feasible.mass_indices]
+    with one_thread():
+        region = region_of(feasible, base, information, covariance, weights, confidence, noise_factor)
+        given = given_region(feasible, region, solver) if region is not None else given_base(feasible, base, solver)
+
+        def least(quantity: Quantity) -> LeastMass:
+            found = given.finder.least(quantity.row)
+            parameters = found.parameters if found.parameters is not None else given.finder.middle.parameters
+            attained = found.attained if math.isfinite(found.attained) else 0.0
+            return LeastMass(quantity.name, quantity.meaning, max(found.proved, 0.0), attained, parameters)
+
+        total, *links = (least(quantity) for quantity in quantities(feasible, ["total mass", *names]))
+    return LightestRobot(total, tuple(links), given.base, feasible.consistency, given.confidence)

@@ -1,0 +1,261 @@
+"""What each condition costs in regression error."""
+
+import math
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from steelyard.dynamics.threads import one_thread
+from steelyard.errors import InputError
+
+from ..feasible_set import FeasibleSet
+from .priced_fit import PricedFit, mass_bound_of, priced_fit
+from .region import reduced_regression
+from .table import html_table, text_table
+
+__all__ = ["ConstraintPrice", "ConstraintPrices", "constraint_prices"]
+
+Vector = npt.NDArray[np.float64]
+
+ACTIVE = 1e-7
+"""A condition is active where relaxing it, by its own size or unit, gains more than this part of the squared
+residual."""
+
+
+@dataclass(frozen=True, eq=False)
+class ConstraintPrice:
+    """What one condition, or a group of them, costs.
+
+    Attributes
+    ----------
+    name : str
+    kind : str
+        ``"link"``, ``"term"``, ``"constraint"`` or ``"group"``.
+    active : bool
+        Whether the condition stops the residual from falling.
+    squared_saving : float
+        By how much the squared residual falls when it is dropped.
+    saving : float
+        The same of the relative error, as a part of it: 0.01 means that an error of 5 % falls to 4.95 %.
+    marginal : float
+        By which part the relative error falls for each unit by which the condition is relaxed, at first; nan for
+        groups.
+    unit : str
+        For a matrix that is its own diagonal: 0.01 of it relaxes the condition by a hundredth of its own size.
+    """
+
+    name: str
+    kind: str
+    active: bool
+    squared_saving: float
+    saving: float
+    marginal: float
+    unit: str
+
+
+@dataclass(frozen=True, eq=False)
+class ConstraintPrices:
+    """Answer of `constraint_prices`, dearest first.
+
+    Attributes
+    ----------
+    prices : tuple of ConstraintPrice
+        Of the single conditions.
+    groups : tuple of ConstraintPrice
+        Of the links together, the terms, the constraints, and of the triangle inequality.
+    squared_residual : float
+        Under all conditions.
+    relative_error : float
+    least_squares_error : float
+        Relative error without any condition.
+    parameters : (n,)
+        Under all conditions.
+    mass_bound : float
+        In kg, on the total mass.
+    stopped_by_bound : bool
+        Whether the residual would fall further with more mass.
+    consistency : str
+    """
+
+    prices: tuple[ConstraintPrice, ...]
+    groups: tuple[ConstraintPrice, ...]
+    squared_residual: float
+    relative_error: float
+    least_squares_error: float
+    parameters: Vector = field(repr=False)
+    mass_bound: float
+    stopped_by_bound: bool
+    consistency: str
+
+    @property
+    def active(self) -> tuple[ConstraintPrice, ...]:
+        """The conditions that stop the residual from falling."""
+        return tuple(price for price in self.prices if price.active)
+
+    def __getitem__(self, name: str) -> ConstraintPrice:
+        for price in (*self.groups, *self.prices):
+            if price.name == name:
+                return price
+        known = ", ".join(price.name for price in (*self.groups, *self.prices))
+        raise InputError(f"there is no price of {name!r}; these are {known}.")
+
+    def sentences(self) -> tuple[str, ...]:
+        """The answer in words."""
+        cost = self.relative_error / self.least_squares_error - 1.0 if self.least_squares_error > 0 else math.inf
+        found = [
+            f'Feasibility under "{self.consistency}" consistency costs {100 * cost:.3g} % of the relative error, '
+            f"which rises from {100 * self.least_squares_error:.4g} % to {100 * self.relative_error:.4g} %.",
+            f"{len(self.active)} of {len(self.prices)} conditions are active.",
+        ]
+        if self.stopped_by_bound:
+            found.append(
+                f"The total mass is at its bound of {self.mass_bound:g} kg; with more the residual would fall a little further."
+            )
+        return tuple(found)
+
+    def _rows(self) -> list[tuple[str, ...]]:
+        rows = []
+        for price in (*self.groups, *(p for p in self.prices if p.active)):
+            marginal = "" if math.isnan(price.marginal) else f"{100 * price.marginal:.3g} %"
+            rows.append(
+                (f"{100 * price.saving:.3g} %", f"{price.squared_saving:.5g}", marginal, price.unit, price.name)
+            )
+        return rows
+
+    def __str__(self) -> str:
+        return "\n".join((*self.sentences(), text_table(HEADS, self._rows(), numbers=(0, 1, 2))))
+
+    def _repr_html_(self) -> str:
+        return html_table(" ".join(self.sentences()), HEADS, self._rows())
+
+    def to_dict(self) -> dict[str, Any]:
+        """As plain data, for JSON."""
+
+        def entry(price: ConstraintPrice) -> dict[str, Any]:
+            return {
+                "name": price.name,
+                "kind": price.kind,
+                "active": price.active,
+                "squared_saving": price.squared_saving,
+                "saving": price.saving,
+                "marginal": None if math.isnan(price.marginal) else price.marginal,
+                "unit": price.unit,
+            }
+
+        return {
+            "consistency": self.consistency,
+            "squared_residual": self.squared_residual,
+            "relative_error": self.relative_error,
+            "least_squares_error": self.least_squares_error,
+            "mass_bound": self.mass_bound,
+            "stopped_by_bound": self.stopped_by_bound,
+            "groups": [entry(price) for price in self.groups],
+            "prices": [entry(price) for price in self.prices],
+            "parameters": self.parameters.tolist(),
+        }
+
+
+HEADS = ("saved", "squared", "marginal", "per", "condition")
+
+
+def constraint_prices(
+    information: Any,
+    feasible: FeasibleSet,
+    *,
+    weights: Any = "joint",
+    mass_bound: float | None = None,
+    solver: str = "clarabel",
+) -> ConstraintPrices:
+    """What each condition costs in regression error: at the margin, and when it is dropped.
+
+    Parameters
+    ----------
+    information : Information
+        Or its reduced form.
+    feasible : FeasibleSet
+    weights : "joint", None or (N,)
+        Of the joints, as in `fit`; errors then are those of the weighted regression.
+    mass_bound : float, optional
+        Bound on the total mass in kg while fits are compared, since residuals may fall for ever as masses grow; 1000
+        kg, or 20 times the mass that CAD or a `TotalMass` tells.
+    solver : str
+        As in `solve`.
+
+    Returns
+    -------
+    ConstraintPrices
+        Savings of single conditions need not add to that of their group: where two conditions stand in the way of the
+        same gain, neither saves anything by itself.
+
+    Raises
+    ------
+    InputError
+        For data of another model, or a bad argument.
+    SolverError
+        If no parameters satisfy all conditions.
+
+    See Also
+    --------
+    explain_infeasibility : Which conditions an estimate violates.
+
+    Examples
+    --------
+    Data of a pendulum whose moment of inertia comes out as -0.1 kg m², with nothing else to be gained:
+
+    >>> import numpy as np
+    >>> import steelyard as sy
+    >>> from steelyard.feasibility import FeasibleSet
+    >>> model = sy.Model(sy.Robot.from_dh([("0", 0.0, 0.0, "q")], gravity=(0, -9.81, 0)))
+    >>> names = model.base_parameters().names
+    >>> information = sy.Information.from_factor(np.eye(3), [-0.1, 0.0, 0.0], 0.01, 100, names)
+    >>> prices = constraint_prices(information, FeasibleSet(model))
+    >>> [(price.name, round(price.squared_saving, 3)) for price in prices.active]
+    [('body of link1', 0.01)]
+    """
+    reduced = reduced_regression(information, weights, feasible)
+    bound = mass_bound_of(feasible) if mass_bound is None else mass_bound
+    if isinstance(bound, bool) or not isinstance(bound, (int, float)) or not 0 < bound < math.inf:
+        raise InputError(f"mass_bound must be a positive number of kg, got {mass_bound!r}.")
+    norm2 = float(reduced.norm2)
+    with one_thread():
+        whole = priced_fit(reduced, feasible, (), bound, solver)
+
+        def price(name: str, kind: str, saved: float, active: bool, marginal: float, unit: str) -> ConstraintPrice:
+            left = max(whole.squared_residual - saved, 0.0) / whole.squared_residual
+            return ConstraintPrice(name, kind, active, saved, 1.0 - math.sqrt(left), marginal, unit)
+
+        def saving(fit: PricedFit) -> float:
+            return max(whole.squared_residual - fit.squared_residual, 0.0)
+
+        prices = []
+        for index, block in enumerate(feasible.blocks):
+            slope = -whole.prices[index]
+            active = slope > ACTIVE * whole.squared_residual
+            saved = saving(priced_fit(reduced, feasible, (index,), bound, solver)) if active else 0.0
+            relative = slope / (2.0 * whole.squared_residual) if active else 0.0
+            unit = (block.unit or "SI unit") if block.size == 1 else "its own size"
+            prices.append(price(block.name, block.kind, saved, active, relative, unit))
+        groups = []
+        for kind, name in (("link", "all links"), ("term", "all terms"), ("constraint", "all constraints")):
+            members = [i for i, block in enumerate(feasible.blocks) if block.kind == kind]
+            if members:
+                fit = priced_fit(reduced, feasible, members, bound, solver)
+                active = any(prices[i].active for i in members)
+                groups.append(price(name, "group", saving(fit), active, math.nan, ""))
+        if feasible.consistency == "full":
+            weaker = FeasibleSet(feasible.model, "inertia", feasible.constraints, feasible.margin, feasible.terms)
+            saved = saving(priced_fit(reduced, weaker, (), bound, solver))
+            groups.append(price("triangle inequality", "group", saved, saved > ACTIVE * norm2, math.nan, ""))
+    return ConstraintPrices(
+        prices=tuple(sorted(prices, key=lambda p: (-p.squared_saving, -p.marginal))),
+        groups=tuple(sorted(groups, key=lambda p: -p.squared_saving)),
+        squared_residual=whole.squared_residual,
+        relative_error=math.sqrt(whole.squared_residual / norm2),
+        least_squares_error=math.sqrt(float(reduced.residual2) / norm2),
+        parameters=whole.parameters,
+        mass_bound=float(bound),
+        stopped_by_bound=whole.stopped_by_bound,
+        consistency=feasible.consistency,
+    )

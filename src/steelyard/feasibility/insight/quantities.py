@@ -1,0 +1,174 @@
+"""What may be asked of a robot: standard parameters, combinations of them, masses together, centres of mass."""
+
+import difflib
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+
+import numpy as np
+import numpy.typing as npt
+
+from steelyard.errors import InputError
+
+from ..feasible_set import FeasibleSet
+
+__all__ = ["Quantity", "quantities"]
+
+Vector = npt.NDArray[np.float64]
+
+Combination = npt.ArrayLike | Mapping[str, float]
+
+_KINDS = {"L": ("kg m²", "moment of inertia"), "l": ("kg m", "first moment"), "m": ("kg", "mass")}
+
+
+@dataclass(frozen=True, eq=False)
+class Quantity:
+    """A combination row · δ, or a ratio (row · δ) / (mass · δ).
+
+    Attributes
+    ----------
+    name : str
+    meaning : str
+        In words.
+    unit : str
+    row : (n,)
+    mass : (n,) or None
+    never_negative : bool
+        Whether the conditions themselves say so.
+    """
+
+    name: str
+    meaning: str
+    unit: str
+    row: Vector = field(repr=False)
+    mass: Vector | None = field(default=None, repr=False)
+    never_negative: bool = False
+
+
+def quantities(
+    feasible: FeasibleSet,
+    names: Sequence[str] | None = None,
+    combinations: Mapping[str, Combination] | None = None,
+) -> tuple[Quantity, ...]:
+    """The quantities of a robot by name.
+
+    Parameters
+    ----------
+    feasible : FeasibleSet
+    names : sequence of str, optional
+        Standard parameters, ``"total mass"``, and ``"cx1"``, ``"cy1"``, ``"cz1"`` for the centre of mass of the first
+        link. All of them where absent.
+    combinations : mapping, optional
+        More of them: a row (n,), or a mapping from names of parameters to coefficients.
+
+    Raises
+    ------
+    InputError
+        For an unknown name, or a row that does not fit.
+    """
+    own = {name: _combination(feasible, name, value) for name, value in (combinations or {}).items()}
+    standard = {quantity.name: quantity for quantity in _standard(feasible)}
+    for name in own:
+        if name in standard:
+            raise InputError(
+                f"combinations must not use the name {name!r}, which the robot itself has; choose another."
+            )
+    known = standard | own
+    if names is None:
+        return tuple(known.values())
+    chosen = (names,) if isinstance(names, str) else tuple(names)
+    for name in chosen:
+        if name not in known:
+            close = difflib.get_close_matches(str(name), list(known), n=1, cutoff=0.0)
+            raise InputError(
+                f"there is no quantity {name!r}; did you mean {close[0]!r}? Names are those of the standard "
+                "parameters, 'total mass', 'cx1', 'cy1', 'cz1' for the centre of mass of the first link, and those in combinations=."
+            )
+    return tuple(known[name] for name in dict.fromkeys([*chosen, *own]))
+
+
+def _standard(feasible: FeasibleSet) -> list[Quantity]:
+    names = list(feasible.model.parameter_names)
+    links = list(feasible.model.robot.link_names)
+    positive, units = _positive(feasible), _units(feasible)
+    identity = np.eye(len(names))
+    found = []
+    inertial = {f"{symbol}{i + 1}": (symbol, link) for i, link in enumerate(links) for symbol in _INERTIAL}
+    for index, name in enumerate(names):
+        if name in inertial:
+            symbol, link = inertial[name]
+            unit, kind = _KINDS[symbol[0]]
+            axes = f" {symbol[1:]}" if symbol[1:] else ""
+            meaning = f"{kind}{axes} of {link}"
+        else:
+            unit, meaning = units.get(index, ""), name
+        found.append(Quantity(name, meaning, unit, identity[index], None, index in positive))
+    total = identity[feasible.mass_indices].sum(axis=0)
+    found.append(Quantity("total mass", "mass of all links", "kg", total, None, True))
+    for i, link in enumerate(links):
+        for axis in "xyz":
+            row, mass = identity[names.index(f"l{axis}{i + 1}")], identity[feasible.mass_indices[i]]
+            found.append(Quantity(f"c{axis}{i + 1}", f"centre of mass {axis} of {link}", "m", row, mass))
+    return found
+
+
+_INERTIAL = ("Lxx", "Lxy", "Lxz", "Lyy", "Lyz", "Lzz", "lx", "ly", "lz", "m")
+
+
+def _positive(feasible: FeasibleSet) -> set[int]:
+    """Indices of the parameters that the conditions themselves keep from being negative."""
+    names = {name: index for index, name in enumerate(feasible.model.parameter_names)}
+    links = range(1, len(feasible.model.robot.link_names) + 1)
+    found = {names[f"{symbol}{link}"] for link in links for symbol in ("Lxx", "Lyy", "Lzz", "m")}
+    for block in feasible.blocks:
+        if (
+            block.size == 1
+            and len(block.indices) == 1
+            and block.constant[0, 0] == 0
+            and block.coefficients[0, 0, 0] > 0
+        ):
+            found.add(int(block.indices[0]))
+    return found
+
+
+def _units(feasible: FeasibleSet) -> dict[int, str]:
+    """Units of the parameters of drive terms, where they are told."""
+    found = {int(b.indices[0]): b.unit for b in feasible.blocks if b.kind == "term" and len(b.indices) == 1 and b.unit}
+    names = {name: index for index, name in enumerate(feasible.model.parameter_names)}
+    robot = feasible.model.robot
+    for position, joint in enumerate(getattr(robot, "joints", ())):
+        for term in getattr(robot, "terms", ()):
+            for parameter in term.parameters:
+                index = names.get(f"{parameter.symbol}{position + 1}")
+                if index is not None:
+                    slides = joint.kind == "prismatic"
+                    found.setdefault(index, parameter.unit_prismatic if slides else parameter.unit)
+    return found
+
+
+def _combination(feasible: FeasibleSet, name: str, value: Combination) -> Quantity:
+    names = list(feasible.model.parameter_names)
+    row = np.zeros(len(names))
+    if isinstance(value, Mapping):
+        for key, coefficient in value.items():
+            if key not in names:
+                close = difflib.get_close_matches(str(key), names, n=1, cutoff=0.0)
+                raise InputError(
+                    f"combination {name!r} names the parameter {key!r}, which the robot does not have; did you mean "
+                    f"{close[0]!r}?"
+                )
+            row[names.index(key)] = float(coefficient)
+    else:
+        given = np.asarray(value, dtype=float)
+        if given.shape != row.shape:
+            raise InputError(
+                f"combination {name!r} must have one coefficient for each of the {len(names)} standard parameters, "
+                f"got an array of shape {given.shape}."
+            )
+        row = given.copy()
+    if not np.all(np.isfinite(row)) or not np.any(row):
+        raise InputError(f"combination {name!r} must have finite coefficients, not all of them zero.")
+    positive = _positive(feasible)
+    used = np.flatnonzero(row)
+    masses = set(feasible.mass_indices.tolist())
+    unit = "kg" if masses.issuperset(used.tolist()) else ""
+    return Quantity(name, name, unit, row, None, all(int(i) in positive and row[i] > 0 for i in used))

@@ -1,0 +1,174 @@
+"""Linear objectives over a set that is round in its own units: one problem, of which only the objective changes."""
+
+from dataclasses import dataclass, field
+from functools import cached_property
+
+import numpy as np
+import numpy.typing as npt
+import scipy.sparse as sparse
+
+from ..conic import Cone, ConicProblem, Outcome
+from ..lmi import symmetric_to_vector, vector_to_symmetric
+from .repeated import RepeatedProblem
+from .section import BlockGroup
+
+__all__ = ["Ball", "RoundProblem", "RoundSolution"]
+
+Vector = npt.NDArray[np.float64]
+Matrix = npt.NDArray[np.float64]
+
+ACCURACY = 1e-10
+
+ROUGH = 1e-8
+"""Accuracy where the point alone matters."""
+
+
+@dataclass(frozen=True, eq=False)
+class Ball:
+    """‖first + second v‖ ≤ 1 + rate · v.
+
+    Attributes
+    ----------
+    first : (k,)
+    second : (k, q)
+    rate : (q,)
+    """
+
+    first: Vector
+    second: Matrix
+    rate: Vector
+
+    def share_inside(self, point: Vector) -> float:
+        """The largest share s ≤ 1 with s point in the ball; 0 is in it."""
+        step, growth = self.second @ point, float(self.rate @ point)
+        if np.linalg.norm(self.first + step) <= 1.0 + growth:
+            return 1.0
+        # (1 + s growth)² - ‖first + s step‖² = a s² + 2 b s + c
+        a, b = growth**2 - float(step @ step), growth - float(self.first @ step)
+        c = 1.0 - float(self.first @ self.first)
+        root = float(np.sqrt(max(b * b - a * c, 0.0)))
+        # It falls from c > 0 through its first zero.
+        return min(1.0, c / (root - b)) if root > b else 1.0
+
+
+@dataclass(frozen=True, eq=False)
+class RoundSolution:
+    """What the solver found for one objective.
+
+    Attributes
+    ----------
+    outcome : Outcome
+    point : (q,)
+        v.
+    duals : tuple of (b, d, d)
+        Of the blocks of each group.
+    ball_dual : (k,)
+        What pulls at first + second v.
+    dual_value : float
+        The least value that the duals speak of, up to the solver's accuracy.
+    """
+
+    outcome: Outcome
+    point: Vector = field(repr=False)
+    duals: tuple[Matrix, ...] = field(repr=False)
+    ball_dual: Vector = field(repr=False)
+    dual_value: float
+
+
+class RoundProblem:
+    """Minimise c·v subject to 1 + Σ v_j B_j ⪰ 0 for every block, and v in the ball.
+
+    Parameters
+    ----------
+    groups : tuple of BlockGroup
+        With unit matrices as constants.
+    ball : Ball or None
+    unknowns : int
+        q.
+    solver : str
+        As in `steelyard.feasibility.solve`.
+    """
+
+    def __init__(self, groups: tuple[BlockGroup, ...], ball: Ball | None, unknowns: int, solver: str) -> None:
+        self.groups = groups
+        self.ball = ball
+        self.unknowns = unknowns
+        self.solver = solver
+
+    @cached_property
+    def order(self) -> int:
+        """Number of rows of all blocks: the sum of their sizes."""
+        return sum(group.size * len(group.indices) for group in self.groups)
+
+    @cached_property
+    def coefficients(self) -> Matrix:
+        """Stacked B_j, the blocks of each group after those of the one before, (rows, q)."""
+        pieces = [symmetric_to_vector(group.coefficients) for group in self.groups]
+        stacked = [piece.transpose(0, 2, 1).reshape(-1, self.unknowns) for piece in pieces]
+        found = np.vstack([np.zeros((0, self.unknowns)), *stacked])
+        found[np.abs(found) < 1e-15] = 0.0
+        return found
+
+    @cached_property
+    def identity(self) -> Vector:
+        """Stacked unit matrices, (rows,)."""
+        pieces = [np.tile(symmetric_to_vector(np.eye(group.size)), len(group.indices)) for group in self.groups]
+        return np.concatenate([np.zeros(0), *pieces])
+
+    @cached_property
+    def cones(self) -> tuple[Cone, ...]:
+        """Cones of the blocks, in the order of the rows."""
+        found: list[Cone] = []
+        for group in self.groups:
+            count = len(group.indices)
+            found += [Cone("nonnegative", count)] if group.size == 1 else [Cone("semidefinite", group.size)] * count
+        return tuple(found)
+
+    def split(self, stacked: Vector) -> tuple[Matrix, ...]:
+        """Symmetric matrices of each group, from a stacked vector."""
+        found, start = [], 0
+        for group in self.groups:
+            width = group.size * (group.size + 1) // 2
+            stop = start + width * len(group.indices)
+            found.append(vector_to_symmetric(stacked[start:stop].reshape(-1, width)))
+            start = stop
+        return tuple(found)
+
+    @cached_property
+    def _repeated(self) -> RepeatedProblem:
+        """The rows of the ball come last."""
+        pieces, right, cones = [-self.coefficients], [self.identity], list(self.cones)
+        if self.ball is not None:
+            pieces += [-self.ball.rate[None], -self.ball.second]
+            right += [np.ones(1), self.ball.first]
+            cones.append(Cone("second-order", 1 + len(self.ball.first)))
+        count = self.unknowns
+        problem = ConicProblem(
+            P=sparse.csc_array((count, count)),
+            q=np.zeros(count),
+            A=sparse.csc_array(np.vstack(pieces)),
+            b=np.concatenate(right),
+            cones=tuple(cones),
+        )
+        return RepeatedProblem(problem, self.solver, ACCURACY)
+
+    @cached_property
+    def _rough(self) -> RepeatedProblem:
+        return RepeatedProblem(self._repeated.problem, self.solver, ROUGH)
+
+    def pulled_inside(self, point: Vector) -> Vector:
+        """The point or, where it is outside, the last one inside on the way to it from the middle."""
+        if not np.all(np.isfinite(point)):
+            return np.zeros(self.unknowns)
+        lowest = min([0.0, *(float(np.linalg.eigvalsh(group.change(point)).min()) for group in self.groups)])
+        share = 1.0 if lowest > -1.0 else -1.0 / lowest
+        if self.ball is not None:
+            share = min(share, self.ball.share_inside(point))
+        return (1.0 - 1e-9) * share * point
+
+    def least(self, objective: Vector, rough: bool = False) -> RoundSolution:
+        """Minimise objective · v, perhaps roughly; the objective should be of length 1."""
+        outcome, point, dual = (self._rough if rough else self._repeated).solve(objective)
+        rows = len(self.identity)
+        value = -float(self._repeated.problem.b @ dual)
+        return RoundSolution(outcome, point, self.split(dual[:rows]), dual[rows + 1 :], value)

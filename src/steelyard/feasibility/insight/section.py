@@ -1,0 +1,210 @@
+"""A section of the feasible set: the parameters that an estimate, or its confidence region, leaves possible.
+
+δ = reference + M u + N d, with ‖u‖ ≤ 1 and any d. The columns of M span the confidence region of the base parameters
+(there are none where the base parameters are given as a point), those of N are the directions that the motion does
+not show.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from functools import cached_property
+
+import numpy as np
+import numpy.typing as npt
+
+from ..feasible_set import FeasibleSet
+from ..lmi import AffineBlock
+
+__all__ = ["BlockGroup", "Section"]
+
+Vector = npt.NDArray[np.float64]
+Matrix = npt.NDArray[np.float64]
+
+ROUNDING = 1e-12
+"""What is smaller than this part of the largest number of its kind is zero but for rounding."""
+
+
+@dataclass(frozen=True, eq=False)
+class BlockGroup:
+    """All blocks of one size, as functions of the coordinates w.
+
+    Attributes
+    ----------
+    size : int
+        d.
+    indices : (b,)
+        Which blocks of the feasible set these are.
+    constants : (b, d, d)
+    coefficients : (b, q, d, d)
+    """
+
+    size: int
+    indices: npt.NDArray[np.intp]
+    constants: Matrix = field(repr=False)
+    coefficients: Matrix = field(repr=False)
+
+    def evaluate(self, coordinates: Vector) -> Matrix:
+        """All blocks at w, (b, d, d)."""
+        return np.asarray(self.constants + np.einsum("q,bqij->bij", coordinates, self.coefficients))
+
+    def change(self, step: Vector) -> Matrix:
+        """Linear part at a step, (b, d, d)."""
+        return np.asarray(np.einsum("q,bqij->bij", step, self.coefficients))
+
+
+@dataclass(frozen=True, eq=False)
+class Section:
+    """Parameters δ = reference + M u + N d that satisfy the equations of the set, ‖u‖ ≤ 1.
+
+    Attributes
+    ----------
+    feasible : FeasibleSet
+    reference : (n,)
+    region : (n, k)
+        M; k is 0 where the base parameters are a point.
+    free : (n, p)
+        N.
+    """
+
+    feasible: FeasibleSet
+    reference: Vector = field(repr=False)
+    region: Matrix = field(repr=False)
+    free: Matrix = field(repr=False)
+
+    @classmethod
+    def of(
+        cls, feasible: FeasibleSet, base: Vector, spread: Matrix | None = None, unknown: Matrix | None = None
+    ) -> "Section":
+        """The section of β = base + spread u + unknown v, with ‖u‖ ≤ 1 and any v.
+
+        Parameters
+        ----------
+        feasible : FeasibleSet
+        base : (n_b,)
+        spread : (n_b, k), optional
+            Half axes of the confidence region.
+        unknown : (n_b, j), optional
+            Directions of the base parameters that are not bounded at all.
+        """
+        reference = feasible.lift @ base
+        region = feasible.lift @ (np.zeros((len(base), 0)) if spread is None else spread)
+        free = feasible.unidentifiable
+        if unknown is not None:
+            free = np.hstack([free, feasible.lift @ unknown])
+        if feasible.equalities:
+            reference, region, free = _within_equations(feasible, reference, region, free)
+        return cls(feasible, reference, region, free)
+
+    @cached_property
+    def directions(self) -> Matrix:
+        """[M N], (n, k + p)."""
+        return np.hstack([self.region, self.free])
+
+    @cached_property
+    def _stacked(self) -> Matrix:
+        """Coefficients of all blocks in (u, d)."""
+        return np.asarray(self.feasible.stack.coefficients @ self.directions)
+
+    @cached_property
+    def unseen(self) -> Matrix:
+        """Directions of d that change no block at all, (p, l), orthonormal: nothing bounds them."""
+        stacked = self._stacked[:, self.region.shape[1] :]
+        return null_space(stacked)
+
+    @cached_property
+    def bounded_basis(self) -> Matrix:
+        """Orthonormal basis of the other directions of (u, d), (k + p, q): the coordinates w."""
+        k, p = self.region.shape[1], self.free.shape[1]
+        others = null_space(self.unseen.T) if self.unseen.shape[1] else np.eye(p)
+        basis = np.zeros((k + p, k + others.shape[1]))
+        basis[:k, :k] = np.eye(k)
+        basis[k:, k:] = others
+        return basis
+
+    @cached_property
+    def groups(self) -> tuple[BlockGroup, ...]:
+        """The blocks that are not the same in the whole section, by size, as functions of w."""
+        return grouped(self.feasible.blocks, self.directions @ self.bounded_basis, self.reference)
+
+    @cached_property
+    def fixed(self) -> tuple[int, ...]:
+        """Indices of the other blocks."""
+        varying = {int(i) for group in self.groups for i in group.indices}
+        return tuple(i for i in range(len(self.feasible.blocks)) if i not in varying)
+
+    def parameters(self, coordinates: Vector) -> Vector:
+        """δ at w."""
+        return np.asarray(self.reference + self.directions @ (self.bounded_basis @ coordinates))
+
+    def coordinates(self, parameters: Vector) -> Vector:
+        """W of parameters in the section."""
+        stacked = np.linalg.lstsq(self.directions, parameters - self.reference)[0]
+        return np.asarray(self.bounded_basis.T @ stacked)
+
+    def is_seen(self, row: Vector) -> bool:
+        """Whether a combination c·δ depends on no direction that nothing bounds."""
+        along = (row @ self.free) @ self.unseen
+        size = float(np.abs(row).max(initial=0.0) * np.abs(self.free).max(initial=0.0))
+        return bool(np.all(np.abs(along) <= 1e-9 * size))
+
+    def is_decided(self, row: Vector) -> bool:
+        """Whether a combination c·δ has the same value in the whole section."""
+        along = row @ self.directions
+        size = np.abs(row) @ np.abs(self.directions)
+        return bool(np.all(np.abs(along) <= ROUNDING * size))
+
+
+def grouped(blocks: Sequence[AffineBlock], directions: Matrix, reference: Vector) -> tuple[BlockGroup, ...]:
+    """Blocks by size as functions of w, where δ = reference + directions w; those that do not depend on w left out."""
+    found: dict[int, list[tuple[int, Matrix, Matrix]]] = {}
+    for index, block in enumerate(blocks):
+        rows = directions[block.indices]
+        coefficients = np.einsum("cq,cij->qij", rows, block.coefficients)
+        largest = np.abs(rows).max(initial=0.0) * np.abs(block.coefficients).max(initial=0.0)
+        if np.all(np.abs(coefficients) <= ROUNDING * largest):
+            continue
+        found.setdefault(block.size, []).append((index, block.evaluate(reference), coefficients))
+    return tuple(
+        BlockGroup(
+            size,
+            np.array([index for index, _, _ in items], dtype=np.intp),
+            np.array([constant for _, constant, _ in items]),
+            np.array([coefficients for _, _, coefficients in items]),
+        )
+        for size, items in sorted(found.items())
+    )
+
+
+def null_space(matrix: Matrix) -> Matrix:
+    """Orthonormal basis of the vectors that a matrix sends to zero, (columns, l); each column counts in its own
+    size."""
+    count = matrix.shape[1]
+    if not matrix.size:
+        return np.eye(count)
+    lengths = np.linalg.norm(matrix, axis=0)
+    lengths[lengths <= ROUNDING * lengths.max(initial=0.0)] = 0.0
+    scale = np.where(lengths > 0, lengths, 1.0)
+    _, values, rows = np.linalg.svd(np.where(lengths > 0, matrix / scale, 0.0), full_matrices=True)
+    rank = int(np.sum(values > 1e-10 * values.max(initial=0.0)))
+    vectors = rows[rank:].T / scale[:, None]
+    return np.asarray(np.linalg.qr(vectors)[0]) if vectors.shape[1] else np.zeros((count, 0))
+
+
+def _within_equations(
+    feasible: FeasibleSet, reference: Vector, region: Matrix, free: Matrix
+) -> tuple[Vector, Matrix, Matrix]:
+    """The part of a section in which the equations of the constraints hold."""
+    left, values = feasible.equation_matrix, feasible.equation_values
+    across = left @ free
+    inverse = np.linalg.pinv(across, rcond=1e-10)
+    # What no free direction can mend restricts the region itself.
+    rest = np.eye(len(values)) - across @ inverse
+    wall, missing = rest @ (left @ region), rest @ (values - left @ reference)
+    inside = null_space(wall)
+    if inside.shape[1] < region.shape[1]:
+        shift = np.linalg.pinv(wall, rcond=1e-10) @ missing
+        reference = reference + region @ shift
+        region = region @ inside * np.sqrt(max(0.0, 1.0 - float(shift @ shift)))
+    reference = reference + free @ (inverse @ (values - left @ reference))
+    region = region - free @ (inverse @ (left @ region))
+    return reference, region, free @ null_space(across)

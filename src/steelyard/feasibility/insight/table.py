@@ -1,0 +1,82 @@
+"""Tables as text and as HTML, and numbers rounded outward."""
+
+import html
+import math
+from collections.abc import Sequence
+from decimal import ROUND_CEILING, ROUND_FLOOR, Decimal
+
+__all__ = ["html_table", "outward", "plain", "text_table"]
+
+
+def text_table(heads: Sequence[str], rows: Sequence[Sequence[str]], numbers: Sequence[int] = ()) -> str:
+    """Columns side by side, those of `numbers` flush right.
+
+    Examples
+    --------
+    >>> print(text_table(("name", "kg"), [("arm", "1.5"), ("forearm", "12")], numbers=(1,)))
+    name      kg
+    arm      1.5
+    forearm   12
+    """
+    table = [list(heads), *(list(row) for row in rows)]
+    widths = [max(len(row[i]) for row in table) for i in range(len(heads))]
+    lines = []
+    for row in table:
+        cells = [c.rjust(w) if i in numbers else c.ljust(w) for i, (c, w) in enumerate(zip(row, widths, strict=True))]
+        lines.append("  ".join(cells).rstrip())
+    return "\n".join(lines)
+
+
+def html_table(caption: str, heads: Sequence[str], rows: Sequence[Sequence[str]]) -> str:
+    """A table whose cells are escaped."""
+
+    def line(cells: Sequence[str], tag: str) -> str:
+        return "<tr>" + "".join(f"<{tag}>{html.escape(cell)}</{tag}>" for cell in cells) + "</tr>"
+
+    body = "".join(line(row, "td") for row in rows)
+    return f"<table><caption>{html.escape(caption)}</caption>{line(heads, 'th')}{body}</table>"
+
+
+def plain(value: float, digits: int = 4) -> str:
+    """A number in a few digits; infinity as a sign.
+
+    Examples
+    --------
+    >>> plain(0.000123456), plain(float("-inf"))
+    ('0.0001235', '-∞')
+    """
+    if math.isinf(value):
+        return "∞" if value > 0 else "-∞"
+    return f"{value:.{digits}g}"
+
+
+def outward(lower: float, upper: float) -> tuple[str, str]:
+    """Both ends of an interval, rounded outward to a thousandth of its width or so.
+
+    Examples
+    --------
+    >>> outward(1.68912, 2.43301)
+    ('1.689', '2.434')
+    >>> outward(0.0, float("inf"))
+    ('0', '∞')
+    """
+    width = upper - lower
+    finite = [abs(value) for value in (lower, upper) if math.isfinite(value)]
+    size = max(finite, default=0.0)
+    unit = width if math.isfinite(width) else size
+    unit = max(unit, 1e-9 * size)
+    if unit <= 0:
+        return plain(lower), plain(upper)
+    step = Decimal(1).scaleb(math.floor(math.log10(unit)) - 3)
+    return _rounded(lower, step, ROUND_FLOOR), _rounded(upper, step, ROUND_CEILING)
+
+
+def _rounded(value: float, step: Decimal, direction: str) -> str:
+    if math.isinf(value):
+        return plain(value)
+    number = (Decimal(value) / step).to_integral_value(rounding=direction) * step
+    text = f"{number:f}"
+    text = text.rstrip("0").rstrip(".") if "." in text else text
+    if len(text.lstrip("-0.")) > 0 and abs(value) < 1e-4:
+        return f"{number.normalize():e}".replace("e-0", "e-")
+    return text if text not in ("-0", "") else "0"
