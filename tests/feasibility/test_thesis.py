@@ -139,9 +139,27 @@ def test_yoshida_distance(yoshida):
 
 
 def test_nothing_is_nearer_to_yoshidas_second_estimate(yoshida):
-    """Smaller margins do not come below 1.6514e-3, and the point that the thesis printed is not inside."""
+    """The distance is between 1.647e-3 and 1.6516e-3, both proved; the point that the thesis printed is outside."""
     model, columns = yoshida
-    nearest = correct(FeasibleSet(model, "inertia", margin=1e-8), base=columns["beta_t2"])
-    assert np.sqrt(nearest.squared_distance) == pytest.approx(1.6514e-3, rel=1e-4)
-    assert check(FeasibleSet(model, "inertia"), base=columns["beta_t2_corrected"]).feasible is not True
-    assert np.linalg.norm(columns["beta_t2_corrected"] - columns["beta_t2"]) < 1.6514e-3
+    feasible = FeasibleSet(model, "inertia", margin=1e-8)
+    given = columns["beta_t2"]
+    nearest = correct(feasible, base=given)
+    assert nearest.certificate.verify()
+    assert np.linalg.norm(nearest.base - given) < 1.6516e-3
+    # A direction y with y·β >= 0 for all feasible β keeps them all at least -y·given / |y| away.
+    refuted = check(feasible, base=given + 0.998 * (nearest.base - given))
+    assert refuted.certificate.verify()
+    direction = refuted.certificate.direction
+    assert -direction @ given / np.linalg.norm(direction) > 1.647e-3
+    printed = check(feasible, base=columns["beta_t2_corrected"])
+    assert printed.status == "infeasible"
+    assert printed.certificate.verify()
+
+
+def test_yoshidas_distance_with_a_robot_of_moderate_mass(yoshida):
+    """Nearer than 1.751e-3 the robot weighs more than 54 kg or so; no estimate of a distance should go without this."""
+    model, columns = yoshida
+    feasible = FeasibleSet(model, "inertia", [TotalMass(maximum=54.5)])
+    correction = correct(feasible, base=columns["beta_t2"])
+    assert np.sqrt(correction.squared_distance) == pytest.approx(1.751e-3, rel=1e-2)
+    assert correction.certificate.verify()

@@ -17,7 +17,7 @@ Vector = npt.NDArray[np.float64]
 Matrix = npt.NDArray[np.float64]
 
 ROUNDING = 1e-10
-"""Coefficients below this, relative to the largest of their block, are rounding errors of what cancels."""
+"""Coefficients below this, relative to the largest of their parameter in the block, are rounding errors of what cancels."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -69,8 +69,8 @@ class BlockProblem:
             found = block.substitute(directions, particular)
             constant, coefficients = _congruent(found.constant, basis), _congruent(found.coefficients, basis)
             # What cancels leaves rounding, which a solver would take for something that a large number can make use of.
-            size = ROUNDING * float(np.abs(found.coefficients).max(initial=0.0)) * float(np.abs(basis).max()) ** 2
-            coefficients[np.abs(coefficients) <= size] = 0.0
+            size = np.abs(found.coefficients).max(axis=(1, 2), initial=0.0) * float(np.abs(basis).max()) ** 2
+            coefficients[np.abs(coefficients) <= ROUNDING * size[:, None, None]] = 0.0
             if scalings is not None:
                 constant = _congruent(constant, scalings[index])
                 coefficients = _congruent(coefficients, scalings[index])

@@ -21,6 +21,9 @@ Matrix = npt.NDArray[np.float64]
 CLEARLY_INSIDE = 1e-3
 """A step whose point has scaled eigenvalues above this has found a feasible point."""
 
+LARGEST = 1e60
+"""Dual points grow without end exactly on the boundary; beyond this nothing more is learnt."""
+
 
 @dataclass(frozen=True, eq=False)
 class Centre:
@@ -57,6 +60,8 @@ def centre(fibre: Fibre, matrices: tuple[Matrix, ...], iterations: int) -> Centr
     parameters = fibre.origin
     value, inside = np.inf, False
     for _ in range(iterations):
+        if not all(np.all(np.abs(matrix) < LARGEST) for matrix in matrices):
+            return None
         try:
             metric = fibre.metric(matrices)
         except np.linalg.LinAlgError:

@@ -14,8 +14,7 @@ from ..proof import InfeasibilityCertificate
 from ..proof.exact_set import exact_conditions, exact_vector
 from ..proof.rational import SparseRows, exact_number, zero_combination_basis
 from ..proof.statement import Matrix as ExactMatrix
-from .block_problem import BlockProblem
-from .face import DualFace, dual_face
+from .face import DualFace, dual_face, orthogonal
 
 __all__ = ["DualPoint", "prove_infeasible"]
 
@@ -84,15 +83,16 @@ def prove_infeasible(
     value, middle_value = (_value(feasible, parameters, face, p) for p in (point, middle))
     if not value < 0:
         return None
-    steps = [share * (-value / middle_value if middle_value > 0 else 1.0) for share in (0.3, 1e-2, 1e-4, 1e-6, 0.0)]
-    for step in steps:
-        certificate = _on_the_face(feasible, face, _moved(point, middle, step), base)
-        if certificate is not None and certificate.verify():
-            return certificate
+    unit = -value / middle_value if middle_value > 0 else 1.0
+    for candidate in (point, _projected(feasible, face, point)):
+        for share in (0.3, 1e-3, 1e-6):
+            certificate = _on_the_face(feasible, face, _moved(candidate, middle, share * unit), base)
+            if certificate is not None and certificate.verify():
+                return certificate
     least = max(LEAST_REACH, LEAST_RELATIVE_REACH * float(np.abs(base).max(initial=0.0)))
     best: tuple[float, InfeasibilityCertificate | None] = (least, None)
-    for step in (steps[0], steps[2], 0.0):
-        moved = _projected(feasible, face, _moved(point, middle, step))
+    for share in (0.3, 1e-4):
+        moved = _projected(feasible, face, _moved(point, middle, share * unit))
         certificate = _beside_the_face(feasible, face, moved, base)
         verified = certificate.verify() if certificate is not None else None
         if verified and verified.reach >= best[0]:
@@ -106,20 +106,7 @@ def _moved(point: DualPoint, middle: DualPoint, step: float) -> DualPoint:
 
 
 def _projected(feasible: FeasibleSet, face: DualFace, point: DualPoint) -> DualPoint:
-    """The nearest point that satisfies its equations to rounding, rather than to the tolerance of a solver."""
-    problem = BlockProblem.of(feasible, np.zeros(feasible.parameter_count), face.bases)
-    stack = problem.stack
-    equations = feasible.equation_matrix @ feasible.unidentifiable
-    matrix = np.vstack([stack.coefficients.toarray(), equations]).T
-    found = np.concatenate([np.zeros(len(stack.constant)), point.multipliers])
-    for place, index in zip(stack.slices, problem.used, strict=True):
-        found[place] = symmetric_to_vector(point.matrices[index])
-    for _ in range(2):
-        found -= np.linalg.lstsq(matrix, matrix @ found, rcond=1e-9)[0]
-    matrices = list(point.matrices)
-    for index, W in zip(problem.used, stack.matrices(found[: len(stack.constant)]), strict=True):
-        matrices[index] = W
-    return DualPoint(tuple(matrices), found[len(stack.constant) :])
+    return DualPoint(*orthogonal(feasible, face.bases, point.matrices, point.multipliers))
 
 
 def _value(feasible: FeasibleSet, particular: Vector, face: DualFace, point: DualPoint) -> float:

@@ -6,6 +6,7 @@ D to the complement, Uᵀ D U, leaves a problem whose dual has interior points, 
 exact proofs need to have room (facial reduction: Borwein and Wolkowicz 1981; Permenter and Parrilo 2018).
 """
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from fractions import Fraction
 from weakref import WeakKeyDictionary
@@ -22,7 +23,7 @@ from ..proof.rational import exact_number
 from .block_problem import BlockProblem
 from .null_space import polished_pair
 
-__all__ = ["DualFace", "dual_face"]
+__all__ = ["DualFace", "dual_face", "orthogonal"]
 
 Vector = npt.NDArray[np.float64]
 Matrix = npt.NDArray[np.float64]
@@ -88,7 +89,12 @@ def _dual_face(feasible: FeasibleSet) -> DualFace:
         np.array([[float(value) for value in row] for row in exact]).reshape(len(exact), -1) for exact in exact_bases
     ]
     inverses = [np.linalg.pinv(basis) if basis.shape[1] else basis.T for basis in bases]
-    interior = [inverse @ dual @ inverse.T for inverse, dual in zip(inverses, duals, strict=True)]
+    interior, multipliers = orthogonal(
+        feasible,
+        bases,
+        [inverse @ dual @ inverse.T for inverse, dual in zip(inverses, duals, strict=True)],
+        multipliers,
+    )
     unseen = np.zeros(feasible.parameter_count)
     if any(len(null) for null in nulls):
         directions = _unseen(feasible)
@@ -96,6 +102,29 @@ def _dual_face(feasible: FeasibleSet) -> DualFace:
         steps = np.linalg.lstsq(stack.coefficients @ directions, blocks, rcond=1e-10)[0]
         unseen = feasible.unidentifiable @ (directions @ steps)
     return DualFace(tuple(bases), tuple(exact_bases), tuple(interior), multipliers, unseen)
+
+
+def orthogonal(
+    feasible: FeasibleSet, bases: Sequence[Matrix], matrices: Sequence[Matrix], multipliers: Vector
+) -> tuple[tuple[Matrix, ...], Vector]:
+    """The nearest W and multipliers that satisfy the equations of a dual point to rounding.
+
+    A solver satisfies them to its tolerance, relative to the largest numbers in them.
+    """
+    problem = BlockProblem.of(feasible, np.zeros(feasible.parameter_count), bases)
+    stack = problem.stack
+    equations = feasible.equation_matrix @ feasible.unidentifiable
+    matrix = np.vstack([stack.coefficients.toarray(), equations]).T
+    matrix /= np.maximum(np.linalg.norm(matrix, axis=1, keepdims=True), np.finfo(float).tiny)
+    found = np.concatenate([np.zeros(len(stack.constant)), multipliers])
+    for place, index in zip(stack.slices, problem.used, strict=True):
+        found[place] = symmetric_to_vector(matrices[index])
+    for _ in range(2):
+        found -= np.linalg.lstsq(matrix, matrix @ found, rcond=1e-9)[0]
+    nearest = list(matrices)
+    for index, W in zip(problem.used, stack.matrices(found[: len(stack.constant)]), strict=True):
+        nearest[index] = W
+    return tuple(nearest), found[len(stack.constant) :]
 
 
 def _unseen(feasible: FeasibleSet) -> Matrix:

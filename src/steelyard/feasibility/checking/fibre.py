@@ -45,6 +45,9 @@ class Fibre:
             directions = linalg.null_space(self._equations)
         # Directions that leave no trace in the blocks drop out.
         columns = stack.coefficients @ directions
+        lengths = np.linalg.norm(columns, axis=0)
+        seen = lengths > 0
+        directions, columns = directions[:, seen] / lengths[seen], columns[:, seen] / lengths[seen]
         rank, steps = 0, np.zeros((len(directions), 0))
         if columns.shape[1]:
             _, triangle, order = linalg.qr(columns, mode="economic", pivoting=True)

@@ -37,7 +37,9 @@ def polished_pair(
     duals, recession : tuple of (d, d)
         As they came, where the method does not converge.
     """
-    left, singular, _ = np.linalg.svd(stack.coefficients @ unseen, full_matrices=True)
+    columns = stack.coefficients @ unseen
+    lengths = np.linalg.norm(columns, axis=0)
+    left, singular, _ = np.linalg.svd(columns[:, lengths > 0] / lengths[lengths > 0], full_matrices=True)
     rank = int(np.sum(singular > 1e-10 * singular.max(initial=0.0)))
     values = [np.concatenate([symmetric_to_vector(M) for M in _stacked(stack, m)]) for m in (recession, duals)]
     point = np.concatenate([left[:, :rank].T @ values[0], left[:, rank:].T @ values[1]])

@@ -110,6 +110,11 @@ def is_definite(matrix: Sequence[Sequence[Fraction]], strict: bool) -> bool:
     return True
 
 
+def _smallness(value: Fraction) -> int:
+    """Minus the order of magnitude, in powers of eight."""
+    return (value.denominator.bit_length() - value.numerator.bit_length()) // 3
+
+
 def zero_combination_basis(
     rows: SparseRows, columns: int, preference: Sequence[int]
 ) -> tuple[Mapping[int, Mapping[int, Fraction]], tuple[int, ...]]:
@@ -121,7 +126,8 @@ def zero_combination_basis(
     columns : int
         Number of unknowns.
     preference : sequence of int
-        Rank of each unknown as a pivot, least first; among equals the one in the fewest rows is taken.
+        Rank of each unknown as a pivot, least first; among equals those with a large coefficient, so that errors of the
+        free unknowns do not grow, and of these the one in the fewest rows.
 
     Returns
     -------
@@ -147,7 +153,7 @@ def zero_combination_basis(
         row = work[index]
         if not row:
             continue
-        pivot = min(row, key=lambda column: (preference[column], len(where[column]), column))
+        pivot = min(row, key=lambda column: (preference[column], _smallness(row[column]), len(where[column]), column))
         factor = row[pivot]
         for column in row:
             row[column] /= factor
