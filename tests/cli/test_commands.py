@@ -244,3 +244,16 @@ def test_check_says_what_it_needs(run, arguments):
     code, _, err = run("check", *arguments)
     assert code == 2
     assert err.count("\n") == 1
+
+
+def test_an_identified_estimate_carries_its_proof(run, place):
+    run("identify", place / "robot.toml", place / "log.csv", "--output", place / "result")
+    estimate = place / "result" / "estimate.json"
+    code, out, _ = run("check", "--certificate", estimate)
+    assert (code, "are feasible" in out) == (0, True)
+    assert run("check", place / "robot.toml", estimate, "--certificate", estimate)[0] == 0
+    document = json.loads(estimate.read_text())
+    index = document["parameter_names"].index("m2")
+    document["certificate"]["proof"]["parameters"][index] = "-0.5"
+    estimate.write_text(json.dumps(document))
+    assert run("check", "--certificate", estimate)[0] == 1

@@ -96,8 +96,10 @@ class Verdict:
         else:
             found = [f"Undecided {kind}: closer to the boundary than the solver can tell (margin {self.margin:.3g})."]
         found += [f"{violation}." for violation in self.violations]
-        if self.status == "infeasible" and self.certificate is not None:
-            found.append("A dual certificate proves it.")
+        if isinstance(self.certificate, InfeasibilityCertificate):
+            if self.certificate.equations:
+                found.append(f"Part of the contradiction: {', '.join(self.certificate.equations)}.")
+            found.append(self.certificate.verify().sentence)
         return tuple(found)
 
     def __str__(self) -> str:

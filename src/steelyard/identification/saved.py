@@ -52,7 +52,7 @@ def check_estimate(
     InputError
         If a file cannot be used, or the estimate belongs to another robot.
     """
-    feasible, loaded = _set_and_estimate(robot, estimate, consistency)
+    _, feasible, loaded = _set_and_estimate(robot, estimate, consistency)
     if loaded.parameters is not None:
         return check(feasible, parameters=loaded.parameters)
     return check(feasible, base=loaded.base)
@@ -92,9 +92,10 @@ def check_certificate(
         return verified
     base = None
     if estimate is None:
-        feasible = _feasible_set(RobotFile.load(robot), consistency)
+        file = RobotFile.load(robot)
+        feasible = _feasible_set(file, Model.from_file(file), consistency)
     else:
-        feasible, loaded = _set_and_estimate(robot, estimate, consistency)
+        _, feasible, loaded = _set_and_estimate(robot, estimate, consistency)
         base = loaded.base
     different = speaks_of(document, feasible, base)
     if different:
@@ -136,7 +137,7 @@ def correct_estimate(
     SolverError
         If no parameters satisfy the constraints.
     """
-    feasible, loaded = _set_and_estimate(robot, estimate, consistency)
+    model, feasible, loaded = _set_and_estimate(robot, estimate, consistency)
     weights = None
     if metric == "deviation":
         with np.errstate(divide="ignore"):
@@ -144,12 +145,12 @@ def correct_estimate(
         exact = loaded.standard_deviation == 0
         weights[exact, exact] = max(1.0, float(weights.max(initial=0.0)))
     found = correct(feasible, base=loaded.base, metric=weights)
-    damping, friction = feasible.model.joint_friction(found.parameters)
+    damping, friction = model.joint_friction(found.parameters)
     return replace(
         loaded,
         method=loaded.method if found.status == "already feasible" else f"{loaded.method}, corrected",
         base=found.base,
-        parameter_names=tuple(feasible.model.parameter_names),
+        parameter_names=model.parameter_names,
         parameters=found.parameters,
         consistency=consistency,
         relative_error=loaded.relative_error if found.status == "already feasible" else float("nan"),
@@ -161,16 +162,18 @@ def correct_estimate(
     )
 
 
-def _feasible_set(file: RobotFile, consistency: Literal["full", "inertia"]) -> FeasibleSet:
+def _feasible_set(file: RobotFile, model: Model, consistency: Literal["full", "inertia"]) -> FeasibleSet:
     constraints = constraints_from_dict(file.section("constraints"), folder=file.path.parent)
-    return FeasibleSet(Model.from_file(file), consistency, list(constraints))
+    return FeasibleSet(model, consistency, list(constraints))
 
 
 def _set_and_estimate(
     robot: str | Path, estimate: str | Path, consistency: Literal["full", "inertia"]
-) -> tuple[FeasibleSet, Estimate]:
-    feasible = _feasible_set(RobotFile.load(robot), consistency)
-    return feasible, matching_estimate(feasible.model, estimate)
+) -> tuple[Model, FeasibleSet, Estimate]:
+    file = RobotFile.load(robot)
+    model = Model.from_file(file)
+    loaded = matching_estimate(model, estimate)
+    return model, _feasible_set(file, model, consistency), loaded
 
 
 def matching_estimate(model: Model, estimate: str | Path) -> Estimate:

@@ -91,7 +91,7 @@ def _verdict_of_least_squares(identification: Identification) -> str:
         more = f" and {len(names) - 4} more" if len(names) > 4 else ""
         lines.append(f"Impossible: {', '.join(names[:4])}{more}.")
     if verdict.feasible is False and verdict.certificate is not None:
-        lines.append("A dual certificate proves it.")
+        lines.append("Proved, and the proof verified in exact arithmetic.")
     return _card("Plain least squares", verdict.feasible, lines)
 
 

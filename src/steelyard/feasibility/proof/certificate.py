@@ -154,6 +154,12 @@ class InfeasibilityCertificate:
         total = sum(share for _, share in shares) or 1.0
         return tuple(sorted(((name, share / total) for name, share in shares), key=lambda item: -item[1]))
 
+    @property
+    def equations(self) -> tuple[str, ...]:
+        """Names of the equations of constraints that take part in the contradiction."""
+        pairs = zip(self.feasible_set.equalities, self.exact_multipliers, strict=True)
+        return tuple(equality.name for equality, multiplier in pairs if abs(multiplier) > 1e-9)
+
     @cached_property
     def _checked(self) -> CertificateCheck:
         statement = exact_statement(self.feasible_set, exact_vector(self.base))

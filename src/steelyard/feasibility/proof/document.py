@@ -43,7 +43,7 @@ class CertificateDocument(Mapping[str, Any]):
 
 
 def load_certificate(path: str | Path) -> dict[str, Any]:
-    """Read a certificate from a file.
+    """Read a certificate from a file: one that was saved by itself, or that of a saved estimate.
 
     Raises
     ------
@@ -59,6 +59,8 @@ def load_certificate(path: str | Path) -> dict[str, Any]:
         raise InputError(f"{source}: cannot be read ({error.strerror}).") from None
     except (ValueError, RecursionError):
         raise InputError(f"{source}: is not JSON; give a certificate that steelyard saved.") from None
+    if isinstance(document, dict) and isinstance(document.get("certificate"), dict):
+        document = document["certificate"]
     if not isinstance(document, dict) or document.get("format") != FORMAT:
         found = document.get("format") if isinstance(document, dict) else type(document).__name__
         raise InputError(f"{source}: is not a certificate (format {found!r}); expected {FORMAT!r}.")
