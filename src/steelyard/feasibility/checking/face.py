@@ -89,12 +89,11 @@ def _dual_face(feasible: FeasibleSet) -> DualFace:
         np.array([[float(value) for value in row] for row in exact]).reshape(len(exact), -1) for exact in exact_bases
     ]
     inverses = [np.linalg.pinv(basis) if basis.shape[1] else basis.T for basis in bases]
-    interior, multipliers = orthogonal(
-        feasible,
-        bases,
-        [inverse @ dual @ inverse.T for inverse, dual in zip(inverses, duals, strict=True)],
-        multipliers,
-    )
+    interior = tuple(inverse @ dual @ inverse.T for inverse, dual in zip(inverses, duals, strict=True))
+    nearest, factors = orthogonal(feasible, bases, interior, multipliers)
+    # Where the equations themselves are noise, as with axes that are parallel but for a thousandth, this leads astray.
+    if _smallest(nearest) > 0.5 * _smallest(interior):
+        interior, multipliers = nearest, factors
     unseen = np.zeros(feasible.parameter_count)
     if any(len(null) for null in nulls):
         directions = _unseen(feasible)
@@ -125,6 +124,10 @@ def orthogonal(
     for index, W in zip(problem.used, stack.matrices(found[: len(stack.constant)]), strict=True):
         nearest[index] = W
     return tuple(nearest), found[len(stack.constant) :]
+
+
+def _smallest(matrices: Sequence[Matrix]) -> float:
+    return min((float(np.linalg.eigvalsh(matrix)[0]) for matrix in matrices if len(matrix)), default=0.0)
 
 
 def _unseen(feasible: FeasibleSet) -> Matrix:
