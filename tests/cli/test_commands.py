@@ -257,3 +257,19 @@ def test_an_identified_estimate_carries_its_proof(run, place):
     document["certificate"]["proof"]["parameters"][index] = "-0.5"
     estimate.write_text(json.dumps(document))
     assert run("check", "--certificate", estimate)[0] == 1
+
+
+def test_explain_tells_intervals_or_reasons(run, tmp_path):
+    robot, estimate = pendulum(tmp_path, [0.5, 1.0, 0.0])
+    target = tmp_path / "explanation.json"
+    code, out, _ = run("explain", robot, estimate, "--output", target)
+    assert code == 0
+    # Lzz m >= lx², so that with Lzz = 0.5 and lx = 1 the pendulum weighs at least 2 kg (thesis 3.3).
+    document = json.loads(target.read_text())
+    (mass,) = [entry for entry in document["intervals"]["intervals"] if entry["name"] == "m1"]
+    assert mass["lower"] == pytest.approx(2.0, rel=1e-4)
+    assert mass["upper"] is None
+    assert "mass of link1" in out
+    robot, estimate = pendulum(tmp_path, [-0.5, 1.0, 0.0])
+    code, out, _ = run("explain", robot, estimate)
+    assert (code, "is infeasible" in out) == (1, True)

@@ -11,6 +11,7 @@ from steelyard import __version__
 from .check import check
 from .correct import correct
 from .demo import demo
+from .explain import explain
 from .generate import generate
 from .identify import identify
 from .inspect import inspect
@@ -31,6 +32,7 @@ app.command()(generate)
 app.command()(identify)
 app.command()(check)
 app.command()(correct)
+app.command()(explain)
 
 
 def _version(value: bool) -> None:

@@ -1,6 +1,8 @@
 """The main job, composed of the rooms above: logs in, feasible model out."""
 
 from .demonstration import demonstrate as demonstrate
+from .explained import EstimateExplanation as EstimateExplanation
+from .explained import explain_estimate as explain_estimate
 from .identify import identify as identify
 from .result import Identification as Identification
 from .result import Prediction as Prediction
@@ -11,6 +13,7 @@ from .saved import correct_estimate as correct_estimate
 from .saved import parameters_of_estimate as parameters_of_estimate
 
 __all__ = [
+    "EstimateExplanation",
     "Identification",
     "Prediction",
     "Trace",
@@ -18,6 +21,7 @@ __all__ = [
     "check_estimate",
     "correct_estimate",
     "demonstrate",
+    "explain_estimate",
     "identify",
     "parameters_of_estimate",
 ]

@@ -25,7 +25,14 @@ from steelyard.feasibility import (
 from steelyard.regression import Estimate
 from steelyard.robot import RobotFile
 
-__all__ = ["check_certificate", "check_estimate", "correct_estimate", "matching_estimate", "parameters_of_estimate"]
+__all__ = [
+    "check_certificate",
+    "check_estimate",
+    "correct_estimate",
+    "matching_estimate",
+    "parameters_of_estimate",
+    "set_and_estimate",
+]
 
 
 def check_estimate(
@@ -52,7 +59,7 @@ def check_estimate(
     InputError
         If a file cannot be used, or the estimate belongs to another robot.
     """
-    _, feasible, loaded = _set_and_estimate(robot, estimate, consistency)
+    _, feasible, loaded = set_and_estimate(robot, estimate, consistency)
     if loaded.parameters is not None:
         return check(feasible, parameters=loaded.parameters)
     return check(feasible, base=loaded.base)
@@ -95,7 +102,7 @@ def check_certificate(
         file = RobotFile.load(robot)
         feasible = _feasible_set(file, Model.from_file(file), consistency)
     else:
-        _, feasible, loaded = _set_and_estimate(robot, estimate, consistency)
+        _, feasible, loaded = set_and_estimate(robot, estimate, consistency)
         base = loaded.base
     different = speaks_of(document, feasible, base)
     if different:
@@ -137,7 +144,7 @@ def correct_estimate(
     SolverError
         If no parameters satisfy the constraints.
     """
-    model, feasible, loaded = _set_and_estimate(robot, estimate, consistency)
+    model, feasible, loaded = set_and_estimate(robot, estimate, consistency)
     weights = None
     if metric == "deviation":
         with np.errstate(divide="ignore"):
@@ -167,9 +174,10 @@ def _feasible_set(file: RobotFile, model: Model, consistency: Literal["full", "i
     return FeasibleSet(model, consistency, list(constraints))
 
 
-def _set_and_estimate(
+def set_and_estimate(
     robot: str | Path, estimate: str | Path, consistency: Literal["full", "inertia"]
 ) -> tuple[Model, FeasibleSet, Estimate]:
+    """The model of a robot file, its feasible set with the constraints of the file, and an estimate of this robot."""
     file = RobotFile.load(robot)
     model = Model.from_file(file)
     loaded = matching_estimate(model, estimate)

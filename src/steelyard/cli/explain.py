@@ -1,0 +1,30 @@
+"""``steelyard explain``."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from .choices import Consistency
+
+__all__ = ["explain"]
+
+
+def explain(
+    robot: Annotated[Path, typer.Argument(help="URDF or robot.toml.")],
+    estimate: Annotated[Path, typer.Argument(help="estimate.json.")],
+    output: Annotated[Path | None, typer.Option("--output", "-o", help="File for the same as JSON.")] = None,
+    consistency: Consistency = Consistency.FULL,
+) -> None:
+    """Tell why an estimate is impossible, or which values of each parameter are possible: exit 0 feasible, 1 not."""
+    from steelyard.identification import explain_estimate
+
+    explanation = explain_estimate(robot, estimate, consistency.value)
+    typer.echo(str(explanation))
+    if output is not None:
+        explanation.save(output)
+        typer.echo(f"Written to {output}")
+    if not explanation.feasible:
+        raise typer.Exit(1)
