@@ -12,6 +12,7 @@ __all__ = ["BaseParameters", "base_parameters_of"]
 
 Matrix = NDArray[np.float64]
 _CLEAR_GAP = 100.0
+_SURE_DIGITS, _COINCIDENCE = 6, 500.0  # decimals this short are met at once; others may be met by chance, 2 in this
 
 
 @dataclass(frozen=True, eq=False)
@@ -165,13 +166,18 @@ def _distances(factor: Matrix, threshold: float) -> Matrix:
 
 
 def _rounded(values: Matrix) -> Matrix:
-    """Round to the shortest decimal within the noise of the computation."""
-    noise = 2e-12 * np.maximum(1.0, np.abs(values))
+    """Round to the shortest decimal within the noise of the computation, where that is no coincidence.
+
+    Lengths are decimals of a few digits, and so are their squares and products. A number without end is left as it is: it
+    is near some decimal of ten digits or more, too.
+    """
     result = values.copy()
     open_ = np.ones(values.shape, dtype=bool)
+    size = np.maximum(1.0, np.abs(values))
     for digits in range(11):
+        noise = (2e-12 if digits <= _SURE_DIGITS else 1e-13) * size
         short = np.round(values, digits)
-        close = open_ & (np.abs(short - values) <= noise)
+        close = open_ & (np.abs(short - values) <= noise) & (_COINCIDENCE * noise <= 10.0**-digits)
         result[close] = short[close]
         open_ &= ~close
     return result + 0.0

@@ -36,8 +36,33 @@ from .correct import Correction as Correction
 from .correct import correct as correct
 from .feasible_set import FeasibleSet as FeasibleSet
 from .fit import fit as fit
+from .fitting import ConstantPullbackPrior as ConstantPullbackPrior
+from .fitting import EntropicPrior as EntropicPrior
+from .fitting import EuclideanPrior as EuclideanPrior
 from .fitting import FeasibleFit as FeasibleFit
+from .fitting import HuberWeights as HuberWeights
+from .fitting import LCurve as LCurve
+from .fitting import Preference as Preference
+from .fitting import Prior as Prior
+from .fitting import RobustInformation as RobustInformation
+from .fitting import SmallestMass as SmallestMass
 from .fitting import fit_reduced as fit_reduced
+from .fitting import l_curve as l_curve
+from .fitting import robust_information as robust_information
+from .fitting import smallest_total_mass as smallest_total_mass
+from .insight import BaseParameterDegree as BaseParameterDegree
+from .insight import Conflict as Conflict
+from .insight import ConstraintPrice as ConstraintPrice
+from .insight import ConstraintPrices as ConstraintPrices
+from .insight import InfeasibilityExplanation as InfeasibilityExplanation
+from .insight import LeastMass as LeastMass
+from .insight import LightestRobot as LightestRobot
+from .insight import ParameterInterval as ParameterInterval
+from .insight import ParameterIntervals as ParameterIntervals
+from .insight import constraint_prices as constraint_prices
+from .insight import explain_infeasibility as explain_infeasibility
+from .insight import lightest_robot as lightest_robot
+from .insight import parameter_intervals as parameter_intervals
 from .lmi import AffineBlock as AffineBlock
 from .lmi import AffineStack as AffineStack
 from .lmi import LinearExpression as LinearExpression
@@ -62,31 +87,49 @@ from .proof import verify_document as verify_document
 __all__ = [
     "AffineBlock",
     "AffineStack",
+    "BaseParameterDegree",
     "CenterOfMassBox",
     "CenterOfMassHull",
     "CenterOfMassSphere",
     "CertificateCheck",
     "Cone",
     "ConfidenceInterval",
+    "Conflict",
     "ConicProblem",
     "ConicSolution",
+    "ConstantPullbackPrior",
     "Constraint",
+    "ConstraintPrice",
+    "ConstraintPrices",
     "Correction",
     "DensityInBox",
     "DensityInEllipsoid",
+    "EntropicPrior",
     "EqualLinks",
     "Equality",
+    "EuclideanPrior",
     "FeasibilityCertificate",
     "FeasibleFit",
     "FeasibleSet",
+    "HuberWeights",
     "InfeasibilityCertificate",
+    "InfeasibilityExplanation",
+    "LCurve",
+    "LeastMass",
+    "LightestRobot",
     "LinearBound",
     "LinearExpression",
     "LinearMatrixInequality",
     "MeasuredMass",
     "Outcome",
+    "ParameterInterval",
+    "ParameterIntervals",
     "PolynomialCondition",
+    "Preference",
+    "Prior",
+    "RobustInformation",
     "SemidefiniteProgram",
+    "SmallestMass",
     "Solver",
     "SolverTable",
     "SymmetricLink",
@@ -98,17 +141,24 @@ __all__ = [
     "check",
     "closed_form_conditions",
     "confidence_intervals",
+    "constraint_prices",
     "constraints_from_dict",
     "correct",
     "distance_inequality",
+    "explain_infeasibility",
     "feasibility_polynomials",
     "fit",
     "fit_reduced",
     "inequality_of_program",
+    "l_curve",
+    "lightest_robot",
     "load_certificate",
+    "parameter_intervals",
     "parse_expression",
     "register_solver",
     "residual_inequality",
+    "robust_information",
+    "smallest_total_mass",
     "solve",
     "solver_table",
     "speaks_of",

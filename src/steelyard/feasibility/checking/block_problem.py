@@ -17,7 +17,7 @@ Vector = npt.NDArray[np.float64]
 Matrix = npt.NDArray[np.float64]
 
 ROUNDING = 1e-10
-"""Coefficients below this, relative to the largest of their parameter in the block, are rounding errors of what cancels."""
+"""Coefficients below this, relative to the largest of their parameter in the block, are what cancelling leaves."""
 
 
 @dataclass(frozen=True, eq=False)

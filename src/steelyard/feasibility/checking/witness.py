@@ -1,12 +1,14 @@
 """Parameters that prove feasibility, from what solvers leave close to the boundary or far out of scale."""
 
 from collections.abc import Sequence
+from weakref import WeakKeyDictionary
 
 import numpy as np
 import numpy.typing as npt
 
 from ..feasible_set import FeasibleSet
 from ..proof import FeasibilityCertificate
+from ..proof.rational import exact_number
 from .face import dual_face
 from .margin import largest_margin
 
@@ -23,6 +25,11 @@ SCALED_ACCURACY = 1e-11
 
 LARGEST_ADDITION = 1e12
 
+SHORT_DECIMAL, MAP_ACCURACY = 10**10, 1e-13
+"""Denominators of elements of K that count as exact, and the relative accuracy of the others."""
+
+_cache: WeakKeyDictionary[FeasibleSet, Matrix] = WeakKeyDictionary()
+
 
 def proved_witness(feasible: FeasibleSet, base: Vector, parameters: Vector) -> FeasibilityCertificate | None:
     """The certificate that parameters amount to, or None where they do not prove anything."""
@@ -32,8 +39,42 @@ def proved_witness(feasible: FeasibleSet, base: Vector, parameters: Vector) -> F
     for block, smallest in zip(feasible.blocks, feasible.stack.smallest_eigenvalues(parameters), strict=True):
         if smallest < -1e-9 * max(1.0, float(np.abs(block.evaluate(parameters)).max(initial=0.0))):
             return None
+    if not _beyond_rounding(feasible, parameters):
+        return None
     certificate = FeasibilityCertificate(feasible, base, parameters)
     return certificate if certificate.verify() else None
+
+
+def _beyond_rounding(feasible: FeasibleSet, parameters: Vector) -> bool:
+    """Whether the blocks stay definite for all maps K that round to the one given.
+
+    Elements of K that are no short decimals are rounded. Parameters of tonnes could make a robot of grams possible that
+    is not, by what rounding leaves of terms that cancel.
+    """
+    change = _rounding_of_map(feasible) @ np.abs(parameters)
+    if not np.any(change):
+        return True
+    affected = np.zeros(feasible.parameter_count)
+    affected[np.asarray(feasible.model.base_parameters().independent, dtype=np.intp)] = change
+    for block in feasible.blocks:
+        norms = np.abs(block.coefficients).sum(axis=2).max(axis=1)
+        loss = float(affected[block.indices] @ norms)
+        if loss > 0 and block.size > 1 and block.smallest_eigenvalue(parameters) <= loss:
+            return False
+    return True
+
+
+def _rounding_of_map(feasible: FeasibleSet) -> Matrix:
+    """Bound on the rounding errors of the elements of K."""
+    found = _cache.get(feasible)
+    if found is None:
+        found = np.zeros_like(feasible.K)
+        for i, j in zip(*np.nonzero(feasible.K), strict=True):
+            value = float(feasible.K[i, j])
+            if exact_number(value).denominator > SHORT_DECIMAL:
+                found[i, j] = MAP_ACCURACY * abs(value)
+        _cache[feasible] = found
+    return found
 
 
 def raised_witness(feasible: FeasibleSet, base: Vector, parameters: Vector) -> FeasibilityCertificate | None:
