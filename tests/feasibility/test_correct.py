@@ -2,8 +2,10 @@ import numpy as np
 import pytest
 import scipy.optimize
 
+from steelyard.dynamics import Model, Viscous
 from steelyard.errors import InputError, SolverError
-from steelyard.feasibility import CenterOfMassBox, FeasibleSet, TotalMass, check, correct
+from steelyard.feasibility import CenterOfMassBox, FeasibleSet, Outcome, TotalMass, check, correct
+from steelyard.robot import Robot
 
 IMPOSSIBLE = np.array([0.5, 0.1, 0.25, 0.3, 0.4, -0.1])
 
@@ -110,3 +112,35 @@ def test_exactly_one_vector_is_needed(two_links):
 def test_prints_as_a_sentence(two_links):
     correction = correct(FeasibleSet(two_links), base=[1.5, 0.1, 0.25, 0.3, 0.4, -0.1])
     assert str(correction) == 'Corrected to be feasible under "full" consistency; squared distance 0.0100002.'
+
+
+@pytest.mark.parametrize("consistency", ["inertia", "full"])
+@pytest.mark.parametrize("seed", range(8))
+def test_links_of_50_g_beside_links_of_50_kg(seed, consistency, point_cloud_parameters):
+    """Bodies of the density of water, a thousand times heavier or lighter than their neighbours: plainly solved."""
+    rng = np.random.default_rng(seed)
+    count = int(rng.integers(2, 7))
+    rows = [(str(rng.choice(["0", "pi/2", "-pi/2"])), 0.3, 0.1, "q") for _ in range(count)]
+    model = Model(Robot.from_dh(rows).with_terms(Viscous()))
+    truth = []
+    for link in range(count):
+        mass = 0.05 if (link + seed) % 2 else 50.0
+        points = (mass / 1000) ** (1 / 3) * (rng.normal(size=(6, 3)) + rng.normal(size=3))
+        truth += [*point_cloud_parameters(rng.dirichlet(np.ones(6)) * mass, points), rng.uniform(0, 0.1)]
+    feasible = FeasibleSet(model, consistency)
+    exact = feasible.K @ np.array(truth)
+    base = exact * (1 + 0.3 * rng.normal(size=len(exact))) + 1e-3 * rng.normal(size=len(exact))
+    correction = correct(feasible, base=base)
+    assert correction.outcome is Outcome.SOLVED
+    assert correction.certificate.verify()
+    # The parameters that the estimate was disturbed from are possible, so that the nearest are no farther.
+    assert correction.squared_distance <= np.sum((exact - base) ** 2) * (1 + 1e-6)
+
+
+@pytest.mark.parametrize("scale", [1e-4, 1e5])
+def test_units_of_mass_do_not_matter(two_links, scale):
+    """Everything is linear in the masses; a margin in proportion gives an answer in proportion."""
+    plain = correct(FeasibleSet(two_links), base=IMPOSSIBLE)
+    scaled = correct(FeasibleSet(two_links, margin=1e-6 * scale), base=scale * IMPOSSIBLE)
+    np.testing.assert_allclose(scaled.base, scale * plain.base, atol=1e-4 * scale)
+    assert scaled.squared_distance == pytest.approx(scale**2 * plain.squared_distance, rel=1e-4)

@@ -33,6 +33,13 @@ REFINEMENTS = 3
 """How often at most. In the Euclidean metric once is enough: less than that of the largest parameter is rounding."""
 
 
+_METRICS = {
+    "given": "the given metric",
+    "covariance": "the metric of the covariance",
+    "data": "the data's own metric",
+}
+
+
 @dataclass(frozen=True, eq=False)
 class Correction:
     """Answer of `correct`.
@@ -54,7 +61,7 @@ class Correction:
     squared_euclidean_distance : float
         dᵀ d.
     metric : str
-        ``"Euclidean"``, ``"given"``, ``"the covariance"`` or ``"the data's own"``.
+        ``"Euclidean"``, ``"given"``, ``"covariance"`` or ``"data"``.
     solver : str
     outcome : Outcome
         How the solver ended.
@@ -77,8 +84,7 @@ class Correction:
             return f'Already feasible under "{kind}" consistency; nothing changed.'
         text = f'Corrected to be feasible under "{kind}" consistency; squared distance {self.squared_distance:.6g}'
         if self.metric != "Euclidean":
-            text += f" in the metric of {self.metric.removeprefix('the ')}" if self.metric != "given" else ""
-            text += f" (Euclidean: {self.squared_euclidean_distance:.6g})"
+            text += f" in {_METRICS[self.metric]} (Euclidean: {self.squared_euclidean_distance:.6g})"
         return f"{text}."
 
 
@@ -133,8 +139,9 @@ def correct(
 
     With an estimate whose first parameter is known ten times as well as the others:
 
-    >>> print(correct(FeasibleSet(model), base=[0.6, 0.0, 0.0], covariance=np.diag([0.01, 1.0, 1.0])))
-    Already feasible under "full" consistency; nothing changed.
+    >>> print(correct(FeasibleSet(model), base=[-0.6, 0.0, 0.0], covariance=np.diag([0.01, 1.0, 1.0])))
+    Corrected to be feasible under "full" consistency; squared distance 36.0... in the metric of the covariance
+    (Euclidean: 0.36...).
     """
     if (base is None) == (parameters is None):
         raise InputError("correct takes either base= or parameters=; give exactly one of them.")
@@ -145,6 +152,8 @@ def correct(
     for factor in MARGIN_FACTORS:
         found, outcome, iterations, status = nearest.search(factor * feasible.margin)
         if outcome is Outcome.INFEASIBLE and feasible.constraints:
+            if factor > MARGIN_FACTORS[0]:  # there is room, but not for more margin
+                break
             raise SolverError(
                 f"no parameters satisfy all of the {len(feasible.blocks)} conditions with margin {feasible.margin:g} "
                 f"({title}: {status}); loosen the constraints, which contradict each other."

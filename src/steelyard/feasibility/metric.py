@@ -27,7 +27,7 @@ class Metric:
     Attributes
     ----------
     name : str
-        For sentences.
+        ``"Euclidean"``, ``"given"``, ``"covariance"`` or ``"data"``.
     factor : (r, k) or None
         R; None for the Euclidean metric.
 
@@ -62,7 +62,7 @@ class Metric:
         if metric is not None and covariance is not None:
             raise InputError("give either metric= or covariance=, not both; the metric is the inverse of a covariance.")
         if covariance is not None:
-            return cls("the covariance", _whitening(_symmetric(covariance, "covariance", count, kind)))
+            return cls("covariance", _whitening(_symmetric(covariance, "covariance", count, kind)))
         if metric is None:
             return cls("Euclidean", None)
         if hasattr(metric, "reduced"):
@@ -74,7 +74,7 @@ class Metric:
                 )
             if not np.all(np.isfinite(factor)) or not np.any(factor):
                 raise InputError("metric holds no usable samples; give the Information of a recording that moves.")
-            return cls("the data's own", factor @ feasible.K if standard else factor)
+            return cls("data", factor @ feasible.K if standard else factor)
         return cls("given", _root(_symmetric(metric, "metric", count, kind)))
 
     def squared(self, difference: Vector) -> float:

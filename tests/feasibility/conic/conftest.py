@@ -26,7 +26,8 @@ def conic():
     def build(P, q, A, b, *cones):
         q = np.asarray(q, dtype=float)
         P = np.zeros((len(q), len(q))) if P is None else P
-        A = np.asarray(A, dtype=float).reshape(-1, len(q))
+        A = np.asarray(A, dtype=float)
+        A = A[:, None] if A.ndim == 1 else A
         return ConicProblem(sparse.csc_array(P), q, sparse.csc_array(A), np.asarray(b, dtype=float), cones)
 
     return build

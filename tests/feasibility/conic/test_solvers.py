@@ -6,7 +6,7 @@ import scipy.linalg
 import scipy.optimize
 
 from steelyard.errors import InputError, SolverError
-from steelyard.feasibility import Cone, Outcome, SemidefiniteProgram, solve
+from steelyard.feasibility import Cone, ConicProblem, Outcome, SemidefiniteProgram, solve
 from steelyard.feasibility.conic.accuracy import (
     dual_error,
     infeasibility_error,
@@ -124,6 +124,14 @@ def test_trust_region(solver, conic):
     np.testing.assert_allclose(solution.primal, expected, atol=1e-4)
 
 
+def test_upper_triangle_of_the_objective_is_enough(solver, conic):
+    P = np.array([[2.0, 1.0], [1.0, 2.0]])
+    problem = conic(np.triu(P), [-1.0, 0.0], -np.eye(2), [5.0, 5.0], Cone("nonnegative", 2))
+    solution = solve(problem, solver=solver)
+    np.testing.assert_allclose(solution.primal, np.linalg.solve(P, [1.0, 0.0]), atol=2e-4)
+    assert solution.objective == pytest.approx(-0.5 * 2 / 3, abs=1e-5)
+
+
 def test_linear_programme(solver, conic):
     rng = np.random.default_rng(7)
     A = np.vstack([rng.normal(size=(9, 3)), -np.eye(3), np.eye(3)])
@@ -177,8 +185,14 @@ def infeasible(conic):
     # A constant: -1 >= 0, beside something to solve.
     yield conic(None, [1.0], [[-1.0], [0.0]], [0.0, -1.0], Cone("nonnegative", 2))
     # A constant block of a matrix, and a ball that a line misses.
-    yield conic(None, [1.0], [[-1.0], [0], [0], [0]], [0.0, 1.0, np.sqrt(8.0), 1.0], Cone("nonnegative", 1),
-                Cone("semidefinite", 2))
+    yield conic(
+        None,
+        [1.0],
+        [[-1.0], [0], [0], [0]],
+        [0.0, 1.0, np.sqrt(8.0), 1.0],
+        Cone("nonnegative", 1),
+        Cone("semidefinite", 2),
+    )
     A = np.vstack([[[1.0, 0.0]], np.zeros((1, 2)), -np.eye(2)])
     yield conic(None, [0.0, 1.0], A, [3.0, 1.0, 0, 0], Cone("zero", 1), Cone("second-order", 3))
 
@@ -249,8 +263,14 @@ def test_random_problems_agree_with_another_modeller(solver, conic):
             for d, matrices in ((3, F), (4, G))
         ]
         M, y = rng.normal(size=(4, count)), rng.normal(size=4)
-        A = np.vstack([E, np.eye(count), -np.array([symmetric_to_vector(f) for f in F]).T,
-                       -np.array([symmetric_to_vector(g) for g in G]).T])
+        A = np.vstack(
+            [
+                E,
+                np.eye(count),
+                -np.array([symmetric_to_vector(f) for f in F]).T,
+                -np.array([symmetric_to_vector(g) for g in G]).T,
+            ]
+        )
         b = np.concatenate([E @ inside, inside + 1.0, *(symmetric_to_vector(c) for c in constants)])
         cones = (Cone("zero", 1), Cone("nonnegative", count), Cone("semidefinite", 3), Cone("semidefinite", 4))
         problem = conic(2 * M.T @ M, -2 * M.T @ y, A, b, *cones)
@@ -298,6 +318,21 @@ def test_exponential_cone_is_refused(name, conic):
     problem = conic(None, [0, 0, 1], -np.eye(3), np.zeros(3), Cone("exponential", 3))
     with pytest.raises(InputError, match='does not take the exponential cone; use solver="clarabel" or solver="scs"'):
         solve(problem, solver=name)
+
+
+@pytest.mark.parametrize(
+    ("P", "q", "A", "b", "cones", "words"),
+    [
+        (np.eye(2), [1.0], [[1.0]], [1.0], [("nonnegative", 1)], r"P of shape \(1, 1\)"),
+        (np.eye(1), [1.0], [[1.0, 2.0]], [1.0], [("nonnegative", 1)], r"A of shape \(1, 1\)"),
+        (np.eye(1), [1.0], [[1.0]], [1.0], [("semidefinite", 2)], "1 rows together, got .* and 3"),
+        (np.eye(1), [np.nan], [[1.0]], [1.0], [("nonnegative", 1)], "q of a conic problem must be finite"),
+        (np.eye(1), [1.0], [[np.inf]], [1.0], [("nonnegative", 1)], "A of a conic problem must be finite"),
+    ],
+)
+def test_problems_that_do_not_fit_together(P, q, A, b, cones, words):
+    with pytest.raises(InputError, match=words):
+        ConicProblem(P, np.array(q), np.array(A), np.array(b), tuple(Cone(*cone) for cone in cones))
 
 
 @pytest.mark.parametrize(("kind", "size"), [("exponential", 4), ("psd", 3), ("zero", -1)])

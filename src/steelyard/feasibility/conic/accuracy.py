@@ -5,7 +5,15 @@ import numpy.typing as npt
 
 from .problem import Cone, ConicProblem
 
-__all__ = ["dual_error", "infeasibility_error", "least_distance", "optimality_error", "primal_error", "recession_error"]
+__all__ = [
+    "dual_error",
+    "gap_error",
+    "infeasibility_error",
+    "least_distance",
+    "optimality_error",
+    "primal_error",
+    "recession_error",
+]
 
 Vector = npt.NDArray[np.float64]
 
@@ -24,6 +32,14 @@ def dual_error(problem: ConicProblem, primal: Vector, dual: Vector) -> float:
     """Largest element of P x + q + Aᵀz, relative to the largest of the three (at least 1)."""
     curvature, pull = problem.P @ primal, problem.A.T @ dual
     return _largest(curvature + problem.q + pull) / (1.0 + _largest(curvature, problem.q, pull))
+
+
+def gap_error(problem: ConicProblem, primal: Vector, dual: Vector) -> float:
+    """Difference between the objectives of x and z, relative to the larger of them (at least 1)."""
+    quadratic = float(primal @ (problem.P @ primal))
+    above = 0.5 * quadratic + float(problem.q @ primal)
+    below = -0.5 * quadratic - float(problem.b @ dual)
+    return abs(above - below) / (1.0 + max(abs(above), abs(below)))
 
 
 def optimality_error(problem: ConicProblem, primal: Vector, slack: Vector, dual: Vector) -> float:
@@ -45,11 +61,8 @@ def optimality_error(problem: ConicProblem, primal: Vector, slack: Vector, dual:
     """
     if not all(np.all(np.isfinite(vector)) for vector in (primal, slack, dual)):
         return float("inf")
-    quadratic = float(primal @ (problem.P @ primal))
-    above = 0.5 * quadratic + float(problem.q @ primal)
-    below = -0.5 * quadratic - float(problem.b @ dual)
-    gap = abs(above - below) / (1.0 + max(abs(above), abs(below)))
-    return max(primal_error(problem, primal, slack), dual_error(problem, primal, dual), gap)
+    errors = (primal_error(problem, primal, slack), dual_error(problem, primal, dual), gap_error(problem, primal, dual))
+    return max(errors)
 
 
 def infeasibility_error(problem: ConicProblem, dual: Vector) -> float:
@@ -87,8 +100,10 @@ def least_distance(cones: tuple[Cone, ...], vector: Vector) -> float:
     """How deep a vector lies within the product of the cones; negative by how much it lies outside.
 
     For matrices that is the smallest eigenvalue; for zero cones minus the largest element. Exponential cones are left
-    out.
+    out; minus infinity where an element is not finite.
     """
+    if not np.all(np.isfinite(vector)):
+        return -float("inf")
     least, start = float("inf"), 0
     for cone in cones:
         part = vector[start : start + cone.rows]

@@ -6,7 +6,7 @@ from typing import Any
 import numpy as np
 import scipy.sparse as sparse
 
-from .accuracy import infeasibility_error
+from .accuracy import infeasibility_error, optimality_error
 from .problem import Cone, ConicProblem, ConicSolution, Outcome
 from .scaling import Scaling, equilibrate, scaling_around
 
@@ -26,12 +26,12 @@ _UNFINISHED = (Outcome.ALMOST_SOLVED, Outcome.STOPPED)
 
 @dataclass(frozen=True)
 class _Attempt:
-    """How to try: units around the point found (see `scaling_around`), equilibrated, Clarabel's own, regularisation."""
+    """How to try: units around the point found (see `scaling_around`), and three settings of Clarabel."""
 
     floor: float | None
-    equilibrated: bool = True
     own_scaling: bool = True
     regularisation: float = 1e-8
+    longest_step: float = 0.99
 
 
 _ATTEMPTS = (
@@ -39,11 +39,19 @@ _ATTEMPTS = (
     _Attempt(1e-4),
     _Attempt(None, regularisation=1e-10),
     _Attempt(1e-4, own_scaling=False),
-    _Attempt(1e-8, equilibrated=False),
     _Attempt(1e-2),
-    _Attempt(1e-6, equilibrated=False),
+    _Attempt(None, own_scaling=False, regularisation=1e-7, longest_step=0.9),
+    _Attempt(1e-2, own_scaling=False, regularisation=1e-7),
+    _Attempt(1e-6, regularisation=1e-10, longest_step=0.9),
 )
-"""What is tried, one after the other, until the status is a plain "Solved"."""
+"""What is tried, one after the other, until the status is a plain "Solved" that holds in the units of the first.
+
+Of 633 problems from the thesis, the real WAM and random robots 597 end so as they are, 622 in the units of
+`equilibrate` and all with these attempts; of 337 with links up to a million times heavier than others 168, 247 and
+335."""
+
+DOUBT = 20.0
+"""Multiple of the accuracy that the error, in the units of the first attempt, may have in those of a later one."""
 
 
 WEAK_PROOF = 1e-3
@@ -90,29 +98,41 @@ def solve_with_clarabel(problem: ConicProblem, accuracy: float = 1e-8, iteration
 
 
 def _attempts(problem: ConicProblem, accuracy: float, iterations: int) -> ConicSolution:
-    """One attempt after the other."""
-    balanced = equilibrate(problem)
-    best: ConicSolution | None = None
-    taken, seconds = 0, 0.0
-    for attempt in _ATTEMPTS:
-        scaling = balanced
-        if attempt.floor is not None and best is not None and np.all(np.isfinite(best.slack)):
+    """One attempt after the other; the point with the least error."""
+    balance = equilibrate(problem)
+    found = _run(problem, balance, _ATTEMPTS[0], accuracy, iterations)
+    if found.outcome not in _UNFINISHED:
+        return found
+    balanced = balance.apply(problem.symmetric)
+    best, least = found, _error(balanced, balance, found)
+    taken, seconds = found.iterations, found.seconds
+    for attempt in _ATTEMPTS[1:]:
+        scaling = balance
+        if attempt.floor is not None and np.all(np.isfinite(best.slack)):
             around = scaling_around(problem, best.slack, attempt.floor)
-            scaling = around.then(equilibrate(around.apply(problem))) if attempt.equilibrated else around
+            scaling = around.then(equilibrate(around.apply(problem)))
         found = _run(problem, scaling, attempt, accuracy, iterations)
         taken, seconds = taken + found.iterations, seconds + found.seconds
-        if best is None or _rank(found) < _rank(best):
-            best = found
-        if best.outcome not in _UNFINISHED:
+        if found.outcome in (Outcome.INFEASIBLE, Outcome.UNBOUNDED):
+            # The first attempt came near a point; only where it came nowhere is this to be believed.
+            if best.outcome is Outcome.STOPPED:
+                best = found
+                break
+            continue
+        error = _error(balanced, balance, found)
+        if found.outcome is Outcome.SOLVED and error > DOUBT * accuracy:
+            found = replace(found, outcome=Outcome.ALMOST_SOLVED)
+        if (found.outcome is Outcome.SOLVED) or error < least:
+            best, least = found, error
+        if best.outcome is Outcome.SOLVED:
             break
-    assert best is not None
     return replace(best, iterations=taken, seconds=seconds)
 
 
-def _rank(solution: ConicSolution) -> int:
-    """The smaller, the more an outcome says."""
-    order = (Outcome.SOLVED, Outcome.INFEASIBLE, Outcome.UNBOUNDED, Outcome.ALMOST_SOLVED, Outcome.STOPPED)
-    return order.index(solution.outcome)
+def _error(balanced: ConicProblem, balance: Scaling, found: ConicSolution) -> float:
+    """How far a point is from optimal, in the units of the first attempt."""
+    primal, slack, dual = found.primal / balance.columns, found.slack * balance.rows, found.dual / balance.rows
+    return optimality_error(balanced, primal, slack, dual)
 
 
 def _cone(cone: Cone) -> Any:
@@ -143,6 +163,7 @@ def _run(problem: ConicProblem, scaling: Scaling, attempt: _Attempt, accuracy: f
     settings.chordal_decomposition_enable = False
     settings.equilibrate_enable = attempt.own_scaling
     settings.static_regularization_constant = attempt.regularisation
+    settings.max_step_fraction = attempt.longest_step
     scaled = scaling.apply(problem)
     # Clarabel reads the classic matrix classes of SciPy.
     P = sparse.csc_matrix(sparse.triu(scaled.P, format="csc"))

@@ -6,7 +6,9 @@ from dataclasses import replace
 import numpy as np
 import numpy.typing as npt
 
-from .accuracy import infeasibility_error, optimality_error, recession_error
+from steelyard.errors import SolverError
+
+from .accuracy import dual_error, gap_error, infeasibility_error, least_distance, primal_error, recession_error
 from .phases import infeasibility_problem, recession_problem
 from .problem import ConicProblem, ConicSolution, Outcome
 from .program import Answer, Program, run_program
@@ -18,12 +20,12 @@ __all__ = ["solve_with_program"]
 
 Vector = npt.NDArray[np.float64]
 
-SUCCESS_ERROR, SOLVED_ERROR, ALMOST_ERROR = 1e-4, 1e-5, 1e-3
-"""Largest errors of optimality of a point that counts as a solution where the program says so, where it ended early,
-and of one of reduced accuracy.
+SOLVED_ERROR, ALMOST_ERROR = 2e-5, 1e-3
+"""Largest errors of a point that counts as a solution, and as one of reduced accuracy; see `_error`."""
 
-The gap of a quadratic objective is met to the accuracy asked for; its gradient, with the Schur complement that the
-programs need, to the square root of that."""
+GRADIENT_SHARE = 0.02
+"""What an error of the gradient counts where the objective is quadratic: with the Schur complement that the programs
+need the objective is met to the accuracy asked for, but its gradient to the square root of that."""
 
 PROOF_ERROR = 1e-6
 """Largest error of a direction that proves that there is no point, or no least value."""
@@ -59,9 +61,10 @@ def solve_with_program(program: Program, problem: ConicProblem, accuracy: float,
         See `run_program`.
     """
     balance = equilibrate(problem)
-    found = _solve_balanced(program, balance.apply(problem), accuracy, iterations)
+    balanced = balance.apply(problem.symmetric)
+    found = _solve_balanced(program, balanced, accuracy, iterations)
     if found.outcome in (Outcome.ALMOST_SOLVED, Outcome.STOPPED):
-        found = _explain(program, balance.apply(problem), accuracy, iterations, found)
+        found = _explain(program, balanced, accuracy, iterations, found)
     return balance.undo(found)
 
 
@@ -88,10 +91,10 @@ def _solve_balanced(program: Program, problem: ConicProblem, accuracy: float, it
         if proof is not None:
             return replace(proof, iterations=taken, seconds=seconds)
         x, slack, z = rewritten.recover(primal, dual)
-        error = optimality_error(problem, x, slack, z)
+        error = _error(problem, x, slack, z)
         if best is None or error < least:
             best, least = (_solution(program, problem, x, slack, z, error, answer), primal), error
-        if answer.outcome is Outcome.SOLVED and error <= SUCCESS_ERROR:
+        if error <= SOLVED_ERROR and (answer.outcome is Outcome.SOLVED or attempt > 0):
             break
     assert best is not None
     return replace(best[0], iterations=taken, seconds=seconds)
@@ -103,13 +106,21 @@ def _with_unit_cost(problem: ConicProblem, scaling: Scaling) -> Scaling:
     return replace(scaling, objective=1.0 / largest if largest > 0 else 1.0)
 
 
+def _error(problem: ConicProblem, x: Vector, slack: Vector, z: Vector) -> float:
+    """Largest of the relative errors of a point and of its distance from K; the gradient with its share."""
+    if not all(np.all(np.isfinite(vector)) for vector in (x, slack, z)):
+        return float("inf")
+    share = GRADIENT_SHARE if problem.P.count_nonzero() else 1.0
+    outside = max(0.0, -least_distance(problem.cones, slack)) / (1.0 + float(np.abs(slack).max(initial=0.0)))
+    return max(primal_error(problem, x, slack), outside, share * dual_error(problem, x, z), gap_error(problem, x, z))
+
+
 def _solution(
     program: Program, problem: ConicProblem, x: Vector, slack: Vector, z: Vector, error: float, answer: Answer
 ) -> ConicSolution:
     """A point, with the outcome that its error deserves."""
     outcome = Outcome.ALMOST_SOLVED if error <= ALMOST_ERROR else Outcome.STOPPED
-    if error <= (SUCCESS_ERROR if answer.outcome is Outcome.SOLVED else SOLVED_ERROR):
-        outcome = Outcome.SOLVED
+    outcome = Outcome.SOLVED if error <= SOLVED_ERROR else outcome
     objective = float(0.5 * x @ (problem.P @ x) + problem.q @ x)
     return ConicSolution(outcome, answer.status, x, slack, z, objective, 0, 0.0, program.title)
 
@@ -164,7 +175,10 @@ def _explain(
     )
     taken, seconds = found.iterations, found.seconds
     for build, about_points in steps:
-        answer = _solve_balanced(program, build(problem), accuracy, iterations)
+        try:
+            answer = _solve_balanced(program, build(problem), accuracy, iterations)
+        except SolverError:  # what was found stands
+            continue
         taken, seconds = taken + answer.iterations, seconds + answer.seconds
         if not answer.outcome.usable:
             continue

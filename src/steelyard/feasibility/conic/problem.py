@@ -84,6 +84,11 @@ class ConicProblem:
     A : (rows, n) sparse
     b : (rows,)
     cones : tuple of Cone, in the order of the rows
+
+    Raises
+    ------
+    InputError
+        If the sizes do not fit together or a number is not finite.
     """
 
     P: sparse.csc_array
@@ -91,6 +96,29 @@ class ConicProblem:
     A: sparse.csc_array
     b: Vector
     cones: tuple[Cone, ...]
+
+    def __post_init__(self) -> None:
+        for name in ("P", "A"):
+            matrix = getattr(self, name)
+            if not isinstance(matrix, sparse.csc_array):
+                object.__setattr__(self, name, sparse.csc_array(matrix))
+        count, rows = len(self.q), len(self.b)
+        taken = sum(cone.rows for cone in self.cones)
+        if self.P.shape != (count, count) or self.A.shape != (rows, count) or taken != rows:
+            raise InputError(
+                f"a conic problem with {count} unknowns and {rows} rows needs P of shape ({count}, {count}), A of "
+                f"shape ({rows}, {count}) and cones of {rows} rows together, got {self.P.shape}, {self.A.shape} and "
+                f"{taken}."
+            )
+        for name, values in (("P", self.P.data), ("q", self.q), ("A", self.A.data), ("b", self.b)):
+            if not np.all(np.isfinite(values)):
+                raise InputError(f"{name} of a conic problem must be finite, but an element is not; check its data.")
+
+    @property
+    def symmetric(self) -> "ConicProblem":
+        """The same problem with both triangles of P."""
+        upper = sparse.triu(self.P, format="csc")
+        return ConicProblem(sparse.csc_array(upper + sparse.triu(upper, 1).T), self.q, self.A, self.b, self.cones)
 
 
 @dataclass(frozen=True, eq=False)

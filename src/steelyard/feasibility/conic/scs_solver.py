@@ -9,9 +9,9 @@ import numpy as np
 import numpy.typing as npt
 import scipy.sparse as sparse
 
-from .accuracy import optimality_error
+from .accuracy import infeasibility_error, optimality_error, recession_error
 from .problem import Cone, ConicProblem, ConicSolution, Outcome
-from .scaling import equilibrate, scaling_around
+from .scaling import Scaling, equilibrate, scaling_around
 
 __all__ = ["scs_is_installed", "scs_version", "solve_with_scs"]
 
@@ -26,6 +26,9 @@ FIRST_LENGTH, GROWTH, MOST_RESTARTS = 1000, 1.3, 60
 
 FLOORS = (1e-4, 1e-2, 1e-6)
 """How far units of a restart follow the point found, in turn; see `scaling_around`."""
+
+PROOF_ERROR = 1e-4
+"""Largest error of a direction that proves that there is no point, or no least value."""
 
 _OUTCOMES = {
     "solved": Outcome.SOLVED,
@@ -68,8 +71,10 @@ def solve_with_scs(problem: ConicProblem, accuracy: float = 1e-8, iterations: in
     ConicSolution
         `Outcome.ALMOST_SOLVED` where the iterations ended before the tolerance was met.
     """
+    if 0 in problem.A.shape:
+        return _without_padding(solve_with_scs(_padded(problem), accuracy, iterations), problem)
     balance = equilibrate(problem)
-    balanced = balance.apply(problem)
+    balanced = balance.apply(problem.symmetric)
     arrangement = _arrangement(problem.cones)
     scaling = balance
     start: tuple[Vector, Vector, Vector] | None = None
@@ -79,8 +84,12 @@ def solve_with_scs(problem: ConicProblem, accuracy: float = 1e-8, iterations: in
     for floor in itertools.islice(itertools.cycle(FLOORS), MOST_RESTARTS):
         found = scaling.undo(_run(scaling.apply(problem), arrangement, accuracy, min(int(length), most - taken), start))
         taken, seconds = taken + found.iterations, seconds + found.seconds
-        if found.outcome not in (Outcome.SOLVED, Outcome.ALMOST_SOLVED):
-            best = found if best is None or found.outcome is not Outcome.STOPPED else best
+        if found.outcome in (Outcome.INFEASIBLE, Outcome.UNBOUNDED):
+            if _proves(balanced, balance, found):
+                return replace(found, iterations=taken, seconds=seconds)
+            found = replace(found, outcome=Outcome.STOPPED)
+        if found.outcome is Outcome.STOPPED:
+            best = best or found
             break
         error = optimality_error(
             balanced, found.primal / balance.columns, found.slack * balance.rows, found.dual / balance.rows
@@ -97,6 +106,31 @@ def solve_with_scs(problem: ConicProblem, accuracy: float = 1e-8, iterations: in
     if outcome in (Outcome.SOLVED, Outcome.ALMOST_SOLVED):
         outcome = Outcome.SOLVED if least <= 10 * accuracy else Outcome.ALMOST_SOLVED
     return replace(best, outcome=outcome, iterations=taken, seconds=seconds)
+
+
+def _proves(balanced: ConicProblem, balance: Scaling, found: ConicSolution) -> bool:
+    """Whether a direction is what SCS says it is."""
+    if found.outcome is Outcome.INFEASIBLE:
+        return infeasibility_error(balanced, found.dual / balance.rows) <= PROOF_ERROR
+    return recession_error(balanced, found.primal / balance.columns) <= PROOF_ERROR
+
+
+def _padded(problem: ConicProblem) -> ConicProblem:
+    """With one unknown and one row more, which mean nothing: SCS takes no empty problems."""
+    last = sparse.csc_array(np.eye(1))
+    return ConicProblem(
+        P=sparse.csc_array(sparse.block_diag([problem.P, last])),
+        q=np.append(problem.q, 0.0),
+        A=sparse.csc_array(sparse.block_diag([problem.A, last])),
+        b=np.append(problem.b, 1.0),
+        cones=(*problem.cones, Cone("nonnegative", 1)),
+    )
+
+
+def _without_padding(solution: ConicSolution, problem: ConicProblem) -> ConicSolution:
+    """The solution of the problem that was padded."""
+    rows, count = problem.A.shape
+    return replace(solution, primal=solution.primal[:count], slack=solution.slack[:rows], dual=solution.dual[:rows])
 
 
 def _run(
