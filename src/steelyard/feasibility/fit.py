@@ -6,10 +6,11 @@ import numpy as np
 import numpy.typing as npt
 
 from steelyard.dynamics import Model
-from steelyard.regression import Estimate, Information, standard_deviations
+from steelyard.errors import InputError
+from steelyard.regression import Estimate, Information, method_name, standard_deviations
 
 from .feasible_set import FeasibleSet
-from .fitting import fit_reduced
+from .fitting import Preference, Prior, fit_reduced, l_curve
 from .proof import FeasibilityCertificate
 
 __all__ = ["fit"]
@@ -19,28 +20,43 @@ def fit(
     info: Information,
     feasible: FeasibleSet,
     weights: Literal["joint"] | npt.ArrayLike | None = "joint",
-    prefer: Literal["lightest", "cad"] | None = "lightest",
+    prefer: Literal["lightest", "cad"] | Preference | Prior | None = "lightest",
     tolerance: float = 5e-4,
+    prior: Prior | None = None,
+    prior_weight: float | Literal["corner"] = 1.0,
+    solver: str = "clarabel",
 ) -> Estimate:
     """Fit the data among physically possible parameters alone (thesis 3.53, 3.58).
 
-    Where plain least squares is infeasible, many answers fit nearly as well, and the best of all may not even exist,
-    because the residual keeps falling as masses that the motion does not show grow without end. So the answer is the
-    preferred one among all whose squared residual is at most (1 + tolerance) times the least one below a mass bound;
-    its remarks say so. Where least squares is feasible, the preference chooses among its standard parameters only.
+    Where the conditions, the constraints or a prior bound all masses, or plain least squares is possible, the base
+    parameters are those of the least residual, and the preference chooses among the standard parameters that share
+    them. Else the residual often keeps falling as masses that the motion does not show grow without end, so that the
+    best of all does not exist, and many answers fit nearly as well. The answer is then the preferred one among all
+    whose squared residual is at most (1 + tolerance) times the least one below a mass bound. The remarks say what was
+    done.
 
     Parameters
     ----------
     info : Information
-        Of the same model as `feasible`.
+        Of the same model as `feasible`. Its kind makes the kind of fit: from samples ordinary or joint-weighted, with a
+        `covariance` generalised, from `robust_information` robust.
     feasible : FeasibleSet
     weights : "joint", None or (N,)
         As in `least_squares`. ``"joint"`` is ordinary least squares where the rows of the joints are not known apart.
-    prefer : {"lightest", "cad", None}
-        Least total mass; closest to the inertial parameters of CAD; or what the solver returns within the mass bound.
+    prefer : {"lightest", "cad", None}, Preference or Prior
+        Least total mass; closest to the inertial parameters of CAD; closest in a given metric; closest to a prior; or
+        what the solver returns within the mass bound.
     tolerance : float
-        Fraction of the squared residual that may be spent where plain least squares is infeasible; 0.008 of what
-        feasibility itself costs, where that is more. 0 spends nothing.
+        Fraction of the squared residual that may be spent on the preference where masses can grow without end and plain
+        least squares is infeasible; 0.008 of what feasibility itself costs, where that is more. 0 spends nothing.
+    prior : Prior, optional
+        `EuclideanPrior`, `EntropicPrior` or `ConstantPullbackPrior`: minimise ½ (squared residual) / (variance of the
+        noise) + prior_weight · (distance from the prior). The prior then decides everything that `prefer` would.
+    prior_weight : float or "corner"
+        1 / τ² where the prior is believed to be right to a relative deviation τ, if all rows have independent noise;
+        as samples of a log have not, more is usual. ``"corner"`` takes the corner of `l_curve`.
+    solver : str
+        Name of a solver.
 
     Returns
     -------
@@ -50,7 +66,7 @@ def fit(
     Raises
     ------
     InputError
-        For unknown options, ``"cad"`` without CAD, or data of another model.
+        For unknown options, ``"cad"`` without CAD, an impossible prior, or data of another model.
     SolverError
         If no parameters satisfy all conditions, or the solver finds none.
 
@@ -58,6 +74,8 @@ def fit(
     --------
     steelyard.least_squares : The same without regard to physics.
     steelyard.correct : The nearest feasible parameters, without data.
+    steelyard.l_curve : Residual against distance from the prior, for all weights.
+    steelyard.smallest_total_mass : The least mass with which an estimate is possible at all.
 
     References
     ----------
@@ -82,35 +100,43 @@ def fit(
         used = None
     values = None if used is None else info.joint_weights(used)
     problem = info.reduced(values)
-    found = fit_reduced(problem, feasible, prefer, tolerance)
+    remarks = list(info.remarks)
+    weight = prior_weight
+    if isinstance(weight, str):
+        if weight != "corner" or prior is None:
+            expected = 'a positive number or "corner", and needs a prior' if prior is None else 'a number or "corner"'
+            raise InputError(f"prior_weight must be {expected}; got {weight!r}.")
+        weight = l_curve(info, feasible, prior, weights=values, solver=solver).corner
+    found = fit_reduced(problem, feasible, prefer, tolerance, prior, weight, solver)
 
     model = feasible.model
     damping, friction = model.joint_friction(found.parameters) if isinstance(model, Model) else (None, None)
-    remarks = list(found.remarks)
-    if info.undetermined:
+    remarks += found.remarks
+    undetermined = np.asarray(info.undetermined_mask)
+    if undetermined.any():
+        decides = "preference" if prior is None else "prior"
         remarks.append(
             f"The data does not determine {len(info.undetermined)} of {info.base_count} base parameters, which the "
-            f"preference decides: {'; '.join(info.undetermined)}."
+            f"{decides} decides: {'; '.join(info.undetermined)}."
         )
     certificate = FeasibilityCertificate(feasible, found.base, found.parameters)
-    method = "least squares" if values is None else "joint-weighted least squares"
     return Estimate(
-        method=f"feasible {method}",
+        method=f"feasible {method_name(info, values is not None)}",
         base_names=info.base_names,
         base_expressions=info.base_expressions,
         base=found.base,
-        standard_deviation=standard_deviations(problem, found.base, np.asarray(info.undetermined_mask)),
+        standard_deviation=standard_deviations(problem, found.base, undetermined),
         joint_names=info.joint_names,
         relative_error=info.relative_error(found.base),
         row_count=info.count,
         condition_number=info.condition_number,
-        joint_relative_error=info.joint_relative_error(found.base) if info.by_joint else None,
+        joint_relative_error=info.joint_relative_error(found.base) if info.has_joint_errors else None,
         weights=values,
         parameter_names=tuple(model.parameter_names),
         parameters=found.parameters,
         consistency=feasible.consistency,
         damping=damping,
         friction=friction,
-        certificate=certificate.to_dict(),
+        certificate=certificate.document(),
         remarks=tuple(remarks),
     )

@@ -1,11 +1,14 @@
 """Regression: Information, weights, least squares, uncertainty, and the estimate that comes of it."""
 
+from .covariance import residual_covariance as residual_covariance
 from .estimate import Estimate as Estimate
 from .factor import Factor as Factor
 from .factor import Reduced as Reduced
+from .factor import column_lengths as column_lengths
 from .factor import triangular as triangular
 from .information import Information as Information
 from .least_squares import least_squares as least_squares
+from .least_squares import method_name as method_name
 from .least_squares import standard_deviations as standard_deviations
 
 __all__ = [
@@ -13,7 +16,10 @@ __all__ = [
     "Factor",
     "Information",
     "Reduced",
+    "column_lengths",
     "least_squares",
+    "method_name",
+    "residual_covariance",
     "standard_deviations",
     "triangular",
 ]

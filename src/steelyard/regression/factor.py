@@ -7,9 +7,21 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-__all__ = ["Factor", "Reduced", "solve", "triangular", "undetermined_columns"]
+__all__ = [
+    "Factor",
+    "Reduced",
+    "column_lengths",
+    "inverse_of_triangle",
+    "is_well_conditioned",
+    "solve",
+    "triangular",
+    "undetermined_columns",
+]
 
 Array = NDArray[np.float64]
+
+RANK = 1e-9
+"""Combinations of unknowns that a regression shows by less than this, relative to the best, count as not shown."""
 
 
 def triangular(rows: Array) -> Array:
@@ -59,6 +71,11 @@ class Factor:
         difference = self.triangle[:, :-1] @ base[self.columns] - self.triangle[:, -1]
         return float(difference @ difference)
 
+    def prediction2(self, base: Array) -> float:
+        """Return the squared norm of ``W beta`` over the rows of this factor, for base parameters (n_b,)."""
+        predicted = self.triangle[:, :-1] @ base[self.columns]
+        return float(predicted @ predicted)
+
 
 @dataclass(frozen=True, eq=False)
 class Reduced:
@@ -85,11 +102,34 @@ class Reduced:
     norm2: float
 
 
+def column_lengths(matrix: Array) -> Array:
+    """Return the Euclidean lengths of the columns."""
+    return np.asarray(np.sqrt(np.einsum("ij,ij->j", matrix, matrix)))
+
+
+def is_well_conditioned(triangle: Array) -> bool:
+    """Tell whether an upper triangular matrix may be solved with as it is: its condition is far from `RANK` in size."""
+    from scipy.linalg import lapack
+
+    if not len(triangle):
+        return True
+    return bool(np.all(np.isfinite(triangle))) and float(lapack.dtrcon(triangle)[0]) > 1e3 * RANK
+
+
+def inverse_of_triangle(triangle: Array) -> Array:
+    """Return the inverse of an upper triangular matrix with columns of length 1; without full rank a pseudo-inverse."""
+    from scipy.linalg import lapack
+
+    if len(triangle) and not np.any(np.tril(triangle, -1)) and is_well_conditioned(triangle):
+        return np.asarray(lapack.dtrtri(triangle)[0])
+    return np.asarray(np.linalg.pinv(triangle, rcond=RANK))
+
+
 def solve(problem: Reduced) -> Array:
     """Return the base parameters of least squared residual, (n_b,); of least norm where there are several."""
-    lengths = np.linalg.norm(problem.R, axis=0)
+    lengths = column_lengths(problem.R)
     scale = np.where(lengths > 0.0, lengths, 1.0)
-    solution = np.linalg.lstsq(problem.R / scale, problem.rho, rcond=1e-9)[0]
+    solution = np.linalg.lstsq(problem.R / scale, problem.rho, rcond=RANK)[0]
     return np.asarray(solution / scale)
 
 
@@ -99,11 +139,13 @@ def undetermined_columns(R: Array) -> NDArray[np.bool_]:
     Columns are scaled to length one; an unknown is undetermined if its column is missing, or if it takes part in a
     combination that R does not show.
     """
-    lengths = np.linalg.norm(R, axis=0)
+    lengths = column_lengths(R)
     loose = np.asarray(lengths <= 1e-12 * (lengths.max(initial=0.0) or 1.0))
+    if not loose.any() and is_well_conditioned(R / lengths):
+        return loose
     present = np.flatnonzero(~loose)
     if len(present):
         _, values, rows = np.linalg.svd(R[:, present] / lengths[present])
-        missing = rows[values < 1e-9 * values[0]]
+        missing = rows[values < RANK * values[0]]
         loose[present[(np.abs(missing) > 1e-6).any(axis=0)]] = True
     return loose

@@ -2,29 +2,25 @@
 
 from __future__ import annotations
 
-import json
-import os
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from steelyard.dynamics import Model
-from steelyard.dynamics.threads import one_thread
 from steelyard.errors import InputError
 from steelyard.recording import Samples
 
 from .factor import Factor, Reduced, solve, triangular, undetermined_columns
+from .reduction import as_covariance, empty_factors, reduce_by_joint, reduce_whitened
+from .saved_information import read_document, write_document
 
 __all__ = ["Information"]
 
 Array = NDArray[np.float64]
-FORMAT = "steelyard-information-1"
-_BLOCK = 2048  # samples that are factored at a time: their regressor stays in the processor's cache
 
 
 @dataclass(frozen=True, eq=False)
@@ -40,7 +36,14 @@ class Information:
         The n_b base parameters.
     joint_names : tuple of str
     factors : tuple of Factor
-        One for each joint, or a single one for all the joints where the data came reduced.
+        One for each joint, or a single one for all the joints where the data came reduced or its noise is correlated.
+    torque_factors : tuple of Factor
+        The same rows for each joint as they were measured, where `factors` holds weighted or whitened ones; errors are
+        told from them. Empty where `factors` is that already.
+    covariance : ndarray or None
+        (N, N), of the noise across the joints with which the rows were whitened.
+    remarks : tuple of str
+        What the user should know of these rows, in sentences; estimates repeat it.
 
     Examples
     --------
@@ -61,6 +64,9 @@ class Information:
     base_expressions: tuple[str, ...]
     joint_names: tuple[str, ...]
     factors: tuple[Factor, ...]
+    torque_factors: tuple[Factor, ...] = ()
+    covariance: Array | None = None
+    remarks: tuple[str, ...] = ()
 
     def __repr__(self) -> str:
         return (
@@ -87,14 +93,10 @@ class Information:
     def empty(cls, model: Model) -> Information:
         """Return the Information of no data."""
         base = model.base_parameters()
-        factors = tuple(
-            Factor(k, columns, np.zeros((len(columns) + 1, len(columns) + 1)), 0)
-            for k, columns in enumerate(model.base_columns.joints)
-        )
-        return cls(base.names, base.expressions, tuple(model.robot.joint_names), factors)
+        return cls(base.names, base.expressions, tuple(model.robot.joint_names), empty_factors(model))
 
     @classmethod
-    def from_samples(cls, model: Model, samples: Samples) -> Information:
+    def from_samples(cls, model: Model, samples: Samples, covariance: ArrayLike | None = None) -> Information:
         """Reduce samples.
 
         Parameters
@@ -102,6 +104,11 @@ class Information:
         model : Model
         samples : Samples
             (S, N) arrays.
+        covariance : array_like, optional
+            (N, N), of the noise across the joints, such as `residual_covariance` gives. The rows of each sample are
+            then multiplied by the inverse of its Cholesky factor, so that least squares are generalised least squares
+            (the estimator of least variance, Gauss and Aitken). Where a mask leaves out joints of a sample, the others
+            have their marginal covariance.
 
         Returns
         -------
@@ -110,52 +117,36 @@ class Information:
         Raises
         ------
         InputError
-            If the samples have another number of joints than the model.
+            If the samples have another number of joints than the model, or the covariance is not positive definite.
         """
-        count, joints = np.shape(samples.q)
-        if joints != model.joint_count:
-            raise InputError(
-                f"The samples have {joints} joints, but {model.robot.name} has {model.joint_count}: "
-                "check which columns of the log were read."
-            )
-        empty = cls.empty(model)
-        triangles = [f.triangle for f in empty.factors]
-        counts = [0] * joints
-        columns = model.base_columns
-        splits = np.cumsum([len(c) for c in columns.joints])[:-1]
-        with one_thread():
-            for start in range(0, count, _BLOCK):
-                part = slice(start, min(start + _BLOCK, count))
-                values = columns.kernel(samples.q[part], samples.dq[part], samples.ddq[part])
-                for k, entries in enumerate(np.split(values, splits, axis=1)):
-                    joint_rows = np.column_stack([entries, samples.torque[part, k]])
-                    if samples.mask is not None:
-                        joint_rows = joint_rows[samples.mask[part, k]]
-                    counts[k] += len(joint_rows)
-                    triangles[k] = triangular(np.vstack([triangles[k], joint_rows]))
-        factors = tuple(
-            Factor(f.joint, f.columns, triangle, n)
-            for f, triangle, n in zip(empty.factors, triangles, counts, strict=True)
-        )
-        return cls(empty.base_names, empty.base_expressions, empty.joint_names, factors)
+        base, names = model.base_parameters(), tuple(model.robot.joint_names)
+        factors = reduce_by_joint(model, samples)
+        if covariance is None:
+            return cls(base.names, base.expressions, names, factors)
+        matrix = as_covariance(covariance, model.joint_count)
+        whole = reduce_whitened(model, samples, matrix)
+        return cls(base.names, base.expressions, names, (whole,), factors, matrix)
 
     @classmethod
-    def from_chunks(cls, model: Model, chunks: Iterable[Samples]) -> Information:
+    def from_chunks(cls, model: Model, chunks: Iterable[Samples], covariance: ArrayLike | None = None) -> Information:
         """Reduce samples that come one chunk after the other, so that they never stand in memory together.
 
         Parameters
         ----------
         model : Model
         chunks : iterable of Samples
+        covariance : array_like, optional
+            See `from_samples`.
 
         Returns
         -------
         Information
         """
-        total = cls.empty(model)
+        total = cls.empty(model) if covariance is None else None
         for chunk in chunks:
-            total = total + cls.from_samples(model, chunk)
-        return total
+            one = cls.from_samples(model, chunk, covariance)
+            total = one if total is None else total + one
+        return cls.empty(model) if total is None else total
 
     @classmethod
     def from_factor(
@@ -208,14 +199,42 @@ class Information:
 
     def __add__(self, other: Information) -> Information:
         if self.base_expressions != other.base_expressions or len(self.factors) != len(other.factors):
-            raise InputError("Only Informations of the same model can be added; these have different base parameters.")
+            raise InputError(
+                "Only Informations of the same model can be added, with or without covariance alike; these have "
+                "different base parameters, or only one of them was whitened."
+            )
         factors = tuple(a + b for a, b in zip(self.factors, other.factors, strict=True))
-        return Information(self.base_names, self.base_expressions, self.joint_names, factors)
+        measured: tuple[Factor, ...] = ()
+        if self.torque_factors or other.torque_factors:
+            pairs = zip(self.torque_factors or self.factors, other.torque_factors or other.factors, strict=True)
+            measured = tuple(a + b for a, b in pairs)
+        both = self.covariance is not None and other.covariance is not None
+        same = both and np.array_equal(np.asarray(self.covariance), np.asarray(other.covariance))
+        remarks = tuple(dict.fromkeys((*self.remarks, *other.remarks)))
+        return Information(
+            self.base_names,
+            self.base_expressions,
+            self.joint_names,
+            factors,
+            measured,
+            self.covariance if same else None,
+            remarks,
+        )
 
     @property
     def by_joint(self) -> bool:
         """Whether the rows of each joint are known apart."""
         return all(f.joint is not None for f in self.factors)
+
+    @property
+    def has_joint_errors(self) -> bool:
+        """Whether errors can be told joint by joint."""
+        return all(f.joint is not None for f in self._measured)
+
+    @property
+    def _measured(self) -> tuple[Factor, ...]:
+        """The rows in N·m or N."""
+        return self.torque_factors or self.factors
 
     def reduced(self, weights: str | ArrayLike | None = None) -> Reduced:
         """Return the least-squares problem over all the base parameters.
@@ -232,13 +251,17 @@ class Information:
         """
         factors = self.joint_weights(weights)
         n = self.base_count
-        stacked = np.zeros((sum(len(f.triangle) for f in self.factors), n + 1))
-        row = 0
-        for factor, weight in zip(self.factors, factors, strict=True):
-            size = len(factor.triangle)
-            stacked[row : row + size, [*factor.columns, n]] = weight * factor.triangle
-            row += size
-        triangle = triangular(stacked)
+        first = self.factors[0] if self.factors else None
+        if len(self.factors) == 1 and first is not None and np.array_equal(first.columns, np.arange(n)):
+            triangle = factors[0] * first.triangle
+        else:
+            stacked = np.zeros((sum(len(f.triangle) for f in self.factors), n + 1))
+            row = 0
+            for factor, weight in zip(self.factors, factors, strict=True):
+                size = len(factor.triangle)
+                stacked[row : row + size, [*factor.columns, n]] = weight * factor.triangle
+                row += size
+            triangle = triangular(stacked)
         return Reduced(
             triangle[:n, :n],
             triangle[:n, n],
@@ -278,7 +301,7 @@ class Information:
 
     def _inverse_deviations(self) -> Array:
         """Return the inverse standard deviations of the unweighted residuals (thesis eq. 4.32, 4.33)."""
-        self._require_joints("Joint weights")
+        self._require_joints("Joint weights", self.by_joint)
         base = solve(self.reduced())
         freedom = [max(f.count - self.base_count, 1) for f in self.factors]
         values = np.sqrt([f.residual2(base) / n for f, n in zip(self.factors, freedom, strict=True)])
@@ -318,21 +341,22 @@ class Information:
         float
         """
         beta = self._base(base)
-        residual, norm = sum(f.residual2(beta) for f in self.factors), sum(f.norm2 for f in self.factors)
+        residual = sum(f.residual2(beta) for f in self._measured)
+        norm = sum(f.norm2 for f in self._measured)
         return float(np.sqrt(residual / norm)) if norm > 0.0 else float("nan")
 
     def joint_relative_error(self, base: ArrayLike) -> Array:
         """Return the relative error of each joint, (N,)  (thesis table 4.7); NaN where a joint has no torque."""
         beta = self._base(base)
-        self._require_joints("Errors per joint")
-        pairs = [(f.residual2(beta), f.norm2) for f in self.factors]
+        self._require_joints("Errors per joint", self.has_joint_errors)
+        pairs = [(f.residual2(beta), f.norm2) for f in self._measured]
         return np.array([np.sqrt(r / n) if n > 0.0 else np.nan for r, n in pairs])
 
     def joint_rms_error(self, base: ArrayLike) -> Array:
         """Return the root mean square residual of each joint, (N,), N·m or N; NaN where a joint has no rows."""
         beta = self._base(base)
-        self._require_joints("Errors per joint")
-        return np.array([np.sqrt(f.residual2(beta) / f.count) if f.count else np.nan for f in self.factors])
+        self._require_joints("Errors per joint", self.has_joint_errors)
+        return np.array([np.sqrt(f.residual2(beta) / f.count) if f.count else np.nan for f in self._measured])
 
     def _base(self, base: ArrayLike) -> Array:
         beta = np.asarray(base, dtype=np.float64)
@@ -342,28 +366,14 @@ class Information:
             )
         return beta
 
-    def _require_joints(self, what: str) -> None:
-        if not self.by_joint:
-            raise InputError(
-                f"{what} need the rows of each joint apart, but this Information was reduced over all joints."
-            )
+    def _require_joints(self, what: str, known: bool) -> None:
+        if not known:
+            why = "reduced over all joints" if self.covariance is None else "whitened across the joints"
+            raise InputError(f"{what} need the rows of each joint apart, but this Information was {why}.")
 
     def save(self, path: str | Path) -> None:
         """Write it as JSON; the file appears whole or not at all."""
-        document = {
-            "format": FORMAT,
-            "base_names": self.base_names,
-            "base_expressions": self.base_expressions,
-            "joint_names": self.joint_names,
-            "factors": [
-                {"joint": f.joint, "columns": f.columns.tolist(), "count": f.count, "triangle": f.triangle.tolist()}
-                for f in self.factors
-            ],
-        }
-        target = Path(path)
-        part = target.with_name(target.name + ".part")
-        part.write_text(json.dumps(document), encoding="utf-8")
-        os.replace(part, target)
+        write_document(path, {name: getattr(self, name) for name in Information.__dataclass_fields__})
 
     @classmethod
     def load(cls, path: str | Path) -> Information:
@@ -382,19 +392,4 @@ class Information:
         InputError
             If the file is missing or is something else.
         """
-        try:
-            document: dict[str, Any] = json.loads(Path(path).read_text(encoding="utf-8"))
-            if document["format"] != FORMAT:
-                raise InputError(f"{path}: format is {document['format']!r}, expected {FORMAT!r}.")
-            factors = tuple(
-                Factor(f["joint"], np.array(f["columns"], dtype=np.intp), np.array(f["triangle"]), f["count"])
-                for f in document["factors"]
-            )
-            base, expressions, joints = (tuple(document[k]) for k in ("base_names", "base_expressions", "joint_names"))
-            return cls(base, expressions, joints, factors)
-        except OSError as error:
-            raise InputError(f"{path}: cannot be read ({error.strerror}).") from None
-        except (ValueError, KeyError, TypeError) as error:
-            if isinstance(error, InputError):
-                raise
-            raise InputError(f"{path}: is not an Information that was saved by steelyard ({error}).") from None
+        return Information(**read_document(path))

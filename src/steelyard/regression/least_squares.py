@@ -6,10 +6,10 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from .estimate import Estimate
-from .factor import Reduced, solve
+from .factor import Reduced, column_lengths, inverse_of_triangle, solve
 from .information import Information
 
-__all__ = ["least_squares", "standard_deviations"]
+__all__ = ["least_squares", "method_name", "standard_deviations"]
 
 
 def least_squares(information: Information, weights: str | ArrayLike | None = None) -> Estimate:
@@ -45,15 +45,14 @@ def least_squares(information: Information, weights: str | ArrayLike | None = No
     used = information.joint_weights(weights)
     problem = information.reduced(used) if weights is not None else information.reduced()
     base = solve(problem)
-    remarks = []
+    remarks = list(information.remarks)
     if information.undetermined:
         remarks.append(
             f"The data does not determine {len(information.undetermined)} of {information.base_count} base parameters: "
             f"{'; '.join(information.undetermined)}."
         )
-    method = "ordinary least squares" if weights is None else "joint-weighted least squares"
     return Estimate(
-        method=method,
+        method=method_name(information, weights is not None),
         base_names=information.base_names,
         base_expressions=information.base_expressions,
         base=base,
@@ -61,11 +60,18 @@ def least_squares(information: Information, weights: str | ArrayLike | None = No
         joint_names=information.joint_names,
         weights=None if weights is None else used,
         relative_error=information.relative_error(base),
-        joint_relative_error=information.joint_relative_error(base) if information.by_joint else None,
+        joint_relative_error=information.joint_relative_error(base) if information.has_joint_errors else None,
         row_count=information.count,
         condition_number=information.condition_number,
         remarks=tuple(remarks),
     )
+
+
+def method_name(information: Information, weighted: bool) -> str:
+    """Name what least squares of an Information are, with joint weights or without."""
+    if information.covariance is not None:
+        return "generalised least squares"
+    return "joint-weighted least squares" if weighted else "ordinary least squares"
 
 
 def standard_deviations(
@@ -89,8 +95,8 @@ def standard_deviations(
     difference = problem.R @ base - problem.rho
     residual2 = float(difference @ difference) + problem.residual2
     variance = residual2 / max(problem.count - len(base), 1)
-    lengths = np.linalg.norm(problem.R, axis=0)
+    lengths = column_lengths(problem.R)
     scale = np.where(lengths > 0.0, lengths, 1.0)
-    inverse = np.linalg.pinv(problem.R / scale, rcond=1e-9)
-    deviations = np.sqrt(variance * np.sum(inverse**2, axis=1)) / scale
+    inverse = inverse_of_triangle(problem.R / scale)
+    deviations = np.sqrt(variance * np.einsum("ij,ij->i", inverse, inverse)) / scale
     return np.where(undetermined, np.inf, deviations)

@@ -3,7 +3,7 @@ import pytest
 import scipy.optimize
 
 from steelyard.errors import InputError, SolverError
-from steelyard.feasibility import FeasibleSet, TotalMass, fit_reduced
+from steelyard.feasibility import FeasibleSet, Preference, TotalMass, fit_reduced
 
 POSSIBLE = np.array([1.5, 0.1, 0.25, 0.3, 0.4, 0.1])
 IMPOSSIBLE = np.array([0.5, 0.1, 0.25, 0.3, 0.4, 0.05])
@@ -148,3 +148,90 @@ def test_robots_of_tonnes_have_room(two_links, data):
     fit = fit_reduced(data(POSSIBLE), feasible)
     assert fit.total_mass == pytest.approx(3000.0)
     assert fit.mass_bound >= 3000.0
+
+
+def optimum_below(data, margin, bound):
+    """The same with a total mass of at most `bound`: m2 is an unknown, too, and m1 at its margin."""
+
+    def residual(x):
+        return float(np.sum((data.R @ x[:6] - data.rho) ** 2))
+
+    cone = {"type": "ineq", "fun": lambda x: (x[2] - margin) * (x[6] - margin) - x[3] ** 2 - x[4] ** 2}
+    first = {"type": "ineq", "fun": lambda x: x[0] - x[6] - margin}
+    bounds = [
+        (None, None),
+        (margin, None),
+        (margin, None),
+        *[(None, None)] * 2,
+        (margin, None),
+        (margin, bound - margin),
+    ]
+    start = [0.5, 0.1, 0.5, 0.2, 0.2, 0.1, 0.4]
+    found = scipy.optimize.minimize(
+        residual,
+        start,
+        bounds=bounds,
+        constraints=[cone, first],
+        method="SLSQP",
+        options={"ftol": 1e-13, "maxiter": 999},
+    )
+    assert found.success
+    return found.x[:6], float(found.fun)
+
+
+@pytest.mark.parametrize("bound", [0.3, 0.6])
+def test_bounded_mass_gives_the_exact_optimum_with_default_options(two_links, data, bound):
+    """Nothing is spent on the preference, though plain least squares is far from possible."""
+    reduced = data(np.array([1.5, 0.1, 0.25, 0.6, 0.8, 0.05]))
+    feasible = FeasibleSet(two_links, "inertia", [TotalMass(maximum=bound)], margin=1e-8)
+    expected, squared = optimum_below(reduced, feasible.margin, bound)
+    known = Preference.closest(np.ones(22), np.ones(22))
+    for prefer in ("lightest", None, known):
+        fit = fit_reduced(reduced, feasible, prefer)
+        assert fit.squared_residual == pytest.approx(squared + 2.0, rel=1e-6)
+        np.testing.assert_allclose(fit.base, expected, atol=1e-4)
+        assert fit.exact
+        assert fit.growing_links == ()
+        assert fit.mass_bound == np.inf
+
+
+def test_preference_moves_only_what_the_motion_does_not_show(two_links, data):
+    reduced = data(np.array([1.5, 0.1, 0.25, 0.6, 0.8, 0.05]))
+    feasible = FeasibleSet(two_links, "full", [TotalMass(maximum=3.0)])
+    light = fit_reduced(reduced, feasible)
+    target = np.full(22, 0.5)
+    near = fit_reduced(reduced, feasible, Preference.closest(target, np.ones(22), "nearest to a half"))
+    np.testing.assert_allclose(light.base, near.base, atol=1e-7)
+    assert np.sum((near.parameters - target) ** 2) < np.sum((light.parameters - target) ** 2)
+    assert light.total_mass < near.total_mass
+    assert any("this is nearest to a half" in remark for remark in near.remarks)
+    assert any(f"No robot lighter than {light.total_mass:.3g} kg" in remark for remark in light.remarks)
+
+
+def test_near_equals_only_where_masses_may_grow(two_links, data):
+    """Without a bound the tolerance is spent, and the answer says on what."""
+    reduced = data(IMPOSSIBLE)
+    free, best = FeasibleSet(two_links), fit_reduced(data(IMPOSSIBLE), FeasibleSet(two_links), tolerance=0.0)
+    fit = fit_reduced(reduced, free, tolerance=1e-2)
+    assert fit.growing_links == ("upper arm",)
+    assert not fit.exact
+    assert 1 + 0.9e-2 < fit.squared_residual / best.squared_residual < 1 + 1.1e-2
+    assert fit.total_mass < best.total_mass
+    assert any("Among all answers within 1 % of the least squared residual" in remark for remark in fit.remarks)
+    bounded = FeasibleSet(two_links, constraints=[TotalMass(maximum=50.0)])
+    assert fit_reduced(reduced, bounded, tolerance=1e-2).squared_residual == pytest.approx(
+        best.squared_residual, rel=1e-6
+    )
+
+
+def test_answers_do_not_depend_on_the_unit_of_mass(two_links, data):
+    """A thousandth of all masses and torques gives a thousandth of all parameters."""
+    reduced = data(IMPOSSIBLE)
+    for size in (1e-3, 1e3):
+        scaled = type(reduced)(
+            reduced.R, size * reduced.rho, size**2 * reduced.residual2, reduced.count, size**2 * reduced.norm2
+        )
+        feasible = FeasibleSet(two_links, constraints=[TotalMass(maximum=2.0 * size)])
+        fit = fit_reduced(scaled, feasible)
+        usual = fit_reduced(reduced, FeasibleSet(two_links, constraints=[TotalMass(maximum=2.0)]))
+        np.testing.assert_allclose(fit.base / size, usual.base, atol=1e-4)

@@ -1,39 +1,41 @@
 """Least squares within the feasible set, on a reduced regression."""
 
 from dataclasses import dataclass, field
-from typing import Any, Literal
+from typing import Literal
 
 import numpy as np
 import numpy.typing as npt
-import scipy.sparse as sparse
 
 from steelyard.errors import InputError, SolverError
 
-from ..conic import Cone, ConicProblem, ConicSolution, Outcome, solve
 from ..constraints import TotalMass
 from ..feasible_set import FeasibleSet
 from ..protocols import ReducedLike
-from .interior import MARGIN_FACTORS, pull_inside
+from .growth import growing_links
+from .interior import MARGIN_FACTORS, least_eigenvalue, pull_inside
 from .preference import Preference, closest_to_cad, lightest
+from .prior import PreparedPrior, Prior
+from .reduced import ReducedRegression
+from .stages import Fitting, Optimum
+from .units import Units
 
 __all__ = ["FeasibleFit", "fit_reduced"]
 
 Vector = npt.NDArray[np.float64]
-Matrix = npt.NDArray[np.float64]
 
 MASS_BOUND = 1000.0
-"""Bound on the total mass while the best residual is looked for, in kg (20 times a known mass, where that is more)."""
+"""Bound on the total mass, in kg, where masses may grow without end."""
 
-LARGEST_BOUND, HEAVIER_PAYS = 1e7, 0.9
-"""The bound is raised, up to the first, where a hundred times the mass leaves less than the second of the squared
-residual: then the robot is that heavy."""
+BOUND_FACTORS = (30.0, 1e3)
+"""That bound is at least and at most so many times the mass of which the torques speak."""
 
-TRACE_PER_MASS = 100.0
-"""Bound on the sum of the traces of all blocks, for each kg of the mass bound."""
+KNOWN_FACTOR = 20.0
+"""It is at least so many times a known mass."""
 
 TIE_TOLERANCES = (1e-8, 1e-6)
-"""What the preferred answer may cost, relative to the squared residual, where least squares is feasible; the second
-where the solver finds no answer within the first."""
+"""What the preferred answer may cost, relative to the squared residual, where the base parameters are decided but the
+solver finds no other parameters for exactly them; the second where plain least squares is feasible and it finds none
+within the first, either."""
 
 PRICE_FRACTION = 0.008
 """Part of the price of feasibility that the preferred answer may cost: what the model misses anyway says how near is
@@ -41,9 +43,6 @@ near."""
 
 DEAREST = 0.02
 """That part is at most this, relative to the squared residual."""
-
-RIDGE = 1e-12
-"""Curvature that settles unknowns which neither data nor conditions bound, in units of the scaled objective."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -64,10 +63,19 @@ class FeasibleFit:
         In kg.
     attained : bool
         Whether an optimum exists below the mass bound.
+    exact : bool
+        Whether the base parameters are those of the optimum, so that nothing was spent on the preference.
     mass_bound : float
-        In kg.
+        In kg; infinite where conditions, constraints or a prior bound the mass anyway.
+    growing_links : tuple of str
+        Links whose masses could grow without end as far as the motion and the conditions go.
+    prior_weight, prior_distance : float or None
+    statuses : tuple of str
+        The solver's own words, one for each problem that was solved.
     iterations : int
-        Of the solver, in both stages.
+        Of the solver, in all problems.
+    seconds : float
+        That the solver itself took.
     remarks : tuple of str
         What the user should know, in sentences.
     """
@@ -79,34 +87,50 @@ class FeasibleFit:
     unconstrained_squared_residual: float
     total_mass: float
     attained: bool
+    exact: bool
     mass_bound: float
+    growing_links: tuple[str, ...]
+    prior_weight: float | None
+    prior_distance: float | None
+    statuses: tuple[str, ...]
     iterations: int
+    seconds: float
     remarks: tuple[str, ...]
 
 
 def fit_reduced(
     reduced: ReducedLike,
     feasible: FeasibleSet,
-    prefer: Literal["lightest", "cad"] | None = "lightest",
+    prefer: Literal["lightest", "cad"] | Preference | Prior | None = "lightest",
     tolerance: float = 5e-4,
+    prior: Prior | None = None,
+    prior_weight: float = 1.0,
+    solver: str = "clarabel",
 ) -> FeasibleFit:
-    """Minimise ‖R K δ - ρ‖² + residual2 over the feasible set (thesis 3.53, 3.58), in two stages.
+    """Minimise ‖R K δ - ρ‖² + residual2 over the feasible set (thesis 3.53, 3.58).
 
-    First the least residual with a bound on the total mass, since the residual of a robot's data often keeps falling
-    as unidentifiable masses grow without end. Then, among all answers whose squared residual is at most (1 + tolerance)
-    times the least one, the preferred; where plain least squares is feasible the tolerance is not
-    spent, and only ties (to 1e-8) are decided by preference.
+    Where no mass can grow without end, or plain least squares is feasible, the base parameters are the optimum, and the
+    preference chooses among the standard parameters that have them. Else the residual of a robot's data often keeps
+    falling as masses grow, and the answer is the preferred one among all whose squared residual is at most
+    (1 + tolerance) times the least one below a mass bound.
 
     Parameters
     ----------
     reduced : Reduced
         R (n_b, n_b), rho (n_b,), residual2, count, norm2.
     feasible : FeasibleSet
-    prefer : {"lightest", "cad", None}
-        ``None`` returns the first stage as it is.
+    prefer : {"lightest", "cad", None}, Preference or Prior
+        ``None`` returns the least residual as it is found.
     tolerance : float
-        Fraction of the squared residual that may be spent where plain least squares is infeasible; 0.008 of what
-        feasibility itself costs, where that is more.
+        Fraction of the squared residual that may be spent where masses can grow without end and plain least squares is
+        infeasible; 0.008 of what feasibility itself costs, where that is more. 0 spends nothing.
+    prior : Prior, optional
+        Minimise ½ (squared residual) / (its variance) + prior_weight · (distance from the prior), instead; it decides
+        everything, so that `prefer` and `tolerance` play no part.
+    prior_weight : float
+        1 / τ² for a prior that is believed to be right to a relative deviation τ.
+    solver : str
+        A name of the table of solvers.
 
     Returns
     -------
@@ -115,256 +139,198 @@ def fit_reduced(
     Raises
     ------
     InputError
-        For an unknown preference, a negative tolerance, ``"cad"`` without CAD, or data of another model.
+        For an unknown preference or solver, a negative tolerance or weight, ``"cad"`` without CAD, a prior that is
+        impossible, or data of another model.
     SolverError
         If the set is empty or no point of it was found.
     """
-    if prefer not in ("lightest", "cad", None):
-        raise InputError(f'prefer must be "lightest", "cad" or None, got {prefer!r}.')
-    if isinstance(tolerance, bool) or not isinstance(tolerance, (int, float)) or not 0 <= tolerance < np.inf:
-        raise InputError(f"tolerance must be a number of at least 0, such as 5e-4, got {tolerance!r}.")
-    preference = {"lightest": lightest, "cad": closest_to_cad}[prefer](feasible) if prefer is not None else None
-    regression = _Regression.of(reduced, feasible)
-    bound = _mass_bound(feasible)
+    _check_number(tolerance, "tolerance", "5e-4", least=0.0)
+    regression = ReducedRegression.of(reduced, feasible)
+    scale = regression.units(feasible)
+    units = scale.with_cad()
+    fitting = Fitting(feasible, regression, units, solver)
+    preference = None
+    if prior is None:
+        preference = _preference(prefer, feasible, units)
+    else:
+        if not isinstance(prior, Prior):
+            raise InputError(f"prior must be a prior such as EntropicPrior(), got {prior!r}.")
+        if not prior_weight > 0:
+            _check_number(prior_weight, "prior_weight", "1.0", least=0.0)
+            raise InputError("prior_weight must be positive, got 0; leave the prior out instead.")
+        _check_number(prior_weight, "prior_weight", "1.0", least=0.0)
+        fitting.prior, fitting.prior_weight = prior.prepare(feasible), float(prior_weight)
+    growing = () if prior is not None else growing_links(feasible, regression.undetermined)
+    bound = _mass_bound(feasible, scale) if growing else np.inf
 
     outside: Vector | None = None
     for factor in MARGIN_FACTORS:
         margin = factor * feasible.margin
-        best = _optimum(regression, margin, bound)
-        found, near, iterations = best.parameters, 0.0, best.iterations
-        if preference is not None:
-            near = max(tolerance, min(PRICE_FRACTION * regression.price(best.squared_residual), DEAREST))
-            ties = regression.least_squares_is_feasible(best.squared_residual) or tolerance < TIE_TOLERANCES[0]
-            found, more = _preferred(regression, preference, margin, best, TIE_TOLERANCES if ties else (near,))
-            iterations += more
-        if feasible.contains(found):
+        answer = _answer(fitting, preference, growing, margin, bound, tolerance)
+        if feasible.contains(answer.parameters):
             if outside is not None:
-                found = pull_inside(feasible, outside, found)
-            return regression.report(found, best, prefer, near, iterations)
-        outside = found if outside is None else outside
+                answer.parameters = pull_inside(feasible, outside, answer.parameters)
+            return _report(fitting, preference, growing, answer)
+        outside = answer.parameters if outside is None else outside
     raise SolverError(
-        "Clarabel ended outside the feasible set with every margin tried; check that the constraints leave room and "
-        f"that units are SI, or give FeasibleSet a larger margin than {feasible.margin:g}."
+        f"the solver ({solver}) ended outside the feasible set with every margin tried; check that the constraints "
+        f"leave room and that units are SI, or give FeasibleSet a larger margin than {feasible.margin:g}."
     )
 
 
-@dataclass(frozen=True, eq=False)
-class _Optimum:
-    """Least residual below a mass bound."""
+@dataclass
+class _Answer:
+    """Parameters, and how they were chosen."""
 
     parameters: Vector
-    squared_residual: float
-    attained: bool
-    bound: float
-    iterations: int
+    best: Optimum
+    exact: bool
+    spent: float = 0.0
 
 
-def _optimum(regression: "_Regression", margin: float, bound: float) -> _Optimum:
-    """First stage; the bound is raised where the robot turns out to be heavier."""
+def _answer(
+    fitting: Fitting,
+    preference: Preference | PreparedPrior | None,
+    growing: tuple[int, ...],
+    margin: float,
+    bound: float,
+    tolerance: float,
+) -> _Answer:
+    """The optimum, then the choice."""
+    feasible, regression = fitting.feasible, fitting.regression
+    plain = _plain(fitting, margin)
+    if plain is not None:
+        return _Answer(plain.parameters, plain, True)
+    best = fitting.least(margin, bound)
+    if fitting.prior is not None or fitting.is_determined or preference is None:
+        return _Answer(best.parameters, best, best.attained)
+    as_it_is = _price(regression, best) <= 1e-7
+    if as_it_is or not growing:
+        found = fitting.same_base(preference, regression.base, margin) if as_it_is else None
+        if found is None:
+            found = fitting.same_base(preference, best.base, margin, best.parameters)
+        if found is not None and found[feasible.mass_indices].sum() <= 2 * bound:
+            return _Answer(found, best, True)
+    ties = as_it_is or not growing or tolerance < TIE_TOLERANCES[0]
+    spent = max(tolerance, min(PRICE_FRACTION * _price(regression, best), DEAREST))
+    allowances = TIE_TOLERANCES if as_it_is else TIE_TOLERANCES[:1] if ties else (spent,)
+    for allowed in allowances:
+        limit = best.squared_residual * (1 + allowed)
+        found = fitting.near(preference, margin, limit, bound)
+        if found is None or not feasible.contains(found):
+            continue
+        most = best.squared_residual * (1 + 1.01 * allowed) + 2 * regression.tiny
+        if regression.squared_residual(feasible.K @ found) <= most:
+            return _Answer(found, best, ties, 0.0 if ties else allowed)
+    return _Answer(best.parameters, best, best.attained)
 
-    def below(limit: float) -> _Optimum:
-        solution = regression.least_residual(margin, limit)
-        parameters = regression.parameters(solution)
-        attained = not regression.stopped_by_bound(solution, parameters, limit)
-        return _Optimum(parameters, regression.squared_residual(parameters), attained, limit, solution.iterations)
 
-    best = below(bound)
-    while not best.attained and best.bound < LARGEST_BOUND:
-        try:
-            heavier = below(100.0 * best.bound)
-        except SolverError:  # the answer below the lower bound stands
-            break
-        if heavier.squared_residual > HEAVIER_PAYS * best.squared_residual:
-            break
-        best = heavier
-    return best
+def _plain(fitting: Fitting, margin: float) -> Optimum | None:
+    """Plain least squares, where it tells all parameters and keeps the margin."""
+    feasible, regression = fitting.feasible, fitting.regression
+    if fitting.prior is not None or not fitting.is_determined:
+        return None
+    parameters = feasible.lift @ regression.base
+    if not feasible.satisfies_equations(parameters):
+        return None
+    if least_eigenvalue(feasible.stack, parameters) < margin or not feasible.contains(parameters):
+        return None
+    return Optimum(parameters, regression.base, regression.residual2, True, np.inf)
 
 
-def _preferred(
-    regression: "_Regression", preference: Preference, margin: float, best: _Optimum, tolerances: tuple[float, ...]
-) -> tuple[Vector, int]:
-    """Second stage: the preferred parameters within the first tolerance that works, else the optimum; iterations."""
-    iterations = 0
-    for spent in tolerances:
-        limit = best.squared_residual * (1 + spent)
-        solution = regression.preferred(preference, margin, limit, best.bound, best.parameters)
-        iterations += solution.iterations
-        candidate = regression.parameters(solution)
-        allowed = best.squared_residual * (1 + 1.01 * spent) + 2 * regression.tiny
-        affordable = regression.squared_residual(candidate) <= allowed
-        if solution.outcome.usable and affordable and regression.feasible.contains(candidate):
-            return candidate, iterations
-    return best.parameters, iterations
+def _price(regression: ReducedRegression, best: Optimum) -> float:
+    """What the conditions cost in squared residual, relative to that of plain least squares."""
+    excess = max(best.squared_residual - regression.residual2 - regression.tiny, 0.0)
+    return excess / max(regression.residual2, regression.tiny)
 
 
-def _mass_bound(feasible: FeasibleSet) -> float:
-    """The mass bound, in kg; well above what CAD and the constraints say of the mass."""
+def _mass_bound(feasible: FeasibleSet, scale: Units) -> float:
+    """The mass bound, in kg; well above what the torques, CAD and constraints say of the mass."""
+    least, most = (factor * scale.total_mass for factor in BOUND_FACTORS)
     cad = np.asarray(feasible.model.robot.parameters, dtype=float)[feasible.mass_indices]
     known = [float(cad.sum())] if np.all(np.isfinite(cad)) else []
     for constraint in feasible.constraints:
         if isinstance(constraint, TotalMass):
             known += [value for value in (constraint.minimum, constraint.equal) if value is not None]
-    return max([MASS_BOUND, *(20.0 * mass for mass in known)])
+    return float(max([np.clip(MASS_BOUND, least, most), *(KNOWN_FACTOR * mass for mass in known)]))
 
 
-@dataclass(frozen=True, eq=False)
-class _Regression:
-    """A reduced regression, scaled, over (y, β, δ_d) with y = (R β - ρ) / √scale."""
+def _preference(
+    prefer: str | Preference | Prior | None, feasible: FeasibleSet, units: Units
+) -> Preference | PreparedPrior | None:
+    if isinstance(prefer, Preference):
+        prefer.check(feasible.parameter_count)
+        return prefer
+    if isinstance(prefer, Prior):
+        return prefer.prepare(feasible)
+    if prefer is None:
+        return None
+    if prefer == "lightest":
+        return lightest(feasible, units)
+    if prefer == "cad":
+        return closest_to_cad(feasible)
+    raise InputError(f'prefer must be "lightest", "cad" or None, a Preference or a prior, got {prefer!r}.')
 
-    reduced: ReducedLike
-    feasible: FeasibleSet
-    R: Matrix
-    rho: Vector
-    scale: float
 
-    @classmethod
-    def of(cls, reduced: ReducedLike, feasible: FeasibleSet) -> "_Regression":
-        R, rho = np.asarray(reduced.R, dtype=float), np.asarray(reduced.rho, dtype=float)
-        count = feasible.K.shape[0]
-        if R.ndim != 2 or R.shape[1] != count or rho.shape != (R.shape[0],):
-            raise InputError(
-                f"the data belongs to another model: its reduced regression has R of shape {R.shape}, but the "
-                f"feasible set is of a model with {count} base parameters; use the Information of the same model."
-            )
-        if not (np.all(np.isfinite(R)) and np.all(np.isfinite(rho)) and reduced.norm2 > 0):
-            raise InputError("the data holds no usable samples: its torques are all zero or not finite numbers.")
-        # In units of the unconstrained squared residual, or of a millionth of ‖ω‖² where the data has almost no noise.
-        return cls(reduced, feasible, R, rho, max(float(reduced.residual2), 1e-6 * float(reduced.norm2)))
+def _check_number(value: float, name: str, example: str, least: float) -> None:
+    if isinstance(value, bool) or not isinstance(value, (int, float)) or not least <= value < np.inf:
+        raise InputError(f"{name} must be a number of at least {least:g}, such as {example}, got {value!r}.")
 
-    @property
-    def tiny(self) -> float:
-        """Squared residual that the solver does not resolve."""
-        return 1e-9 * self.scale
 
-    def parameters(self, solution: ConicSolution) -> Vector:
-        """δ of a solution."""
-        unknowns = solution.primal[len(self.rho) :]
-        return self.feasible.project_on_equations(self.feasible.base_dependent @ unknowns)
-
-    def squared_residual(self, parameters: Vector) -> float:
-        """‖W K δ - ω‖²."""
-        error = self.R @ (self.feasible.K @ parameters) - self.rho
-        return float(error @ error) + float(self.reduced.residual2)
-
-    def _problem(
-        self, P: sparse.csc_array, q: Vector, margin: float, bound: float, radius: float | None
-    ) -> ConicProblem:
-        """Equations, bounds, the ball ‖y‖ ≤ radius where given, and the blocks."""
-        feasible, stack = self.feasible, self.feasible.stack
-        rows, count = len(self.rho), feasible.parameter_count
-        transform = feasible.base_dependent
-        root = np.sqrt(self.scale)
-        regression = np.hstack([self.R / root, np.zeros((rows, count - self.R.shape[1]))])
-        mass_row = transform[feasible.mass_indices].sum(axis=0)
-        bounds = np.vstack([mass_row / bound, feasible.trace_row @ transform / (TRACE_PER_MASS * bound)])
-
-        def beside(right: Any) -> sparse.csc_array:
-            return sparse.csc_array(sparse.hstack([sparse.csc_array((right.shape[0], rows)), right]))
-
-        equations = sparse.csc_array(feasible.equation_matrix @ transform)
-        pieces = [
-            sparse.hstack([-sparse.eye_array(rows), sparse.csc_array(regression)]),
-            beside(equations),
-            beside(sparse.csc_array(bounds)),
-            beside(-feasible.stacked_base_dependent),
-        ]
-        values = [self.rho / root, feasible.equation_values, np.ones(2), stack.constant - margin * stack.identity]
-        cones = [
-            Cone("zero", rows + equations.shape[0]),
-            Cone("nonnegative", 2 + stack.scalar_count),
-            *(Cone("semidefinite", size) for size in stack.matrix_sizes),
-        ]
-        if radius is not None:
-            ball = sparse.vstack([sparse.csc_array((1, rows)), -sparse.eye_array(rows)])
-            pieces.append(sparse.hstack([ball, sparse.csc_array((rows + 1, count))]))
-            values.append(np.concatenate([[radius], np.zeros(rows)]))
-            cones.append(Cone("second-order", rows + 1))
-        A = sparse.csc_array(sparse.vstack(pieces, format="csc"))
-        return ConicProblem(P, q, A, np.concatenate(values), tuple(cones))
-
-    def least_residual(self, margin: float, bound: float) -> ConicSolution:
-        """First stage: minimise ‖y‖²."""
-        rows, count = len(self.rho), self.feasible.parameter_count
-        weights = np.concatenate([np.full(rows, 2.0), np.full(count, RIDGE)])
-        P = sparse.csc_array(sparse.diags_array(weights, format="csc"))
-        solution = solve(self._problem(P, np.zeros(rows + count), margin, bound, None))
-        if solution.outcome is Outcome.INFEASIBLE:
-            raise SolverError(
-                f"no parameters satisfy all of the {len(self.feasible.blocks)} conditions with margin {margin:g} and "
-                f"a total mass below {bound:g} kg (Clarabel: {solution.status}); loosen the constraints, which "
-                "contradict each other."
-            )
-        return solution.require("fit the data within the feasible set")
-
-    def stopped_by_bound(self, solution: ConicSolution, parameters: Vector, bound: float) -> bool:
-        """Whether the residual would fall further with more mass: the bound is reached and has a price."""
-        start = len(self.rho) + len(self.feasible.equalities)
-        price = solution.dual[start : start + 2]
-        use = np.array(
-            [
-                parameters[self.feasible.mass_indices].sum() / bound,
-                self.feasible.trace_row @ parameters / (TRACE_PER_MASS * bound),
-            ]
+def _report(
+    fitting: Fitting, preference: Preference | PreparedPrior | None, growing: tuple[int, ...], answer: _Answer
+) -> FeasibleFit:
+    """Pack the answer, with remarks in words."""
+    feasible, regression, best = fitting.feasible, fitting.regression, answer.best
+    parameters = answer.parameters
+    base = feasible.K @ parameters
+    mass = float(parameters[feasible.mass_indices].sum())
+    value = regression.squared_residual(base)
+    remarks = []
+    if not best.attained:
+        remarks.append(
+            f"No optimum below {best.bound:g} kg: the residual keeps falling as masses that the motion does not show "
+            "grow."
         )
-        objective = self.squared_residual(parameters) / self.scale
-        return bool(np.any((use > 0.99) & (price > 1e-6 * objective)))
-
-    def preferred(
-        self, preference: Preference, margin: float, limit: float, bound: float, start: Vector
-    ) -> ConicSolution:
-        """Second stage: minimise the preference subject to a squared residual of at most `limit`."""
-        rows = len(self.rho)
-        radius = float(np.sqrt((max(limit - float(self.reduced.residual2), 0.0) + self.tiny) / self.scale))
-        P, q = preference.quadratic(self.feasible.base_dependent, max(1.0, 1e-3 * abs(preference.value(start))))
-        P = sparse.csc_array(sparse.block_diag([sparse.csc_array((rows, rows), dtype=float), P], format="csc"))
-        return solve(self._problem(P, np.concatenate([np.zeros(rows), q]), margin, 2 * bound, radius))
-
-    def price(self, best: float) -> float:
-        """What the conditions cost in squared residual, relative to that of plain least squares."""
-        return max(best / max(float(self.reduced.residual2), self.tiny) - 1.0, 0.0)
-
-    def least_squares_is_feasible(self, best: float) -> bool:
-        """Whether the conditions cost nothing, so that the base parameters are those of plain least squares."""
-        return best <= float(self.reduced.residual2) * (1 + 1e-7) + self.tiny
-
-    def report(
-        self, parameters: Vector, best: _Optimum, prefer: str | None, tolerance: float, iterations: int
-    ) -> FeasibleFit:
-        """Pack the answer, with remarks in words."""
-        feasible = self.feasible
-        mass = float(parameters[feasible.mass_indices].sum())
-        value = self.squared_residual(parameters)
-        remarks = []
-        if not best.attained:
-            remarks.append(
-                f"No optimum below {best.bound:g} kg: the residual keeps falling as masses that the motion does not "
-                "show "
-                "grow."
-            )
-            if prefer is None:
-                remarks.append(f"The answer lies at that bound, with a total mass of {mass:.4g} kg.")
-        chosen = {"lightest": "the lightest", "cad": "the closest to CAD"}
-        if prefer is not None and not self.least_squares_is_feasible(best.squared_residual):
-            remarks.append(
-                f"Among all answers within {100 * tolerance:.2g} % of the least squared residual this is "
-                f"{chosen[prefer]}: total mass {mass:.4g} kg, at a price of "
-                f"{100 * max(0.0, value / best.squared_residual - 1):.2g} % in squared residual."
-            )
-        elif prefer is not None:
-            remarks.append(
-                f"Among all standard parameters of these base parameters this is {chosen[prefer]}: total mass "
-                f"{mass:.4g} kg."
-            )
-        unconstrained = float(self.reduced.residual2)
-        return FeasibleFit(
-            base=feasible.K @ parameters,
-            parameters=parameters,
-            squared_residual=value,
-            best_squared_residual=best.squared_residual,
-            unconstrained_squared_residual=unconstrained,
-            total_mass=mass,
-            attained=best.attained,
-            mass_bound=best.bound,
-            iterations=iterations,
-            remarks=tuple(remarks),
+        if preference is None:
+            remarks.append(f"The answer lies at that bound, with a total mass of {mass:.4g} kg.")
+    distance = None
+    if fitting.prior is not None:
+        distance = fitting.prior.distance(parameters)
+        cost = 100 * max(0.0, value / max(regression.residual2, regression.tiny) - 1.0)
+        remarks.append(
+            f"With a prior: {fitting.prior.label} distance {distance:.4g}, at a weight of {fitting.prior_weight:.4g}; "
+            f"{cost:.2g} % above the squared residual of plain least squares."
         )
+    elif preference is not None and answer.exact:
+        remarks.append(
+            f"Among all standard parameters of these base parameters this is {preference.name}: total mass "
+            f"{mass:.4g} kg."
+        )
+        if preference.name == "the lightest":
+            remarks.append(f"No robot lighter than {mass:.3g} kg has these base parameters.")
+    elif preference is not None:
+        remarks.append(
+            f"Among all answers within {100 * answer.spent:.2g} % of the least squared residual this is "
+            f"{preference.name}: total mass {mass:.4g} kg, at a price of "
+            f"{100 * max(0.0, value / best.squared_residual - 1):.2g} % in squared residual."
+        )
+    names = feasible.model.robot.link_names
+    return FeasibleFit(
+        base=base,
+        parameters=parameters,
+        squared_residual=value,
+        best_squared_residual=best.squared_residual,
+        unconstrained_squared_residual=regression.residual2,
+        total_mass=mass,
+        attained=best.attained,
+        exact=answer.exact,
+        mass_bound=best.bound,
+        growing_links=tuple(names[link] for link in growing),
+        prior_weight=fitting.prior_weight if fitting.prior is not None else None,
+        prior_distance=distance,
+        statuses=tuple(fitting.statuses),
+        iterations=fitting.iterations,
+        seconds=fitting.seconds,
+        remarks=tuple(remarks),
+    )

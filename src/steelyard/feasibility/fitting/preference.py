@@ -1,6 +1,7 @@
 """Which of many equally good answers to return: objectives over the standard parameters."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
@@ -8,12 +9,15 @@ import scipy.sparse as sparse
 
 from steelyard.errors import InputError
 
-from ..conic import Cone, ConicProblem, solve
 from ..feasible_set import FeasibleSet
+from .objective import Part
+from .program import Program
+from .units import Units, lengths_of_links, link_columns
 
-__all__ = ["Preference", "closest_to_cad", "lightest", "lightest_witness"]
+__all__ = ["Preference", "closest_to_cad", "lightest"]
 
 Vector = npt.NDArray[np.float64]
+Matrix = npt.NDArray[np.float64]
 
 SPREAD_WEIGHT = 1e-3
 """Weight, against the total mass in kg, of the traces of the blocks (moments in kg m², friction): keeps them small."""
@@ -21,38 +25,118 @@ SPREAD_WEIGHT = 1e-3
 FREE_WEIGHT = 1e-6
 """Weight of the squares of all parameters, which settles those that neither data nor conditions tell."""
 
+LEAST_RADIUS = 0.01
+"""Radius, in m, below which links are measured as if they had it."""
+
 
 @dataclass(frozen=True, eq=False)
 class Preference:
-    """An objective ½ Σ curvature δ² + gradient · δ, and its name.
+    """An objective ½ δᵀC δ + g · δ over the standard parameters, and its name.
 
     Attributes
     ----------
     name : str
-    curvature : (n,)
+        As in "this is the lightest".
+    curvature : (n,) or (n, n)
+        C, or its diagonal; positive semidefinite.
     gradient : (n,)
+
+    Examples
+    --------
+    The answer closest to given parameters in a given metric, to be handed to ``fit(..., prefer=...)``:
+
+    >>> prefer = Preference.closest([1.0, 2.0], [[2.0, 0.0], [0.0, 8.0]])
+    >>> prefer.value(np.array([1.0, 3.0])) - prefer.value(np.array([1.0, 2.0]))
+    4.0
     """
 
     name: str
-    curvature: Vector
-    gradient: Vector
+    curvature: Any = field(repr=False)
+    gradient: Vector = field(repr=False)
+
+    @classmethod
+    def closest(cls, parameters: npt.ArrayLike, metric: npt.ArrayLike, name: str = "the closest") -> "Preference":
+        """½ (δ - δ₀)ᵀ C (δ - δ₀), less its constant.
+
+        Parameters
+        ----------
+        parameters : (n,)
+            δ₀.
+        metric : (n,) or (n, n)
+            C, or its diagonal, such as the inverse covariance of what is known beforehand.
+        name : str
+            As in "this is the closest".
+
+        Raises
+        ------
+        InputError
+            If the sizes do not fit, or the metric is not symmetric and positive semidefinite.
+        """
+        point, curvature = np.asarray(parameters, dtype=float), np.asarray(metric, dtype=float)
+        if point.ndim != 1 or curvature.shape not in (point.shape, point.shape * 2):
+            raise InputError(
+                f"a preference needs parameters (n,) and a metric (n,) or (n, n), got shapes {point.shape} and "
+                f"{curvature.shape}."
+            )
+        if not (np.all(np.isfinite(point)) and np.all(np.isfinite(curvature))):
+            raise InputError("a preference needs finite parameters and a finite metric; replace what is not a number.")
+        _require_semidefinite(curvature)
+        return cls(name, curvature, -(curvature * point if curvature.ndim == 1 else curvature @ point))
 
     def value(self, parameters: Vector) -> float:
-        """Value of the objective at δ."""
-        return float(0.5 * self.curvature @ parameters**2 + self.gradient @ parameters)
+        """Value of the objective at δ, with ½ δ₀ᵀC δ₀ left out."""
+        return float((0.5 * self._times(parameters) + self.gradient) @ parameters)
 
-    def quadratic(self, matrix: npt.NDArray[np.float64], scale: float) -> tuple[sparse.csc_array, Vector]:
-        """P and q in variables x with δ = matrix x, divided by `scale`."""
-        sparse_matrix = sparse.csc_array(matrix)
-        weighted = sparse_matrix.multiply(self.curvature[:, None] / scale)
-        return sparse.csc_array(sparse_matrix.T @ weighted), matrix.T @ self.gradient / scale
+    def _times(self, parameters: Vector) -> Vector:
+        diagonal = getattr(self.curvature, "ndim", 2) == 1
+        return np.asarray(self.curvature * parameters if diagonal else self.curvature @ parameters)
+
+    def check(self, count: int) -> None:
+        """Raise InputError unless it is of n parameters."""
+        if np.shape(self.gradient) != (count,) or np.shape(self.curvature) not in ((count,), (count, count)):
+            raise InputError(
+                f"the preference {self.name!r} is of {np.size(self.gradient)} parameters, but the model has {count}."
+            )
+
+    def part(self, program: Program) -> Part:
+        """As an objective of a program, in units of its largest coefficient."""
+        matrix = sparse.csc_array(program.scaled_matrix)
+        if getattr(self.curvature, "ndim", 2) == 1:
+            P = matrix.T @ matrix.multiply(self.curvature[:, None])
+        else:
+            P = matrix.T @ (sparse.csc_array(self.curvature) @ matrix)
+        P = sparse.csc_array(sparse.triu(P, format="csc"))
+        q = np.asarray(matrix.T @ (self.gradient + self._times(program.origin)))
+        size = max(float(np.abs(q).max(initial=0.0)), float(P.diagonal().max(initial=0.0)))
+        return Part(P, q).times(1.0 / (size or 1.0))
 
 
-def lightest(feasible: FeasibleSet) -> Preference:
-    """Least total mass; among equals the most compact (thousandths of kg m² and friction count), then the smallest."""
+def _require_semidefinite(curvature: Matrix) -> None:
+    if curvature.ndim == 1:
+        least, symmetric = float(curvature.min(initial=0.0)), True
+    else:
+        symmetric = bool(np.allclose(curvature, curvature.T, rtol=1e-9, atol=0.0))
+        least = float(np.linalg.eigvalsh(curvature)[0]) if symmetric and len(curvature) else 0.0
+    if not symmetric or least < -1e-9 * float(np.abs(curvature).max(initial=0.0)):
+        raise InputError(
+            "the metric of a preference must be symmetric and positive semidefinite; give the inverse of a covariance."
+        )
+
+
+def lightest(feasible: FeasibleSet, units: Units | None = None) -> Preference:
+    """Least total mass; among equals the most compact (thousandths of kg m² and friction count), then the smallest.
+
+    Parameters
+    ----------
+    feasible : FeasibleSet
+    units : Units, optional
+        In which small and large are told apart; SI where absent.
+    """
     gradient = SPREAD_WEIGHT * feasible.trace_row
     gradient[feasible.mass_indices] = 1.0
-    return Preference("lightest", np.full(feasible.parameter_count, FREE_WEIGHT), gradient)
+    sizes = np.ones(feasible.parameter_count) if units is None else units.parameters
+    total = 1.0 if units is None else units.total_mass
+    return Preference("the lightest", FREE_WEIGHT * total / sizes**2, gradient)
 
 
 def closest_to_cad(feasible: FeasibleSet) -> Preference:
@@ -67,57 +151,16 @@ def closest_to_cad(feasible: FeasibleSet) -> Preference:
         If the robot's description has no inertial parameters.
     """
     cad = np.asarray(feasible.model.robot.parameters, dtype=float)
-    names = {name: index for index, name in enumerate(feasible.model.parameter_names)}
-    curvature = np.full(feasible.parameter_count, FREE_WEIGHT)
-    gradient = np.zeros(feasible.parameter_count)
-    known = 0
-    for link, mass_index in enumerate(feasible.mass_indices):
-        indices = [names[f"{symbol}{link + 1}"] for symbol in _INERTIAL]
-        values = cad[indices]
-        if not np.all(np.isfinite(values)) or cad[mass_index] <= 0:
-            continue
-        known += 1
-        mass = float(cad[mass_index])
-        radius = max(0.01, float(np.sqrt(max(values[0] + values[3] + values[5], 0.0) / (2 * mass))))
-        scales = mass * np.array([radius**2] * 6 + [radius] * 3 + [1.0])
-        curvature[indices] = 2.0 / scales**2
-        gradient[indices] = -curvature[indices] * values
-    if not known:
+    columns = link_columns(feasible)
+    known = np.all(np.isfinite(cad[columns]), axis=1) & (cad[columns[:, 9]] > 0)
+    if not np.any(known):
         raise InputError(
             'prefer="cad" needs inertial parameters in the robot description, which has none; use prefer="lightest".'
         )
-    return Preference("cad", curvature, gradient)
-
-
-_INERTIAL = ("Lxx", "Lxy", "Lxz", "Lyy", "Lyz", "Lzz", "lx", "ly", "lz", "m")
-
-
-def lightest_witness(feasible: FeasibleSet, base: Vector, margin: float) -> Vector | None:
-    """The lightest parameters with K δ = β and D(δ) - margin 1 ⪰ 0, or None where the solver does not reach them."""
-    preference = lightest(feasible)
-    directions = feasible.unidentifiable
-    particular = feasible.lift @ base
-    P, q = preference.quadratic(directions, 1.0)
-    q = q + directions.T @ (preference.curvature * particular)
-    stack = feasible.stack
-    coefficients = stack.coefficients @ sparse.csc_array(directions)
-    values = stack.constant + stack.coefficients @ particular - margin * stack.identity
-    equations = feasible.equation_matrix @ directions
-    # Rows without unknowns are constants, which the caller has found to be positive.
-    decided = np.zeros(len(values), dtype=bool)
-    decided[: stack.scalar_count] = np.diff(sparse.csr_array(coefficients).indptr)[: stack.scalar_count] == 0
-    problem = ConicProblem(
-        P=P,
-        q=q,
-        A=sparse.csc_array(sparse.vstack([sparse.csc_array(equations), -coefficients[~decided]], format="csc")),
-        b=np.concatenate([feasible.equation_values - feasible.equation_matrix @ particular, values[~decided]]),
-        cones=(
-            Cone("zero", len(equations)),
-            Cone("nonnegative", stack.scalar_count - int(decided.sum())),
-            *(Cone("semidefinite", size) for size in stack.matrix_sizes),
-        ),
-    )
-    solution = solve(problem)
-    if not solution.outcome.usable or not np.all(np.isfinite(solution.primal)):
-        return None
-    return feasible.project_on_equations(particular + directions @ solution.primal)
+    curvature = np.full(feasible.parameter_count, FREE_WEIGHT)
+    gradient = np.zeros(feasible.parameter_count)
+    values = cad[columns[known]]
+    sizes = Units(feasible, values[:, 9], lengths_of_links(values, LEAST_RADIUS), 1.0).inertial
+    curvature[columns[known]] = 2.0 / sizes**2
+    gradient[columns[known]] = -2.0 / sizes**2 * values
+    return Preference("the closest to CAD", curvature, gradient)

@@ -16,7 +16,7 @@ import scipy.sparse as sparse
 
 from ..conic import Cone, ConicProblem
 from .repeated import RepeatedProblem
-from .round_problem import ACCURACY, Ball, RoundProblem
+from .round_problem import ACCURACY, Ball, DualPoint, RoundProblem
 from .section import BlockGroup, null_space
 
 __all__ = ["BoundedFace", "bounded_face"]
@@ -42,8 +42,7 @@ ROOM = 1e-9
 
 @dataclass(frozen=True, eq=False)
 class BoundedFace:
-    """The face of the dual cone on which all proofs of a bound lie, for all objectives that do not change in its
-    loose part.
+    """The face of the dual cone on which the proofs lie, for all objectives that do not change in its loose part.
 
     Attributes
     ----------
@@ -70,16 +69,14 @@ class BoundedFace:
         """Whether this is the face of an objective (of length 1), so that it is bounded below."""
         return float(np.linalg.norm(self.loose.T @ objective)) < CHANGES
 
-    def least(self, objective: Vector) -> tuple[tuple[Matrix, ...], Vector, float]:
-        """Dual matrices Z of each group of the whole problem for an objective of length 1, the dual of the ball,
-        their value."""
+    def least(self, objective: Vector) -> DualPoint:
+        """Minimise an objective of length 1 on the face; the dual point is one of the whole problem."""
         flat, value = [np.zeros((len(U), len(U))) for U in self.bases], 0.0
         pull = np.zeros(0 if self.problem.ball is None else len(self.problem.ball.first))
         if self.reduced.unknowns:
-            objective = self.directions.T @ objective
-            solution = self.reduced.least(objective)
-            value, pull = solution.dual_value, solution.ball_dual
-            for positions, matrices in zip(self.places, solution.duals, strict=True):
+            dual = self.reduced.least(self.directions.T @ objective).dual
+            value, pull = dual.value, dual.pull
+            for positions, matrices in zip(self.places, dual.matrices, strict=True):
                 for position, W in zip(positions, matrices, strict=True):
                     U = self.bases[position]
                     flat[position] = U @ (W + ROOM * np.eye(len(W))) @ U.T
@@ -87,7 +84,7 @@ class BoundedFace:
         for group in self.problem.groups:
             found.append(np.array(flat[start : start + len(group.indices)]))
             start += len(group.indices)
-        return tuple(found), pull, value
+        return DualPoint(tuple(found), pull, value)
 
 
 def bounded_face(problem: RoundProblem, objective: Vector | None = None) -> BoundedFace:

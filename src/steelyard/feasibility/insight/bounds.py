@@ -4,18 +4,16 @@ Every answer has two values: the proved one, below which nothing is (`DualBound`
 that were found inside the set. The truth lies between the two.
 """
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
-from functools import cached_property
 
 import numpy as np
 import numpy.typing as npt
 
-from ..conic import Outcome
-from .bounded_face import BoundedFace, bounded_face
 from .center import Middle
 from .dual_bound import EPSILON, DualBound
-from .round_problem import Ball, RoundProblem
+from .round_problem import Ball, DualPoint, RoundProblem
+from .search import Certify, Search
 from .section import BlockGroup
 
 __all__ = ["Bound", "BoundFinder"]
@@ -23,19 +21,15 @@ __all__ = ["Bound", "BoundFinder"]
 Vector = npt.NDArray[np.float64]
 Matrix = npt.NDArray[np.float64]
 
-TIGHT = 1e-6
-"""Gap between the two values, in units of the section, that needs no better proof."""
-
 WIDE = 1e-4
-"""Gap, in the same units, that is worth another attempt to find a better point."""
+"""Gap between the two values of a ratio, relative to it, that is worth another attempt."""
 
 SMALLEST_MASS = 1e-3
-"""A ratio is proved where its denominator is at least this part of what it is in the middle (or its own least
-value)."""
+"""A ratio is proved where its denominator is at least this part of what it is in the middle, or its least value."""
 
 
-LOOSE_RATIO = 1e-3
-"""Gap between the two values of a ratio, in units of the section, that is allowed where the mass may vanish."""
+LOOSE = 1e-3
+"""Gap between the two values of a ratio, relative to both, that is allowed where the mass may vanish."""
 
 ROOM = 1e-8
 """Part of the size of a ratio's interval that is given away for mending."""
@@ -52,17 +46,13 @@ class Bound:
     attained : float
         A value that is reached.
     parameters : (n,) or None
-        Where it is reached.
+        Where it is reached: inside the set, to rounding.
     """
 
     proved: float
     attained: float
     parameters: Vector | None = field(repr=False)
 
-
-Certify = Callable[[tuple[Matrix, ...], Vector, float], float]
-"""From dual matrices and the dual of the ball, for an objective of length 1, and the value they speak of, to what
-they prove."""
 
 UNBOUNDED = Bound(-np.inf, -np.inf, None)
 
@@ -84,8 +74,9 @@ class BoundFinder:
         count = len(middle.centre)
         first, second = middle.ball
         ball = Ball(first, second, np.zeros(count)) if len(first) else None
-        self._search = _Search(RoundProblem(middle.groups, ball, count, solver))
-        self._ratios: dict[bytes, _Search] = {}
+        self._search = Search(RoundProblem(middle.groups, ball, count, solver))
+        self._found: dict[bytes, Bound] = {}
+        self._ratios: dict[bytes, tuple[Search, Matrix]] = {}
 
     @property
     def reach(self) -> float:
@@ -99,6 +90,12 @@ class BoundFinder:
         ----------
         row : (n,)
         """
+        key = row.tobytes()
+        if key not in self._found:
+            self._found[key] = self._least(row)
+        return self._found[key]
+
+    def _least(self, row: Vector) -> Bound:
         section, middle = self.middle.section, self.middle
         value = float(row @ middle.parameters)
         if section.is_decided(row):
@@ -106,24 +103,22 @@ class BoundFinder:
         if not section.is_seen(row):
             return UNBOUNDED
         objective = middle.directions.T @ row
-        found = self._search.least(objective, lambda duals, pull, _: self._dual.of(row, duals, pull) - value)
-        if found is None:
+        found = self._search.least(objective, lambda dual, _: self._dual.of(row, dual.matrices, dual.pull) - value)
+        if found.proved == -np.inf or found.point is None:
             return UNBOUNDED
-        point, proved = found
-        parameters = middle.parameters + middle.directions @ point
+        step = middle.directions @ found.point
+        parameters = self._contained(lambda share: middle.parameters + share * step)
         attained = float(row @ parameters)
-        return Bound(min(value + proved, attained - self._rounding(row)), attained, parameters)
+        return Bound(min(value + found.proved, attained - self._rounding(row)), attained, parameters)
 
-    def least_ratio(self, row: Vector, mass: Vector, least_mass: float) -> Bound:
+    def least_ratio(self, row: Vector, mass: Vector, moments: Sequence[Vector] = ()) -> Bound:
         """The least value of (row · δ) / (mass · δ), for a mass that is positive all over the section.
-
-        In the unknowns (τ, τ δ) with a mass of 1 the problem is linear (Charnes and Cooper, 1962).
 
         Parameters
         ----------
         row, mass : (n,)
-        least_mass : float
-            Proved lower bound of the mass.
+        moments : sequence of (n,)
+            Combinations with (row · δ)² ≤ (moment · δ) (mass · δ) in the whole set, such as moments of inertia.
         """
         section, middle = self.middle.section, self.middle
         if not section.is_seen(row):
@@ -132,36 +127,60 @@ class BoundFinder:
         ratio = float(row @ middle.parameters) / weight
         rates = middle.directions.T @ mass
         objective = middle.directions.T @ (row - ratio * mass)
-        floor = max(least_mass, SMALLEST_MASS * weight)
-        whole, room = float(np.linalg.norm(objective)), self._mass_duals(mass)
-
-        def certify(duals: tuple[Matrix, ...], pull: Vector, value: float) -> float:
-            # Where row - (ratio + value) mass is nowhere below -x, no ratio is below by more than x / mass. A little
-            # less than that value leaves room for mending where the ratio is that of an infinite mass.
-            value -= ROOM * whole
-            aim = row - (ratio + value) * mass
-            length = float(np.linalg.norm(middle.directions.T @ aim))
-            own = duals[-len(middle.groups) :]
-            unit = whole / length if length > 0 else 1.0
-            mixed = tuple(unit * (weight * Z + ROOM * E) for Z, E in zip(own, room, strict=True))
-            return value + min(0.0, self._dual.of(aim, mixed, unit * weight * pull)) / floor
-
+        lightest = max(self.least(mass).proved, 0.0)
+        floor = max(lightest, SMALLEST_MASS * weight)
         if float(np.linalg.norm(objective)) <= 1e-12 * float(np.abs(row) @ np.abs(middle.directions).sum(axis=1)):
             return Bound(ratio - self._rounding(row) / floor, ratio, middle.parameters)
-        found = self._ratio_search(mass, rates, weight).least(objective, certify)
-        if found is None:
+        search, units = self._ratio_search(mass, rates, weight)
+        own = units.T @ objective
+        found = search.least(own, self._ratio_proof(row, mass, floor))
+        if found.point is None:
             return UNBOUNDED
-        point, proved = found
-        if least_mass <= 0.0 and float(objective @ point) - proved > LOOSE_RATIO * whole:
+        point = units @ found.point
+        attained, proved = float(objective @ point), found.proved
+        if lightest == 0.0 and attained - proved > LOOSE * max(float(np.linalg.norm(own)), -attained):
             # Where the mass may vanish, nothing is proved by a bound for masses above the floor.
+            proved = -np.inf
+        proved += ratio
+        if not ratio + attained - proved <= WIDE * abs(ratio + attained):
+            proved = max(proved, self._plain_ratio(row, mass, moments))
+        if proved == -np.inf:
             return UNBOUNDED
-        share = 1.0 - float(rates @ point)
-        parameters = middle.parameters + weight * middle.directions @ point / share
+        step, growth = weight * (middle.directions @ point), float(rates @ point)
+        parameters = self._contained(lambda share: middle.parameters + share * step / (1.0 - share * growth))
         attained = float(row @ parameters) / float(mass @ parameters)
-        return Bound(min(ratio + proved, attained - self._rounding(row) / floor), attained, parameters)
+        return Bound(min(proved, attained - self._rounding(row) / floor), attained, parameters)
 
-    def _ratio_search(self, mass: Vector, rates: Vector, weight: float) -> "_Search":
-        """The problem in (τ, τ δ) around the middle, where τ = (1 - rates · v) / weight."""
+    def _ratio_proof(self, row: Vector, mass: Vector, floor: float) -> Certify:
+        """What dual points of the problem in (τ, τ δ) prove of a ratio, relative to that in the middle."""
+        middle = self.middle
+        weight = float(mass @ middle.parameters)
+        ratio = float(row @ middle.parameters) / weight
+        room = self._mass_duals(mass)
+
+        def certify(dual: DualPoint, size: float) -> float:
+            # Where row - (ratio + value) mass is nowhere below -x, no ratio is below by more than x / mass. A little
+            # less than that value leaves room for mending where the ratio is that of an infinite mass.
+            value = size * (dual.value - ROOM)
+            aim = row - (ratio + value) * mass
+            length = float(np.linalg.norm(middle.directions.T @ aim))
+            own = dual.matrices[-len(middle.groups) :]
+            unit = size / length if length > 0 else 1.0
+            mixed = tuple(unit * (weight * Z + ROOM * E) for Z, E in zip(own, room, strict=True))
+            return value + min(0.0, self._dual.of(aim, mixed, unit * weight * dual.pull)) / floor
+
+        return certify
+
+    def _plain_ratio(self, row: Vector, mass: Vector, moments: Sequence[Vector]) -> float:
+        """A lower bound of a ratio from the bounds of its parts, which helps where the mass may vary a lot."""
+        numerator, lightest, heaviest = self.least(row).proved, self.least(mass).proved, -self.least(-mass).proved
+        if lightest <= 0:
+            return 0.0 if numerator >= 0 else -np.inf
+        largest = min((-self.least(-moment).proved for moment in moments), default=np.inf)
+        return max(numerator / (heaviest if numerator >= 0 else lightest), -float(np.sqrt(largest / lightest)))
+
+    def _ratio_search(self, mass: Vector, rates: Vector, weight: float) -> tuple[Search, Matrix]:
+        """The problem in (τ, τ δ) around the middle, where τ = (1 - rates · v) / weight, and its own units of v."""
         key = mass.tobytes()
         if key not in self._ratios:
             middle = self.middle
@@ -177,8 +196,18 @@ class BoundFinder:
             ]
             first, second = middle.ball
             ball = Ball(first, weight * second - np.outer(first, rates), -rates) if len(first) else None
-            self._ratios[key] = _Search(RoundProblem((positive, *groups), ball, len(rates), self.solver))
+            problem, units = RoundProblem((positive, *groups), ball, len(rates), self.solver).rounded()
+            self._ratios[key] = Search(problem), units
         return self._ratios[key]
+
+    def _contained(self, parameters_at: Callable[[float], Vector]) -> Vector:
+        """Parameters on the way from the middle (0) to a point (1), as far as their eigenvalues come out positive."""
+        feasible = self.middle.section.feasible
+        for back in (0.0, 1e-8, 1e-7, 1e-6, 1e-5, 1e-4, 1e-3, 1e-2, 0.1, 0.5):
+            parameters = parameters_at(1.0 - back)
+            if np.all(feasible.stack.smallest_eigenvalues(parameters) >= 0.0):
+                return parameters
+        return self.middle.parameters
 
     def _mass_duals(self, mass: Vector) -> tuple[Matrix, ...]:
         """Z of each group with Σ <D_b, Z_b> = mass · δ, in the units of the middle; zero where no block says so."""
@@ -198,55 +227,3 @@ class BoundFinder:
 
     def _rounding(self, row: Vector) -> float:
         return EPSILON * float(np.abs(row) @ np.abs(self.middle.parameters))
-
-
-class _Search:
-    """One problem, solved for many objectives, on its faces where it must be."""
-
-    def __init__(self, problem: RoundProblem) -> None:
-        self.problem = problem
-
-    def least(self, objective: Vector, certify: Certify) -> tuple[Vector, float] | None:
-        """A point inside, and the proved least value of objective · v; None where it is not bounded."""
-        problem = self.problem
-        length = float(np.linalg.norm(objective))
-        unit = objective / length
-        general = self._general_face
-        known = general.bounds(unit)
-        # On a face the solver does not stall; the whole problem then need only give a point.
-        rough = known and general.loose.shape[1] > 0
-        solution = problem.least(unit, rough)
-        if not known and solution.outcome is Outcome.UNBOUNDED and self._is_ray(solution.point, unit):
-            return None
-        point = problem.pulled_inside(solution.point)
-        proved = -np.inf
-        if not rough:
-            attained = float(objective @ point)
-            proved = certify(solution.duals, solution.ball_dual, length * solution.dual_value)
-            near = known or -proved <= length * problem.order
-            if near and attained - proved <= TIGHT * max(length, -attained):
-                return point, proved
-        face = general if known else bounded_face(problem, unit)
-        if not face.bounds(unit):
-            return None
-        duals, pull, value = face.least(unit)
-        proved = max(proved, certify(duals, pull, length * value))
-        if rough and float(objective @ point) - proved > WIDE * length:
-            other = problem.pulled_inside(problem.least(unit).point)
-            point = min(point, other, key=lambda v: float(objective @ v))
-        return point, proved
-
-    @cached_property
-    def _general_face(self) -> BoundedFace:
-        """The face of all objectives that are bounded from both sides."""
-        return bounded_face(self.problem)
-
-    def _is_ray(self, point: Vector, unit: Vector) -> bool:
-        """Whether the objective falls for ever along a direction that stays inside."""
-        size = float(np.linalg.norm(point))
-        if not 0 < size < np.inf:
-            return False
-        ray, ball = point / size, self.problem.ball
-        lowest = min(float(np.linalg.eigvalsh(group.change(ray)).min()) for group in self.problem.groups)
-        inside = ball is None or float(np.linalg.norm(ball.second @ ray)) < float(ball.rate @ ray) + 1e-8
-        return inside and lowest > -1e-8 and float(unit @ ray) < -1e-6

@@ -101,7 +101,7 @@ def middle_of(section: Section, start: Vector) -> Middle:
         centre = centre + _length(section, factors, centre[:k], step, k, float(along @ step) / rest) * step
     gradient, hessian, factors = _derivatives(section, centre, k)
     rest = bound - offset - float(along @ centre)
-    units = np.linalg.inv(_root(hessian + np.outer(along, along) / rest**2)).T
+    units = np.asarray(np.linalg.inv(_root(hessian + np.outer(along, along) / rest**2)).T, dtype=float)
     groups = []
     for group, inverse in zip(section.groups, factors, strict=True):
         turned = _congruent(inverse, group.coefficients)
@@ -120,8 +120,8 @@ def _root(hessian: Matrix) -> Matrix:
     """Cholesky factor, of a Hessian whose unknowns may have very different units."""
     scale = 1.0 / np.sqrt(np.diagonal(hessian))
     scaled = hessian * np.outer(scale, scale)
-    root: Matrix = np.linalg.cholesky(scaled + 1e-14 * np.eye(len(scaled)))
-    return root / scale[:, None]
+    root = np.linalg.cholesky(scaled + 1e-14 * np.eye(len(scaled)))
+    return np.asarray(root / scale[:, None], dtype=float)
 
 
 def _derivatives(section: Section, point: Vector, k: int) -> tuple[Vector, Matrix, tuple[Matrix, ...]]:

@@ -27,8 +27,7 @@ MOST = 50
 
 @dataclass(frozen=True, eq=False)
 class Conflict:
-    """Conditions that no parameters with the given base parameters satisfy together, though without any of them some
-    do.
+    """Conditions that no parameters with these base parameters satisfy together, but without any one of them some do.
 
     For every robot that satisfies them, direction · β is at least `threshold`; here it is `value`, which is less.
 

@@ -111,7 +111,7 @@ def change_alone(
         np.abs(stack.coefficients @ unit).max(initial=0.0)
     ):
         return float("inf")
-    return sign * needed * float(solution.primal[0])
+    return float(sign * needed * solution.primal[0])
 
 
 def _smallest_eigenvalue(feasible: FeasibleSet, stacked: Vector) -> float:
@@ -123,7 +123,7 @@ def rank_correlation(first: Vector, second: Vector) -> tuple[float, float]:
 
     Examples
     --------
-    >>> rank_correlation(np.array([1.0, 2.0, 3.0, 4.0]), np.array([1.0, 10.0, 100.0, 50.0]))[0].round(2).item()
+    >>> round(rank_correlation(np.array([1.0, 2.0, 3.0, 4.0]), np.array([1.0, 10.0, 100.0, 50.0]))[0], 12)
     0.8
     """
     from scipy.special import betainc

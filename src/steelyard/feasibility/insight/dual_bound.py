@@ -12,7 +12,7 @@ __all__ = ["DualBound"]
 Vector = npt.NDArray[np.float64]
 Matrix = npt.NDArray[np.float64]
 
-REACH = 1e3
+REACH = 1e2
 """The bounds hold for robots up to this many times as large as the one in the middle was allowed to be."""
 
 MENDING_STEPS = 4
@@ -90,7 +90,7 @@ class DualBound:
         """The bound that matrices prove, as it is."""
         value = -sum(float(np.einsum("bii->", Z)) for Z in matrices)
         rest = target - self._products(matrices)
-        first, second = self.middle.ball
+        first = self.middle.ball[0]
         if len(first):
             # rest · v = pull · (u - first), which is least at the edge of the region.
             pull = self._to_pull @ rest

@@ -17,7 +17,7 @@ from .conflict import Conflict, find_conflicts
 from .degree import BaseParameterDegree, change_alone, rank_correlation
 from .nearest import nearest_feasible
 from .region import region_of
-from .table import html_table, plain, text_table
+from .table import html_table, percent, plain, text_table
 
 __all__ = ["InfeasibilityExplanation", "explain_infeasibility"]
 
@@ -86,11 +86,13 @@ class InfeasibilityExplanation:
         if self.status == "feasible":
             return (f"Nothing to explain: the estimate is feasible {kind}, with a margin of {self.margin:.3g}.",)
         if self.status == "undecided":
-            found = [f"It is undecided whether the estimate is feasible {kind}: it is too close to the boundary."]
-        else:
-            count = len(self.conflicts)
-            several = f"for {count} reasons that have no condition in common" if count > 1 else "for one reason"
-            found = [f"The estimate is infeasible {kind}, {several}."]
+            return (
+                f"It cannot be told whether the estimate is feasible {kind}: it is too close to the boundary (margin "
+                f"{self.margin:.3g}).",
+            )
+        count = len(self.conflicts)
+        several = f", for {count} reasons that have no condition in common" if count > 1 else ", for one reason"
+        found = [f"The estimate is infeasible {kind}{several if count else ', by very little'}."]
         names = [degree.name for degree in self.degrees]
         for number, conflict in enumerate(self.conflicts, start=1):
             found.append(f"{number}. {conflict}: {_in_words(conflict, self.base, names)}.")
@@ -101,7 +103,7 @@ class InfeasibilityExplanation:
                 f"The nearest feasible base parameters lie {plain(self.distance)} standard deviations away; the 95 % "
                 f"region ends at {plain(self.region)}."
             )
-        largest = [f"{name} ({100 * share:.2g} %)" for name, share in self.shares[:5] if share >= 0.005]
+        largest = [f"{name} ({percent(share, 2)})" for name, share in self.shares[:5] if share >= 0.005]
         if largest:
             found.append(f"What keeps the estimate out, by shares in the squared distance: {', '.join(largest)}.")
         cured = [degree for degree in self.degrees if math.isfinite(degree.alone)]
@@ -119,11 +121,11 @@ class InfeasibilityExplanation:
 
     def _rows(self) -> list[tuple[str, ...]]:
         order = sorted(self.degrees, key=lambda degree: -abs(degree.share))[:SHOWN]
-        found = []
+        found: list[tuple[str, ...]] = []
         for degree in order:
             deviations = plain(degree.change_in_deviations, 3) if not math.isnan(degree.deviation) else "-"
             alone = plain(degree.alone, 3) if math.isfinite(degree.alone) else "-"
-            share = f"{100 * degree.share:.3g} %"
+            share = percent(degree.share)
             found.append(
                 (
                     degree.name,
@@ -138,7 +140,7 @@ class InfeasibilityExplanation:
         return found
 
     def __str__(self) -> str:
-        if self.status == "feasible":
+        if self.status != "infeasible":
             return self.sentences()[0]
         return "\n".join((*self.sentences(), text_table(HEADS, self._rows(), numbers=(1, 2, 3, 4, 5))))
 
@@ -147,7 +149,7 @@ class InfeasibilityExplanation:
 
         first, *others = (html.escape(sentence) for sentence in self.sentences())
         text = f"<p><strong>{first}</strong></p><ul>{''.join(f'<li>{other}</li>' for other in others)}</ul>"
-        if self.status == "feasible":
+        if self.status != "infeasible":
             return text
         return text + html_table("Base parameters with the largest shares", HEADS, self._rows())
 
@@ -269,13 +271,13 @@ def explain_infeasibility(
         names = tuple(zip(base_names(feasible), base_expressions(feasible), strict=True))
         count = len(beta)
         deviation = region.deviation if region is not None else np.full(count, np.nan)
-        if verdict.feasible:
+        if verdict.feasible is not False:
             degrees = tuple(
                 BaseParameterDegree(*name, float(value), 0.0, 0.0, 0.0, float(sigma))
                 for name, value, sigma in zip(names, beta, deviation, strict=True)
             )
             return InfeasibilityExplanation(
-                status="feasible",
+                status=verdict.status,
                 margin=verdict.margin,
                 shares=(),
                 conflicts=(),

@@ -76,7 +76,8 @@ def given_region(feasible: FeasibleSet, region: ConfidenceRegion, solver: str) -
         raise InputError(
             f"no physically possible robot lies within the {100 * region.confidence:g} % region of the estimate: the "
             f"nearest one lies {relative:.3g} times as far away as its edge{wider}; noise that is alike in "
-            f"neighbouring samples makes regions wider: give noise_factor={_above(relative * region.noise_factor):g} or more."
+            f"neighbouring samples makes regions wider: give noise_factor={_above(relative * region.noise_factor):g} "
+            "or more."
         )
     section = Section.of(feasible, region.base, region.radius * region.axes, region.unknown)
     start = light_point(feasible, region.base, region.axes, region.unknown, nearest, region.radius, solver)
@@ -107,7 +108,8 @@ def _finder(section: Section, start: Vector, solver: str) -> BoundFinder:
     except np.linalg.LinAlgError:
         raise SolverError(
             "the parameters that these base parameters leave possible are a set without an inside, as for links "
-            "without extent; give base parameters a little further inside, such as those of `correct` with a larger margin."
+            "without extent; give base parameters a little further inside, such as those of `correct` with a larger "
+            "margin."
         ) from None
     return BoundFinder(middle, solver)
 

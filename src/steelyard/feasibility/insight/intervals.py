@@ -1,5 +1,4 @@
-"""Which values of a parameter are physically possible, given an estimate of the base parameters or its confidence
-region."""
+"""Which values of a parameter are physically possible, given an estimate of the base parameters."""
 
 import math
 from collections.abc import Iterator, Mapping, Sequence
@@ -17,7 +16,7 @@ from .bounds import Bound, BoundFinder
 from .given import given_base, given_region
 from .quantities import Combination, Quantity, quantities
 from .region import region_of
-from .table import html_table, outward, plain, text_table
+from .table import html_table, outward, percent, plain, text_table
 
 __all__ = ["ParameterInterval", "ParameterIntervals", "interval_of", "parameter_intervals"]
 
@@ -40,7 +39,7 @@ class ParameterInterval:
     attained_lower, attained_upper : float
         Values that robots are known to have; between them everything is possible.
     lower_parameters, upper_parameters : (n,) or None
-        Those robots.
+        Those robots. Where a value is only approached as masses elsewhere grow, they are very heavy.
     decided : bool
         Whether the base parameters alone decide the value.
     """
@@ -63,8 +62,7 @@ class ParameterInterval:
 
     @property
     def looseness(self) -> float:
-        """Degree of (un)identifiability: the width over the largest size; 0 is decided, above 1 not even the sign
-        is."""
+        """The width over the largest size: 0 is identifiable; above 1 not even the sign is known."""
         size = max(abs(self.lower), abs(self.upper))
         if self.decided or size == 0.0:
             return 0.0
@@ -165,10 +163,10 @@ class ParameterIntervals:
         return tuple(found)
 
     def _rows(self) -> list[tuple[str, ...]]:
-        found = []
+        found: list[tuple[str, ...]] = []
         for i in self.intervals:
             low, high = outward(i.lower, i.upper) if not i.decided else (plain(i.attained_lower, 6),) * 2
-            loose = "decided" if i.decided else ("open" if not i.bounded else f"{100 * i.looseness:.2g} %")
+            loose = "decided" if i.decided else ("open" if not i.bounded else percent(i.looseness, 2))
             found.append((i.name, low, high, i.unit, loose, i.meaning))
         return found
 
@@ -293,9 +291,8 @@ def interval_of(finder: BoundFinder, quantity: Quantity) -> ParameterInterval:
     if quantity.mass is None:
         low, high = finder.least(quantity.row), finder.least(-quantity.row)
     else:
-        lightest = finder.least(quantity.mass).proved
-        low = finder.least_ratio(quantity.row, quantity.mass, lightest)
-        high = finder.least_ratio(-quantity.row, quantity.mass, lightest)
+        low = finder.least_ratio(quantity.row, quantity.mass, quantity.moments)
+        high = finder.least_ratio(-quantity.row, quantity.mass, quantity.moments)
     return _interval(quantity, low, high, decided)
 
 

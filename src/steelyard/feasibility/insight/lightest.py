@@ -78,7 +78,8 @@ class LightestRobot:
             else f"base parameters in the {100 * self.confidence:g} % region"
         )
         return (
-            f'The lightest robot with {given} weighs {plain(self.total.attained)} kg, under "{self.consistency}" consistency.',
+            f"The lightest robot with {given} weighs {plain(self.total.attained)} kg, under "
+            f'"{self.consistency}" consistency.',
         )
 
     def _rows(self) -> list[tuple[str, ...]]:

@@ -8,7 +8,7 @@ import scipy.sparse as sparse
 
 from steelyard.errors import SolverError
 
-from ..conic import Cone, ConicProblem, Outcome, solve
+from ..conic import Cone, ConicProblem, ConicSolution, Outcome, solve
 from ..feasible_set import FeasibleSet
 from ..fitting import MARGIN_FACTORS
 
@@ -19,6 +19,9 @@ Matrix = npt.NDArray[np.float64]
 
 LOOSE_WEIGHT = 1e-9
 """Weight of the squares of what the distance does not measure, which keeps masses finite."""
+
+FINE = 1e-3
+"""Below this squared distance the problem is solved again in units of the distance found."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -68,10 +71,11 @@ def nearest_feasible(
         free = np.hstack([free, feasible.lift @ unknown])
     directions = np.hstack([feasible.lift @ axes, free])
     reference, k = feasible.lift @ base, axes.shape[1]
-    weights = np.concatenate([np.full(k, 2.0), np.full(free.shape[1], LOOSE_WEIGHT)])
     equations = feasible.equation_matrix @ directions
-    for factor in MARGIN_FACTORS:
-        values = stack.constant + stack.coefficients @ reference - factor * feasible.margin * stack.identity
+
+    def solved(margin: float, unit: float) -> ConicSolution:
+        values = stack.constant + stack.coefficients @ reference - margin * stack.identity
+        weights = np.concatenate([np.full(k, 2.0 / unit), np.full(free.shape[1], LOOSE_WEIGHT)])
         problem = ConicProblem(
             P=sparse.csc_array(sparse.diags_array(weights, format="csc")),
             q=np.zeros(len(weights)),
@@ -83,23 +87,37 @@ def nearest_feasible(
                 *(Cone("semidefinite", size) for size in stack.matrix_sizes),
             ),
         )
-        solution = solve(problem, solver=solver)
-        if solution.outcome is Outcome.INFEASIBLE:
-            raise SolverError(
-                "no parameters satisfy all conditions, whatever the base parameters are (where the estimate is "
-                "certain of them); loosen the constraints, which contradict each other or the estimate."
-            )
+        return solve(problem, solver=solver)
+
+    def packed(solution: ConicSolution, unit: float) -> Nearest | None:
+        """The point, where it is inside the set."""
         if not solution.outcome.usable or not np.all(np.isfinite(solution.primal)):
-            continue
+            return None
         u = solution.primal[:k]
         parameters = feasible.project_on_equations(reference + directions @ solution.primal)
-        if np.all(feasible.stack.smallest_eigenvalues(parameters) > 0):
-            pushes = solution.dual[len(equations) :] * (stack.coefficients @ (directions[:, :k] @ u))
-            shares = np.array([float(pushes[place].sum()) for place in stack.slices])
-            return Nearest(parameters, float(np.linalg.norm(u)), u, shares / (2.0 * float(u @ u) or 1.0))
+        if not np.all(stack.smallest_eigenvalues(parameters) > 0):
+            return None
+        pushes = solution.dual[len(equations) :] * (stack.coefficients @ (directions[:, :k] @ u))
+        shares = np.array([float(pushes[place].sum()) for place in stack.slices])
+        return Nearest(parameters, float(np.linalg.norm(u)), u, shares * unit / (2.0 * float(u @ u) or 1.0))
+
+    for factor in MARGIN_FACTORS:
+        solution = solved(factor * feasible.margin, 1.0)
+        if solution.outcome is Outcome.INFEASIBLE:
+            raise SolverError(
+                "no parameters satisfy all conditions, whatever the base parameters are (where the estimate is certain "
+                "of them); loosen the constraints, which contradict each other or the estimate."
+            )
+        found = packed(solution, 1.0)
+        if found is None:
+            continue
+        if found.distance**2 < FINE:
+            unit = max(found.distance**2, 1e-6)
+            found = packed(solved(factor * feasible.margin, unit), unit) or found
+        return found
     raise SolverError(
-        "the solver ended outside the feasible set with every margin tried; check that the constraints leave room "
-        f"and that units are SI, or give FeasibleSet a larger margin than {feasible.margin:g}."
+        "the solver ended outside the feasible set with every margin tried; check that the constraints leave room and "
+        f"that units are SI, or give FeasibleSet a larger margin than {feasible.margin:g}."
     )
 
 

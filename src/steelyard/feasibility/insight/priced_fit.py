@@ -38,8 +38,7 @@ class PricedFit:
     squared_residual : float
     parameters : (n,)
     prices : dict from index of a block to float
-        d(squared residual) / d(relaxation), of D + r 1 ⪰ 0 for 1 x 1 blocks, D + r diag(D) ⪰ 0 for larger ones; at
-        most 0.
+        d(squared residual) / dr of the relaxed condition D + r 1 ⪰ 0; at most 0.
     stopped_by_bound : bool
         Whether the residual would fall further with more mass.
     """
@@ -126,7 +125,8 @@ def priced_fit(
     if solution.outcome is Outcome.INFEASIBLE:
         raise SolverError(
             f"no parameters satisfy all of the {len(kept)} conditions with margin {feasible.margin:g} and a total "
-            f"mass below {mass_bound:g} kg; loosen the constraints, which contradict each other, or give a larger mass_bound."
+            f"mass below {mass_bound:g} kg; loosen the constraints, which contradict each other, or give a larger "
+            "mass_bound."
         )
     solution = solution.require("fit the data within the feasible set")
     parameters = feasible.project_on_equations(transform @ solution.primal[rows:])
@@ -136,9 +136,8 @@ def priced_fit(
     duals = solution.dual[start + len(bounds) :]
     prices = {}
     for index, block, place in zip(kept, stack.blocks, stack.slices, strict=True):
-        relaxation = np.ones(1) if block.size == 1 else np.diagonal(block.evaluate(parameters))
         diagonal = np.cumsum(np.arange(1, block.size + 1)) - 1
-        prices[index] = -scale * float(duals[place][diagonal] @ np.maximum(relaxation, 0.0))
+        prices[index] = -scale * float(duals[place][diagonal].sum())
     pressed = (bounds @ parameters > 0.99) & (solution.dual[start : start + len(bounds)] > 1e-6 * squared / scale)
     return PricedFit(squared, parameters, prices, bool(np.any(pressed)))
 

@@ -13,15 +13,14 @@ from steelyard.errors import InputError
 from ..feasible_set import FeasibleSet
 from .priced_fit import PricedFit, mass_bound_of, priced_fit
 from .region import reduced_regression
-from .table import html_table, text_table
+from .table import html_table, percent, text_table
 
 __all__ = ["ConstraintPrice", "ConstraintPrices", "constraint_prices"]
 
 Vector = npt.NDArray[np.float64]
 
 ACTIVE = 1e-7
-"""A condition is active where relaxing it, by its own size or unit, gains more than this part of the squared
-residual."""
+"""A condition is active where a unit more on its diagonal gains more than this part of the squared residual."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -40,10 +39,10 @@ class ConstraintPrice:
     saving : float
         The same of the relative error, as a part of it: 0.01 means that an error of 5 % falls to 4.95 %.
     marginal : float
-        By which part the relative error falls for each unit by which the condition is relaxed, at first; nan for
-        groups.
+        By which part the relative error falls for each unit that is added to the diagonal of the condition, at first;
+        it is what a margin costs. nan for groups.
     unit : str
-        For a matrix that is its own diagonal: 0.01 of it relaxes the condition by a hundredth of its own size.
+        ``"SI unit"`` where the diagonal has several.
     """
 
     name: str
@@ -103,25 +102,26 @@ class ConstraintPrices:
 
     def sentences(self) -> tuple[str, ...]:
         """The answer in words."""
-        cost = self.relative_error / self.least_squares_error - 1.0 if self.least_squares_error > 0 else math.inf
+        cost = ""
+        if self.least_squares_error > 1e-9:
+            cost = f", by {percent(self.relative_error / self.least_squares_error - 1.0)} of itself"
         found = [
-            f'Feasibility under "{self.consistency}" consistency costs {100 * cost:.3g} % of the relative error, '
-            f"which rises from {100 * self.least_squares_error:.4g} % to {100 * self.relative_error:.4g} %.",
+            f'Feasibility under "{self.consistency}" consistency raises the relative error from '
+            f"{percent(self.least_squares_error, 4)} to {percent(self.relative_error, 4)}{cost}.",
             f"{len(self.active)} of {len(self.prices)} conditions are active.",
         ]
         if self.stopped_by_bound:
             found.append(
-                f"The total mass is at its bound of {self.mass_bound:g} kg; with more the residual would fall a little further."
+                f"The total mass is at its bound of {self.mass_bound:g} kg; with more the residual would fall a little "
+                "further."
             )
         return tuple(found)
 
     def _rows(self) -> list[tuple[str, ...]]:
-        rows = []
+        rows: list[tuple[str, ...]] = []
         for price in (*self.groups, *(p for p in self.prices if p.active)):
-            marginal = "" if math.isnan(price.marginal) else f"{100 * price.marginal:.3g} %"
-            rows.append(
-                (f"{100 * price.saving:.3g} %", f"{price.squared_saving:.5g}", marginal, price.unit, price.name)
-            )
+            marginal = "" if math.isnan(price.marginal) else percent(price.marginal)
+            rows.append((percent(price.saving), f"{price.squared_saving:.5g}", marginal, price.unit, price.name))
         return rows
 
     def __str__(self) -> str:
@@ -222,8 +222,10 @@ def constraint_prices(
     with one_thread():
         whole = priced_fit(reduced, feasible, (), bound, solver)
 
+        size = max(whole.squared_residual, 1e-12 * norm2)
+
         def price(name: str, kind: str, saved: float, active: bool, marginal: float, unit: str) -> ConstraintPrice:
-            left = max(whole.squared_residual - saved, 0.0) / whole.squared_residual
+            left = max(size - saved, 0.0) / size
             return ConstraintPrice(name, kind, active, saved, 1.0 - math.sqrt(left), marginal, unit)
 
         def saving(fit: PricedFit) -> float:
@@ -232,10 +234,10 @@ def constraint_prices(
         prices = []
         for index, block in enumerate(feasible.blocks):
             slope = -whole.prices[index]
-            active = slope > ACTIVE * whole.squared_residual
+            active = slope > ACTIVE * max(size, 1e-6 * norm2)
             saved = saving(priced_fit(reduced, feasible, (index,), bound, solver)) if active else 0.0
-            relative = slope / (2.0 * whole.squared_residual) if active else 0.0
-            unit = (block.unit or "SI unit") if block.size == 1 else "its own size"
+            relative = slope / (2.0 * size) if active else 0.0
+            unit = (block.unit or "SI unit") if block.size == 1 else "SI unit"
             prices.append(price(block.name, block.kind, saved, active, relative, unit))
         groups = []
         for kind, name in (("link", "all links"), ("term", "all terms"), ("constraint", "all constraints")):

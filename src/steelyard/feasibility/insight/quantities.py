@@ -32,6 +32,8 @@ class Quantity:
     unit : str
     row : (n,)
     mass : (n,) or None
+    moments : tuple of (n,)
+        Moments of inertia with (row · δ)² ≤ (moment · δ) (mass · δ), of a centre of mass.
     never_negative : bool
         Whether the conditions themselves say so.
     """
@@ -41,6 +43,7 @@ class Quantity:
     unit: str
     row: Vector = field(repr=False)
     mass: Vector | None = field(default=None, repr=False)
+    moments: tuple[Vector, ...] = field(default=(), repr=False)
     never_negative: bool = False
 
 
@@ -81,7 +84,8 @@ def quantities(
             close = difflib.get_close_matches(str(name), list(known), n=1, cutoff=0.0)
             raise InputError(
                 f"there is no quantity {name!r}; did you mean {close[0]!r}? Names are those of the standard "
-                "parameters, 'total mass', 'cx1', 'cy1', 'cz1' for the centre of mass of the first link, and those in combinations=."
+                "parameters, 'total mass', 'cx1', 'cy1', 'cz1' for the centre of mass of the first link, and those in "
+                "combinations=."
             )
     return tuple(known[name] for name in dict.fromkeys([*chosen, *own]))
 
@@ -101,13 +105,14 @@ def _standard(feasible: FeasibleSet) -> list[Quantity]:
             meaning = f"{kind}{axes} of {link}"
         else:
             unit, meaning = units.get(index, ""), name
-        found.append(Quantity(name, meaning, unit, identity[index], None, index in positive))
+        found.append(Quantity(name, meaning, unit, identity[index], never_negative=index in positive))
     total = identity[feasible.mass_indices].sum(axis=0)
-    found.append(Quantity("total mass", "mass of all links", "kg", total, None, True))
+    found.append(Quantity("total mass", "mass of all links", "kg", total, never_negative=True))
     for i, link in enumerate(links):
         for axis in "xyz":
             row, mass = identity[names.index(f"l{axis}{i + 1}")], identity[feasible.mass_indices[i]]
-            found.append(Quantity(f"c{axis}{i + 1}", f"centre of mass {axis} of {link}", "m", row, mass))
+            moments = tuple(identity[names.index(f"L{other}{other}{i + 1}")] for other in "xyz" if other != axis)
+            found.append(Quantity(f"c{axis}{i + 1}", f"centre of mass {axis} of {link}", "m", row, mass, moments))
     return found
 
 
@@ -145,6 +150,13 @@ def _units(feasible: FeasibleSet) -> dict[int, str]:
     return found
 
 
+def _numbers(name: str, value: npt.ArrayLike) -> Vector:
+    try:
+        return np.asarray(value, dtype=float)
+    except (TypeError, ValueError):
+        raise InputError(f"the coefficients of combination {name!r} must be numbers, got {value!r}.") from None
+
+
 def _combination(feasible: FeasibleSet, name: str, value: Combination) -> Quantity:
     names = list(feasible.model.parameter_names)
     row = np.zeros(len(names))
@@ -156,9 +168,9 @@ def _combination(feasible: FeasibleSet, name: str, value: Combination) -> Quanti
                     f"combination {name!r} names the parameter {key!r}, which the robot does not have; did you mean "
                     f"{close[0]!r}?"
                 )
-            row[names.index(key)] = float(coefficient)
+            row[names.index(key)] = _numbers(name, coefficient)
     else:
-        given = np.asarray(value, dtype=float)
+        given = _numbers(name, value)
         if given.shape != row.shape:
             raise InputError(
                 f"combination {name!r} must have one coefficient for each of the {len(names)} standard parameters, "
@@ -171,4 +183,4 @@ def _combination(feasible: FeasibleSet, name: str, value: Combination) -> Quanti
     used = np.flatnonzero(row)
     masses = set(feasible.mass_indices.tolist())
     unit = "kg" if masses.issuperset(used.tolist()) else ""
-    return Quantity(name, name, unit, row, None, all(int(i) in positive and row[i] > 0 for i in used))
+    return Quantity(name, name, unit, row, never_negative=all(int(i) in positive and row[i] > 0 for i in used))

@@ -12,7 +12,7 @@ from ..lmi import symmetric_to_vector, vector_to_symmetric
 from .repeated import RepeatedProblem
 from .section import BlockGroup
 
-__all__ = ["Ball", "RoundProblem", "RoundSolution"]
+__all__ = ["Ball", "DualPoint", "RoundProblem", "RoundSolution"]
 
 Vector = npt.NDArray[np.float64]
 Matrix = npt.NDArray[np.float64]
@@ -52,6 +52,25 @@ class Ball:
 
 
 @dataclass(frozen=True, eq=False)
+class DualPoint:
+    """What proves a least value of an objective of length 1, up to the solver's accuracy.
+
+    Attributes
+    ----------
+    matrices : tuple of (b, d, d)
+        Z of the blocks of each group.
+    pull : (k,)
+        What pulls at first + second v in the ball.
+    value : float
+        The least value that they speak of.
+    """
+
+    matrices: tuple[Matrix, ...] = field(repr=False)
+    pull: Vector = field(repr=False)
+    value: float
+
+
+@dataclass(frozen=True, eq=False)
 class RoundSolution:
     """What the solver found for one objective.
 
@@ -60,19 +79,12 @@ class RoundSolution:
     outcome : Outcome
     point : (q,)
         v.
-    duals : tuple of (b, d, d)
-        Of the blocks of each group.
-    ball_dual : (k,)
-        What pulls at first + second v.
-    dual_value : float
-        The least value that the duals speak of, up to the solver's accuracy.
+    dual : DualPoint
     """
 
     outcome: Outcome
     point: Vector = field(repr=False)
-    duals: tuple[Matrix, ...] = field(repr=False)
-    ball_dual: Vector = field(repr=False)
-    dual_value: float
+    dual: DualPoint
 
 
 class RoundProblem:
@@ -124,6 +136,27 @@ class RoundProblem:
             found += [Cone("nonnegative", count)] if group.size == 1 else [Cone("semidefinite", group.size)] * count
         return tuple(found)
 
+    def rounded(self) -> tuple["RoundProblem", Matrix]:
+        """The same problem in units in which it is round around v = 0, and those units: v = units v'."""
+        hessian = self.coefficients.T @ self.coefficients
+        if self.ball is not None:
+            # Of -log((1 + rate·v)² - ‖first + second v‖²), to first order in its own two cones.
+            rest = 1.0 - float(self.ball.first @ self.ball.first)
+            pull = self.ball.rate - self.ball.second.T @ self.ball.first
+            hessian = (
+                hessian + 2.0 * self.ball.second.T @ self.ball.second / rest + 4.0 * np.outer(pull, pull) / rest**2
+            )
+        values, vectors = np.linalg.eigh(hessian)
+        units = vectors / np.sqrt(np.maximum(values, 1e-14 * values[-1]))
+        groups = tuple(
+            BlockGroup(g.size, g.indices, g.constants, np.einsum("qr,bqij->brij", units, g.coefficients))
+            for g in self.groups
+        )
+        ball = self.ball
+        if ball is not None:
+            ball = Ball(ball.first, ball.second @ units, ball.rate @ units)
+        return RoundProblem(groups, ball, self.unknowns, self.solver), units
+
     def split(self, stacked: Vector) -> tuple[Matrix, ...]:
         """Symmetric matrices of each group, from a stacked vector."""
         found, start = [], 0
@@ -152,6 +185,15 @@ class RoundProblem:
         )
         return RepeatedProblem(problem, self.solver, ACCURACY)
 
+    def strain(self, objective: Vector, dual: DualPoint) -> float:
+        """How much a dual point misses its equations by, times its size."""
+        missing = objective.copy()
+        for group, Z in zip(self.groups, dual.matrices, strict=True):
+            missing -= np.einsum("bqij,bij->q", group.coefficients, Z)
+        if self.ball is not None:
+            missing -= self.ball.second.T @ dual.pull
+        return float(np.linalg.norm(missing)) * sum(float(np.einsum("bii->", Z)) for Z in dual.matrices)
+
     @cached_property
     def _rough(self) -> RepeatedProblem:
         return RepeatedProblem(self._repeated.problem, self.solver, ROUGH)
@@ -171,4 +213,4 @@ class RoundProblem:
         outcome, point, dual = (self._rough if rough else self._repeated).solve(objective)
         rows = len(self.identity)
         value = -float(self._repeated.problem.b @ dual)
-        return RoundSolution(outcome, point, self.split(dual[:rows]), dual[rows + 1 :], value)
+        return RoundSolution(outcome, point, DualPoint(self.split(dual[:rows]), dual[rows + 1 :], value))

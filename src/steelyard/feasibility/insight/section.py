@@ -176,8 +176,7 @@ def grouped(blocks: Sequence[AffineBlock], directions: Matrix, reference: Vector
 
 
 def null_space(matrix: Matrix) -> Matrix:
-    """Orthonormal basis of the vectors that a matrix sends to zero, (columns, l); each column counts in its own
-    size."""
+    """Orthonormal basis of what a matrix sends to zero, (columns, l), where each column counts in its own size."""
     count = matrix.shape[1]
     if not matrix.size:
         return np.eye(count)

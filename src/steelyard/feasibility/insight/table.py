@@ -5,7 +5,7 @@ import math
 from collections.abc import Sequence
 from decimal import ROUND_CEILING, ROUND_FLOOR, Decimal
 
-__all__ = ["html_table", "outward", "plain", "text_table"]
+__all__ = ["html_table", "outward", "percent", "plain", "text_table"]
 
 
 def text_table(heads: Sequence[str], rows: Sequence[Sequence[str]], numbers: Sequence[int] = ()) -> str:
@@ -47,7 +47,23 @@ def plain(value: float, digits: int = 4) -> str:
     """
     if math.isinf(value):
         return "∞" if value > 0 else "-∞"
-    return f"{value:.{digits}g}"
+    return f"{value + 0.0:.{digits}g}"
+
+
+def percent(share: float, digits: int = 3) -> str:
+    """A share in per cent, in about so many digits.
+
+    Examples
+    --------
+    >>> percent(0.9996), percent(0.01234, 2), percent(-0.00001234, 2)
+    ('100 %', '1.2 %', '-0.0012 %')
+    """
+    value = 100.0 * share + 0.0
+    if not math.isfinite(value):
+        return f"{plain(value)} %"
+    decimals = max(0, digits - 1 - math.floor(math.log10(abs(value)))) if abs(value) >= 1e-4 else 0
+    text = f"{value:.{decimals}f}"
+    return f"{text.rstrip('0').rstrip('.') if '.' in text else text} %"
 
 
 def outward(lower: float, upper: float) -> tuple[str, str]:
@@ -55,10 +71,10 @@ def outward(lower: float, upper: float) -> tuple[str, str]:
 
     Examples
     --------
-    >>> outward(1.68912, 2.43301)
-    ('1.689', '2.434')
-    >>> outward(0.0, float("inf"))
-    ('0', '∞')
+    >>> outward(1.689123, 2.433012)
+    ('1.6891', '2.4331')
+    >>> outward(2.0 - 1e-9, float("inf"))
+    ('2', '∞')
     """
     width = upper - lower
     finite = [abs(value) for value in (lower, upper) if math.isfinite(value)]
@@ -74,7 +90,9 @@ def outward(lower: float, upper: float) -> tuple[str, str]:
 def _rounded(value: float, step: Decimal, direction: str) -> str:
     if math.isinf(value):
         return plain(value)
-    number = (Decimal(value) / step).to_integral_value(rounding=direction) * step
+    # A thousandth of the last digit is within the accuracy of the value.
+    inward = Decimal("0.001") if direction == ROUND_FLOOR else Decimal("-0.001")
+    number = (Decimal(value) / step + inward).to_integral_value(rounding=direction) * step
     text = f"{number:f}"
     text = text.rstrip("0").rstrip(".") if "." in text else text
     if len(text.lstrip("-0.")) > 0 and abs(value) < 1e-4:

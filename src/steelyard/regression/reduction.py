@@ -1,0 +1,181 @@
+"""From samples to triangular factors: rows of single joints, weighted rows, and rows whitened across the joints."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from steelyard.dynamics import Model
+from steelyard.dynamics.threads import one_thread
+from steelyard.errors import InputError
+from steelyard.recording import Samples
+
+from .factor import Factor, triangular
+
+__all__ = [
+    "as_covariance",
+    "empty_factors",
+    "joint_rows",
+    "reduce_by_joint",
+    "reduce_whitened",
+    "require_joints",
+    "residuals",
+]
+
+Array = NDArray[np.float64]
+
+BLOCK = 2048
+"""Samples that are factored at a time: their regressor stays in the processor's cache."""
+
+WHOLE_BLOCK = 512
+"""The same where the rows of all joints stand side by side."""
+
+
+def require_joints(model: Model, samples: Samples) -> None:
+    """Raise InputError unless the samples have as many joints as the model."""
+    joints = np.shape(samples.q)[1]
+    if joints != model.joint_count:
+        raise InputError(
+            f"The samples have {joints} joints, but {model.robot.name} has {model.joint_count}: "
+            "check which columns of the log were read."
+        )
+
+
+def empty_factors(model: Model) -> tuple[Factor, ...]:
+    """The factors of no data, one for each joint."""
+    return tuple(
+        Factor(k, columns, np.zeros((len(columns) + 1, len(columns) + 1)), 0)
+        for k, columns in enumerate(model.base_columns.joints)
+    )
+
+
+def joint_rows(model: Model, samples: Samples, block: int = BLOCK) -> Iterator[tuple[slice, list[Array]]]:
+    """For some samples at a time, the rows ``[W omega]`` of each joint, (samples, c + 1), also where masked."""
+    columns = model.base_columns
+    splits = np.cumsum([len(c) for c in columns.joints])[:-1]
+    for start in range(0, samples.count, block):
+        part = slice(start, min(start + block, samples.count))
+        values = columns.kernel(samples.q[part], samples.dq[part], samples.ddq[part])
+        entries = np.split(values, splits, axis=1)
+        yield part, [np.column_stack([w, samples.torque[part, k]]) for k, w in enumerate(entries)]
+
+
+def reduce_by_joint(model: Model, samples: Samples, scales: Array | None = None) -> tuple[Factor, ...]:
+    """Reduce the rows of each joint by themselves.
+
+    Parameters
+    ----------
+    model : Model
+    samples : Samples
+    scales : ndarray, optional
+        (S, N): factors of the rows, the square roots of their weights.
+
+    Returns
+    -------
+    tuple of Factor
+        One for each joint.
+    """
+    require_joints(model, samples)
+    empty = empty_factors(model)
+    triangles = [f.triangle for f in empty]
+    counts = [0] * len(empty)
+    with one_thread():
+        for part, rows_of_joints in joint_rows(model, samples):
+            for k, all_rows in enumerate(rows_of_joints):
+                rows = all_rows if scales is None else all_rows * scales[part, k, None]
+                if samples.mask is not None:
+                    rows = rows[samples.mask[part, k]]
+                counts[k] += len(rows)
+                triangles[k] = triangular(np.vstack([triangles[k], rows]))
+    return tuple(Factor(f.joint, f.columns, t, n) for f, t, n in zip(empty, triangles, counts, strict=True))
+
+
+def as_covariance(covariance: ArrayLike, joints: int) -> Array:
+    """Check and convert a covariance of the noise of all joints.
+
+    Raises
+    ------
+    InputError
+        If it is not a symmetric positive definite (N, N) matrix.
+    """
+    matrix = np.asarray(covariance, dtype=np.float64)
+    if matrix.shape != (joints, joints):
+        raise InputError(
+            f"covariance must be of shape ({joints}, {joints}), one row for each joint, got {matrix.shape}."
+        )
+    if not np.all(np.isfinite(matrix)) or not np.allclose(matrix, matrix.T, rtol=1e-9, atol=0.0):
+        raise InputError("covariance must be finite and symmetric; residual_covariance estimates one from residuals.")
+    matrix = 0.5 * (matrix + matrix.T)
+    diagonal = np.diagonal(matrix)
+    worst = int(np.argmin(diagonal))
+    if diagonal[worst] <= 0.0:
+        raise InputError(f"covariance has the variance {diagonal[worst]:g} for joint {worst + 1}; it must be positive.")
+    sizes = np.sqrt(diagonal)
+    least = float(np.linalg.eigvalsh(matrix / np.outer(sizes, sizes))[0])
+    if least <= 1e-12:
+        raise InputError(
+            f"covariance is not positive definite: its correlation matrix has an eigenvalue of {least:.3g}; "
+            "residual_covariance estimates one that is."
+        )
+    return matrix
+
+
+def reduce_whitened(model: Model, samples: Samples, covariance: Array) -> Factor:
+    """Reduce the rows of all joints together, each sample's N rows times the inverse Cholesky factor of the covariance.
+
+    A sample of which only some joints are used has the covariance of those (marginal of a normal distribution).
+
+    Parameters
+    ----------
+    model : Model
+    samples : Samples
+    covariance : ndarray
+        (N, N).
+
+    Returns
+    -------
+    Factor
+        Over all joints and all base parameters.
+    """
+    require_joints(model, samples)
+    columns = model.base_columns.joints
+    width = model.base_parameters().count
+    triangle, count = np.zeros((width + 1, width + 1)), 0
+    inverses: dict[bytes, Array] = {}
+    with one_thread():
+        for part, rows_of_joints in joint_rows(model, samples, WHOLE_BLOCK):
+            size = part.stop - part.start
+            rows = np.zeros((size, len(columns), width + 1))
+            for k, values in enumerate(rows_of_joints):
+                rows[:, k, columns[k]] = values[:, :-1]
+                rows[:, k, width] = values[:, -1]
+            used = np.ones((size, len(columns)), dtype=bool) if samples.mask is None else samples.mask[part]
+            patterns, which = np.unique(used, axis=0, return_inverse=True)
+            pieces = [triangle]
+            for index, pattern in enumerate(patterns):
+                if not pattern.any():
+                    continue
+                key = pattern.tobytes()
+                if key not in inverses:
+                    inverses[key] = np.linalg.inv(np.linalg.cholesky(covariance[np.ix_(pattern, pattern)]))
+                chosen = rows[which.ravel() == index][:, pattern]
+                white = np.matmul(inverses[key], chosen)
+                count += white.shape[0] * white.shape[1]
+                pieces.append(white.reshape(-1, width + 1))
+            triangle = triangular(np.vstack(pieces))
+    return Factor(None, np.arange(width), triangle, count)
+
+
+def residuals(model: Model, samples: Samples, base: Array) -> Iterator[tuple[slice, Array]]:
+    """For some samples at a time, ``omega - W beta`` of all joints, (samples, N), also where masked."""
+    columns = model.base_columns.joints
+    with one_thread():
+        for part, rows_of_joints in joint_rows(model, samples):
+            yield (
+                part,
+                np.column_stack(
+                    [rows[:, -1] - rows[:, :-1] @ base[own] for rows, own in zip(rows_of_joints, columns, strict=True)]
+                ),
+            )

@@ -1,0 +1,78 @@
+"""Informations as JSON files."""
+
+from __future__ import annotations
+
+import json
+import os
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from steelyard.errors import InputError
+
+from .factor import Factor
+
+__all__ = ["FORMAT", "read_document", "write_document"]
+
+FORMAT = "steelyard-information-1"
+
+
+def write_document(path: str | Path, fields: dict[str, Any]) -> None:
+    """Write the fields of an Information; the file appears whole or not at all."""
+    document: dict[str, Any] = {"format": FORMAT}
+    for name, value in fields.items():
+        if name in ("factors", "torque_factors"):
+            document[name] = [_plain(factor) for factor in value]
+        elif isinstance(value, np.ndarray):
+            document[name] = value.tolist()
+        else:
+            document[name] = value
+    target = Path(path)
+    part = target.with_name(target.name + ".part")
+    part.write_text(json.dumps(document), encoding="utf-8")
+    os.replace(part, target)
+
+
+def read_document(path: str | Path) -> dict[str, Any]:
+    """Read them again.
+
+    Raises
+    ------
+    InputError
+        If the file is missing or is something else.
+    """
+    try:
+        document: dict[str, Any] = json.loads(Path(path).read_text(encoding="utf-8"))
+        if document["format"] != FORMAT:
+            raise InputError(f"{path}: format is {document['format']!r}, expected {FORMAT!r}.")
+        fields: dict[str, Any] = {
+            name: tuple(document[name]) for name in ("base_names", "base_expressions", "joint_names")
+        }
+        fields["factors"] = tuple(_factor(entry) for entry in document["factors"])
+        fields["torque_factors"] = tuple(_factor(entry) for entry in document.get("torque_factors", ()))
+        covariance = document.get("covariance")
+        fields["covariance"] = None if covariance is None else np.array(covariance, dtype=np.float64)
+        fields["remarks"] = tuple(document.get("remarks", ()))
+    except OSError as error:
+        raise InputError(f"{path}: cannot be read ({error.strerror}).") from None
+    except (ValueError, KeyError, TypeError) as error:
+        if isinstance(error, InputError):
+            raise
+        raise InputError(f"{path}: is not an Information that was saved by steelyard ({error}).") from None
+    return fields
+
+
+def _plain(factor: Factor) -> dict[str, Any]:
+    return {
+        "joint": factor.joint,
+        "columns": factor.columns.tolist(),
+        "count": factor.count,
+        "triangle": factor.triangle.tolist(),
+    }
+
+
+def _factor(entry: dict[str, Any]) -> Factor:
+    return Factor(
+        entry["joint"], np.array(entry["columns"], dtype=np.intp), np.array(entry["triangle"]), entry["count"]
+    )
