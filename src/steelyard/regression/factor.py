@@ -120,7 +120,7 @@ def inverse_of_triangle(triangle: Array) -> Array:
     """Return the inverse of an upper triangular matrix with columns of length 1; without full rank a pseudo-inverse."""
     from scipy.linalg import lapack
 
-    if len(triangle) and not np.any(np.tril(triangle, -1)) and is_well_conditioned(triangle):
+    if len(triangle) and is_well_conditioned(triangle):
         return np.asarray(lapack.dtrtri(triangle)[0])
     return np.asarray(np.linalg.pinv(triangle, rcond=RANK))
 

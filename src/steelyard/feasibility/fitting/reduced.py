@@ -52,6 +52,8 @@ class ReducedRegression:
     count : int
     lengths : (n_b,)
         Of the columns of R.
+    reciprocal_condition : float
+        Of R with columns of length 1, in the 1-norm.
     """
 
     R: Matrix = field(repr=False)
@@ -61,6 +63,7 @@ class ReducedRegression:
     norm2: float
     count: int
     lengths: Vector = field(repr=False)
+    reciprocal_condition: float
 
     @classmethod
     def of(cls, reduced: ReducedLike, feasible: FeasibleSet) -> "ReducedRegression":
@@ -87,7 +90,7 @@ class ReducedRegression:
         lengths = column_lengths(R)
         scaled = R / np.where(lengths > 0, lengths, 1.0)
         # A triangular solution where that is safe; rows and columns of what is undetermined need singular values.
-        reciprocal = scipy.linalg.lapack.dtrcon(scaled)[0] if count else 1.0
+        reciprocal = float(scipy.linalg.lapack.dtrcon(scaled)[0]) if count else 1.0
         if reciprocal > 1e3 * UNDETERMINED:
             base, undetermined = scipy.linalg.solve_triangular(R, rho, check_finite=False), np.zeros((count, 0))
         else:
@@ -98,7 +101,7 @@ class ReducedRegression:
             undetermined = np.linalg.qr(right[~shown].T / scale[:, None])[0]
             error = R @ base - rho
             residual2 += float(error @ error)
-        return cls(R, base, undetermined, residual2, norm2, int(reduced.count), lengths)
+        return cls(R, base, undetermined, residual2, norm2, int(reduced.count), lengths, reciprocal)
 
     @property
     def scale(self) -> float:
@@ -155,7 +158,7 @@ class ReducedRegression:
         root = np.sqrt(self.scale)
         factor = self.R * (columns[:count] / root)
         offset = np.zeros(count) if shift is None else self.R @ (shift / root)
-        if self._may_be_squared(factor):
+        if self.reciprocal_condition > WELL_CONDITIONED:
             P = upper_triangle(2.0 * (factor.T @ factor), size)
             if size > count:
                 P = sparse.csc_array(P + sparse.diags_array(np.full(size, RIDGE), format="csc"))
@@ -169,12 +172,6 @@ class ReducedRegression:
         blocks = [sparse.csc_array(factor), sparse.csc_array((count, size - count)), -sparse.eye_array(count)]
         residuals = Rows(sparse.csc_array(sparse.hstack(blocks, format="csc")), np.zeros(count), Cone("zero", count))
         return P, np.concatenate([np.zeros(size), 2.0 * offset]), (residuals,)
-
-    def _may_be_squared(self, factor: Matrix) -> bool:
-        if not len(factor):
-            return True
-        lengths = column_lengths(factor)
-        return bool(np.all(lengths > 0)) and scipy.linalg.lapack.dtrcon(factor / lengths)[0] > WELL_CONDITIONED
 
     def ball(self, columns: Vector, radius: float) -> Rows:
         """The rows that keep ‖R columns x̂‖ at most at `radius`, over the first n_b unknowns."""

@@ -211,7 +211,7 @@ class BoundFinder:
 
     def _mass_duals(self, mass: Vector) -> tuple[Matrix, ...]:
         """Z of each group with Σ <D_b, Z_b> = mass · δ, in the units of the middle; zero where no block says so."""
-        feasible, found = self.middle.section.feasible, []
+        feasible, found, told = self.middle.section.feasible, [], False
         for group, inverse in zip(self.middle.groups, self.middle.factors, strict=True):
             matrices = np.zeros(group.constants.shape)
             for position, index in enumerate(group.indices):
@@ -219,9 +219,10 @@ class BoundFinder:
                 diagonal = np.zeros((block.size, len(mass)))
                 diagonal[:, block.indices] = np.diagonal(block.coefficients, axis1=1, axis2=2).T
                 same = np.flatnonzero(np.all(diagonal == mass, axis=1) & (np.diagonal(block.constant) == 0))
-                root = np.linalg.inv(inverse[position])
-                for i in same:
-                    matrices[position] += np.outer(root[i], root[i]) / len(same)
+                if len(same) and not told:
+                    root = np.linalg.inv(inverse[position])[same]
+                    matrices[position] = root.T @ root / len(same)
+                    told = True
             found.append(matrices)
         return tuple(found)
 

@@ -67,6 +67,8 @@ class DualBound:
         """
         objective = self.middle.directions.T @ row
         length = float(np.linalg.norm(objective))
+        if length == 0.0:
+            return float(row @ self.middle.parameters)
         if not all(np.all(np.isfinite(Z)) for Z in (*duals, pull)):
             return -np.inf
         target = objective / length

@@ -252,15 +252,15 @@ def explain_infeasibility(
 
     Examples
     --------
-    Two links one after the other: the second has a first moment that its moment of inertia and mass do not allow.
+    A pendulum whose moment of inertia came out negative:
 
     >>> from steelyard.dynamics import Model
     >>> from steelyard.feasibility import FeasibleSet
     >>> from steelyard.robot import Robot
     >>> model = Model(Robot.from_dh([("0", 0.0, 0.0, "q")], gravity=(0, -9.81, 0)))
     >>> explanation = explain_infeasibility(FeasibleSet(model), base=[-0.6, 1.0, 0.0])
-    >>> [conflict.conditions for conflict in explanation.conflicts]
-    [('body of link1',)]
+    >>> print(explanation.sentences()[1])
+    1. body of link1 cannot hold by itself: Lzz1 is -0.6, and in no robot negative.
     """
     with one_thread():
         region = region_of(feasible, base, information, covariance, weights, noise_factor=noise_factor)
