@@ -5,6 +5,7 @@ from dataclasses import dataclass, field
 import numpy as np
 import numpy.typing as npt
 
+from steelyard.dynamics.threads import one_thread
 from steelyard.errors import InputError
 
 from .checking import MARGIN_CAP, decide, largest_margin, least_violations
@@ -149,9 +150,10 @@ def check(feasible: FeasibleSet, base: npt.ArrayLike | None = None, parameters: 
     """
     if (base is None) == (parameters is None):
         raise InputError("check takes either base= or parameters=; give exactly one of them.")
-    if parameters is not None:
-        return _check_parameters(feasible, feasible.as_parameters(parameters))
-    return _check_base(feasible, feasible.as_base(base if base is not None else ()))
+    with one_thread():
+        if parameters is not None:
+            return _check_parameters(feasible, feasible.as_parameters(parameters))
+        return _check_base(feasible, feasible.as_base(base if base is not None else ()))
 
 
 def _check_parameters(feasible: FeasibleSet, parameters: Vector) -> Verdict:

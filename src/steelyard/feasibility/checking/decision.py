@@ -5,8 +5,6 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
-from steelyard.dynamics.threads import one_thread
-
 from ..feasible_set import FeasibleSet
 from ..proof import FeasibilityCertificate, InfeasibilityCertificate
 from .centering import centre
@@ -65,8 +63,7 @@ def decide(feasible: FeasibleSet, base: Vector) -> Decision:
         refuted = prove_infeasible(feasible, particular, base, restricted.point)
         if refuted is not None:
             return Decision(refuted, margin)
-    with one_thread():
-        proof = _centred_proof(feasible, base)
+    proof = _centred_proof(feasible, base)
     if proof is not None:
         return Decision(proof, margin)
     return Decision(scaled_witness(feasible, base, first.parameters), margin)

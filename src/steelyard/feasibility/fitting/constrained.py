@@ -24,13 +24,13 @@ __all__ = ["FeasibleFit", "fit_reduced"]
 Vector = npt.NDArray[np.float64]
 
 MASS_BOUND = 1000.0
-"""Bound on the total mass, in kg, where masses may grow without end."""
+"""Bound on the total mass, in kg, where masses may grow without end and none is known."""
 
-BOUND_FACTORS = (30.0, 1e3)
+BOUND_FACTORS = (10.0, 50.0)
 """That bound is at least and at most so many times the mass of which the torques speak."""
 
-KNOWN_FACTOR = 20.0
-"""It is at least so many times a known mass."""
+KNOWN_FACTOR, SPOKEN_FACTOR = 20.0, 2.0
+"""Where a mass is known, the bound is so many times that, and at least so many times what the torques speak of."""
 
 TIE_TOLERANCES = (1e-8, 1e-6)
 """What the preferred answer may cost, relative to the squared residual, where the base parameters are decided but the
@@ -245,14 +245,16 @@ def _price(regression: ReducedRegression, best: Optimum) -> float:
 
 
 def _mass_bound(feasible: FeasibleSet, scale: Units) -> float:
-    """The mass bound, in kg; well above what the torques, CAD and constraints say of the mass."""
-    least, most = (factor * scale.total_mass for factor in BOUND_FACTORS)
+    """The mass bound, in kg; well above what CAD, the constraints and the torques say of the mass."""
     cad = np.asarray(feasible.model.robot.parameters, dtype=float)[feasible.mass_indices]
-    known = [float(cad.sum())] if np.all(np.isfinite(cad)) else []
+    known = [float(cad.sum())] if np.all(np.isfinite(cad)) and np.all(cad > 0) else []
     for constraint in feasible.constraints:
         if isinstance(constraint, TotalMass):
             known += [value for value in (constraint.minimum, constraint.equal) if value is not None]
-    return float(max([np.clip(MASS_BOUND, least, most), *(KNOWN_FACTOR * mass for mass in known)]))
+    if known:
+        return max(KNOWN_FACTOR * max(known), SPOKEN_FACTOR * scale.total_mass)
+    least, most = (factor * scale.total_mass for factor in BOUND_FACTORS)
+    return float(np.clip(MASS_BOUND, least, most))
 
 
 def _preference(
@@ -289,7 +291,7 @@ def _report(
     remarks = []
     if not best.attained:
         remarks.append(
-            f"No optimum below {best.bound:g} kg: the residual keeps falling as masses that the motion does not show "
+            f"No optimum below {best.bound:.4g} kg: the residual keeps falling as masses that the motion does not show "
             "grow."
         )
         if preference is None:
