@@ -9,6 +9,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+import scipy.optimize
 
 INERTIAL = ("Lxx", "Lxy", "Lxz", "Lyy", "Lyz", "Lzz", "lx", "ly", "lz", "m")
 
@@ -182,3 +183,45 @@ def point_cloud_parameters() -> Callable[..., np.ndarray]:
         return np.concatenate([upper, masses @ points, [masses.sum()]])
 
     return parameters
+
+
+def _factored(unknowns, margin):
+    """Feasible parameters of two links from free factors: pseudo-inertia F Fᵀ + margin, friction s² + margin."""
+    delta = np.zeros(22)
+    for link in range(2):
+        factor = unknowns[17 * link : 17 * link + 16].reshape(4, 4)
+        pseudo = factor @ factor.T + margin * np.eye(4)
+        inertia = np.trace(pseudo[:3, :3]) * np.eye(3) - pseudo[:3, :3]
+        place = 11 * link
+        delta[place : place + 6] = inertia[np.triu_indices(3)]
+        delta[place + 6 : place + 9] = pseudo[:3, 3]
+        delta[place + 9] = pseudo[3, 3]
+        delta[place + 10] = unknowns[17 * link + 16] ** 2 + margin
+    return delta
+
+
+def _least_by_descent(feasible, residual):
+    """The least of ‖residual(δ)‖² over the factored set, from several starts: no cones, no duality."""
+    rng = np.random.default_rng(9)
+    runs = [
+        scipy.optimize.least_squares(
+            lambda unknowns: residual(_factored(unknowns, feasible.margin)),
+            rng.normal(size=34),
+            xtol=1e-14,
+            ftol=1e-14,
+            gtol=1e-12,
+        )
+        for _ in range(4)
+    ]
+    best = min(runs, key=lambda run: run.cost)
+    return _factored(best.x, feasible.margin), 2 * best.cost
+
+
+@pytest.fixture(scope="session")
+def factored() -> Callable[..., np.ndarray]:
+    return _factored
+
+
+@pytest.fixture(scope="session")
+def least_by_descent() -> Callable[..., tuple[np.ndarray, float]]:
+    return _least_by_descent

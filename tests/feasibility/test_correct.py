@@ -1,6 +1,5 @@
 import numpy as np
 import pytest
-import scipy.optimize
 
 from steelyard.dynamics import Model, Viscous
 from steelyard.errors import InputError, SolverError
@@ -10,51 +9,19 @@ from steelyard.robot import Robot
 IMPOSSIBLE = np.array([0.5, 0.1, 0.25, 0.3, 0.4, -0.1])
 
 
-def factored(unknowns, margin):
-    """Feasible parameters of two links from free factors: pseudo-inertia F Fᵀ + margin, friction s² + margin."""
-    delta = np.zeros(22)
-    for link in range(2):
-        factor = unknowns[17 * link : 17 * link + 16].reshape(4, 4)
-        pseudo = factor @ factor.T + margin * np.eye(4)
-        inertia = np.trace(pseudo[:3, :3]) * np.eye(3) - pseudo[:3, :3]
-        place = 11 * link
-        delta[place : place + 6] = inertia[np.triu_indices(3)]
-        delta[place + 6 : place + 9] = pseudo[:3, 3]
-        delta[place + 9] = pseudo[3, 3]
-        delta[place + 10] = unknowns[17 * link + 16] ** 2 + margin
-    return delta
-
-
-def nearest_by_descent(feasible, residual):
-    """The least of ‖residual(δ)‖² over the factored set, from several starts: no cones, no duality."""
-    rng = np.random.default_rng(9)
-    runs = [
-        scipy.optimize.least_squares(
-            lambda unknowns: residual(factored(unknowns, feasible.margin)),
-            rng.normal(size=34),
-            xtol=1e-14,
-            ftol=1e-14,
-            gtol=1e-12,
-        )
-        for _ in range(4)
-    ]
-    best = min(runs, key=lambda run: run.cost)
-    return factored(best.x, feasible.margin), 2 * best.cost
-
-
-def test_base_agrees_with_descent_over_factors(two_links):
+def test_base_agrees_with_descent_over_factors(two_links, least_by_descent):
     feasible = FeasibleSet(two_links)
-    expected, squared = nearest_by_descent(feasible, lambda delta: feasible.K @ delta - IMPOSSIBLE)
+    expected, squared = least_by_descent(feasible, lambda delta: feasible.K @ delta - IMPOSSIBLE)
     correction = correct(feasible, base=IMPOSSIBLE)
     assert correction.squared_distance == pytest.approx(squared, rel=1e-5)
     np.testing.assert_allclose(correction.base, feasible.K @ expected, atol=2e-5)
     assert correction.status == "corrected"
 
 
-def test_standard_agrees_with_descent_over_factors(two_links):
+def test_standard_agrees_with_descent_over_factors(two_links, least_by_descent):
     feasible = FeasibleSet(two_links)
     given = np.random.default_rng(10).normal(size=22)
-    expected, squared = nearest_by_descent(feasible, lambda delta: delta - given)
+    expected, squared = least_by_descent(feasible, lambda delta: delta - given)
     correction = correct(feasible, parameters=given)
     assert correction.squared_distance == pytest.approx(squared, rel=1e-6)
     np.testing.assert_allclose(correction.parameters, expected, atol=1e-4)
@@ -76,7 +43,7 @@ def test_feasible_vector_comes_back_unchanged(two_links):
     np.testing.assert_allclose(correction.base, base, rtol=1e-12)
 
 
-def test_feasible_standard_parameters_come_back_unchanged(two_links):
+def test_feasible_standard_parameters_come_back_unchanged(two_links, factored):
     delta = factored(np.random.default_rng(11).normal(size=34), 1e-3)
     correction = correct(FeasibleSet(two_links), parameters=delta)
     assert correction.status == "already feasible"
