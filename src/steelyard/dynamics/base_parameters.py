@@ -168,8 +168,8 @@ def _distances(factor: Matrix, threshold: float) -> Matrix:
 def _rounded(values: Matrix) -> Matrix:
     """Round to the shortest decimal within the noise of the computation, where that is no coincidence.
 
-    Lengths are decimals of a few digits, and so are their squares and products. A number without end is left as it is: it
-    is near some decimal of ten digits or more, too.
+    Lengths are decimals of a few digits, and so are their squares and products. A number without end is left as it is:
+    it is near some decimal of ten digits or more, too.
     """
     result = values.copy()
     open_ = np.ones(values.shape, dtype=bool)

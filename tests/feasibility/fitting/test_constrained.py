@@ -1,3 +1,6 @@
+import gc
+import weakref
+
 import numpy as np
 import pytest
 import scipy.optimize
@@ -237,3 +240,12 @@ def test_answers_do_not_depend_on_the_unit_of_mass(two_links, data):
         fit = fit_reduced(scaled, feasible)
         usual = fit_reduced(reduced, FeasibleSet(two_links, constraints=[TotalMass(maximum=2.0)]))
         np.testing.assert_allclose(fit.base / size, usual.base, atol=1e-4)
+
+
+def test_what_is_kept_for_a_set_dies_with_it(two_links, data):
+    feasible = FeasibleSet(two_links)
+    fit_reduced(data(IMPOSSIBLE), feasible)
+    known = weakref.ref(feasible)
+    del feasible
+    gc.collect()
+    assert known() is None

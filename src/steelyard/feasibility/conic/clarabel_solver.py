@@ -99,6 +99,11 @@ def solve_with_clarabel(problem: ConicProblem, accuracy: float = 1e-8, iteration
 
 def _attempts(problem: ConicProblem, accuracy: float, iterations: int) -> ConicSolution:
     """One attempt after the other; the point with the least error."""
+    if problem.balanced:
+        found = _run(problem, None, _ATTEMPTS[0], accuracy, iterations)
+        if found.outcome not in _UNFINISHED:
+            return found
+        problem = replace(problem, balanced=False)
     balance = equilibrate(problem)
     found = _run(problem, balance, _ATTEMPTS[0], accuracy, iterations)
     if found.outcome not in _UNFINISHED:
@@ -150,7 +155,9 @@ def _cone(cone: Cone) -> Any:
     return kinds[cone.kind](cone.size)
 
 
-def _run(problem: ConicProblem, scaling: Scaling, attempt: _Attempt, accuracy: float, iterations: int) -> ConicSolution:
+def _run(
+    problem: ConicProblem, scaling: Scaling | None, attempt: _Attempt, accuracy: float, iterations: int
+) -> ConicSolution:
     """One run, its answer in the units of the problem."""
     import clarabel
 
@@ -164,23 +171,29 @@ def _run(problem: ConicProblem, scaling: Scaling, attempt: _Attempt, accuracy: f
     settings.equilibrate_enable = attempt.own_scaling
     settings.static_regularization_constant = attempt.regularisation
     settings.max_step_fraction = attempt.longest_step
-    scaled = scaling.apply(problem)
+    scaled = problem if scaling is None else scaling.apply(problem)
     # Clarabel reads the classic matrix classes of SciPy.
-    P = sparse.csc_matrix(sparse.triu(scaled.P, format="csc"))
+    P = sparse.csc_matrix(scaled.P if problem.balanced else sparse.triu(scaled.P, format="csc"))
     A = sparse.csc_matrix(scaled.A)
     cones = [_cone(cone) for cone in problem.cones if cone.size]
-    found = clarabel.DefaultSolver(P, scaled.q, A, scaled.b, cones, settings).solve()
+    try:
+        found = clarabel.DefaultSolver(P, scaled.q, A, scaled.b, cones, settings).solve()
+    except BaseException as error:
+        # A panic of its Rust code is no Exception, and has no class that could be imported.
+        if type(error).__name__ != "PanicException":
+            raise
+        nowhere, rows = np.full(len(problem.q), np.nan), np.full(len(problem.b), np.nan)
+        return ConicSolution(Outcome.STOPPED, "Panic", nowhere, rows, rows, np.nan, 0, 0.0, "Clarabel")
     status = str(found.status)
-    return scaling.undo(
-        ConicSolution(
-            outcome=_OUTCOMES.get(status, Outcome.STOPPED),
-            status=status,
-            primal=np.asarray(found.x),
-            slack=np.asarray(found.s),
-            dual=np.asarray(found.z),
-            objective=float(found.obj_val),
-            iterations=int(found.iterations),
-            seconds=float(found.solve_time),
-            solver="Clarabel",
-        )
+    solution = ConicSolution(
+        outcome=_OUTCOMES.get(status, Outcome.STOPPED),
+        status=status,
+        primal=np.asarray(found.x),
+        slack=np.asarray(found.s),
+        dual=np.asarray(found.z),
+        objective=float(found.obj_val),
+        iterations=int(found.iterations),
+        seconds=float(found.solve_time),
+        solver="Clarabel",
     )
+    return solution if scaling is None else scaling.undo(solution)

@@ -84,6 +84,8 @@ class ConicProblem:
     A : (rows, n) sparse
     b : (rows,)
     cones : tuple of Cone, in the order of the rows
+    balanced : bool
+        Whether its units fit already, so that it need not be scaled before it is solved; P then is its upper triangle.
 
     Raises
     ------
@@ -96,6 +98,7 @@ class ConicProblem:
     A: sparse.csc_array
     b: Vector
     cones: tuple[Cone, ...]
+    balanced: bool = False
 
     def __post_init__(self) -> None:
         for name in ("P", "A"):

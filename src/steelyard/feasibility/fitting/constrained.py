@@ -155,10 +155,9 @@ def fit_reduced(
     else:
         if not isinstance(prior, Prior):
             raise InputError(f"prior must be a prior such as EntropicPrior(), got {prior!r}.")
-        if not prior_weight > 0:
-            _check_number(prior_weight, "prior_weight", "1.0", least=0.0)
-            raise InputError("prior_weight must be positive, got 0; leave the prior out instead.")
         _check_number(prior_weight, "prior_weight", "1.0", least=0.0)
+        if prior_weight == 0:
+            raise InputError("prior_weight must be positive, got 0; leave the prior out instead.")
         fitting.prior, fitting.prior_weight = prior.prepare(feasible), float(prior_weight)
     growing = () if prior is not None else growing_links(feasible, regression.undetermined)
     bound = _mass_bound(feasible, scale) if growing else np.inf

@@ -53,7 +53,9 @@ class Conditions:
     """
 
     def __init__(self, feasible: FeasibleSet, matrix: Matrix) -> None:
-        self.feasible, self.matrix = feasible, matrix
+        # Not the set itself: this is kept for as long as the set lives, and must not keep it alive.
+        self.stack, self.matrix = feasible.stack, matrix
+        self.equation_matrix, self.equation_values = feasible.equation_matrix, feasible.equation_values
         stack = feasible.stack
         if matrix is feasible.base_dependent:
             coefficients = feasible.stacked_base_dependent
@@ -74,7 +76,7 @@ class Conditions:
 
     def _prepare_diagonals(self) -> None:
         """Which two diagonal elements scale each stacked element, and how units of parameters give their sizes."""
-        stack = self.feasible.stack
+        stack = self.stack
         blocks = [stack.blocks[index] for index in stack.order]
         starts = np.cumsum([0, *(block.size for block in blocks)])
         pairs = [(start + np.array(_triangle(block.size))) for start, block in zip(starts, blocks, strict=False)]
@@ -90,7 +92,7 @@ class Conditions:
             rows.append(start + element)
             columns.append(block.indices[which])
             values.append(sizes[which, element])
-        shape = (int(starts[-1]), self.feasible.parameter_count)
+        shape = (int(starts[-1]), stack.parameter_count)
         places = (np.concatenate(rows), np.concatenate(columns))
         self.sizes = sparse.csr_array(sparse.coo_array((np.concatenate(values), places), shape=shape))
 
@@ -104,9 +106,9 @@ class Conditions:
         """Factors of the rows that bring equations and blocks near 1; blocks by a congruence S D S, S diagonal."""
         scales = 1.0 / np.sqrt(self.block_units(units))
         products = scales[self.first] * scales[self.second]
-        if not self.feasible.equalities:
+        if not len(self.equation_values):
             return np.asarray(products)
-        sizes = np.abs(self.feasible.equation_matrix) @ units + np.abs(self.feasible.equation_values)
+        sizes = np.abs(self.equation_matrix) @ units + np.abs(self.equation_values)
         return np.concatenate([1.0 / np.where(sizes > 0, sizes, 1.0), products])
 
     def margins(self, margin: float, units: Vector) -> Vector:
@@ -131,6 +133,7 @@ class Program:
 
     Attributes
     ----------
+    feasible : FeasibleSet
     conditions : Conditions
     units : (n,)
         Of the standard parameters.
@@ -141,6 +144,7 @@ class Program:
         Distance from the boundary.
     """
 
+    feasible: FeasibleSet
     conditions: Conditions
     units: Vector = field(repr=False)
     columns: Vector = field(repr=False)
@@ -155,13 +159,12 @@ class Program:
     @cached_property
     def _rows(self) -> tuple[sparse.csc_array, Vector]:
         conditions = self.conditions
-        feasible, rows = conditions.feasible, conditions.rows
+        rows, stack = conditions.rows, conditions.stack
         factors, margins = self._scaling
         data = rows.data * factors[rows.indices] * np.repeat(self.columns, conditions.counts)
-        stack = feasible.stack
         right = stack.constant + stack.coefficients @ self.origin - margins
-        if feasible.equalities:
-            error = feasible.equation_values - feasible.equation_matrix @ self.origin
+        if len(conditions.equation_values):
+            error = conditions.equation_values - conditions.equation_matrix @ self.origin
             right = np.concatenate([error, right])
         return sparse.csc_array((data, rows.indices, rows.indptr), shape=rows.shape), factors * right
 
@@ -179,12 +182,21 @@ class Program:
     def parameters(self, unknowns: Vector) -> Vector:
         """δ of x̂."""
         found = self.origin + self.conditions.matrix @ (self.columns * unknowns[: len(self.columns)])
-        return self.conditions.feasible.project_on_equations(found)
+        return self.feasible.project_on_equations(found)
 
     def solve(
-        self, P: sparse.csc_array, q: Vector, further: Sequence[Rows] = (), solver: str = "clarabel"
+        self,
+        P: sparse.csc_array,
+        q: Vector,
+        further: Sequence[Rows] = (),
+        solver: str = "clarabel",
+        balanced: bool = False,
     ) -> ConicSolution:
-        """Minimise ½ x̂ᵀP x̂ + q · x̂, of P the upper triangle; unknowns may be added after those of the conditions."""
+        """Minimise ½ x̂ᵀP x̂ + q · x̂, of P the upper triangle; unknowns may be added after those of the conditions.
+
+        Where the unknowns are few and all of them are shown, the robot's units leave nothing for a solver to scale:
+        `balanced`.
+        """
         A, b = self._rows
         cones = self.conditions.cones
         A = widened(A, len(q))
@@ -192,7 +204,7 @@ class Program:
             A = sparse.csc_array(sparse.vstack([A, *(rows.matrix for rows in further)], format="csc"))
             b = np.concatenate([b, *(rows.right for rows in further)])
             cones = (*cones, *(rows.cone for rows in further))
-        return solve(ConicProblem(P, q, A, b, cones), solver=solver)
+        return solve(ConicProblem(P, q, A, b, cones, balanced and solver == "clarabel"), solver=solver)
 
 
 def widened(matrix: sparse.csc_array, columns: int) -> sparse.csc_array:

@@ -125,7 +125,7 @@ def smallest_total_mass(
         order = np.concatenate([np.asarray(parameters.independent), np.asarray(parameters.dependent)]).astype(np.intp)
         conditions = Conditions(feasible, feasible.base_dependent)
         columns = units.parameters[order]
-        program = Program(conditions, units.parameters, columns, feasible.lift @ given, 0.0)
+        program = Program(feasible, conditions, units.parameters, columns, feasible.lift @ given, 0.0)
         objective = _mass(feasible).part(program)
         rows = (regression.ball(columns, radius), *objective.rows)
     solution = program.solve(objective.P, objective.q, rows)
@@ -161,5 +161,6 @@ def _of_base(feasible: FeasibleSet, base: Vector, units: Units) -> tuple[Program
     matrix = feasible.unidentifiable
     sizes = np.abs(matrix / units.parameters[:, None]).max(axis=0, initial=0.0)
     columns = 1.0 / np.where(sizes > 0, sizes, 1.0)
-    program = Program(Conditions(feasible, matrix), units.parameters, columns, feasible.lift @ base, 0.0)
+    conditions = Conditions(feasible, matrix)
+    program = Program(feasible, conditions, units.parameters, columns, feasible.lift @ base, 0.0)
     return program, _mass(feasible).part(program)

@@ -5,6 +5,7 @@ from weakref import WeakKeyDictionary
 
 import numpy as np
 import numpy.typing as npt
+import scipy.linalg
 import scipy.sparse as sparse
 
 from steelyard.errors import SolverError
@@ -102,7 +103,7 @@ class Fitting:
         order = np.concatenate([np.asarray(base.independent, np.intp), np.asarray(base.dependent, np.intp)])
         units = self.units.parameters
         origin = feasible.lift @ self.regression.base
-        program = Program(conditions, units, units[order], origin, margin)
+        program = Program(feasible, conditions, units, units[order], origin, margin)
         return program if self.prior is None else replace(program, origin=self._middle(program))
 
     def _middle(self, program: Program) -> Vector:
@@ -120,8 +121,12 @@ class Fitting:
         P[: len(data), : len(data)] += 2.0 * (data.T @ data)
         q = matrix.T @ (curvature @ (program.origin - self.prior.reference))
         sizes = np.sqrt(np.maximum(np.diagonal(P), 1e-300))
-        step = -np.linalg.lstsq(P / np.outer(sizes, sizes), q / sizes, rcond=1e-13)[0] / sizes
-        return np.asarray(program.origin + matrix @ step)
+        scaled = P / np.outer(sizes, sizes)
+        try:
+            step = scipy.linalg.cho_solve(scipy.linalg.cho_factor(scaled), q / sizes)
+        except np.linalg.LinAlgError:  # friction that neither prior nor data tell
+            step = np.linalg.lstsq(scaled, q / sizes, rcond=1e-13)[0]
+        return np.asarray(program.origin - matrix @ (step / sizes))
 
     def _free_program(self, margin: float, base: Vector) -> Program:
         """Over what neither motion nor data show, at a base vector."""
@@ -134,7 +139,8 @@ class Fitting:
             _FREE_CONDITIONS[feasible] = conditions
         units = self.units.parameters
         sizes = np.abs(conditions.matrix / units[:, None]).max(axis=0, initial=0.0)
-        return Program(conditions, units, 1.0 / np.where(sizes > 0, sizes, 1.0), feasible.lift @ base, margin)
+        columns = 1.0 / np.where(sizes > 0, sizes, 1.0)
+        return Program(feasible, conditions, units, columns, feasible.lift @ base, margin)
 
     @property
     def is_determined(self) -> bool:
@@ -161,7 +167,7 @@ class Fitting:
         return 2.0 * self.prior_weight * self.regression.variance / self.regression.scale
 
     def least(self, margin: float, bound: float) -> Optimum:
-        """The least objective with a total mass below the bound, in fitting units of all links.
+        """The least objective with a total mass below the bound.
 
         Raises
         ------
@@ -196,7 +202,7 @@ class Fitting:
         rows = objective.rows
         if np.isfinite(bound):
             rows = (_mass_rows(program, bound, len(objective.q)), *rows)
-        solution = self._record(program.solve(objective.P, objective.q, rows, self.solver))
+        solution = self._record(program.solve(objective.P, objective.q, rows, self.solver, balanced=self.is_determined))
         if solution.outcome is Outcome.INFEASIBLE:
             below = f" and a total mass below {bound:g} kg" if np.isfinite(bound) else ""
             raise SolverError(
@@ -242,7 +248,7 @@ class Fitting:
         rows = [Rows(widened(ball.matrix, len(objective.q)), ball.right, ball.cone), *objective.rows]
         if np.isfinite(bound):
             rows.append(_mass_rows(program, 2 * bound, len(objective.q)))
-        solution = self._record(program.solve(objective.P, objective.q, rows, self.solver))
+        solution = self._record(program.solve(objective.P, objective.q, rows, self.solver, balanced=self.is_determined))
         if not (solution.outcome.usable and np.all(np.isfinite(solution.primal))):
             return None
         return program.parameters(solution.primal)
@@ -250,7 +256,7 @@ class Fitting:
 
 def _mass_rows(program: Program, bound: float, size: int) -> Rows:
     """The total mass is at most `bound`."""
-    masses = program.conditions.feasible.mass_indices
+    masses = program.feasible.mass_indices
     row = program.scaled_matrix[masses].sum(axis=0) / bound
     matrix = sparse.csc_array(np.concatenate([row, np.zeros(size - len(row))])[None])
     return Rows(matrix, np.array([1.0 - program.origin[masses].sum() / bound]), Cone("nonnegative", 1))

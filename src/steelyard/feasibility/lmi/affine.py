@@ -264,8 +264,24 @@ class AffineStack:
 
     def all_positive(self, parameters: Vector) -> bool:
         """Whether every block is proved positive definite; 1 x 1 blocks may also be exactly zero."""
-        for block in self.blocks:
-            value = block.evaluate(parameters)
-            if not (value[0, 0] >= 0 if block.size == 1 else is_positive_definite(value)):
+        values = self.constant + self.coefficients @ parameters
+        if not np.all(np.isfinite(values)) or np.any(values[: self.scalar_count] < 0):
+            return False
+        for size, rows in self._rows_by_size.items():
+            matrices = vector_to_symmetric(values[rows])
+            traces = np.maximum(np.trace(matrices, axis1=1, axis2=2), 0.0)
+            shifts = 2 * (size + 2) * np.finfo(float).eps * traces + np.finfo(float).tiny
+            try:
+                np.linalg.cholesky(matrices - shifts[:, None, None] * np.eye(size))
+            except np.linalg.LinAlgError:
                 return False
         return True
+
+    @cached_property
+    def _rows_by_size(self) -> dict[int, npt.NDArray[np.intp]]:
+        """Rows of the larger blocks within the stacked vector, (blocks, rows) for each size."""
+        found: dict[int, list[npt.NDArray[np.intp]]] = {}
+        for block, rows in zip(self.blocks, self.slices, strict=True):
+            if block.size > 1:
+                found.setdefault(block.size, []).append(np.arange(rows.start, rows.stop))
+        return {size: np.array(rows) for size, rows in found.items()}
