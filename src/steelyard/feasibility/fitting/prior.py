@@ -1,5 +1,6 @@
 """What is known of a robot before it moves, as a distance from parameters that it might have."""
 
+from abc import ABC, abstractmethod
 from dataclasses import dataclass, field
 from typing import ClassVar
 
@@ -45,7 +46,7 @@ PSEUDO_INERTIAS = _pseudo_inertias()
 
 
 @dataclass(frozen=True, eq=False)
-class Prior:
+class Prior(ABC):
     """What is known of a robot beforehand; see `EuclideanPrior`, `EntropicPrior` and `ConstantPullbackPrior`.
 
     Parameters
@@ -87,9 +88,9 @@ class Prior:
         """
         return self.prepare(feasible).distance(feasible.as_parameters(parameters))
 
+    @abstractmethod
     def _metric(self, feasible: FeasibleSet, bodies: Matrix) -> "npt.NDArray[np.float64] | None":
         """Curvature of the distance in the inertial parameters of each link, (links, 10, 10); None for entropy."""
-        raise NotImplementedError
 
     def _values(self, feasible: FeasibleSet) -> Vector:
         source = feasible.model.robot.parameters if self.parameters is None else self.parameters
