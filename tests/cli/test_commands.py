@@ -145,7 +145,7 @@ def test_generated_c_holds_the_identified_robot(run, place):
 
 
 def test_generate_lists_functions_and_refuses_foreign_files(run, place):
-    code, out, _ = run("generate", place / "pair.urdf", "--language", "rust", "-o", place / "x", "--function", "list")
+    code, out, _ = run("generate", place / "pair.urdf", "--function", "list")
     assert code == 0
     assert "inverse_dynamics_derivatives" in out.split()
     assert not (place / "x").exists()
@@ -273,3 +273,17 @@ def test_explain_tells_intervals_or_reasons(run, tmp_path):
     robot, estimate = pendulum(tmp_path, [-0.5, 1.0, 0.0])
     code, out, _ = run("explain", robot, estimate)
     assert (code, "is infeasible" in out) == (1, True)
+
+
+def test_generate_holds_the_description_and_a_smooth_sign(run, place):
+    code, _, err = run("generate", place / "pair.urdf", "--language", "c")
+    assert (code, "--output" in err) == (2, True)
+    options = ("--language", "python", "-o", place / "cad", "-f", "inverse_dynamics", "--cad", "--sign", "smooth")
+    code, _, err = run("generate", place / "pair.urdf", *options)
+    assert code == 0, err
+    written = "".join(path.read_text() for path in (place / "cad").rglob("*.py"))
+    assert "sign_width" in written
+    assert "parameters:" not in written
+    both = ("--cad", "--estimate", place / "x.json", "--language", "c", "-o", place / "y")
+    code, _, err = run("generate", place / "pair.urdf", *both)
+    assert (code, "either an estimate or --cad" in err) == (2, True)

@@ -102,7 +102,7 @@ def test_bad_requests_are_refused_before_anything_is_written(arm, tmp_path):
         (lambda: arm.generate("c", ["inverse_dynamic"], directory=target), "did you mean 'inverse_dynamics'"),
         (lambda: arm.generate("c", "gravity", directory=target), "must be a sequence of names"),
         (lambda: arm.generate("c", ["gravity", "gravity"], directory=target), "names 'gravity' twice"),
-        (lambda: arm.generate("c", ["pose(hand)"], directory=target), "has no link 'hand'"),
+        (lambda: arm.generate("c", ["pose(hand)"], directory=target), 'has no link "hand"'),
     ):
         with pytest.raises(sy.InputError, match=phrase):
             call()

@@ -153,7 +153,7 @@ def test_shapes_of_one_sample_and_of_batches(wam):
             "wam has 7 joints: expected arrays of shape (..., 7), got (6,)",
         ),
         (lambda m: m.gravity(np.zeros(7), np.zeros(118)), "wam has 119 parameters: expected shape (119,), got (118,)"),
-        (lambda m: m.pose(np.zeros(7), "hand"), "wam has no link 'hand'"),
+        (lambda m: m.pose(np.zeros(7), "hand"), '"wam" has no link "hand"'),
         (lambda m: m.jacobian(np.zeros(7), 7), "wam has moving links 0 to 6, got 7"),
         (lambda m: m.operation_count("mass"), "There is no function 'mass'"),
         (lambda m: m.function("gravity", base=True, gravity="argument"), "hold for the robot's own gravity"),

@@ -363,6 +363,7 @@ def _call(name: str, arguments: list[Value], scope: dict[str, Value]) -> Value:
         "sin": np.sin,
         "cos": np.cos,
         "sign": np.sign,
+        "sqrt": np.sqrt,
         "sincos": lambda x: (np.sin(x), np.cos(x)),
         "length": len,
         "size": np.shape,

@@ -10,6 +10,7 @@ import pytest
 
 import steelyard as sy
 from steelyard.generation import Project, generate
+from steelyard.generation.rust_square_root import SQUARE_ROOT
 from steelyard.graph import Argument, Function, Graph, Kernel, Output, cos, sin
 
 from .conftest import (
@@ -247,3 +248,25 @@ def test_a_humanoid_compiles(language: str, tmp_path: Path) -> None:
     model = sy.Model(sy.Robot.from_dh(rows, name="chain of 36"))
     project = project_of("chain of 36", [model.function("inverse_dynamics"), model.function("regressor")])
     assert largest_difference(project, compiled(language, project, tmp_path), samples=1) < 1e-11
+
+
+def test_the_square_root_without_a_standard_library(tmp_path: Path) -> None:
+    """Within one unit in the last place of the processor's, from the smallest numbers to the largest."""
+    need("rustc")
+    check = """
+fn main() {
+    let mut x = 5.0e-324;
+    while x < f64::INFINITY {
+        for factor in [1.0, 1.1, 1.5, 1.9, 1.9999] {
+            let (ours, exact) = (sqrt(x * factor), (x * factor).sqrt());
+            assert!((ours.to_bits() as i64 - exact.to_bits() as i64).abs() <= 1, "{} {} {}", x * factor, ours, exact);
+        }
+        x *= 2.0;
+    }
+    assert!(sqrt(-1.0).is_nan() && sqrt(f64::NAN).is_nan());
+    assert!(sqrt(0.0) == 0.0 && sqrt(f64::INFINITY) == f64::INFINITY);
+}
+"""
+    (tmp_path / "root.rs").write_text(SQUARE_ROOT.replace("//!", "//") + check)
+    run(["rustc", "-A", "unexpected_cfgs", "-O", "root.rs", "-o", "root"], tmp_path)
+    run([str(tmp_path / "root")], tmp_path)

@@ -5,9 +5,9 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from steelyard.graph import Graph, cos, evaluate, gradient, jacobian, sign, sin
+from steelyard.graph import Graph, cos, evaluate, gradient, jacobian, sign, sin, sqrt
 
-KINDS = ("add", "sub", "mul", "div", "neg", "sin", "cos", "sign")
+KINDS = ("add", "sub", "mul", "div", "neg", "sin", "cos", "sign", "sqrt")
 STEPS = st.lists(st.tuples(st.sampled_from(KINDS), st.integers(0, 99), st.integers(0, 99)))
 
 
@@ -23,7 +23,9 @@ def recorded(steps):
         elif kind in ("add", "sub", "mul"):
             values.append({"add": a + b, "sub": a - b, "mul": a * b}[kind])
         else:
-            values.append({"neg": -a, "sin": sin(a), "cos": cos(a), "sign": sign(sin(a))}[kind])
+            values.append(
+                {"neg": -a, "sin": sin(a), "cos": cos(a), "sign": sign(sin(a)), "sqrt": sqrt(a * a + 0.5)}[kind]
+            )
     return inputs, values
 
 

@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from steelyard.graph import Graph, cos, evaluate, operation_count, sign, sin
+from steelyard.graph import Graph, cos, evaluate, operation_count, sign, sin, sqrt
 
 
 def test_zero_one_and_minus_one_vanish():
@@ -69,10 +69,10 @@ def test_operations_are_counted_once():
     x, y = graph.input("x"), graph.input("y")
     product = x * y
     count = operation_count([product + x, product - y, sin(product), sin(product), x / y, x / 4.0])
-    assert count == {"mul": 2, "add": 2, "div": 1, "neg": 0, "sin": 1, "cos": 0, "sign": 0}
+    assert count == {"mul": 2, "add": 2, "div": 1, "neg": 0, "sin": 1, "cos": 0, "sign": 0, "sqrt": 0}
 
 
-OPERATIONS = ("add", "sub", "mul", "neg", "sin", "cos", "sign")
+OPERATIONS = ("add", "sub", "mul", "neg", "sin", "cos", "sign", "sqrt")
 NUMBERS = st.sampled_from([0.0, 1.0, -1.0, 0.5, 2.0, -3.25])
 
 
@@ -98,6 +98,8 @@ def run(steps, values, algebra):
             values.append(algebra["constant"](a))
         elif kind in ("sin", "cos", "sign"):
             values.append(algebra[kind](values[a]))
+        elif kind == "sqrt":
+            values.append(algebra[kind](values[a] * values[a] + 0.25))
         elif kind == "neg":
             values.append(-values[a])
         else:
@@ -112,10 +114,18 @@ def test_folding_keeps_values(steps, inputs):
     nodes = run(
         steps,
         [graph.input(name) for name in "xyz"],
-        {"constant": graph.constant, "sin": sin, "cos": cos, "sign": sign},
+        {"constant": graph.constant, "sin": sin, "cos": cos, "sign": sign, "sqrt": sqrt},
     )
     plain = run(
-        steps, list(inputs), {"constant": float, "sin": math.sin, "cos": math.cos, "sign": lambda v: float(np.sign(v))}
+        steps,
+        list(inputs),
+        {
+            "constant": float,
+            "sin": math.sin,
+            "cos": math.cos,
+            "sign": lambda v: float(np.sign(v)),
+            "sqrt": math.sqrt,
+        },
     )
     # A sign can tell apart results that differ by rounding alone, so leave out programs in which one is that close.
     if any(kind == "sign" and 0.0 < abs(plain[a]) < 1e-9 for kind, a, _ in steps):

@@ -192,6 +192,27 @@ def test_pose_and_jacobians_of_a_point_of_the_last_and_of_a_middle_link(case):
         assert close(case.values(f"jacobian_rate({name})"), rate)
 
 
+def test_pose_and_jacobian_of_a_frame_that_is_fixed_to_a_link(case):
+    names = [a.name for link in case.robot.links for a in link.attachments]
+    if not names:
+        pytest.skip(f"{case.robot.name} has no link that is fixed to a moving one")
+    oracle, data = case.oracle.model, case.oracle.model.createData()
+    for name in {names[0], names[-1]}:
+        frame = oracle.getFrameId(name)
+        pinocchio.computeJointJacobians(oracle, data, case.full)
+        pinocchio.updateFramePlacements(oracle, data)
+        along = data.oMf[frame].rotation @ POINT
+        of_origin = pinocchio.getFrameJacobian(oracle, data, frame, pinocchio.LOCAL_WORLD_ALIGNED).reshape(6, -1)
+        linear = of_origin[:3] - pinocchio.skew(along) @ of_origin[3:]
+        jacobian = np.vstack([linear, of_origin[3:]])[:, case.oracle.velocity] @ case.oracle.matrix
+        assert close(case.values(f"pose({name})"), data.oMf[frame].homogeneous)
+        assert close(case.values(f"jacobian({name})"), jacobian)
+
+
+def test_computed_torque_is_that_of_the_links(case):
+    assert close(case.values("computed_torque"), case.tau)
+
+
 def test_compiled_functions_are_those_of_the_graph():
     """The kernels, one robot for all: numbers of the interpreter above."""
     robot = sy.Robot.from_dh([("pi/2", 0, 0.3, "q"), (0, 0.5, 0, "q"), ("-pi/2", 0.1, 0.1, "q"), (0, 0, "q", 0)])
@@ -201,10 +222,11 @@ def test_compiled_functions_are_those_of_the_graph():
     parameters = np.abs(random.normal(size=model.parameter_count)) + 1.0
     point, gravity = random.normal(size=(2, 3))
     given = {"q": q, "dq": dq, "ddq": ddq, "tau": tau, "parameters": parameters, "point": point, "gravity": gravity}
+    given["sign_width"] = np.array([0.1])
     for name in model.functions:
-        for mode in ("fixed", "argument"):
-            function = model.function(name, gravity=mode)
+        for options in ({}, {"gravity": "argument"}, {"sign": "smooth"}):
+            function = model.function(name, **options)
             expected = function.evaluate({a.name: given[a.name] for a in function.arguments})
             flat = np.concatenate([np.reshape(v, (11, -1)) for v in expected.values()], axis=1)
-            ours = model.kernel(name, gravity=mode)(*(given[a.name] for a in function.arguments))
+            ours = model.kernel(name, **options)(*(given[a.name] for a in function.arguments))
             assert np.abs(ours - flat).max() <= 1e-12 * np.abs(flat).max(), name

@@ -5,7 +5,7 @@ from __future__ import annotations
 from enum import Enum
 from typing import Literal
 
-__all__ = ["Consistency", "DistanceMetric", "Gravity", "Language", "Preference", "Weights"]
+__all__ = ["Consistency", "DistanceMetric", "Gravity", "Language", "Preference", "Sign", "Weights"]
 
 
 class Consistency(Enum):
@@ -55,6 +55,13 @@ class Language(Enum):
     MATLAB = "matlab"
     CASADI = "casadi"
     JAX = "jax"
+
+
+class Sign(Enum):
+    """The sign of Coulomb friction in generated source."""
+
+    EXACT = "exact"
+    SMOOTH = "smooth"
 
 
 class Gravity(Enum):

@@ -7,37 +7,51 @@ from typing import Annotated
 
 import typer
 
-from .choices import Gravity, Language
+from steelyard.errors import InputError
+
+from .choices import Gravity, Language, Sign
 
 __all__ = ["generate"]
 
 
 def generate(
     robot: Annotated[Path, typer.Argument(help="URDF or robot.toml.")],
-    language: Annotated[Language, typer.Option(help="Language of the source.")],
-    output: Annotated[Path, typer.Option("--output", "-o", help="Folder for the files; made where it is missing.")],
+    language: Annotated[Language | None, typer.Option(help="Language of the source.")] = None,
+    output: Annotated[
+        Path | None, typer.Option("--output", "-o", help="Folder for the files; made where it is missing.")
+    ] = None,
     function: Annotated[
         list[str] | None,
         typer.Option("--function", "-f", help="Function to write, may be repeated; 'list' names them all."),
     ] = None,
     base: Annotated[bool, typer.Option("--base", help="In base parameters instead of standard ones.")] = False,
     gravity: Annotated[Gravity, typer.Option(help="The robot's gravity, or an argument.")] = Gravity.FIXED,
+    sign: Annotated[
+        Sign, typer.Option(help="Sign of Coulomb friction; a smooth one has its width as an argument.")
+    ] = Sign.EXACT,
     estimate: Annotated[
         Path | None, typer.Option(help="estimate.json, whose parameters stand in the source as numbers.")
     ] = None,
+    cad: Annotated[bool, typer.Option("--cad", help="The description's own values stand in the source.")] = False,
 ) -> None:
     """Write the model of a robot as source code: functions with documentation, sizes and a self-test."""
-    from steelyard.dynamics import Model
-    from steelyard.identification import parameters_of_estimate
+    from steelyard.dynamics import DEFAULT_FUNCTIONS, Model
+    from steelyard.identification import parameters_for_source
 
     model = Model.load(robot)
     if function == ["list"]:
         typer.echo("\n".join(model.functions))
         return
-    values = None if estimate is None else parameters_of_estimate(model, estimate, base=base)
-    options = {"functions": function} if function else {}
+    if language is None or output is None:
+        raise InputError("Give --language and --output: what to write, and the folder for it.")
     written = model.generate(
-        language.value, directory=output, base=base, gravity=gravity.value, parameters=values, **options
+        language.value,
+        function or DEFAULT_FUNCTIONS,
+        directory=output,
+        base=base,
+        gravity=gravity.value,
+        sign=sign.value,
+        parameters=parameters_for_source(model, estimate, cad=cad, base=base),
     )
     for path in written:
         typer.echo(path)

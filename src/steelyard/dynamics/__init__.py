@@ -3,6 +3,7 @@
 from .base_parameters import BaseParameters as BaseParameters
 from .conditions import ModelCondition as ModelCondition
 from .model import Model as Model
+from .project import DEFAULT_FUNCTIONS as DEFAULT_FUNCTIONS
 from .terms import Coulomb as Coulomb
 from .terms import MotorSide as MotorSide
 from .terms import Offset as Offset
@@ -11,6 +12,7 @@ from .terms import Viscous as Viscous
 from .terms import term_from_dict as term_from_dict
 
 __all__ = [
+    "DEFAULT_FUNCTIONS",
     "BaseParameters",
     "Coulomb",
     "Model",

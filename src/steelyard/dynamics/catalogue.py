@@ -50,6 +50,12 @@ def _gravity(scene: Scene) -> list[Value]:
     return _torque(scene, inverse_dynamics(frames, still, still, links, scene.gravity), "torques that hold the links")
 
 
+def _computed_torque(scene: Scene) -> list[Value]:
+    frames, links = scene.bodies
+    torques = inverse_dynamics(frames, scene.scalars["dq"], scene.scalars["ddq"], links, scene.gravity)
+    return _torque(scene, torques, "torques of the links alone: M(q) ddq + C(q, dq) dq + g(q)")
+
+
 def _coriolis(scene: Scene) -> list[Value]:
     frames, links = scene.bodies
     torques = inverse_dynamics(frames, scene.scalars["dq"], [0.0] * scene.count, links, ZERO)
@@ -64,6 +70,11 @@ def _coriolis_matrix(scene: Scene) -> list[Value]:
 
 def _inertia_matrix(scene: Scene) -> list[Value]:
     return [_matrix("matrix", inertia_matrix(*scene.bodies), "inertia matrix M(q) of the links, kg·m², kg·m or kg")]
+
+
+def _total_inertia_matrix(scene: Scene) -> list[Value]:
+    rows = [_plus(a, b) for a, b in zip(inertia_matrix(*scene.bodies), scene.term_inertias(), strict=True)]
+    return [_matrix("matrix", rows, "inertia matrix of links and rotors, kg·m², kg·m or kg")]
 
 
 def _drive_torque(scene: Scene) -> list[Value]:
@@ -207,12 +218,32 @@ def _chosen(scene: Scene) -> int:
 def _pose(scene: Scene) -> list[Value]:
     turn, place = link_poses(scene.frames)[_chosen(scene)]
     rows = [[*row, place[i]] for i, row in enumerate(turn)] + [[0.0, 0.0, 0.0, 1.0]]
+    if scene.placement is not None:
+        rows = [*_matrix_product(rows[:3], scene.placement), rows[3]]
     return [_matrix("pose", rows, "pose of the link frame in the base frame: rotation and position, m")]
 
 
 def _point(scene: Scene) -> Vector3:
-    x, y, z = scene.scalars["point"]
+    point = scene.scalars["point"]
+    if scene.placement is not None:
+        moved = _matrix_product(scene.placement[:3], [[x] for x in (*point, 1.0)])
+        point = [row[0] for row in moved]
+    x, y, z = point
     return (x, y, z)
+
+
+def _matrix_product(a: Sequence[Sequence[Any]], b: Sequence[Sequence[Any]]) -> list[list[Any]]:
+    """Multiply two matrices."""
+    rows = []
+    for left in a:
+        row = []
+        for column in zip(*b, strict=True):
+            total: Any = 0.0
+            for x, y in zip(left, column, strict=True):
+                total = total + x * y
+            row.append(total)
+        rows.append(row)
+    return rows
 
 
 def _jacobian(scene: Scene) -> list[Value]:
@@ -239,6 +270,8 @@ class Entry:
     subject : str
         What may be named in parentheses: ``"link"`` as in ``"pose(link7)"``, ``"term"`` as in
         ``"drive_torque(viscous)"``, or nothing.
+    drives : bool
+        Whether the torques of the terms are in it, so that the sign of Coulomb friction matters.
     by_parameter : bool
         Whether the last index of the outputs counts parameters.
     """
@@ -248,24 +281,38 @@ class Entry:
     build: Callable[[Scene], list[Value]]
     subject: str = ""
     by_parameter: bool = False
+    drives: bool = False
 
 
 _MOTION = ("q", "dq", "ddq")
 CATALOGUE: dict[str, Entry] = {
     "inverse_dynamics": Entry(
-        (*_MOTION, "parameters"), "Inverse dynamics: the joint torques of a motion (thesis eq. 2.7).", _inverse_dynamics
+        (*_MOTION, "parameters"),
+        "Inverse dynamics: the joint torques of a motion (thesis eq. 2.7).",
+        _inverse_dynamics,
+        drives=True,
     ),
     "forward_dynamics": Entry(
         ("q", "dq", "tau", "parameters"),
         "Forward dynamics: the accelerations that torques cause, by factors of the inertia matrix (thesis eq. 5.1).",
         _forward_dynamics_by_solving,
+        drives=True,
     ),
     "forward_dynamics_articulated": Entry(
         ("q", "dq", "tau", "parameters"),
         "Forward dynamics: the joint accelerations that torques cause, with the articulated-body algorithm.",
         _forward_dynamics_articulated,
+        drives=True,
+    ),
+    "computed_torque": Entry(
+        (*_MOTION, "parameters"),
+        "The torques that the links alone need for a motion: M ddq + C dq + g (thesis eq. 5.8).",
+        _computed_torque,
     ),
     "inertia_matrix": Entry(("q", "parameters"), "The inertia matrix of the links.", _inertia_matrix),
+    "total_inertia_matrix": Entry(
+        ("q", "parameters"), "The inertia matrix of links and rotors (thesis eq. 5.5, 5.6).", _total_inertia_matrix
+    ),
     "coriolis_matrix": Entry(
         ("q", "dq", "parameters"),
         "The Coriolis matrix with the Christoffel symbols: dM/dt - 2 C is skew-symmetric.",
@@ -274,12 +321,22 @@ CATALOGUE: dict[str, Entry] = {
     "coriolis": Entry(("q", "dq", "parameters"), "Coriolis and centripetal torques of the links.", _coriolis),
     "gravity": Entry(("q", "parameters"), "The torques that hold the links against gravity.", _gravity),
     "drive_torque": Entry(
-        (*_MOTION, "parameters"), "The torques of friction, rotors and other terms.", _drive_torque, subject="term"
+        (*_MOTION, "parameters"),
+        "The torques of friction, rotors and other terms.",
+        _drive_torque,
+        subject="term",
+        drives=True,
     ),
     "momentum": Entry(("q", "dq", "parameters"), "The generalised momentum.", _momentum),
     "kinetic_energy": Entry(("q", "dq", "parameters"), "The kinetic energy.", _kinetic_energy),
     "potential_energy": Entry(("q", "parameters"), "The potential energy.", _potential_energy),
-    "regressor": Entry(_MOTION, "The regressor of inverse dynamics (thesis eq. 2.22).", _regressor, by_parameter=True),
+    "regressor": Entry(
+        _MOTION,
+        "The regressor of inverse dynamics (thesis eq. 2.22).",
+        _regressor,
+        by_parameter=True,
+        drives=True,
+    ),
     "momentum_regressor": Entry(
         ("q", "dq"), "The regressor of the generalised momentum.", _momentum_regressor, by_parameter=True
     ),
@@ -290,8 +347,9 @@ CATALOGUE: dict[str, Entry] = {
         (*_MOTION, "parameters"),
         "The partial derivatives of inverse dynamics by positions, velocities and accelerations.",
         _derivatives,
+        drives=True,
     ),
-    "pose": Entry(("q",), "The pose of a link frame in the base frame.", _pose, subject="link"),
+    "pose": Entry(("q",), "The pose of the frame of a link in the base frame.", _pose, subject="link"),
     "jacobian": Entry(
         ("q", "point"), "The Jacobian of a point of a link in the base frame.", _jacobian, subject="link"
     ),

@@ -20,11 +20,13 @@ from .base_parameters import BaseParameters
 from .catalogue import CATALOGUE, Entry, forward_dynamics_function
 from .layout import ParameterLayout
 from .scene import Scene
+from .smooth_sign import SmoothSign
 from .terms import is_known_term
 
 __all__ = ["BaseColumns", "ModelFunctions"]
 
 GRAVITIES = ("fixed", "argument")
+SIGNS = ("exact", "smooth")
 _LARGEST_DENSE = 1500  # elements of a regressor beyond which its kernel leaves the zeros out
 
 
@@ -58,19 +60,19 @@ class ModelFunctions:
         self.layout = layout
         self.robot = layout.robot
         self._base = base
-        self._kernels: dict[tuple[str, bool, str], Kernel] = {}
-        self._functions: dict[tuple[str, bool, str], Function] = {}
+        self._kernels: dict[tuple[str, bool, str, str], Kernel] = {}
+        self._functions: dict[tuple[str, bool, str, str], Function] = {}
 
-    def kernel(self, name: str, *, base: bool = False, gravity: str = "fixed") -> Kernel:
+    def kernel(self, name: str, *, base: bool = False, gravity: str = "fixed", sign: str = "exact") -> Kernel:
         """Return a compiled function, see :meth:`function`."""
-        key = (name, base, gravity)
+        key = (name, base, gravity, sign)
         if key not in self._kernels:
-            entry, _ = self._entry(name, base, gravity)
+            entry, _ = self._entry(name, base, gravity, sign)
             self._refuse_lengths()
             elements = self.robot.dof * len(self.layout.names)
             self._kernels[key] = Kernel(
-                lambda: self.function(name, base=base, gravity=gravity),
-                identity=self._identity(name, base, gravity),
+                lambda: self.function(name, base=base, gravity=gravity, sign=sign),
+                identity=self._identity(name, base, gravity, sign),
                 compact=entry.by_parameter and elements > _LARGEST_DENSE,
             )
         return self._kernels[key]
@@ -80,14 +82,20 @@ class ModelFunctions:
         self._refuse_lengths()
         kernel = Kernel(
             lambda: self.function("regressor", base=True),
-            identity=self._identity("regressor", True, "fixed"),
+            identity=self._identity("regressor", True, "fixed", "exact"),
             compact=True,
         )
         rows, columns = np.divmod(kernel.places, self._base().count)
         return BaseColumns(kernel, tuple(columns[rows == joint] for joint in range(self.robot.dof)))
 
     def function(
-        self, name: str, *, base: bool = False, gravity: str = "fixed", parameters: ArrayLike | None = None
+        self,
+        name: str,
+        *,
+        base: bool = False,
+        gravity: str = "fixed",
+        sign: str = "exact",
+        parameters: ArrayLike | None = None,
     ) -> Function:
         """Return a function of the catalogue as an expression graph.
 
@@ -100,6 +108,8 @@ class ModelFunctions:
             In base parameters instead of standard ones.
         gravity : {"fixed", "argument"}
             Gravity of the robot, or an argument.
+        sign : {"exact", "smooth"}
+            The sign of Coulomb friction, see :class:`SmoothSign`; its width is then an argument.
         parameters : array_like, optional
             (n,), or (n_b,) with `base`: numbers in the place of the argument.
 
@@ -113,13 +123,13 @@ class ModelFunctions:
             If there is no such function or link, or base parameters do not apply.
         """
         if parameters is not None:
-            return self._built(name, base, gravity, self._numbers(parameters, base))
-        key = (name, base, gravity)
+            return self._built(name, base, gravity, sign, self._numbers(parameters, base))
+        key = (name, base, gravity, sign)
         if key not in self._functions:
-            self._functions[key] = self._built(name, base, gravity, None)
+            self._functions[key] = self._built(name, base, gravity, sign, None)
         return self._functions[key]
 
-    def _entry(self, name: str, base: bool, gravity: str) -> tuple[Entry, dict[str, Any]]:
+    def _entry(self, name: str, base: bool, gravity: str, sign: str) -> tuple[Entry, dict[str, Any]]:
         """Return an entry of the catalogue, and what a scene must know of the link or term in parentheses."""
         match = re.fullmatch(r"([^()]*)(?:\((.*)\))?", name, flags=re.DOTALL)
         kind, subject = (match[1], match[2]) if match else (name, None)
@@ -134,6 +144,8 @@ class ModelFunctions:
             forward_dynamics_function(self.robot, "articulated_body")
         if gravity not in GRAVITIES:
             raise InputError(f"gravity must be 'fixed' or 'argument', got {gravity!r}.")
+        if sign not in SIGNS:
+            raise InputError(f"sign must be 'exact' or 'smooth', got {sign!r}.")
         if base and gravity == "argument":
             raise InputError(
                 "Base parameters hold for the robot's own gravity; with gravity as an argument use standard parameters."
@@ -145,10 +157,12 @@ class ModelFunctions:
             if subject not in kinds:
                 raise InputError(f"{self.robot.name} has no term {subject!r}; it has {', '.join(kinds) or 'none'}.")
             return entry, {"term": subject}
-        if subject not in self.robot.link_names:
-            names = ", ".join(self.robot.link_names)
-            raise InputError(f"{self.robot.name} has no link {subject!r}; its moving links are {names}.")
-        return entry, {"link": self.robot.link_names.index(subject)}
+        link, placement = self.robot.frame(subject)
+        if link < 0:
+            raise InputError(f"The link {subject!r} of {self.robot.name} does not move; name one that a joint moves.")
+        if subject in self.robot.link_names:
+            return entry, {"link": link}
+        return entry, {"link": link, "placement": [[float(x) for x in row] for row in placement]}
 
     def _numbers(self, parameters: ArrayLike, base: bool) -> list[float]:
         values = np.asarray(parameters, dtype=np.float64)
@@ -169,7 +183,7 @@ class ModelFunctions:
                 "or as lengths in [description] of robot.toml, or generate code, where they are arguments."
             )
 
-    def _arguments(self, entry: Entry, base: bool, gravity: str) -> list[Argument]:
+    def _arguments(self, entry: Entry, base: bool, gravity: str, sign: str) -> list[Argument]:
         robot = self.robot
         names = [n for n in entry.arguments if not (base and n == "parameters")]
         result = [self._motion_argument(name) for name in names if name in _MOTION_UNITS]
@@ -187,6 +201,9 @@ class ModelFunctions:
         if gravity == "argument":
             texts = tuple(f"{axis} of gravity in the base frame, m/s²" for axis in "xyz")
             result.append(Argument("gravity", 3, True, "acceleration of gravity in the base frame, m/s²", texts))
+        if sign == "smooth" and entry.drives:
+            text = "velocity at which the smooth sign of Coulomb friction is 0.707, rad/s or m/s"
+            result.append(Argument("sign_width", 1, True, text, (text,)))
         if robot.lengths:
             texts = tuple(f"length {name}, m" for name in robot.lengths)
             result.append(Argument("lengths", len(texts), True, "lengths of the robot, m", texts))
@@ -201,10 +218,10 @@ class ModelFunctions:
         plural = f"{what[:-1]}ies" if what.endswith("y") else f"{what}s"
         return Argument(name, self.robot.dof, False, f"joint {plural}", tuple(texts))
 
-    def _built(self, name: str, base: bool, gravity: str, numbers: list[float] | None) -> Function:
-        entry, subject = self._entry(name, base, gravity)
+    def _built(self, name: str, base: bool, gravity: str, sign: str, numbers: list[float] | None) -> Function:
+        entry, subject = self._entry(name, base, gravity, sign)
         recorder = Graph()
-        arguments = self._arguments(entry, base, gravity)
+        arguments = self._arguments(entry, base, gravity, sign)
         if numbers is not None:
             arguments = [a for a in arguments if a.name not in ("parameters", "base_parameters")]
         scalars: dict[str, Any] = {a.name: recorder.inputs(a.name, a.width) for a in arguments}
@@ -214,7 +231,8 @@ class ModelFunctions:
             for k, value in zip(self._base().independent if base else range(len(own)), given, strict=True):
                 own[k] = value
             scalars["parameters"] = own
-        scene = Scene(self.layout, graph, scalars, **subject)
+        algebra: Any = SmoothSign(scalars["sign_width"][0]) if "sign_width" in scalars else graph
+        scene = Scene(self.layout, algebra, scalars, **subject)
         candidates = [scene, replace(scene, regroups=False)] if "parameters" in entry.arguments else [scene]
         outputs = min((self._outputs(entry, s, recorder, base) for s in candidates), key=_operations)
         kind, *named = (re.sub(r"[^A-Za-z0-9]+", "_", part).strip("_") for part in name.split("(", 1))
@@ -223,7 +241,8 @@ class ModelFunctions:
         identifier = "_".join([kind, *named])
         description = entry.description
         if entry.subject == "link":
-            description += f" Link: {self.robot.link_names[subject.get('link', -1)]!r}."
+            link = name.partition("(")[2].removesuffix(")") or self.robot.link_names[-1]
+            description += f" Link: {link!r}."
         return Function(identifier, tuple(arguments), outputs, description)
 
     def _outputs(self, entry: Entry, scene: Scene, recorder: Graph, base: bool) -> tuple[Output, ...]:
@@ -243,7 +262,7 @@ class ModelFunctions:
             result.append(Output(value.name, shape, nodes, description))
         return tuple(result)
 
-    def _identity(self, name: str, base: bool, gravity: str) -> str | None:
+    def _identity(self, name: str, base: bool, gravity: str, sign: str) -> str | None:
         """Return a text that determines a function; None where a term is not one of ours."""
         robot = self.robot
         if not all(is_known_term(term) for term in robot.terms):
@@ -263,6 +282,8 @@ class ModelFunctions:
         content = {
             "function": name,
             "links": list(robot.link_names) if "(" in name else len(robot.links),
+            "frame": self._entry(name, base, gravity, sign)[1],
+            "sign": sign,
             "gravity": [gravity, np.asarray(robot.gravity).tolist()],
             "terms": [term.to_dict() for term in robot.terms],
             "joints": joints,

@@ -142,7 +142,13 @@ class Model(NumericFunctions):
         return self.function(function, base=base).operation_count
 
     def function(
-        self, name: str, *, base: bool = False, gravity: str = "fixed", parameters: ArrayLike | None = None
+        self,
+        name: str,
+        *,
+        base: bool = False,
+        gravity: str = "fixed",
+        sign: str = "exact",
+        parameters: ArrayLike | None = None,
     ) -> Function:
         """Return a function of the model as an expression graph, to print, differentiate or export.
 
@@ -156,6 +162,9 @@ class Model(NumericFunctions):
             In base parameters instead of standard ones.
         gravity : {"fixed", "argument"}
             The gravity of the robot, or an argument of the function.
+        sign : {"exact", "smooth"}
+            The sign of Coulomb friction: exact, or ``v / sqrt(v² + w²)``, for simulation and differentiation, with w
+            (1,) as the argument ``sign_width`` of the functions that depend on it.
         parameters : array_like, optional
             (n,), or (n_b,) with `base`: numbers that stand in the function instead of an argument.
 
@@ -168,7 +177,7 @@ class Model(NumericFunctions):
         InputError
             If there is no such function or link, or base parameters do not apply.
         """
-        return self._functions.function(name, base=base, gravity=gravity, parameters=parameters)
+        return self._functions.function(name, base=base, gravity=gravity, sign=sign, parameters=parameters)
 
     def generate(
         self,
@@ -178,6 +187,7 @@ class Model(NumericFunctions):
         directory: str | Path,
         base: bool = False,
         gravity: str = "fixed",
+        sign: str = "exact",
         parameters: ArrayLike | None = None,
     ) -> tuple[Path, ...]:
         """Write functions of the model as source: a small project with documentation and a self-test.
@@ -191,7 +201,7 @@ class Model(NumericFunctions):
             See `function`.
         directory : str or Path
             Where the files go; made where it is missing. A file that was not generated is never overwritten.
-        base, gravity, parameters
+        base, gravity, sign, parameters
             See `function`; with `parameters` the source holds the numbers of one robot.
 
         Returns
@@ -204,7 +214,7 @@ class Model(NumericFunctions):
         InputError
             If the language or a function is unknown, or the directory cannot be written.
         """
-        project = model_project(self, functions, base=base, gravity=gravity, parameters=parameters)
+        project = model_project(self, functions, base=base, gravity=gravity, sign=sign, parameters=parameters)
         return generate(project, language, Path(directory))
 
     def symbolic(
@@ -246,26 +256,26 @@ class Model(NumericFunctions):
             self.function(name, base=base, gravity=gravity), closed=closed, substitute=substitute or {}
         )
 
-    def casadi(self, name: str, *, base: bool = False, gravity: str = "fixed") -> Any:
+    def casadi(self, name: str, *, base: bool = False, gravity: str = "fixed", sign: str = "exact") -> Any:
         """Return a function of the model as a ``casadi.Function``, which CasADi differentiates; see `function`."""
         from steelyard.export import casadi_function
 
-        return casadi_function(self.function(name, base=base, gravity=gravity))
+        return casadi_function(self.function(name, base=base, gravity=gravity, sign=sign))
 
-    def jax(self, name: str, *, base: bool = False, gravity: str = "fixed") -> Any:
+    def jax(self, name: str, *, base: bool = False, gravity: str = "fixed", sign: str = "exact") -> Any:
         """Return a function of the model for JAX, to compile, map and differentiate; see `function`."""
         from steelyard.export import jax_function
 
-        return jax_function(self.function(name, base=base, gravity=gravity))
+        return jax_function(self.function(name, base=base, gravity=gravity, sign=sign))
 
     @property
     def functions(self) -> tuple[str, ...]:
         """Names of all the functions of a model."""
         return tuple(CATALOGUE)
 
-    def kernel(self, function: str, *, base: bool = False, gravity: str = "fixed") -> Kernel:
+    def kernel(self, function: str, *, base: bool = False, gravity: str = "fixed", sign: str = "exact") -> Kernel:
         """Return a compiled function, for arrays that are laid out already; see `function` for the arguments."""
-        return self._functions.kernel(function, base=base, gravity=gravity)
+        return self._functions.kernel(function, base=base, gravity=gravity, sign=sign)
 
     @cached_property
     def base_columns(self) -> BaseColumns:

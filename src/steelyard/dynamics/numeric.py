@@ -59,6 +59,12 @@ class NumericFunctions:
         )
         return by_q, by_dq, by_ddq
 
+    def computed_torque(
+        self, q: ArrayLike, dq: ArrayLike, ddq: ArrayLike, parameters: ArrayLike, *, gravity: ArrayLike | None = None
+    ) -> Array:
+        """Return the torques (..., N) of the links alone, ``M(q) ddq + C(q, dq) dq + g(q)`` of thesis eq. 5.8."""
+        return self._call("computed_torque", (q, dq, ddq), parameters, gravity)
+
     def gravity(self, q: ArrayLike, parameters: ArrayLike, *, gravity: ArrayLike | None = None) -> Array:
         """Return the torques (..., N) that hold the links still, ``g(q)`` of thesis eq. 2.7."""
         return self._call("gravity", (q,), parameters, gravity)
@@ -103,6 +109,10 @@ class NumericFunctions:
     def inertia_matrix(self, q: ArrayLike, parameters: ArrayLike) -> Array:
         """Return the inertia matrix of the links M(q) (..., N, N) of thesis eq. 2.7."""
         return self._call.matrix("inertia_matrix", (q,), parameters)
+
+    def total_inertia_matrix(self, q: ArrayLike, parameters: ArrayLike) -> Array:
+        """Return the inertia matrix of links and rotors (..., N, N): the derivative of all torques by ddq."""
+        return self._call.matrix("total_inertia_matrix", (q,), parameters)
 
     def momentum(self, q: ArrayLike, dq: ArrayLike, parameters: ArrayLike) -> Array:
         """Return the generalised momentum (..., N) of links and rotors, N·m·s or N·s."""
@@ -186,7 +196,7 @@ class NumericFunctions:
         q : array_like
             (..., N).
         link : str or int
-            Name or index.
+            Name, of a link that is fixed to a moving one too ("tool0"), or index of a moving link.
 
         Returns
         -------
@@ -203,7 +213,7 @@ class NumericFunctions:
         q : array_like
             (..., N).
         link : str or int
-            Name or index.
+            Name, of a link that is fixed to a moving one too ("tool0"), or index of a moving link.
         point : array_like
             (3,) in the link frame, m; the origin where not given.
 

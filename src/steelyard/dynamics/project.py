@@ -48,6 +48,7 @@ def model_project(
     *,
     base: bool = False,
     gravity: str = "fixed",
+    sign: str = "exact",
     parameters: ArrayLike | None = None,
 ) -> Project:
     """Collect functions of a model for one source project.
@@ -56,7 +57,7 @@ def model_project(
     ----------
     model : Model
     functions : sequence of str
-    base, gravity, parameters
+    base, gravity, sign, parameters
         See :meth:`steelyard.Model.function`.
 
     Returns
@@ -73,6 +74,7 @@ def model_project(
         "parameters": np.tile(standard, (_SAMPLES, 1)),
         "gravity": random.uniform(-10.0, 10.0, (_SAMPLES, 3)),
         "point": random.uniform(-0.5, 0.5, (_SAMPLES, 3)),
+        "sign_width": random.uniform(0.01, 0.1, (_SAMPLES, 1)),
         "lengths": random.uniform(0.2, 0.6, (_SAMPLES, len(robot.lengths))),
     }
     constants = [
@@ -86,7 +88,10 @@ def model_project(
     if len(set(functions)) < len(functions):
         twice = next(name for name in functions if list(functions).count(name) > 1)
         raise InputError(f"functions names {twice!r} twice; name each function once.")
-    built = _told_apart([model.function(name, base=base, gravity=gravity, parameters=parameters) for name in functions])
+    recorded = (
+        model.function(name, base=base, gravity=gravity, sign=sign, parameters=parameters) for name in functions
+    )
+    built = _told_apart(list(recorded))
     used = {argument.name for function in built for argument in function.arguments}
     return Project(
         robot.name,

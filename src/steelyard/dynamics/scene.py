@@ -40,7 +40,9 @@ class Scene:
     regroups : bool
         Whether mass may move along joint axes from link to link, see :mod:`.regrouping`.
     link : int or None
-        The link that a function is about.
+        The moving link that a function is about.
+    placement : sequence of sequence of float or None
+        (4, 4) the frame that it is about in the frame of that link; None for the link's own.
     term : str or None
         The kind of the terms that a function is about; None for all.
     """
@@ -50,6 +52,7 @@ class Scene:
     scalars: Mapping[str, Sequence[Any]]
     regroups: bool = True
     link: int | None = None
+    placement: Sequence[Sequence[float]] | None = None
     term: str | None = None
 
     @property

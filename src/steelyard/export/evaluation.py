@@ -37,7 +37,7 @@ def evaluate_over(
     elements : mapping
         For each argument its `width` elements.
     unary : mapping
-        What ``"sin"``, ``"cos"`` and ``"sign"`` are.
+        What ``"sin"``, ``"cos"``, ``"sign"`` and ``"sqrt"`` are.
     constant : callable
         From a float to the algebra's own number.
 

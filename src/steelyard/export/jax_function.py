@@ -112,7 +112,7 @@ def _leading(arrays: Sequence[Any]) -> tuple[int, ...]:
 def _unary() -> dict[str, Callable[[Any], Any]]:
     import jax.numpy as jnp
 
-    return {"sin": jnp.sin, "cos": jnp.cos, "sign": lambda x: jnp.sign(jnp.real(x))}
+    return {"sin": jnp.sin, "cos": jnp.cos, "sign": lambda x: jnp.sign(jnp.real(x)), "sqrt": jnp.sqrt}
 
 
 def _scalars(function: Function) -> Callable[..., list[Any]]:

@@ -16,8 +16,10 @@ from steelyard.graph.expression import reachable
 
 from .text import Names, number
 
-__all__ = ["Assignment", "Listing", "OutputListing", "Syntax", "listing"]
+__all__ = ["CALLS", "Assignment", "Listing", "OutputListing", "Syntax", "listing"]
 
+# The operations that all languages write as calls.
+CALLS = ("sin", "cos", "sign", "sqrt")
 _SUM, _PRODUCT, _ATOM = 1, 2, 3
 _PRECEDENCE = {"add": _SUM, "sub": _SUM, "mul": _PRODUCT, "div": _PRODUCT, "neg": _SUM}
 _SIGN = {"add": "+", "sub": "-", "mul": "*", "div": "/"}
@@ -33,7 +35,7 @@ class Syntax:
     element : callable
         From the name of an argument (in the language) and an index from 0, such as ``("q", 0)``, the text ``q[0]``.
     calls : mapping
-        Templates for ``"sin"``, ``"cos"`` and ``"sign"``, such as ``"sin({})"``.
+        Templates for ``"sin"``, ``"cos"``, ``"sign"`` and ``"sqrt"``, such as ``"sin({})"``.
     number : callable
         The literal of a finite float; a negative one is put in parentheses where needed.
     pair : (str, str) or None
@@ -42,7 +44,7 @@ class Syntax:
     """
 
     element: Callable[[str, int], str] = lambda name, index: f"{name}[{index}]"
-    calls: Mapping[str, str] = field(default_factory=lambda: {"sin": "sin({})", "cos": "cos({})", "sign": "sign({})"})
+    calls: Mapping[str, str] = field(default_factory=lambda: {name: f"{name}({{}})" for name in CALLS})
     number: Callable[[float], str] = number
     pair: tuple[str, str] | None = None
 
@@ -224,7 +226,7 @@ class _Writer:
         kind = node.operation
         if kind == "neg":
             return f"-{self._operand(node.arguments[0], _ATOM)}"
-        if kind == "sign":
+        if kind in ("sign", "sqrt"):
             return self.syntax.calls[kind].format(self.text[node.arguments[0].index][0])
         own = _PRECEDENCE[kind]
         a, b = node.arguments

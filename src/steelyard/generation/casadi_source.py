@@ -5,6 +5,7 @@ from __future__ import annotations
 import re
 from typing import TYPE_CHECKING, ClassVar
 
+from .assignments import CALLS
 from .naming import NamedFunction
 from .python_project import PythonProject
 
@@ -36,7 +37,7 @@ class _CasadiProject(PythonProject):
     title = "Python for CasADi"
     requirements = ("casadi>=3.6.5",)
     reserved = frozenset({"casadi", "_shaped"})
-    calls: ClassVar[dict[str, str]] = {"sin": "casadi.sin({})", "cos": "casadi.cos({})", "sign": "casadi.sign({})"}
+    calls: ClassVar[dict[str, str]] = {name: f"casadi.{name}({{}})" for name in CALLS}
     batches = False
 
     def introduction(self) -> list[str]:

@@ -42,7 +42,7 @@ class _Source(CFamily):
         super().__init__(project, C_RESERVED | {_OUTER, project_name(project, PROJECT_RESERVED)})
         self.namespace = f"{_OUTER}::{self.name}"
         self.part = self.scope.take(f"{self.name.upper()}_PART")
-        calls = {"sin": "std::sin({})", "cos": "std::cos({})", "sign": f"{SIGN}({{}})"}
+        calls = {"sin": "std::sin({})", "cos": "std::cos({})", "sign": f"{SIGN}({{}})", "sqrt": "std::sqrt({})"}
         found = naming(project, self.scope)
         reserved = C_RESERVED | {SIGN, _OUTER, self.name, self.part}
         self.prepare(Naming(shadowing(found, reserved), found.sizes), Syntax(calls=calls))
@@ -113,7 +113,7 @@ class _Source(CFamily):
     def _source(self) -> str:
         operations = self.operations
         lines = [*self._first(), f'#include "{self.name}.hpp"', ""]
-        lines += ["#include <cmath>", ""] if operations & {"sin", "cos"} else []
+        lines += ["#include <cmath>", ""] if operations & {"sin", "cos", "sqrt"} else []
         lines += [f"namespace {self.namespace} {{", ""]
         if "sign" in operations:
             lines += [

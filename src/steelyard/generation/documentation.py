@@ -93,6 +93,7 @@ def operations_line(function: Function) -> str:
         "sin": ("sine", "sines"),
         "cos": ("cosine", "cosines"),
         "sign": ("sign", "signs"),
+        "sqrt": ("square root", "square roots"),
     }
     count = function.operation_count
     parts = [f"{count[kind]} {word[count[kind] > 1]}" for kind, word in words.items() if count[kind]]

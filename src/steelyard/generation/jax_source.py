@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import TYPE_CHECKING, ClassVar
 
+from .assignments import CALLS
 from .naming import NamedFunction
 from .python_project import PythonProject, shape_literal
 from .schedule import Schedule, prefers_vectors, schedule
@@ -54,6 +55,7 @@ _OPERATIONS: dict[str, Callable[..., jax.Array]] = {
     "sin": jnp.sin,
     "cos": jnp.cos,
     "sign": jnp.sign,
+    "sqrt": jnp.sqrt,
 }
 
 
@@ -111,7 +113,7 @@ class _JaxProject(PythonProject):
     requirements = ("jax>=0.4.30",)
     python = "3.10"
     reserved = frozenset(_RESERVED.split())
-    calls: ClassVar[dict[str, str]] = {"sin": "jnp.sin({})", "cos": "jnp.cos({})", "sign": "jnp.sign({})"}
+    calls: ClassVar[dict[str, str]] = {name: f"jnp.{name}({{}})" for name in CALLS}
 
     def __init__(self, project: Project) -> None:
         super().__init__(project)

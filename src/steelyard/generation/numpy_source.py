@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING, ClassVar
 
+from .assignments import CALLS
 from .naming import NamedFunction
 from .python_project import PythonProject, shape_literal
 
@@ -41,7 +42,7 @@ class _NumPyProject(PythonProject):
     title = "Python"
     requirements = ("numpy>=1.21",)
     reserved = frozenset({"np", "ArrayLike", "NDArray", "Array", "_columns"})
-    calls: ClassVar[dict[str, str]] = {"sin": "np.sin({})", "cos": "np.cos({})", "sign": "np.sign({})"}
+    calls: ClassVar[dict[str, str]] = {name: f"np.{name}({{}})" for name in CALLS}
 
     def introduction(self) -> list[str]:
         return [

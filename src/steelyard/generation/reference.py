@@ -124,6 +124,9 @@ def _rounding_bounds(function: Function, rows: Mapping[str, NDArray[np.float64]]
             value, rounding = -a, 0.0
         elif kind == "sign":
             value, error, rounding = np.sign(a), nothing, 0.0
+        elif kind == "sqrt":
+            value = np.sqrt(a)
+            error, rounding = error / (2.0 * value), 2.0 * _EPSILON
         elif kind in ("sin", "cos"):
             value, error, rounding = (np.sin(a) if kind == "sin" else np.cos(a)), error, 2.0 * _EPSILON
         else:

@@ -15,6 +15,7 @@ from .naming import NamedFunction, naming, project_name
 from .partition import Part, Store, partition
 from .readme import readme
 from .reference import Reference
+from .rust_square_root import SQUARE_ROOT
 from .rust_trigonometry import TRIGONOMETRY
 from .shadowing import shadowing
 from .text import Names, markdown_text, marker, number, number_lines, wrapped_lines
@@ -62,6 +63,7 @@ class _Source:
                 "sin": "trigonometry::sin_cos({}).0",
                 "cos": "trigonometry::sin_cos({}).1",
                 "sign": f"{_SIGN}({{}})",
+                "sqrt": "square_root::sqrt({})",
             },
             pair=("({}, {})", "trigonometry::sin_cos({})"),
         )
@@ -82,6 +84,9 @@ class _Source:
         if self.operations & {"sin", "cos"}:
             described["src/trigonometry.rs"] = "sine and cosine with and without the standard library"
             result["src/trigonometry.rs"] = f"// {marker(self.project.version)}{TRIGONOMETRY}"
+        if "sqrt" in self.operations:
+            described["src/square_root.rs"] = "square root with and without the standard library"
+            result["src/square_root.rs"] = f"// {marker(self.project.version)}{SQUARE_ROOT}"
         text = readme(self.project, "Rust", described, self._use(), self.functions, self.syntax.element)
         return {**result, "README.md": text}
 
@@ -97,7 +102,7 @@ class _Source:
                 "",
                 "[features]",
                 'default = ["std"]',
-                "# Sine and cosine of the standard library; without it, the crate's own.",
+                "# Sine, cosine and square root of the standard library; without it, the crate's own.",
                 "std = []",
                 "",
             ]
@@ -123,6 +128,7 @@ class _Source:
             "#![allow(non_snake_case, clippy::all, rustdoc::bare_urls)]",
             "",
         ]
+        lines += ["mod square_root;", ""] if "sqrt" in self.operations else []
         lines += ["mod trigonometry;", ""] if self.operations & {"sin", "cos"} else []
         for size in self.sizes.declared:
             lines += wrapped_lines([markdown_text(size.description)], "/// ") if size.description else []

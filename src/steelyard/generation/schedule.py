@@ -26,7 +26,7 @@ class Step:
     Attributes
     ----------
     operation : str
-        ``"add"``, ``"mul"``, ``"div"``, ``"neg"``, ``"sin"``, ``"cos"`` or ``"sign"``.
+        ``"add"``, ``"mul"``, ``"div"``, ``"neg"``, ``"sin"``, ``"cos"``, ``"sign"`` or ``"sqrt"``.
     first : ndarray
         (k,) places of the first operands.
     second : ndarray or None

@@ -10,6 +10,7 @@ from .expression import evaluate as evaluate
 from .expression import operation_count as operation_count
 from .expression import sign as sign
 from .expression import sin as sin
+from .expression import sqrt as sqrt
 from .function import Argument as Argument
 from .function import Function as Function
 from .function import Output as Output
@@ -30,4 +31,5 @@ __all__ = [
     "operation_count",
     "sign",
     "sin",
+    "sqrt",
 ]

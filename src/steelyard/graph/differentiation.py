@@ -28,6 +28,8 @@ def _local(node: Node) -> list[tuple[Node, Node | float]]:
         return [(a, cos(a))]
     if kind == "cos":
         return [(a, -sin(a))]
+    if kind == "sqrt":
+        return [(a, 0.5 / node)]
     return []  # the sign is taken as constant
 
 

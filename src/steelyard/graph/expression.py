@@ -14,9 +14,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-__all__ = ["Graph", "Node", "cos", "evaluate", "operation_count", "reachable", "sign", "sin"]
+__all__ = ["Graph", "Node", "cos", "evaluate", "operation_count", "reachable", "sign", "sin", "sqrt"]
 
-_UNARY = {"neg", "sin", "cos", "sign"}
+_UNARY = {"neg", "sin", "cos", "sign", "sqrt"}
 
 
 class Node:
@@ -30,8 +30,8 @@ class Node:
     index : int
         Order of creation; the arguments of a node have smaller indices.
     operation : str
-        ``"input"``, ``"constant"``, ``"add"``, ``"sub"``, ``"mul"``, ``"div"``, ``"neg"``, ``"sin"``, ``"cos"`` or
-        ``"sign"``.
+        ``"input"``, ``"constant"``, ``"add"``, ``"sub"``, ``"mul"``, ``"div"``, ``"neg"``, ``"sin"``, ``"cos"``,
+        ``"sign"`` or ``"sqrt"``.
     arguments : tuple of Node
     value : float or str
         The number of a constant, the name of an input, otherwise ``""``.
@@ -228,12 +228,12 @@ class Graph:
         return self._make(("neg", a.index), "neg", (a,))
 
     def function(self, name: str, a: Node) -> Node:
-        """Return ``sin(a)``, ``cos(a)`` or ``sign(a)``."""
+        """Return ``sin(a)``, ``cos(a)``, ``sign(a)`` or ``sqrt(a)``; a root of a negative constant is an error."""
         if a.operation == "constant":
             number = _number(a)
             value = float(np.sign(number)) if name == "sign" else getattr(math, name)(number)
             return self.constant(value)
-        if a.operation == "neg":
+        if a.operation == "neg" and name != "sqrt":
             inner = self.function(name, a.arguments[0])
             return inner if name == "cos" else self.neg(inner)
         return self._make((name, a.index), name, (a,))
@@ -266,6 +266,11 @@ def sign(a: Node) -> Node:
     return a.graph.function("sign", a)
 
 
+def sqrt(a: Node) -> Node:
+    """Return the square root of a node."""
+    return a.graph.function("sqrt", a)
+
+
 def reachable(outputs: Iterable[Node]) -> list[Node]:
     """Return the nodes that the outputs need, arguments before their users."""
     seen: dict[int, Node] = {}
@@ -288,7 +293,7 @@ def operation_count(outputs: Iterable[Node]) -> dict[str, int]:
     Returns
     -------
     dict
-        ``"mul"``, ``"add"`` (with subtractions), ``"div"``, ``"neg"``, ``"sin"``, ``"cos"`` and ``"sign"``.
+        ``"mul"``, ``"add"`` (with subtractions), ``"div"``, ``"neg"``, ``"sin"``, ``"cos"``, ``"sign"`` and ``"sqrt"``.
 
     Examples
     --------
@@ -297,7 +302,7 @@ def operation_count(outputs: Iterable[Node]) -> dict[str, int]:
     >>> operation_count([x * y + x, x * y])["mul"]
     1
     """
-    count = dict.fromkeys(("mul", "add", "div", "neg", "sin", "cos", "sign"), 0)
+    count = dict.fromkeys(("mul", "add", "div", "neg", "sin", "cos", "sign", "sqrt"), 0)
     for node in reachable(outputs):
         if node.operation in ("add", "sub"):
             count["add"] += 1
@@ -322,7 +327,13 @@ def evaluate(outputs: Sequence[Node], values: Mapping[str, Any]) -> list[NDArray
     """
     results: dict[int, Any] = {}
     binary = {"add": np.add, "sub": np.subtract, "mul": np.multiply, "div": np.divide}
-    unary: dict[str, Callable[[Any], Any]] = {"neg": np.negative, "sin": np.sin, "cos": np.cos, "sign": _real_sign}
+    unary: dict[str, Callable[[Any], Any]] = {
+        "neg": np.negative,
+        "sin": np.sin,
+        "cos": np.cos,
+        "sign": _real_sign,
+        "sqrt": np.sqrt,
+    }
     for node in reachable(outputs):
         if node.operation == "constant":
             results[node.index] = node.value

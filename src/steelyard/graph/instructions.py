@@ -68,7 +68,7 @@ class Instructions:
         return [
             f"declare {it.type} @llvm.{name}.{it._suffix}({it.type}, {it.type}, {it.type})"
             for name in ("fma", "fmuladd")
-        ]
+        ] + [f"declare {it.type} @llvm.sqrt.{it._suffix}({it.type})"]
 
     def new(self, instruction: str) -> str:
         """Append an instruction and return the name of its result."""
@@ -128,6 +128,10 @@ class Instructions:
         positive = self._select(self.new(f"fcmp ogt {self.type} {x}, {zero}"), one, zero)
         below = self._select(self.new(f"fcmp olt {self.type} {x}, {zero}"), self.constant(-1.0), positive)
         return self._select(self.new(f"fcmp uno {self.type} {x}, {x}"), x, below)
+
+    def square_root(self, x: str) -> str:
+        """Return the square root, rounded once; what is not a number for a negative one."""
+        return self.new(f"call {self.type} @llvm.sqrt.{self._suffix}({self.type} {x})")
 
     def sine_and_cosine(self, x: str) -> tuple[str, str]:
         """Return both, within 1.5 units in the last place: a polynomial of the distance to the nearest quarter turn."""

@@ -283,6 +283,8 @@ def plain_operation(it: Instructions, node: Node, values: list[str], pairs: dict
         return it.negative(values[0])
     if kind == "sign":
         return it.sign(values[0])
+    if kind == "sqrt":
+        return it.square_root(values[0])
     angle = node.arguments[0].index
     if angle not in pairs:
         pairs[angle] = it.sine_and_cosine(values[0])

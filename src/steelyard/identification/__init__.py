@@ -10,6 +10,8 @@ from .result import Trace as Trace
 from .saved import check_certificate as check_certificate
 from .saved import check_estimate as check_estimate
 from .saved import correct_estimate as correct_estimate
+from .saved import parameters_for_source as parameters_for_source
+from .saved import parameters_of_description as parameters_of_description
 from .saved import parameters_of_estimate as parameters_of_estimate
 
 __all__ = [
@@ -23,5 +25,7 @@ __all__ = [
     "demonstrate",
     "explain_estimate",
     "identify",
+    "parameters_for_source",
+    "parameters_of_description",
     "parameters_of_estimate",
 ]

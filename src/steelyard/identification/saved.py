@@ -30,6 +30,8 @@ __all__ = [
     "check_estimate",
     "correct_estimate",
     "matching_estimate",
+    "parameters_for_source",
+    "parameters_of_description",
     "parameters_of_estimate",
     "set_and_estimate",
 ]
@@ -238,3 +240,58 @@ def parameters_of_estimate(model: Model, estimate: str | Path, *, base: bool = F
     if loaded.parameters is None:
         raise InputError(f"{estimate}: holds base parameters alone; use --base, or identify with a feasible method.")
     return loaded.parameters
+
+
+def parameters_of_description(model: Model, *, base: bool = False) -> NDArray[np.float64]:
+    """Return the values of the description (CAD), with zeros for friction and rotors of which it says nothing.
+
+    Parameters
+    ----------
+    model : Model
+    base : bool
+        The base parameters instead of the standard ones.
+
+    Returns
+    -------
+    ndarray
+        (n,), or (n_b,).
+
+    Raises
+    ------
+    InputError
+        If the description leaves the inertia of a link open.
+    """
+    values = np.array(model.robot.parameters)
+    for link, columns in zip(model.robot.links, model.link_columns, strict=True):
+        if np.isnan(values[columns]).any():
+            raise InputError(
+                f"{model.robot.name}: the description gives no inertia for the link {link.name!r}; give an estimate."
+            )
+    values = np.nan_to_num(values)
+    return model.base_parameters().values(values) if base else values
+
+
+def parameters_for_source(
+    model: Model, estimate: str | Path | None, *, cad: bool, base: bool = False
+) -> NDArray[np.float64] | None:
+    """Return the numbers that stand in generated source: of an estimate, of the description, or none.
+
+    Parameters
+    ----------
+    model : Model
+    estimate : str or Path or None
+    cad : bool
+        The description's own values.
+    base : bool
+        The base parameters instead of the standard ones.
+
+    Raises
+    ------
+    InputError
+        If both are asked for, or the values cannot be used.
+    """
+    if cad and estimate is not None:
+        raise InputError("Give either an estimate or --cad: the source holds one set of numbers.")
+    if cad:
+        return parameters_of_description(model, base=base)
+    return None if estimate is None else parameters_of_estimate(model, estimate, base=base)
