@@ -287,3 +287,16 @@ def test_generate_holds_the_description_and_a_smooth_sign(run, place):
     both = ("--cad", "--estimate", place / "x.json", "--language", "c", "-o", place / "y")
     code, _, err = run("generate", place / "pair.urdf", *both)
     assert (code, "either an estimate or --cad" in err) == (2, True)
+
+
+def test_inspect_keeps_long_names_whole(run, tmp_path):
+    name = "the_left_shoulder_joint_of_a_robot_with_many_long_names"
+    path = tmp_path / "long.urdf"
+    path.write_text(
+        f'''<robot name="long"><link name="base"/><link name="{name}_link"/>
+        <joint name="{name}" type="revolute"><parent link="base"/><child link="{name}_link"/><axis xyz="0 0 1"/>
+        <limit lower="-1" upper="1" effort="1" velocity="1"/></joint></robot>'''
+    )
+    code, out, err = run("inspect", path)
+    assert code == 0, err
+    assert any(f"{name} " in line and f"{name}_link" in line for line in out.splitlines())

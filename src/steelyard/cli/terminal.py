@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Literal
 import numpy as np
 
 if TYPE_CHECKING:
+    from rich.console import Console
     from rich.table import Table
 
     from steelyard.dynamics import Model
@@ -43,6 +44,16 @@ def _table(*columns: str) -> Table:
     return table
 
 
+def _show(console: Console, table: Table) -> None:
+    """Print a table as wide as its words are: names stay whole on narrow terminals and in pipes."""
+    from rich.measure import Measurement
+
+    width = console.width
+    console.width = max(width, Measurement.get(console, console.options.update(max_width=10_000), table).maximum)
+    console.print(table)
+    console.width = width
+
+
 def show_identification(result: Identification) -> None:
     """Print verdict, errors per joint, infeasible links and remarks."""
     from rich.console import Console
@@ -61,7 +72,7 @@ def show_identification(result: Identification) -> None:
         for name, before, after in pairs:
             table.add_row(Text(name), f"{before:.2%}", f"{after:.2%}")
         table.add_row("all", f"{prediction.unconstrained_error:.2%}", f"{prediction.feasible_error:.2%}", style="bold")
-        console.print(table)
+        _show(console, table)
     console.print(Text("Plain least squares: " + str(result.verdict)), soft_wrap=True)
     mass = result.total_mass
     console.print(
@@ -100,7 +111,7 @@ def show_model(model: Model, consistency: Literal["full", "inertia"]) -> None:
         name = joint.name if joint.mimics is None else f"{joint.name} (mimics {joint.mimics})"
         cells = [f"{x:.4g}" if np.isfinite(x) else "-" for x in numbers]
         table.add_row(Text(name), joint.kind, Text(link.name), mass, *cells)
-    console.print(table)
+    _show(console, table)
     console.print(Text(f"Terms: {', '.join(t.kind for t in robot.terms) or 'none'}"), soft_wrap=True)
     symbols = (*INERTIA_SYMBOLS, *(p.symbol for term in robot.terms for p in term.parameters))
     console.print(Text(f"Parameters of each link and its joint, with its number: {' '.join(symbols)}"), soft_wrap=True)
@@ -118,7 +129,7 @@ def show_model(model: Model, consistency: Literal["full", "inertia"]) -> None:
         ("base regressor", model.operation_count("regressor", base=True)),
     ):
         table.add_row(label, str(count["mul"]), str(count["add"]), str(count["sin"] + count["cos"]))
-    console.print(table)
+    _show(console, table)
     parameters = np.asarray(robot.parameters)
     links = np.concatenate([np.arange(c[0], c[0] + 10) for c in model.link_columns])
     if np.isnan(parameters[links]).any():
