@@ -1,0 +1,79 @@
+"""Charts: what they hold, and that a real browser draws them."""
+
+import json
+import re
+import shutil
+import subprocess
+from pathlib import Path
+
+import lxml.html
+import numpy as np
+import pytest
+
+import steelyard as sy
+from steelyard.report import Chart, Curve, Section, charts_markup, html_document, write_text
+
+QUIET = (
+    "--headless",
+    "--no-sandbox",
+    "--disable-gpu",
+    "--no-first-run",
+    "--disable-background-networking",
+    "--virtual-time-budget=10000",
+    "--enable-logging=stderr",
+)
+
+
+def example() -> str:
+    x = np.linspace(0.0, 10.0, 20_001)
+    y = np.sin(x)
+    y[12_345] = 40.0
+    y[3] = np.nan
+    charts = [
+        Chart("One & only <peak>", "time, s", "rad", (Curve("q", x, y), Curve("reference", x, np.sin(x), "dashed", 0))),
+        Chart("Decay", "links", "time, s", (Curve("a", [1, 2, 3], [1.0, 0.1, 0.001], "points"),), y_log=True),
+    ]
+    content = charts_markup(charts, identifier="some")
+    return html_document(
+        "t", "kind", "<Robot>", charts_markup([], identifier="none"), [Section("s", "S", content)], script="charts.js"
+    )
+
+
+def test_long_curves_keep_their_peaks_and_text_is_escaped() -> None:
+    text = example()
+    page = lxml.html.fromstring(text)
+    assert page.xpath("//figcaption")[0].text == "One & only <peak>"
+    data = json.loads(page.xpath('//script[@data-for="some"]')[0].text)
+    first = data[0]["curves"][0]
+    assert max(value for value in first["y"] if value is not None) == 40.0
+    assert len(first["x"]) <= 1502
+    assert (first["x"][0], first["x"][-1]) == (0.0, 10.0)
+    assert data[0]["curves"][1]["color"] == 0
+    assert data[1]["yLog"] is True
+    assert not re.findall(r'(?:src|href)="https?:', text)
+
+
+def test_what_cannot_be_drawn_is_refused(tmp_path: Path) -> None:
+    with pytest.raises(sy.InputError, match="one shape"):
+        Curve("q", [0.0, 1.0], [0.0])
+    with pytest.raises(sy.InputError, match="style must be"):
+        Curve("q", [0.0], [0.0], "dotted")
+    with pytest.raises(sy.InputError, match="cannot be written"):
+        write_text("x", tmp_path / "missing" / "page.html")
+
+
+@pytest.mark.slow
+def test_charts_are_drawn(tmp_path: Path) -> None:
+    browser = shutil.which("chromium") or shutil.which("google-chrome")
+    if browser is None:
+        pytest.skip("no Chromium is installed")
+    page = tmp_path / "page.html"
+    write_text(example(), page)
+    command = [browser, *QUIET, f"--user-data-dir={tmp_path / 'profile'}", "--dump-dom", page.as_uri()]
+    done = subprocess.run(command, capture_output=True, text=True, timeout=120, check=True)
+    assert not re.findall(r".*CONSOLE.*", done.stderr)
+    drawn = lxml.html.fromstring(done.stdout)
+    assert drawn.get("data-figures") == "drawn"
+    lines = drawn.get_element_by_id("some-0").xpath(".//*[contains(@class, 'js-line')]/@d")
+    assert len(lines) == 2
+    assert drawn.get_element_by_id("some-1").xpath(".//*[contains(@class, 'point')]")
