@@ -73,6 +73,7 @@ def test_charts_are_drawn(tmp_path: Path) -> None:
     assert not re.findall(r".*CONSOLE.*", done.stderr)
     drawn = lxml.html.fromstring(done.stdout)
     assert drawn.get("data-figures") == "drawn"
-    lines = drawn.get_element_by_id("some-0").xpath(".//*[contains(@class, 'scatterlayer')]//*[contains(@class, 'js-line')]/@d")
+    layer = ".//*[contains(@class, 'scatterlayer')]"
+    lines = drawn.get_element_by_id("some-0").xpath(f"{layer}//*[contains(@class, 'js-line')]/@d")
     assert len(lines) == 2
     assert drawn.get_element_by_id("some-1").xpath(".//*[contains(@class, 'point')]")
