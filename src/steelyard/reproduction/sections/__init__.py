@@ -1,0 +1,3 @@
+"""The sections, one file each, with a `SECTION`."""
+
+__all__: list[str] = []
