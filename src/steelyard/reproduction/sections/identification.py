@@ -18,8 +18,8 @@ _SEED = 44
 _REMARK = (
     "The recordings of the thesis are not published. Here the arm is simulated on trajectories A and B, with CAD "
     "parameters and friction of the order of table 4.9 as the truth, and with errors of the torques of the order of "
-    "tables 4.6 and 4.7. These numbers stand beside the published ones for comparison; they do not count as values that "
-    "agree or not."
+    "tables 4.6 and 4.7. These numbers stand beside the published ones for comparison; they do not count as values "
+    "that agree or not."
 )
 _NAMES = {
     "WLS": "WLS",
