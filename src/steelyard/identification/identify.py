@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from steelyard.dynamics import Model
 from steelyard.errors import InputError
 from steelyard.feasibility import FeasibleSet, check, constraints_from_dict, fit
-from steelyard.recording import LogColumns, Processing, Recording, Samples, process_chunks
+from steelyard.recording import CutoffChoice, LogColumns, Processing, Recording, Samples, process_chunks
 from steelyard.regression import Estimate, Information, least_squares
 from steelyard.robot import RobotFile
 
@@ -131,6 +131,7 @@ def identify(
             "processing": reader.processing.to_dict(),
             "constraints": file.section("constraints"),
         },
+        cutoff_choices=tuple(reader.cutoff_choices),
     )
 
 
@@ -143,6 +144,7 @@ class _Reader:
         self.columns = LogColumns.from_dict(file.section("log"), f"{file.path}, [log]")
         self.processing = Processing.from_dict(file.section("processing"), f"{file.path}, [processing]")
         self.remarks: list[str] = []
+        self.cutoff_choices: list[tuple[str, CutoffChoice]] = []
         self.description = dict(file.description)
 
     def reduce(self, log: str | Path) -> tuple[Information, _Thinned]:
@@ -167,15 +169,17 @@ class _Reader:
                 )
                 first = False
             self.remarks.extend(f"{log}: {remark}" for remark in samples.remarks)
+            if samples.cutoff_choice is not None:
+                self.cutoff_choices.append((str(log), samples.cutoff_choice))
             thinned.add(samples)
             yield samples
 
     def _samples(self, log: str | Path) -> Iterator[Samples]:
         joints = list(self.model.robot.joint_names)
-        if self.processing.resample:  # an uneven log has to be seen whole
-            yield self.processing.apply(Recording.read(log, self.columns, joints))
+        if self.processing.needs_whole_log:
+            yield self.processing.apply(Recording.read(log, self.columns, joints), self.model)
         else:
-            yield from process_chunks(log, self.columns, self.processing, self.chunk_rows, joints)
+            yield from process_chunks(log, self.columns, self.processing, self.chunk_rows, joints, self.model)
 
 
 class _Thinned:

@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from steelyard.dynamics import Model
 from steelyard.feasibility import FeasibleSet, Verdict
+from steelyard.recording import CutoffChoice
 from steelyard.regression import Estimate, Information
 
 __all__ = ["Identification", "Prediction", "Trace"]
@@ -91,6 +92,8 @@ class Identification:
         As they were given.
     options : dict
         All the choices, as plain data.
+    cutoff_choices : tuple of (str, CutoffChoice)
+        Log, and the evidence, where the cutoff of the position filter was chosen from the data.
     """
 
     model: Model
@@ -106,6 +109,7 @@ class Identification:
     logs: tuple[str, ...]
     validation_logs: tuple[str, ...]
     options: dict[str, object]
+    cutoff_choices: tuple[tuple[str, CutoffChoice], ...] = ()
 
     @property
     def total_mass(self) -> float:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -12,13 +12,17 @@ from steelyard.errors import InputError
 from steelyard.recording.checks import measured_velocity
 from steelyard.recording.columns import TIME_UNITS, LogColumns
 from steelyard.recording.conversion import Signals, convert
-from steelyard.recording.filtering import decimation_padding, filter_padding
+from steelyard.recording.filtering import decimation_padding
 from steelyard.recording.header import resolve
 from steelyard.recording.log_file import BLOCK_ROWS, LogFiles
+from steelyard.recording.plan import Plan, said
 from steelyard.recording.processing import Processing
 from steelyard.recording.recording import Recording, Source, log_columns, names_of, signals_fields, times
 from steelyard.recording.samples import Samples
 from steelyard.recording.timing import check_even, check_period
+
+if TYPE_CHECKING:
+    from steelyard.dynamics import Model
 
 __all__ = ["Chunk", "process_chunks", "read_chunks"]
 
@@ -110,7 +114,7 @@ class LogStream:
     def _recording(self, signals: Signals, first: int) -> Recording:
         t, _ = times(signals, self.columns, self.files, first, self.origin)
         return Recording(
-            **signals_fields(signals, t),
+            **signals_fields(signals, t, self.files.name),
             source=self.files.name,
             joint_names=self.joint_names,
             stated_rate=self.rate,
@@ -173,6 +177,7 @@ def process_chunks(
     processing: Processing | None = None,
     rows: int = CHUNK_ROWS,
     joints: int | Sequence[str] | None = None,
+    model: Model | None = None,
 ) -> Iterator[Samples]:
     """Process a log chunk by chunk; together the samples are those of the whole log (to about 1e-9).
 
@@ -185,43 +190,57 @@ def process_chunks(
     source, columns, joints
         As in `Recording.read`.
     processing
-        What to do; `cutoff = "auto"` chooses by the first `rows` rows of the log and says so.
+        What to do; what the data decides (`cutoff = "automatic"` or "auto", `delay = "automatic"`, the levels of
+        `saturation`, the tolerance of `stiction`) is chosen by the first `rows` rows of the log, and said.
     rows
         Rows of the log in a chunk.
+    model
+        By which `delay = "automatic"` is estimated; without it by the signals.
 
     Raises
     ------
     InputError
-        As in `Recording.read` and `Processing.apply`; and for `resample`, which needs the log whole. That a torque is
-        stuck or that nothing moves is only known, and said, at the end.
+        As in `Recording.read` and `Processing.apply`; and for `resample`, the filter "fourier" and `average`, which
+        need the log whole. That a torque is stuck or that nothing moves is only known, and said, at the end.
     """
     rows = _positive_rows(rows)
     processing = Processing() if processing is None else processing
     if processing.resample is not False:
         raise InputError("`resample` in [processing] needs the log whole; read it whole, or resample it beforehand.")
+    if processing.needs_whole_log:
+        raise InputError(
+            f"the filter {processing.filter.kind!r} in [processing] needs the log whole, in memory; read it with "
+            "Recording.read and process it, or use another filter."
+        )
     stream = LogStream(source, columns, joints)
     begin, end = processing.kept_rows(stream.count, stream.rate, stream.files.name)
     head = next(stream.spans([Span(0, 0, 0, min(rows, stream.count))]))
     check_period(head.t, head.source)
-    processing, choice = processing.fixed_cutoff(head)
-    if choice:
-        choice = (f"{choice[0]} (Chosen by the first {head.count} rows.)",)
-    remarks = (*measured_velocity(head), *choice)
+    plan = Plan.settled(processing, head, model)
+    chosen = tuple(f"{remark} (Chosen by the first {head.count} rows.)" for remark in plan.remarks)
+    remarks = (*measured_velocity(head), *chosen)
     inner = decimation_padding(processing.decimate)
     inner += -inner % processing.step
-    outer = _filter_rows(processing, stream.rate)
+    outer = plan.padding(stream.rate)
     step = processing.step
     size = max(step, rows - rows % step)
     own = [(start, min(start + size, end)) for start in range(begin, end, size)]
     kept = [(max(begin, start - inner), min(end, stop + inner)) for start, stop in own]
     spans = [_padded(first, last, outer, 0, stream.count) for first, last in kept]
     extremes = _Extremes()
+    counts: dict[str, Any] = {}
+    even = not plan.filter.takes_uneven_times or bool(processing.decimate) or processing.torque_cutoff is not None
+    even = even or bool(np.any(plan.delay != 0.0))
     for (start, stop), span, recording in zip(own, spans, stream.spans(spans), strict=True):
         extremes.add(recording)
-        notes = (*remarks, *check_even(recording))
-        samples = processing.rows(recording, span.start - span.first, span.stop - span.first, remarks=notes)
+        notes = (*remarks, *(check_even(recording) if even else ()))
+        samples, flags = plan.rows(recording, span.start - span.first, span.stop - span.first)
         remarks = ()
         cut = slice((start - span.start) // step, (start - span.start) // step + -(-(stop - start) // step))
+        for name, flagged in flags.items():
+            counts[name] = counts.get(name, 0) + flagged[cut].sum(axis=0)
+        if stop == end:
+            notes = (*notes, *said(counts))
         yield Samples(
             q=samples.q[cut],
             dq=samples.dq[cut],
@@ -229,7 +248,8 @@ def process_chunks(
             torque=samples.torque[cut],
             mask=None if samples.mask is None else samples.mask[cut],
             t=None if samples.t is None else samples.t[cut],
-            remarks=samples.remarks,
+            remarks=notes,
+            cutoff_choice=samples.cutoff_choice if start == begin else None,
         )
     extremes.judge(processing, head)
 
@@ -256,13 +276,6 @@ class _Extremes:
         if extremes.shape[1]:
             low, high = np.minimum(low, extremes[0]), np.maximum(high, extremes[1])
         return np.stack([low, high])
-
-
-def _filter_rows(processing: Processing, rate: float) -> int:
-    """Rows of surroundings that the filters and the derivatives need."""
-    cutoffs = [cutoff for cutoff in (processing.cutoff, processing.torque_cutoff) if isinstance(cutoff, float)]
-    padding = [filter_padding(rate, cutoff, processing.order) for cutoff in cutoffs if cutoff < rate / 2.0]
-    return max(padding, default=0) + 4
 
 
 def _padded(start: int, stop: int, padding: int, first: int, last: int) -> Span:

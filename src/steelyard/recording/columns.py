@@ -64,6 +64,9 @@ class LogColumns(Section):
         Drive gains from current to torque, one per torque column.
     torque_sign
         +1 or -1, one for all or one per joint.
+    missing
+        What to do where positions or torques are missing, NaN or infinite: "refuse" the log, or "fill" them by
+        interpolation and leave their rows out of the samples.
 
     Examples
     --------
@@ -88,6 +91,7 @@ class LogColumns(Section):
     torque_matrix: Matrix | None = None
     gain: Vector | None = None
     torque_sign: float | Vector | None = None
+    missing: str = "refuse"
 
     def _clean(self, where: str) -> None:
         """Check every value and bring it into its stored form."""
@@ -110,6 +114,8 @@ class LogColumns(Section):
         store("position_offset", _vector)
         store("gain", _vector)
         store("torque_sign", _signs)
+        if self.missing not in ("refuse", "fill"):
+            raise InputError(f"{where}, key 'missing', is {self.missing!r}; it must be 'refuse' or 'fill'.")
         units = (self.torque_unit,) if isinstance(self.torque_unit, str) else self.torque_unit
         if self.gain is None and any(unit in CURRENT_UNITS for unit in units):
             raise InputError(

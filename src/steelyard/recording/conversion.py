@@ -64,7 +64,14 @@ def convert(raw: Columns, layout: Layout, columns: LogColumns, where: Callable[[
     InputError
         For values that are missing, NaN or infinite, and where a list in [log] has the wrong length.
     """
-    _require_numbers(raw, layout.names, where, source)
+    needed: Sequence[str] = layout.names
+    if columns.missing == "fill":
+        needed = [name for name in layout.names if name == layout.time]
+        raw = {
+            name: values if name in needed else np.where(np.isfinite(values), values, np.nan)
+            for name, values in raw.items()
+        }
+    _require_numbers(raw, needed, where, source)
     velocity_unit = columns.velocity_unit
     if velocity_unit is None:
         unit = columns.position_unit
@@ -102,7 +109,8 @@ def _require_numbers(raw: Columns, names: Sequence[str], where: Callable[[int], 
     others = f" and {len(bad) - 1} other columns" if len(bad) > 1 else ""
     raise InputError(
         f"{source} has no finite number in column {name!r}{others} in {np.count_nonzero(rows)} of {rows.size} rows, "
-        f"first on {where(first)} ({_spell(raw[name][first])}); remove those rows, or split the log there."
+        f"first on {where(first)} ({_spell(raw[name][first])}); remove those rows, split the log there, or state "
+        '`missing = "fill"` in [log].'
     )
 
 

@@ -3,45 +3,56 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from math import ceil, prod
-from typing import TYPE_CHECKING, Any, Self
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from steelyard.errors import InputError
 from steelyard.recording.checks import stuck_torques
 from steelyard.recording.columns import number
-from steelyard.recording.filtering import automatic_cutoff, decimate, first_derivative, low_pass
+from steelyard.recording.filters import Butterworth, MotionFilter, filter_from
 from steelyard.recording.samples import Samples
 from steelyard.recording.section import Section
-from steelyard.recording.timing import check_even, resampled
+from steelyard.recording.timing import resampled
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
+    from steelyard.dynamics import Model
     from steelyard.recording.recording import Recording
 
 __all__ = ["Processing"]
+
+BUTTERWORTH = Butterworth()
+CHOSEN = ("auto", "automatic")
+"""Words for a cutoff that the data decides."""
 
 
 @dataclass(frozen=True)
 class Processing(Section):
     """How a recording becomes samples (thesis, section 4.3.3): the `[processing]` section of robot.toml.
 
-    The steps, in this order: even sampling is checked (or made), positions are filtered without phase shift, velocities
-    and accelerations derived by central differences, ends trimmed, everything decimated, rows of slow joints masked.
+    The steps, in this order: even sampling is checked (or made), torques are moved by the delay, positions are filtered
+    without phase shift and derived, ends trimmed, everything decimated, rows that are not to be used masked.
 
     Parameters
     ----------
     cutoff
-        Cutoff of the position filter in Hz; "auto" takes ten times the motion's dynamic frequency (see
-        `motion_frequency`), None (in TOML: "none") does not filter.
+        Cutoff of the position filter in Hz; "automatic" chooses it from the data (see `choose_cutoff`), "auto" by a
+        rule of thumb, ten times the motion's dynamic frequency (see `motion_frequency`); None (in TOML: "none") does
+        not filter.
     order
         Order of the Butterworth filter, which is applied forwards and backwards.
+    filter
+        Of the positions: "butterworth", "savitzky_golay", "kalman", "fourier", or a table with that `kind` and
+        options of its own (see the classes `Butterworth`, `SavitzkyGolay`, `KalmanSmoother`, `FourierFit`).
+    average
+        True averages torques over the periods of the motion, and leaves one period (filter "fourier" alone).
     velocity
         "derive" differentiates the positions twice; "measured" filters the measured velocities like the positions and
-        differentiates them once.
+        differentiates them once (filter "butterworth" alone).
     torque_cutoff
         Cutoff of the same filter on the torques; None leaves them as they are.
     trim
@@ -53,13 +64,24 @@ class Processing(Section):
         Rows of a joint slower than this (rad/s or m/s) are masked; one number or one per joint.
     exclude_joints
         Joints, by number from 1 or by name, whose torque is not used at all.
+    delay
+        Seconds by which torques are logged later than the motion, one number or one per joint; "automatic" estimates it
+        (see `estimate_delay`). Torques are moved back by it, by cubic interpolation between rows.
+    stiction
+        True masks rows of a joint at rest while its torque changes (see `find_stiction`); a number is the shortest
+        rest in s.
+    saturation
+        True masks rows of a joint at a level where its torque is clipped (see `find_saturation`); numbers are the
+        levels.
+    repeated
+        True masks rows that are copies of the row before (see `find_repeated`).
     resample
         True interpolates onto an even grid where the log is not even; a number is the rate of the grid in Hz.
     longest_gap
         Longest gap in s that resampling bridges; five sample periods by default. Rows inside are masked where two or
         more are missing.
     difference
-        "central", the only scheme so far.
+        "central", the only scheme of the Butterworth filter; the others have derivatives of their own.
 
     Examples
     --------
@@ -80,6 +102,12 @@ class Processing(Section):
     resample: bool | float = False
     longest_gap: float | None = None
     difference: str = "central"
+    filter: MotionFilter = BUTTERWORTH
+    average: bool = False
+    delay: float | tuple[float, ...] | str = 0.0
+    stiction: bool | float = False
+    saturation: bool | float | tuple[float, ...] = False
+    repeated: bool = False
 
     def _clean(self, where: str) -> None:
         def put(name: str, value: Any) -> None:
@@ -91,8 +119,9 @@ class Processing(Section):
         for name in ("cutoff", "torque_cutoff", "velocity_threshold", "longest_gap"):
             if getattr(self, name) == "none":
                 put(name, None)
-        if self.cutoff is not None and self.cutoff != "auto":
-            put("cutoff", _above(0.0, self.cutoff, key("cutoff"), 'a frequency in Hz, "auto" or "none"'))
+        if self.cutoff is not None and self.cutoff not in CHOSEN:
+            what = 'a frequency in Hz, "automatic", "auto" or "none"'
+            put("cutoff", _above(0.0, self.cutoff, key("cutoff"), what))
         if self.torque_cutoff is not None:
             put("torque_cutoff", _above(0.0, self.torque_cutoff, key("torque_cutoff"), 'a frequency in Hz or "none"'))
         if self.longest_gap is not None:
@@ -125,13 +154,43 @@ class Processing(Section):
         if not isinstance(self.resample, bool):
             put("resample", _above(0.0, self.resample, key("resample"), "true, false or a rate in Hz"))
 
+        self._clean_detection(put, key)
+
+    def _clean_detection(self, put: Callable[[str, Any], None], key: Callable[[str], str]) -> None:
+        put("filter", filter_from(self.filter, key("filter")))
+        kind = self.filter.kind
+        for name in ("average", "repeated"):
+            if not isinstance(getattr(self, name), bool):
+                raise InputError(f"{key(name)} is {getattr(self, name)!r}; it must be true or false.")
+        if self.average and (kind != "fourier" or self.decimate):
+            what = "does not go with `decimate`" if kind == "fourier" else 'goes with `filter = "fourier"` alone'
+            raise InputError(f"{key('average')} {what}; leave one of them out.")
+        if self.velocity == "measured" and kind != "butterworth":
+            raise InputError(
+                f'{key("velocity")} is "measured", which goes with the filter "butterworth" alone, not with {kind!r}.'
+            )
+        if self.delay != "automatic":
+            what = 'seconds, one number or one per joint, or "automatic"'
+            put("delay", _each(self.delay, key("delay"), lambda value: _above(-np.inf, value, key("delay"), what)))
+        if not isinstance(self.stiction, bool):
+            put("stiction", _above(0.0, self.stiction, key("stiction"), "true, false or the shortest rest in s"))
+        if not isinstance(self.saturation, bool):
+            what = "true, false, or levels in N·m or N"
+            name = "saturation"
+            put(name, _each(self.saturation, key(name), lambda value: _above(0.0, value, key(name), what)))
+
     @property
     def step(self) -> int:
         """How many rows of the log make one sample."""
         return prod(self.decimate)
 
-    def apply(self, recording: Recording) -> Samples:
-        """Turn a recording into samples.
+    @property
+    def needs_whole_log(self) -> bool:
+        """Whether a log must stand in memory as a whole; otherwise it may come chunk by chunk."""
+        return self.resample is not False or self.average or self.filter.needs_whole_log
+
+    def apply(self, recording: Recording, model: Model | None = None) -> Samples:
+        """Turn a recording into samples; with a model, `delay = "automatic"` is estimated by it.
 
         Raises
         ------
@@ -139,6 +198,8 @@ class Processing(Section):
             Where the sampling is uneven or has gaps, the recording is too short for the filters, trimming leaves
             nothing, an option does not fit the number of joints, or a torque sensor is stuck on a joint that moves.
         """
+        from steelyard.recording.plan import Plan
+
         self.check_torques(
             recording, recording.torque.min(axis=0), recording.torque.max(axis=0), np.ptp(recording.q, axis=0)
         )
@@ -146,17 +207,8 @@ class Processing(Section):
         if self.resample is not False:
             rate = None if isinstance(self.resample, bool) else self.resample
             recording, gaps = resampled(recording, rate, self.longest_gap)
-        fixed, remarks = self.fixed_cutoff(recording)
-        notes = (*recording.remarks, *check_even(recording), *remarks)
-        start, stop = self.kept_rows(recording.count, recording.rate, recording.source)
-        return fixed.rows(recording, start, stop, gaps=gaps, remarks=notes)
-
-    def fixed_cutoff(self, recording: Recording) -> tuple[Self, tuple[str, ...]]:
-        """Replace "auto" by the cutoff that `recording` asks for, and say so."""
-        if self.cutoff != "auto":
-            return self, ()
-        cutoff, remark = automatic_cutoff(recording)
-        return replace(self, cutoff=cutoff), (remark,)
+        plan = Plan.settled(self, recording, model)
+        return plan.whole(recording, gaps)
 
     def kept_rows(self, count: int, rate: float, source: str) -> tuple[int, int]:
         """The rows start:stop that trimming leaves of `count`."""
@@ -168,71 +220,6 @@ class Processing(Section):
                 "nothing; shorten `trim` in [processing]."
             )
         return start, stop
-
-    def rows(
-        self,
-        recording: Recording,
-        start: int,
-        stop: int,
-        gaps: NDArray[np.float64] | None = None,
-        remarks: tuple[str, ...] = (),
-    ) -> Samples:
-        """Process a recording whose sampling is known to be even; keep rows start:stop before decimation.
-
-        `self.cutoff` must not be "auto" here. Rows outside start:stop only feed the filters.
-        """
-        rate, source = recording.rate, recording.source
-        if recording.count < 3:
-            raise InputError(f"{source} has {recording.count} rows; derivatives need three at least.")
-        if self.velocity == "measured" and recording.velocity is None:
-            raise InputError(
-                f'{source} has no measured velocities; name them with `velocity` in [log] or use `velocity = "derive"`.'
-            )
-
-        def filtered(values: NDArray[np.float64], cutoff: float | str | None) -> NDArray[np.float64]:
-            if cutoff is None:
-                return values
-            assert not isinstance(cutoff, str)
-            return low_pass(values, rate, cutoff, self.order, source)
-
-        q = filtered(recording.q, self.cutoff)
-        if self.velocity == "measured":
-            assert recording.velocity is not None
-            dq = filtered(recording.velocity, self.cutoff)
-        else:
-            dq = first_derivative(q, rate)
-        ddq = first_derivative(dq, rate)
-        torque = filtered(recording.torque, self.torque_cutoff)
-        width = recording.joint_count
-        stacked = np.hstack([array[start:stop] for array in (q, dq, ddq, torque)])
-        stacked = decimate(stacked, self.decimate, source)
-        q, dq, ddq, torque = (stacked[:, k * width : (k + 1) * width] for k in range(4))
-        t = recording.t[start : stop : self.step]
-        mask = self.mask(recording, t, dq, gaps)
-        return Samples(q=q, dq=dq, ddq=ddq, torque=torque, mask=mask, t=t, remarks=remarks)
-
-    def mask(
-        self,
-        recording: Recording,
-        t: NDArray[np.float64],
-        dq: NDArray[np.float64],
-        gaps: NDArray[np.float64] | None = None,
-    ) -> NDArray[np.bool_] | None:
-        """(S, N) which rows of which joints are used; None where all are."""
-        width = recording.joint_count
-        mask = np.ones(dq.shape, dtype=bool)
-        if self.velocity_threshold is not None:
-            threshold = np.asarray(self.velocity_threshold)
-            if threshold.ndim == 1 and threshold.size != width:
-                raise InputError(
-                    f"{recording.source} has {width} joints but `velocity_threshold` in [processing] has "
-                    f"{threshold.size} values; give one number or one per joint."
-                )
-            mask &= np.abs(dq) >= threshold
-        mask[:, self.excluded(recording)] = False
-        for begin, end in () if gaps is None else gaps:
-            mask[(t > begin) & (t < end)] = False
-        return None if mask.all() else mask
 
     def excluded(self, recording: Recording) -> list[int]:
         """Indices of the excluded joints."""

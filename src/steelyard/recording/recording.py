@@ -15,6 +15,7 @@ from steelyard.errors import InputError
 from steelyard.recording.checks import against_limits, measured_velocity, standstill
 from steelyard.recording.columns import LogColumns
 from steelyard.recording.conversion import Signals, convert
+from steelyard.recording.filling import filled
 from steelyard.recording.header import resolve
 from steelyard.recording.log_file import LogFiles
 from steelyard.recording.samples import Samples, read_only_matrix, read_only_vector, require_finite
@@ -22,6 +23,10 @@ from steelyard.recording.timing import check_order, check_period
 
 if TYPE_CHECKING:
     from numpy.typing import ArrayLike, NDArray
+
+    from steelyard.recording.cutoff import CutoffChoice
+    from steelyard.recording.detection import Diagnosis, Intervals
+    from steelyard.recording.periodic import PeriodicAverage
 
 __all__ = ["Recording", "Source"]
 
@@ -50,6 +55,9 @@ class Recording:
         Sample rate in Hz where it is known better than from the stamps.
     first_row
         Number of rows of the log that come before the first row here, for messages.
+    position_missing, torque_missing
+        (S, N) booleans, true where the log had no value and one was filled in; such rows are left out of samples. None
+        where all are there.
 
     Raises
     ------
@@ -74,6 +82,8 @@ class Recording:
     remarks: tuple[str, ...] = ()
     stated_rate: float | None = None
     first_row: int = 0
+    position_missing: NDArray[np.bool_] | None = None
+    torque_missing: NDArray[np.bool_] | None = None
 
     def __post_init__(self) -> None:
         t = read_only_vector(self.t, f"`t` of {self.source}")
@@ -93,6 +103,10 @@ class Recording:
                 )
             require_finite(array, f"`{name}` of {self.source}")
             object.__setattr__(self, name, array)
+        for name in ("position_missing", "torque_missing"):
+            flags = getattr(self, name)
+            if flags is not None and (np.asarray(flags).dtype != np.bool_ or np.shape(flags) != shape):
+                raise InputError(f"`{name}` of {self.source} must be boolean of shape {shape}.")
         check_order(t, self.where, self.source)
         if self.joint_names is not None:
             names = tuple(self.joint_names)
@@ -141,7 +155,8 @@ class Recording:
         layout = resolve(files.names, columns, joints, files.name)
         signals = convert(files.read(layout.names), layout, columns, files.where, files.name)
         t, rate = times(signals, columns, files)
-        recording = cls(**signals_fields(signals, t), source=files.name, joint_names=names_of(joints), stated_rate=rate)
+        fields = signals_fields(signals, t, files.name)
+        recording = cls(**fields, source=files.name, joint_names=names_of(joints), stated_rate=rate)
         return recording.checked()
 
     @property
@@ -186,8 +201,16 @@ class Recording:
         """
         if self.count > 1:
             check_period(self.t, self.source)
-        found = (*measured_velocity(self), *standstill(self))
+        found = (*measured_velocity(self), *standstill(self), *self._filled())
         return replace(self, remarks=(*self.remarks, *found)) if found else self
+
+    def _filled(self) -> tuple[str, ...]:
+        counts = [
+            (0 if flags is None else int(flags.sum()), name)
+            for flags, name in ((self.position_missing, "positions"), (self.torque_missing, "torques"))
+        ]
+        words = " and ".join(f"{count} {name}" for count, name in counts if count)
+        return (f"{words[0].upper()}{words[1:]} are missing; they were filled in, and are not used.",) if words else ()
 
     def check_against(
         self,
@@ -225,6 +248,49 @@ class Recording:
         from steelyard.recording.processing import Processing
 
         return Processing.from_dict(options, "process()").apply(self)
+
+    @property
+    def missing(self) -> Intervals | None:
+        """Where the log had no position or no torque; None where all are there."""
+        from steelyard.recording.detection import Intervals
+
+        parts = [part for part in (self.position_missing, self.torque_missing) if part is not None]
+        return Intervals("missing in the log", np.logical_or.reduce(parts), self.t) if parts else None
+
+    def diagnose(self) -> Diagnosis:
+        """Look for everything that the numbers say about the log's quality, and change nothing.
+
+        Clock (jitter, gaps), resolution and noise of each channel, joints that stick, clipped torques, repeated rows,
+        missing values. The delay between channels is a matter of :func:`steelyard.recording.estimate_delay`.
+
+        Examples
+        --------
+        >>> t = np.arange(3000) / 1000
+        >>> torque = np.clip(8 * np.sin(5 * t), -6.0, 6.0)
+        >>> print(Recording(t=t, q=np.sin(2 * t)[:, None], torque=torque[:, None], source="sine").diagnose())
+        Diagnosis('sine': 1 findings)
+        Joint 1: ... rows in ... intervals are at a level where the torque is clipped, ...
+        """
+        from steelyard.recording.detection import diagnose
+
+        return diagnose(self)
+
+    def choose_cutoff(self, order: int = 3) -> CutoffChoice:
+        """Choose the cutoff of the position filter from the data; see :func:`steelyard.recording.choose_cutoff`."""
+        from steelyard.recording.cutoff import choose_cutoff
+
+        return choose_cutoff(self, order)
+
+    def average_periods(
+        self,
+        period: float | None = None,
+        harmonics: int | None = None,
+        trim: float | tuple[float, float] = 0.0,
+    ) -> PeriodicAverage:
+        """Average a periodic recording over its periods; see :func:`steelyard.recording.average_periods`."""
+        from steelyard.recording.periodic import average_periods
+
+        return average_periods(self, period, harmonics, trim)
 
     def save(self, path: str | os.PathLike[str]) -> Path:
         """Write to .npz, .csv or .parquet with the columns t, q1, …, dq1, …, ddq1, …, tau1, …; `read` takes it back.
@@ -269,15 +335,16 @@ def names_of(joints: int | Sequence[str] | None) -> tuple[str, ...] | None:
     return None if joints is None or isinstance(joints, int) else tuple(joints)
 
 
-def signals_fields(signals: Signals, t: NDArray[np.float64]) -> dict[str, Any]:
-    """Return the arrays of a Recording by field name."""
-    return {
-        "t": t,
-        "q": signals.q,
-        "torque": signals.torque,
-        "velocity": signals.velocity,
-        "acceleration": signals.acceleration,
-    }
+def signals_fields(signals: Signals, t: NDArray[np.float64], source: str) -> dict[str, Any]:
+    """Return the arrays of a Recording by field name, missing values filled."""
+    fields: dict[str, Any] = {"t": t, "position_missing": None, "torque_missing": None}
+    for name in ("q", "torque", "velocity", "acceleration"):
+        values, missing = filled(t, getattr(signals, name), "position" if name == "q" else name, source)
+        fields[name] = values
+        if missing is not None:
+            kind = "torque_missing" if name == "torque" else "position_missing"
+            fields[kind] = missing if fields[kind] is None else fields[kind] | missing
+    return fields
 
 
 def times(

@@ -14,6 +14,8 @@ from steelyard.errors import InputError
 if TYPE_CHECKING:
     from numpy.typing import ArrayLike, NDArray
 
+    from steelyard.recording.cutoff import CutoffChoice
+
 __all__ = ["Samples"]
 
 T = TypeVar("T", bound=np.generic)
@@ -35,6 +37,8 @@ class Samples:
         (S,) times in s, for plots; None where unknown.
     remarks
         What was found or chosen on the way to these samples, one sentence each.
+    cutoff_choice
+        The evidence, where the cutoff of the position filter was chosen from the data.
 
     The arrays are kept as read-only float64 in C order; an array that is so already is not copied.
 
@@ -57,6 +61,7 @@ class Samples:
     mask: NDArray[np.bool_] | None = None
     t: NDArray[np.float64] | None = None
     remarks: tuple[str, ...] = ()
+    cutoff_choice: CutoffChoice | None = None
 
     def __post_init__(self) -> None:
         shape: tuple[int, ...] | None = None
@@ -133,6 +138,7 @@ class Samples:
             mask=mask,
             t=np.concatenate(times) if len(times) == len(parts) else None,
             remarks=tuple(dict.fromkeys(remark for part in parts for remark in part.remarks)),
+            cutoff_choice=next((part.cutoff_choice for part in parts if part.cutoff_choice is not None), None),
         )
 
     def __repr__(self) -> str:

@@ -29,7 +29,13 @@ def save_recording(recording: Recording, path: Path) -> Path:
         "ddq": recording.acceleration,
         "tau": recording.torque,
     }
-    present = {name: array for name, array in arrays.items() if array is not None}
+    # What was filled in is no measurement, and is left out again.
+    gone = {"tau": recording.torque_missing, **dict.fromkeys(("q", "dq", "ddq"), recording.position_missing)}
+    present = {}
+    for key, values in arrays.items():
+        if values is not None:
+            flags = gone.get(key)
+            present[key] = values if flags is None else np.where(flags, np.nan, values)
     try:
         handle, name = tempfile.mkstemp(dir=path.parent, suffix=kind)
     except OSError as error:

@@ -59,8 +59,14 @@ class Section:
         values = {field.name: (getattr(self, field.name), field.default) for field in fields(self)}
         return {name: _plain(value) for name, (value, default) in values.items() if value != default}
 
+    def described(self) -> dict[str, Any]:
+        """Return what stands for this section where it is the value of a key of another one."""
+        return self.to_dict()
+
 
 def _plain(value: Any) -> Any:
     if value is None:
         return "none"  # TOML has no null
+    if isinstance(value, Section):
+        return value.described()
     return [_plain(item) for item in value] if isinstance(value, tuple) else value

@@ -140,6 +140,14 @@ def resampled(
 
     q = smooth(recording.q)
     assert q is not None
+
+    def flagged(flags: NDArray[np.bool_] | None) -> NDArray[np.bool_] | None:
+        """Rows of the grid that lie beside a flagged one of the log."""
+        if flags is None:
+            return None
+        after = np.clip(np.searchsorted(t, grid), 1, t.size - 1)
+        return np.asarray(flags[after] | flags[after - 1])
+
     wide = steps > BRIDGED * period
     gaps = np.column_stack([t[:-1][wide], t[1:][wide]])
     remark = f"Resampled at {1.0 / new_period:.6g} Hz"
@@ -151,6 +159,8 @@ def resampled(
         torque=torque,
         velocity=smooth(recording.velocity),
         acceleration=smooth(recording.acceleration),
+        position_missing=flagged(recording.position_missing),
+        torque_missing=flagged(recording.torque_missing),
         stated_rate=1.0 / new_period,
         remarks=(*recording.remarks, remark),
     )

@@ -1,5 +1,7 @@
 """Regression: Information, weights, least squares, uncertainty, and the estimate that comes of it."""
 
+from .correlation import ResidualCorrelation as ResidualCorrelation
+from .correlation import residual_correlation as residual_correlation
 from .covariance import residual_covariance as residual_covariance
 from .estimate import Estimate as Estimate
 from .factor import Factor as Factor
@@ -16,9 +18,11 @@ __all__ = [
     "Factor",
     "Information",
     "Reduced",
+    "ResidualCorrelation",
     "column_lengths",
     "least_squares",
     "method_name",
+    "residual_correlation",
     "residual_covariance",
     "standard_deviations",
     "triangular",

@@ -19,7 +19,17 @@ __all__ = ["Estimate"]
 
 Array = NDArray[np.float64]
 FORMAT = "steelyard-estimate-1"
-_ARRAYS = ("base", "standard_deviation", "parameters", "weights", "joint_relative_error", "damping", "friction")
+_ARRAYS = (
+    "base",
+    "standard_deviation",
+    "parameters",
+    "weights",
+    "joint_relative_error",
+    "damping",
+    "friction",
+    "corrected_standard_deviation",
+)
+_ABSENT_BEFORE = ("corrected_standard_deviation",)  # files of earlier releases do without
 _NAMES = ("base_names", "base_expressions", "joint_names", "parameter_names", "remarks")
 _NUMBERS = {"relative_error": np.nan, "condition_number": np.inf}  # what None stands for
 _OPTIONAL = (*_ARRAYS[2:], "consistency", "certificate")
@@ -64,6 +74,9 @@ class Estimate:
         What the user should know, a sentence each.
     description : mapping
         How the robot was read (``tip``, ``locked``), for writing a URDF.
+    corrected_standard_deviation : ndarray or None
+        (n_b,) with the correlation of the residuals in time, see `residual_correlation`; `standard_deviation` takes
+        each row for an independent one, and is too small where they are not. None where that is not known.
 
     Examples
     --------
@@ -96,6 +109,26 @@ class Estimate:
     certificate: Mapping[str, Any] | None = None
     remarks: tuple[str, ...] = ()
     description: Mapping[str, Any] = field(default_factory=dict)
+    corrected_standard_deviation: Array | None = None
+
+    def confidence_interval(self, level: float = 0.95) -> Array:
+        """Return an interval for each base parameter, (n_b, 2), that covers it with a probability of `level`.
+
+        From `corrected_standard_deviation` where it is known, otherwise from `standard_deviation`, for a normal
+        distribution. Errors of the model, and of the processing, come on top.
+
+        Raises
+        ------
+        InputError
+            Unless the level lies between 0 and 1.
+        """
+        from scipy.special import ndtri
+
+        if not 0.0 < level < 1.0:
+            raise InputError(f"level must lie between 0 and 1, such as 0.95, got {level!r}.")
+        corrected = self.corrected_standard_deviation
+        reach = float(ndtri(0.5 + 0.5 * level)) * (self.standard_deviation if corrected is None else corrected)
+        return np.column_stack([self.base - reach, self.base + reach])
 
     @property
     def relative_standard_deviation(self) -> Array:
@@ -139,6 +172,8 @@ class Estimate:
             raise InputError(f"{where}: format is {document.get('format')!r}, expected {FORMAT!r}.")
         values: dict[str, Any] = {}
         for item in fields(cls):
+            if item.name not in document and item.name in _ABSENT_BEFORE:
+                continue
             if item.name not in document:
                 raise InputError(f"{where}: has no {item.name!r}.")
             values[item.name] = _read(item.name, document[item.name], where)
@@ -146,6 +181,7 @@ class Estimate:
         base, joints = len(estimate.base_names), len(estimate.joint_names)
         sizes = {"base_expressions": base, "base": base, "standard_deviation": base}
         sizes |= dict.fromkeys(("joint_relative_error", "damping", "friction"), joints)
+        sizes["corrected_standard_deviation"] = base
         sizes["parameters"] = len(estimate.parameter_names)
         for name, expected in sizes.items():
             given = getattr(estimate, name)
@@ -231,7 +267,7 @@ def _read(name: str, value: Any, where: str) -> Any:
     if value is None and name in _OPTIONAL:
         return None
     if name in _ARRAYS:
-        missing = np.inf if name == "standard_deviation" else np.nan
+        missing = np.inf if name.endswith("standard_deviation") else np.nan
         try:
             return np.array([missing if v is None else float(v) for v in value])
         except (TypeError, ValueError):

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -11,6 +12,8 @@ __all__ = [
     "Factor",
     "Reduced",
     "column_lengths",
+    "combined",
+    "inverse_deviations",
     "inverse_of_triangle",
     "is_well_conditioned",
     "solve",
@@ -75,6 +78,32 @@ class Factor:
         """Return the squared norm of ``W beta`` over the rows of this factor, for base parameters (n_b,)."""
         predicted = self.triangle[:, :-1] @ base[self.columns]
         return float(predicted @ predicted)
+
+
+def combined(factors: Sequence[Factor], weights: Array, width: int) -> Array:
+    """Return the triangular factor (width + 1, width + 1) of the weighted rows of all factors together."""
+    first = factors[0] if factors else None
+    if len(factors) == 1 and first is not None and np.array_equal(first.columns, np.arange(width)):
+        return np.asarray(weights[0] * first.triangle)
+    stacked = np.zeros((sum(len(f.triangle) for f in factors), width + 1))
+    row = 0
+    for factor, weight in zip(factors, weights, strict=True):
+        size = len(factor.triangle)
+        stacked[row : row + size, [*factor.columns, width]] = weight * factor.triangle
+        row += size
+    return triangular(stacked)
+
+
+def inverse_deviations(factors: Sequence[Factor], base: Array) -> Array:
+    """Return the inverse standard deviations of the residuals of each factor (thesis eq. 4.32, 4.33)."""
+    freedom = [max(f.count - len(base), 1) for f in factors]
+    values = np.sqrt([f.residual2(base) / n for f, n in zip(factors, freedom, strict=True)])
+    # A joint without noise or without rows would get an infinite weight: bound it by the others.
+    largest = float(values.max(initial=0.0))
+    if largest == 0.0:
+        return np.ones(len(values))
+    floor = 1e-9 * largest
+    return np.where([f.count > 0 for f in factors], 1.0 / np.maximum(values, floor), 1.0)
 
 
 @dataclass(frozen=True, eq=False)

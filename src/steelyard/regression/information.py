@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import cached_property
 from pathlib import Path
 
@@ -14,8 +14,9 @@ from steelyard.dynamics import Model
 from steelyard.errors import InputError
 from steelyard.recording import Samples
 
-from .factor import Factor, Reduced, solve, triangular, undetermined_columns
-from .reduction import as_covariance, empty_factors, reduce_by_joint, reduce_whitened
+from .blocks import BlockFactors, BlockSums, added
+from .factor import Factor, Reduced, combined, inverse_deviations, solve, triangular, undetermined_columns
+from .reduction import as_covariance, empty_factors, empty_whole, reduce_by_joint, reduce_whitened
 from .saved_information import read_document, write_document
 
 __all__ = ["Information"]
@@ -44,6 +45,9 @@ class Information:
         (N, N), of the noise across the joints with which the rows were whitened.
     remarks : tuple of str
         What the user should know of these rows, in sentences; estimates repeat it.
+    block_factors : tuple of tuples of Factor
+        The same of the sums over 8, 16, ... 1024 neighbouring samples, from which `residual_correlation` tells how far
+        residuals are correlated in time. Empty where they were not asked for.
 
     Examples
     --------
@@ -67,6 +71,7 @@ class Information:
     torque_factors: tuple[Factor, ...] = ()
     covariance: Array | None = None
     remarks: tuple[str, ...] = ()
+    block_factors: BlockFactors = field(default=(), kw_only=True, repr=False)
 
     def __repr__(self) -> str:
         return (
@@ -96,7 +101,9 @@ class Information:
         return cls(base.names, base.expressions, tuple(model.robot.joint_names), empty_factors(model))
 
     @classmethod
-    def from_samples(cls, model: Model, samples: Samples, covariance: ArrayLike | None = None) -> Information:
+    def from_samples(
+        cls, model: Model, samples: Samples, covariance: ArrayLike | None = None, *, blocks: bool = True
+    ) -> Information:
         """Reduce samples.
 
         Parameters
@@ -109,6 +116,9 @@ class Information:
             then multiplied by the inverse of its Cholesky factor, so that least squares are generalised least squares
             (the estimator of least variance, Gauss and Aitken). Where a mask leaves out joints of a sample, the others
             have their marginal covariance.
+        blocks : bool
+            Whether to keep `block_factors`, for intervals that hold where residuals are correlated in time. They make
+            the Information nine times as large.
 
         Returns
         -------
@@ -120,15 +130,21 @@ class Information:
             If the samples have another number of joints than the model, or the covariance is not positive definite.
         """
         base, names = model.base_parameters(), tuple(model.robot.joint_names)
-        factors = reduce_by_joint(model, samples)
         if covariance is None:
-            return cls(base.names, base.expressions, names, factors)
+            sums = BlockSums(empty_factors(model)) if blocks else None
+            factors = reduce_by_joint(model, samples, sums=sums)
+            return cls(base.names, base.expressions, names, factors, block_factors=sums.factors() if sums else ())
+        factors = reduce_by_joint(model, samples)
         matrix = as_covariance(covariance, model.joint_count)
-        whole = reduce_whitened(model, samples, matrix)
-        return cls(base.names, base.expressions, names, (whole,), factors, matrix)
+        sums = BlockSums((empty_whole(model),)) if blocks else None
+        whole = reduce_whitened(model, samples, matrix, sums)
+        held = sums.factors() if sums else ()
+        return cls(base.names, base.expressions, names, (whole,), factors, matrix, block_factors=held)
 
     @classmethod
-    def from_chunks(cls, model: Model, chunks: Iterable[Samples], covariance: ArrayLike | None = None) -> Information:
+    def from_chunks(
+        cls, model: Model, chunks: Iterable[Samples], covariance: ArrayLike | None = None, *, blocks: bool = True
+    ) -> Information:
         """Reduce samples that come one chunk after the other, so that they never stand in memory together.
 
         Parameters
@@ -136,15 +152,16 @@ class Information:
         model : Model
         chunks : iterable of Samples
         covariance : array_like, optional
-            See `from_samples`.
+        blocks : bool
+            Both as in `from_samples`; no block of samples lies in two chunks.
 
         Returns
         -------
         Information
         """
-        total = cls.empty(model) if covariance is None else None
+        total: Information | None = None
         for chunk in chunks:
-            one = cls.from_samples(model, chunk, covariance)
+            one = cls.from_samples(model, chunk, covariance, blocks=blocks)
             total = one if total is None else total + one
         return cls.empty(model) if total is None else total
 
@@ -211,6 +228,10 @@ class Information:
         both = self.covariance is not None and other.covariance is not None
         same = both and np.array_equal(np.asarray(self.covariance), np.asarray(other.covariance))
         remarks = tuple(dict.fromkeys((*self.remarks, *other.remarks)))
+        if self.count and other.count:
+            blocks = added(self.block_factors, other.block_factors)
+        else:
+            blocks = (self if self.count else other).block_factors
         return Information(
             self.base_names,
             self.base_expressions,
@@ -219,6 +240,7 @@ class Information:
             measured,
             self.covariance if same else None,
             remarks,
+            block_factors=blocks,
         )
 
     @property
@@ -249,19 +271,8 @@ class Information:
         -------
         Reduced
         """
-        factors = self.joint_weights(weights)
         n = self.base_count
-        first = self.factors[0] if self.factors else None
-        if len(self.factors) == 1 and first is not None and np.array_equal(first.columns, np.arange(n)):
-            triangle = factors[0] * first.triangle
-        else:
-            stacked = np.zeros((sum(len(f.triangle) for f in self.factors), n + 1))
-            row = 0
-            for factor, weight in zip(self.factors, factors, strict=True):
-                size = len(factor.triangle)
-                stacked[row : row + size, [*factor.columns, n]] = weight * factor.triangle
-                row += size
-            triangle = triangular(stacked)
+        triangle = combined(self.factors, self.joint_weights(weights), n)
         return Reduced(
             triangle[:n, :n],
             triangle[:n, n],
@@ -303,14 +314,7 @@ class Information:
         """Return the inverse standard deviations of the unweighted residuals (thesis eq. 4.32, 4.33)."""
         self._require_joints("Joint weights", self.by_joint)
         base = solve(self.reduced())
-        freedom = [max(f.count - self.base_count, 1) for f in self.factors]
-        values = np.sqrt([f.residual2(base) / n for f, n in zip(self.factors, freedom, strict=True)])
-        # A joint without noise or without rows would get an infinite weight: bound it by the others.
-        largest = float(values.max(initial=0.0))
-        if largest == 0.0:
-            return np.ones(len(values))
-        floor = 1e-9 * largest
-        return np.where([f.count > 0 for f in self.factors], 1.0 / np.maximum(values, floor), 1.0)
+        return inverse_deviations(self.factors, base)
 
     @cached_property
     def condition_number(self) -> float:

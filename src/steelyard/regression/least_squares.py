@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from .correlation import residual_correlation
 from .estimate import Estimate
 from .factor import Reduced, column_lengths, inverse_of_triangle, solve
 from .information import Information
@@ -25,7 +26,8 @@ def least_squares(information: Information, weights: str | ArrayLike | None = No
     Returns
     -------
     Estimate
-        With standard deviations; its `parameters` are None, since base parameters alone are determined.
+        With standard deviations, those of the thesis and those that reckon with residuals that are correlated in time;
+        its `parameters` are None, since base parameters alone are determined.
 
     See Also
     --------
@@ -64,6 +66,9 @@ def least_squares(information: Information, weights: str | ArrayLike | None = No
         row_count=information.count,
         condition_number=information.condition_number,
         remarks=tuple(remarks),
+        corrected_standard_deviation=(
+            residual_correlation(information, base, weights).standard_deviation if information.block_factors else None
+        ),
     )
 
 

@@ -12,11 +12,13 @@ from steelyard.dynamics.threads import one_thread
 from steelyard.errors import InputError
 from steelyard.recording import Samples
 
+from .blocks import BlockSums
 from .factor import Factor, triangular
 
 __all__ = [
     "as_covariance",
     "empty_factors",
+    "empty_whole",
     "joint_rows",
     "reduce_by_joint",
     "reduce_whitened",
@@ -29,7 +31,7 @@ Array = NDArray[np.float64]
 BLOCK = 2048
 """Samples that are factored at a time: their regressor stays in the processor's cache."""
 
-WHOLE_BLOCK = 512
+WHOLE_BLOCK = 1024
 """The same where the rows of all joints stand side by side."""
 
 
@@ -51,6 +53,12 @@ def empty_factors(model: Model) -> tuple[Factor, ...]:
     )
 
 
+def empty_whole(model: Model) -> Factor:
+    """The factor of no data over all joints and all base parameters."""
+    width = model.base_parameters().count
+    return Factor(None, np.arange(width), np.zeros((width + 1, width + 1)), 0)
+
+
 def joint_rows(model: Model, samples: Samples, block: int = BLOCK) -> Iterator[tuple[slice, list[Array]]]:
     """For some samples at a time, the rows ``[W omega]`` of each joint, (samples, c + 1), also where masked."""
     columns = model.base_columns
@@ -62,7 +70,9 @@ def joint_rows(model: Model, samples: Samples, block: int = BLOCK) -> Iterator[t
         yield part, [np.column_stack([w, samples.torque[part, k]]) for k, w in enumerate(entries)]
 
 
-def reduce_by_joint(model: Model, samples: Samples, scales: Array | None = None) -> tuple[Factor, ...]:
+def reduce_by_joint(
+    model: Model, samples: Samples, scales: Array | None = None, sums: BlockSums | None = None
+) -> tuple[Factor, ...]:
     """Reduce the rows of each joint by themselves.
 
     Parameters
@@ -71,6 +81,8 @@ def reduce_by_joint(model: Model, samples: Samples, scales: Array | None = None)
     samples : Samples
     scales : ndarray, optional
         (S, N): factors of the rows, the square roots of their weights.
+    sums : BlockSums, optional
+        Receives the rows, too.
 
     Returns
     -------
@@ -85,6 +97,8 @@ def reduce_by_joint(model: Model, samples: Samples, scales: Array | None = None)
         for part, rows_of_joints in joint_rows(model, samples):
             for k, all_rows in enumerate(rows_of_joints):
                 rows = all_rows if scales is None else all_rows * scales[part, k, None]
+                if sums is not None:
+                    sums.add(k, rows if samples.mask is None else rows * samples.mask[part, k, None])
                 if samples.mask is not None:
                     rows = rows[samples.mask[part, k]]
                 counts[k] += len(rows)
@@ -122,7 +136,7 @@ def as_covariance(covariance: ArrayLike, joints: int) -> Array:
     return matrix
 
 
-def reduce_whitened(model: Model, samples: Samples, covariance: Array) -> Factor:
+def reduce_whitened(model: Model, samples: Samples, covariance: Array, sums: BlockSums | None = None) -> Factor:
     """Reduce the rows of all joints together, each sample's N rows times the inverse Cholesky factor of the covariance.
 
     A sample of which only some joints are used has the covariance of those (marginal of a normal distribution).
@@ -133,6 +147,8 @@ def reduce_whitened(model: Model, samples: Samples, covariance: Array) -> Factor
     samples : Samples
     covariance : ndarray
         (N, N).
+    sums : BlockSums, optional
+        Receives the whitened rows, too.
 
     Returns
     -------
@@ -153,7 +169,7 @@ def reduce_whitened(model: Model, samples: Samples, covariance: Array) -> Factor
                 rows[:, k, width] = values[:, -1]
             used = np.ones((size, len(columns)), dtype=bool) if samples.mask is None else samples.mask[part]
             patterns, which = np.unique(used, axis=0, return_inverse=True)
-            pieces = [triangle]
+            pieces, whitened = [triangle], np.zeros_like(rows)
             for index, pattern in enumerate(patterns):
                 if not pattern.any():
                     continue
@@ -164,7 +180,10 @@ def reduce_whitened(model: Model, samples: Samples, covariance: Array) -> Factor
                 white = np.matmul(inverses[key], chosen)
                 count += white.shape[0] * white.shape[1]
                 pieces.append(white.reshape(-1, width + 1))
+                whitened[np.ix_(which.ravel() == index, pattern)] = white
             triangle = triangular(np.vstack(pieces))
+            if sums is not None:
+                sums.add(0, whitened)
     return Factor(None, np.arange(width), triangle, count)
 
 

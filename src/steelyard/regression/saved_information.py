@@ -24,6 +24,8 @@ def write_document(path: str | Path, fields: dict[str, Any]) -> None:
     for name, value in fields.items():
         if name in ("factors", "torque_factors"):
             document[name] = [_plain(factor) for factor in value]
+        elif name == "block_factors":
+            document[name] = [[_plain(factor) for factor in level] for level in value]
         elif isinstance(value, np.ndarray):
             document[name] = value.tolist()
         else:
@@ -51,6 +53,8 @@ def read_document(path: str | Path) -> dict[str, Any]:
         }
         fields["factors"] = tuple(_factor(entry) for entry in document["factors"])
         fields["torque_factors"] = tuple(_factor(entry) for entry in document.get("torque_factors", ()))
+        levels = document.get("block_factors", ())
+        fields["block_factors"] = tuple(tuple(_factor(entry) for entry in level) for level in levels)
         covariance = document.get("covariance")
         fields["covariance"] = None if covariance is None else np.array(covariance, dtype=np.float64)
         fields["remarks"] = tuple(document.get("remarks", ()))

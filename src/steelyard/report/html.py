@@ -11,6 +11,7 @@ from . import sections
 from .document import Section, html_document, write_text
 from .figures import torque_figures
 from .markup import Markup
+from .processing import processing
 from .summary import summary
 
 __all__ = ["report_html", "write_report"]
@@ -22,6 +23,7 @@ _SECTIONS: tuple[tuple[str, str, Callable[[Identification], Markup]], ...] = (
     ("base", "Base parameters", sections.base_parameters),
     ("link-parameters", "Links", sections.links),
     ("joint-parameters", "Joints", sections.joints),
+    ("processing", "Processing of the logs", processing),
     ("sources", "Provenance", sections.provenance),
 )
 

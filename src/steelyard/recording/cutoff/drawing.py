@@ -1,0 +1,101 @@
+"""Curves over logarithmic axes as SVG."""
+
+from __future__ import annotations
+
+import html
+from collections.abc import Sequence
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+__all__ = ["Curve", "picture"]
+
+WIDTH, HEIGHT = 520, 300
+LEFT, RIGHT, TOP, BOTTOM = 64, 12, 12, 62
+COLORS = ("#005f9e", "#c8680e", "#2c7d59", "#a33a72", "#7a5fc0", "#8a6d00", "#4f6d8a", "#b0413e")
+POINTS = 300
+
+
+class Curve(NamedTuple):
+    """A named curve of positive values."""
+
+    name: str
+    x: NDArray[np.float64]
+    y: NDArray[np.float64]
+
+
+def picture(curves: Sequence[Curve], x_title: str, y_title: str, mark: float, decades: int = 16) -> str:
+    """Draw curves over logarithmic axes, the upper `decades` of them, with a dotted line at x = mark."""
+    thinned = [_thinned(curve) for curve in curves]
+    x = np.concatenate([c.x for c in thinned])
+    y = np.concatenate([c.y for c in thinned])
+    top = float(np.log10(y.max(initial=1e-300)))
+    bottom = max(float(np.log10(max(y.min(initial=np.inf), 1e-300))), top - decades)
+    low, high = float(np.log10(x.min())), float(np.log10(x.max()))
+    width, height = WIDTH - LEFT - RIGHT, HEIGHT - TOP - BOTTOM
+
+    def across(value: float) -> float:
+        return LEFT + width * float(np.log10(value) - low) / max(high - low, 1e-9)
+
+    def up(value: float) -> float:
+        place = float(np.log10(max(value, 1e-300)) - bottom) / max(top - bottom, 1e-9)
+        return TOP + height * (1.0 - min(max(place, 0.0), 1.0))
+
+    parts = []
+    for decade in range(int(np.ceil(low)), int(np.floor(high)) + 1):
+        place = across(10.0**decade)
+        parts.append(
+            f'<path d="M{place:.1f} {TOP}V{TOP + height}" stroke="currentColor" opacity=".15"/>'
+            f'<text x="{place:.1f}" y="{TOP + height + 15}" text-anchor="middle">{10.0**decade:g}</text>'
+        )
+    every = max(1, round((top - bottom) / 6))
+    for decade in range(int(np.ceil(bottom)), int(np.floor(top)) + 1):
+        if decade % every == 0:
+            place = up(10.0**decade)
+            parts.append(
+                f'<path d="M{LEFT} {place:.1f}H{LEFT + width}" stroke="currentColor" opacity=".15"/>'
+                f'<text x="{LEFT - 6}" y="{place + 4:.1f}" text-anchor="end">1e{decade}</text>'
+            )
+    for index, curve in enumerate(thinned):
+        color = COLORS[index % len(COLORS)]
+        points = " ".join(f"{across(a):.1f},{up(b):.1f}" for a, b in zip(curve.x, curve.y, strict=True))
+        parts.append(f'<polyline points="{points}" fill="none" stroke="{color}" stroke-width="1.4"/>')
+    if low <= np.log10(mark) <= high:
+        parts.append(
+            f'<path d="M{across(mark):.1f} {TOP}V{TOP + height}" stroke="currentColor" stroke-width="1.5" '
+            'stroke-dasharray="3 3"/>'
+        )
+    step = width / max(len(thinned), 1)
+    for index, curve in enumerate(thinned):
+        place = LEFT + index * step
+        parts.append(
+            f'<path d="M{place:.1f} {HEIGHT - 8}h12" stroke="{COLORS[index % len(COLORS)]}" stroke-width="2"/>'
+            f'<text x="{place + 16:.1f}" y="{HEIGHT - 4}">{html.escape(_short(curve.name, step))}</text>'
+        )
+    label = html.escape(f"{y_title} over {x_title}; the dotted line is at {mark:.4g} Hz")
+    return (
+        f'<svg viewBox="0 0 {WIDTH} {HEIGHT}" width="{WIDTH}" style="max-width:100%;height:auto" role="img" '
+        f'aria-label="{label}" font-family="system-ui, sans-serif" font-size="11" fill="currentColor">'
+        f"{''.join(parts)}"
+        f'<text x="{LEFT + width / 2:.0f}" y="{TOP + height + 31}" text-anchor="middle">{html.escape(x_title)}</text>'
+        f'<text transform="translate(14 {TOP + height / 2:.0f}) rotate(-90)" text-anchor="middle">'
+        f"{html.escape(y_title)}</text></svg>"
+    )
+
+
+def _thinned(curve: Curve) -> Curve:
+    """At most 300 points, evenly spaced in the logarithm: the means of what falls together."""
+    good = (curve.x > 0.0) & (curve.y > 0.0)
+    x, y = curve.x[good], curve.y[good]
+    if len(x) <= POINTS:
+        return Curve(curve.name, x, y)
+    cells = np.floor(POINTS * np.log(x / x[0]) / np.log(x[-1] / x[0]) * 0.999999).astype(int)
+    starts = np.flatnonzero(np.diff(cells, prepend=-1))
+    counts = np.diff(np.append(starts, len(x)))
+    return Curve(curve.name, np.add.reduceat(x, starts) / counts, np.add.reduceat(y, starts) / counts)
+
+
+def _short(name: str, width: float) -> str:
+    most = max(1, int((width - 18) / 6.2))
+    return name if len(name) <= most else name[: most - 1] + "…"

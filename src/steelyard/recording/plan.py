@@ -1,0 +1,314 @@
+"""Processing with every choice made, and the rows that come of it."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING, Self
+
+import numpy as np
+from numpy.typing import NDArray
+
+from steelyard.errors import InputError
+from steelyard.recording.detection.delay import advanced, estimate_delay
+from steelyard.recording.detection.repeated import find_repeated
+from steelyard.recording.detection.saturation import find_saturation, saturation_levels
+from steelyard.recording.detection.stiction import AT_REST, find_stiction, stiction_duration
+from steelyard.recording.filtering import automatic_cutoff, decimate, filter_padding, first_derivative, low_pass
+from steelyard.recording.filters import Butterworth, FourierFit, MotionFilter
+from steelyard.recording.samples import Samples
+from steelyard.recording.timing import check_even
+
+if TYPE_CHECKING:
+    from steelyard.dynamics import Model
+    from steelyard.recording.cutoff import CutoffChoice
+    from steelyard.recording.processing import Processing
+    from steelyard.recording.recording import Recording
+
+__all__ = ["Plan"]
+
+Array = NDArray[np.float64]
+Flags = dict[str, NDArray[np.bool_]]
+LATE = "without a torque once the delay was taken out"
+
+
+@dataclass(frozen=True, eq=False)
+class Plan:
+    """A `Processing` whose choices were made on a recording, or on the first rows of a log.
+
+    Attributes
+    ----------
+    processing : Processing
+    filter : MotionFilter
+        With everything determined.
+    delay : ndarray
+        (N,) s.
+    stiction : tuple of ndarray or None
+        Tolerance (N,) in rad or m and duration (N,) in s of a rest.
+    levels : ndarray or None
+        (N, 2) lowest and highest torque.
+    choice : CutoffChoice or None
+    remarks : tuple of str
+        What was chosen.
+    """
+
+    processing: Processing
+    filter: MotionFilter
+    delay: Array
+    stiction: tuple[Array, Array] | None
+    levels: Array | None
+    choice: CutoffChoice | None
+    remarks: tuple[str, ...]
+
+    @classmethod
+    def settled(cls, processing: Processing, recording: Recording, model: Model | None = None) -> Self:
+        """Make every choice that is left open by a recording; a delay is estimated with the model where there is one.
+
+        Raises
+        ------
+        InputError
+            Where the recording does not tell, or an option does not fit it.
+        """
+        remarks: list[str] = []
+        choice: CutoffChoice | None = None
+        cutoff, own = processing.cutoff, processing.filter
+        joints = recording.joint_count
+        if isinstance(own, FourierFit) or getattr(own, "window", None) or getattr(own, "density", None):
+            cutoff = None if isinstance(cutoff, str) else cutoff
+        elif getattr(own, "cutoff", None) is not None:
+            cutoff = None
+        elif cutoff == "automatic":
+            choice = recording.choose_cutoff(processing.order)
+            cutoff = choice.cutoff
+            remarks.append(choice.remark())
+        elif cutoff == "auto":
+            cutoff, remark = automatic_cutoff(recording)
+            remarks.append(remark)
+        assert not isinstance(cutoff, str)
+        chosen = own.settled(cutoff, processing.order, "[processing]")
+        stiction = levels = None
+        if processing.stiction is not False:
+            tolerance, duration = stiction_duration(recording)
+            if processing.stiction is not True:
+                duration = np.full(joints, processing.stiction)
+            stiction = (tolerance, duration)
+        if processing.saturation is True:
+            levels = saturation_levels(recording.torque)
+        elif processing.saturation is not False:
+            given = np.asarray(processing.saturation, dtype=np.float64)
+            if given.ndim and given.size != joints:
+                raise InputError(
+                    f"{recording.source} has {joints} joints but `saturation` in [processing] has {given.size} levels; "
+                    "give one number or one per joint."
+                )
+            levels = np.stack(np.broadcast_arrays(-given, given), axis=-1) * np.ones((joints, 1))
+        plan = cls(processing, chosen, np.zeros(joints), stiction, levels, choice, tuple(remarks))
+        return plan._with_delay(recording, model)
+
+    def _with_delay(self, recording: Recording, model: Model | None) -> Self:
+        processing, joints = self.processing, recording.joint_count
+        delay = processing.delay
+        if isinstance(delay, str):
+            even = replace(
+                processing, trim=0.0, decimate=(), velocity_threshold=None, average=False, filter=Butterworth()
+            )
+            # Noise of the accelerations would pull the estimate: the motion is filtered as the data asks for.
+            own = Butterworth(recording.choose_cutoff(processing.order).cutoff, processing.order)
+            samples, _ = replace(self, processing=even, filter=own).rows(recording, 0, recording.count)
+            found = estimate_delay(samples, model)
+            remark = (
+                f"Torques were moved back by {1e3 * found.delay:.3g} ms (± {1e3 * found.standard_deviation:.2g} ms), "
+                f"the delay behind the motion that {'the signals show' if model is None else 'the model shows'}; set "
+                "`delay` in [processing] to choose."
+            )
+            return replace(self, delay=np.full(joints, found.delay), remarks=(*self.remarks, remark))
+        given = np.asarray(delay, dtype=np.float64)
+        if given.ndim and given.size != joints:
+            raise InputError(
+                f"{recording.source} has {joints} joints but `delay` in [processing] has {given.size} values; "
+                "give one number or one per joint."
+            )
+        return replace(self, delay=np.broadcast_to(given, (joints,)).astype(np.float64))
+
+    def padding(self, rate: float) -> int:
+        """Rows of surroundings that filters, derivatives, delays and detectors need."""
+        rows = [self.filter.padding(rate)]
+        cutoff = self.processing.torque_cutoff
+        if cutoff is not None and cutoff < rate / 2.0:
+            rows.append(filter_padding(rate, cutoff, self.processing.order) + 4)
+        if self.stiction is not None:
+            finite = self.stiction[1][np.isfinite(self.stiction[1])]
+            rows.append(2 * int(np.ceil(finite.max(initial=0.0) * rate)) + 4)
+        return max(rows) + int(np.ceil(np.abs(self.delay).max() * rate)) + 2
+
+    def whole(self, recording: Recording, gaps: Array) -> Samples:
+        """Process a recording that is there as a whole."""
+        processing = self.processing
+        notes: tuple[str, ...] = ()
+        needs_even = processing.decimate or processing.torque_cutoff is not None or np.any(self.delay != 0.0)
+        if needs_even or not self.filter.takes_uneven_times:
+            notes = check_even(recording)
+        notes = (*recording.remarks, *notes, *self.remarks)
+        if processing.average:
+            return self._averaged(recording, gaps, notes)
+        start, stop = processing.kept_rows(recording.count, recording.rate, recording.source)
+        samples, flags = self.rows(recording, start, stop, gaps)
+        return replace(samples, remarks=(*notes, *said({name: f.sum(axis=0) for name, f in flags.items()})))
+
+    def rows(self, recording: Recording, start: int, stop: int, gaps: Array | None = None) -> tuple[Samples, Flags]:
+        """Process a recording and keep rows start:stop before decimation; also tell why rows are masked.
+
+        Rows outside start:stop only feed the filters.
+        """
+        processing, rate, source = self.processing, recording.rate, recording.source
+        if recording.count < 3:
+            raise InputError(f"{source} has {recording.count} rows; derivatives need three at least.")
+        flags = self.flags(recording)
+        q, dq, ddq = self._motion(recording, flags)
+        torque, late = self._torque(recording)
+        if late.any():
+            flags[LATE] = late
+        width, step = recording.joint_count, processing.step
+        stacked = np.hstack([array[start:stop] for array in (q, dq, ddq, torque)])
+        stacked = decimate(stacked, processing.decimate, source)
+        q, dq, ddq, torque = (stacked[:, k * width : (k + 1) * width] for k in range(4))
+        t = recording.t[start:stop:step]
+        thinned = {name: self._thinned(name, f, rate)[start:stop:step] for name, f in flags.items()}
+        thinned = {name: f for name, f in thinned.items() if f.any()}
+        mask = self.usual_mask(recording, t, dq, gaps)
+        for flagged in thinned.values():
+            mask &= ~flagged
+        samples = Samples(
+            q=q, dq=dq, ddq=ddq, torque=torque, mask=None if mask.all() else mask, t=t, cutoff_choice=self.choice
+        )
+        return samples, thinned
+
+    def _motion(self, recording: Recording, flags: Flags) -> tuple[Array, Array, Array]:
+        rate, source = recording.rate, recording.source
+        if self.processing.velocity == "measured":
+            if recording.velocity is None:
+                raise InputError(
+                    f"{source} has no measured velocities; name them with `velocity` in [log] or use "
+                    '`velocity = "derive"`.'
+                )
+            assert isinstance(self.filter, Butterworth)
+            dq = self.filter.smoothed(recording.velocity, rate, source)
+            return self.filter.smoothed(recording.q, rate, source), dq, first_derivative(dq, rate)
+        q = recording.q
+        if self.filter.takes_uneven_times:
+            absent = recording.position_missing
+            copies = flags.get("copies of the row before")
+            if copies is not None:
+                absent = copies if absent is None else absent | copies
+            if absent is not None:
+                q = np.where(absent, np.nan, q)
+        return self.filter.motion(recording.t, q, rate, source)
+
+    def _torque(self, recording: Recording) -> tuple[Array, NDArray[np.bool_]]:
+        """Torques in step with the motion, filtered, and where there are none."""
+        torque, rate = recording.torque, recording.rate
+        if self.processing.torque_cutoff is not None:
+            torque = low_pass(torque, rate, self.processing.torque_cutoff, self.processing.order, recording.source)
+        late = np.zeros(torque.shape, dtype=bool)
+        if np.any(self.delay != 0.0):
+            torque = torque.copy()
+            for j in np.flatnonzero(self.delay):
+                torque[:, j], known = advanced(torque[:, j], self.delay[j] * rate)
+                late[:, j] = ~known
+        return torque, late
+
+    def flags(self, recording: Recording) -> Flags:
+        """(S, N) rows that are not to be used, by reason."""
+        found: Flags = {}
+        rate = recording.rate
+        if recording.position_missing is not None and recording.position_missing.any():
+            # The torque of a joint depends on the positions of others.
+            rows = np.asarray(recording.position_missing.any(axis=1))
+            found["without a position"] = np.repeat(rows[:, None], recording.joint_count, axis=1)
+        moved: Flags = {}
+        if recording.torque_missing is not None:
+            moved["without a torque"] = recording.torque_missing
+        if self.levels is not None:
+            one = find_saturation(recording, self.levels)
+            moved[one.kind] = one.flags
+        if self.processing.repeated:
+            one = find_repeated(recording)
+            found[one.kind] = one.flags
+        for name, flags in moved.items():
+            shifted = [_moved(flags[:, j], self.delay[j] * rate) for j in range(recording.joint_count)]
+            found[name] = np.column_stack(shifted)
+        if self.stiction is not None:
+            one = find_stiction(recording, self.stiction[1], self.stiction[0])
+            found[one.kind] = one.flags
+        return {name: flags for name, flags in found.items() if flags.any()}
+
+    def _thinned(self, name: str, flags: NDArray[np.bool_], rate: float) -> NDArray[np.bool_]:
+        """Flags also of the rows into which a filter on the torques, or the decimation, spreads wrong torques."""
+        reach = self.processing.step if self.processing.step > 1 else 0
+        if self.processing.torque_cutoff is not None and name not in (LATE, AT_REST):
+            reach = max(reach, int(np.ceil(0.5 * rate / self.processing.torque_cutoff)))
+        if reach == 0:
+            return flags
+        from scipy.ndimage import maximum_filter1d
+
+        return np.asarray(maximum_filter1d(flags.astype(np.uint8), 2 * reach + 1, axis=0, mode="constant") > 0)
+
+    def usual_mask(self, recording: Recording, t: Array, dq: Array, gaps: Array | None = None) -> NDArray[np.bool_]:
+        """(S, N) false for slow rows, excluded joints, and rows that resampling made up."""
+        width, processing = recording.joint_count, self.processing
+        mask = np.ones(dq.shape, dtype=bool)
+        if processing.velocity_threshold is not None:
+            threshold = np.asarray(processing.velocity_threshold)
+            if threshold.ndim == 1 and threshold.size != width:
+                raise InputError(
+                    f"{recording.source} has {width} joints but `velocity_threshold` in [processing] has "
+                    f"{threshold.size} values; give one number or one per joint."
+                )
+            mask &= np.abs(dq) >= threshold
+        mask[:, processing.excluded(recording)] = False
+        for begin, end in () if gaps is None else gaps:
+            mask[(t > begin) & (t < end)] = False
+        return mask
+
+    def _averaged(self, recording: Recording, gaps: Array, notes: tuple[str, ...]) -> Samples:
+        from steelyard.recording.periodic import average_periods
+
+        assert isinstance(self.filter, FourierFit)
+        flags = self.flags(recording)
+        torque, late = self._torque(recording)
+        absent = late.copy()
+        for flagged in flags.values():
+            absent |= flagged
+        for begin, end in gaps:
+            absent[(recording.t > begin) & (recording.t < end)] = True
+        ready = replace(recording, torque=torque, torque_missing=absent if absent.any() else None, remarks=())
+        average = average_periods(ready, self.filter.period, self.filter.harmonics, self.processing.trim)
+        samples = average.samples
+        assert samples.t is not None
+        mask = self.usual_mask(recording, samples.t, samples.dq)
+        if samples.mask is not None:
+            mask &= samples.mask
+        counts = said({name: f.sum(axis=0) for name, f in flags.items()}, "before averaging")
+        return replace(samples, mask=None if mask.all() else mask, remarks=(*notes, *samples.remarks, *counts))
+
+
+def said(counts: dict[str, NDArray[np.intp]], when: str = "") -> tuple[str, ...]:
+    """Return one sentence for each reason why rows were masked."""
+    sentences = []
+    for name, of_joints in counts.items():
+        if of_joints.any():
+            shares = ", ".join(f"{count} of joint {j + 1}" for j, count in enumerate(of_joints) if count)
+            sentences.append(f"Rows left out{' ' * bool(when)}{when} because they are {name}: {shares}.")
+    return tuple(sentences)
+
+
+def _moved(flags: NDArray[np.bool_], rows: float) -> NDArray[np.bool_]:
+    """Flags of a channel that is moved forwards by `rows`: a row is flagged that interpolates a flagged one."""
+    if rows == 0.0 or not flags.any():
+        return flags
+    later, _ = advanced(flags.astype(np.float64), np.floor(rows))
+    result = later > 0.5
+    if rows != np.floor(rows):
+        for offset in (-1, 1, 2):
+            more, _ = advanced(flags.astype(np.float64), np.floor(rows) + offset)
+            result |= more > 0.5
+    return np.asarray(result)

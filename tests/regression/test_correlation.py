@@ -1,0 +1,222 @@
+"""Uncertainty under correlated residuals: exact covariances, an independent Newey-West estimate, repetition."""
+
+import numpy as np
+import pytest
+from scipy.linalg import toeplitz
+from scipy.signal import lfilter
+
+import steelyard as sy
+from steelyard.regression import residual_correlation
+from steelyard.regression.blocks import BLOCK_LENGTHS
+
+RATE = 500.0
+
+
+@pytest.fixture(scope="module")
+def arm():
+    robot = sy.Robot.from_dh([("pi/2", 0, 0.3, "q"), (0, 0.4, 0, "q")], name="arm")
+    return sy.Model(robot.with_terms(sy.Viscous(), sy.Offset()))
+
+
+def motion(count, seed=0):
+    random = np.random.default_rng(seed)
+    t = np.arange(count)[:, None] / RATE
+    w, phase = 2 * np.pi * random.uniform(0.1, 0.6, (3, 2)), random.uniform(0, 6, (3, 2))
+    angles = [w[i] * t + phase[i] for i in range(3)]
+    return (
+        sum(np.sin(a) for a in angles),
+        sum(w[i] * np.cos(a) for i, a in enumerate(angles)),
+        -sum(w[i] ** 2 * np.sin(a) for i, a in enumerate(angles)),
+    )
+
+
+def colored(random, shape, keep, sizes=(0.5, 0.1)):
+    white = random.normal(size=(shape[0] + 2000, shape[1]))
+    return np.sqrt(1 - keep**2) * lfilter([1.0], [1.0, -keep], white, axis=0)[2000:] * sizes
+
+
+def samples_of(model, count, keep, seed, mask=None):
+    q, dq, ddq = motion(count)
+    torque = model.inverse_dynamics(q, dq, ddq, np.linspace(0.5, 1.5, model.parameter_count))
+    torque = torque + colored(np.random.default_rng(seed), torque.shape, keep)
+    return sy.Samples(q=q, dq=dq, ddq=ddq, torque=torque, mask=mask)
+
+
+def regressors(model, samples):
+    H = model.regressor(samples.q, samples.dq, samples.ddq)[:, :, model.base_parameters().independent]
+    return [H[:, k] for k in range(model.joint_count)]
+
+
+def exact_covariance(model, samples, keep, weights, sizes=(0.5, 0.1)):
+    """Of weighted least squares under first-order autoregressive noise of known size, by dense matrices."""
+    W = regressors(model, samples)
+    A = sum(w**2 * X.T @ X for w, X in zip(weights, W, strict=True))
+    gamma = toeplitz(keep ** np.arange(samples.count))
+    middle = sum(w**4 * s**2 * X.T @ gamma @ X for w, s, X in zip(weights, sizes, W, strict=True))
+    inverse = np.linalg.inv(A)
+    return inverse @ middle @ inverse
+
+
+def newey_west(model, samples, base, weights, lags):
+    """Heteroskedasticity and autocorrelation consistent covariance, Bartlett weights, summed lag by lag."""
+    W = regressors(model, samples)
+    A = sum(w**2 * X.T @ X for w, X in zip(weights, W, strict=True))
+    middle = np.zeros_like(A)
+    for k, (w, X) in enumerate(zip(weights, W, strict=True)):
+        scores = w**2 * X * (samples.torque[:, k] - X @ base)[:, None]
+        middle += scores.T @ scores
+        for lag in range(1, lags):
+            cross = scores[lag:].T @ scores[:-lag]
+            middle += (1 - lag / lags) * (cross + cross.T)
+    inverse = np.linalg.inv(A)
+    return inverse @ middle @ inverse
+
+
+@pytest.mark.parametrize("keep", [0.0, 0.8, 0.95])
+def test_deviations_are_those_of_the_exact_covariance(arm, keep):
+    samples = samples_of(arm, 6000, keep, 1)
+    weights = np.array([2.0, 10.0])
+    exact = np.sqrt(np.diagonal(exact_covariance(arm, samples, keep, weights)))
+    ratios = []
+    for seed in range(12):
+        information = sy.Information.from_samples(arm, samples_of(arm, 6000, keep, seed))
+        estimate = sy.least_squares(information, weights)
+        ratios.append(estimate.corrected_standard_deviation / exact)
+    # Each rests on 20 to 200 blocks; their mean square shows the bias.
+    np.testing.assert_allclose(np.sqrt(np.mean(np.square(ratios), axis=0)), 1.0, atol=0.12)
+
+
+def test_agrees_with_newey_west(arm):
+    samples = samples_of(arm, 20000, 0.9, 5)
+    estimate = sy.least_squares(sy.Information.from_samples(arm, samples), "joint")
+    expected = np.sqrt(np.diagonal(newey_west(arm, samples, estimate.base, estimate.weights, 300)))
+    # Newey and West's estimate does not give back what the fit took out of the residuals, and is itself noisy.
+    np.testing.assert_allclose(estimate.corrected_standard_deviation, expected, rtol=0.3)
+    assert np.median(estimate.corrected_standard_deviation / expected) == pytest.approx(1.0, abs=0.15)
+
+
+def test_white_noise_needs_no_correction(arm):
+    estimates = [
+        sy.least_squares(sy.Information.from_samples(arm, samples_of(arm, 8000, 0.0, seed)), "joint")
+        for seed in range(8)
+    ]
+    ratio = [e.corrected_standard_deviation / e.standard_deviation for e in estimates]
+    assert np.mean(ratio) == pytest.approx(1.0, abs=0.05)
+
+
+def test_inflation_is_that_of_the_noise(arm):
+    information = sy.Information.from_samples(arm, samples_of(arm, 60000, 0.9, 3))
+    found = residual_correlation(information, sy.least_squares(information).base)
+    np.testing.assert_allclose(found.inflation, (1 + 0.9) / (1 - 0.9), rtol=0.3)
+    np.testing.assert_allclose(np.sqrt(found.variance), [0.5, 0.1], rtol=0.05)
+    np.testing.assert_allclose(found.effective_count, 60000 / found.inflation)
+    assert found.settled.all()
+    assert "independent" in repr(found)
+    assert "<table>" in found._repr_html_()
+
+
+def test_intervals_cover_the_truth(arm):
+    truth = arm.base_parameters().values(np.linspace(0.5, 1.5, arm.parameter_count))
+    inside, plain = [], []
+    for seed in range(120):
+        estimate = sy.least_squares(sy.Information.from_samples(arm, samples_of(arm, 5000, 0.95, seed)), "joint")
+        low, high = estimate.confidence_interval(0.95).T
+        inside.append((low <= truth) & (truth <= high))
+        plain.append(np.abs(estimate.base - truth) <= 1.96 * estimate.standard_deviation)
+    assert 0.90 <= np.mean(inside) <= 0.99
+    assert np.mean(plain) < 0.5
+
+
+def test_block_sums_are_sums_of_rows(arm):
+    mask = np.random.default_rng(1).random((2500, 2)) > 0.3
+    samples = samples_of(arm, 2500, 0.5, 2, mask)
+    information = sy.Information.from_samples(arm, samples)
+    assert len(information.block_factors) == len(BLOCK_LENGTHS)
+    for length, level in zip(BLOCK_LENGTHS, information.block_factors, strict=True):
+        for k, (factor, X) in enumerate(zip(level, regressors(arm, samples), strict=True)):
+            rows = np.column_stack([X[:, factor.columns], samples.torque[:, k]]) * mask[:, k, None]
+            sums = np.add.reduceat(rows, np.arange(0, 2500, length))
+            np.testing.assert_allclose(factor.triangle.T @ factor.triangle, sums.T @ sums, rtol=1e-9, atol=1e-7)
+            assert factor.count == len(sums)
+
+
+def test_informations_add_with_their_blocks(arm, tmp_path):
+    samples = samples_of(arm, 4096, 0.9, 4)
+    parts = [
+        sy.Samples(q=samples.q[r], dq=samples.dq[r], ddq=samples.ddq[r], torque=samples.torque[r])
+        for r in (slice(0, 2048), slice(2048, 4096))
+    ]
+    whole = sy.Information.from_samples(arm, samples)
+    total = sy.Information.from_chunks(arm, parts)
+    total.save(tmp_path / "information.json")
+    for other in (total, sy.Information.load(tmp_path / "information.json"), sy.Information.empty(arm) + total):
+        found = sy.least_squares(other, "joint")
+        np.testing.assert_allclose(
+            found.corrected_standard_deviation, sy.least_squares(whole, "joint").corrected_standard_deviation, rtol=1e-8
+        )
+    without = sy.Information.from_samples(arm, parts[0], blocks=False)
+    assert (total + without).block_factors == ()
+    assert sy.least_squares(without).corrected_standard_deviation is None
+    with pytest.raises(sy.InputError, match="blocks=True"):
+        residual_correlation(without, np.zeros(without.base_count))
+
+
+def test_whitened_rows_have_corrected_deviations_too(arm):
+    count, keep = 20000, 0.9
+    mixing = np.linalg.cholesky(np.array([[0.25, 0.04], [0.04, 0.01]]))
+    q, dq, ddq = motion(count)
+    exact = arm.inverse_dynamics(q, dq, ddq, np.linspace(0.5, 1.5, arm.parameter_count))
+    ratios = []
+    for seed in range(6):
+        noise = colored(np.random.default_rng(seed), q.shape, keep, (1.0, 1.0)) @ mixing.T
+        samples = sy.Samples(q=q, dq=dq, ddq=ddq, torque=exact + noise)
+        estimate = sy.least_squares(sy.Information.from_samples(arm, samples, mixing @ mixing.T))
+        ratios.append(np.median(estimate.corrected_standard_deviation / estimate.standard_deviation))
+    assert np.mean(ratios) == pytest.approx(np.sqrt((1 + keep) / (1 - keep)), rel=0.1)
+
+
+def test_correlation_beyond_the_log_is_told(arm):
+    q, dq, ddq = motion(3000)
+    drift = np.sin(np.arange(3000) / 700.0)[:, None]
+    torque = arm.inverse_dynamics(q, dq, ddq, np.ones(arm.parameter_count)) + drift
+    information = sy.Information.from_samples(arm, sy.Samples(q=q, dq=dq, ddq=ddq, torque=torque))
+    found = residual_correlation(information, sy.least_squares(information).base)
+    assert not found.settled.any()
+
+
+def test_undetermined_stays_infinite(arm):
+    q, dq, ddq = (a.copy() for a in motion(3000))
+    for array in (q, dq, ddq):
+        array[:, 1] = 0.0
+    torque = np.random.default_rng(1).normal(size=q.shape)
+    estimate = sy.least_squares(sy.Information.from_samples(arm, sy.Samples(q=q, dq=dq, ddq=ddq, torque=torque)))
+    loose = ~np.isfinite(estimate.standard_deviation)
+    assert loose.any()
+    np.testing.assert_array_equal(~np.isfinite(estimate.corrected_standard_deviation), loose)
+
+
+def test_feasible_fits_have_it_too(arm):
+    q, dq, ddq = motion(5000)
+    body, joint = [1.0, 0.0, 0.0, 1.0, 0.0, 1.0, 0.1, 0.1, 0.1, 1.0], [0.5, 0.2]
+    torque = arm.inverse_dynamics(q, dq, ddq, np.array(2 * (body + joint)))
+    torque += colored(np.random.default_rng(1), torque.shape, 0.9)
+    information = sy.Information.from_samples(arm, sy.Samples(q=q, dq=dq, ddq=ddq, torque=torque))
+    plain, feasible = sy.least_squares(information, "joint"), sy.fit(information, sy.FeasibleSet(arm))
+    np.testing.assert_allclose(feasible.corrected_standard_deviation, plain.corrected_standard_deviation, rtol=0.2)
+
+
+def test_estimates_keep_it_and_older_files_do_without(arm, tmp_path):
+    estimate = sy.least_squares(sy.Information.from_samples(arm, samples_of(arm, 2000, 0.5, 1)))
+    estimate.save(tmp_path / "estimate.json")
+    loaded = sy.Estimate.load(tmp_path / "estimate.json")
+    np.testing.assert_array_equal(loaded.corrected_standard_deviation, estimate.corrected_standard_deviation)
+    document = estimate.to_dict()
+    del document["corrected_standard_deviation"]
+    older = sy.Estimate.from_dict(document)
+    assert older.corrected_standard_deviation is None
+    reach = 1.959964 * estimate.standard_deviation
+    np.testing.assert_allclose(
+        older.confidence_interval(), estimate.base[:, None] + np.outer(reach, [-1, 1]), rtol=1e-6
+    )
+    with pytest.raises(sy.InputError, match="between 0 and 1"):
+        older.confidence_interval(95)
