@@ -1,0 +1,94 @@
+"""``steelyard simulate``."""
+
+from __future__ import annotations
+
+from enum import Enum
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from .terminal import progress
+
+__all__ = ["SimulationMethod", "simulate"]
+
+
+class SimulationMethod(Enum):
+    """How the motion is integrated."""
+
+    AUTOMATIC = "automatic"
+    DORMAND_PRINCE = "dormand_prince"
+    DOP853 = "dop853"
+    RADAU = "radau"
+    BDF = "bdf"
+    LSODA = "lsoda"
+    RUNGE_KUTTA_4 = "runge_kutta_4"
+    ROSENBROCK = "rosenbrock"
+
+
+def simulate(
+    robot: Annotated[Path, typer.Argument(help="URDF or robot.toml.")],
+    estimate: Annotated[
+        Path | None, typer.Argument(help="estimate.json; without it the values of the description (CAD).")
+    ] = None,
+    output: Annotated[Path, typer.Option("--output", "-o", help="Folder for the results.")] = Path(
+        "steelyard-simulation"
+    ),
+    duration: Annotated[
+        float | None, typer.Option(help="Seconds; by default those of the torques or of the trajectory, or 5.")
+    ] = None,
+    initial: Annotated[
+        str | None, typer.Option(help="Joint positions at the start, such as 0,0.5,-1; zeros by default.")
+    ] = None,
+    torque: Annotated[
+        Path | None, typer.Option(help="CSV or Parquet with columns t, tau1, tau2, …; without it the motors are off.")
+    ] = None,
+    follow: Annotated[
+        Path | None, typer.Option(help="Trajectory that is followed under computed torque at 1 kHz.")
+    ] = None,
+    method: Annotated[SimulationMethod, typer.Option(help="Integration method.")] = SimulationMethod.AUTOMATIC,
+    rate: Annotated[float | None, typer.Option(help="Samples a second; by default the control rate, or 1000.")] = None,
+    sign_width: Annotated[
+        float, typer.Option(help="Speed within which friction changes its sign, rad/s or m/s; 0: at once.", min=0.0)
+    ] = 1e-3,
+    stop_at_limits: Annotated[
+        bool, typer.Option("--stop-at-limits", help="End where a joint passes a limit of the description.")
+    ] = False,
+) -> None:
+    """Simulate a robot: exit 0 when it ran to its end or to an event, 1 when it diverged, 2 bad input."""
+    from steelyard.errors import InputError
+    from steelyard.identification.simulated import simulate_files
+    from steelyard.report.results import require_folder
+    from steelyard.report.simulation import save_simulation
+
+    positions = None
+    if initial is not None:
+        try:
+            positions = [float(text) for text in initial.split(",")]
+        except ValueError:
+            raise InputError(
+                f"--initial must be numbers with commas between, such as 0,0.5,-1, got {initial!r}."
+            ) from None
+    require_folder(output)
+    with progress() as say:
+        say(f"simulating {robot}")
+        simulation = simulate_files(
+            robot,
+            estimate,
+            duration=duration,
+            initial=positions,
+            torque=torque,
+            follow=follow,
+            method=method.value,
+            rate=rate,
+            sign_width=sign_width,
+            stop_at_limits=stop_at_limits,
+        )
+        say("writing the results")
+        save_simulation(simulation, output)
+    result = simulation.result
+    ending = f"{result.status} at {result.end_time:.6g} s"
+    typer.echo(f"{ending}: {result.message}" if result.message else ending)
+    typer.echo(f"Look at {output / 'simulation.html'}")
+    if result.status in ("diverged", "stopped"):
+        raise typer.Exit(1)

@@ -1,0 +1,219 @@
+"""Simulations of a robot file: with the parameters of an estimate or of the description, and torques from a file."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from steelyard.dynamics import Model
+from steelyard.errors import InputError
+from steelyard.regression import Estimate
+from steelyard.robot import RobotFile
+from steelyard.simulation import Event, Measurement, SimulationResult, joint_limits, simulate
+
+from .saved import matching_estimate, parameters_of_description
+
+__all__ = ["FileSimulation", "simulate_files"]
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True, eq=False)
+class FileSimulation:
+    """A simulation and where it came from.
+
+    Attributes
+    ----------
+    model : Model
+    result : SimulationResult
+    inputs : tuple of Path
+        The files that were read.
+    parameters : str
+        Whose parameters they are, in words.
+    options : dict
+        What was asked for.
+    """
+
+    model: Model
+    result: SimulationResult
+    inputs: tuple[Path, ...]
+    parameters: str
+    options: dict[str, Any]
+
+
+def simulate_files(
+    robot: str | Path,
+    estimate: str | Path | None = None,
+    *,
+    duration: float | None = None,
+    initial: list[float] | None = None,
+    torque: str | Path | None = None,
+    follow: str | Path | None = None,
+    gains: tuple[float, float] = (150.0, 25.0),
+    method: str = "automatic",
+    rate: float | None = None,
+    sign_width: float = 1e-3,
+    stop_at_limits: bool = False,
+) -> FileSimulation:
+    """Simulate the robot of a file.
+
+    Parameters
+    ----------
+    robot : str or Path
+        URDF or robot.toml.
+    estimate : str or Path, optional
+        What :meth:`steelyard.Estimate.save` wrote; the values of the description (CAD) where not given.
+    duration : float, optional
+        s; that of the torques or of the trajectory where there is one, otherwise 5 s.
+    initial : list of float, optional
+        N joint positions; zeros, or the start of the trajectory.
+    torque : str or Path, optional
+        A CSV or Parquet file with columns ``t`` and ``tau1`` to ``tauN``: each row's torques are held until the next.
+    follow : str or Path, optional
+        A trajectory (see :func:`steelyard.load_trajectory`) that the robot follows under computed torque with the same
+        parameters, at 1 kHz.
+    gains : (float, float)
+        Of that controller, 1/s² and 1/s.
+    method, rate, sign_width
+        See :func:`steelyard.simulate`.
+    stop_at_limits : bool
+        End the run where a joint passes a limit of the description.
+
+    Returns
+    -------
+    FileSimulation
+
+    Raises
+    ------
+    InputError
+        If a file or an option cannot be used.
+    """
+    file = RobotFile.load(robot)
+    model = Model.from_file(file)
+    inputs = [Path(robot), *([model.robot.source] if model.robot.source is not None else [])]
+    parameters, base, whose = _parameters(model, estimate)
+    if torque is not None and follow is not None:
+        raise InputError("Give either --torque or --follow: the motors obey one of them.")
+    if initial is not None and len(initial) != model.joint_count:
+        raise InputError(
+            f"--initial gives {len(initial)} positions, but {model.robot.name} has {model.joint_count} joints: "
+            f"{', '.join(model.robot.joint_names)}."
+        )
+    q0, dq0 = np.zeros(model.joint_count) if initial is None else np.array(initial), np.zeros(model.joint_count)
+    motors: Any = None
+    if torque is not None:
+        motors = TorqueTable.read(torque, model.joint_count)
+        duration = motors.duration if duration is None else duration
+    if follow is not None:
+        from steelyard.control import ComputedTorque
+        from steelyard.motion import load_trajectory
+
+        trajectory = load_trajectory(follow)
+        if trajectory.joint_count != model.joint_count:
+            raise InputError(
+                f"{follow}: moves {trajectory.joint_count} joints, but {model.robot.name} has {model.joint_count}."
+            )
+        start = trajectory.motion(np.zeros(1))
+        q0, dq0 = start[0][0] if initial is None else q0, start[1][0]
+        duration = trajectory.duration if duration is None else duration
+        kp, kd = gains
+        motors = ComputedTorque(model, parameters, trajectory, kp=kp, kd=kd, base=base, drives=True)
+    events: tuple[Event, ...] = (joint_limits(model.robot),) if stop_at_limits else ()
+    result = simulate(
+        model,
+        parameters,
+        q0,
+        dq0,
+        5.0 if duration is None else duration,
+        motors,
+        base=base,
+        method=method,
+        rate=rate,
+        sign_width=sign_width,
+        events=events,
+    )
+    options = {
+        **result.options,
+        "initial": q0.tolist(),
+        "torque": None if torque is None else str(torque),
+        "follow": None if follow is None else str(follow),
+        "gains": list(gains) if follow is not None else None,
+        "stop_at_limits": stop_at_limits,
+    }
+    inputs += [Path(path) for path in (estimate, torque, follow) if path is not None]
+    return FileSimulation(model, result, tuple(dict.fromkeys(inputs)), whose, options)
+
+
+def _parameters(model: Model, estimate: str | Path | None) -> tuple[Array, bool, str]:
+    """Return parameters, whether they are base parameters, and whose they are."""
+    if estimate is None:
+        return parameters_of_description(model), False, "the description (CAD); what it leaves open is zero"
+    loaded: Estimate = matching_estimate(model, estimate)
+    if loaded.parameters is not None:
+        return loaded.parameters, False, f"{estimate} ({loaded.method})"
+    return loaded.base, True, f"{estimate} ({loaded.method}), base parameters"
+
+
+class TorqueTable:
+    """Torques of a file, as a controller: each row holds until the next.
+
+    Parameters
+    ----------
+    t : ndarray
+        (S,) s, in equal steps from zero.
+    torque : ndarray
+        (S, N).
+
+    Attributes
+    ----------
+    period, duration : float
+        s.
+    """
+
+    def __init__(self, t: Array, torque: Array) -> None:
+        self.period = float(t[-1] - t[0]) / (len(t) - 1)
+        self.duration = self.period * (len(t) - 1)
+        self._torque = torque
+
+    @classmethod
+    def read(cls, path: str | Path, count: int) -> TorqueTable:
+        """Read a CSV or Parquet file with columns t and tau1 to tauN."""
+        import polars
+
+        source = Path(path)
+        readers: dict[str, Any] = {".csv": polars.read_csv, ".parquet": polars.read_parquet}
+        if source.suffix not in readers:
+            raise InputError(f"{source}: torques are read from .csv or .parquet, got {source.suffix or 'no suffix'!r}.")
+        try:
+            frame = readers[source.suffix](source)
+        except (OSError, polars.exceptions.PolarsError) as error:
+            reason = str(error).splitlines()[0]
+            raise InputError(f"{source}: cannot be read ({reason}); give a table with t and tau1, tau2, …") from None
+        names = ["t", *(f"tau{k + 1}" for k in range(count))]
+        missing = [name for name in names if name not in frame.columns]
+        if missing:
+            raise InputError(f"{source}: has no column {missing[0]!r}; needed are {', '.join(names)}.")
+        try:
+            table = frame.select(polars.col(names).cast(polars.Float64)).to_numpy()
+        except polars.exceptions.PolarsError:
+            raise InputError(f"{source}: holds text where numbers are needed, in one of {', '.join(names)}.") from None
+        if len(table) < 2 or not np.isfinite(table).all():
+            raise InputError(f"{source}: needs two rows of finite numbers at least; some are missing.")
+        steps = np.diff(table[:, 0])
+        if not (steps > 0.0).all() or np.ptp(steps) > 0.01 * steps.mean():
+            raise InputError(
+                f"{source}: its times must increase in equal steps, found {steps.min():.6g} to {steps.max():.6g} s."
+            )
+        return cls(table[:, 0], table[:, 1:])
+
+    def start(self, measurement: Measurement) -> None:
+        """There is nothing to forget."""
+
+    def torque(self, measurement: Measurement) -> Array:
+        """Return the row of this time; the last one holds on."""
+        row: Array = self._torque[min(round(measurement.t / self.period), len(self._torque) - 1)]
+        return row

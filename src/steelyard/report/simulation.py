@@ -1,0 +1,160 @@
+"""The folder of a simulation: samples, how it ended, and a page of figures."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import os
+import platform
+import shutil
+import tempfile
+from importlib import metadata
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from steelyard import __version__
+from steelyard.identification.simulated import FileSimulation
+
+from .charts import Chart, Curve, charts_markup
+from .document import Section, html_document, write_text
+from .markup import Markup, escape, table
+from .results import require_folder
+
+__all__ = ["save_simulation", "simulation_html"]
+
+FORMAT = "steelyard-simulation-1"
+_LIBRARIES = ("numpy", "scipy", "llvmlite", "polars")
+
+
+def save_simulation(simulation: FileSimulation, folder: Path) -> tuple[Path, ...]:
+    """Write ``simulation.csv``, ``simulation.json`` and ``simulation.html``.
+
+    All are made beside the folder first and then moved into it, so that it never holds half a result.
+
+    Parameters
+    ----------
+    simulation : FileSimulation
+    folder : Path
+        Made where it is missing; files of the same names are replaced.
+
+    Returns
+    -------
+    tuple of Path
+        The files.
+
+    Raises
+    ------
+    InputError
+        If the folder cannot be written.
+    """
+    require_folder(folder)
+    beside = Path(tempfile.mkdtemp(prefix=".steelyard-", dir=folder))
+    try:
+        simulation.result.save(beside / "simulation.csv")
+        record = json.dumps(simulation_record(simulation), indent=1, allow_nan=False)
+        write_text(record, beside / "simulation.json")
+        write_text(simulation_html(simulation), beside / "simulation.html")
+        made = sorted(beside.iterdir())
+        for path in made:
+            os.replace(path, folder / path.name)
+    finally:
+        shutil.rmtree(beside, ignore_errors=True)
+    return tuple(folder / path.name for path in made)
+
+
+def simulation_record(simulation: FileSimulation) -> dict[str, Any]:
+    """Return how it ended, inputs with hashes, versions and options: what is needed to run it again."""
+    result = simulation.result
+    return {
+        "format": FORMAT,
+        "status": str(result.status),
+        "end_time": result.end_time,
+        "message": result.message,
+        "final_position": result.final_q.tolist(),
+        "final_velocity": result.final_dq.tolist(),
+        "parameters": simulation.parameters,
+        "inputs": [_input(path) for path in simulation.inputs],
+        "options": simulation.options,
+        "versions": {
+            "steelyard": __version__,
+            "python": platform.python_version(),
+            **{name: metadata.version(name) for name in _LIBRARIES},
+        },
+    }
+
+
+def simulation_html(simulation: FileSimulation) -> str:
+    """Return the page: how it ended, joints and energy over time, provenance.
+
+    Parameters
+    ----------
+    simulation : FileSimulation
+
+    Returns
+    -------
+    str
+    """
+    result, robot = simulation.result, simulation.model.robot
+    names = result.joint_names
+    turns = [robot.joints[k].rotates for k in robot.driving_joints]
+    unit = "rad" if all(turns) else "m" if not any(turns) else "rad or m"
+    effort = "N·m" if all(turns) else "N" if not any(turns) else "N·m or N"
+
+    def curves(values: Any) -> tuple[Curve, ...]:
+        return tuple(Curve(name, result.t, values[:, k]) for k, name in enumerate(names))
+
+    motion = [
+        Chart("Positions", "time, s", unit, curves(result.q)),
+        Chart("Velocities", "time, s", f"{unit} per s", curves(result.dq)),
+        Chart("Torques of the motors", "time, s", effort, curves(result.torque)),
+    ]
+    energy = Chart(
+        "Energy",
+        "time, s",
+        "J",
+        (
+            Curve("total", result.t, result.energy),
+            Curve("kinetic", result.t, result.kinetic_energy),
+            Curve("potential", result.t, result.potential_energy),
+            Curve("dissipated", result.t, result.dissipated, "dashed"),
+        ),
+    )
+    ending = f"{result.status} at {result.end_time:.6g} s" + (f": {result.message}" if result.message else "")
+    lead = Markup(f"<p>{escape(ending)}.</p><p>Parameters of {escape(simulation.parameters)}.</p>")
+    record = simulation_record(simulation)
+    rows = [(key, "" if value is None else str(value)) for key, value in simulation.options.items()]
+    rows += [(entry["path"], entry["sha256"]) for entry in record["inputs"]]
+    rows += [(name, version) for name, version in record["versions"].items()]
+    sections = [
+        Section("motion", "Joints", charts_markup(motion, identifier="joints")),
+        Section("energy", "Energy", charts_markup([energy], identifier="energy-chart")),
+        Section("extent", "Extent of the motion", _extent(simulation)),
+        Section(
+            "sources", "Provenance", table("Options, inputs, versions", ("", ""), rows, identifier="run", texts=(1,))
+        ),
+    ]
+    title = f"{robot.name}: simulation"
+    return html_document(title, "Steelyard simulation", robot.name, lead, sections, script="charts.js")
+
+
+def _extent(simulation: FileSimulation) -> Markup:
+    result = simulation.result
+    rows = [
+        (
+            name,
+            f"{result.q[:, k].min():.4g}",
+            f"{result.q[:, k].max():.4g}",
+            f"{np.abs(result.dq[:, k]).max():.4g}",
+            f"{np.abs(result.torque[:, k]).max():.4g}",
+        )
+        for k, name in enumerate(result.joint_names)
+    ]
+    columns = ("joint", "least position", "greatest position", "greatest speed", "greatest torque")
+    return table("SI units", columns, rows, identifier="extent-table")
+
+
+def _input(path: Path) -> dict[str, str]:
+    with path.open("rb") as file:
+        return {"path": str(path), "sha256": hashlib.file_digest(file, "sha256").hexdigest()}

@@ -1,0 +1,103 @@
+"""What stands between a command and the joints: saturation, rate limit, currents in steps."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from steelyard.errors import InputError
+
+from .checks import per_joint
+
+__all__ = ["ActuatorOutputs", "Actuators"]
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True, eq=False)
+class Actuators:
+    """The drives of a robot. Values for each joint are a number for all or (N,).
+
+    A command passes first the saturation, then the rate limit, then the converter of the current.
+
+    Parameters
+    ----------
+    saturation : array_like
+        Largest torque, N·m or N.
+    rate_limit : array_like
+        Largest change of the torque, N·m/s or N/s; the torques start from zero, or from the first command where
+        nothing limits them.
+    torque_constant : array_like or None
+        Torque at the joint for one ampere, N·m/A or N/A.
+    current_range : array_like or None
+        Largest current, A, of the converter.
+    current_bits : int or None
+        Of the converter, which has ``2**bits - 1`` levels from minus to plus the range, one of them zero.
+
+    Raises
+    ------
+    InputError
+        If a value is out of its range, or only some of the three about the current are given.
+
+    Examples
+    --------
+    >>> Actuators(saturation=5.0).start(runs=1, count=2).apply(np.array([[7.0, -3.0]]), 0.001).tolist()
+    [[5.0, -3.0]]
+    """
+
+    saturation: ArrayLike = np.inf
+    rate_limit: ArrayLike = np.inf
+    torque_constant: ArrayLike | None = None
+    current_range: ArrayLike | None = None
+    current_bits: int | None = None
+
+    def __post_init__(self) -> None:
+        given = [value is not None for value in (self.torque_constant, self.current_range, self.current_bits)]
+        if any(given) and not all(given):
+            raise InputError(
+                "Actuators with a quantised current need torque_constant, current_range and current_bits together."
+            )
+        bits = self.current_bits
+        if bits is not None and (isinstance(bits, bool) or not isinstance(bits, int) or not 2 <= bits <= 32):
+            raise InputError(f"current_bits of Actuators must be a whole number from 2 to 32, got {bits!r}.")
+
+    def start(self, runs: int, count: int) -> ActuatorOutputs:
+        """Return the drives of R runs of N joints, at rest."""
+        return ActuatorOutputs(self, runs, count)
+
+
+class ActuatorOutputs:
+    """Drives at work: what they remember between two commands.
+
+    Parameters
+    ----------
+    actuators : Actuators
+    runs, count : int
+    """
+
+    def __init__(self, actuators: Actuators, runs: int, count: int) -> None:
+        self._saturation = per_joint(actuators.saturation, count, "saturation", zero=False)
+        self._rate = per_joint(actuators.rate_limit, count, "rate_limit", zero=False)
+        self._is_slow = bool(np.isfinite(self._rate).any())
+        self._level: Array | None = None
+        if actuators.current_bits is not None:
+            constant = per_joint(actuators.torque_constant, count, "torque_constant", zero=False)
+            largest = per_joint(actuators.current_range, count, "current_range", zero=False)
+            if not (np.isfinite(constant).all() and np.isfinite(largest).all()):
+                raise InputError("torque_constant and current_range of Actuators must be finite.")
+            self._steps = 2 ** (actuators.current_bits - 1) - 1
+            self._level = constant * largest / self._steps
+        self._last = np.zeros((runs, count))
+
+    def apply(self, command: Array, period: float) -> Array:
+        """Return the torques (R, N) that follow a command, `period` s after the last one."""
+        torque = np.clip(command, -self._saturation, self._saturation)
+        if self._is_slow:
+            change = self._rate * period
+            torque = np.clip(torque, self._last - change, self._last + change)
+            self._last = torque
+        if self._level is not None:
+            torque = np.clip(np.round(torque / self._level), -self._steps, self._steps) * self._level
+        return torque

@@ -1,0 +1,249 @@
+"""What a simulation computes of a model in compiled code: accelerations, whole steps, energies."""
+
+from __future__ import annotations
+
+import hashlib
+from collections.abc import Callable, Mapping, Sequence
+from pathlib import Path
+from typing import Any
+from weakref import WeakKeyDictionary, ref
+
+import numpy as np
+from numpy.typing import NDArray
+
+from steelyard.dynamics import Model
+from steelyard.dynamics.catalogue import forward_dynamics_function
+from steelyard.dynamics.forward_dynamics import solve_inertia
+from steelyard.export.evaluation import evaluate_over
+from steelyard.graph import Argument, Function, Graph, Kernel, Node, Output, cos, jacobian, sign, sin, sqrt
+
+from .steps import DAMPING, rosenbrock, runge_kutta_4
+
+__all__ = ["MotionFunctions", "motion_functions"]
+
+LARGEST_STEP = 25_000  # operations of a whole step beyond which it is not compiled as one piece
+Nodes = NDArray[Any]
+
+
+class MotionFunctions:
+    """The compiled functions of a simulation: of states ``[q dq]``, torques and parameters.
+
+    Each reads ``state`` (2 N), ``torque`` (N), ``parameters``, ``sign_width`` (1) and ``step`` (1), in this order, and
+    is made when it is first asked for.
+
+    Parameters
+    ----------
+    model : Model
+    base : bool
+        In base parameters.
+    smooth : bool
+        With the smooth sign.
+    each : bool
+        Every run has parameters of its own.
+    """
+
+    def __init__(self, model: Model, base: bool, smooth: bool, each: bool) -> None:
+        self._model = ref(model)  # these functions are kept by the model's life, and must not prolong it
+        self.base, self.smooth, self.each = base, smooth, each
+        self.count = model.joint_count
+        self.parameter_count = model.base_parameters().count if base else model.parameter_count
+        self._dynamics = forward_dynamics_function(model.robot, "automatic")
+        self._kernels: dict[str, Kernel] = {}
+
+    @property
+    def model(self) -> Model:
+        """The model."""
+        model = self._model()
+        assert model is not None
+        return model
+
+    def kernel(self, name: str) -> Kernel:
+        """Return ``"acceleration"``, ``"damped"``, ``"runge_kutta_4"``, ``"rosenbrock"`` or ``"energy"``, compiled."""
+        if name not in self._kernels:
+            self._kernels[name] = Kernel(lambda: self._function(name), identity=self._identity(name))
+        return self._kernels[name]
+
+    def derivatives(self) -> Kernel:
+        """Return the model's derivatives of inverse dynamics, with the sign of these functions."""
+        sign = "smooth" if self.smooth else "exact"
+        return self.model.kernel("inverse_dynamics_derivatives", base=self.base, sign=sign)
+
+    def fits_one_piece(self, name: str) -> bool:
+        """Tell whether a whole step of a method is small enough to be compiled as one function."""
+        count = self._part(self._dynamics).operation_count
+        return sum(count.values()) * {"runge_kutta_4": 4, "rosenbrock": 3}[name] <= LARGEST_STEP
+
+    def _part(self, name: str) -> Function:
+        return self.model.function(name, base=self.base, sign="smooth" if self.smooth else "exact")
+
+    def _identity(self, name: str) -> str | None:
+        known = self.model.kernel(self._dynamics, base=self.base, sign="smooth" if self.smooth else "exact").identity
+        return None if known is None else f"{name} {self.each} {_digest()} {known}"
+
+    def _function(self, name: str) -> Function:
+        """Compose a function of those of the model."""
+        recorder, count = Graph(), self.count
+        arguments = (
+            Argument("state", 2 * count),
+            Argument("torque", count),
+            Argument("parameters", self.parameter_count, not self.each),
+            Argument("sign_width", 1, True),
+            Argument("step", 1, True),
+        )
+        given = {a.name: recorder.inputs(a.name, a.width) for a in arguments}
+        outputs = getattr(self, f"_{name}")(_Composer(self, recorder, given), given["step"][0])
+        named = tuple(
+            Output(label, np.shape(value), tuple(recorder.node(x) for x in np.ravel(value)))
+            for label, value in outputs.items()
+        )
+        return Function(name, arguments, named, f"{name} of a simulation")
+
+    @staticmethod
+    def _acceleration(scene: _Composer, step: Node) -> dict[str, Nodes]:
+        return {"acceleration": scene.acceleration(0.0, scene.q, scene.dq)}
+
+    @staticmethod
+    def _damped(scene: _Composer, step: Node) -> dict[str, Nodes]:
+        acceleration, filtered = scene.damped(scene.q, scene.dq, step * DAMPING)
+        columns = [filtered(column) for column in np.eye(len(scene.q))]
+        return {"acceleration": acceleration, "filter": np.stack(columns, axis=1)}
+
+    @staticmethod
+    def _runge_kutta_4(scene: _Composer, step: Node) -> dict[str, Nodes]:
+        return {"next": np.concatenate(runge_kutta_4(scene.acceleration, scene.q, scene.dq, step))}
+
+    @staticmethod
+    def _rosenbrock(scene: _Composer, step: Node) -> dict[str, Nodes]:
+        return {"next": np.concatenate(rosenbrock(scene.damped, scene.acceleration, scene.q, scene.dq, step))}
+
+    @staticmethod
+    def _energy(scene: _Composer, step: Node) -> dict[str, Nodes]:
+        rows = scene.outputs("energy_regressor", {"q": scene.q, "dq": scene.dq}, exact=True)
+        kinetic, potential = (sum((x * p for x, p in zip(row, scene.parameters, strict=True)), 0.0) for row in rows)
+        friction = sum(t * v for t, v in zip(scene.friction(scene.q, scene.dq), scene.dq, strict=True))
+        rest = scene.friction(scene.q, np.zeros(len(scene.q)))
+        return {"energy": np.array([kinetic, potential, friction, *rest], dtype=object)}
+
+
+class _Composer:
+    """Functions of the model at nodes of one graph."""
+
+    def __init__(self, functions: MotionFunctions, recorder: Graph, given: Mapping[str, Sequence[Node]]) -> None:
+        self._functions = functions
+        self._recorder = recorder
+        state = np.array(given["state"], dtype=object)
+        self.q, self.dq = np.split(state, 2)
+        self.torque = given["torque"]
+        self.parameters = given["parameters"]
+        self.width = given["sign_width"][0]
+
+    def outputs(
+        self, name: str, motion: Mapping[str, Any], exact: bool = False, unary: Mapping[str, Any] | None = None
+    ) -> tuple[list[Any], ...]:
+        """Return the outputs of a function of the model; with the exact sign, or whatever `unary` puts for it."""
+        model, base = self._functions.model, self._functions.base
+        function = model.function(name, base=base) if exact or unary else self._functions._part(name)
+        elements = {**motion, "sign_width": [self.width]}
+        elements["base_parameters" if base else "parameters"] = self.parameters
+        used = {a.name: [self._recorder.node(x) for x in elements[a.name]] for a in function.arguments}
+        return evaluate_over(function, used, unary or _UNARY, self._recorder.node)
+
+    def acceleration(self, fraction: float, q: Nodes, dq: Nodes) -> Nodes:
+        motion = {"q": q, "dq": dq, "tau": self.torque}
+        return np.array(self.outputs(self._functions._dynamics, motion)[0], dtype=object)
+
+    def friction(self, q: Nodes, dq: Nodes) -> list[Any]:
+        """Return the torques of the terms without acceleration."""
+        still = [self._recorder.zero] * len(q)
+        return self.outputs("drive_torque", {"q": q, "dq": dq, "ddq": still})[0]
+
+    def damped(self, q: Nodes, dq: Nodes, factor: Node) -> tuple[Nodes, Callable[[Any], Nodes]]:
+        count = len(q)
+        still = [self._recorder.zero] * count
+        needed = self.outputs("inverse_dynamics", {"q": q, "dq": dq, "ddq": still})[0]
+        inertia = np.array(self.outputs("total_inertia_matrix", {"q": q})[0], dtype=object).reshape(count, count)
+        free = [a - b for a, b in zip(self.torque, needed, strict=True)]
+        plain = np.array(solve_inertia(inertia.tolist(), free), dtype=object)
+        heavy = inertia + self.damping(q, dq, dq + plain * (factor * (1.0 / DAMPING))) * factor
+        rows = heavy.tolist()
+
+        def filtered(x: Any) -> Nodes:
+            right = [sum((inertia[i, j] * x[j] for j in range(count)), self._recorder.zero) for i in range(count)]
+            return np.array(solve_inertia(rows, right), dtype=object)
+
+        return np.array(solve_inertia(rows, free), dtype=object), filtered
+
+    def damping(self, q: Nodes, dq: Nodes, ahead: Nodes) -> Nodes:
+        """Return the damping of the terms (N, N): derivatives by dq, with the slopes of signs by `_slope`."""
+        recorder = Graph()
+        widths = {"q": len(q), "dq": len(q), "parameters": self._functions.parameter_count}
+        inputs = {name: recorder.inputs(name, width) for name, width in widths.items()}
+        speeds: list[Node] = []
+
+        def linear(x: Node) -> Node:
+            speeds.append(x)
+            return x * recorder.input(f"slope[{len(speeds) - 1}]")
+
+        function = self._functions.model.function("drive_torque", base=self._functions.base)
+        elements = {**inputs, "base_parameters": inputs["parameters"], "ddq": [recorder.zero] * len(q)}
+        used = {a.name: elements[a.name] for a in function.arguments}
+        (torques,) = evaluate_over(function, used, {**_UNARY, "sign": linear}, recorder.node)
+        slopes = []
+        if speeds:
+            now, then = (
+                self._substituted(speeds, {"q": q, "dq": velocity, "parameters": self.parameters})
+                for velocity in (dq, ahead)
+            )
+            slopes = [self._slope(x, y) for x, y in zip(now, then, strict=True)]
+        rows = jacobian([recorder.node(t) for t in torques], inputs["dq"])
+        flat = [node for row in rows for node in row]
+        values = {"q": q, "dq": dq, "parameters": self.parameters, "slope": slopes}
+        array: Nodes = np.array(self._substituted(flat, values), dtype=object).reshape(len(q), len(q))
+        return array
+
+    def _slope(self, now: Node, ahead: Node) -> Node:
+        """Return the slope of the smooth sign at a velocity, or its secant where an explicit step would reverse it."""
+        square = now * now + self.width * self.width
+        secant = 1.0 / sqrt(square)
+        slope = secant * (self.width * self.width / square)
+        reverses = 0.5 * (1.0 - sign(now) * sign(ahead))
+        return slope + reverses * (secant - slope)
+
+    def _substituted(self, nodes: Sequence[Node], values: Mapping[str, Any]) -> list[Any]:
+        """Return nodes of another graph at values of this one."""
+        arguments = tuple(Argument(name, len(value)) for name, value in values.items() if len(value))
+        function = Function("part", arguments, (Output("part", (len(nodes),), tuple(nodes)),))
+        elements = {name: [self._recorder.node(x) for x in value] for name, value in values.items()}
+        return evaluate_over(function, elements, _UNARY, self._recorder.node)[0]
+
+
+_UNARY: Mapping[str, Callable[[Any], Any]] = {"sin": sin, "cos": cos, "sign": sign, "sqrt": sqrt}
+_KNOWN: WeakKeyDictionary[Model, dict[tuple[bool, bool, bool], MotionFunctions]] = WeakKeyDictionary()
+
+
+def motion_functions(model: Model, *, base: bool, smooth: bool, each: bool) -> MotionFunctions:
+    """Return the functions of a model, kept for as long as the model lives.
+
+    Parameters
+    ----------
+    model : Model
+    base, smooth, each : bool
+        See :class:`MotionFunctions`.
+
+    Returns
+    -------
+    MotionFunctions
+    """
+    known = _KNOWN.setdefault(model, {})
+    key = (base, smooth, each)
+    if key not in known:
+        known[key] = MotionFunctions(model, base, smooth, each)
+    return known[key]
+
+
+def _digest() -> str:
+    """Return a digest of the code that composes functions, for the names in the object cache."""
+    folder = Path(__file__).resolve().parent
+    content = b"".join((folder / name).read_bytes() for name in ("steps.py", "compiled.py"))
+    content += (folder.parent / "export" / "evaluation.py").read_bytes()
+    return hashlib.sha256(content).hexdigest()

@@ -1,0 +1,271 @@
+"""One simulation: the loop of sensing, commanding and integrating, and what is recorded of it."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from .checks import checked_torque
+from .compiled import motion_functions
+from .dormand_prince import DormandPrince
+from .fixed_step import FIXED_STEP_METHODS, FixedStep
+from .integrator import Integrator
+from .library_methods import LibraryMethod
+from .measurement import Measurement
+from .plant import Plant
+from .request import Request
+from .result import Measured, SimulationResult
+from .sensors import SensorReadings
+from .status import Status
+from .watch import Watch
+
+__all__ = ["Experiment"]
+
+Array = NDArray[np.float64]
+
+
+class Experiment:
+    """Runs what a request asks for.
+
+    Parameters
+    ----------
+    request : Request
+    relative, absolute : float
+        Tolerances.
+    seed : int
+    options : dict
+        For the result.
+    """
+
+    def __init__(self, request: Request, relative: float, absolute: float, seed: int, options: dict[str, Any]) -> None:
+        self.request, self.options, self.seed = request, options, seed
+        self.runs, self.count = request.runs, request.model.joint_count
+        functions = motion_functions(
+            request.model, base=request.base, smooth=request.sign_width > 0.0, each=request.each
+        )
+        held = request.period is not None or request.function is None
+        self.plant = Plant(
+            functions,
+            request.parameters,
+            request.sign_width,
+            self.runs,
+            None if held else request.function,
+            request.contact,
+        )
+        adaptive = request.method not in FIXED_STEP_METHODS
+        self.watch = Watch(
+            self.plant,
+            request.state,
+            request.events,
+            passive=request.torque is None and request.contact is None,
+            times=None if request.is_ticked else request.times,
+            dense=adaptive and not request.is_batch,
+        )
+        self.integrator = self._integrator(relative, absolute)
+        self.states = np.full((self.runs, len(request.times), 2 * self.count), np.nan)
+        self.torques = np.full((self.runs, len(request.times), self.count), np.nan)
+        sensors = request.sensors
+        self.readings = None if sensors is None else sensors.start(self.runs, self.count, seed)
+        self.seen = None if self.readings is None else _Log(self.readings, self.torques.shape)
+
+    def _integrator(self, relative: float, absolute: float) -> Integrator:
+        request, common = self.request, (self.plant, self.watch, self.request.state)
+        if request.method in FIXED_STEP_METHODS:
+            return FixedStep(*common, request.method, request.largest_step)
+        if request.method == "dormand_prince":
+            return DormandPrince(*common, relative, absolute)
+        return LibraryMethod(*common, request.method, relative, absolute)
+
+    def result(self) -> SimulationResult:
+        """Run, and return what was recorded."""
+        if self.request.is_ticked:
+            self._by_ticks()
+        else:
+            self.integrator.advance(0.0, self.request.duration)
+            assert self.watch.samples is not None
+            self.states = self.watch.samples
+        if self.request.period is None:
+            self._torques_afterwards()
+        return self._assembled()
+
+    def _by_ticks(self) -> None:
+        """Sense, command and integrate, tick by tick."""
+        request, plant, watch, integrator, n = self.request, self.plant, self.watch, self.integrator, self.count
+        ticks, commanded = request.ticks.tolist(), request.period is not None
+        controller = request.controller
+        drives = None if request.actuators is None else request.actuators.start(self.runs, n)
+        safety = None
+        if request.safety is not None:
+            names = tuple(request.model.robot.joint_names)
+            safety = request.safety.start(len(ticks), names, 0.0, request.tick)
+        last = len(ticks) - 1
+        for k, t in enumerate(ticks):
+            state = integrator.state
+            if commanded:
+                measurement = self._measurement(t, state)
+                if k == 0 and controller is not None:
+                    controller.start(measurement)
+                command = self._command(t, measurement, state)
+                plant.held[...] = command if drives is None else drives.apply(command, request.tick)
+            if k % request.every == 0:
+                self._record(k // request.every, t, state)
+            elif commanded and self.readings is not None:
+                self.readings.torque(t, plant.held)
+            if safety is not None:
+                for run, reason in safety.reason(k, state[:, :n], state[:, n:]).items():
+                    watch.end(run, Status.STOPPED, t, f"safety stop at {t:.6g} s: {reason}", state[run])
+            if k == last or watch.ended.all():
+                return
+            integrator.advance(t, ticks[k + 1])
+
+    def _measurement(self, t: float, state: Array) -> Measurement:
+        """Return what a controller sees, (N,) of one run or (R, N) of a batch."""
+        n, contact = self.count, self.plant.contact
+        q, dq = state[:, :n], state[:, n:]
+        force = None if contact is None else contact.state(t, q, dq)[1]
+        if self.readings is not None:
+            seen = self.readings.measure(t, q, dq, force)
+            q, dq, torque, force = seen.q, seen.dq, seen.torque, seen.force  # type: ignore[assignment]
+        else:
+            q, dq = q.copy(), dq.copy()
+            torque = self.plant.held.copy()
+        if self.request.is_batch:
+            return Measurement(t, q, dq, torque, force)
+        one = (None if x is None else x[0] for x in (dq, torque, force))
+        return Measurement(t, q[0], *one)
+
+    def _command(self, t: float, measurement: Measurement, state: Array) -> Array:
+        if self.request.controller is None:
+            assert self.request.function is not None
+            return self.plant.called(self.request.function, t, state)
+        shape = (self.runs, self.count) if self.request.is_batch else (self.count,)
+        torque = checked_torque(self.request.controller.torque(measurement), shape)
+        return torque if self.request.is_batch else torque[np.newaxis]
+
+    def _record(self, row: int, t: float, state: Array) -> None:
+        ended = self.watch.ended
+        if not ended.any():
+            self.states[:, row] = state
+            self.torques[:, row] = self.plant.held
+        else:
+            self.states[~ended, row] = state[~ended]
+            self.torques[~ended, row] = self.plant.held[~ended]
+        if self.seen is not None and self.request.period is not None:
+            self.seen.record(row, t, self.plant.held)
+
+    def _torques_afterwards(self) -> None:
+        """Fill in the torques of a function, and what sensors would have seen, at the samples."""
+        request, n = self.request, self.count
+        for row, t in enumerate(request.times.tolist()):
+            state = self.states[:, row]
+            known = np.isfinite(state).all(axis=1)
+            if not known.any():
+                return
+            if request.function is None:
+                self.torques[known, row] = 0.0
+            else:
+                self.torques[known, row] = self.plant.called(request.function, t, state)[known]
+            if self.seen is not None and self.readings is not None:
+                contact = self.plant.contact
+                q, dq = np.ascontiguousarray(state[:, :n]), np.ascontiguousarray(state[:, n:])
+                force = None if contact is None else contact.state(t, q, dq)[1]
+                self.readings.measure(t, q, dq, force)
+                self.seen.record(row, t, self.torques[:, row])
+
+    def _assembled(self) -> SimulationResult:
+        """Compute accelerations and energies at the samples, and put the result together."""
+        request, watch, n = self.request, self.watch, self.count
+        shape = self.states.shape[:2]
+        accelerations, energies = np.full((*shape, n), np.nan), np.full((*shape, 3), np.nan)
+        forces = None if request.contact is None else np.full((*shape, 6), np.nan)
+        for run in range(self.runs):
+            known = np.isfinite(self.states[run]).all(axis=1)
+            state, torque = self.states[run, known], self.torques[run, known]
+            if request.contact is not None and forces is not None and len(state):
+                times = request.times[known][:, np.newaxis]
+                jacobian, wrench = request.contact.state(times, state[:, :n], state[:, n:])
+                forces[run, known] = wrench
+                torque = torque + (wrench[:, np.newaxis] @ jacobian)[:, 0]
+            if len(state):
+                accelerations[run, known], energies[run, known] = self.plant.along(run, state, torque)
+        power = energies[..., 2]
+        gaps = np.diff(request.times) * 0.5 * (power[:, 1:] + power[:, :-1])
+        dissipated = np.concatenate([0.0 * power[:, :1], np.cumsum(gaps, axis=1)], axis=1)
+        watch.end_time[~watch.ended] = request.duration
+        final = np.where(watch.ended[:, np.newaxis], watch.final, self.integrator.state)
+        seen = None if self.seen is None else self.seen.measured(np.isfinite(self.states).all(axis=2))
+        for run in range(self.runs):
+            if watch.status[run] is Status.DIVERGED:
+                watch.message[run] += self._impossible(run)
+        arrays = {
+            "q": self.states[..., :n],
+            "dq": self.states[..., n:],
+            "ddq": accelerations,
+            "torque": self.torques,
+            "kinetic_energy": energies[..., 0],
+            "potential_energy": energies[..., 1],
+            "dissipated": dissipated,
+        }
+        whole = SimulationResult(
+            t=request.times,
+            status=tuple(watch.status),
+            end_time=watch.end_time,
+            message=tuple(watch.message),
+            final_q=final[:, :n],
+            final_dq=final[:, n:],
+            joint_names=tuple(request.model.robot.joint_names),
+            method=request.method,
+            events=tuple(sorted(watch.occurrences, key=lambda o: (o.t, o.run))),
+            measured=seen,
+            force=forces,
+            options=self.options,
+            pieces=tuple(watch.pieces or ()),
+            **arrays,
+        )
+        return whole if request.is_batch else whole.run(0)
+
+    def _impossible(self, run: int) -> str:
+        """Say whether the inertia matrix, where a run diverged, is that of a robot that could exist."""
+        request = self.request
+        parameters = self.plant.parameters[run] if request.each else self.plant.parameters
+        kernel = request.model.kernel("total_inertia_matrix", base=request.base)
+        q = self.watch.final[run, : self.count]
+        matrix = kernel.sample(q, parameters).reshape(self.count, self.count)
+        if not np.isfinite(matrix).all():
+            return ""
+        least = float(np.linalg.eigvalsh(matrix)[0])
+        if least > 0.0:
+            return ""
+        return (
+            f"; the inertia matrix has the eigenvalue {least:.3g} there: these parameters are not physically possible, "
+            "which steelyard check explains"
+        )
+
+
+class _Log:
+    """What the sensors saw at the samples."""
+
+    def __init__(self, readings: SensorReadings, shape: tuple[int, ...]) -> None:
+        self._readings = readings
+        self.q, self.dq, self.torque = (np.full(shape, np.nan) for _ in range(3))
+        self.force = np.full((*shape[:2], 6), np.nan)
+        self._has = [False, False]
+
+    def record(self, row: int, t: float, applied: Array) -> None:
+        self.torque[:, row] = self._readings.torque(t, applied)
+        last = self._readings.last
+        self.q[:, row] = last.q
+        if last.dq is not None:
+            self.dq[:, row] = last.dq
+            self._has[0] = True
+        if last.force is not None:
+            self.force[:, row] = last.force
+            self._has[1] = True
+
+    def measured(self, known: NDArray[np.bool_]) -> Measured:
+        """Return it, without what came after the ends of the runs."""
+        for array in (self.q, self.dq, self.torque, self.force):
+            array[~known] = np.nan
+        return Measured(self.q, self.torque, self.dq if self._has[0] else None, self.force if self._has[1] else None)

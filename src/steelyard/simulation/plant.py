@@ -1,0 +1,151 @@
+"""The simulated robot: accelerations and energies of all the runs, from compiled code."""
+
+from __future__ import annotations
+
+import ctypes
+from collections.abc import Callable
+from functools import partial
+
+import numpy as np
+from numpy.typing import NDArray
+
+from steelyard.graph import Kernel
+from steelyard.graph.addresses import address_of
+
+from .checks import checked_torque
+from .compiled import MotionFunctions
+from .contact import Contact
+
+__all__ = ["Plant", "TorqueFunction"]
+
+Array = NDArray[np.float64]
+TorqueFunction = Callable[[Array, Array, Array], Array]
+_SMALLEST_WIDTH = 1e-12  # of the sign's secant, where the sign itself is exact
+
+
+class Plant:
+    """R robots of one model with the torques that act on them.
+
+    Parameters
+    ----------
+    functions : MotionFunctions
+    parameters : ndarray
+        (n,) or (R, n).
+    sign_width : float
+        rad/s; 0 for the exact sign.
+    runs : int
+        R.
+    torque : callable, optional
+        A function of t (R, 1), q and dq (R, N) for all the runs; otherwise `held` acts.
+    contact : Contact, optional
+        With the environment.
+
+    Attributes
+    ----------
+    held : ndarray
+        (R, N) torques of the actuators, held until they are set anew.
+    """
+
+    def __init__(
+        self,
+        functions: MotionFunctions,
+        parameters: Array,
+        sign_width: float,
+        runs: int,
+        torque: TorqueFunction | None = None,
+        contact: Contact | None = None,
+    ) -> None:
+        self.functions = functions
+        self.count, self.runs = functions.count, runs
+        self.parameters = np.ascontiguousarray(parameters, dtype=np.float64)
+        self.width = np.array([max(sign_width, _SMALLEST_WIDTH)])
+        self.step = np.zeros(1)
+        self.held = np.zeros((runs, self.count))
+        self.torque = torque
+        self.contact = contact
+        self._state = np.zeros((runs, 2 * self.count))
+        self._torque = np.zeros((runs, self.count))
+        self._out = np.zeros((runs, self.count))
+        self._accelerate = self.bound("acceleration", self._state, self._torque, self._out)
+        self._all = np.zeros((runs, 2 * self.count))
+
+    @property
+    def is_held(self) -> bool:
+        """Whether the torques do not change between two settings of `held`."""
+        return self.torque is None and self.contact is None
+
+    def bound(self, name: str, state: Array, torque: Array, out: Array) -> Callable[[], None]:
+        """Return a compiled function that reads and writes these arrays, which must stay where they are."""
+        arrays = (state, torque, self.parameters, self.width, self.step, out)
+        kernel = self.functions.kernel(name)
+        call = kernel.single_function if len(state) == 1 else kernel.batch_function
+        count = ctypes.c_int64(len(state))
+        bound = partial(call, count, *(ctypes.c_void_p(address_of(a)) for a in arrays), count)
+        bound.arrays = (kernel, *arrays)  # type: ignore[attr-defined]  # keeps what the addresses point to
+        return bound
+
+    def forces(self, t: Array | float, state: Array, rows: NDArray[np.intp] | None = None) -> Array:
+        """Return the torques (m, N) of actuators and environment at states (m, 2 N) of all the runs, or of `rows`."""
+        if self.is_held:
+            return self.held if rows is None else self.held[rows]
+        n = self.count
+        torque: Array
+        if self.torque is None:
+            torque = self.held if rows is None else self.held[rows]
+        elif rows is None:
+            torque = self.called(self.torque, t, state)
+        else:  # the function knows all the runs, whichever still run
+            self._all[rows] = state
+            times = np.zeros((self.runs, 1))
+            times[rows] = t
+            torque = self.called(self.torque, times, self._all)[rows]
+        if self.contact is not None:
+            torque = torque + self.contact.torque(t, state[:, :n], state[:, n:])
+        return torque
+
+    def called(self, function: TorqueFunction, t: Array | float, state: Array) -> Array:
+        """Call a user's function with copies, and check what it returns."""
+        q, dq = state[:, : self.count].copy(), state[:, self.count :].copy()
+        if self.runs == 1:
+            time = np.asarray(t, dtype=np.float64).reshape(-1)[0]
+            return checked_torque(function(time, q[0], dq[0]), (self.count,))[np.newaxis]
+        return checked_torque(function(np.broadcast_to(t, (self.runs, 1)), q, dq), (self.runs, self.count))
+
+    def acceleration(self, t: Array | float, state: Array, rows: NDArray[np.intp] | None = None) -> Array:
+        """Return the accelerations (m, N) at states (m, 2 N) of all the runs, or of `rows`; t is a scalar or (m, 1)."""
+        if rows is None:
+            self._state[...] = state
+            self._torque[...] = self.forces(t, state)
+            self._accelerate()
+            return self._out.copy()
+        kernel = self.functions.kernel("acceleration")
+        parameters = self.parameters[rows] if self.functions.each else self.parameters
+        return kernel(state, self.forces(t, state, rows), parameters, self.width, self.step)
+
+    def jacobian(self, run: int, state: Array) -> Array:
+        """Return the derivatives (2 N, 2 N) of ``[dq ddq]`` by one run's state (2 N,), with the torques as they are."""
+        n, functions = self.count, self.functions
+        parameters = self.parameters[run] if functions.each else self.parameters
+        kernel = functions.derivatives()
+        rest = (self.width,) if functions.smooth else ()
+        motion = (state[:n], state[n:], self._rows("acceleration", run, state[np.newaxis], self.held[[run]])[0])
+        by_q, by_dq, inertia = kernel.sample(*motion, parameters, *rest).reshape(3, n, n)
+        result = np.zeros((2 * n, 2 * n))
+        result[:n, n:] = np.eye(n)
+        result[n:] = -np.linalg.solve(inertia, np.concatenate([by_q, by_dq], axis=1))
+        return result
+
+    def along(self, run: int, state: Array, torque: Array) -> tuple[Array, Array]:
+        """Return accelerations (S, N) and energies (S, 3): kinetic, potential, power of friction, along one run."""
+        return self._rows("acceleration", run, state, torque), self._rows("energy", run, state, torque)[:, :3]
+
+    def energy(self, run: int, state: Array) -> Array:
+        """Return kinetic and potential energy, power of friction, and torques of the terms at rest, (m, 3 + N)."""
+        return self._rows("energy", run, state, np.zeros((len(state), self.count)))
+
+    def _rows(self, name: str, run: int, state: Array, torque: Array) -> Array:
+        kernel: Kernel = self.functions.kernel(name)
+        parameters = self.parameters[run] if self.functions.each else self.parameters
+        if self.functions.each:
+            parameters = np.tile(parameters, (len(state), 1))
+        return kernel(state, torque, parameters, self.width, self.step)

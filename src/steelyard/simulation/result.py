@@ -1,0 +1,271 @@
+"""What a simulation returns."""
+
+from __future__ import annotations
+
+import html
+import os
+from collections.abc import Mapping
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from steelyard.errors import InputError
+from steelyard.recording import Recording
+
+from .events import Occurrence
+from .status import Status
+from .watch import Interpolant
+
+__all__ = ["Measured", "SimulationResult"]
+
+Array = NDArray[np.float64]
+_ALONG_TIME = ("q", "dq", "ddq", "torque", "kinetic_energy", "potential_energy", "dissipated")
+
+
+@dataclass(frozen=True, eq=False)
+class Measured:
+    """What the sensors saw at the times of a result, in the shapes of its own arrays.
+
+    Attributes
+    ----------
+    q, torque : ndarray
+        (S, N) or (R, S, N).
+    dq : ndarray or None
+        None where nothing measures velocities.
+    force : ndarray or None
+        (S, 6) or (R, S, 6), where there is an environment.
+    """
+
+    q: Array
+    torque: Array
+    dq: Array | None = None
+    force: Array | None = None
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class SimulationResult:
+    """The motion of one run, or of R runs, and how each of them ended.
+
+    In one run S counts the samples until it ended; in a batch every run has all S samples, NaN after its end.
+
+    Attributes
+    ----------
+    t : ndarray
+        (S,) s.
+    q, dq, ddq : ndarray
+        (S, N) or (R, S, N): rad or m, and per s, per s².
+    torque : ndarray
+        As q: torques of the actuators, N·m or N; held ones act from their time on.
+    kinetic_energy, potential_energy : ndarray
+        (S,) or (R, S), J, of links, rotors and springs. In base parameters the potential is known up to a constant.
+    dissipated : ndarray
+        (S,) or (R, S), J: the work of friction and offsets since the start, by the trapezoidal rule over the samples.
+    status : Status or tuple of Status
+        A batch has one for each run.
+    end_time : float or ndarray
+        s; (R,) in a batch.
+    message : str or tuple of str
+        What ended a run before its time, with the time; empty where it finished.
+    final_q, final_dq : ndarray
+        (N,) or (R, N), where the runs ended.
+    joint_names : tuple of str
+    method : str
+        That integrated.
+    events : tuple of Occurrence
+        In the order of time.
+    measured : Measured or None
+        What the sensors saw, where there were sensors.
+    force : ndarray or None
+        (S, 6) or (R, S, 6): the environment's wrench on the link, base axes, force before moment, N and N·m.
+    options : mapping
+        What was asked for, in plain numbers and texts.
+    """
+
+    t: Array
+    q: Array
+    dq: Array
+    ddq: Array
+    torque: Array
+    kinetic_energy: Array
+    potential_energy: Array
+    dissipated: Array
+    status: Status | tuple[Status, ...]
+    end_time: float | Array
+    message: str | tuple[str, ...]
+    final_q: Array
+    final_dq: Array
+    joint_names: tuple[str, ...]
+    method: str
+    events: tuple[Occurrence, ...] = ()
+    measured: Measured | None = None
+    force: Array | None = None
+    options: Mapping[str, Any] = field(default_factory=dict)
+    pieces: tuple[tuple[float, float, Interpolant], ...] = ()
+
+    @property
+    def energy(self) -> Array:
+        """Kinetic and potential energy together, J."""
+        return self.kinetic_energy + self.potential_energy
+
+    @property
+    def is_batch(self) -> bool:
+        """Whether these are several runs."""
+        return self.q.ndim == 3
+
+    @property
+    def joint_count(self) -> int:
+        """Number N of joints."""
+        return int(self.q.shape[-1])
+
+    def at(self, t: ArrayLike) -> tuple[Array, Array]:
+        """Return positions and velocities between the samples.
+
+        By the interpolant of the method where it has one (the adaptive methods, in one run); by cubics through
+        positions and velocities of the samples otherwise.
+
+        Parameters
+        ----------
+        t : array_like
+            () or (k,) s, within the run.
+
+        Returns
+        -------
+        q, dq : ndarray
+            (N,) or (k, N); (R, N) or (R, k, N) in a batch.
+
+        Raises
+        ------
+        InputError
+            If a time is outside the run.
+        """
+        times = np.atleast_1d(np.asarray(t, dtype=np.float64))
+        last = float(self.pieces[-1][1] if self.pieces else self.t[-1])
+        if not ((times >= self.t[0]) & (times <= last)).all():
+            raise InputError(f"at() knows times from {self.t[0]:.6g} to {last:.6g} s, got {np.asarray(t).tolist()}.")
+        state = self._of_method(times) if self.pieces else self._of_cubics(times)
+        if np.ndim(t) == 0:
+            state = state[..., 0, :]
+        return state[..., : self.joint_count], state[..., self.joint_count :]
+
+    def _of_method(self, times: Array) -> Array:
+        begins = np.array([piece[0] for piece in self.pieces])
+        rows = np.clip(np.searchsorted(begins, times, side="right") - 1, 0, None)
+        one = np.zeros(1, dtype=np.intp)
+        return np.concatenate([self.pieces[k][2](one, times[i : i + 1]) for i, k in enumerate(rows)])
+
+    def _of_cubics(self, times: Array) -> Array:
+        if len(self.t) == 1:
+            state = np.concatenate([self.q, self.dq], axis=-1)
+            return np.repeat(state, len(times), axis=-2)
+        k = np.clip(np.searchsorted(self.t, times, side="right") - 1, 0, len(self.t) - 2)
+        h = (self.t[k + 1] - self.t[k])[:, np.newaxis]
+        s = (times - self.t[k])[:, np.newaxis] / h
+        q0, q1, v0, v1 = (x[..., i, :] for x in (self.q, self.dq) for i in (k, k + 1))
+        bend, twist = (q1 - q0) - h * v0, h * (v0 + v1) - 2.0 * (q1 - q0)
+        q = q0 + s * (h * v0 + s * ((bend - twist) + s * twist))
+        dq = (h * v0 + s * (2.0 * (bend - twist) + s * 3.0 * twist)) / h
+        return np.concatenate([q, dq], axis=-1)
+
+    def run(self, index: int) -> SimulationResult:
+        """Return one run of a batch, without the samples after its end.
+
+        Raises
+        ------
+        InputError
+            If this is no batch, or has no such run.
+        """
+        if not self.is_batch:
+            raise InputError("run() is for batches; this result has one run.")
+        if not 0 <= index < len(self.q):
+            raise InputError(f"The batch has runs 0 to {len(self.q) - 1}, got {index}.")
+        kept = int(np.isfinite(self.q[index]).all(axis=1).sum())
+
+        def cut(array: Array) -> Array:
+            return array[index, :kept]
+
+        measured = self.measured
+        if measured is not None:
+            rest = [None if x is None else cut(x) for x in (measured.dq, measured.force)]
+            measured = Measured(cut(measured.q), cut(measured.torque), *rest)
+        arrays: dict[str, Any] = {name: cut(getattr(self, name)) for name in _ALONG_TIME}
+        ends: dict[str, Any] = {
+            name: getattr(self, name)[index] for name in ("status", "message", "final_q", "final_dq")
+        }
+        return replace(
+            self,
+            t=self.t[:kept],
+            end_time=float(np.asarray(self.end_time)[index]),
+            events=tuple(e for e in self.events if e.run == index),
+            measured=measured,
+            force=None if self.force is None else cut(self.force),
+            **arrays,
+            **ends,
+        )
+
+    def recording(self, run: int | None = None) -> Recording:
+        """Return the log that this run would have left: what the sensors saw, or the truth where there were none.
+
+        Row k holds the positions at its time and the torques that begin to act then, as the log of a control loop does.
+
+        Parameters
+        ----------
+        run : int, optional
+            Of a batch.
+
+        Raises
+        ------
+        InputError
+            If this is a batch and no run is named.
+        """
+        if run is not None:
+            return self.run(run).recording()
+        if self.is_batch:
+            raise InputError(f"The batch has {len(self.q)} runs; name one, as in recording(run=0).")
+        names, source = self.joint_names, "simulation"
+        seen = self.measured
+        if seen is None:
+            return Recording(t=self.t, q=self.q, torque=self.torque, velocity=self.dq, source=source, joint_names=names)
+        return Recording(t=self.t, q=seen.q, torque=seen.torque, velocity=seen.dq, source=source, joint_names=names)
+
+    def save(self, path: str | os.PathLike[str]) -> Path:
+        """Write to .csv, .parquet or .npz: t, q1, …, dq1, …, ddq1, …, tau1, … and energies; a batch counts `run`.
+
+        Raises
+        ------
+        InputError
+            For another suffix, or where the file cannot be written.
+        """
+        from .saving import save_result
+
+        return save_result(self, Path(path))
+
+    def __repr__(self) -> str:
+        size = f"{len(self.t)} samples x {self.joint_count} joints, {self.method}"
+        if not isinstance(self.status, Status):
+            counts = ", ".join(f"{self.status.count(s)} {s.value}" for s in Status if s in self.status)
+            return f"SimulationResult({len(self.q)} runs, {size}: {counts})"
+        text = "" if not self.message else f", {self.message}"
+        return f"SimulationResult({size}: {self.status.value} at {self.end_time:.6g} s{text})"
+
+    def _repr_html_(self) -> str:
+        head = "<tr><th>joint</th><th>position</th><th>speed at most</th><th>torque at most</th></tr>"
+        rows = "".join(
+            f"<tr><td>{html.escape(name)}</td><td>{_range(self.q[..., k])}</td>"
+            f"<td>{_most(self.dq[..., k])}</td><td>{_most(self.torque[..., k])}</td></tr>"
+            for k, name in enumerate(self.joint_names)
+        )
+        energy = f"<p>Energy: {_range(self.energy)} J</p>"
+        return f"<table><caption>{html.escape(repr(self))}</caption>{head}{rows}</table>{energy}"
+
+
+def _range(values: Array) -> str:
+    known = values[np.isfinite(values)]
+    return f"{known.min():.4g} … {known.max():.4g}" if known.size else "unknown"
+
+
+def _most(values: Array) -> str:
+    known = values[np.isfinite(values)]
+    return f"{np.abs(known).max():.4g}" if known.size else "unknown"

@@ -1,0 +1,129 @@
+"""The safety stop: ends a run that leaves what is allowed."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from steelyard.errors import InputError
+
+from .checks import per_joint
+
+__all__ = ["Safety", "SafetyStop"]
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True, eq=False)
+class Safety:
+    """Limits that a run must keep; values for each joint are a number for all or (N,).
+
+    They are looked at once a period, on the true motion.
+
+    Parameters
+    ----------
+    velocity : array_like
+        Largest speed, rad/s or m/s.
+    lower, upper : array_like
+        Positions, rad or m.
+    tracking : array_like
+        Largest distance from the reference, rad or m.
+    reference : Trajectory or None
+        With ``motion(t (S,))``, which returns positions (S, N) first; needed by `tracking`. After its `duration` it
+        stands where it ended.
+
+    Raises
+    ------
+    InputError
+        If a limit is out of its range, or `tracking` has no reference.
+
+    Examples
+    --------
+    >>> stop = Safety(velocity=2.0).start(1, ("shoulder",), 0.0, 0.001)
+    >>> stop.reason(0, np.zeros((1, 1)), np.array([[2.5]]))
+    {0: "joint 'shoulder' moves at 2.5, the limit is 2"}
+    """
+
+    velocity: ArrayLike = np.inf
+    lower: ArrayLike = -np.inf
+    upper: ArrayLike = np.inf
+    tracking: ArrayLike = np.inf
+    reference: Any = None
+
+    def __post_init__(self) -> None:
+        if self.reference is None and np.isfinite(np.asarray(self.tracking, dtype=np.float64)).any():
+            raise InputError("tracking of Safety needs reference, the trajectory that is to be followed.")
+        if self.reference is not None and not callable(getattr(self.reference, "motion", None)):
+            raise InputError(
+                f"reference of Safety must be a trajectory with motion(t), got {type(self.reference).__name__}."
+            )
+
+    def start(self, ticks: int, names: tuple[str, ...], start: float, period: float) -> SafetyStop:
+        """Return the stop for so many looks at joints of these names, each a period after the last."""
+        return SafetyStop(self, ticks, names, start, period)
+
+
+class SafetyStop:
+    """A safety stop at work.
+
+    Parameters
+    ----------
+    safety : Safety
+    ticks : int
+    names : tuple of str
+    start, period : float
+    """
+
+    def __init__(self, safety: Safety, ticks: int, names: tuple[str, ...], start: float, period: float) -> None:
+        count = len(names)
+        self._names = names
+        self._velocity = per_joint(safety.velocity, count, "velocity of Safety", zero=False)
+        self._lower, self._upper = (
+            np.broadcast_to(np.asarray(side, dtype=np.float64), (count,)) for side in (safety.lower, safety.upper)
+        )
+        if not (self._lower < self._upper).all():
+            raise InputError(
+                f"lower of Safety must be below upper, got {self._lower.tolist()} and {self._upper.tolist()}."
+            )
+        self._tracking = per_joint(safety.tracking, count, "tracking of Safety", zero=False)
+        self._reference: Array | None = None
+        if safety.reference is not None:
+            t = start + period * np.arange(ticks)
+            duration = getattr(safety.reference, "duration", None)
+            self._reference = np.asarray(safety.reference.motion(t if duration is None else np.minimum(t, duration))[0])
+            if self._reference.shape != (ticks, count):
+                raise InputError(
+                    f"reference of Safety must be a trajectory of {count} joints, got {self._reference.shape[-1]}."
+                )
+        self._ranges = bool(np.isfinite(self._lower).any() or np.isfinite(self._upper).any())
+
+    def reason(self, tick: int, q: Array, dq: Array) -> dict[int, str]:
+        """Return why each of the runs that break a limit must stop."""
+        fast = np.abs(dq) > self._velocity
+        far = (q < self._lower) | (q > self._upper) if self._ranges else None
+        distance = None if self._reference is None else np.abs(q - self._reference[tick])
+        lost = None if distance is None else distance > self._tracking
+        if not (fast.any() or (far is not None and far.any()) or (lost is not None and lost.any())):
+            return {}
+        reasons: dict[int, str] = {}
+        for run in range(len(q)):
+            for joint, name in enumerate(self._names):
+                text = ""
+                if fast[run, joint]:
+                    text = f"moves at {dq[run, joint]:.4g}, the limit is {self._velocity[joint]:.4g}"
+                elif far is not None and far[run, joint]:
+                    text = (
+                        f"is at {q[run, joint]:.4g}, allowed are {self._lower[joint]:.4g} to {self._upper[joint]:.4g}"
+                    )
+                elif lost is not None and distance is not None and lost[run, joint]:
+                    text = (
+                        f"is {distance[run, joint]:.4g} away from its reference, the limit is "
+                        f"{self._tracking[joint]:.4g}"
+                    )
+                if text:
+                    reasons[run] = f"joint {name!r} {text}"
+                    break
+        return reasons

@@ -1,0 +1,202 @@
+"""Follows the runs while they are integrated: output samples, events, endings, and energy that grows beyond reason."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.optimize import brentq
+
+from steelyard.errors import InputError
+
+from .events import Event, Occurrence
+from .plant import Plant
+from .status import Status
+
+__all__ = ["Interpolant", "Watch"]
+
+Array = NDArray[np.float64]
+Rows = NDArray[np.intp]
+# States (k, 2 N) at times (k,) within the pieces of `which` (k,), places in the rows of a step.
+Interpolant = Callable[[Rows, Array], Array]
+
+BEYOND_REASON = 100.0  # times the energy that a passive robot could have gained
+
+
+class Watch:
+    """What is known of R runs.
+
+    Parameters
+    ----------
+    plant : Plant
+    state : ndarray
+        (R, 2 N) at the start.
+    events : sequence of Event
+    passive : bool
+        Nothing drives the robots, so that their energy must not grow.
+    times : ndarray, optional
+        (S,) output times at which steps are sampled; None where the caller samples.
+    dense : bool
+        Keep the interpolants of a single run.
+
+    Attributes
+    ----------
+    ended : ndarray
+        (R,) bool.
+    final : ndarray
+        (R, 2 N) last states of the runs that ended.
+    """
+
+    def __init__(
+        self,
+        plant: Plant,
+        state: Array,
+        events: Sequence[Event],
+        *,
+        passive: bool = False,
+        times: Array | None = None,
+        dense: bool = False,
+    ) -> None:
+        runs, width = state.shape
+        self.plant, self.events = plant, tuple(events)
+        self.ended = np.zeros(runs, dtype=bool)
+        self.final = state.copy()
+        self.end_time = np.full(runs, np.nan)
+        self.status: list[Status] = [Status.FINISHED] * runs
+        self.message = [""] * runs
+        self.occurrences: list[Occurrence] = []
+        self.times = times
+        self.samples = None if times is None else np.full((runs, len(times), width), np.nan)
+        self._next = np.zeros(runs, dtype=np.intp)
+        self.pieces: list[tuple[float, float, Interpolant]] | None = [] if dense and runs == 1 else None
+        self._energy = _PassiveEnergy(plant, state) if passive else None
+        self._before: list[Array] = [self._value(e, np.arange(runs), np.zeros(runs), state) for e in self.events]
+        if self.samples is not None and times is not None and len(times) and times[0] == 0.0:
+            self.samples[:, 0] = state
+            self._next[:] = 1
+
+    @property
+    def every_step(self) -> bool:
+        """Whether steps must be shown to `piece`."""
+        return bool(self.events) or self.times is not None or self.pieces is not None or self._energy is not None
+
+    def end(self, run: int, status: Status, t: float, message: str, state: Array) -> None:
+        """End a run; the first ending counts."""
+        if not self.ended[run]:
+            self.ended[run] = True
+            self.status[run], self.end_time[run], self.message[run] = status, t, message
+            self.final[run] = state
+
+    def piece(self, rows: Rows, t0: Array, t1: Array, stop: Array, interpolate: Interpolant) -> None:
+        """Look at one step of some runs.
+
+        Parameters
+        ----------
+        rows : ndarray
+            (m,) the runs.
+        t0, t1 : ndarray
+            (m,) times at which their steps begin and end.
+        stop : ndarray
+            (m, 2 N) states at t1.
+        interpolate : callable
+            States between.
+        """
+        until = t1.copy()
+        for number, event in enumerate(self.events):
+            after = self._value(event, rows, t1, stop)
+            before = self._before[number][rows]
+            rising = (before < 0.0) & (after >= 0.0) & (event.direction >= 0)
+            falling = (before > 0.0) & (after <= 0.0) & (event.direction <= 0)
+            self._before[number][rows] = after
+            for place in np.flatnonzero(rising | falling):
+                self._locate(event, int(place), rows, t0, until, interpolate)
+        if self.samples is not None:
+            self._sample(rows, until, interpolate)
+        if self.pieces is not None:
+            self.pieces.append((float(t0[0]), float(until[0]), interpolate))
+        if self._energy is not None:
+            self._energy.check(self, rows, t1, stop)
+
+    def _value(self, event: Event, rows: Rows, t: Array, state: Array) -> Array:
+        n = self.plant.count
+        single = self.plant.runs == 1
+        given: tuple[Any, ...] = (
+            (float(t[0]), state[0, :n], state[0, n:]) if single else (t, state[:, :n], state[:, n:])
+        )
+        value = np.asarray(event.function(*given), dtype=np.float64)
+        if value.shape != (() if single else rows.shape):
+            expected = "a number" if single else f"an array of shape {rows.shape}"
+            raise InputError(f"event {event.name!r} must return {expected}, got shape {value.shape}.")
+        return value.reshape(rows.shape)
+
+    def _locate(self, event: Event, place: int, rows: Rows, t0: Array, until: Array, interpolate: Interpolant) -> None:
+        """Find an event within the step of one run; one that comes after the run's end is none."""
+        which, one = np.array([place]), rows[place : place + 1]
+
+        def at(t: float) -> Array:
+            return interpolate(which, np.array([t]))
+
+        def value(t: float) -> float:
+            return float(self._value(event, one, np.array([t]), at(t))[0])
+
+        begin, end = float(t0[place]), float(until[place])
+        first, last = value(begin), value(end)
+        if first * last > 0.0:  # cut off by an event before it, or rounding of the interpolant at its ends
+            return
+        t = end if last == 0.0 else begin if first == 0.0 else float(brentq(value, begin, end, xtol=1e-14, rtol=1e-14))
+        state, n, run = at(t)[0], self.plant.count, int(one[0])
+        self.occurrences.append(Occurrence(event.name, t, state[:n].copy(), state[n:].copy(), run))
+        if event.terminal:
+            until[place] = t
+            text = event.name if event.describe is None else event.describe(state[:n], state[n:])
+            if self.ended[run] and self.status[run] is Status.EVENT:  # an event of the same step that comes first
+                self.ended[run] = False
+            self.end(run, Status.EVENT, t, f"{text} at {t:.6g} s", state)
+
+    def _sample(self, rows: Rows, until: Array, interpolate: Interpolant) -> None:
+        assert self.times is not None
+        assert self.samples is not None
+        while True:
+            upcoming = self._next[rows]
+            due = upcoming < len(self.times)
+            due[due] &= self.times[upcoming[due]] <= until[due]
+            which = np.flatnonzero(due)
+            if not which.size:
+                return
+            self.samples[rows[which], upcoming[which]] = interpolate(which, self.times[upcoming[which]])
+            self._next[rows[which]] += 1
+
+
+class _PassiveEnergy:
+    """The bound of the energy of robots that nothing drives.
+
+    Kinetic energy can grow by what the potential gives, and by what constant torques (offsets) give over the way
+    that a joint has gone. A hundred times as much ends the run: that is no error of integration.
+    """
+
+    def __init__(self, plant: Plant, state: Array) -> None:
+        self._plant = plant
+        energy = np.concatenate([plant.energy(r, state[r : r + 1]) for r in range(plant.runs)])
+        self._first = state.copy()
+        self._kinetic = energy[:, 0]
+        self._lowest, self._highest = energy[:, 1].copy(), energy[:, 1].copy()
+        self._work = np.zeros(plant.runs)
+
+    def check(self, watch: Watch, rows: Rows, t: Array, state: Array) -> None:
+        plant, n = self._plant, self._plant.count
+        if plant.functions.each:
+            energy = np.concatenate([plant.energy(int(r), state[k : k + 1]) for k, r in enumerate(rows)])
+        else:
+            energy = plant.energy(0, state)
+        kinetic, potential = energy[:, 0], energy[:, 1]
+        self._lowest[rows] = np.fmin(self._lowest[rows], potential)
+        self._highest[rows] = np.fmax(self._highest[rows], potential)
+        way = np.abs(state[:, :n] - self._first[rows, :n])
+        self._work[rows] = np.fmax(self._work[rows], (np.abs(energy[:, 3:]) * way).sum(axis=1))
+        reason = np.abs(self._kinetic[rows]) + self._highest[rows] - self._lowest[rows] + self._work[rows]
+        for k in np.flatnonzero(np.abs(kinetic) > BEYOND_REASON * reason + 1e-3):
+            run = int(rows[k])
+            text = f"the kinetic energy of a robot that nothing drives became {kinetic[k]:.3g} J"
+            watch.end(run, Status.DIVERGED, float(t[k]), f"{text} at {t[k]:.6g} s", state[k])

@@ -1,0 +1,149 @@
+"""``steelyard simulate`` on files."""
+
+import json
+import sys
+
+import numpy as np
+import polars
+import pytest
+
+import steelyard as sy
+from steelyard.cli import main
+from steelyard.identification.wam import robot_toml
+from steelyard.motion import FourierTrajectory
+
+URDF = """\
+<robot name="pair">
+  <link name="base"/>
+  <link name="upper"><inertial><origin xyz="0.1 0 0"/><mass value="2"/>
+    <inertia ixx="0.02" ixy="0" ixz="0" iyy="0.02" iyz="0" izz="0.02"/></inertial></link>
+  <link name="fore"><inertial><origin xyz="0.1 0 0"/><mass value="1"/>
+    <inertia ixx="0.01" ixy="0" ixz="0" iyy="0.01" iyz="0" izz="0.01"/></inertial></link>
+  <joint name="shoulder" type="revolute"><parent link="base"/><child link="upper"/><axis xyz="0 1 0"/>
+    <limit lower="-1" upper="1" effort="50" velocity="5"/><dynamics damping="0.1" friction="0.2"/></joint>
+  <joint name="elbow" type="revolute"><parent link="upper"/><child link="fore"/><origin xyz="0.4 0 0"/>
+    <axis xyz="0 1 0"/><limit lower="-3" upper="3" effort="50" velocity="5"/></joint>
+</robot>
+"""
+
+
+@pytest.fixture
+def place(tmp_path):
+    (tmp_path / "pair.urdf").write_text(URDF)
+    return tmp_path
+
+
+@pytest.fixture
+def run(monkeypatch, capsys):
+    def run(*arguments):
+        monkeypatch.setattr(sys, "argv", ["steelyard", "simulate", *map(str, arguments)])
+        capsys.readouterr()
+        code = 0
+        try:
+            main()
+        except SystemExit as stop:
+            code = stop.code or 0
+        output = capsys.readouterr()
+        return code, output.out, output.err
+
+    return run
+
+
+def test_a_fall_leaves_samples_a_record_and_a_page(place, run):
+    out = place / "out"
+    code, text, _ = run(place / "pair.urdf", "-o", out, "--duration", 0.5, "--initial", "0,0.5", "--rate", 100)
+    assert code == 0
+    assert "finished at 0.5 s" in text
+    assert sorted(p.name for p in out.iterdir()) == ["simulation.csv", "simulation.html", "simulation.json"]
+    frame = polars.read_csv(out / "simulation.csv")
+    assert len(frame) == 51
+    assert frame["q2"][0] == 0.5
+    energy = (frame["kinetic_energy"] + frame["potential_energy"]).to_numpy()
+    assert np.diff(energy).max() <= 1e-9
+    record = json.loads((out / "simulation.json").read_text())
+    assert record["status"] == "finished"
+    assert record["options"]["initial"] == [0.0, 0.5]
+    assert len(record["inputs"][0]["sha256"]) == 64
+    page = (out / "simulation.html").read_text()
+    assert "finished at 0.5 s" in page
+    assert "shoulder" in page
+    assert "http://" not in page.split("<script>")[0]
+
+
+def test_torques_of_a_file_and_limits(place, run):
+    t = np.arange(100) / 100
+    (place / "torque.csv").write_text("t,tau1,tau2\n" + "\n".join(f"{a},{-5.0},{0.3 * np.sin(9 * a)}" for a in t))
+    code, text, _ = run(place / "pair.urdf", "-o", place / "out", "--torque", place / "torque.csv")
+    assert code == 0
+    frame = polars.read_csv(place / "out" / "simulation.csv")
+    assert len(frame) == 100
+    np.testing.assert_allclose(frame["tau2"].to_numpy(), 0.3 * np.sin(9 * t), atol=1e-12)
+    code, text, _ = run(place / "pair.urdf", "-o", place / "out", "--torque", place / "torque.csv", "--stop-at-limits")
+    assert code == 0
+    assert "event at" in text
+    assert "joint 'shoulder' passed its upper limit 1" in text
+
+
+def test_a_trajectory_is_followed(place, run):
+    trajectory = FourierTrajectory(
+        a=np.array([[0.3, -0.2], [0.5, 0.1]]), b=np.array([[0.1, 0.2], [-0.1, 0.3]]), center=np.zeros(2), frequency=0.5
+    )
+    trajectory.save(place / "motion.json")
+    code, _, _ = run(place / "pair.urdf", "-o", place / "out", "--follow", place / "motion.json")
+    assert code == 0
+    frame = polars.read_csv(place / "out" / "simulation.csv")
+    wanted = trajectory.motion(frame["t"].to_numpy())[0]
+    assert np.abs(frame.select("q1", "q2").to_numpy() - wanted).max() < 0.01  # friction near rest
+
+
+@pytest.mark.data
+def test_an_impossible_estimate_diverges(place, run, wam, table_4_9):
+    (place / "robot.toml").write_text(robot_toml())
+    base = wam.base_parameters()
+    estimate = sy.Estimate(
+        method="weighted least squares",
+        base_names=base.names,
+        base_expressions=base.expressions,
+        base=table_4_9["WLS"],
+        standard_deviation=np.zeros(76),
+        joint_names=tuple(wam.robot.joint_names),
+        relative_error=0.1,
+        row_count=1000,
+        condition_number=100.0,
+    )
+    estimate.save(place / "estimate.json")
+    code, text, _ = run(place / "robot.toml", place / "estimate.json", "-o", place / "out", "--duration", 6)
+    assert code == 1
+    assert "diverged at 0.0388" in text
+    assert "not physically possible" in text
+    assert json.loads((place / "out" / "simulation.json").read_text())["status"] == "diverged"
+
+
+def test_bad_input_is_one_sentence_and_leaves_nothing(place, run):
+    out = place / "out"
+    (place / "wam.toml").write_text(robot_toml())
+    (place / "text.csv").write_text("t,tau1,tau2\n0,a,1\n0.1,b,2\n")
+    (place / "few.csv").write_text("t,tau1\n0,1\n0.1,2\n")
+    (place / "uneven.csv").write_text("t,tau1,tau2\n0,1,1\n0.1,2,2\n0.5,3,3\n")
+    cases = [
+        (["wam.toml"], "wam: the description gives no inertia for the link 'link1'; give an estimate"),
+        (["pair.urdf", "--initial", "0,x"], "--initial must be numbers with commas between"),
+        (["pair.urdf", "--initial", "0"], "--initial gives 1 positions, but pair has 2 joints"),
+        (["pair.urdf", "--torque", place / "text.csv"], "holds text where numbers are needed"),
+        (["pair.urdf", "--torque", place / "few.csv"], "has no column 'tau2'"),
+        (["pair.urdf", "--torque", place / "uneven.csv"], "must increase in equal steps"),
+        (["pair.urdf", "--torque", place / "none.csv"], "cannot be read"),
+        (["pair.urdf", "--duration", "-1"], "duration must be a positive number"),
+        (
+            ["pair.urdf", "--torque", place / "few.csv", "--follow", place / "few.csv"],
+            "Give either --torque or --follow",
+        ),
+        (["none.urdf"], "none.urdf"),
+    ]
+    for arguments, words in cases:
+        code, _, error = run(place / arguments[0], *arguments[1:], "-o", out)
+        assert code == 2, arguments
+        assert words in error, error
+        assert len(error.strip().splitlines()[-1]) > 20
+        assert "Traceback" not in error
+        assert not out.exists() or not list(out.iterdir())

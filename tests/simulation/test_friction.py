@@ -1,0 +1,81 @@
+"""Coulomb friction: sticking, slipping, and what lies between."""
+
+import numpy as np
+import pytest
+from scipy.integrate import solve_ivp
+
+from steelyard.simulation import simulate
+
+METHODS = ("radau", "bdf", "lsoda", "dormand_prince", "rosenbrock")
+
+
+def belt(t, q, dq):
+    """A spring of 200 N/m between the block and a belt that moves at 0.1 m/s."""
+    return 200.0 * (0.1 * t - q)
+
+
+@pytest.fixture(scope="module")
+def stick_slip():
+    """The block on the spring, by SciPy's Radau on equations written for it alone."""
+    width = 1e-3
+
+    def slope(t, y):
+        friction = 10.0 * y[1] / np.hypot(y[1], width)
+        return [y[1], (200.0 * (0.1 * t - y[0]) - friction) / 2.0]
+
+    t = np.arange(3001) / 1000
+    found = solve_ivp(slope, (0.0, 3.0), [0.0, 0.0], method="Radau", t_eval=t, rtol=1e-10, atol=1e-12)
+    return found.y
+
+
+@pytest.mark.parametrize("method", METHODS)
+def test_stick_slip(block, stick_slip, method):
+    model, delta = block
+    result = simulate(model, delta, [0.0], [0.0], 3.0, belt, method=method)
+    q, dq = stick_slip
+    assert np.count_nonzero(np.diff((dq > 0.01).astype(int)) > 0) >= 2  # it does stick and slip
+    tight = method != "rosenbrock"
+    assert np.abs(result.q[:, 0] - q).max() < (2e-7 if tight else 2e-5)
+    assert np.abs(result.dq[:, 0] - dq).max() < (2e-6 if tight else 2e-3)
+
+
+@pytest.mark.parametrize("width", [1e-3, 1e-6])
+def test_rosenbrock_stops_a_block_where_it_should(block, width):
+    """Thrown at 1 m/s against a deceleration of 5 m/s²: it stops after 0.1 m and stays."""
+    model, delta = block
+    result = simulate(model, delta, [0.0], [1.0], 0.5, method="rosenbrock", step=1e-3, sign_width=width)
+    assert abs(result.final_q[0] - 0.1) < 2e-5 + 5 * width
+    assert np.abs(result.dq[result.t > 0.21]).max() < width
+    assert np.all(np.diff(result.energy) <= 0.0)
+
+
+def test_held_below_its_friction_a_joint_creeps_as_the_smooth_sign_says(block):
+    """At 6 N against 10 N: v / sqrt(v² + w²) = 0.6."""
+    model, delta = block
+    for method in ("radau", "rosenbrock"):
+        result = simulate(model, delta, [0.0], [0.0], 0.1, lambda t, q, dq: np.full(1, 6.0), method=method, period=1e-3)
+        assert abs(result.final_dq[0] - 0.75e-3) < 1e-9
+
+
+def test_rosenbrock_is_of_order_two_through_reversals(block, stick_slip):
+    model, delta = block
+    errors = []
+    for step in (1e-3, 5e-4, 2.5e-4):
+        result = simulate(model, delta, [0.0], [0.0], 1.5, belt, method="rosenbrock", step=step)
+        errors.append(np.abs(result.q[:, 0] - stick_slip[0][:1501]).max())
+    assert np.log2(errors[0] / errors[-1]) / 2 > 1.5, errors
+
+
+def test_the_exact_sign_acts_as_it_says(block):
+    model, delta = block
+    for method in ("dormand_prince", "runge_kutta_4"):
+        result = simulate(model, delta, [0.0], [1.0], 0.1, method=method, sign_width=0.0)
+        np.testing.assert_allclose(result.final_q, [1.0 * 0.1 - 2.5 * 0.01], atol=1e-9)
+    result = simulate(model, delta, [0.0], [1.0], 0.5, method="rosenbrock", sign_width=0.0, step=1e-3)
+    assert abs(result.final_q[0] - 0.1) < 1e-3
+
+
+def test_friction_takes_the_energy_that_is_missing(block, wam):
+    model, delta = block
+    result = simulate(model, delta, [0.0], [1.0], 0.5, method="radau")
+    np.testing.assert_allclose(result.energy[0] - result.energy, result.dissipated, atol=2e-5)
