@@ -21,8 +21,10 @@ ROOMS = (
     "methods",
     "simulation",
     "control",
+    "laboratory",
     "identification",
     "report",
+    "reproduction",
     "cli",
 )
 ANYWHERE = {"errors", "__version__"}  # what every room may take from the package itself

@@ -23,7 +23,17 @@ from .section import Context, Section, SectionResult
 __all__ = ["Reproduction", "reproduce", "sections"]
 
 # In the order of the page; each module has a SECTION.
-_MODULES = ("base_parameters", "excitation", "identification", "correction", "postures", "generated_code", "real_wam")
+_MODULES = (
+    "base_parameters",
+    "excitation",
+    "identification",
+    "correction",
+    "free_fall",
+    "tracking",
+    "postures",
+    "generated_code",
+    "real_wam",
+)
 
 
 @dataclass(frozen=True)

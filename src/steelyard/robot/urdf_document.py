@@ -20,7 +20,7 @@ from steelyard.robot.placement import rpy_rotation
 if TYPE_CHECKING:
     from lxml import etree
 
-__all__ = ["UrdfDocument", "UrdfJoint", "UrdfLink", "UrdfMimic", "read_document"]
+__all__ = ["UrdfDocument", "UrdfJoint", "UrdfLink", "UrdfMimic", "UrdfReader", "parse_urdf", "read_document"]
 
 Matrix = NDArray[np.float64]
 
@@ -78,10 +78,11 @@ class UrdfDocument:
 def read_document(path: str | Path) -> UrdfDocument:
     """Read a URDF file; raise InputError, with the line, where it is not one."""
     path = Path(path)
-    return _Reader(path).document(_parse(path))
+    return UrdfReader(path).document(parse_urdf(path))
 
 
-def _parse(path: Path) -> etree._Element:
+def parse_urdf(path: Path) -> etree._Element:
+    """Read the XML of a URDF or SRDF, without entities and network; raise InputError with the line where it is bad."""
     from lxml import etree
 
     try:
@@ -115,7 +116,7 @@ def _line(element: etree._Element) -> int:
     return cast("int", element.sourceline)
 
 
-class _Reader:
+class UrdfReader:
     """Reads elements; knows the file, to say where something is wrong."""
 
     def __init__(self, path: Path) -> None:
@@ -123,6 +124,7 @@ class _Reader:
         self.namespace = ""
 
     def document(self, root: etree._Element) -> UrdfDocument:
+        """Read the element ``robot``."""
         from lxml import etree
 
         name = etree.QName(root)
@@ -152,11 +154,13 @@ class _Reader:
         return UrdfDocument(self.path, root.get("name") or self.path.stem, links, joints)
 
     def link(self, element: etree._Element) -> UrdfLink:
+        """Read a link."""
         name = self.text(element, "name", "a link")
         inertial = self.only(element, "inertial", f'link "{name}"')
         return UrdfLink(name, _line(element), None if inertial is None else self.inertial(inertial, f'link "{name}"'))
 
     def inertial(self, element: etree._Element, owner: str) -> Inertia:
+        """Read the element ``inertial`` of a link."""
         mass_element, inertia_element = (self.only(element, tag, owner) for tag in ("mass", "inertia"))
         if mass_element is None:
             raise self.error(element, f"{owner}: its <inertial> has no <mass>; add one or remove the <inertial>")
@@ -172,6 +176,7 @@ class _Reader:
         return Inertia.from_com(mass, origin[:3, 3], (about_com + about_com.T) / 2)
 
     def joint(self, element: etree._Element, links: dict[str, UrdfLink]) -> UrdfJoint:
+        """Read a joint; `links` are those of the document."""
         name = self.text(element, "name", "a joint")
         owner = f'joint "{name}"'
         kind = self.text(element, "type", owner)
@@ -221,6 +226,7 @@ class _Reader:
         )  # fmt: skip
 
     def origin(self, element: etree._Element, owner: str) -> Matrix:
+        """Return the placement (4, 4) of the element ``origin`` in an element; the identity where there is none."""
         origin = self.only(element, "origin", owner)
         if origin is None:
             return np.eye(4)
@@ -230,15 +236,18 @@ class _Reader:
         return placement
 
     def children(self, element: etree._Element, tag: str) -> list[etree._Element]:
+        """Return the children with a tag."""
         return element.findall(self.namespace + tag)
 
     def only(self, element: etree._Element, tag: str, owner: str) -> etree._Element | None:
+        """Return the child with a tag, None where there is none; two are an error."""
         found = self.children(element, tag)
         if len(found) > 1:
             raise self.error(found[1], f"{owner} has {len(found)} <{tag}> elements; keep one")
         return found[0] if found else None
 
     def text(self, element: etree._Element, key: str, owner: str) -> str:
+        """Return an attribute that must be there."""
         value = element.get(key)
         if not value:
             raise self.error(element, f"{owner} has no {key}; add the attribute {key}")
@@ -247,6 +256,7 @@ class _Reader:
     def number(
         self, element: etree._Element, key: str, owner: str, default: float | None = None, infinite: bool = False
     ) -> float:
+        """Return an attribute as a finite number."""
         text = element.get(key)
         if text is None:
             if default is None:
@@ -257,12 +267,14 @@ class _Reader:
     def vector(
         self, element: etree._Element, key: str, owner: str, default: tuple[float, float, float]
     ) -> tuple[float, ...]:
+        """Return an attribute as three finite numbers."""
         text = element.get(key)
         return default if text is None else self.numbers(element, key, text, owner, 3)
 
     def numbers(
         self, element: etree._Element, key: str, text: str, owner: str, count: int, infinite: bool = False
     ) -> tuple[float, ...]:
+        """Return an attribute as finite numbers, so many."""
         expected = "one number" if count == 1 else f"{count} numbers"
         fits: Callable[[float], bool] = (lambda value: not math.isnan(value)) if infinite else math.isfinite
         try:
@@ -279,7 +291,9 @@ class _Reader:
         return values
 
     def tag(self, element: etree._Element) -> str:
+        """Return the tag without its namespace."""
         return str(element.tag).removeprefix(self.namespace)
 
     def error(self, element: etree._Element, message: str) -> InputError:
+        """Return an error that names the file and the line."""
         return InputError(f"{self.path}, line {_line(element)}: {message}")

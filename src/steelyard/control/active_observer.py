@@ -1,0 +1,176 @@
+"""The active observer: a Kalman filter that estimates the disturbance of a controlled plant, too."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from steelyard.errors import InputError
+
+from .gains import positive
+
+__all__ = ["ActiveObserver"]
+
+Array = NDArray[np.float64]
+
+
+class ActiveObserver:
+    """Estimates state and input disturbance of ``x[k] = F x[k-1] + s G (u[k-1] + p[k-1])``, ``y[k] = H x[k]``.
+
+    The active observer of Cortesão, Park and Khatib (2006, IEEE Transactions on Robotics 22(5), 987 to 999; thesis
+    section 2.4.4). The state is augmented by the disturbance p, whose difference of order `order` is white noise. With
+    the command ``u = reference - L x - p`` of state feedback that takes the estimated disturbance away, the
+    prediction is that of the closed loop, ``(F - s G L) x + s G reference``; with a command that had to be limited it
+    is that of what was really commanded, so that the estimate does not run away. The scale s of the input may change
+    from call to call, as with the stiffness of an environment, and the Kalman gain adapts to it.
+
+    Parameters
+    ----------
+    transition : array_like
+        (n, n), F.
+    control : array_like
+        (n,), G.
+    output : array_like
+        (n,), H.
+    measurement_noise : float
+        Standard deviation of y.
+    disturbance_noise : float
+        Standard deviation of what drives the disturbance, a call, in the unit of u.
+    state_noise : array_like
+        (n,) standard deviations of what else drives the state, a call.
+    order : int
+        1 for a disturbance that is steady save for a random walk, 2 for a ramp, and so on.
+
+    Attributes
+    ----------
+    innovation : ndarray
+        (...,) by how much the last measurement differed from its prediction.
+
+    References
+    ----------
+    R. Cortesão, J. Park and O. Khatib, Real-time adaptive control for haptic telemanipulation with Kalman active
+    observers, IEEE Transactions on Robotics 22(5), 2006.
+
+    Examples
+    --------
+    >>> observer = ActiveObserver([[1.0]], [0.1], [1.0], measurement_noise=0.1, disturbance_noise=0.1)
+    >>> observer.start(np.array(0.0))
+    >>> place = 0.0
+    >>> for _ in range(300):  # a mass that an unknown 2.0 pushes
+    ...     place += 0.1 * 2.0
+    ...     state, disturbance = observer.update(np.array(place), np.array(0.0))
+    >>> round(float(disturbance), 3)
+    2.0
+    """
+
+    def __init__(
+        self,
+        transition: ArrayLike,
+        control: ArrayLike,
+        output: ArrayLike,
+        *,
+        measurement_noise: float,
+        disturbance_noise: float,
+        state_noise: ArrayLike = 0.0,
+        order: int = 1,
+    ) -> None:
+        F, G, H = (np.array(a, dtype=np.float64) for a in (transition, control, output))
+        n = G.size
+        if F.shape != (n, n) or G.shape != (n,) or H.shape != (n,) or n == 0:
+            raise InputError(
+                f"An active observer needs matrices of shapes (n, n), (n,) and (n,), got {F.shape}, {G.shape} and "
+                f"{H.shape}."
+            )
+        if isinstance(order, bool) or not isinstance(order, int) or order < 1:
+            raise InputError(f"order must be a positive integer, got {order!r}.")
+        self.order = order
+        self.size = n
+        size = n + order
+        self._control = np.concatenate((G, np.zeros(order)))
+        self._fixed = np.zeros((size, size))  # the transition without what the control does
+        self._fixed[:n, :n] = F
+        self._fixed[n:, n:] = np.eye(order) + np.eye(order, k=1)
+        self._push = np.outer(self._control, np.eye(size)[n])  # how the disturbance enters
+        self._output = np.concatenate((H, np.zeros(order)))
+        self._measured = positive(measurement_noise, "measurement_noise") ** 2
+        driven = positive(disturbance_noise, "disturbance_noise") ** 2
+        spread = np.broadcast_to(np.asarray(state_noise, dtype=np.float64), (n,)) ** 2
+        self._driven = np.diag(np.concatenate((spread, np.zeros(order - 1), [driven])))
+        self._begin = np.diag(np.concatenate((np.full(n, self._measured), np.full(order, 100.0 * driven))))
+        self.innovation = np.zeros(())
+        self._x = np.zeros(size)
+        self._covariance = self._begin
+
+    @property
+    def state(self) -> Array:
+        """The estimated state (..., n)."""
+        return self._x[..., : self.size]
+
+    @property
+    def disturbance(self) -> Array:
+        """The estimated disturbance (...,), in the unit of the command."""
+        return self._x[..., self.size]
+
+    def start(
+        self,
+        output: Array,
+        state: Array | None = None,
+        disturbance: Array | float = 0.0,
+        where: NDArray[np.bool_] | bool = True,
+    ) -> None:
+        """Forget everything.
+
+        Parameters
+        ----------
+        output : ndarray
+            (...,) what is measured.
+        state : ndarray, optional
+            (..., n); what gives the output, the rest zero, where not given.
+        disturbance : ndarray or float
+            (...,).
+        where : ndarray or bool
+            (...,) the runs that start anew.
+        """
+        fresh = np.zeros((*output.shape, self.size + self.order))
+        if state is None:
+            H = self._output[: self.size]
+            fresh[..., : self.size] = output[..., None] * H / (H @ H)
+        else:
+            fresh[..., : self.size] = state
+        fresh[..., self.size] = disturbance
+        if where is True or self._x.shape != fresh.shape:
+            self._x = fresh
+            self._covariance = np.array(np.broadcast_to(self._begin, (*output.shape, *self._begin.shape)))
+            return
+        chosen = np.asarray(where)
+        self._x = np.where(chosen[..., None], fresh, self._x)
+        self._covariance = np.where(chosen[..., None, None], self._begin, self._covariance)
+
+    def update(self, output: Array, command: Array, scale: Array | float = 1.0) -> tuple[Array, Array]:
+        """Take in a measurement.
+
+        Parameters
+        ----------
+        output : ndarray
+            (...,) what is measured now.
+        command : ndarray
+            (...,) what acted since the last call.
+        scale : ndarray or float
+            (...,) of the input.
+
+        Returns
+        -------
+        state, disturbance : ndarray
+            (..., n) and (...,).
+        """
+        scale = np.asarray(scale, dtype=np.float64)
+        transition = self._fixed + scale[..., None, None] * self._push
+        x = (transition @ self._x[..., None])[..., 0] + (scale * command)[..., None] * self._control
+        covariance = transition @ self._covariance @ np.swapaxes(transition, -1, -2) + self._driven
+        column = covariance @ self._output
+        gain = column / (column @ self._output + self._measured)[..., None]
+        self.innovation = np.asarray(output - x @ self._output)
+        self._x = x + gain * self.innovation[..., None]
+        covariance = covariance - gain[..., :, None] * column[..., None, :]
+        self._covariance = 0.5 * (covariance + np.swapaxes(covariance, -1, -2))
+        return self.state, self.disturbance

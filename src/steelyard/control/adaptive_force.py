@@ -1,0 +1,232 @@
+"""Adaptive force control with an active observer and an estimated stiffness (thesis section 2.4.4)."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from steelyard.dynamics import Model
+from steelyard.errors import InputError
+from steelyard.simulation import Measurement
+
+from .active_observer import ActiveObserver
+from .block import ControlBlock
+from .force_loop import force_loop
+from .gains import positive, symmetric_gains
+from .model_part import ModelPart
+from .pose_references import pose_reference
+from .posture import Posture
+from .sensing import require_force
+from .stiffness import StiffnessEstimator
+from .task_dynamics import TaskDynamics, applied
+from .tool import Tool
+from .velocities import VelocityEstimator
+
+__all__ = ["AdaptiveForceControl"]
+
+Array = NDArray[np.float64]
+
+_JUMP = 20.0  # standard deviations of the force
+_LEAD = 0.05  # m, how far what the tool follows may be ahead of it
+
+
+class AdaptiveForceControl(ControlBlock):
+    """Presses with a wanted force on an environment of unknown stiffness, and follows poses along the other axes.
+
+    After Cortesão, Park and Khatib (2006), whose scheme is figure 2.2 of the thesis. Task-space computed torque makes
+    the tool a double integrator; `velocity_gain` K2 damps it along the normal, so that an environment of stiffness Ks
+    makes it the plant ``f'' = Ks u - K2 f'``. State feedback places both poles of the force loop at `bandwidth`, with
+    gains that are inverse to the stiffness estimated; an active observer estimates the force, its rate and the
+    disturbance that stands for errors of the model, which is taken away from the command. Out of contact the tool
+    approaches at `approach_speed`.
+
+    Parameters
+    ----------
+    model : Model
+    parameters : array_like
+        (n,), or (n_b,) with `base`.
+    tool : Tool
+    force : float or callable
+        With which the tool is to press, N: a number, an array for several runs, or a function of time (s).
+    normal : array_like
+        (3,) direction from the tool into the environment, base frame.
+    reference : object
+        As in :class:`TaskSpaceControl`; along the normal it does not matter.
+    kp, kd : array_like
+        As in :class:`TaskSpaceControl`, of the axes that follow the pose.
+    bandwidth : float
+        rad/s.
+    velocity_gain : float, optional
+        1/s; twice the bandwidth where not given.
+    stiffness : StiffnessEstimator, optional
+        Made for one of 1000 N/m where not given.
+    force_noise : float
+        Standard deviation of the measured force, N.
+    disturbance_rate : float
+        How much the disturbance wanders, m/s² in a square root of a second.
+    order : int
+        Of the disturbance, see :class:`ActiveObserver`.
+    contact_force : float
+        Above it the tool is in contact; below half of it no more, N.
+    approach_speed : float
+        m/s.
+    posture, base, drives, sign_width, largest_mass, length, period, velocity
+        As in :class:`TaskSpaceControl`.
+
+    Attributes
+    ----------
+    reference : PoseReference
+    observer : ActiveObserver
+    stiffness : ndarray
+        (...,) the estimated stiffness, N/m.
+    contact : ndarray
+        (...,) of bool, whether the tool is in contact.
+
+    References
+    ----------
+    R. Cortesão, J. Park and O. Khatib, Real-time adaptive control for haptic telemanipulation with Kalman active
+    observers, IEEE Transactions on Robotics 22(5), 2006.
+    """
+
+    def __init__(
+        self,
+        model: Model,
+        parameters: ArrayLike,
+        tool: Tool,
+        force: float | Array | Callable[[float], Any],
+        *,
+        normal: ArrayLike,
+        reference: Any,
+        kp: ArrayLike,
+        kd: ArrayLike,
+        bandwidth: float = 20.0,
+        velocity_gain: float | None = None,
+        stiffness: StiffnessEstimator | None = None,
+        force_noise: float = 0.05,
+        disturbance_rate: float = 5.0,
+        order: int = 1,
+        contact_force: float = 0.5,
+        approach_speed: float = 0.02,
+        posture: Posture | None = None,
+        base: bool = False,
+        drives: bool = False,
+        sign_width: float = 0.01,
+        largest_mass: float | None = None,
+        length: float = 0.3,
+        period: float = 0.001,
+        velocity: VelocityEstimator | None = None,
+    ) -> None:
+        functions = TaskDynamics.needed(tool, drives)
+        width = sign_width if drives else 0.0
+        part = ModelPart(model, parameters, functions, base=base, point=tool.point, sign_width=width)
+        super().__init__(part, period, velocity)
+        axes = "pose" if model.joint_count >= 6 else "position"
+        self._task = TaskDynamics(part, tool, axes, drives=drives, largest_mass=largest_mass, length=length)
+        self.reference = pose_reference(reference)
+        count = len(self._task.rows)
+        self._kp, self._kd = symmetric_gains(kp, count, "kp"), symmetric_gains(kd, count, "kd")
+        self._normal = np.zeros(count)
+        self._normal[:3] = _direction(normal)
+        self._wanted = force if callable(force) else _constant(force)
+        bandwidth = positive(bandwidth, "bandwidth")
+        self._damping = 2.0 * bandwidth if velocity_gain is None else positive(velocity_gain, "velocity_gain")
+        loop = force_loop(bandwidth, self._damping, self.period)
+        self._gains = loop.gains
+        self.observer = ActiveObserver(
+            loop.transition,
+            loop.control,
+            [1.0, 0.0],
+            measurement_noise=force_noise,
+            disturbance_noise=positive(disturbance_rate, "disturbance_rate") * float(np.sqrt(self.period)),
+            order=order,
+        )
+        self._estimator = StiffnessEstimator() if stiffness is None else stiffness
+        self._jump = _JUMP * force_noise
+        self._threshold = positive(contact_force, "contact_force")
+        self._speed = positive(approach_speed, "approach_speed")
+        self._posture = (Posture() if posture is None else posture).of(model)
+        self.contact = self._jumped = np.zeros((), dtype=np.bool_)
+        self._command, self._steady, self._ahead, self._time = np.zeros(()), np.zeros(()), np.zeros(()), 0.0
+
+    @property
+    def stiffness(self) -> Array:
+        """The estimated stiffness of the environment (...,), N/m."""
+        return self._estimator.stiffness
+
+    def start(self, measurement: Measurement) -> None:
+        """Forget all state and begin at this measurement, out of contact."""
+        super().start(measurement)
+        force = -(require_force(measurement)[..., :3] @ self._normal[:3])
+        self._estimator.start(force.shape)
+        self.observer.start(np.asarray(force))
+        self.contact = self._jumped = np.zeros(force.shape, dtype=np.bool_)
+        self._command, self._steady = np.zeros(force.shape), np.zeros(force.shape)
+        self._ahead = np.asarray(self._task.pose(measurement.q)[..., :3, 3] @ self._normal[:3])
+        self._time = measurement.t
+
+    def torque(self, measurement: Measurement) -> Array:
+        """Return the joint torques (..., N), N·m or N."""
+        q, dq = measurement.q, self._velocity.velocity(measurement)
+        task, normal = self._task, self._normal
+        wrench = require_force(measurement)
+        state, target = task.state(q, dq), self.reference.target(measurement.t)
+        speed = state.velocity @ normal
+        along = self._acceleration(measurement.t, state.pose[..., :3, 3] @ normal[:3], speed, -(wrench @ _six(normal)))
+        free = task.chosen(target.acceleration) + applied(self._kp, task.error(state, target))
+        free = free + applied(self._kd, task.chosen(target.twist) - state.velocity)
+        wanted = free + (along - free @ normal)[..., None] * normal
+        torque = task.torque(state, task.acceleration(state, wanted, self._posture.acceleration(q, dq)))
+        torque -= applied(np.swapaxes(state.full, -1, -2), wrench)
+        return torque
+
+    def _acceleration(self, t: float, place: Array, speed: Array, force: Array) -> Array:
+        """Return the acceleration along the normal (...,), m/s²."""
+        before = self.contact
+        self.contact = force > np.where(before, 0.5 * self._threshold, self._threshold)
+        wanted = np.asarray(self._wanted(t) if callable(self._wanted) else self._wanted, dtype=np.float64)
+        state, disturbance = self.observer.update(force, self._command, self._estimator.stiffness)
+        # A force that jumps is a change of the environment: not in the plant of the observer, and no slope of a spring.
+        jumps = np.abs(self.observer.innovation) > self._jump
+        stiffness = self._estimator.update(t, place, force, self.contact & ~(jumps & ~self._jumped))
+        self._jumped = jumps
+        begins = ~(before & self.contact) | jumps
+        if begins.any():
+            # What the command was beyond the damping of a steady approach, something else took away.
+            taken = np.where(before & jumps, self._steady, self._damping * speed - self._command)
+            fresh = np.stack((force, np.where(self.contact, stiffness * speed, 0.0)), axis=-1)
+            self.observer.start(force, fresh, np.where(self.contact, taken, 0.0), where=begins)
+            state, disturbance = self.observer.state, self.observer.disturbance
+        self._steady = disturbance
+        feedback = (self._gains[0] * (wanted - state[..., 0]) - self._gains[1] * state[..., 1]) / stiffness
+        self._command = np.where(self.contact, feedback - disturbance, self._approach(t, wanted, place))
+        return self._command - self._damping * speed
+
+    def _approach(self, t: float, wanted: Array, place: Array) -> Array:
+        """Return the command that takes the tool to the environment: it follows a place that moves there."""
+        speed = np.where(wanted > 0.0, self._speed, 0.0)
+        step = speed * max(t - self._time, 0.0)
+        self._time = t
+        # In contact the place goes with the tool; out of it, friction must not let it run away.
+        self._ahead = np.where(self.contact, place, np.minimum(self._ahead + step, place + _LEAD))
+        return self._damping * speed + 0.25 * self._damping**2 * (self._ahead - place)
+
+
+def _direction(normal: ArrayLike) -> Array:
+    vector = np.array(normal, dtype=np.float64)
+    if vector.shape != (3,) or not np.isfinite(vector).all() or not vector.any():
+        raise InputError(f"normal must be a direction (3,) other than zero, got {normal!r}.")
+    return vector / np.linalg.norm(vector)
+
+
+def _constant(force: ArrayLike) -> Array:
+    wanted = np.array(force, dtype=np.float64)
+    if not np.isfinite(wanted).all():
+        raise InputError(f"force must be finite, in N, got {force!r}.")
+    return wanted
+
+
+def _six(normal: Array) -> Array:
+    return np.concatenate((normal[:3], np.zeros(3)))

@@ -1,0 +1,163 @@
+"""Impedance shaping: the tool answers forces as a chosen mass, damper and spring (thesis section 2.4.3)."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from steelyard.dynamics import Model
+from steelyard.errors import InputError
+from steelyard.simulation import Measurement
+
+from .block import ControlBlock
+from .gains import symmetric_gains
+from .model_part import ModelPart
+from .pose_references import PoseTarget, pose_reference
+from .posture import Posture
+from .sensing import ForceSensing
+from .task_dynamics import TaskDynamics, applied
+from .tool import Tool
+from .velocities import VelocityEstimator
+
+__all__ = ["ImpedanceControl"]
+
+Array = NDArray[np.float64]
+
+
+class ImpedanceControl(ControlBlock):
+    """Shapes how the tool answers the force of the environment (thesis eq. 2.35 to 2.39; Hogan 1985).
+
+    With a force sensor and a desired `inertia` A, the deviation e of the tool from its reference obeys
+    ``A e'' + D e' + K e = mu_e``: the measured force is cancelled and put in anew, through A.
+
+    Without `inertia` no sensor is read: ``A(q) e'' + D e' + K e = mu_e`` with the inertia that the arm has at its tool.
+    That asks less of the model and stays passive where a shaped inertia, much below the natural one, may not.
+
+    Parameters
+    ----------
+    model : Model
+    parameters : array_like
+        (n,), or (n_b,) with `base`.
+    tool : Tool
+    reference : object
+        As in :class:`TaskSpaceControl`.
+    stiffness, damping : array_like
+        A number, one for each axis, or a symmetric matrix (k, k): N/m and N·m/rad, N·s/m and N·m·s/rad.
+    inertia : array_like, optional
+        The same, positive definite, kg and kg·m².
+    frame : {"base", "target"}
+        Whose axes stiffness, damping and inertia are along; ``"target"`` for whole poses, positions or orientations.
+    axes, posture, base, drives, sign_width, largest_mass, length, period, velocity
+        As in :class:`TaskSpaceControl`.
+
+    Attributes
+    ----------
+    reference : PoseReference
+
+    Raises
+    ------
+    InputError
+        If a matrix does not fit, or at the start, if forces are needed and nothing measures them.
+
+    Examples
+    --------
+    >>> import steelyard as sy
+    >>> model = sy.Model(sy.Robot.from_dh([(0, 1.0, 0, "q"), (0, 1.0, 0, "q")], gravity=(0, 0, -9.81)))
+    >>> delta = np.zeros(model.parameter_count)
+    >>> for name, value in {"m1": 2.0, "Lzz1": 0.5, "m2": 1.0, "Lzz2": 0.2}.items():
+    ...     delta[model.parameter_names.index(name)] = value
+    >>> tool = Tool(model.robot.link_names[-1])
+    >>> here = Measurement(t=0.0, q=np.array([0.0, np.pi / 2]))
+    >>> pose = model.pose(here.q, tool.link)
+    >>> pose[0, 3] += 0.01
+    >>> controller = ImpedanceControl(model, delta, tool, pose, stiffness=500.0, damping=30.0, axes=("x", "y"))
+    >>> controller.start(here)
+    >>> controller.torque(here).round(6).tolist()  # 5 N along x, at levers of -1 m
+    [-5.0, -5.0]
+    """
+
+    def __init__(
+        self,
+        model: Model,
+        parameters: ArrayLike,
+        tool: Tool,
+        reference: Any,
+        *,
+        stiffness: ArrayLike,
+        damping: ArrayLike,
+        inertia: ArrayLike | None = None,
+        frame: str = "base",
+        axes: str | Sequence[str] = "pose",
+        posture: Posture | None = None,
+        base: bool = False,
+        drives: bool = False,
+        sign_width: float = 0.01,
+        largest_mass: float | None = None,
+        length: float = 0.3,
+        period: float = 0.001,
+        velocity: VelocityEstimator | None = None,
+    ) -> None:
+        functions = TaskDynamics.needed(tool, drives)
+        width = sign_width if drives else 0.0
+        part = ModelPart(model, parameters, functions, base=base, point=tool.point, sign_width=width)
+        super().__init__(part, period, velocity)
+        self._task = TaskDynamics(part, tool, axes, drives=drives, largest_mass=largest_mass, length=length)
+        self.reference = pose_reference(reference)
+        rows = self._task.rows
+        self._stiffness = symmetric_gains(stiffness, len(rows), "stiffness")
+        self._damping = symmetric_gains(damping, len(rows), "damping")
+        self._softness: Array | None = None
+        self._sensor = ForceSensing()
+        if inertia is not None:
+            wanted = symmetric_gains(inertia, len(rows), "inertia", definite=True)
+            self._softness = np.asarray(np.linalg.inv(wanted), dtype=np.float64)
+        if frame not in ("base", "target"):
+            raise InputError(f"frame must be 'base' or 'target', got {frame!r}.")
+        if frame == "target" and rows not in (tuple(range(6)), (0, 1, 2), (3, 4, 5)):
+            raise InputError(
+                "frame='target' turns the axes of the task, which needs axes='pose', 'position' or 'orientation'."
+            )
+        self._turned = frame == "target"
+        self._posture = (Posture() if posture is None else posture).of(model)
+
+    @property
+    def sensing(self) -> bool:
+        """Whether the controller reads the force at the tool."""
+        return self._softness is not None
+
+    def start(self, measurement: Measurement) -> None:
+        """Forget all state and begin at this measurement."""
+        super().start(measurement)
+        if self.sensing:
+            self._sensor.start(measurement)
+
+    def torque(self, measurement: Measurement) -> Array:
+        """Return the joint torques (..., N), N·m or N."""
+        q, dq = measurement.q, self._velocity.velocity(measurement)
+        task = self._task
+        state, target = task.state(q, dq), self.reference.target(measurement.t)
+        error, rate = task.error(state, target), task.chosen(target.twist) - state.velocity
+        acceleration = task.chosen(target.acceleration)
+        posture = self._posture.acceleration(q, dq)
+        restoring = self._in_base(self._stiffness, target, error) + self._in_base(self._damping, target, rate)
+        if self._softness is None:
+            return task.torque(state, task.acceleration(state, acceleration, posture, restoring))
+        force = self._sensor.wrench(measurement)
+        answer = self._in_base(self._softness, target, restoring + task.chosen(force))
+        torque = task.torque(state, task.acceleration(state, acceleration + answer, posture))
+        torque -= applied(np.swapaxes(state.full, -1, -2), force)
+        return torque
+
+    def _in_base(self, matrix: Array, target: PoseTarget, vector: Array) -> Array:
+        """Return a matrix times a vector in base axes; with `frame` "target" the matrix is along the target's axes."""
+        if not self._turned:
+            return applied(matrix, vector)
+        turn = target.pose[..., :3, :3]
+        halves = vector.reshape((*vector.shape[:-1], -1, 3))
+        inside = (halves @ turn).reshape(vector.shape)
+        outside = applied(matrix, inside).reshape(halves.shape)
+        result: Array = (outside @ np.swapaxes(turn, -1, -2)).reshape(vector.shape)
+        return result

@@ -1,0 +1,168 @@
+"""The functions of a model that a controller calls each period: compiled, with parameters and memory in place."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from steelyard.dynamics import Model
+from steelyard.errors import InputError
+
+from .gains import positive
+
+__all__ = ["ModelPart"]
+
+Array = NDArray[np.float64]
+
+
+class ModelPart:
+    """Functions of a model with their parameters, for one sample or a batch, from memory that is reserved once.
+
+    Parameters
+    ----------
+    model : Model
+    parameters : array_like
+        (n,), or (n_b,) with `base`: what the controller believes of the robot.
+    functions : sequence of str
+        Names of functions of the model.
+    base : bool
+        Whether these are base parameters.
+    point : array_like
+        (3,), the point of the Jacobians in the link frame, m.
+    sign_width : float
+        Speed within which Coulomb friction changes its sign smoothly, rad/s or m/s; 0 for the exact sign.
+
+    Raises
+    ------
+    InputError
+        If the number of parameters is wrong, some are not finite, or a function or link does not exist.
+
+    Examples
+    --------
+    >>> import steelyard as sy
+    >>> model = sy.Model(sy.Robot.from_dh([(0, 1.0, 0, "q")], gravity=(0, -9.81, 0)))
+    >>> delta = np.zeros(model.parameter_count)
+    >>> delta[model.parameter_names.index("m1")] = 2.0
+    >>> part = ModelPart(model, delta, ["gravity", "inertia_matrix"])
+    >>> part("gravity", np.zeros(1)).round(9).tolist()
+    [19.62]
+    >>> part.matrix("inertia_matrix", (1, 1), np.zeros((4, 1))).shape
+    (4, 1, 1)
+    """
+
+    def __init__(
+        self,
+        model: Model,
+        parameters: ArrayLike,
+        functions: Sequence[str],
+        *,
+        base: bool = False,
+        point: ArrayLike = (0.0, 0.0, 0.0),
+        sign_width: float = 0.0,
+    ) -> None:
+        self.model = model
+        self.base = bool(base)
+        self.functions = tuple(functions)
+        values = np.array(parameters, dtype=np.float64)
+        size = model.base_parameters().count if base else model.parameter_count
+        kind = "base parameters" if base else "parameters"
+        if values.shape != (size,):
+            raise InputError(f"{model.robot.name} has {size} {kind}: expected shape ({size},), got {values.shape}.")
+        if not np.isfinite(values).all():
+            names = model.base_parameters().names if base else model.parameter_names
+            bad = names[int(np.flatnonzero(~np.isfinite(values))[0])]
+            raise InputError(
+                f"A controller of {model.robot.name} needs a finite number for every one of its {kind}; {bad} has none."
+            )
+        self.parameters = values
+        self._sign = "smooth" if positive(sign_width, "sign_width", zero=True) else "exact"
+        self._kernels = {name: model.kernel(name, base=self.base, sign=self._sign) for name in self.functions}
+        self._given: Mapping[str, Array] = {
+            "parameters": values,
+            "base_parameters": values,
+            "point": np.array(point, dtype=np.float64),
+            "sign_width": np.array([sign_width]),
+        }
+        self._calls: dict[tuple[str, tuple[int, ...]], Callable[..., Array]] = {}
+
+    @property
+    def joint_count(self) -> int:
+        """Number N of joints."""
+        return self.model.joint_count
+
+    def __call__(self, name: str, *motion: Array) -> Array:
+        """Return the outputs of a function side by side, (..., elements).
+
+        Parameters
+        ----------
+        name : str
+            One of `functions`.
+        *motion : ndarray
+            Positions, velocities and so on, (..., N) and all of one shape.
+
+        Returns
+        -------
+        ndarray
+            An array of its own.
+        """
+        shape = motion[0].shape[:-1]
+        call = self._calls.get((name, shape))
+        if call is None:
+            call = self._calls[name, shape] = self._prepared(name, shape)
+        return call(*motion)
+
+    def matrix(self, name: str, shape: tuple[int, int], *motion: Array) -> Array:
+        """Return the only output of a function, a matrix of this shape for each sample."""
+        flat = self(name, *motion)
+        return flat.reshape((*flat.shape[:-1], *shape))
+
+    def generate(self, language: str, directory: str | Path, *, fixed: bool = False) -> tuple[Path, ...]:
+        """Write the functions as source; see :meth:`steelyard.Model.generate`.
+
+        Parameters
+        ----------
+        language : str
+        directory : str or Path
+        fixed : bool
+            Whether the parameters stand in the source as numbers, instead of an argument.
+
+        Returns
+        -------
+        tuple of Path
+        """
+        parameters = self.parameters if fixed else None
+        return self.model.generate(
+            language, self.functions, directory=directory, base=self.base, sign=self._sign, parameters=parameters
+        )
+
+    def _prepared(self, name: str, shape: tuple[int, ...]) -> Callable[..., Array]:
+        """Return a call with memory for batches of one shape; what does not change is written into it now."""
+        kernel = self._kernels[name]
+        count = int(np.prod(shape, dtype=np.int64))
+        places: list[Array] = []
+        arguments: list[Array] = []
+        for argument in kernel.arguments:
+            if argument.name in self._given:
+                arguments.append(self._given[argument.name].copy())
+            else:
+                arguments.append(np.empty((count, argument.width)))
+                places.append(arguments[-1].reshape((*shape, argument.width)))
+        out = np.empty((count, kernel.width))
+        result = out.reshape((*shape, kernel.width))
+        if count == 0:
+            return lambda *motion: result.copy()
+        function = kernel.single_function if count == 1 else kernel.batch_function
+        pointers = [array.ctypes.data for array in (*arguments, out)]
+
+        def call(*motion: Array) -> Array:
+            for place, array in zip(places, motion, strict=True):
+                place[...] = array
+            function(count, *pointers, count)
+            return result.copy()
+
+        # The pointers do not keep the memory alive.
+        call.memory = (arguments, out, kernel)  # type: ignore[attr-defined]
+        return call

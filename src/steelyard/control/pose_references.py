@@ -1,0 +1,187 @@
+"""What a tool is to follow: a pose to hold, a function of time, or a way through several poses."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from typing import Any, Protocol, runtime_checkable
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from steelyard.errors import InputError
+
+from .rotations import rotation_matrix, rotation_vector
+
+__all__ = ["ConstantPose", "PoseFunction", "PoseReference", "PoseTarget", "PoseTrajectory", "pose_reference"]
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True, eq=False)
+class PoseTarget:
+    """Where a tool is to be at one instant, and how it is to move, in the base frame.
+
+    Attributes
+    ----------
+    pose : ndarray
+        (..., 4, 4).
+    twist : ndarray
+        (..., 6), velocity (m/s) before angular velocity (rad/s).
+    acceleration : ndarray
+        (..., 6), time derivative of the twist.
+    """
+
+    pose: Array
+    twist: Array
+    acceleration: Array
+
+
+@runtime_checkable
+class PoseReference(Protocol):
+    """Poses and motions that a tool is to have."""
+
+    def target(self, t: float) -> PoseTarget:
+        """Return what is wanted at a time, s."""
+
+
+class ConstantPose:
+    """A pose to hold.
+
+    Parameters
+    ----------
+    pose : array_like
+        (..., 4, 4) in the base frame.
+
+    Raises
+    ------
+    InputError
+        If it is not a pose.
+    """
+
+    def __init__(self, pose: ArrayLike) -> None:
+        checked = _pose(pose)
+        still = np.zeros((*checked.shape[:-2], 6))
+        self._target = PoseTarget(checked, still, still)
+
+    def target(self, t: float) -> PoseTarget:
+        """Return the pose, at rest."""
+        return self._target
+
+
+class PoseFunction:
+    """A motion of the tool that a function gives.
+
+    Parameters
+    ----------
+    function : callable
+        From a time (s) to pose (..., 4, 4), twist (..., 6) and its derivative (..., 6).
+    """
+
+    def __init__(self, function: Callable[[float], Any]) -> None:
+        self._function = function
+
+    def target(self, t: float) -> PoseTarget:
+        """Return what is wanted at a time, s."""
+        found = self._function(t)
+        if not isinstance(found, tuple | list) or len(found) != 3:
+            raise InputError(
+                "A function that is a pose reference must return pose, twist and acceleration as three arrays; at "
+                f"{t:g} s it returned {type(found).__name__}."
+            )
+        pose, twist, acceleration = (np.asarray(array, dtype=np.float64) for array in found)
+        return PoseTarget(pose, twist, acceleration)
+
+
+class PoseTrajectory:
+    """Straight ways from pose to pose, each from rest to rest, turning about one axis on each.
+
+    The way and the angle follow the polynomial of the fifth degree whose velocity and acceleration are zero at both
+    ends. Before the first time and after the last the tool stands still.
+
+    Parameters
+    ----------
+    times : sequence of float
+        (n,), increasing, s.
+    poses : array_like
+        (n, 4, 4) in the base frame.
+
+    Raises
+    ------
+    InputError
+        If times and poses do not fit.
+
+    Examples
+    --------
+    >>> poses = np.array([np.eye(4), np.eye(4)])
+    >>> poses[1, 0, 3] = 0.2
+    >>> halfway = PoseTrajectory([0.0, 1.0], poses).target(0.5)
+    >>> halfway.pose[:3, 3].tolist(), halfway.twist[0].round(9).tolist()
+    ([0.1, 0.0, 0.0], 0.375)
+    """
+
+    def __init__(self, times: Sequence[float], poses: ArrayLike) -> None:
+        self._times = np.array(times, dtype=np.float64)
+        self._poses = _pose(poses)
+        if self._times.ndim != 1 or len(self._times) < 2 or self._poses.shape != (len(self._times), 4, 4):
+            raise InputError(
+                f"A pose trajectory needs at least two times and as many poses, got times of shape {self._times.shape} "
+                f"and poses of shape {self._poses.shape}."
+            )
+        if not np.isfinite(self._times).all() or not (np.diff(self._times) > 0.0).all():
+            raise InputError(f"The times of a pose trajectory must increase, got {self._times.tolist()}.")
+        turns = self._poses[:, :3, :3]
+        self._turns = rotation_vector(turns[1:] @ np.swapaxes(turns[:-1], -1, -2))
+        self._ways = np.diff(self._poses[:, :3, 3], axis=0)
+
+    def target(self, t: float) -> PoseTarget:
+        """Return what is wanted at a time, s."""
+        place = int(np.searchsorted(self._times, t, side="right")) - 1
+        if place < 0 or place >= len(self._ways):
+            return PoseTarget(self._poses[0 if place < 0 else -1], np.zeros(6), np.zeros(6))
+        span = float(self._times[place + 1] - self._times[place])
+        x = (t - float(self._times[place])) / span
+        share = x**3 * (10.0 - 15.0 * x + 6.0 * x * x)
+        speed = 30.0 * (x * (1.0 - x)) ** 2 / span
+        rate = 60.0 * x * (1.0 - x) * (1.0 - 2.0 * x) / span**2
+        change = np.concatenate((self._ways[place], self._turns[place]))
+        pose = self._poses[place].copy()
+        pose[:3, :3] = rotation_matrix(share * self._turns[place]) @ pose[:3, :3]
+        pose[:3, 3] += share * self._ways[place]
+        return PoseTarget(pose, speed * change, rate * change)
+
+
+def pose_reference(reference: Any) -> PoseReference:
+    """Return a pose reference from whatever a user gives: one, a pose (..., 4, 4), or a function of time.
+
+    Raises
+    ------
+    InputError
+        If it is none of these.
+    """
+    if isinstance(reference, PoseReference):
+        return reference
+    if callable(reference):
+        return PoseFunction(reference)
+    return ConstantPose(reference)
+
+
+def _pose(pose: ArrayLike) -> Array:
+    try:
+        found = np.array(pose, dtype=np.float64)
+    except (TypeError, ValueError):
+        raise InputError(
+            "A pose reference must be a pose (4, 4), a PoseTrajectory, or a function from a time to pose, twist and "
+            f"acceleration, got {type(pose).__name__}."
+        ) from None
+    if found.shape[-2:] != (4, 4):
+        raise InputError(f"A pose must have shape (..., 4, 4), got {found.shape}.")
+    turn = found[..., :3, :3]
+    identity = np.allclose(turn @ np.swapaxes(turn, -1, -2), np.eye(3), atol=1e-6)
+    if (
+        not identity
+        or not (np.linalg.det(turn) > 0.0).all()
+        or not np.array_equal(found[..., 3, :], np.broadcast_to([0.0, 0.0, 0.0, 1.0], found[..., 3, :].shape))
+    ):
+        raise InputError("A pose must be a rotation with a place, and its last row 0 0 0 1.")
+    return found

@@ -1,0 +1,200 @@
+"""What joints are to follow: a constant, a trajectory or a function of time."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any, Protocol, runtime_checkable
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from steelyard.errors import InputError
+
+from .gains import positive
+
+__all__ = ["ConstantReference", "FunctionReference", "JointReference", "TrajectoryReference", "joint_reference"]
+
+Array = NDArray[np.float64]
+
+_BLOCK = 2048  # samples that are computed together
+
+
+@runtime_checkable
+class JointReference(Protocol):
+    """Positions, velocities and accelerations that joints are to have."""
+
+    def at(self, t: float) -> tuple[Array, Array, Array]:
+        """Return q, dq and ddq, (..., N) each, at a time, s."""
+
+
+class ConstantReference:
+    """Joint positions to hold.
+
+    Parameters
+    ----------
+    q : array_like
+        (..., N), rad or m.
+
+    Examples
+    --------
+    >>> ConstantReference([0.5, 1.0]).at(3.0)[0].tolist()
+    [0.5, 1.0]
+    """
+
+    def __init__(self, q: ArrayLike) -> None:
+        self.q = np.array(q, dtype=np.float64)
+        if self.q.ndim == 0 or not np.isfinite(self.q).all():
+            raise InputError(f"A constant reference is finite joint positions (..., N), got {q!r}.")
+        self._still = np.zeros_like(self.q)
+
+    def at(self, t: float) -> tuple[Array, Array, Array]:
+        """Return the positions, and zero velocities and accelerations."""
+        return self.q, self._still, self._still
+
+
+class FunctionReference:
+    """A motion that a function gives.
+
+    Parameters
+    ----------
+    function : callable
+        From a time (s) to q, dq and ddq, (..., N) each.
+
+    Examples
+    --------
+    >>> ramp = FunctionReference(lambda t: ([2.0 * t], [2.0], [0.0]))
+    >>> [float(x[0]) for x in ramp.at(0.5)]
+    [1.0, 2.0, 0.0]
+    """
+
+    def __init__(self, function: Callable[[float], Any]) -> None:
+        self._function = function
+
+    def at(self, t: float) -> tuple[Array, Array, Array]:
+        """Return q, dq and ddq at a time, s."""
+        found = self._function(t)
+        if not isinstance(found, tuple | list) or len(found) != 3:
+            raise InputError(
+                "A function that is a reference must return positions, velocities and accelerations as three arrays; "
+                f"at {t:g} s it returned {type(found).__name__}."
+            )
+        q, dq, ddq = (np.asarray(array, dtype=np.float64) for array in found)
+        return q, dq, ddq
+
+
+class TrajectoryReference:
+    """A trajectory, from a time on; before it and after it the joints stand still at its ends.
+
+    Samples at multiples of the period are computed many at a time and kept; other times are computed when they are
+    asked for.
+
+    Parameters
+    ----------
+    trajectory : object
+        With ``motion(t)`` from times (S,) to q, dq and ddq (S, N), and `duration` or `period` in s.
+    start : float
+        When it begins, s.
+    repeat : bool
+        Whether it begins anew at its end, as a periodic motion may.
+    period : float
+        Between two samples of the control, s.
+
+    Examples
+    --------
+    >>> from steelyard.motion import FourierTrajectory
+    >>> wave = FourierTrajectory(a=[[1.0]], b=[[0.0]], center=[0.5], frequency=1.0)
+    >>> reference = TrajectoryReference(wave, start=2.0)
+    >>> [float(x[0]) for x in reference.at(1.0)], float(reference.at(2.0)[1][0])
+    ([0.5, 0.0, 0.0], 1.0)
+    """
+
+    def __init__(self, trajectory: Any, *, start: float = 0.0, repeat: bool = False, period: float = 0.001) -> None:
+        duration = getattr(trajectory, "duration", None) or getattr(trajectory, "period", None)
+        if not callable(getattr(trajectory, "motion", None)) or duration is None:
+            raise InputError(
+                "A trajectory must have motion(t) and a duration, as those of steelyard.motion do, got "
+                f"{type(trajectory).__name__}."
+            )
+        self.trajectory = trajectory
+        self.duration = float(duration)
+        self.start = positive(start, "start", zero=True)
+        self.repeat = bool(repeat)
+        self._rate = 1.0 / positive(period, "period")
+        self._blocks: dict[int, tuple[Array, Array, Array]] = {}
+        q, _, _ = self._motion(np.array([0.0, self.duration]))
+        self._ends = tuple((place, np.zeros_like(place), np.zeros_like(place)) for place in q)
+
+    def at(self, t: float) -> tuple[Array, Array, Array]:
+        """Return q, dq and ddq, (N,) each, at a time, s."""
+        since = t - self.start
+        if since < 0.0:
+            return self._ends[0]
+        if self.repeat:
+            since %= self.duration
+        elif since > self.duration:
+            return self._ends[1]
+        place = since * self._rate
+        index = round(place)
+        if abs(place - index) > 1e-6 or index > self.duration * self._rate:
+            q, dq, ddq = self._motion(np.array([since]))
+            return q[0], dq[0], ddq[0]
+        block, row = divmod(index, _BLOCK)
+        kept = self._blocks.get(block)
+        if kept is None:
+            times = np.minimum((block * _BLOCK + np.arange(_BLOCK)) / self._rate, self.duration)
+            kept = self._blocks[block] = self._motion(times)
+        return kept[0][row], kept[1][row], kept[2][row]
+
+    def _motion(self, times: Array) -> tuple[Array, Array, Array]:
+        q, dq, ddq = (np.asarray(array, dtype=np.float64) for array in self.trajectory.motion(times))
+        return q, dq, ddq
+
+
+def joint_reference(reference: Any, count: int, *, period: float = 0.001, start: float = 0.0) -> JointReference:
+    """Return a reference from whatever a user gives.
+
+    Parameters
+    ----------
+    reference : object
+        A :class:`JointReference`, a trajectory, positions (..., N), or a function from a time to q, dq and ddq.
+    count : int
+        Number N of joints.
+    period : float
+        Of the control, s.
+    start : float
+        When a trajectory begins, s; does not matter to others.
+
+    Returns
+    -------
+    JointReference
+
+    Raises
+    ------
+    InputError
+        If it is none of these, or for another number of joints.
+    """
+    found: JointReference
+    if callable(getattr(reference, "motion", None)):
+        found = TrajectoryReference(reference, start=start, period=period)
+    elif isinstance(reference, JointReference):
+        found = reference
+    elif callable(reference):
+        found = FunctionReference(reference)
+    else:
+        try:
+            found = ConstantReference(reference)
+        except (TypeError, ValueError):
+            raise InputError(
+                "A reference must be a trajectory, joint positions, or a function from a time to positions, "
+                f"velocities and accelerations, got {type(reference).__name__}."
+            ) from None
+    first = found.at(0.0)
+    if len(first) != 3:
+        raise InputError(
+            f"A reference must give positions, velocities and accelerations; {type(found).__name__} gives {len(first)} "
+            "arrays."
+        )
+    sizes = {array.shape[-1] if array.ndim else 0 for array in first}
+    if sizes != {count}:
+        raise InputError(f"The robot has {count} joints, and the reference gives {sorted(sizes)} numbers at 0 s.")
+    return found

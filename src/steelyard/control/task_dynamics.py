@@ -1,0 +1,275 @@
+"""The dynamics of a tool: what joint accelerations and torques a task needs (thesis section 2.4.2)."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from steelyard.errors import InputError
+
+from .gains import positive
+from .model_part import ModelPart
+from .pose_references import PoseTarget
+from .rotations import rotation_vector
+from .tool import Tool
+
+__all__ = ["TaskDynamics", "TaskState", "applied", "task_axes"]
+
+Array = NDArray[np.float64]
+
+_AXES = ("x", "y", "z", "rx", "ry", "rz")
+_NOTHING = 1e-9  # of the largest mobility of a posture, that counts as none
+_HEAVY = 100.0  # kg, where no posture tells
+_NAMED = {"pose": _AXES, "position": _AXES[:3], "orientation": _AXES[3:]}
+
+
+def task_axes(axes: str | Sequence[str]) -> tuple[int, ...]:
+    """Return the rows of a twist that a task controls.
+
+    Parameters
+    ----------
+    axes : str or sequence of str
+        ``"pose"``, ``"position"``, ``"orientation"``, or some of ``"x" "y" "z" "rx" "ry" "rz"``, along and about the
+        axes of the base.
+
+    Raises
+    ------
+    InputError
+        If an axis is something else, or comes twice.
+
+    Examples
+    --------
+    >>> task_axes("position"), task_axes(("x", "rz"))
+    ((0, 1, 2), (0, 5))
+    """
+    names = _NAMED.get(axes, (axes,)) if isinstance(axes, str) else tuple(axes)
+    if not names or len(set(names)) < len(names) or not set(names) <= set(_AXES):
+        raise InputError(
+            f"axes must be 'pose', 'position', 'orientation' or some of {', '.join(_AXES)}, each once, got {axes!r}."
+        )
+    return tuple(_AXES.index(name) for name in names)
+
+
+def applied(matrix: Array, vector: Array) -> Array:
+    """Return matrices (..., m, n) times vectors (..., n)."""
+    if vector.ndim == 1:
+        return matrix @ vector
+    result: Array = (matrix @ vector[..., None])[..., 0]
+    return result
+
+
+@dataclass(frozen=True, eq=False)
+class TaskState:
+    """The tool at one instant.
+
+    Attributes
+    ----------
+    q, dq : ndarray
+        (..., N).
+    pose : ndarray
+        (..., 4, 4).
+    full : ndarray
+        (..., 6, N) Jacobian, base frame, linear rows first.
+    jacobian : ndarray
+        (..., k, N) its rows that the task controls.
+    drift : ndarray
+        (..., k) acceleration of the tool while the joints do not accelerate, ``dJ/dt dq``.
+    lever : ndarray
+        (..., N, k) ``M^-1 J'``.
+    inertia : ndarray
+        (..., k, k) A of thesis eq. 2.29: ``(J M^-1 J')^-1``, less what is out of reach.
+    velocity : ndarray
+        (..., k) ``J dq``.
+    """
+
+    q: Array
+    dq: Array
+    pose: Array
+    full: Array
+    jacobian: Array
+    drift: Array
+    lever: Array
+    inertia: Array
+    velocity: Array
+
+
+class TaskDynamics:
+    """Pose, Jacobian and inertia of a tool, and the torques of what it is to do.
+
+    Near a singularity the apparent inertia of a direction grows without bound. The directions are the eigenvectors of
+    ``J M^-1 J'``, with rotations weighed by `length`. Where the apparent mass exceeds `largest_mass`, the inertia that
+    turns accelerations into forces fades out, smoothly, until nothing is asked that the robot cannot do; what the null
+    space is told applies there instead. Elsewhere nothing is changed. Where no mass is given, it is five times the
+    lower quartile of what random postures have in their heaviest direction.
+
+    Parameters
+    ----------
+    part : ModelPart
+        With the functions of :meth:`needed`.
+    tool : Tool
+    axes : str or sequence of str
+        See :func:`task_axes`.
+    drives : bool
+        Whether inertia and torques include rotors, friction and the like.
+    largest_mass : float, optional
+        kg.
+    length : float
+        Lever that turns a moment of inertia into a mass, m.
+
+    Attributes
+    ----------
+    rows : tuple of int
+        Of a twist, which the task controls.
+    largest_mass : float
+        kg.
+
+    Raises
+    ------
+    InputError
+        If the task has more axes than the robot joints.
+    """
+
+    def __init__(
+        self,
+        part: ModelPart,
+        tool: Tool,
+        axes: str | Sequence[str],
+        *,
+        drives: bool = False,
+        largest_mass: float | None = None,
+        length: float = 0.3,
+    ) -> None:
+        self._part = part
+        self._tool = tool
+        self.rows = task_axes(axes)
+        if len(self.rows) > part.joint_count:
+            raise InputError(
+                f"A task of {len(self.rows)} axes is too much for {part.model.robot.name} with {part.joint_count} "
+                "joints; name fewer axes, such as axes='position'."
+            )
+        self._all_rows = self.rows == tuple(range(6))
+        self._matrix, self._torque, *_ = self.needed(tool, drives)
+        weights = np.array([1.0, 1.0, 1.0, *[positive(length, "length")] * 3])[list(self.rows)]
+        self._squares = np.outer(weights, weights)
+        self.largest_mass = self._usual() if largest_mass is None else positive(largest_mass, "largest_mass")
+        self._least = 1.0 / self.largest_mass
+
+    @staticmethod
+    def needed(tool: Tool, drives: bool = False) -> tuple[str, ...]:
+        """Return the names of the functions of the model that are called."""
+        dynamics = ("total_inertia_matrix", "inverse_dynamics") if drives else ("inertia_matrix", "computed_torque")
+        return (*dynamics, tool.pose, tool.jacobian, tool.jacobian_rate)
+
+    def _usual(self) -> float:
+        """Return five times the lower quartile, over random postures, of the mass in the heaviest direction."""
+        count = self._part.joint_count
+        q = np.random.default_rng(0).uniform(-np.pi, np.pi, (64, count))
+        jacobian = self.chosen_rows(self._part.matrix(self._tool.jacobian, (6, count), q))
+        matrix = self._part.matrix(self._matrix, (count, count), q)
+        mobility = jacobian @ np.linalg.pinv(matrix, hermitian=True) @ np.swapaxes(jacobian, -1, -2)
+        values = np.linalg.eigvalsh(mobility * self._squares)
+        values = np.where(values > _NOTHING * values[:, -1:], values, np.inf)  # what no posture can reach is no mass
+        least = values.min(axis=-1)
+        least = least[np.isfinite(least) & (least > 0.0)]
+        return 5.0 / float(np.quantile(least, 0.75)) if len(least) else _HEAVY
+
+    def chosen_rows(self, jacobian: Array) -> Array:
+        """Return the controlled rows (..., k, N) of a Jacobian (..., 6, N)."""
+        return jacobian if self._all_rows else jacobian[..., self.rows, :]
+
+    def state(self, q: Array, dq: Array) -> TaskState:
+        """Compute what the task needs to know of the robot.
+
+        Parameters
+        ----------
+        q, dq : ndarray
+            (..., N).
+        """
+        count = self._part.joint_count
+        pose = self.pose(q)
+        full = self._part.matrix(self._tool.jacobian, (6, count), q)
+        rate = self._part.matrix(self._tool.jacobian_rate, (6, count), q, dq)
+        matrix = self._part.matrix(self._matrix, (count, count), q)
+        drift = self.chosen(applied(rate, dq))
+        jacobian = self.chosen_rows(full)
+        lever = _solved(matrix, np.swapaxes(jacobian, -1, -2))
+        mobility: Array = jacobian @ lever
+        return TaskState(q, dq, pose, full, jacobian, drift, lever, self._inverse(mobility), applied(jacobian, dq))
+
+    def pose(self, q: Array) -> Array:
+        """Return the pose of the tool (..., 4, 4) in the base frame."""
+        return self._part.matrix(self._tool.pose, (4, 4), q) @ self._tool.placement
+
+    def error(self, state: TaskState, target: PoseTarget) -> Array:
+        """Return how far the tool is from its target (..., k): a way (m), and axis times angle (rad) in base axes.
+
+        Turning the tool by the angle about the axis takes it to the target.
+        """
+        way = target.pose[..., :3, 3] - state.pose[..., :3, 3]
+        if max(self.rows) < 3:
+            return way if len(self.rows) == 3 else way[..., self.rows]
+        turn = target.pose[..., :3, :3] @ np.swapaxes(state.pose[..., :3, :3], -1, -2)
+        both = np.concatenate((way, rotation_vector(turn)), axis=-1)
+        return both if self._all_rows else both[..., self.rows]
+
+    def chosen(self, values: Array) -> Array:
+        """Return the controlled elements (..., k) of (..., 6)."""
+        return values if self._all_rows else values[..., self.rows]
+
+    def acceleration(self, state: TaskState, wanted: Array, posture: Array, force: Array | float = 0.0) -> Array:
+        """Return joint accelerations that give the tool an acceleration.
+
+        Among all of them they are closest to those of the posture, by the kinetic energy: the generalised inverse of
+        thesis eq. 2.30, ``ddq = J+ (a - dJ/dt dq) + (I - J+ J) posture``.
+
+        Parameters
+        ----------
+        state : TaskState
+        wanted : ndarray
+            (..., k) acceleration of the tool.
+        posture : ndarray
+            (..., N) joint accelerations that are wanted besides.
+        force : ndarray
+            (..., k) that acts on the tool in addition, N and N·m.
+
+        Returns
+        -------
+        ndarray
+            (..., N).
+        """
+        asked = wanted - state.drift - applied(state.jacobian, posture)
+        return posture + applied(state.lever, applied(state.inertia, asked) + force)
+
+    def torque(self, state: TaskState, acceleration: Array) -> Array:
+        """Return the joint torques (..., N) of joint accelerations."""
+        return self._part(self._torque, state.q, state.dq, acceleration)
+
+    def _inverse(self, mobility: Array) -> Array:
+        """Invert J M^-1 J', but let directions fade whose apparent mass is above the largest."""
+        weighed = mobility * self._squares
+        sound = np.asarray(np.isfinite(weighed).all(axis=(-1, -2)))
+        if not sound.all():  # a run that diverged stays not a number, and does not stop the others
+            weighed = np.where(sound[..., None, None], weighed, np.eye(len(self.rows)))
+        values, vectors = np.linalg.eigh(weighed)
+        share = values / self._least
+        if (share >= 1.0).all():
+            inverse = 1.0 / values
+        else:
+            # 1/x has the value and the slope of x (3 - 2 x) at x = 1.
+            below = np.clip(share, 0.0, 1.0)
+            inverse = np.where(share < 1.0, below * (3.0 - 2.0 * below) / self._least, 1.0 / np.maximum(values, 1e-300))
+        result: Array = (vectors * inverse[..., None, :]) @ np.swapaxes(vectors, -1, -2) * self._squares
+        return result if sound.all() else np.where(sound[..., None, None], result, np.nan)
+
+
+def _solved(matrix: Array, right: Array) -> Array:
+    """Solve linear equations; a matrix that is exactly singular, of impossible parameters, gives not a number."""
+    try:
+        return np.asarray(np.linalg.solve(matrix, right), dtype=np.float64)
+    except np.linalg.LinAlgError:
+        regular = np.asarray(np.linalg.cond(matrix))[..., None, None] < 1.0 / np.finfo(np.float64).eps
+        safe = np.where(regular, matrix, np.eye(matrix.shape[-1]))
+        return np.where(regular, np.linalg.solve(safe, right), np.nan)

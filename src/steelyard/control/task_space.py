@@ -1,0 +1,136 @@
+"""Computed torque in task space: the tool becomes a double integrator (thesis section 2.4.2)."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from steelyard.dynamics import Model
+from steelyard.simulation import Measurement
+
+from .block import ControlBlock
+from .gains import symmetric_gains
+from .model_part import ModelPart
+from .pose_references import pose_reference
+from .posture import Posture
+from .sensing import ForceSensing
+from .task_dynamics import TaskDynamics, applied
+from .tool import Tool
+from .velocities import VelocityEstimator
+
+__all__ = ["TaskSpaceControl"]
+
+Array = NDArray[np.float64]
+
+
+class TaskSpaceControl(ControlBlock):
+    """Linearises the robot at its tool and tracks a motion of it (thesis eq. 2.28 to 2.34).
+
+    The tool's acceleration is commanded, ``a = d²x_r/dt² + Kd (dx_r/dt - dx/dt) + Kp e``, with e the way and the
+    rotation vector to the target. Joint accelerations come from the dynamically consistent inverse (eq. 2.30), torques
+    from the model: ``tau = M ddq + C dq + g (+ h) (- J' force)``. That is eq. 2.31 and 2.33, save that gravity and
+    Coriolis torques are compensated in the null space of the task, too, which eq. 2.31 leaves to themselves.
+
+    With the robot's true parameters and `drives`, the tool obeys ``d²x/dt² = a`` (eq. 2.34) away from singularities;
+    near them the directions that are out of reach fade out, see :class:`TaskDynamics`.
+
+    Parameters
+    ----------
+    model : Model
+    parameters : array_like
+        (n,), or (n_b,) with `base`.
+    tool : Tool
+    reference : object
+        A pose (4, 4) in the base frame, a :class:`PoseTrajectory`, or a function from a time to pose, twist and its
+        derivative.
+    kp, kd : array_like
+        A number, one for each axis, or a symmetric matrix, 1/s² and 1/s.
+    axes : str or sequence of str
+        ``"pose"``, ``"position"``, ``"orientation"``, or some of ``"x" "y" "z" "rx" "ry" "rz"`` (base frame).
+    posture : Posture, optional
+        What a redundant arm does with the joints that the task leaves free: damping where not given.
+    base, drives : bool
+        Whether `parameters` are base parameters; whether friction and rotors are compensated.
+    sign_width : float
+        See :class:`ComputedTorque`.
+    sensing : bool
+        Whether the measured force of the environment is compensated, ``mu_e`` of eq. 2.33.
+    largest_mass, length : float, optional
+        What counts as out of reach, see :class:`TaskDynamics`, kg and m.
+    period : float
+        s.
+    velocity : VelocityEstimator, optional
+        Numerical differences where not given.
+
+    Attributes
+    ----------
+    reference : PoseReference
+
+    Examples
+    --------
+    >>> import steelyard as sy
+    >>> model = sy.Model(sy.Robot.from_dh([(0, 1.0, 0, "q"), (0, 1.0, 0, "q")], gravity=(0, -9.81, 0)))
+    >>> delta = np.zeros(model.parameter_count)
+    >>> for name, value in {"m1": 2.0, "Lzz1": 0.5, "m2": 1.0, "Lzz2": 0.2}.items():
+    ...     delta[model.parameter_names.index(name)] = value
+    >>> tool = Tool(model.robot.link_names[-1])
+    >>> here = Measurement(t=0.0, q=np.array([0.3, 0.9]))
+    >>> pose = model.pose(here.q, tool.link)
+    >>> controller = TaskSpaceControl(model, delta, tool, pose, kp=100.0, kd=20.0, axes=("x", "y"))
+    >>> controller.start(here)
+    >>> bool(np.allclose(controller.torque(here), model.gravity(here.q, delta)))
+    True
+    """
+
+    def __init__(
+        self,
+        model: Model,
+        parameters: ArrayLike,
+        tool: Tool,
+        reference: Any,
+        *,
+        kp: ArrayLike,
+        kd: ArrayLike,
+        axes: str | Sequence[str] = "pose",
+        posture: Posture | None = None,
+        base: bool = False,
+        drives: bool = False,
+        sign_width: float = 0.01,
+        sensing: bool = False,
+        largest_mass: float | None = None,
+        length: float = 0.3,
+        period: float = 0.001,
+        velocity: VelocityEstimator | None = None,
+    ) -> None:
+        functions = TaskDynamics.needed(tool, drives)
+        width = sign_width if drives else 0.0
+        part = ModelPart(model, parameters, functions, base=base, point=tool.point, sign_width=width)
+        super().__init__(part, period, velocity)
+        self._task = TaskDynamics(part, tool, axes, drives=drives, largest_mass=largest_mass, length=length)
+        self.reference = pose_reference(reference)
+        self._kp = symmetric_gains(kp, len(self._task.rows), "kp")
+        self._kd = symmetric_gains(kd, len(self._task.rows), "kd")
+        self._posture = (Posture() if posture is None else posture).of(model)
+        self._sensing = ForceSensing() if sensing else None
+
+    def start(self, measurement: Measurement) -> None:
+        """Forget all state and begin at this measurement."""
+        super().start(measurement)
+        if self._sensing is not None:
+            self._sensing.start(measurement)
+
+    def torque(self, measurement: Measurement) -> Array:
+        """Return the joint torques (..., N), N·m or N."""
+        q, dq = measurement.q, self._velocity.velocity(measurement)
+        task = self._task
+        state = task.state(q, dq)
+        target = self.reference.target(measurement.t)
+        wanted = task.chosen(target.acceleration) + applied(self._kp, task.error(state, target))
+        wanted = wanted + applied(self._kd, task.chosen(target.twist) - state.velocity)
+        torque = task.torque(state, task.acceleration(state, wanted, self._posture.acceleration(q, dq)))
+        if self._sensing is not None:
+            torque -= applied(np.swapaxes(state.full, -1, -2), self._sensing.wrench(measurement))
+        return torque

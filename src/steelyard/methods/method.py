@@ -1,0 +1,347 @@
+"""The interface of the earlier methods, and the problem that each of them is given."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field
+from functools import cached_property
+from typing import Any, ClassVar, Literal, Protocol, runtime_checkable
+
+import numpy as np
+import numpy.typing as npt
+
+from steelyard.dynamics import Model
+from steelyard.errors import InputError
+from steelyard.feasibility import FeasibilityCertificate, FeasibleSet
+from steelyard.feasibility.fitting.reduced import ReducedRegression
+from steelyard.feasibility.fitting.units import Units, link_columns
+from steelyard.regression import Estimate, Information, standard_deviations
+
+__all__ = ["Method", "Problem", "Progress", "Weights", "require_choice", "require_positive"]
+
+Vector = npt.NDArray[np.float64]
+Matrix = npt.NDArray[np.float64]
+Indices = npt.NDArray[np.intp]
+Progress = Callable[[str], None]
+"""Is told what happens, a short text at a time."""
+
+Weights = Literal["joint"] | npt.ArrayLike | None
+"""None, ``"joint"`` or one weight for each joint, as in `steelyard.least_squares`."""
+
+HEAVY = 1e3
+"""A link heavier than this many times what is typical of the robot is remarked on."""
+
+
+@runtime_checkable
+class Method(Protocol):
+    """An identification method: a frozen dataclass whose fields are the method's own settings, as published."""
+
+    name: ClassVar[str]
+    """Authors and year."""
+
+    source: ClassVar[str]
+    """Full citation."""
+
+    def fit(
+        self,
+        information: Information,
+        feasible: FeasibleSet,
+        *,
+        weights: Weights = None,
+        prior: npt.ArrayLike | None = None,
+        progress: Progress | None = None,
+    ) -> Estimate:
+        """Identify.
+
+        Parameters
+        ----------
+        information : Information
+            Of the same model as `feasible`.
+        feasible : FeasibleSet
+        weights : None, "joint" or (N,)
+            As in `steelyard.least_squares`.
+        prior : (n,), optional
+            Standard parameters known before, such as those of CAD; NaN where unknown.
+        progress : callable, optional
+            Is told what happens.
+
+        Returns
+        -------
+        Estimate
+            `parameters` where the method gives standard parameters; `consistency` only where they are proved feasible.
+            A method that does not converge returns the best that it has and says so in `remarks`.
+        """
+
+
+@dataclass(frozen=True, eq=False)
+class Problem:
+    """Least squares in standard parameters over the reduced regression: ‖R K δ - ρ‖² + residual2 (thesis 3.48, 2.41).
+
+    Attributes
+    ----------
+    information : Information
+    feasible : FeasibleSet
+    weights : (N,) or None
+        Joint weights that are in R and ρ already.
+    R : (n_b, n_b)
+    rho : (n_b,)
+    residual2 : float
+        Squared residual of plain least squares.
+    norm2 : float
+        Squared norm of the (weighted) regressand.
+    """
+
+    information: Information = field(repr=False)
+    feasible: FeasibleSet
+    weights: Vector | None
+    R: Matrix = field(repr=False)
+    rho: Vector = field(repr=False)
+    residual2: float
+    norm2: float
+
+    @classmethod
+    def of(cls, information: Information, feasible: FeasibleSet, weights: Weights = None) -> Problem:
+        """Reduce and weight.
+
+        Parameters
+        ----------
+        information : Information
+        feasible : FeasibleSet
+        weights : None, "joint" or (N,)
+            ``"joint"`` is None where the rows of the joints are not known apart, as in `steelyard.fit`.
+
+        Raises
+        ------
+        InputError
+            If the data belongs to another model, or holds no usable samples.
+        """
+        used: Any = weights
+        if isinstance(weights, str) and weights == "joint" and not information.by_joint:
+            used = None
+        values = None if used is None else information.joint_weights(used)
+        reduced = information.reduced(values)
+        checked = ReducedRegression.of(reduced, feasible)
+        problem = cls(information, feasible, values, reduced.R, reduced.rho, reduced.residual2, reduced.norm2)
+        problem.__dict__["regression"] = checked
+        return problem
+
+    @cached_property
+    def regression(self) -> ReducedRegression:
+        """The same around its least squares solution, in the form that `steelyard.fit` uses."""
+        return ReducedRegression.of(self.information.reduced(self.weights), self.feasible)
+
+    @cached_property
+    def matrix(self) -> Matrix:
+        """R K, (n_b, n): what the standard parameters do."""
+        return np.asarray(self.R @ self.feasible.K)
+
+    @property
+    def least_squares(self) -> Vector:
+        """Base parameters of plain least squares, (n_b,)."""
+        return self.regression.base
+
+    @cached_property
+    def units(self) -> Units:
+        """Masses and lengths that are typical of this robot: those of CAD, or those of which the torques speak."""
+        return self.regression.units(self.feasible).with_cad()
+
+    @cached_property
+    def links(self) -> Indices:
+        """Columns of ``Lxx Lxy Lxz Lyy Lyz Lzz lx ly lz m`` of every link in δ, (links, 10)."""
+        return link_columns(self.feasible)
+
+    @cached_property
+    def others(self) -> Indices:
+        """Columns of all other parameters (of drive terms) in δ."""
+        mask = np.ones(self.feasible.parameter_count, dtype=bool)
+        mask[self.links] = False
+        return np.flatnonzero(mask)
+
+    @cached_property
+    def lower_bounds(self) -> Vector:
+        """Least value of each parameter that the set states by itself, (n,): 0 for friction, -inf where none."""
+        bounds = np.full(self.feasible.parameter_count, -np.inf)
+        for block in self.feasible.blocks:
+            if block.kind != "link" and block.size == 1 and len(block.indices) == 1 and block.coefficients[0, 0, 0] > 0:
+                index = block.indices[0]
+                bounds[index] = max(bounds[index], -block.constant[0, 0] / block.coefficients[0, 0, 0])
+        return bounds
+
+    def margin_shift(self, full: bool) -> Vector:
+        """Parameters of links whose matrices D are the set's margin times 1, (n,); zero for terms.
+
+        D(δ) - ε 1 = D(δ - shift), so that conditions on δ - shift keep the distance that `steelyard.fit` keeps.
+
+        Parameters
+        ----------
+        full : bool
+            Whether D are the 4 x 4 pseudo-inertias of "full" consistency, else the 6 x 6 matrices of "inertia".
+        """
+        found = np.zeros(self.feasible.parameter_count)
+        found[self.links[:, [0, 3, 5]]] = self.feasible.margin * (2.0 if full else 1.0)
+        found[self.links[:, 9]] = self.feasible.margin
+        return found
+
+    def squared_residual(self, parameters: Vector) -> float:
+        """‖W K δ - ω‖², weighted."""
+        error = self.matrix @ parameters - self.rho
+        return float(error @ error) + self.residual2
+
+    def relative_error(self, parameters: Vector) -> float:
+        """``‖W K δ - ω‖ / ‖ω‖``, weighted."""
+        return float(np.sqrt(self.squared_residual(parameters) / self.norm2))
+
+    def as_prior(self, prior: npt.ArrayLike | None) -> Vector | None:
+        """Check standard parameters known before, (n,); NaN where unknown.
+
+        Raises
+        ------
+        InputError
+            If the length is wrong.
+        """
+        if prior is None:
+            return None
+        values = np.asarray(prior, dtype=np.float64)
+        count = self.feasible.parameter_count
+        if values.shape != (count,) or np.any(np.isinf(values)):
+            raise InputError(
+                f"prior must hold the model's {count} standard parameters, NaN where unknown, got an array of shape "
+                f"{values.shape}{' with infinite values' if values.shape == (count,) else ''}."
+            )
+        return values
+
+    def base_of(self, parameters: Vector) -> Vector:
+        """K δ, (n_b,), NaN for what depends on an unknown (NaN) parameter."""
+        unknown = np.isnan(parameters)
+        base = self.feasible.K @ np.where(unknown, 0.0, parameters)
+        return np.where(np.any(self.feasible.K[:, unknown] != 0.0, axis=1), np.nan, base)
+
+    def refuse_constraints(self, method: str) -> None:
+        """Refuse constraints beyond those of links and terms, which the method cannot express.
+
+        Raises
+        ------
+        InputError
+            If the set has any.
+        """
+        if self.feasible.constraints:
+            kinds = ", ".join(sorted({type(c).__name__ for c in self.feasible.constraints}))
+            raise InputError(
+                f"{method} knows the conditions of links and terms alone, but the feasible set also has {kinds}; "
+                "leave the constraints out, or use steelyard.fit."
+            )
+        for block in self.feasible.blocks:
+            if block.kind == "term" and not (block.size == 1 and len(block.indices) == 1):
+                raise InputError(
+                    f"{method} knows terms whose parameters have lower bounds of their own, but {block.name!r} is a "
+                    "condition on several parameters or a matrix; use steelyard.fit."
+                )
+
+    def estimate(
+        self,
+        method: str,
+        parameters: Vector | None = None,
+        base: Vector | None = None,
+        remarks: Sequence[str] = (),
+    ) -> Estimate:
+        """Put the answer together; whether it is feasible is proved here, not believed.
+
+        Parameters
+        ----------
+        method : str
+            In words.
+        parameters : (n,), optional
+            Standard parameters, where the method gives them.
+        base : (n_b,), optional
+            Base parameters; K δ where absent.
+        remarks : sequence of str
+            Sentences.
+
+        Returns
+        -------
+        Estimate
+        """
+        information, feasible, model = self.information, self.feasible, self.feasible.model
+        if base is None:
+            if parameters is None:
+                raise InputError("an estimate needs parameters or base parameters; give one of them.")
+            base = feasible.K @ parameters
+        proved = parameters is not None and feasible.contains(parameters)
+        notes = [*information.remarks, *remarks]
+        if parameters is not None and not proved:
+            notes.append(f'The parameters are not feasible in the sense of "{feasible.consistency}".')
+        if parameters is not None and len(self.links):
+            heaviest = float(parameters[self.links[:, 9]].max())
+            if heaviest > HEAVY * float(self.units.masses.max()):
+                notes.append(
+                    f"Masses grew to {heaviest:.3g} kg: the residual keeps falling as masses that the motion does not "
+                    "show grow."
+                )
+        undetermined = np.asarray(information.undetermined_mask)
+        if undetermined.any():
+            notes.append(
+                f"The data does not determine {len(information.undetermined)} of {information.base_count} base "
+                f"parameters: {'; '.join(information.undetermined)}."
+            )
+        damping, friction = None, None
+        if parameters is not None and isinstance(model, Model):
+            damping, friction = model.joint_friction(parameters)
+        certificate = FeasibilityCertificate(feasible, base, parameters) if proved and parameters is not None else None
+        return Estimate(
+            method=method,
+            base_names=information.base_names,
+            base_expressions=information.base_expressions,
+            base=base,
+            standard_deviation=standard_deviations(information.reduced(self.weights), base, undetermined),
+            joint_names=information.joint_names,
+            relative_error=information.relative_error(base),
+            row_count=information.count,
+            condition_number=information.condition_number,
+            joint_relative_error=information.joint_relative_error(base) if information.has_joint_errors else None,
+            weights=self.weights,
+            parameter_names=() if parameters is None else tuple(map(str, model.parameter_names)),
+            parameters=parameters,
+            consistency=feasible.consistency if proved else None,
+            damping=damping,
+            friction=friction,
+            certificate=None if certificate is None else certificate.document(),
+            remarks=tuple(notes),
+        )
+
+
+def require_positive(method: object, *names: str, zero: Sequence[str] = ()) -> None:
+    """Refuse settings of a method that are not positive numbers.
+
+    Parameters
+    ----------
+    method : object
+    names : str
+        Its fields.
+    zero : sequence of str
+        Fields that may also be zero.
+
+    Raises
+    ------
+    InputError
+        That names the field and its value.
+    """
+    for name in (*names, *zero):
+        value = getattr(method, name)
+        number = isinstance(value, (int, float)) and not isinstance(value, bool) and np.isfinite(value)
+        if not number or value < 0 or (value == 0 and name not in zero):
+            least = "zero or a positive number" if name in zero else "a positive number"
+            raise InputError(f"{name} of {type(method).__name__} must be {least}, got {value!r}.")
+
+
+def require_choice(method: object, name: str, choices: Sequence[str]) -> None:
+    """Refuse a setting of a method that is not one of its choices.
+
+    Raises
+    ------
+    InputError
+        That names the field, its value and the choices.
+    """
+    value = getattr(method, name)
+    if value not in choices:
+        known = ", ".join(map(repr, choices))
+        raise InputError(f"{name} of {type(method).__name__} must be one of {known}, got {value!r}.")

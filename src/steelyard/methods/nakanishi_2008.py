@@ -1,0 +1,92 @@
+"""Nakanishi, Cory, Mistry, Peters and Schaal 2008: least squares over Cholesky factors."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import ClassVar
+
+import numpy.typing as npt
+
+from steelyard.dynamics.threads import one_thread
+from steelyard.feasibility import FeasibleSet
+from steelyard.regression import Estimate, Information
+
+from .factored_fit import FACTORED_SOLVERS, FactoredFit, FactoredSolver
+from .method import Problem, Progress, Weights, require_choice, require_positive
+from .parametrisations import CholeskyOfBody
+from .starting_point import starting_point
+
+__all__ = ["Nakanishi2008"]
+
+
+@dataclass(frozen=True)
+class Nakanishi2008:
+    """Nonlinear least squares over √m, the centre of mass and a Cholesky factor of the inertia about it, as published.
+
+    The map is that of `Ting2006` (thesis 2.70, 2.71); what is approached are the predictions of plain least squares
+    (thesis 2.72), so that the objective is the squared residual. Terms that must not be negative are squares.
+
+    Known flaws: the map reaches the boundary (θ1 = 0: no mass; a zero on the diagonal of the factor: an inertia of
+    lower rank), and the best θ usually lies there, so that the answer is feasible in the limit only and not proved so;
+    it reaches every inertia that is positive definite about the centre of mass, and thus also those that violate the
+    triangle inequality; θ = 0 and many other points are stationary without being the best; θ and other signs of it
+    mean the same. `NakanishiCorrected` mends the first two.
+
+    Attributes
+    ----------
+    solver : {"newton", "gauss-newton", "levenberg-marquardt"}
+        The papers name none. ``"newton"`` has exact second derivatives and the damping of Levenberg and Marquardt; it
+        needs the fewest and cheapest steps. The others are SciPy's least squares.
+    iterations : int
+        Limit.
+    tolerance : float
+        On the gradient, in units of the squared residual of least squares.
+
+    References
+    ----------
+    J. Nakanishi, R. Cory, M. Mistry, J. Peters, S. Schaal, "Operational space control: a theoretical and empirical
+    comparison", International Journal of Robotics Research 27(6), 2008.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> import steelyard as sy
+    >>> model = sy.Model(sy.Robot.from_dh([("0", 0.0, 0.0, "q")], gravity=(0, -9.81, 0)))
+    >>> names = model.base_parameters().names
+    >>> info = Information.from_factor(10 * np.eye(3), [6.0, 5.0, 1.0], 0.02, 100, names)
+    >>> estimate = Nakanishi2008().fit(info, FeasibleSet(model, "inertia"))
+    >>> estimate.base.round(4).tolist(), estimate.consistency
+    ([0.6, 0.5, 0.1], 'inertia')
+    """
+
+    name: ClassVar[str] = "Nakanishi et al. 2008"
+    source: ClassVar[str] = (
+        "J. Nakanishi, R. Cory, M. Mistry, J. Peters, S. Schaal, Operational space control: a theoretical and "
+        "empirical comparison, International Journal of Robotics Research 27(6), 2008"
+    )
+
+    solver: FactoredSolver = "newton"
+    iterations: int = 1000
+    tolerance: float = 1e-6
+
+    def __post_init__(self) -> None:
+        require_choice(self, "solver", FACTORED_SOLVERS)
+        require_positive(self, "iterations", "tolerance")
+
+    def fit(
+        self,
+        information: Information,
+        feasible: FeasibleSet,
+        *,
+        weights: Weights = None,
+        prior: npt.ArrayLike | None = None,
+        progress: Progress | None = None,
+    ) -> Estimate:
+        """Identify; see `Method.fit`. The prior is where the descent starts."""
+        problem = Problem.of(information, feasible, weights)
+        problem.refuse_constraints(self.name)
+        with one_thread():
+            start = starting_point(problem, problem.as_prior(prior))
+            descent = FactoredFit(problem, CholeskyOfBody(), problem.rho)
+            outcome = descent.solve(start, self.solver, self.iterations, self.tolerance, progress)
+        return problem.estimate(self.name, outcome.parameters, remarks=[outcome.sentence()])

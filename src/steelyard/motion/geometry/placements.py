@@ -1,0 +1,101 @@
+"""Where the moving links are, for a batch of postures, and what forces on them do at the joints."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from steelyard.dynamics.kinematics import JointFrame, joint_frames, link_poses
+from steelyard.robot import Robot
+
+__all__ = ["LinkPlacements", "place_links"]
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True, eq=False)
+class LinkPlacements:
+    """Frames of the B moving links at S postures, in the base frame; the base comes last, so that its index is -1.
+
+    Attributes
+    ----------
+    rotations : ndarray
+        (B + 1, S, 3, 3).
+    positions : ndarray
+        (B + 1, S, 3), m.
+    frames : tuple of JointFrame
+        The joints.
+    """
+
+    rotations: Array
+    positions: Array
+    frames: tuple[JointFrame, ...]
+
+    @property
+    def count(self) -> int:
+        """Number S of postures."""
+        return int(self.positions.shape[1])
+
+    def of(self, body: int, placement: Array) -> tuple[Array, Array]:
+        """Return rotations (S, 3, 3) and positions (S, 3) of a frame that is fixed to a moving link."""
+        rotation, position = self.rotations[body], self.positions[body]
+        return rotation @ placement[:3, :3], position + rotation @ placement[:3, 3]
+
+    def pull_back(self, forces: Array, moments: Array, dof: int) -> Array:
+        """Return the joint torques (S, N) of forces and moments on the links: the transposed Jacobians times them.
+
+        Parameters
+        ----------
+        forces : ndarray
+            (B + 1, S, 3), in the base frame; those on the base have no effect.
+        moments : ndarray
+            (B + 1, S, 3), about the origin of the base frame.
+        dof : int
+            Number N of coordinates.
+        """
+        forces, moments = forces.copy(), moments.copy()
+        result = np.zeros((self.count, dof))
+        for index in reversed(range(len(self.frames))):
+            frame = self.frames[index]
+            joint = frame.joint
+            turn, place = self.rotations[joint.parent], self.positions[joint.parent]
+            axis = turn @ np.array(frame.parent_axis, dtype=np.float64)
+            if frame.rotates:
+                point = place + turn @ np.array(frame.base_point, dtype=np.float64)
+                effort = _dot(axis, moments[index] - np.cross(point, forces[index]))
+            else:
+                effort = _dot(axis, forces[index])
+            result[:, joint.coordinate] += joint.multiplier * effort
+            if joint.parent >= 0:
+                forces[joint.parent] += forces[index]
+                moments[joint.parent] += moments[index]
+        return result
+
+
+def place_links(robot: Robot, q: Array) -> LinkPlacements:
+    """Return the frames of the moving links at postures (S, N)."""
+    columns = [np.ascontiguousarray(column) for column in q.T]
+    frames = joint_frames(robot, columns, np)
+    poses = link_poses(frames)
+    count = len(q)
+    rotations = np.empty((len(poses) + 1, count, 3, 3))
+    positions = np.empty((len(poses) + 1, count, 3))
+    rotations[-1], positions[-1] = np.eye(3), 0.0
+    for index, (rotation, position) in enumerate(poses):
+        for row in range(3):
+            _fill(rotations[index, :, row], rotation[row])
+        _fill(positions[index], position)
+    return LinkPlacements(rotations, positions, tuple(frames))
+
+
+def _fill(target: Array, values: Sequence[Any]) -> None:
+    for column, value in enumerate(values):
+        target[:, column] = value
+
+
+def _dot(a: Array, b: Array) -> Array:
+    return np.asarray(np.einsum("ij,ij->i", a, b))

@@ -1,0 +1,341 @@
+"""Solid shapes: what distances are measured between."""
+
+from __future__ import annotations
+
+from abc import ABC, abstractmethod
+from dataclasses import dataclass, field
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from steelyard.errors import InputError
+
+from .convex_hull import convex_hull, most_neighbours
+
+__all__ = ["Box", "Capsule", "Cylinder", "Mesh", "Shape", "Sphere", "SweptSegment"]
+
+Array = NDArray[np.float64]
+Indices = NDArray[np.intp]
+
+MOST_NEIGHBOURS = 255  # of a corner, which coal counts in one byte
+
+
+@dataclass(frozen=True, eq=False)
+class SweptSegment:
+    """A segment with a radius (a capsule) that holds a whole shape: what is cheap to compare in batches.
+
+    Attributes
+    ----------
+    start, end : ndarray
+        (3,) ends of the segment in the frame of the shape, m.
+    radius : float
+        m.
+    """
+
+    start: Array
+    end: Array
+    radius: float
+
+
+class Shape(ABC):
+    """A solid in its own frame."""
+
+    kind: str = "shape"
+
+    @property
+    def surface_only(self) -> bool:
+        """Whether distances are those of a surface of triangles, which has no inside."""
+        return False
+
+    @abstractmethod
+    def lowest(self, direction: Array) -> Array:
+        """Return the points (S, 3) of the shape that lie lowest along directions (S, 3), m."""
+
+    @property
+    @abstractmethod
+    def bounds(self) -> SweptSegment:
+        """A capsule around the shape."""
+
+    @abstractmethod
+    def collision_object(self, coal: Any) -> Any:
+        """Return the shape as a geometry of the package coal."""
+
+
+def _positive(owner: str, name: str, value: object) -> float:
+    if isinstance(value, bool) or not isinstance(value, int | float | np.integer | np.floating):
+        raise InputError(f"{owner}: {name} must be a number in m, got {value!r}")
+    if not (np.isfinite(value) and value > 0):
+        raise InputError(f"{owner}: {name} must be positive and finite, in m, got {float(value):g}")
+    return float(value)
+
+
+def _unit(vectors: Array) -> Array:
+    lengths = np.linalg.norm(vectors, axis=-1, keepdims=True)
+    return np.asarray(np.divide(vectors, lengths, out=np.zeros_like(vectors), where=lengths > 0))
+
+
+@dataclass(frozen=True)
+class Sphere(Shape):
+    """A ball about the origin.
+
+    Parameters
+    ----------
+    radius : float
+        m.
+
+    Examples
+    --------
+    >>> Sphere(0.5).lowest(np.array([[0.0, 0.0, 2.0]])).tolist()
+    [[0.0, 0.0, -0.5]]
+    """
+
+    radius: float
+    kind = "sphere"
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "radius", _positive("a sphere", "radius", self.radius))
+
+    def lowest(self, direction: Array) -> Array:
+        """See `Shape`."""
+        return -self.radius * _unit(direction) + 0.0
+
+    @property
+    def bounds(self) -> SweptSegment:
+        """The sphere itself."""
+        return SweptSegment(np.zeros(3), np.zeros(3), self.radius)
+
+    def collision_object(self, coal: Any) -> Any:
+        """See `Shape`."""
+        return coal.Sphere(self.radius)
+
+
+@dataclass(frozen=True)
+class Capsule(Shape):
+    """A cylinder about z with half balls on both ends.
+
+    Parameters
+    ----------
+    radius : float
+        m.
+    length : float
+        Of the cylinder between the centres of the half balls, m.
+    """
+
+    radius: float
+    length: float
+    kind = "capsule"
+
+    def __post_init__(self) -> None:
+        for name in ("radius", "length"):
+            object.__setattr__(self, name, _positive("a capsule", name, getattr(self, name)))
+
+    def lowest(self, direction: Array) -> Array:
+        """See `Shape`."""
+        points = -self.radius * _unit(direction)
+        points[:, 2] -= np.copysign(self.length / 2, direction[:, 2])
+        return points
+
+    @property
+    def bounds(self) -> SweptSegment:
+        """The capsule itself."""
+        end = np.array([0.0, 0.0, self.length / 2])
+        return SweptSegment(-end, end, self.radius)
+
+    def collision_object(self, coal: Any) -> Any:
+        """See `Shape`."""
+        return coal.Capsule(self.radius, self.length)
+
+
+@dataclass(frozen=True)
+class Cylinder(Shape):
+    """A cylinder about z, its centre in the origin.
+
+    Parameters
+    ----------
+    radius, length : float
+        m.
+    """
+
+    radius: float
+    length: float
+    kind = "cylinder"
+
+    def __post_init__(self) -> None:
+        for name in ("radius", "length"):
+            object.__setattr__(self, name, _positive("a cylinder", name, getattr(self, name)))
+
+    def lowest(self, direction: Array) -> Array:
+        """See `Shape`."""
+        points = np.empty_like(direction)
+        points[:, :2] = -self.radius * _unit(direction[:, :2])
+        points[:, 2] = -np.copysign(self.length / 2, direction[:, 2])
+        return points
+
+    @property
+    def bounds(self) -> SweptSegment:
+        """The cylinder with half balls on its ends."""
+        end = np.array([0.0, 0.0, self.length / 2])
+        return SweptSegment(-end, end, self.radius)
+
+    def collision_object(self, coal: Any) -> Any:
+        """See `Shape`."""
+        return coal.Cylinder(self.radius, self.length)
+
+
+@dataclass(frozen=True)
+class Box(Shape):
+    """A box with edges along the axes, its centre in the origin.
+
+    Parameters
+    ----------
+    size : tuple of float
+        Edges along x, y and z, m.
+
+    Examples
+    --------
+    >>> Box((0.2, 0.4, 0.6)).lowest(np.array([[1.0, -1.0, 1.0]])).tolist()
+    [[-0.1, 0.2, -0.3]]
+    """
+
+    size: tuple[float, float, float]
+    kind = "box"
+
+    def __post_init__(self) -> None:
+        try:
+            x, y, z = self.size
+        except (TypeError, ValueError):
+            raise InputError(f"a box: size must be three numbers in m, got {self.size!r}") from None
+        object.__setattr__(self, "size", tuple(_positive("a box", "size", edge) for edge in (x, y, z)))
+
+    def lowest(self, direction: Array) -> Array:
+        """See `Shape`."""
+        return -np.copysign(np.array(self.size) / 2, direction)
+
+    @property
+    def bounds(self) -> SweptSegment:
+        """A capsule along the longest edge."""
+        half = np.array(self.size) / 2
+        longest = int(np.argmax(half))
+        end = np.zeros(3)
+        end[longest] = half[longest]
+        return SweptSegment(-end, end, float(np.linalg.norm(np.delete(half, longest))))
+
+    def collision_object(self, coal: Any) -> Any:
+        """See `Shape`."""
+        return coal.Box(*self.size)
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class Mesh(Shape):
+    """A body with a surface of triangles: its convex hull, or the surface itself.
+
+    Parameters
+    ----------
+    vertices : (k, 3) array
+        m.
+    triangles : (t, 3) array of int
+        Indices of vertices; needed with `exact` only.
+    exact : bool
+        Keep the surface as it is. Otherwise the body is its convex hull, which is larger where the surface is hollow.
+
+    Raises
+    ------
+    InputError
+        When the vertices span no surface, or the triangles name vertices that do not exist.
+
+    Examples
+    --------
+    >>> Mesh(np.vstack([np.zeros(3), np.eye(3)]))
+    Mesh(convex hull of 4 vertices)
+    """
+
+    vertices: Array
+    triangles: Indices = field(default_factory=lambda: np.zeros((0, 3), dtype=np.intp))
+    exact: bool = False
+    kind = "mesh"
+
+    def __post_init__(self) -> None:
+        vertices = np.array(self.vertices, dtype=np.float64)
+        if vertices.ndim != 2 or vertices.shape[1] != 3 or not np.isfinite(vertices).all():
+            raise InputError(f"a mesh: vertices must be finite and of shape (k, 3), got shape {vertices.shape}")
+        triangles = np.array(self.triangles, dtype=np.intp).reshape(-1, 3)
+        if self.exact and not len(triangles):
+            raise InputError("a mesh: an exact surface needs triangles, and there are none; use its convex hull")
+        if triangles.size and (triangles.min() < 0 or triangles.max() >= len(vertices)):
+            raise InputError(f"a mesh: its triangles name vertices that do not exist; it has {len(vertices)} vertices")
+        for array in (vertices, triangles):
+            array.setflags(write=False)
+        object.__setattr__(self, "vertices", vertices)
+        object.__setattr__(self, "triangles", triangles)
+        _ = self.hull
+
+    def __repr__(self) -> str:
+        if self.exact:
+            return f"Mesh(surface of {len(self.triangles)} triangles)"
+        return f"Mesh(convex hull of {len(self.hull[0])} vertices)"
+
+    @property
+    def surface_only(self) -> bool:
+        """Whether the mesh is kept as its surface."""
+        return self.exact
+
+    @cached_property
+    def hull(self) -> tuple[Array, Indices]:
+        """Vertices and outward triangles of the convex hull."""
+        return convex_hull(self.vertices)
+
+    @property
+    def as_hull(self) -> Mesh:
+        """The convex hull of the same vertices."""
+        return Mesh(self.vertices) if self.exact else self
+
+    def lowest(self, direction: Array) -> Array:
+        """See `Shape`."""
+        corners = self.hull[0]
+        return np.asarray(corners[np.argmin(direction @ corners.T, axis=1)])
+
+    @cached_property
+    def bounds(self) -> SweptSegment:
+        """A capsule along the longest axis of the vertices."""
+        return _swept_segment(self.hull[0])
+
+    def collision_object(self, coal: Any) -> Any:
+        """See `Shape`."""
+        vertices, triangles = (self.vertices, self.triangles) if self.exact else self.hull
+        points, faces = coal.StdVec_Vec3s(), coal.StdVec_Triangle()
+        points.extend(list(vertices))
+        faces.extend([coal.Triangle(*(int(corner) for corner in triangle)) for triangle in triangles])
+        if not self.exact:
+            most = most_neighbours(triangles)
+            if most > MOST_NEIGHBOURS:
+                raise InputError(
+                    f"a corner of the convex hull of its mesh has {most} neighbours, and coal takes at most "
+                    f"{MOST_NEIGHBOURS}; simplify the mesh"
+                )
+            return coal.Convex(points, faces)
+        surface = coal.BVHModelOBBRSS()
+        surface.beginModel(len(triangles), len(vertices))
+        surface.addSubModel(points, faces)
+        surface.endModel()
+        surface.computeLocalAABB()
+        return surface
+
+
+def _swept_segment(vertices: ArrayLike) -> SweptSegment:
+    """Return a capsule around points, along their longest principal axis, its ends drawn in as far as they go."""
+    points = np.asarray(vertices, dtype=np.float64)
+    axes = np.linalg.svd(points - points.mean(axis=0), full_matrices=False)[2]
+    local = points @ axes.T
+    middle = (local.min(axis=0) + local.max(axis=0)) / 2
+    along = local[:, 0]
+    across = np.hypot(*(local[:, 1:] - middle[1:]).T)
+    radius = float(across.max())
+    cap = np.sqrt(np.maximum(radius**2 - across**2, 0.0))
+    low, high = float((along + cap).min()), float((along - cap).max())
+    if low > high:
+        low = high = (low + high) / 2
+    ends = np.array([[low, *middle[1:]], [high, *middle[1:]]]) @ axes
+    # What rounding may have taken from the radius.
+    return SweptSegment(ends[0], ends[1], radius * (1.0 + 1e-12) + 1e-15)

@@ -1,0 +1,189 @@
+"""Controllers of the joints against Pinocchio's dynamics."""
+
+import numpy as np
+import pytest
+
+import steelyard as sy
+from steelyard.control import (
+    ComputedTorque,
+    FeedforwardTracking,
+    GravityCompensation,
+    MeasuredVelocity,
+    PositionTracking,
+    Tool,
+)
+from steelyard.simulation import Measurement
+
+
+def test_gravity_and_coriolis_are_those_of_pinocchio(arm, random, bent):
+    model, parameters, plant, _ = arm
+    q, dq = bent(model, random)
+    seen = Measurement(t=0.0, q=q, dq=dq)
+    gravity = GravityCompensation(model, parameters)
+    gravity.start(seen)
+    np.testing.assert_allclose(
+        gravity.torque(seen), plant.pin.computeGeneralizedGravity(plant.model, plant.data, q), atol=1e-10
+    )
+    both = GravityCompensation(model, parameters, coriolis=True, damping=0.3, velocity=MeasuredVelocity())
+    both.start(seen)
+    expected = plant.pin.nonLinearEffects(plant.model, plant.data, q, dq) - 0.3 * dq
+    np.testing.assert_allclose(both.torque(seen), expected, atol=1e-10)
+
+
+def test_feed_forward_is_equation_4_16(arm, random, bent):
+    model, parameters, plant, _ = arm
+    q, dq = bent(model, random)
+    wanted = tuple(random.normal(size=(3, model.joint_count)))
+    kp, kd = random.uniform(1.0, 9.0, (2, model.joint_count))
+    controller = FeedforwardTracking(model, parameters, lambda t: wanted, kp=kp, kd=kd, velocity=MeasuredVelocity())
+    seen = Measurement(t=0.0, q=q, dq=dq)
+    controller.start(seen)
+    expected = plant.pin.rnea(plant.model, plant.data, q, dq, wanted[2])
+    expected = expected + kp * (wanted[0] - q) + kd * (wanted[1] - dq)
+    np.testing.assert_allclose(controller.torque(seen), expected, atol=1e-10)
+
+
+def test_computed_torque_makes_double_integrators(arm, random, bent):
+    """Equation 2.26: the accelerations that follow, by Pinocchio, are those that were commanded."""
+    model, parameters, plant, _ = arm
+    wanted = tuple(random.normal(size=(3, model.joint_count)))
+    kp, kd = random.uniform(1.0, 90.0, (2, model.joint_count))
+    controller = ComputedTorque(model, parameters, lambda t: wanted, kp=kp, kd=kd, velocity=MeasuredVelocity())
+    for _ in range(10):
+        q, dq = bent(model, random, 3.0)
+        seen = Measurement(t=0.0, q=q, dq=dq)
+        controller.start(seen)
+        commanded = wanted[2] + kd * (wanted[1] - dq) + kp * (wanted[0] - q)
+        found = plant.acceleration(q, dq, controller.torque(seen))
+        np.testing.assert_allclose(found, commanded, rtol=1e-8, atol=1e-8)
+
+
+def test_computed_torque_takes_the_measured_force_away(arm, random, bent):
+    model, parameters, plant, link = arm
+    q, dq = bent(model, random)
+    wrench = random.normal(size=6) * [20.0, 20.0, 20.0, 2.0, 2.0, 2.0]
+    controller = ComputedTorque(model, parameters, q, kp=0.0, kd=0.0, tool=Tool(link), velocity=MeasuredVelocity())
+    seen = Measurement(t=0.0, q=q, dq=dq, force=wrench)
+    controller.start(seen)
+    found = plant.acceleration(q, dq, controller.torque(seen), wrench)
+    np.testing.assert_allclose(found, 0.0, atol=1e-8)
+    with pytest.raises(sy.InputError, match="measures none"):
+        controller.start(Measurement(t=0.0, q=q, dq=dq))
+
+
+def test_computed_torque_compensates_drives(redundant, random, bent):
+    model, parameters, plant, _ = redundant
+    robot = model.robot.with_terms(sy.Viscous(), sy.Coulomb(), sy.RotorInertia())
+    driven = sy.Model(robot)
+    values = dict(zip(model.parameter_names, parameters, strict=True))
+    kinds = {"Fv": 1.3, "Fc": 0.7, "Ia": 0.2}
+    delta = [values.get(name, kinds.get(name[:2])) for name in driven.parameter_names]
+    plant = type(plant).__new__(type(plant))
+    plant.__dict__.update(redundant[2].__dict__, viscous=1.3, coulomb=0.7, rotor=0.2)
+    q, dq = bent(model, random)
+    seen = Measurement(t=0.0, q=q, dq=dq)
+    for width, tolerance in ((0.0, 1e-8), (1e-7, 1e-6)):
+        controller = ComputedTorque(
+            driven, delta, q, kp=4.0, kd=2.0, drives=True, sign_width=width, velocity=MeasuredVelocity()
+        )
+        controller.start(seen)
+        found = plant.acceleration(q, dq, controller.torque(seen))
+        np.testing.assert_allclose(found, -2.0 * dq, atol=tolerance)
+
+
+def test_errors_decay_as_designed(redundant, random, bent):
+    """Of a critically damped loop: e(t) = (e0 + (e0' + w e0) t) exp(-w t)."""
+    model, parameters, plant, _ = redundant
+    q, _ = bent(model, random)
+    target = q + random.uniform(-0.3, 0.3, q.shape)
+    w = 20.0
+    controller = ComputedTorque(model, parameters, target, kp=w**2, kd=2 * w, period=1e-4, velocity=MeasuredVelocity())
+    t, places, _ = plant.run(controller, q, 0.0 * q, 0.25)
+    expected = (q - target) * ((1.0 + w * t) * np.exp(-w * t))[:, None]
+    np.testing.assert_allclose(places - target, expected, atol=0.003 * np.abs(q - target).max())
+
+
+def test_the_integral_removes_a_steady_torque(redundant, random, bent):
+    model, parameters, plant, _ = redundant
+    q, _ = bent(model, random)
+    heavier = parameters.copy()
+    heavier[[k for k, name in enumerate(model.parameter_names) if name[0] in "Llm"]] *= 1.05
+    gains = {"kp": 300.0, "kd": 30.0, "velocity": MeasuredVelocity(), "period": 0.002}
+    without = ComputedTorque(model, heavier, q, **gains)
+    with_it = ComputedTorque(model, heavier, q, ki=1000.0, **gains)
+    ends = [plant.run(controller, q, 0 * q, 2.0)[1][-1] - q for controller in (without, with_it)]
+    assert np.abs(ends[0]).max() > 1e-3
+    assert np.abs(ends[1]).max() < 0.02 * np.abs(ends[0]).max()
+
+
+def test_positions_are_followed_in_three_stages(redundant, random, bent):
+    model, parameters, plant, _ = redundant
+    q, dq = bent(model, random)
+    start, rate = q + 0.1, random.normal(size=q.shape)
+    controller = PositionTracking(
+        model,
+        parameters,
+        lambda t: (start + rate * t, rate, 0 * rate),
+        kp=100.0,
+        kd=20.0,
+        control_start=2.0,
+        reference_start=4.0,
+        velocity=MeasuredVelocity(),
+    )
+    controller.start(Measurement(t=0.0, q=q, dq=dq))
+    for t, wanted in (
+        (0.0, None),
+        (1.999, None),
+        (2.0, start),
+        (3.999, start),
+        (4.0, start),
+        (4.5, start + 0.5 * rate),
+    ):
+        command = 0 * q if wanted is None else 100.0 * (wanted - q) - 20.0 * dq
+        expected = plant.pin.rnea(plant.model, plant.data, q, dq, command)
+        np.testing.assert_allclose(controller.torque(Measurement(t=t, q=q, dq=dq)), expected, atol=1e-9)
+
+
+class OnlyTwo:
+    def at(self, t):
+        return np.zeros(6), np.zeros(6)
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        ({"kp": -1.0}, "kp must be finite and at least 0"),
+        ({"kp": [1.0, 2.0]}, "one for each of 6 joints"),
+        ({"kd": np.nan}, "kd must be finite"),
+        ({"kp": "stiff"}, "kp must be numbers"),
+        ({"period": 0.0}, "period must be a finite number above 0"),
+        ({"reference": [0.0, 1.0]}, r"6 joints, and the reference gives \[2\]"),
+        ({"reference": OnlyTwo()}, "OnlyTwo gives 2 arrays"),
+        ({"reference": None}, "A reference must be"),
+        ({"reference": lambda t: np.zeros(6)}, "positions, velocities and accelerations"),
+        ({"parameters": np.zeros(3)}, r"expected shape \(60,\)"),
+        ({"parameters": np.full(60, np.nan)}, "Lxx1 has none"),
+        ({"tool": Tool("hand")}, "hand"),
+    ],
+)
+def test_bad_input_is_refused(six, arguments, message):
+    model, parameters, *_ = six
+    given = {"parameters": parameters, "reference": np.zeros(6), "kp": 1.0, "kd": 1.0} | arguments
+    with pytest.raises(sy.InputError, match=message):
+        ComputedTorque(model, given.pop("parameters"), given.pop("reference"), **given)
+
+
+def test_stages_come_in_order(six):
+    model, parameters, *_ = six
+    with pytest.raises(sy.InputError, match="must not start before the control"):
+        PositionTracking(model, parameters, np.zeros(6), kp=1.0, kd=1.0, control_start=2.0, reference_start=1.0)
+
+
+def test_a_measurement_of_another_robot_is_refused(six):
+    model, parameters, *_ = six
+    with pytest.raises(sy.InputError, match="with 6 joints, got positions of shape"):
+        GravityCompensation(model, parameters).start(Measurement(t=0.0, q=np.zeros(7)))
+    with pytest.raises(sy.InputError, match="measures none"):
+        ComputedTorque(model, parameters, np.zeros(6), kp=1.0, kd=1.0, velocity=MeasuredVelocity()).start(
+            Measurement(t=0.0, q=np.zeros(6))
+        )

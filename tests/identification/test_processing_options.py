@@ -1,0 +1,79 @@
+"""`identify` with the options of [processing] that the data decides, and what the report shows of them."""
+
+from pathlib import Path
+
+import lxml.html
+import numpy as np
+import pytest
+
+import steelyard as sy
+from steelyard.report import report_html
+
+ROBOT = """
+[description]
+convention = "standard"
+rows = [["pi/2", 0, 0.3, "q"], [0, 0.4, 0, "q"]]
+[[terms]]
+kind = "viscous"
+[processing]
+"""
+
+
+@pytest.fixture
+def log(tmp_path: Path) -> Path:
+    """Three periods of 2 s of a known arm, with noise, torques 4 ms late."""
+    (tmp_path / "robot.toml").write_text(ROBOT)
+    model = sy.Model.load(tmp_path / "robot.toml")
+    random = np.random.default_rng(4)
+
+    def motion(t):
+        w = np.pi * np.array([1.0, 2.0])
+        a, b = np.outer(t, w), np.outer(t, 3 * w)
+        return np.sin(a) + 0.3 * np.cos(b), w * np.cos(a) - 0.9 * w * np.sin(b), -(w**2) * (np.sin(a) + 2.7 * np.cos(b))
+
+    body, joint = [1.0, 0.0, 0.0, 1.0, 0.0, 1.0, 0.1, 0.1, 0.1, 1.0], [0.5]
+    t = np.arange(3000) / 500
+    torque = model.inverse_dynamics(*motion(t - 0.004), np.array(2 * (body + joint)))
+    torque += 0.05 * random.normal(size=torque.shape)
+    q = motion(t)[0] + 1e-4 * random.normal(size=torque.shape)
+    return sy.Recording(t=t, q=q, torque=torque).save(tmp_path / "log.csv")
+
+
+def test_choices_of_the_data_are_in_the_report(log):
+    robot = log.with_name("robot.toml")
+    robot.write_text(ROBOT + 'cutoff = "automatic"\ndelay = "automatic"\ntrim = 0.1\n')
+    result = sy.identify(robot, [log])
+    ((name, choice),) = result.cutoff_choices
+    assert name == str(log)
+    assert 5.0 < choice.cutoff < 30.0
+    assert any(choice.remark() in remark for remark in result.remarks)
+    moved = next(remark for remark in result.remarks if "moved back" in remark)
+    assert float(moved.split("moved back by ")[1].split(" ms")[0]) == pytest.approx(4.0, abs=0.3)
+    assert "the model shows" in moved
+    page = lxml.html.fromstring(report_html(result))
+    section = page.xpath("//section[@aria-labelledby='processing']")[0]
+    assert len(section.xpath(".//svg")) == 2
+    assert section.xpath(".//table[@id='cutoff-0']")
+    assert [row.text_content() for row in section.xpath(".//table[@id='processing-options']//th[@scope='row']")] == [
+        "cutoff",
+        "trim",
+        "delay",
+    ]
+    heads = [cell.text_content() for cell in page.xpath("//table[@id='base-parameters']/thead//th")]
+    assert heads[-1] == "corrected ± %"
+    assert result.estimate.corrected_standard_deviation is not None
+
+
+def test_filters_that_need_the_whole_log_get_it(log):
+    robot = log.with_name("robot.toml")
+    robot.write_text(
+        ROBOT + 'filter = { kind = "fourier", period = 2.0, harmonics = 6 }\naverage = true\ndelay = 0.004\n'
+    )
+    result = sy.identify(robot, [log])
+    # The first two rows lack nothing: other periods have them.
+    assert result.information.count == pytest.approx(2000, abs=8)
+    assert result.unconstrained.relative_error < 0.02
+    assert any("3 periods of 2 s were averaged" in remark for remark in result.remarks)
+    assert result.options["processing"]["filter"] == {"kind": "fourier", "period": 2.0, "harmonics": 6}
+    plain = lxml.html.fromstring(report_html(result)).xpath("//section[@aria-labelledby='processing']//svg")
+    assert plain == []
