@@ -114,7 +114,14 @@ def test_documented_functions_are_those_of_a_model() -> None:
 
 @pytest.mark.parametrize(
     ("page", "count"),
-    [("use-the-library.md", 5), ("generate-code.md", 3), ("symbolic-models.md", 3), ("priors-and-robust-fits.md", 6)],
+    [
+        ("use-the-library.md", 5),
+        ("generate-code.md", 3),
+        ("symbolic-models.md", 3),
+        ("priors-and-robust-fits.md", 6),
+        ("simulate.md", 5),
+        ("control.md", 6),
+    ],
 )
 def test_snippets_of_the_guides_run(page: str, count: int, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     if page == "symbolic-models.md":

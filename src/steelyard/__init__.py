@@ -50,7 +50,10 @@ _ROOMS = {
         "smallest_total_mass",
         "verify_certificate",
     ),
-    "motion": ("FourierTrajectory",),
+    "motion": ("ExcitationDesign", "FourierTrajectory", "MotionLimits", "design_excitation", "load_trajectory"),
+    "simulation": ("Actuators", "ElasticContact", "Safety", "Sensors", "SimulationResult", "simulate"),
+    "control": ("ComputedTorque", "FeedforwardTracking", "GravityCompensation", "ImpedanceControl", "TaskSpaceControl"),
+    "laboratory": ("play",),
     "identification": ("Identification", "identify"),
     "errors": ("InputError", "MissingExtraError", "SolverError", "SteelyardError"),
 }

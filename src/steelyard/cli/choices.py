@@ -5,7 +5,19 @@ from __future__ import annotations
 from enum import Enum
 from typing import Literal
 
-__all__ = ["Consistency", "DistanceMetric", "Gravity", "Language", "Preference", "Sign", "Weights"]
+__all__ = [
+    "Consistency",
+    "Criterion",
+    "DistanceMetric",
+    "Family",
+    "Gravity",
+    "Language",
+    "OtherParameters",
+    "Preference",
+    "SearchMethod",
+    "Sign",
+    "Weights",
+]
 
 
 class Consistency(Enum):
@@ -69,3 +81,33 @@ class Gravity(Enum):
 
     FIXED = "fixed"
     ARGUMENT = "argument"
+
+
+class Family(Enum):
+    """Kinds of excitation."""
+
+    FOURIER = "fourier"
+    SPLINE = "spline"
+    QUINTIC = "quintic"
+
+
+class Criterion(Enum):
+    """What makes an excitation good: condition number, D- or A-optimality."""
+
+    CONDITION = "condition"
+    D = "d"
+    A = "a"
+
+
+class OtherParameters(Enum):
+    """What is known of the parameters that an excitation is not about."""
+
+    UNKNOWN = "unknown"
+    KNOWN = "known"
+
+
+class SearchMethod(Enum):
+    """How an excitation is searched for."""
+
+    GRADIENT = "gradient"
+    COBYLA = "cobyla"

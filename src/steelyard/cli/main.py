@@ -11,10 +11,13 @@ from steelyard import __version__
 from .check import check
 from .correct import correct
 from .demo import demo
+from .excite import excite
 from .explain import explain
 from .generate import generate
 from .identify import identify
 from .inspect import inspect
+from .reproduce import reproduce
+from .simulate import simulate
 
 __all__ = ["app", "main"]
 
@@ -29,10 +32,13 @@ app = typer.Typer(
 app.command()(demo)
 app.command()(inspect)
 app.command()(generate)
+app.command()(excite)
 app.command()(identify)
 app.command()(check)
 app.command()(correct)
 app.command()(explain)
+app.command()(simulate)
+app.command()(reproduce)
 
 
 def _version(value: bool) -> None:

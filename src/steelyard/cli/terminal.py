@@ -15,8 +15,9 @@ if TYPE_CHECKING:
 
     from steelyard.dynamics import Model
     from steelyard.identification import Identification
+    from steelyard.motion import ExcitationDesign
 
-__all__ = ["progress", "show_identification", "show_model"]
+__all__ = ["progress", "show_excitation", "show_identification", "show_model"]
 
 
 @contextmanager
@@ -139,3 +140,26 @@ def show_model(model: Model, consistency: Literal["full", "inertia"]) -> None:
         return
     feasible = FeasibleSet(model, consistency, terms=False)
     console.print(Text("CAD: " + str(check(feasible, parameters=np.nan_to_num(parameters)))), soft_wrap=True)
+
+
+def show_excitation(design: ExcitationDesign) -> None:
+    """Print how good a motion is and how near it comes to its limits."""
+    from rich.console import Console
+    from rich.text import Text
+
+    console = Console(highlight=False)
+    table = _table("limit", "nearest part", "margin", "at s")
+    for margin in design.nearest():
+        table.add_row(Text(margin.name), Text(margin.label), f"{margin.clearance:.4g}", f"{margin.time:.3f}")
+    console.print(table)
+    together = design.combined_condition_number
+    known = "" if together is None else f", {together:.4g} together with what it complements"
+    console.print(
+        Text(
+            f"{design.robot_name}: {design.family} motion of {design.trajectory.duration:.4g} s, condition number "
+            f"{design.condition_number:.4g}{known}; every limit is kept at 1 kHz."
+        ),
+        soft_wrap=True,
+    )
+    for remark in design.remarks:
+        console.print(Text(f"Note: {remark}"), soft_wrap=True)

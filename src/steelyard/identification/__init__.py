@@ -1,6 +1,7 @@
 """The main job, composed of the rooms above: logs in, feasible model out."""
 
 from .demonstration import demonstrate as demonstrate
+from .excite import excite as excite
 from .explained import EstimateExplanation as EstimateExplanation
 from .explained import explain_estimate as explain_estimate
 from .identify import identify as identify
@@ -23,6 +24,7 @@ __all__ = [
     "check_estimate",
     "correct_estimate",
     "demonstrate",
+    "excite",
     "explain_estimate",
     "identify",
     "parameters_for_source",

@@ -1,0 +1,79 @@
+"""``steelyard excite``."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from .choices import Criterion, Family, OtherParameters, SearchMethod
+from .terminal import progress, show_excitation
+
+__all__ = ["excite"]
+
+
+def excite(
+    robot: Annotated[Path, typer.Argument(help="URDF or robot.toml.")],
+    output: Annotated[Path, typer.Option("--output", "-o", help="Folder for the trajectory.")],
+    limits: Annotated[
+        Path | None, typer.Option(help="Limits file (TOML); what it does not name is taken from the robot.")
+    ] = None,
+    family: Annotated[Family, typer.Option(help="Kind of motion.")] = Family.FOURIER,
+    criterion: Annotated[Criterion, typer.Option(help="What makes a motion good.")] = Criterion.CONDITION,
+    subset: Annotated[
+        list[str] | None,
+        typer.Option(help="Joint, link or parameter that is to be shown, or payload; may be repeated."),
+    ] = None,
+    others: Annotated[
+        OtherParameters, typer.Option(help="Whether the parameters beyond the subset are known already.")
+    ] = OtherParameters.UNKNOWN,
+    harmonics: Annotated[int, typer.Option(help="Of the Fourier series.", min=1)] = 6,
+    points: Annotated[int | None, typer.Option(help="Of splines and moves.", min=3)] = None,
+    period: Annotated[float, typer.Option(help="s.")] = 12.5,
+    periods: Annotated[int, typer.Option(help="How many periods are played.", min=1)] = 1,
+    lead: Annotated[float | None, typer.Option(help="Time of start and stop, s; 0 for none.")] = None,
+    margin: Annotated[float, typer.Option(help="Fraction of each limit that is left free.", min=0.0)] = 0.0,
+    rate: Annotated[float, typer.Option(help="At which the motion will be recorded, Hz.")] = 1000.0,
+    complement: Annotated[
+        Path | None, typer.Option(help="Trajectory or saved Information that the motion is to complement.")
+    ] = None,
+    estimate: Annotated[Path | None, typer.Option(help="estimate.json, whose parameters predict the torques.")] = None,
+    method: Annotated[SearchMethod, typer.Option(help="cobyla: the scheme of the thesis.")] = SearchMethod.GRADIENT,
+    starts: Annotated[int, typer.Option(help="Random starts.", min=1)] = 8,
+    seed: Annotated[int, typer.Option(help="Of the random starts.", min=0)] = 0,
+    time_limit: Annotated[
+        float | None, typer.Option(help="s, after which the best motion so far is taken; so does Ctrl-C.")
+    ] = None,
+) -> None:
+    """Design a motion that shows a robot's parameters, within all its limits."""
+    from steelyard.identification import excite as run
+    from steelyard.report import require_folder
+
+    require_folder(output)
+    with progress() as say:
+        design = run(
+            robot,
+            limits,
+            complement=complement,
+            estimate=estimate,
+            family=family.value,
+            criterion=criterion.value,
+            subset=subset or None,
+            others=others.value,
+            harmonics=harmonics,
+            points=points,
+            period=period,
+            periods=periods,
+            lead=lead,
+            margin=margin,
+            rate=rate,
+            method=method.value,
+            starts=starts,
+            seed=seed,
+            time_limit=time_limit,
+            progress=say,
+        )
+        written = design.save_all(output)
+    show_excitation(design)
+    typer.echo(f"Look at {', '.join(path.name for path in written)} in {output}")

@@ -1,0 +1,102 @@
+"""The design of an excitation from files: a robot, its limits, and what it must keep clear of."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+from steelyard.dynamics import Model
+from steelyard.errors import InputError
+from steelyard.motion import (
+    ExcitationDesign,
+    MotionConstraint,
+    Trajectory,
+    design_excitation,
+    limits_from_file,
+    load_trajectory,
+)
+from steelyard.regression import Information
+from steelyard.robot import RobotFile
+
+from .saved import parameters_of_estimate
+
+__all__ = ["excite"]
+
+
+def excite(
+    robot: str | Path | RobotFile,
+    limits: str | Path | None = None,
+    *,
+    complement: str | Path | None = None,
+    estimate: str | Path | None = None,
+    progress: Callable[[str], None] | None = None,
+    **options: Any,
+) -> ExcitationDesign:
+    """Design a motion that shows the parameters of a robot.
+
+    Parameters
+    ----------
+    robot : str, Path or RobotFile
+        URDF or robot.toml.
+    limits : str or Path, optional
+        A limits file (TOML); without it the limits are those of the robot.
+    complement : str or Path, optional
+        A trajectory, or an Information that was saved, which the motion is to complement.
+    estimate : str or Path, optional
+        Whose parameters predict the torques, instead of those of the description.
+    progress : callable, optional
+        Called with a few words after each step.
+    **options
+        Of :func:`steelyard.design_excitation`.
+
+    Returns
+    -------
+    ExcitationDesign
+
+    Raises
+    ------
+    InputError
+        If a file or an option cannot be used.
+    SolverError
+        If no motion keeps every limit.
+    """
+    file = robot if isinstance(robot, RobotFile) else RobotFile.load(robot)
+    model = Model.from_file(file)
+    bounds: dict[str, Any] = {}
+    constraints: tuple[MotionConstraint, ...] = ()
+    if limits is not None:
+        bounds, sections = limits_from_file(limits)
+        if sections:
+            from steelyard.motion.geometry import geometry_from_dict
+
+            constraints = tuple(geometry_from_dict(sections, file.robot, Path(limits).parent, where=str(limits)))
+    parameters = None if estimate is None else parameters_of_estimate(model, estimate)
+    try:
+        return design_excitation(
+            model,
+            bounds,
+            constraints=constraints,
+            complement=None if complement is None else _known(complement),
+            parameters=parameters,
+            progress=progress,
+            **options,
+        )
+    except InputError as error:
+        message = str(error)
+        if limits is not None and message.startswith("limits: "):
+            raise InputError(f"{limits}: {message.removeprefix('limits: ')}") from None
+        raise
+
+
+def _known(path: str | Path) -> Information | Trajectory:
+    """Load a trajectory or an Information, whichever a file holds."""
+    place = Path(path)
+    if place.suffix.lower() == ".json" and place.is_file() and '"steelyard-information' in _head(place):
+        return Information.load(place)
+    return load_trajectory(place)
+
+
+def _head(path: Path) -> str:
+    with path.open(encoding="utf-8", errors="replace") as file:
+        return file.read(200)

@@ -1,0 +1,196 @@
+"""What makes a motion good: criteria of the information matrix of the base parameters, and their gradients."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+from steelyard.dynamics import Model
+from steelyard.errors import InputError
+from steelyard.robot import INERTIA_SYMBOLS
+
+__all__ = ["CRITERIA", "Criterion", "Subset", "make_subset"]
+
+Array = NDArray[np.float64]
+CRITERIA = ("condition", "d", "a")
+_FLOOR = 1e-15
+
+
+@dataclass(frozen=True, eq=False)
+class Subset:
+    """What of the base parameters counts.
+
+    Attributes
+    ----------
+    names : tuple of str
+        In words: base parameters, or standard ones where the others are known.
+    directions : ndarray
+        (n_b, r): where the others are unknown, the unit vectors of the base parameters that count; where they are
+        known, how the r parameters that count change the base parameters.
+    others_known : bool
+    """
+
+    names: tuple[str, ...]
+    directions: Array
+    others_known: bool
+
+
+def make_subset(model: Model, subset: str | Sequence[str] | None, others: str = "unknown") -> Subset:
+    """Choose which parameters an experiment is to show.
+
+    Parameters
+    ----------
+    model : Model
+    subset : str or sequence of str, optional
+        Names of parameters, of links (their ten parameters) or of joints (all the parameters of the joint's terms and
+        of the link that it moves), or ``"payload"`` for the last link; None for all.
+    others : {"unknown", "known"}
+        ``"unknown"``: the base parameters that contain any of them count, and what the motion shows of them is what
+        remains when all the others are estimated too: the Schur complement of the information matrix (Pukelsheim
+        2006, section 3.11). ``"known"``: all the other parameters are known already, as when a payload is put on a
+        robot that was identified before; what counts are those of the subset that are independent of each other.
+
+    Returns
+    -------
+    Subset
+
+    Raises
+    ------
+    InputError
+        If a name is unknown, or the parameters have no effect on the torques.
+    """
+    base = model.base_parameters()
+    if others not in ("unknown", "known"):
+        raise InputError(f"others must be 'unknown' or 'known', got {others!r}.")
+    if subset is None:
+        return Subset(base.expressions, np.eye(base.count), True)
+    names = [subset] if isinstance(subset, str) else list(subset)
+    if not names:
+        raise InputError("subset must name at least one parameter, link or joint; leave it out for all parameters.")
+    columns = sorted({column for name in names for column in _columns(model, name)})
+    effects = base.K[:, columns]
+    present = np.flatnonzero(np.abs(effects).max(axis=0, initial=0.0) > 0.0)
+    if not len(present):
+        raise InputError(
+            f"The subset {', '.join(names)} has no effect on the torques, so that no motion shows it; choose others."
+        )
+    if others == "unknown":
+        rows = np.flatnonzero(np.abs(effects).max(axis=1) > 0.0)
+        return Subset(tuple(base.expressions[r] for r in rows), np.eye(base.count)[:, rows], False)
+    kept: list[int] = []
+    for k in present.tolist():  # the left-most independent ones, as for base parameters
+        if np.linalg.matrix_rank(effects[:, [*kept, k]], tol=1e-9) > len(kept):
+            kept.append(k)
+    return Subset(tuple(model.parameter_names[columns[k]] for k in kept), effects[:, kept], True)
+
+
+def _columns(model: Model, name: str) -> list[int]:
+    """Return the indices of the parameters that a name of a subset means."""
+    robot, names = model.robot, model.parameter_names
+    if name in names:
+        return [names.index(name)]
+    if name in robot.link_names:
+        return [int(c) for c in model.link_columns[robot.link_names.index(name)]]
+    if name == "payload":
+        return [int(c) for c in model.link_columns[-1]]
+    if name in robot.joint_names:
+        index = robot.driving_joints[robot.joint_names.index(name)]
+        symbols = [*INERTIA_SYMBOLS, *(p.symbol for term in robot.terms for p in term.parameters)]
+        return [names.index(f"{symbol}{index + 1}") for symbol in symbols]
+    raise InputError(
+        f"subset: {name!r} is no parameter, link or joint of {robot.name}; it has the joints "
+        f"{', '.join(robot.joint_names)}, the links {', '.join(robot.link_names)}, and parameters such as {names[0]}."
+    )
+
+
+@dataclass(frozen=True, eq=False)
+class Criterion:
+    """A number that falls as a motion shows the parameters better, and its gradient by the information matrix.
+
+    Attributes
+    ----------
+    kind : {"condition", "d", "a"}
+        The condition number of the (weighted) regressor of the subset, the determinant of its information (largest is
+        best) or the trace of its inverse.
+    subset : Subset
+    """
+
+    kind: Literal["condition", "d", "a"]
+    subset: Subset
+
+    def __post_init__(self) -> None:
+        if self.kind not in CRITERIA:
+            raise InputError(f"criterion must be one of {', '.join(CRITERIA)}, got {self.kind!r}.")
+
+    def evaluate(self, information: Array, sharpness: float = 8.0) -> tuple[float, Array]:
+        """Return a smooth objective to be made small, and its gradient by the information matrix, symmetric.
+
+        Parameters
+        ----------
+        information : ndarray
+            (n_b, n_b).
+        sharpness : float
+            The extreme eigenvalues of the condition number are replaced by norms of this exponent of all of them,
+            which are smooth where eigenvalues cross: twice the logarithm of the condition number from above, and the
+            nearer the larger the exponent.
+
+        Returns
+        -------
+        value : float
+        gradient : ndarray
+            (n_b, n_b).
+        """
+        directions = self.subset.directions
+        if self.subset.others_known:
+            whole = directions.shape[0] == directions.shape[1]  # then they are the identity
+            values, vectors = np.linalg.eigh(information if whole else directions.T @ information @ directions)
+            value, slopes = self._spectral(_positive(values), sharpness, 1.0)
+            gradient = (vectors * slopes) @ vectors.T
+            return value, gradient if whole else directions @ gradient @ directions.T
+        inverse = _inverse(information) @ directions
+        values, vectors = np.linalg.eigh(directions.T @ inverse)  # of the covariance
+        value, slopes = self._spectral(_positive(values), sharpness, -1.0)
+        turned = inverse @ vectors
+        return value, -(turned * slopes) @ turned.T
+
+    def figure(self, information: Array) -> float:
+        """Return the criterion itself: condition number, logarithm of the determinant, or trace of the inverse."""
+        directions = self.subset.directions
+        if self.subset.others_known:
+            values = _positive(np.linalg.eigh(directions.T @ information @ directions)[0])
+        else:
+            values = 1.0 / _positive(np.linalg.eigh(directions.T @ _inverse(information) @ directions)[0])
+        if self.kind == "condition":
+            return float(np.sqrt(values.max() / values.min()))
+        return float(np.log(values).sum()) if self.kind == "d" else float((1.0 / values).sum())
+
+    def better(self, a: float, b: float) -> bool:
+        """Tell whether the figure `a` is better than `b`."""
+        return a > b if self.kind == "d" else a < b
+
+    def _spectral(self, values: Array, sharpness: float, power: float) -> tuple[float, Array]:
+        """Return the objective and its derivatives by eigenvalues of the information, or of its inverse (power -1)."""
+        count = len(values)
+        if self.kind == "d":
+            return -power * float(np.log(values).mean()), -power / (count * values)
+        if self.kind == "a":
+            terms = values**-power
+            total = terms.sum()
+            return float(np.log(total)), -power * terms / (values * total)
+        least, largest = values[0], values[-1]
+        low, high = (least / values) ** sharpness, (values / largest) ** sharpness
+        value = np.log(largest / least) + (np.log(low.sum()) + np.log(high.sum())) / sharpness
+        return float(value), (high / high.sum() - low / low.sum()) / values
+
+
+def _positive(values: Array) -> Array:
+    return np.maximum(values, _FLOOR * max(float(values[-1]), 1e-300))
+
+
+def _inverse(information: Array) -> Array:
+    values, vectors = np.linalg.eigh(information)
+    return np.asarray((vectors / _positive(values)) @ vectors.T)

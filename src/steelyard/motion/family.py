@@ -1,0 +1,307 @@
+"""Families of trajectories that are linear in their coefficients: what the design of excitation chooses from."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+from steelyard.errors import InputError
+
+from .fourier import FourierTrajectory, RestToRestTrajectory
+from .quintic import QuinticTrajectory, hermite
+from .spline import DEGREE, SplineTrajectory, clamped_knots
+from .trajectory import Trajectory
+
+__all__ = ["FAMILIES", "Basis", "Family", "FourierFamily", "QuinticFamily", "SplineFamily", "make_family"]
+
+Array = NDArray[np.float64]
+Basis = tuple[Array, Array, Array]
+"""Of q, dq and ddq, (S, P) each: for coefficients X (N, P) the positions are ``basis[0] @ X.T``."""
+
+FAMILIES = ("fourier", "spline", "quintic")
+
+
+class Family(Protocol):
+    """Trajectories of one kind and size, by their coefficients (N, P).
+
+    Attributes
+    ----------
+    name : str
+    size : int
+        Number P of coefficients of a joint.
+    constant : ndarray
+        (P,) the coefficients of a joint that stands at 1.
+    period : float
+        s, of the motion that is judged.
+    window : (float, float)
+        Where in the whole motion the first such period begins and ends, s.
+    duration : float
+        s, of the whole motion from rest to rest.
+    step : float
+        s, a time in which no quantity changes by much.
+    """
+
+    @property
+    def name(self) -> str: ...  # noqa: D102
+    @property
+    def size(self) -> int: ...  # noqa: D102
+    @property
+    def constant(self) -> Array: ...  # noqa: D102
+    @property
+    def period(self) -> float: ...  # noqa: D102
+    @property
+    def window(self) -> tuple[float, float]: ...  # noqa: D102
+    @property
+    def duration(self) -> float: ...  # noqa: D102
+    @property
+    def step(self) -> float: ...  # noqa: D102
+
+    def basis(self, t: Array) -> Basis:
+        """Return the basis at times (S,) of the whole motion."""
+        ...
+
+    def excitation(self, coefficients: Array) -> Trajectory:
+        """Return the motion that is judged, without lead-in and lead-out."""
+        ...
+
+    def trajectory(self, coefficients: Array) -> Trajectory:
+        """Return the whole motion from rest to rest."""
+        ...
+
+
+@dataclass(frozen=True)
+class FourierFamily:
+    """Fourier series with a lead-in and a lead-out; coefficients a1 … aH, b1 … bH and the constant.
+
+    Attributes
+    ----------
+    period : float
+        s.
+    harmonics : int
+    lead : float
+        s; 0 for none.
+    periods : int
+        How many are played.
+    """
+
+    period: float
+    harmonics: int
+    lead: float
+    periods: int = 1
+    name: str = "fourier"
+
+    @property
+    def size(self) -> int:
+        """Number of coefficients of a joint."""
+        return 2 * self.harmonics + 1
+
+    @cached_property
+    def constant(self) -> Array:
+        """Coefficients of a joint that stands at 1."""
+        return np.asarray(np.eye(self.size)[-1])
+
+    @property
+    def window(self) -> tuple[float, float]:
+        """Begin and end of the first period, s."""
+        return self.lead, self.lead + self.period
+
+    @property
+    def duration(self) -> float:
+        """From rest to rest, s."""
+        return 2.0 * self.lead + self.periods * self.period
+
+    @property
+    def step(self) -> float:
+        """A fortieth of the fastest oscillation, s."""
+        return self.period / self.harmonics / 40.0
+
+    def basis(self, t: Array) -> Basis:
+        """Return the basis at times (S,) of the whole motion."""
+        phase, rate, change = t, np.ones_like(t), np.zeros_like(t)
+        if self.lead > 0.0:
+            still = FourierTrajectory(np.zeros((1, 1)), np.zeros((1, 1)), np.zeros(1), 1.0 / self.period)
+            phase, rate, change = RestToRestTrajectory(still, self.lead, self.periods).phase(t)
+        w = 2.0 * np.pi / self.period * np.arange(1, self.harmonics + 1)
+        sine, cosine = np.sin(phase[:, None] * w), np.cos(phase[:, None] * w)
+        one, zero = np.ones((len(t), 1)), np.zeros((len(t), 1))
+        q = np.hstack([sine / w, -cosine / w, one])
+        dq = np.hstack([cosine, sine, zero])
+        ddq = np.hstack([-sine * w, cosine * w, zero])
+        rate, change = rate[:, None], change[:, None]
+        return q, dq * rate, ddq * rate**2 + dq * change
+
+    def excitation(self, coefficients: Array) -> FourierTrajectory:
+        """Return the series."""
+        a, b, center = np.split(coefficients, [self.harmonics, 2 * self.harmonics], axis=1)
+        return FourierTrajectory(a, b, center[:, 0], 1.0 / self.period)
+
+    def trajectory(self, coefficients: Array) -> Trajectory:
+        """Return the series between its lead-in and lead-out."""
+        series = self.excitation(coefficients)
+        return RestToRestTrajectory(series, self.lead, self.periods) if self.lead > 0.0 else series
+
+
+@dataclass(frozen=True)
+class SplineFamily:
+    """B-splines of degree five that return to where they began; coefficients: P control points.
+
+    Attributes
+    ----------
+    period : float
+        s.
+    size : int
+        Number P of control points.
+    """
+
+    period: float
+    size: int
+    name: str = "spline"
+
+    @cached_property
+    def constant(self) -> Array:
+        """Coefficients of a joint that stands at 1."""
+        return np.ones(self.size)
+
+    @property
+    def window(self) -> tuple[float, float]:
+        """The whole motion."""
+        return 0.0, self.period
+
+    @property
+    def duration(self) -> float:
+        """From rest to rest, s."""
+        return self.period
+
+    @property
+    def step(self) -> float:
+        """A sixteenth of the time between two knots, s."""
+        return self.period / self.size / 16.0
+
+    def basis(self, t: Array) -> Basis:
+        """Return the basis at times (S,)."""
+        from scipy.interpolate import BSpline
+
+        count = self.size + 5
+        spline = BSpline(clamped_knots(count, self.period), np.eye(count), DEGREE)
+        clipped = np.clip(t, 0.0, self.period)
+        folded = []
+        for order in range(3):
+            values = np.asarray((spline.derivative(order) if order else spline)(clipped))
+            own = values[:, 2 : 2 + self.size].copy()
+            own[:, 0] += values[:, 0] + values[:, 1] + values[:, -3:].sum(axis=1)
+            folded.append(own)
+        return folded[0], folded[1], folded[2]
+
+    def excitation(self, coefficients: Array) -> SplineTrajectory:
+        """Return the spline."""
+        return SplineTrajectory(np.hstack([coefficients, coefficients[:, :1]]), self.period)
+
+    def trajectory(self, coefficients: Array) -> SplineTrajectory:
+        """Return the spline."""
+        return self.excitation(coefficients)
+
+
+@dataclass(frozen=True)
+class QuinticFamily:
+    """Moves of equal duration between points at which the joints rest, and back to the first; coefficients: points.
+
+    Attributes
+    ----------
+    period : float
+        s.
+    size : int
+        Number P of points, and of moves.
+    """
+
+    period: float
+    size: int
+    name: str = "quintic"
+
+    @cached_property
+    def constant(self) -> Array:
+        """Coefficients of a joint that stands at 1."""
+        return np.ones(self.size)
+
+    @property
+    def window(self) -> tuple[float, float]:
+        """The whole motion."""
+        return 0.0, self.period
+
+    @property
+    def duration(self) -> float:
+        """From rest to rest, s."""
+        return self.period
+
+    @property
+    def step(self) -> float:
+        """A twentieth of a move, s."""
+        return self.period / self.size / 20.0
+
+    def basis(self, t: Array) -> Basis:
+        """Return the basis at times (S,)."""
+        span = self.period / self.size
+        k = np.clip((t / span).astype(int), 0, self.size - 1)
+        rows = np.arange(len(t))
+        result = []
+        for weights in hermite(np.clip(t / span - k, 0.0, 1.0), np.full(len(t), span)):
+            matrix = np.zeros((len(t), self.size))
+            matrix[rows, k] = weights[:, 0]
+            matrix[rows, (k + 1) % self.size] += weights[:, 3]
+            result.append(matrix)
+        return result[0], result[1], result[2]
+
+    def excitation(self, coefficients: Array) -> QuinticTrajectory:
+        """Return the moves."""
+        points = np.vstack([coefficients.T, coefficients[:, 0]])
+        return QuinticTrajectory.point_to_point(points, np.full(self.size, self.period / self.size))
+
+    def trajectory(self, coefficients: Array) -> QuinticTrajectory:
+        """Return the moves."""
+        return self.excitation(coefficients)
+
+
+def make_family(
+    name: str, *, period: float, harmonics: int, points: int | None, lead: float | None, periods: int
+) -> Family:
+    """Build a family from the options of a design.
+
+    Parameters
+    ----------
+    name : {"fourier", "spline", "quintic"}
+    period : float
+        s.
+    harmonics : int
+        Of a Fourier series.
+    points : int, optional
+        Of splines and moves; ``2 harmonics + 1`` by default.
+    lead : float, optional
+        s, of a Fourier series; by default one oscillation of the highest harmonic.
+    periods : int
+        How many periods of a Fourier series are played.
+
+    Raises
+    ------
+    InputError
+        If one of them cannot be.
+    """
+    if name not in FAMILIES:
+        raise InputError(f"family must be one of {', '.join(FAMILIES)}, got {name!r}.")
+    if not (np.isfinite(period) and period > 0.0):
+        raise InputError(f"period must be positive, in s, got {period!r}.")
+    for what, number, least in (("harmonics", harmonics, 1), ("points", points, 3), ("periods", periods, 1)):
+        if number is not None and (int(number) != number or number < least):
+            raise InputError(f"{what} must be a whole number of at least {least}, got {number!r}.")
+    if lead is not None and not (np.isfinite(lead) and lead >= 0.0):
+        raise InputError(f"lead must be a time in s, 0 for none, got {lead!r}.")
+    if name == "fourier":
+        if points is not None:
+            raise InputError("points belong to the families spline and quintic; a Fourier series has harmonics.")
+        return FourierFamily(period, int(harmonics), period / harmonics if lead is None else lead, int(periods))
+    if periods != 1 or lead:
+        raise InputError(f"periods and lead belong to the family fourier; a {name} starts and ends at rest by itself.")
+    size = 2 * int(harmonics) + 1 if points is None else int(points)
+    return SplineFamily(period, size) if name == "spline" else QuinticFamily(period, size)

@@ -1,0 +1,237 @@
+"""Limits of a motion: positions, velocities, accelerations, torques and power of the joints."""
+
+from __future__ import annotations
+
+import html
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, fields, replace
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from steelyard.errors import InputError
+from steelyard.robot import Robot
+
+from .trajectory import Trajectory
+
+__all__ = ["MotionLimits"]
+
+Array = NDArray[np.float64]
+JOINT_FIELDS = ("lower", "upper", "velocity", "acceleration", "torque", "power")
+
+
+@dataclass(frozen=True, eq=False)
+class MotionLimits:
+    """What the joints may do; infinite where there is no limit.
+
+    Attributes
+    ----------
+    joint_names : tuple of str
+    lower, upper : ndarray
+        (N,) positions, rad or m.
+    velocity, acceleration : ndarray
+        (N,) largest magnitudes, rad/s or m/s, and per s more.
+    torque : ndarray
+        (N,) largest magnitudes, N·m or N.
+    power : ndarray
+        (N,) largest magnitudes of torque times velocity, W.
+    total_power : float
+        Largest magnitude of the power of all joints together, W.
+
+    Examples
+    --------
+    >>> limits = MotionLimits.of(["a", "b"], lower=-1, upper=[1, 2], velocity={"a": 3})
+    >>> limits.upper.tolist(), limits.velocity.tolist()
+    ([1.0, 2.0], [3.0, inf])
+    """
+
+    joint_names: tuple[str, ...]
+    lower: Array
+    upper: Array
+    velocity: Array
+    acceleration: Array
+    torque: Array
+    power: Array
+    total_power: float = float("inf")
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "joint_names", tuple(self.joint_names))
+        for name in JOINT_FIELDS:
+            values = np.array(getattr(self, name), dtype=np.float64)
+            if values.shape != (len(self.joint_names),) or np.isnan(values).any():
+                raise InputError(
+                    f"The limits {name!r} must be {len(self.joint_names)} numbers, one for each joint, got {values}."
+                )
+            object.__setattr__(self, name, values)
+        self._check()
+
+    def _check(self) -> None:
+        for k, joint in enumerate(self.joint_names):
+            if not self.lower[k] < self.upper[k]:
+                raise InputError(
+                    f"The lower limit of {joint} is {self.lower[k]:g} and the upper one {self.upper[k]:g}: "
+                    "there is no room to move; widen them, or lock the joint."
+                )
+            for name in JOINT_FIELDS[2:]:
+                if not getattr(self, name)[k] > 0.0:
+                    raise InputError(
+                        f"The {name} limit of {joint} is {getattr(self, name)[k]:g}, but it must be positive for the "
+                        "joint to move; give a true one, or inf where there is none."
+                    )
+        if not self.total_power > 0.0:
+            raise InputError(f"total_power must be positive, in W, got {self.total_power}.")
+
+    @classmethod
+    def of(cls, joint_names: Sequence[str], **limits: Any) -> MotionLimits:
+        """Build limits from numbers, rows or tables by joint name.
+
+        Parameters
+        ----------
+        joint_names : sequence of str
+        **limits
+            Fields of this class: a number for all the joints, a list with one for each, or a mapping from some joint
+            names to numbers. What is not named has no limit. ``effort`` is ``torque``, as in robot.toml.
+
+        Raises
+        ------
+        InputError
+            For an unknown limit or joint, a wrong count, or a value that is no number.
+        """
+        none = np.full(len(joint_names), np.inf)
+        free = cls(tuple(joint_names), -none, none, none, none, none, none)
+        return free.updated(limits)
+
+    @classmethod
+    def from_robot(cls, robot: Robot) -> MotionLimits:
+        """Return the limits of the description: positions, velocities and efforts of the driving joints.
+
+        The limits of a joint that mimics another one count for the one that it mimics.
+        """
+        count = robot.dof
+        lower, upper = np.full(count, -np.inf), np.full(count, np.inf)
+        velocity, torque = np.full(count, np.inf), np.full(count, np.inf)
+        for joint in robot.joints:
+            k = joint.coordinate
+            if joint.multiplier != 0.0:
+                ends = sorted((x - joint.offset) / joint.multiplier for x in (joint.lower, joint.upper))
+                lower[k], upper[k] = max(lower[k], ends[0]), min(upper[k], ends[1])
+                velocity[k] = min(velocity[k], joint.velocity_limit / abs(joint.multiplier))
+            if joint.mimics is None:
+                torque[k] = joint.effort_limit
+        none = np.full(count, np.inf)
+        return cls(robot.joint_names, lower, upper, velocity, none, torque, none)
+
+    @classmethod
+    def envelope(cls, trajectories: Sequence[Trajectory], joint_names: Sequence[str], rate: float) -> MotionLimits:
+        """Return the range of positions and the largest speeds and accelerations of some trajectories together.
+
+        Parameters
+        ----------
+        trajectories : sequence of Trajectory
+        joint_names : sequence of str
+        rate : float
+            At which they are sampled, Hz.
+        """
+        motions = [trajectory.sample(rate)[1:] for trajectory in trajectories]
+        if not motions:
+            raise InputError("An envelope needs at least one trajectory.")
+        q, dq, ddq = (np.vstack([motion[k] for motion in motions]) for k in range(3))
+        return cls.of(
+            joint_names,
+            lower=q.min(axis=0),
+            upper=q.max(axis=0),
+            velocity=np.abs(dq).max(axis=0),
+            acceleration=np.abs(ddq).max(axis=0),
+        )
+
+    def updated(self, limits: Mapping[str, Any], where: str = "limits") -> MotionLimits:
+        """Return these limits with some of them replaced.
+
+        Parameters
+        ----------
+        limits : mapping
+            See `of`; joints that a mapping does not name keep their limits.
+        where : str
+            Named in messages.
+        """
+        known = (*JOINT_FIELDS, "total_power")
+        changes: dict[str, Any] = {}
+        for given, value in limits.items():
+            key = "torque" if given == "effort" else given
+            if key not in known:
+                raise InputError(f"{where}: {given!r} is no limit; there are {', '.join(known)}.")
+            if key in changes:
+                raise InputError(f"{where}: torque and effort are the same limit; keep one of them.")
+            if key == "total_power":
+                changes[key] = _number(value, f"{where}: total_power")
+            else:
+                changes[key] = self._row(key, value, where)
+        try:
+            return replace(self, **changes)
+        except InputError as error:
+            raise InputError(f"{where}: {error}") from None
+
+    def _row(self, key: str, value: Any, where: str) -> Array:
+        names = self.joint_names
+        if isinstance(value, Mapping):
+            row = getattr(self, key).copy()
+            for name, number in value.items():
+                if name not in names:
+                    raise InputError(f"{where}: {key} names a joint {name!r}; the joints are {', '.join(names)}.")
+                row[names.index(name)] = _number(number, f"{where}: {key} of {name}")
+            return np.asarray(row)
+        if isinstance(value, str) or np.ndim(value) == 0:
+            return np.full(len(names), _number(value, f"{where}: {key}"))
+        values: list[Any] = list(value)
+        if len(values) != len(names):
+            raise InputError(
+                f"{where}: {key} has {len(values)} values, but there are {len(names)} joints: {', '.join(names)}."
+            )
+        return np.array([_number(v, f"{where}: {key} of {n}") for n, v in zip(names, values, strict=True)])
+
+    def reduced(self, margin: float) -> MotionLimits:
+        """Return limits that leave a fraction of these free: 0.1 keeps a tenth of each range and magnitude."""
+        if not 0.0 <= margin < 1.0:
+            raise InputError(f"margin must be a fraction from 0 to below 1, got {margin!r}.")
+        span = self.upper - self.lower
+        room = 0.5 * margin * np.where(np.isfinite(span), span, 0.0)
+        scaled = {name: (1.0 - margin) * getattr(self, name) for name in (*JOINT_FIELDS[2:], "total_power")}
+        return replace(self, lower=self.lower + room, upper=self.upper - room, **scaled)
+
+    @property
+    def needs_torque(self) -> bool:
+        """Whether any of them is about torque or power."""
+        return bool(np.isfinite([*self.torque, *self.power, self.total_power]).any())
+
+    def to_dict(self) -> dict[str, Any]:
+        """Return the finite limits as plain data, by joint."""
+        result: dict[str, Any] = {}
+        for name in JOINT_FIELDS:
+            row = getattr(self, name)
+            finite = {j: float(x) for j, x in zip(self.joint_names, row, strict=True) if np.isfinite(x)}
+            if finite:
+                result[name] = finite
+        return result | ({"total_power": self.total_power} if np.isfinite(self.total_power) else {})
+
+    def __repr__(self) -> str:
+        kinds = [f.name for f in fields(self) if f.name != "joint_names" and np.isfinite(getattr(self, f.name)).any()]
+        return f"MotionLimits({len(self.joint_names)} joints: {', '.join(kinds) or 'none'})"
+
+    def _repr_html_(self) -> str:
+        head = "".join(f"<th>{name}</th>" for name in ("joint", *JOINT_FIELDS))
+        rows = "".join(
+            f"<tr><td>{html.escape(joint)}</td>"
+            + "".join(f"<td>{getattr(self, name)[k]:.4g}</td>" for name in JOINT_FIELDS)
+            + "</tr>"
+            for k, joint in enumerate(self.joint_names)
+        )
+        return f"<table><tr>{head}</tr>{rows}</table>"
+
+
+def _number(value: ArrayLike | str, what: str) -> float:
+    if isinstance(value, bool | np.bool_) or not isinstance(value, int | float | np.integer | np.floating):
+        raise InputError(f"{what} must be a number, got {value!r}.")
+    if np.isnan(value):
+        raise InputError(f"{what} must be a number, got nan.")
+    return float(value)

@@ -1,0 +1,157 @@
+"""Gradients of model functions by the motion, in reverse: from weights on the outputs to q, dq and ddq.
+
+A function of the model is a graph. The weighted sum of its outputs is a graph with the weights as inputs, and its
+gradient, by reverse accumulation, costs a few times the function itself, whatever the number of outputs (Griewank and
+Walther 2008, section 3.2).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+import numpy as np
+from numpy.typing import NDArray
+
+from steelyard.dynamics import Model
+from steelyard.graph import Argument, Function, Kernel, Output, gradient
+
+__all__ = ["PullBack", "RegressorPullBack", "pull_back_function"]
+
+Array = NDArray[np.float64]
+_MOTION = ("q", "dq", "ddq")
+
+
+def pull_back_function(function: Function, elements: NDArray[np.intp]) -> Function:
+    """Return the function that reads, besides what `function` reads, a weight for some outputs, and gives gradients.
+
+    Parameters
+    ----------
+    function : Function
+        Of q, dq and ddq, and of whatever else.
+    elements : ndarray of int
+        Flat indices of the outputs that have a weight.
+
+    Returns
+    -------
+    Function
+        With the further argument ``weights`` and the outputs ``by_q``, ``by_dq``, ``by_ddq``, (N,) each.
+    """
+    nodes = function.nodes
+    graph = nodes[0].graph
+    total = graph.zero
+    for weight, k in zip(graph.inputs("weights", len(elements)), elements, strict=True):
+        total = total + weight * nodes[int(k)]
+    width = next(a.width for a in function.arguments if a.name == "q")
+    inputs = [node for name in _MOTION for node in graph.inputs(name, width)]
+    slopes = gradient(total, inputs)
+    outputs = tuple(
+        Output(f"by_{name}", (width,), tuple(slopes[k * width : (k + 1) * width])) for k, name in enumerate(_MOTION)
+    )
+    arguments = (*function.arguments, Argument("weights", len(elements)))
+    return Function(f"{function.name}_pull_back", arguments, outputs)
+
+
+class PullBack:
+    """A function of the model and its gradient in reverse, both compiled.
+
+    Parameters
+    ----------
+    function : Function
+    uniform : mapping
+        For each argument besides q, dq and ddq its values.
+    sparse : bool
+        Leave the outputs that are always 0 out.
+
+    Attributes
+    ----------
+    places : ndarray of int
+        Flat indices of the outputs that are computed, in this order.
+    """
+
+    def __init__(self, function: Function, uniform: Mapping[str, Array], *, sparse: bool = False) -> None:
+        self._forward = Kernel(function, compact=sparse)
+        self.places: NDArray[np.intp] = self._forward.places
+        self._reverse = Kernel(pull_back_function(function, self.places))
+        self._uniform = uniform
+        self._names = tuple(a.name for a in function.arguments)
+
+    def _arguments(self, motion: tuple[Array, Array, Array]) -> list[Array]:
+        known = dict(zip(_MOTION, motion, strict=True)) | dict(self._uniform)
+        return [known[name] for name in self._names]
+
+    def __call__(self, q: Array, dq: Array, ddq: Array) -> Array:
+        """Return the outputs, (S, n)."""
+        return self._forward(*self._arguments((q, dq, ddq)))
+
+    def pull_back(self, q: Array, dq: Array, ddq: Array, weights: Array) -> tuple[Array, Array, Array]:
+        """Return the gradients (S, N) by q, dq and ddq of ``sum(weights * outputs)``, weights (S, n)."""
+        flat = self._reverse(*self._arguments((q, dq, ddq)), np.ascontiguousarray(weights))
+        first, second, third = np.split(flat, 3, axis=1)
+        return first, second, third
+
+
+class RegressorPullBack:
+    """The information matrix ``W'W`` of the base regressor of some samples, and its gradient by the motion.
+
+    Parameters
+    ----------
+    model : Model
+    sign_width : float
+        Velocity at which the smooth sign of Coulomb friction is 0.707, rad/s or m/s.
+    joint_weights : ndarray
+        (N,) factors of the rows of each joint.
+
+    Examples
+    --------
+    >>> import steelyard as sy
+    >>> model = sy.Model(sy.Robot.from_dh([(0, 1.0, 0, "q"), (0, 1.0, 0, "q")]).with_terms(sy.Coulomb()))
+    >>> regressor = RegressorPullBack(model, 0.01, np.ones(2))
+    >>> regressor.information(*np.random.default_rng(1).normal(size=(3, 20, 2)))[0].shape
+    (6, 6)
+    """
+
+    def __init__(self, model: Model, sign_width: float, joint_weights: Array) -> None:
+        function = model.function("regressor", base=True, sign="smooth")
+        uniform = {"sign_width": np.array([sign_width])}
+        self._regressor = PullBack(
+            function, {a.name: uniform[a.name] for a in function.arguments if a.uniform}, sparse=True
+        )
+        self._count = model.base_parameters().count
+        joints, columns = np.divmod(self._regressor.places, self._count)
+        self._joints = [(np.flatnonzero(joints == k), columns[joints == k]) for k in range(model.joint_count)]
+        self._squares = np.asarray(joint_weights, dtype=np.float64) ** 2
+
+    def information(self, q: Array, dq: Array, ddq: Array) -> tuple[Array, list[Array]]:
+        """Return the mean of the information of the samples, (n_b, n_b), and what `pull_back` needs."""
+        values = self._regressor(q, dq, ddq)
+        total = np.zeros((self._count, self._count))
+        parts = []
+        for (places, columns), weight in zip(self._joints, self._squares, strict=True):
+            rows = values[:, places[0] : places[-1] + 1] if len(places) else values[:, :0]
+            parts.append(rows)
+            total[np.ix_(columns, columns)] += (weight / len(q)) * (rows.T @ rows)
+        return total, parts
+
+    def pull_back(
+        self, q: Array, dq: Array, ddq: Array, parts: list[Array], adjoint: Array
+    ) -> tuple[Array, Array, Array]:
+        """Return the gradients (S, N) of ``sum(adjoint * information)`` by q, dq and ddq; adjoint symmetric."""
+        weights = [
+            rows @ ((2.0 * weight / len(q)) * adjoint[np.ix_(columns, columns)])
+            for rows, (_, columns), weight in zip(parts, self._joints, self._squares, strict=True)
+        ]
+        return self._regressor.pull_back(q, dq, ddq, np.hstack(weights))
+
+    @staticmethod
+    def exact(model: Model, q: Array, dq: Array, ddq: Array, joint_weights: Array) -> Array:
+        """Return the sum, not the mean, of the information of the samples with the exact sign, (n_b, n_b)."""
+        count = model.base_parameters().count
+        total = np.zeros((count, count))
+        columns = model.base_columns.joints
+        splits = np.cumsum([len(c) for c in columns])[:-1]
+        for start in range(0, len(q), 2048):
+            part = slice(start, start + 2048)
+            values = model.base_columns.kernel(q[part], dq[part], ddq[part])
+            for own, rows, weight in zip(columns, np.split(values, splits, axis=1), joint_weights, strict=True):
+                total[np.ix_(own, own)] += weight**2 * (rows.T @ rows)
+        return total

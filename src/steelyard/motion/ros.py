@@ -1,0 +1,82 @@
+"""ROS 2 JointTrajectory messages as YAML."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Sequence
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from steelyard.errors import InputError
+
+__all__ = ["joint_trajectory_text", "read_joint_trajectory"]
+
+Array = NDArray[np.float64]
+_NANO = 1_000_000_000
+
+
+def joint_trajectory_text(names: Sequence[str], t: Array, q: Array, dq: Array, ddq: Array) -> str:
+    """Return a ``trajectory_msgs/msg/JointTrajectory`` as YAML, as ``ros2 topic pub`` reads it.
+
+    Parameters
+    ----------
+    names : sequence of str
+        Of the N joints.
+    t : ndarray
+        (S,) s.
+    q, dq, ddq : ndarray
+        (S, N).
+    """
+    lines = [
+        "# trajectory_msgs/msg/JointTrajectory",
+        "header:",
+        '  {"stamp": {"sec": 0, "nanosec": 0}, "frame_id": ""}',
+        f"joint_names: {json.dumps(list(names), ensure_ascii=False)}",
+        "points:",
+    ]
+    # Each point stands in flow style, which is JSON and YAML alike.
+    for k, instant in enumerate(t):
+        seconds, nanoseconds = divmod(round(float(instant) * _NANO), _NANO)
+        point = {
+            "positions": q[k].tolist(),
+            "velocities": dq[k].tolist(),
+            "accelerations": ddq[k].tolist(),
+            "effort": [],
+            "time_from_start": {"sec": seconds, "nanosec": nanoseconds},
+        }
+        lines.append(f"- {json.dumps(point)}")
+    return "\n".join(lines) + "\n"
+
+
+def read_joint_trajectory(path: Path) -> tuple[Array, Array, Array, Array]:
+    """Read what `joint_trajectory_text` made: t (S,), q, dq and ddq (S, N).
+
+    Raises
+    ------
+    InputError
+        If a point is in another style.
+    """
+    lines = path.read_text(encoding="utf-8").splitlines()
+    start = next((k for k, line in enumerate(lines) if line.strip() == "points:"), None)
+    if start is None:
+        raise InputError(f"{path}: has no line 'points:'; expected a JointTrajectory that steelyard wrote.")
+    t, motion = [], []
+    for number, line in enumerate(lines[start + 1 :], start=start + 2):
+        if not line.strip():
+            continue
+        try:
+            point = json.loads(line.removeprefix("-"))
+            stamp = point["time_from_start"]
+            t.append(stamp["sec"] + stamp["nanosec"] / _NANO)
+            motion.append([point[name] for name in ("positions", "velocities", "accelerations")])
+        except (ValueError, KeyError, TypeError):
+            raise InputError(
+                f"{path}: line {number} is no point with positions, velocities, accelerations and time_from_start in "
+                "one line; expected a JointTrajectory that steelyard wrote."
+            ) from None
+    if len(t) < 2:
+        raise InputError(f"{path}: has {len(t)} points; a trajectory needs at least 2.")
+    values = np.array(motion, dtype=np.float64)
+    return np.array(t) - t[0], values[:, 0], values[:, 1], values[:, 2]

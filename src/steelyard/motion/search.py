@@ -1,0 +1,299 @@
+"""The search for the best motion: several random starts, side by side, of which the best are refined."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable, Mapping, Sequence
+from concurrent.futures import FIRST_COMPLETED, BrokenExecutor, Future, wait
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from steelyard.errors import SolverError
+
+from .augmented_lagrangian import COARSE, FINE, Iterate, minimise
+from .cobyla import minimise_with_cobyla
+from .limits import MotionLimits
+from .problem import DesignProblem
+from .verification import Margin, Verifier, keeps_all
+from .workers import Flag, Pool, pool_of
+
+__all__ = ["Candidate", "Search", "SearchResult", "resting_postures"]
+
+Array = NDArray[np.float64]
+_POSTURES = 4000
+_REFINED = 4  # one in so many starts is refined
+_EVALUATIONS = 20_000
+_ROUNDS = 3  # in which instants that were violated join those that the minimisation looks at
+
+
+@dataclass(frozen=True, eq=False)
+class Candidate:
+    """A motion that was found.
+
+    Attributes
+    ----------
+    index : int
+        Of its start.
+    iterate : Iterate
+        Where the minimisation ended.
+    x : ndarray or None
+        (N P,) coefficients that keep every limit at 1 kHz; None where there are none.
+    figure : float
+        Of the criterion, with the exact sign of friction.
+    worst : Margin
+        The least margin, before the repair.
+    """
+
+    index: int
+    iterate: Iterate
+    x: Array | None
+    figure: float
+    worst: Margin
+
+
+@dataclass(frozen=True, eq=False)
+class SearchResult:
+    """The best candidate, how many starts were made, and why the search ended."""
+
+    best: Candidate
+    finished: int
+    status: str
+
+
+@dataclass(eq=False)
+class Search:
+    """Runs starts side by side.
+
+    Attributes
+    ----------
+    problem : DesignProblem
+    verifier : Verifier
+    figure : callable
+        From coefficients x to the criterion with the exact sign.
+    limits : MotionLimits
+    method : {"gradient", "cobyla"}
+    starts, seed, workers : int
+    time_limit : float or None
+        s.
+    say : callable
+        Called with a few words after each step.
+    """
+
+    problem: DesignProblem
+    verifier: Verifier
+    figure: Callable[[Array], float]
+    limits: MotionLimits
+    method: str
+    starts: int
+    seed: int
+    workers: int
+    time_limit: float | None
+    say: Callable[[str], None]
+    _halt: Flag = field(default_factory=Flag)
+    _deadline: float = float("inf")
+
+    def run(self, postures: Sequence[Array]) -> SearchResult:
+        """Search.
+
+        Parameters
+        ----------
+        postures : sequence of ndarray
+            (N,) each, in which the robot may rest; start k moves about one of them.
+
+        Raises
+        ------
+        SolverError
+            If no start leads to a motion that keeps every limit.
+        KeyboardInterrupt
+            If it comes before any such motion was found.
+        """
+        if self.time_limit is not None:
+            self._deadline = time.monotonic() + self.time_limit
+        found: dict[int, Candidate] = {}
+        status = "finished"
+        workers = min(self.workers, self.starts)
+        self._compile()
+        with pool_of(self._work, workers) as pool:
+            try:
+                tasks = {k: (k, postures[k % len(postures)], None) for k in range(self.starts)}
+                self._collect(pool, tasks, found)
+                if self.method == "gradient" and not self._stopped():
+                    chosen = sorted(found.values(), key=self._rank)[: -(-self.starts // _REFINED)]
+                    self._collect(pool, {c.index: (c.index, postures[0], c) for c in chosen}, found)
+            except KeyboardInterrupt:
+                self._halt.set()
+                status = "interrupted"
+            except BrokenExecutor:
+                raise SolverError(
+                    "A process of the search was ended from outside, perhaps for want of memory; try workers=1."
+                ) from None
+        if status == "finished" and self._stopped():
+            status = "time limit"
+        if not found:
+            raise KeyboardInterrupt
+        best = min(found.values(), key=self._rank)
+        if best.x is None:
+            if status == "interrupted":
+                raise KeyboardInterrupt
+            margin = best.worst
+            raise SolverError(
+                f"No motion was found that keeps every limit: in the best of {len(found)} attempts {margin.name}, "
+                f"{margin.label}, is passed by {-margin.clearance:.4g} at {margin.time:.3f} s; widen this limit, give "
+                "the motion more time (a longer period), or try more starts."
+            )
+        return SearchResult(best, len(found), status)
+
+    def _collect(self, pool: Pool, tasks: Mapping[int, tuple[Any, ...]], found: dict[int, Candidate]) -> None:
+        """Let the pool work, and keep what is better than what was found before."""
+        waiting: dict[Future[Candidate | None], int] = {pool.submit(*task): k for k, task in tasks.items()}
+        try:
+            while waiting:
+                done, _ = wait(waiting, timeout=0.2, return_when=FIRST_COMPLETED)
+                for future in sorted(done, key=lambda f: waiting[f]):
+                    self._keep(future, waiting.pop(future), found, len(tasks) - len(waiting), len(tasks))
+        except KeyboardInterrupt:
+            self._halt.set()
+            for future in waiting:
+                future.cancel()
+            for future, k in waiting.items():
+                if not future.cancelled():
+                    self._keep(future, k, found, 0, 0)
+            raise
+
+    def _keep(
+        self, future: Future[Candidate | None], k: int, found: dict[int, Candidate], number: int, total: int
+    ) -> None:
+        candidate = future.result()
+        if candidate is None:
+            return
+        if k not in found or self._rank(candidate) < self._rank(found[k]):
+            found[k] = candidate
+        if number:
+            best = min(found.values(), key=self._rank)
+            ours = "limits not kept" if candidate.x is None else f"{candidate.figure:.5g}"
+            known = "none yet" if best.x is None else f"{best.figure:.5g}"
+            self.say(f"{number} of {total}: {self.problem.criterion.kind} {ours}, best {known}")
+
+    def _rank(self, candidate: Candidate) -> tuple[bool, float, int]:
+        if candidate.x is None:
+            return True, -candidate.worst.fraction, candidate.index
+        sign = -1.0 if self.problem.criterion.kind == "d" else 1.0
+        return False, sign * candidate.figure, candidate.index
+
+    def _stopped(self) -> bool:
+        return self._halt.is_set() or time.monotonic() > self._deadline
+
+    def _compile(self) -> None:
+        """Call everything that is compiled at its first use, so that the workers find it there."""
+        problem = self.problem
+        x = np.zeros(problem.unknowns)
+        motion = problem.motion(x)
+        problem.objective(motion, 1.0)
+        for constraint in problem.constraints:
+            constraint.pull_back(*motion, np.zeros((len(motion[0]), len(constraint.labels))))
+        self.figure(x)
+
+    # One start
+
+    def _work(self, k: int, posture: Array, found: Candidate | None) -> Candidate | None:
+        if found is not None:
+            return self._refined(found)
+        if self._stopped() and k > 0:
+            return None
+        x = self._random_start(np.random.default_rng([self.seed, k]), posture)
+        if self.method == "cobyla":
+            return self._judged(k, Iterate(minimise_with_cobyla(self.problem, x, _EVALUATIONS, self._stopped), []))
+        return self._judged(k, minimise(self.problem, Iterate(x, []), COARSE, self._stopped))
+
+    def _refined(self, candidate: Candidate) -> Candidate:
+        problem, iterate = self.problem, candidate.iterate
+        best = candidate
+        rounds = FINE
+        for _ in range(_ROUNDS):
+            iterate = minimise(problem, iterate, rounds, self._stopped)
+            found = self._judged(candidate.index, iterate)
+            if self._rank(found) < self._rank(best):
+                best = found
+            if best.x is not None or self._stopped():
+                break
+            violated = [m.time for m in self.verifier.margins(problem, iterate.x) if m.clearance < 0.0]
+            problem = problem.with_times(np.array(violated))
+            rounds = FINE[-2:]
+        return best
+
+    def _judged(self, k: int, iterate: Iterate) -> Candidate:
+        margins = self.verifier.margins(self.problem, iterate.x)
+        worst = min(margins, key=lambda m: m.fraction)
+        x = self.verifier.repaired(self.problem, iterate.x)
+        if x is not None and not keeps_all(self.verifier.margins(self.problem, x)):
+            x = None
+        return Candidate(k, iterate, x, float("nan") if x is None else self.figure(x), worst)
+
+    def _random_start(self, random: np.random.Generator, posture: Array) -> Array:
+        """Return random coefficients about a posture, small enough for the limits that are linear in them."""
+        problem = self.problem
+        still = ((posture - problem.center)[:, None] * problem.family.constant / problem.scale).ravel()
+        moving = random.standard_normal(problem.unknowns)
+        if problem.family.name == "fourier":
+            moving = (moving.reshape(problem.scale.shape) * (problem.family.constant == 0.0)).ravel()
+        whole, rest = (problem.clearances(problem.motion(v)) for v in (still + moving, still))
+        size = 1.0
+        for after, before in zip(whole, rest, strict=True):
+            fall = np.maximum(before - after, 1e-12)
+            size = min(size, float(np.min(np.maximum(before, 0.02) / fall)))
+        return np.asarray(still + max(size, 0.02) * moving)
+
+
+def resting_postures(
+    problem: DesignProblem, limits: MotionLimits, seed: int, count: int
+) -> tuple[tuple[Array, ...], str | None]:
+    """Return postures in which the robot may rest, (N,) each.
+
+    The middle of the ranges comes first, where the robot may rest in it; the others are random, the roomiest first.
+
+    Parameters
+    ----------
+    problem : DesignProblem
+    limits : MotionLimits
+    seed : int
+    count : int
+        How many are wanted at most.
+
+    Returns
+    -------
+    postures : tuple of ndarray
+        Empty where there is none.
+    obstacle : str or None
+        In this case the constraint that the fewest postures keep.
+    """
+    half = 0.5 * (limits.upper - limits.lower)
+    half = np.where(np.isfinite(half), half, np.pi)
+    random = np.random.default_rng([seed, 2**31])
+    q = problem.center + np.vstack([np.zeros_like(half), random.uniform(-0.9, 0.9, (_POSTURES, len(half))) * half])
+    room = np.full(len(q), np.inf)
+    obstacle: tuple[int, str] = (len(q) + 1, "")
+    for begin in range(0, len(q), 500):  # the first ones that are free are enough
+        part = slice(begin, begin + 500)
+        own = np.ascontiguousarray(q[part])
+        still = np.zeros_like(own)
+        for constraint in problem.constraints:
+            fractions = np.asarray(constraint.clearance(own, still, still)) / np.asarray(constraint.scale)
+            if not len(constraint.labels):
+                continue
+            column = int(np.argmin((fractions >= 0.0).sum(axis=0)))
+            kept = int((fractions[:, column] >= 0.0).sum())
+            if begin == 0 and kept < obstacle[0]:
+                obstacle = (kept, f"{constraint.name}, {constraint.labels[column]}")
+            room[part] = np.minimum(room[part], fractions.min(axis=1))
+        if (room[: begin + 500] >= 0.0).sum() >= count:
+            room[begin + 500 :] = -1.0
+            break
+    free = np.flatnonzero(room >= 0.0)
+    if not len(free):
+        return (), obstacle[1]
+    first = [0] if room[0] >= 0.0 else []
+    order = [int(k) for k in free[np.argsort(-room[free], kind="stable")] if k > 0]
+    return tuple(q[k] for k in [*first, *order][:count]), None

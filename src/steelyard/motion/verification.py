@@ -1,0 +1,190 @@
+"""Every limit over the whole motion at 1 kHz: what margins are kept, and the repair of what is not."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from .constraint import MotionConstraint
+from .family import Basis, Family
+from .problem import DesignProblem
+
+__all__ = ["RATE", "Margin", "Verifier", "keeps_all", "margins_of"]
+
+Array = NDArray[np.float64]
+RATE = 1000.0  # Hz
+_BLOCK = 2000
+_ROUNDS = 12
+_SPARE = 2e-5  # of the scale of a limit, kept free, so that no instant between two samples passes it either
+_NEAR = 0.05  # of the scale: what is this near to a limit stands in the repair, too
+_LONGEST = 1.0  # step of a repair, in units of what a coefficient may be
+
+
+@dataclass(frozen=True)
+class Margin:
+    """How near a motion comes to one limit.
+
+    Attributes
+    ----------
+    name : str
+        The constraint, such as ``"velocity"`` or ``"table plane"``.
+    label : str
+        Which part of it, such as a joint and its limit.
+    clearance : float
+        The least distance from the limit, in its own unit; negative where it is violated.
+    fraction : float
+        The same in units of the constraint's scale.
+    time : float
+        When, s.
+    """
+
+    name: str
+    label: str
+    clearance: float
+    fraction: float
+    time: float
+
+    def __str__(self) -> str:
+        verb = "keeps" if self.clearance >= 0.0 else "passes its limit by"
+        return f"{self.name}, {self.label}: {verb} {abs(self.clearance):.4g} at {self.time:.3f} s"
+
+
+def margins_of(
+    constraints: Sequence[MotionConstraint], t: Array, motion: tuple[Array, Array, Array]
+) -> tuple[Margin, ...]:
+    """Return the margin of every part of every constraint over sampled motion, (S, N) at times (S,)."""
+    return _margins(constraints, t, [_in_blocks(c, motion) for c in constraints])
+
+
+def _margins(constraints: Sequence[MotionConstraint], t: Array, clearances: Sequence[Array]) -> tuple[Margin, ...]:
+    result = []
+    for constraint, clearance in zip(constraints, clearances, strict=True):
+        scale = np.broadcast_to(np.asarray(constraint.scale, dtype=np.float64), clearance.shape[1:])
+        for column, label in enumerate(constraint.labels):
+            k = int(np.argmin(clearance[:, column]))
+            least = float(clearance[k, column])
+            result.append(Margin(constraint.name, label, least, least / float(scale[column]), float(t[k])))
+    return tuple(result)
+
+
+def keeps_all(margins: Sequence[Margin]) -> bool:
+    """Tell whether no limit is violated."""
+    return all(m.clearance >= 0.0 for m in margins)
+
+
+def _in_blocks(constraint: MotionConstraint, motion: tuple[Array, Array, Array]) -> Array:
+    count = len(motion[0])
+    parts = [slice(k, k + _BLOCK) for k in range(0, count, _BLOCK)]
+    return np.vstack([np.asarray(constraint.clearance(*(m[part] for m in motion))) for part in parts])
+
+
+class Verifier:
+    """Looks at the whole motion at 1 kHz, and moves coefficients by as little as keeps every limit.
+
+    Parameters
+    ----------
+    family : Family
+    rate : float
+        Hz, at least 1000.
+    """
+
+    def __init__(self, family: Family, rate: float = RATE) -> None:
+        self.times = np.arange(int(np.ceil(family.duration * rate - 1e-9)) + 1) / rate
+        self.basis: Basis = family.basis(self.times)
+        self._known: tuple[bytes, list[Array]] = (b"", [])
+
+    def margins(self, problem: DesignProblem, x: Array) -> tuple[Margin, ...]:
+        """Return all the margins of coefficients."""
+        return _margins(problem.constraints, self.times, self._clearances(problem, x))
+
+    def _clearances(self, problem: DesignProblem, x: Array) -> list[Array]:
+        """Return the clearances of every constraint over the whole motion; those of the last call are kept."""
+        key = x.tobytes()
+        known = self._known
+        if known[0] != key:
+            motion = problem.motion(x, self.basis)
+            self._known = known = (key, [_in_blocks(c, motion) for c in problem.constraints])
+        return known[1]
+
+    def repaired(self, problem: DesignProblem, x: Array) -> Array | None:
+        """Return coefficients near `x` that keep every limit at 1 kHz; None where the repair does not succeed.
+
+        Each round linearises whatever is violated or near to it, and takes the smallest change that keeps it (Gauss
+        and Newton's method for inequalities), a convex quadratic programme.
+        """
+        now = x
+        for _ in range(_ROUNDS):
+            rows, needed = self._active(problem, now)
+            if not len(rows) or needed.max() <= 0.0:
+                return now
+            change = _least_change(rows, needed + _SPARE)
+            if change is None:
+                return None
+            now = now + change * min(1.0, _LONGEST / max(float(np.linalg.norm(change)), 1e-300))
+        return now if keeps_all(self.margins(problem, now)) else None
+
+    def _active(self, problem: DesignProblem, x: Array) -> tuple[Array, Array]:
+        """Return the gradients (rows, N P) of clearances that are small, and by how much they fall short, scaled."""
+        motion = problem.motion(x, self.basis)
+        rows: list[Array] = []
+        needed: list[Array] = []
+        for constraint, clearance in zip(problem.constraints, self._clearances(problem, x), strict=True):
+            scale = np.broadcast_to(np.asarray(constraint.scale, dtype=np.float64), (len(constraint.labels),))
+            fractions = clearance / scale
+            for column in range(fractions.shape[1]):
+                places = _lowest(fractions[:, column])
+                if not len(places):
+                    continue
+                own = tuple(np.ascontiguousarray(m[places]) for m in motion)
+                weights = np.zeros((len(places), fractions.shape[1]))
+                weights[:, column] = 1.0 / scale[column]
+                slopes = constraint.pull_back(own[0], own[1], own[2], weights)
+                gradient = sum(
+                    slope[:, :, None] * b[places][:, None, :] for slope, b in zip(slopes, self.basis, strict=True)
+                )
+                rows.append((np.asarray(gradient) * problem.scale).reshape(len(places), -1))
+                needed.append(_SPARE * 0.5 - fractions[places, column])
+        if not rows:
+            return np.zeros((0, problem.unknowns)), np.zeros(0)
+        return np.vstack(rows), np.concatenate(needed)
+
+
+def _lowest(values: Array) -> NDArray[np.intp]:
+    """Return the instants of least clearance of each stretch that is near or below zero, and some on either side."""
+    near = values < _NEAR
+    if not near.any():
+        return np.zeros(0, dtype=np.intp)
+    edges = np.flatnonzero(np.diff(np.concatenate([[False], near, [False]]).astype(np.int8)))
+    places: set[int] = set()
+    for begin, end in zip(edges[::2].tolist(), edges[1::2].tolist(), strict=True):
+        lowest = begin + int(np.argmin(values[begin:end]))
+        step = max(1, (end - begin) // 8)
+        places.update(k for k in range(lowest % step + begin - begin % step, end, step) if k >= begin)
+        places.add(lowest)
+    return np.array(sorted(places), dtype=np.intp)
+
+
+def _least_change(rows: Array, needed: Array) -> Array | None:
+    """Return the smallest vector d with ``rows d >= needed``, or None where there is none."""
+    import clarabel
+    from scipy import sparse
+
+    size = rows.shape[1]
+    settings = clarabel.DefaultSettings()
+    settings.verbose = False
+    settings.max_threads = 1
+    solver = clarabel.DefaultSolver(
+        sparse.identity(size, format="csc"),
+        np.zeros(size),
+        sparse.csc_matrix(-rows),
+        -needed,
+        [clarabel.NonnegativeConeT(len(rows))],
+        settings,
+    )
+    solution = solver.solve()
+    if str(solution.status) not in ("Solved", "AlmostSolved"):
+        return None
+    return np.asarray(solution.x, dtype=np.float64)

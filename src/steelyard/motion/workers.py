@@ -1,0 +1,102 @@
+"""Runs the starts of a search side by side: in processes where the system can branch them off, otherwise in threads.
+
+A process that is branched off has all that the search needs already, compiled code included, so that nothing but the
+number of a start goes to it and a candidate comes back.
+"""
+
+from __future__ import annotations
+
+import multiprocessing
+import signal
+import sys
+import warnings
+from collections.abc import Callable, Iterator
+from concurrent.futures import Executor, Future, ProcessPoolExecutor, ThreadPoolExecutor
+from contextlib import contextmanager
+from functools import wraps
+from itertools import count
+from typing import Any, ParamSpec, TypeVar
+
+__all__ = ["Flag", "Pool", "pool_of", "single_threaded"]
+
+Task = Callable[..., Any]
+Arguments = ParamSpec("Arguments")
+Result = TypeVar("Result")
+_TASKS: dict[int, Task] = {}
+_NUMBERS = count()
+
+
+def single_threaded(function: Callable[Arguments, Result]) -> Callable[Arguments, Result]:
+    """Let a function run with linear algebra in one thread, that of SciPy too, which has its own library."""
+
+    @wraps(function)
+    def call(*args: Arguments.args, **kwargs: Arguments.kwargs) -> Result:
+        import scipy.optimize  # noqa: F401 - brings the library, which can be held to one thread only once it is there
+        from threadpoolctl import threadpool_limits
+
+        with threadpool_limits(1, "blas"):
+            return function(*args, **kwargs)
+
+    return call
+
+
+class Flag:
+    """A yes or no that processes share."""
+
+    def __init__(self) -> None:
+        self._value = multiprocessing.RawValue("b", 0)
+
+    def set(self) -> None:
+        """Make it a yes, for good."""
+        self._value.value = 1
+
+    def is_set(self) -> bool:
+        """Return it."""
+        return bool(self._value.value)
+
+
+def _run(number: int, arguments: tuple[Any, ...]) -> Any:
+    return _TASKS[number](*arguments)
+
+
+def _leave_interrupts_to_the_parent() -> None:
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
+
+
+class Pool:
+    """Workers for one function."""
+
+    def __init__(self, executor: Executor, number: int) -> None:
+        self._executor = executor
+        self._number = number
+
+    def submit(self, *arguments: Any) -> Future[Any]:
+        """Let a worker call the function."""
+        with warnings.catch_warnings():
+            # Later versions of Python warn of branching off a process that has threads; ours hold no locks then.
+            warnings.filterwarnings("ignore", message=".*fork.*", category=DeprecationWarning)
+            return self._executor.submit(_run, self._number, arguments)
+
+
+@contextmanager
+def pool_of(task: Task, workers: int) -> Iterator[Pool]:
+    """Return workers that call a function; leaving the context waits for those that are at work.
+
+    Parameters
+    ----------
+    task : callable
+    workers : int
+    """
+    number = next(_NUMBERS)
+    _TASKS[number] = task
+    executor: Executor
+    if workers > 1 and sys.platform == "linux" and not multiprocessing.current_process().daemon:
+        branching = multiprocessing.get_context("fork")
+        executor = ProcessPoolExecutor(workers, branching, _leave_interrupts_to_the_parent)
+    else:
+        executor = ThreadPoolExecutor(workers, "excitation")
+    try:
+        with executor:
+            yield Pool(executor, number)
+    finally:
+        del _TASKS[number]

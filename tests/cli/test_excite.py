@@ -1,0 +1,69 @@
+"""``steelyard excite``: what it writes, prints and refuses."""
+
+import json
+
+import numpy as np
+import pytest
+
+import steelyard as sy
+
+QUICK = ("--period", 4, "--harmonics", 2, "--starts", 2)
+
+
+def test_a_robot_file_is_enough(run, place):
+    code, out, err = run("excite", place / "robot.toml", "-o", place / "out", *QUICK)
+    assert code == 0, err
+    assert sorted(p.name for p in (place / "out").iterdir()) == [
+        "excite.json", "trajectory.csv", "trajectory.json", "trajectory.parquet", "trajectory.yaml",
+    ]  # fmt: skip
+    assert "every limit is kept at 1 kHz" in out
+    assert "torque" in out
+    record = json.loads((place / "out" / "excite.json").read_text())
+    assert (record["format"], record["criterion"], record["seed"], record["starts"]) == (
+        "steelyard-excitation-1", "condition", 0, 2,
+    )  # fmt: skip
+    assert min(margin["margin"] for margin in record["margins"]) >= 0.0
+    _, q, dq, ddq = sy.load_trajectory(place / "out" / "trajectory.json").sample(1000.0)
+    assert np.abs(q).max() <= 3.0
+    assert np.abs(dq).max() <= 5.0
+    model = sy.Model.load(place / "robot.toml")
+    torque = model.inverse_dynamics(q, dq, ddq, np.nan_to_num(model.robot.parameters))
+    assert np.abs(torque).max() <= 50.0
+    assert (place / "out" / "trajectory.yaml").read_text().count("positions") > 100
+
+
+def test_limits_and_complement(run, place):
+    (place / "limits.toml").write_text("acceleration = 12\n[velocity]\nelbow = 1.0\n")
+    assert run("excite", place / "robot.toml", "-o", place / "one", *QUICK)[0] == 0
+    code, out, err = run(
+        "excite", place / "robot.toml", "--limits", place / "limits.toml", "-o", place / "two", *QUICK,
+        "--complement", place / "one" / "trajectory.json", "--criterion", "a", "--subset", "elbow",
+    )  # fmt: skip
+    assert code == 0, err
+    assert "together with what it complements" in out
+    _, _, dq, ddq = sy.load_trajectory(place / "two" / "trajectory.csv").sample(1000.0)
+    assert np.abs(dq[:, 1]).max() <= 1.0
+    assert np.abs(ddq).max() <= 12.0
+    record = json.loads((place / "two" / "excite.json").read_text())
+    assert record["limits"]["velocity"] == {"shoulder": 5.0, "elbow": 1.0}
+
+
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [
+        ("velocity = ", "limits.toml: not valid TOML"),
+        ("speed = 1", "limits.toml: 'speed' is no limit"),
+        ("velocity = [1]", "limits.toml: velocity has 1 values, but there are 2 joints: shoulder, elbow"),
+        ("velocity = {wrist = 1}", "limits.toml: velocity names a joint 'wrist'"),
+        ("[tables]\nheight = 1", 'limits.toml: "tables" is no table of geometry'),
+        ("torque = 0.1", "cannot even rest within its limits: no posture was found that keeps torque, shoulder"),
+    ],
+)
+def test_bad_limits_end_with_one_sentence_and_no_files(run, place, text, message):
+    (place / "limits.toml").write_text(text)
+    code, out, err = run("excite", place / "robot.toml", "--limits", place / "limits.toml", "-o", place / "out", *QUICK)
+    assert (code, out) == (2, "")
+    lines = [line for line in err.splitlines() if line.startswith("steelyard:")]
+    assert len(lines) == 1
+    assert message in lines[0]
+    assert list((place / "out").iterdir()) == []
