@@ -17,6 +17,8 @@ from functools import wraps
 from itertools import count
 from typing import Any, ParamSpec, TypeVar
 
+from steelyard.dynamics.threads import one_thread
+
 __all__ = ["Flag", "Pool", "pool_of", "single_threaded"]
 
 Task = Callable[..., Any]
@@ -32,9 +34,8 @@ def single_threaded(function: Callable[Arguments, Result]) -> Callable[Arguments
     @wraps(function)
     def call(*args: Arguments.args, **kwargs: Arguments.kwargs) -> Result:
         import scipy.optimize  # noqa: F401 - brings the library, which can be held to one thread only once it is there
-        from threadpoolctl import threadpool_limits
 
-        with threadpool_limits(1, "blas"):
+        with one_thread():
             return function(*args, **kwargs)
 
     return call
