@@ -28,9 +28,12 @@ NAMES = (
     "Viscous",
     "check",
     "correct",
+    "design_excitation",
     "fit",
     "identify",
     "least_squares",
+    "play",
+    "simulate",
 )
 HEAVY = ("clarabel", "llvmlite", "lxml", "plotly", "polars", "rich", "scipy", "typer")
 

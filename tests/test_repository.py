@@ -119,8 +119,8 @@ def test_documented_functions_are_those_of_a_model() -> None:
         ("generate-code.md", 3),
         ("symbolic-models.md", 3),
         ("priors-and-robust-fits.md", 6),
-        ("simulate.md", 5),
-        ("control.md", 6),
+        pytest.param("simulate.md", 5, marks=pytest.mark.slow),
+        pytest.param("control.md", 6, marks=pytest.mark.slow),
     ],
 )
 def test_snippets_of_the_guides_run(page: str, count: int, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -180,7 +180,7 @@ def pressed(t):
     "sensors",
     [
         pytest.param(None, marks=pytest.mark.slow),
-        Sensors(encoder_resolution=2 * np.pi / COUNTS, force_noise=0.03),
+        pytest.param(Sensors(encoder_resolution=2 * np.pi / COUNTS, force_noise=0.03), marks=pytest.mark.slow),
     ],
 )
 def test_the_stiffness_is_found_across_a_tenfold_change(wam, sensors):

@@ -52,6 +52,7 @@ def measured(plant, controller, q, rest):
     return np.array(result).T
 
 
+@pytest.mark.slow
 def test_stiffness_damping_and_inertia_are_those_designed(six, random, bent):
     model, parameters, plant, link = six
     q, _ = bent(model, random)

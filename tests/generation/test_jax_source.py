@@ -100,6 +100,7 @@ def test_complex_numbers_are_refused_rather_than_cut(tmp_path: Path) -> None:
     assert run([sys.executable, "-c", code], tmp_path).strip() == "q must be real, got complex128"
 
 
+@pytest.mark.slow
 def test_a_changed_table_fails_the_self_test(wam_generated: Project, tmp_path: Path) -> None:
     generate(project_of("WAM", [wam_generated.functions[1]]), "jax", tmp_path)
     assert self_test_of(tmp_path) == 0

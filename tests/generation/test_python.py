@@ -107,7 +107,9 @@ def test_every_element_is_documented(tmp_path: Path) -> None:
             )
 
 
-@pytest.mark.parametrize("language", PYTHON)
+@pytest.mark.parametrize(
+    "language", [pytest.param(name, marks=pytest.mark.slow) if name == "jax" else name for name in PYTHON]
+)
 def test_self_test_passes_and_notices_changes(language: str, tmp_path: Path) -> None:
     needs(language)
     generate(plain_project(), language, tmp_path)
@@ -162,6 +164,7 @@ def test_modules_are_typed(language: str, tmp_path: Path) -> None:
     assert done.returncode == 0, done.stdout
 
 
+@pytest.mark.slow
 def test_long_functions_stay_within_the_limits_of_python(tmp_path: Path) -> None:
     """Twenty thousand assignments, each on the last: no nesting that a parser gives up on."""
     graph = Graph()

@@ -50,6 +50,7 @@ def wave():
     return sy.FourierTrajectory(a=[[1.0, 0.4]], b=[[0.5, -0.7]], center=[0.2], frequency=0.5)
 
 
+@pytest.mark.slow
 def test_the_wam_is_recovered(wam):
     """Trajectory A, no noise: each base parameter to 1e-6 of the largest of its kind."""
     delta = true_parameters()

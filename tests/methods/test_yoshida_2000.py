@@ -136,6 +136,7 @@ def bodies(count, random):
     return np.array(values)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("consistency", ["inertia", "full"])
 @pytest.mark.parametrize("learning", [True, False])
 def test_it_never_contradicts_an_exact_certificate(arm, consistency, learning):

@@ -75,6 +75,7 @@ def test_information_of_the_samples_has_the_same_condition_number(arm, arm_limit
     assert information.condition_number == pytest.approx(design.condition_number, rel=1e-9)
 
 
+@pytest.mark.slow
 def test_the_same_arguments_give_the_same_motion_with_any_number_of_workers(arm, arm_limits, tmp_path):
     for name, workers in (("one", 1), ("two", 2)):
         design = sy.design_excitation(arm, arm_limits, **(QUICK | {"workers": workers, "starts": 3}))
@@ -85,6 +86,7 @@ def test_the_same_arguments_give_the_same_motion_with_any_number_of_workers(arm,
     assert other.condition_number != design.condition_number
 
 
+@pytest.mark.slow
 def test_a_criterion_is_best_where_it_was_asked_for(arm, arm_limits):
     designs = {kind: sy.design_excitation(arm, arm_limits, criterion=kind, **QUICK) for kind in ("condition", "d", "a")}
     covariances = {}
@@ -98,6 +100,7 @@ def test_a_criterion_is_best_where_it_was_asked_for(arm, arm_limits):
     assert designs["a"].figure == pytest.approx(np.trace(covariances["a"]), rel=1e-6)
 
 
+@pytest.mark.slow
 def test_a_subset_is_shown_better_where_it_was_asked_for(arm, arm_limits):
     def variance(design):
         base = arm.base_parameters()
@@ -111,6 +114,7 @@ def test_a_subset_is_shown_better_where_it_was_asked_for(arm, arm_limits):
     assert payload.figure == pytest.approx(variance(payload), rel=1e-6)
 
 
+@pytest.mark.slow
 def test_noise_weights_the_rows(arm, arm_limits):
     noise = np.array([0.1, 1.0, 4.0])
     design = sy.design_excitation(arm, arm_limits, noise=noise, **QUICK)
@@ -121,6 +125,7 @@ def test_noise_weights_the_rows(arm, arm_limits):
     assert design.condition_number > plain.condition_number
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("kind", ["trajectory", "design", "information"])
 def test_a_second_motion_complements_the_first(arm, arm_limits, kind):
     narrow = arm_limits | {"velocity": [2.5, 0.3, 0.3]}  # joints 2 and 3 hardly move
@@ -157,6 +162,7 @@ def test_a_time_limit_ends_with_the_best_so_far(arm, arm_limits):
     assert design.margins[0].clearance >= 0.0
 
 
+@pytest.mark.slow
 def test_cobyla_designs_too_but_not_as_well(arm, arm_limits):
     limits = arm_limits | {"velocity": 1.5}
     ours = sy.design_excitation(arm, limits, **QUICK)
@@ -188,6 +194,7 @@ def test_a_constraint_of_ones_own_is_kept(arm, arm_limits):
     assert any(m.name == "cable" for m in kept.margins)
 
 
+@pytest.mark.slow
 def test_margin_periods_and_lead(arm, arm_limits):
     design = sy.design_excitation(arm, arm_limits, margin=0.2, periods=3, lead=1.5, **QUICK)
     assert design.trajectory.duration == pytest.approx(3 * 5.0 + 2 * 1.5)

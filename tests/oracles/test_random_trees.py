@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
 
 import steelyard as sy
@@ -41,8 +41,20 @@ def trees(draw):
     return "".join([*text, "</robot>"]).replace("np.float64(", "").replace(")", "")
 
 
+@settings(max_examples=12)
 @given(trees(), st.integers(0, 1000))
 def test_random_trees_agree(tmp_path_factory, text, seed):
+    compare(tmp_path_factory, text, seed)
+
+
+@pytest.mark.slow
+@settings(max_examples=100)
+@given(trees(), st.integers(0, 1000))
+def test_many_random_trees_agree(tmp_path_factory, text, seed):
+    compare(tmp_path_factory, text, seed)
+
+
+def compare(tmp_path_factory, text, seed):
     path = tmp_path_factory.mktemp("tree") / "tree.urdf"
     path.write_text(text)
     robot = sy.Robot.from_urdf(path)

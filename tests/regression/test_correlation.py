@@ -86,6 +86,7 @@ def test_deviations_are_those_of_the_exact_covariance(arm, keep):
     np.testing.assert_allclose(np.sqrt(np.mean(np.square(ratios), axis=0)), 1.0, atol=0.12)
 
 
+@pytest.mark.slow
 def test_agrees_with_newey_west(arm):
     samples = samples_of(arm, 20000, 0.9, 5)
     estimate = sy.least_squares(sy.Information.from_samples(arm, samples), "joint")

@@ -89,6 +89,7 @@ def test_the_torque_channel_lags(slide):
     np.testing.assert_array_equal(result.recording().torque, result.measured.torque)
 
 
+@pytest.mark.slow
 def test_noise_has_the_deviation_and_memory_it_should(slide):
     model, delta = slide
     for constant in (0.0, 0.02):

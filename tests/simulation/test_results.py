@@ -63,6 +63,7 @@ def test_a_recording_is_that_of_the_robot(swing, two_links):
         batch.run(2)
 
 
+@pytest.mark.slow
 def test_runs_that_blow_up_end_alone(two_links):
     """Torques that grow with the square of the speed, in one run of three."""
     model, delta = two_links

@@ -12,6 +12,7 @@ from steelyard.motion.geometry import GEOMETRY_KEYS, geometry_from_dict
 GUIDE = Path(__file__).resolve().parents[3] / "docs" / "how-to" / "collision-free-motion.md"
 
 
+@pytest.mark.slow
 def test_the_guide(tmp_path, monkeypatch, capsys):
     pytest.importorskip("coal", reason="coal (extra `collision`) is not installed")
     text = GUIDE.read_text(encoding="utf-8")
