@@ -102,7 +102,7 @@ def explain_estimate(
     _, feasible, loaded = set_and_estimate(robot, estimate, consistency)
     verdict = check(feasible, base=loaded.base)
     if verdict.feasible is False:
-        deviations = loaded.standard_deviation
+        deviations = loaded.deviation
         known = bool(np.all(np.isfinite(deviations)) and np.all(deviations > 0))
         covariance = np.diag(deviations**2) if known else None
         return EstimateExplanation(

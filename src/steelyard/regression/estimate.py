@@ -126,9 +126,14 @@ class Estimate:
 
         if not 0.0 < level < 1.0:
             raise InputError(f"level must lie between 0 and 1, such as 0.95, got {level!r}.")
-        corrected = self.corrected_standard_deviation
-        reach = float(ndtri(0.5 + 0.5 * level)) * (self.standard_deviation if corrected is None else corrected)
+        reach = float(ndtri(0.5 + 0.5 * level)) * self.deviation
         return np.column_stack([self.base - reach, self.base + reach])
+
+    @property
+    def deviation(self) -> Array:
+        """The standard deviation to go by, (n_b,): corrected for correlation in time where that is known."""
+        corrected = self.corrected_standard_deviation
+        return self.standard_deviation if corrected is None else corrected
 
     @property
     def relative_standard_deviation(self) -> Array:

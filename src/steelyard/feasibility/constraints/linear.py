@@ -227,7 +227,7 @@ def confidence_intervals(
         or their expressions; all base parameters where absent.
     covariance : (n_b, n_b), optional
         Of the base parameters. Without it a combination gets the largest standard deviation that those of its parts
-        allow, Σ |cᵢ| σᵢ.
+        (corrected for correlation in time where that is known) allow, Σ |cᵢ| σᵢ.
 
     Returns
     -------
@@ -269,7 +269,7 @@ def confidence_intervals(
         row = np.array([expression.coefficient(beta) for beta in betas])
         used = row != 0
         if matrix is None:
-            deviation = float(np.abs(row[used]) @ np.asarray(estimate.standard_deviation)[used])
+            deviation = float(np.abs(row[used]) @ np.asarray(estimate.deviation)[used])
         else:
             deviation = float(np.sqrt(max(row @ matrix @ row, 0.0)))
         if np.isfinite(deviation):
