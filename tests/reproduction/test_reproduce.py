@@ -9,7 +9,7 @@ import pytest
 
 import steelyard as sy
 from steelyard.report import Chart, Curve
-from steelyard.reproduction import Comparison, SectionResult, Table, reproduce, sections
+from steelyard.reproduction import Comparison, SectionResult, Table, all_sections, reproduce
 from steelyard.reproduction.published import column, rows
 
 
@@ -68,7 +68,7 @@ def test_what_cannot_be_computed_is_told(tmp_path):
 
 
 def test_sections_are_told_apart():
-    numbers = [section.number for section in sections()]
+    numbers = [section.number for section in all_sections()]
     assert len(set(numbers)) == len(numbers)
 
 

@@ -20,7 +20,7 @@ from steelyard.report.markup import Markup
 from .page import reproduction_page, section_markup
 from .section import Context, Section, SectionResult
 
-__all__ = ["Reproduction", "reproduce", "sections"]
+__all__ = ["Reproduction", "all_sections", "reproduce"]
 
 # In the order of the page; each module has a SECTION.
 _MODULES = (
@@ -31,8 +31,14 @@ _MODULES = (
     "free_fall",
     "tracking",
     "postures",
+    "yoshida",
+    "point_masses",
+    "constrained_methods",
+    "model_reduction",
     "generated_code",
     "real_wam",
+    "real_robots",
+    "impact",
 )
 
 
@@ -67,7 +73,7 @@ class Reproduction:
         return f"Reproduction({self.agreeing} of {self.published} published values agree, {self.page.name})"
 
 
-def sections() -> tuple[Section, ...]:
+def all_sections() -> tuple[Section, ...]:
     """Return all the sections, in the order of the thesis."""
     return tuple(import_module(f"steelyard.reproduction.sections.{name}").SECTION for name in _MODULES)
 
@@ -113,7 +119,7 @@ def reproduce(
     recordings = None if data is None else Path(data)
     if recordings is not None and not recordings.is_dir():
         raise InputError(f"{recordings}: no such folder of recordings.")
-    known = sections()
+    known = all_sections()
     chosen = _chosen(known, numbers)
     mark = _fingerprint(recordings)
     results: list[tuple[Section, SectionResult]] = []

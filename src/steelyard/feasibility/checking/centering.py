@@ -97,6 +97,8 @@ def _line_minimum(slope: float, eigenvalues: Vector, value: float) -> float:
     for _ in range(60):
         terms = eigenvalues / (1.0 + length * eigenvalues)
         first, second = slope - float(terms.sum()), float(terms @ terms)
+        if second == 0.0:  # nothing changes along this step
+            break
         new = length - first / second
         if new <= 0:
             new = 0.5 * length

@@ -12,9 +12,9 @@ from ..published import rows
 from ..section import Context, Section, SectionResult, Table
 from .correction import boxes
 
-__all__ = ["SECTION"]
+__all__ = ["SECTION", "SEED"]
 
-_SEED = 44
+SEED = 44
 _REMARK = (
     "The recordings of the thesis are not published. Here the arm is simulated on trajectories A and B, with CAD "
     "parameters and friction of the order of table 4.9 as the truth, and with errors of the torques of the order of "
@@ -33,7 +33,7 @@ _NAMES = {
 def _compute(context: Context) -> SectionResult:
     model = wam_model()
     context.say("simulated recordings")
-    logs = {name: simulated_log(model, name, _SEED).process(cutoff=4.8, order=3, trim=0.5) for name in ("A", "B")}
+    logs = {name: simulated_log(model, name, SEED).process(cutoff=4.8, order=3, trim=0.5) for name in ("A", "B")}
     information = {name: Information.from_samples(model, samples) for name, samples in logs.items()}
     data = information["A"]
     ols, wls = least_squares(data), least_squares(data, weights="joint")
