@@ -10,7 +10,6 @@ beside it. CVXPY gets the problem as it is, and once more in the same reduced fo
 
 import argparse
 import time
-from dataclasses import dataclass
 
 import numpy as np
 
@@ -18,78 +17,9 @@ import steelyard.feasibility.fitting.program as program
 from steelyard.dynamics.threads import one_thread
 from steelyard.feasibility import FeasibleSet, fit
 from steelyard.regression import Information
+from steelyard.reproduction.free_links import ROWS, free_links, random_regression
 
-SYMBOLS = ("Lxx", "Lxy", "Lxz", "Lyy", "Lyz", "Lzz", "lx", "ly", "lz", "m")
-ROWS = 10000
 PEER = (1, 7, 20, 40)
-
-
-@dataclass(frozen=True)
-class Condition:
-    name: str
-    link: str
-    joint: None
-    constant: np.ndarray
-    indices: np.ndarray
-    coefficients: np.ndarray
-
-
-@dataclass(frozen=True)
-class Base:
-    K: np.ndarray
-    independent: np.ndarray
-    dependent: np.ndarray
-
-
-@dataclass(frozen=True)
-class Robot:
-    link_names: tuple[str, ...]
-    parameters: np.ndarray
-
-
-def pseudo_inertias():
-    found = np.zeros((10, 4, 4))
-    for k, (i, j) in enumerate([(0, 0), (0, 1), (0, 2), (1, 1), (1, 2), (2, 2)]):
-        tensor = np.zeros((3, 3))
-        tensor[i, j] = tensor[j, i] = 1.0
-        found[k, :3, :3] = np.trace(tensor) / 2 * np.eye(3) - tensor
-    for k in range(3):
-        found[6 + k, k, 3] = found[6 + k, 3, k] = 1.0
-    found[9, 3, 3] = 1.0
-    return found
-
-
-class AllIdentifiable:
-    """A model whose base parameters are all of its parameters."""
-
-    def __init__(self, links):
-        self.parameter_names = tuple(f"{symbol}{link + 1}" for link in range(links) for symbol in SYMBOLS)
-        count = len(self.parameter_names)
-        self.robot = Robot(tuple(f"link{link + 1}" for link in range(links)), np.full(count, np.nan))
-        self._base = Base(np.eye(count), np.arange(count), np.arange(0))
-
-    def base_parameters(self):
-        return self._base
-
-    def conditions(self, consistency):
-        assert consistency == "full"
-        coefficients, zero = pseudo_inertias(), np.zeros((4, 4))
-        return [
-            Condition(f"body of {name}", name, None, zero, np.arange(10 * link, 10 * link + 10), coefficients)
-            for link, name in enumerate(self.robot.link_names)
-        ]
-
-
-def regression(links, seed=0):
-    """W (10000, 10 N), ω, of bodies made of points."""
-    random = np.random.default_rng(seed)
-    truth = []
-    for _ in range(links):
-        masses, points = random.uniform(0.1, 1.0, 8), 0.3 * random.normal(size=(8, 3))
-        tensor = sum(m * (p @ p * np.eye(3) - np.outer(p, p)) for m, p in zip(masses, points, strict=True))
-        truth += [*tensor[np.triu_indices(3)], *(masses @ points), masses.sum()]
-    W = random.normal(size=(ROWS, 10 * links))
-    return W, W @ truth + (2.0 + 0.5 * links) * random.normal(size=ROWS) * np.linalg.norm(truth) / np.sqrt(links)
 
 
 class Spy:
@@ -124,8 +54,8 @@ def through_cvxpy(model, W, omega):
 
 
 def measure(links, spy, repetitions, peer):
-    W, omega = regression(links)
-    model = AllIdentifiable(links)
+    W, omega = random_regression(links)
+    model = free_links(links)
     begin = time.perf_counter()
     triangle = np.linalg.qr(np.column_stack([W, omega]), mode="r")
     reduction = time.perf_counter() - begin

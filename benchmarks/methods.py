@@ -15,45 +15,15 @@ import argparse
 import csv
 import multiprocessing
 import os
-import time
 from pathlib import Path
 
 import numpy as np
-from fit_scaling import ROWS, AllIdentifiable, Condition, regression
 
-from steelyard.dynamics.threads import one_thread
 from steelyard.feasibility import FeasibleSet, fit
 from steelyard.methods import METHODS
-from steelyard.regression import Information, least_squares
-
-QUICK, REPETITIONS = 1.0, 5
-"""Calls that take less than so many seconds are repeated, and the fastest counts."""
-
-
-def six_by_six():
-    """Coefficients of the inertia about the origin, first moments and mass (thesis 3.20)."""
-    found = np.zeros((10, 6, 6))
-    for k, (i, j) in enumerate([(0, 0), (0, 1), (0, 2), (1, 1), (1, 2), (2, 2)]):
-        found[k, i, j] = found[k, j, i] = 1.0
-    for k, (i, j, sign) in enumerate([(1, 2, -1.0), (2, 0, -1.0), (0, 1, -1.0)]):
-        # Skew-symmetric matrix of the first moment, and its transpose.
-        found[6 + k, 3 + i, j] = found[6 + k, j, 3 + i] = sign
-        found[6 + k, 3 + j, i] = found[6 + k, i, 3 + j] = -sign
-    found[9, 3:, 3:] = np.eye(3)
-    return found
-
-
-class FreeLinks(AllIdentifiable):
-    """The same with the thesis's conditions too."""
-
-    def conditions(self, consistency):
-        if consistency == "full":
-            return super().conditions(consistency)
-        coefficients, zero = six_by_six(), np.zeros((6, 6))
-        return [
-            Condition(f"body of {name}", name, None, zero, np.arange(10 * link, 10 * link + 10), coefficients)
-            for link, name in enumerate(self.robot.link_names)
-        ]
+from steelyard.regression import least_squares
+from steelyard.reproduction.free_links import free_links_problem
+from steelyard.reproduction.method_runs import run_method
 
 
 def plain(information, feasible):
@@ -64,32 +34,13 @@ def ours(information, feasible):
     return fit(information, feasible)
 
 
-def problem(links):
-    """The Information of the regression, and the model."""
-    W, omega = regression(links)
-    triangle = np.linalg.qr(np.column_stack([W, omega]), mode="r")
-    R, rho, residual2 = triangle[:-1, :-1], triangle[:-1, -1], float(triangle[-1, -1] ** 2)
-    model = FreeLinks(links)
-    return Information.from_factor(R, rho, residual2, ROWS, model.parameter_names), model
-
-
-def timed(run, information, feasible):
-    """Relative error, feasible or not, and the least seconds of a few calls."""
-    with one_thread():
-        seconds = []
-        while not seconds or (seconds[0] < QUICK and len(seconds) < REPETITIONS):
-            begin = time.perf_counter()
-            estimate = run(information, feasible)
-            seconds.append(time.perf_counter() - begin)
-    return estimate.relative_error, estimate.consistency is not None, min(seconds)
-
-
 def _answer(pipe, run, information, feasible):
-    pipe.send(timed(run, information, feasible))
+    found = run_method(run, information, feasible)
+    pipe.send(found and (found.relative_error, found.feasible, found.seconds))
 
 
 def limited(run, information, feasible, limit):
-    """As `timed` in a process of its own, None where it is not done in time."""
+    """As `run_method` in a process of its own, None where it is not done in time."""
     context = multiprocessing.get_context("fork" if hasattr(os, "fork") else "spawn")
     here, there = context.Pipe(duplex=False)
     process = context.Process(target=_answer, args=(there, run, information, feasible), daemon=True)
@@ -118,7 +69,7 @@ def main():
     print("links   fit ms  error/least squares  " + "  ".join(f"{m.__name__:>26s}" for m in chosen))
     stopped, rows, worst = {}, [], (0.0, "no method")
     for links in options.links:
-        information, model = problem(links)
+        information, model = free_links_problem(links)
         feasible = FeasibleSet(model, options.consistency)
         least, _, seconds = limited(plain, information, feasible, 600.0)
         rows.append((links, "least squares", seconds, 1.0, False))

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import cache
 
 import numpy as np
 from numpy.typing import NDArray
@@ -10,7 +12,7 @@ from numpy.typing import NDArray
 from steelyard.errors import InputError
 from steelyard.robot import Robot
 
-__all__ = ["CONSISTENCIES", "ModelCondition", "model_conditions"]
+__all__ = ["CONSISTENCIES", "ModelCondition", "body_conditions", "model_conditions"]
 
 CONSISTENCIES = ("full", "inertia")
 
@@ -85,6 +87,46 @@ def _pseudo_inertia_coefficients() -> NDArray[np.float64]:
     return np.array([_symmetric(4, e) for e in entries])
 
 
+@cache
+def _body_coefficients(consistency: str) -> NDArray[np.float64]:
+    if consistency not in CONSISTENCIES:
+        raise InputError(f"consistency must be 'full' or 'inertia', got {consistency!r}.")
+    return _inertia_coefficients() if consistency == "inertia" else _pseudo_inertia_coefficients()
+
+
+def body_conditions(link_names: Sequence[str], columns: Sequence[int], consistency: str) -> tuple[ModelCondition, ...]:
+    """Return the conditions of the bodies of links.
+
+    Parameters
+    ----------
+    link_names : sequence of str
+    columns : sequence of int
+        Where the ten parameters ``Lxx Lxy Lxz Lyy Lyz Lzz lx ly lz m`` of each link begin.
+    consistency : {"full", "inertia"}
+        As in `model_conditions`.
+
+    Returns
+    -------
+    tuple of ModelCondition
+
+    Raises
+    ------
+    InputError
+        If `consistency` is something else.
+
+    Examples
+    --------
+    >>> [(c.name, c.size, c.indices[0].item()) for c in body_conditions(["arm", "hand"], [0, 10], "full")]
+    [('body of arm', 4, 0), ('body of hand', 4, 10)]
+    """
+    coefficients = _body_coefficients(consistency)
+    zero = np.zeros(coefficients.shape[1:])
+    return tuple(
+        ModelCondition(f"body of {name}", name, None, zero, np.arange(column, column + 10), coefficients)
+        for name, column in zip(link_names, columns, strict=True)
+    )
+
+
 def model_conditions(robot: Robot, consistency: str) -> tuple[ModelCondition, ...]:
     """Return the conditions of all the links and terms of a robot.
 
@@ -105,24 +147,11 @@ def model_conditions(robot: Robot, consistency: str) -> tuple[ModelCondition, ..
     InputError
         If `consistency` is something else.
     """
-    if consistency not in CONSISTENCIES:
-        raise InputError(f"consistency must be 'full' or 'inertia', got {consistency!r}.")
-    coefficients = _inertia_coefficients() if consistency == "inertia" else _pseudo_inertia_coefficients()
-    size = coefficients.shape[1]
     driving = {joint: k for k, joint in enumerate(robot.driving_joints)}
     result: list[ModelCondition] = []
     column = 0
     for index, link in enumerate(robot.links):
-        result.append(
-            ModelCondition(
-                f"body of {link.name}",
-                link.name,
-                None,
-                np.zeros((size, size)),
-                np.arange(column, column + 10),
-                coefficients,
-            )
-        )
+        result.extend(body_conditions([link.name], [column], consistency))
         column += 10
         if index not in driving:
             continue
