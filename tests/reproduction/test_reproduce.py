@@ -94,3 +94,14 @@ def test_figure_6_1_rises_to_one(tmp_path):
 def test_the_real_arm_agrees(tmp_path, shared_data):
     result = reproduce(tmp_path, ["real WAM"], data=shared_data)
     assert result.agreeing == result.published == 62
+
+
+@pytest.mark.slow
+@pytest.mark.data
+def test_everything_is_reproduced(tmp_path, shared_data):
+    """All the sections in one run; those that differ are told on the page, each with its reason."""
+    result = reproduce(tmp_path, data=shared_data)
+    assert result.missing == ()
+    assert result.published == 361
+    assert result.agreeing >= 335
+    assert all(row.agrees or row.why for _, part in result.results for row in part.comparisons)
