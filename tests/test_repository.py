@@ -119,6 +119,7 @@ def test_documented_functions_are_those_of_a_model() -> None:
         ("generate-code.md", 3),
         ("symbolic-models.md", 3),
         ("priors-and-robust-fits.md", 6),
+        ("experiment-in-software.md", 2),
         pytest.param("simulate.md", 5, marks=pytest.mark.slow),
         pytest.param("control.md", 6, marks=pytest.mark.slow),
     ],

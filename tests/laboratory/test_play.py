@@ -7,6 +7,7 @@ import steelyard as sy
 from steelyard.control import ComputedTorque
 from steelyard.identification.wam import TRAJECTORIES, true_parameters, wam_model
 from steelyard.laboratory import play
+from steelyard.motion import QuinticTrajectory
 from steelyard.simulation import Actuators, Sensors
 
 SYMBOLS = (
@@ -109,3 +110,12 @@ def test_a_robot_that_cannot_follow_is_told(pendulum):
     weak = play(model, delta, wave(), actuators=Actuators(saturation=1.0))
     assert np.abs(weak.torque).max() <= 1.0
     assert np.abs(weak.q - wave().motion(weak.t)[0]).max() > 0.5
+    assert any("did not follow the trajectory: joint1 by up to" in remark for remark in weak.remarks)
+    with pytest.raises(sy.InputError, match=r"rate must be positive, got 0 Hz"):
+        play(model, delta, wave(), rate=0)
+    two = sy.FourierTrajectory(a=np.ones((2, 1)), b=np.ones((2, 1)), center=np.zeros(2), frequency=1.0)
+    with pytest.raises(sy.InputError, match="moves 2 joints"):
+        play(model, delta, two)
+    once = QuinticTrajectory.point_to_point([[0.0], [1.0]], [1.0])
+    with pytest.raises(sy.InputError, match="does not end as it begins"):
+        play(model, delta, once, periods=2)

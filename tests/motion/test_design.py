@@ -267,3 +267,33 @@ def test_bad_arguments_are_refused_in_one_sentence(arm, arm_limits, options, mes
     with pytest.raises(sy.InputError, match=message) as caught:
         sy.design_excitation(arm, **({"limits": arm_limits} | QUICK | options))
     assert "\n" not in str(caught.value)
+
+
+def test_a_limits_file_may_hold_a_workspace(arm, tmp_path):
+    """The tables about space count in Python as they do on the command line; the pose says that they are kept."""
+    path = tmp_path / "limits.toml"
+    path.write_text(
+        "lower = -1.5\nupper = 1.5\nvelocity = 2.0\nacceleration = 6.0\n"
+        f'[workspace]\nlink = "{arm.robot.link_names[-1]}"\nlower = [-inf, -inf, 0.2]\nupper = [inf, inf, inf]\n'
+    )
+    design = sy.design_excitation(arm, path, **QUICK)
+    q = motions_of(design, 1000.0)[0]
+    assert arm.pose(q, arm.robot.link_names[-1])[:, 2, 3].min() >= 0.2 - 1e-9
+    assert any("workspace" in margin.name for margin in design.margins)
+
+
+def test_what_a_constraint_has_to_say_is_passed_on(arm, arm_limits):
+    class Talkative:
+        name, labels, scale, remarks = "talk", ("nothing",), 1.0, ("Something was left out.",)
+
+        def clearance(self, q, dq, ddq):
+            return np.ones((len(q), 1))
+
+        def pull_back(self, q, dq, ddq, weights):
+            return np.zeros_like(q), np.zeros_like(q), np.zeros_like(q)
+
+    design = sy.design_excitation(arm, arm_limits, constraints=[Talkative()], lead=0.0, **QUICK)
+    assert "Something was left out." in design.remarks
+    assert any("starts and ends at speed" in remark for remark in design.remarks)
+    with pytest.raises(sy.InputError, match="several periods need a start and a stop"):
+        sy.design_excitation(arm, arm_limits, lead=0.0, periods=2, **QUICK)

@@ -151,7 +151,10 @@ def show_excitation(design: ExcitationDesign) -> None:
     table = _table("limit", "nearest part", "margin", "at s")
     for margin in design.nearest():
         table.add_row(Text(margin.name), Text(margin.label), f"{margin.clearance:.4g}", f"{margin.time:.3f}")
-    console.print(table)
+    _show(console, table)
+    if design.criterion != "condition" or design.subset:
+        about = f" of {', '.join(design.subset)}" if design.subset else ""
+        console.print(Text(f"Criterion {design.criterion}{about}: {design.figure:.5g}."), soft_wrap=True)
     together = design.combined_condition_number
     known = "" if together is None else f", {together:.4g} together with what it complements"
     console.print(

@@ -7,15 +7,7 @@ from pathlib import Path
 from typing import Any
 
 from steelyard.dynamics import Model
-from steelyard.errors import InputError
-from steelyard.motion import (
-    ExcitationDesign,
-    MotionConstraint,
-    Trajectory,
-    design_excitation,
-    limits_from_file,
-    load_trajectory,
-)
+from steelyard.motion import ExcitationDesign, Trajectory, design_excitation, load_trajectory
 from steelyard.regression import Information
 from steelyard.robot import RobotFile
 
@@ -63,30 +55,15 @@ def excite(
     """
     file = robot if isinstance(robot, RobotFile) else RobotFile.load(robot)
     model = Model.from_file(file)
-    bounds: dict[str, Any] = {}
-    constraints: tuple[MotionConstraint, ...] = ()
-    if limits is not None:
-        bounds, sections = limits_from_file(limits)
-        if sections:
-            from steelyard.motion.geometry import geometry_from_dict
-
-            constraints = tuple(geometry_from_dict(sections, file.robot, Path(limits).parent, where=str(limits)))
     parameters = None if estimate is None else parameters_of_estimate(model, estimate)
-    try:
-        return design_excitation(
-            model,
-            bounds,
-            constraints=constraints,
-            complement=None if complement is None else _known(complement),
-            parameters=parameters,
-            progress=progress,
-            **options,
-        )
-    except InputError as error:
-        message = str(error)
-        if limits is not None and message.startswith("limits: "):
-            raise InputError(f"{limits}: {message.removeprefix('limits: ')}") from None
-        raise
+    return design_excitation(
+        model,
+        limits,
+        complement=None if complement is None else _known(complement),
+        parameters=parameters,
+        progress=progress,
+        **options,
+    )
 
 
 def _known(path: str | Path) -> Information | Trajectory:

@@ -62,7 +62,7 @@ def play(
     base : bool
         Whether `parameters` and `believed` are base parameters.
     periods : float
-        How many times a periodic trajectory is played; others are played once.
+        How many times a periodic trajectory is played; one that does not end as it begins is played once.
     rate : float
         Hz, of the control loop and of the log.
     sensors, actuators, environment, safety
@@ -95,8 +95,14 @@ def play(
     >>> log.count, log.joint_count
     (2000, 1)
     """
-    if not periods > 0.0:
-        raise InputError(f"periods must be positive, got {periods!r}.")
+    for name, value, unit in (("periods", periods, ""), ("rate", rate, " Hz")):
+        if not 0.0 < value < np.inf:
+            raise InputError(f"{name} must be positive, got {value!r}{unit}.")
+    if trajectory.joint_count != model.joint_count:
+        raise InputError(
+            f"The trajectory moves {trajectory.joint_count} joints, but {model.robot.name} has {model.joint_count}."
+        )
+    _check_periods(trajectory, periods)
     reference = TrajectoryReference(trajectory, repeat=periods > 1.0, period=1.0 / rate)
     start, speed, _ = reference.at(0.0)
     if controller is None:
@@ -121,7 +127,19 @@ def play(
         rate=rate,
         seed=seed,
     )
-    return _log(result, trajectory)
+    return _log(result, trajectory, periods)
+
+
+def _check_periods(trajectory: Trajectory, periods: float) -> None:
+    """Refuse to repeat a motion that does not end where it began."""
+    if periods <= 1.0:
+        return
+    ends = [signal[[0, -1]] for signal in trajectory.motion(np.array([0.0, trajectory.duration]))[:2]]
+    if any(np.abs(end[1] - end[0]).max() > 1e-6 for end in ends):
+        raise InputError(
+            "The trajectory does not end as it begins, so that it cannot be played again and again; design it with "
+            "several periods, or play it once."
+        )
 
 
 def _default_controller(
@@ -144,15 +162,28 @@ def _default_controller(
     )
 
 
-def _log(result: SimulationResult, trajectory: Trajectory) -> Recording:
+def _log(result: SimulationResult, trajectory: Trajectory, periods: float) -> Recording:
     if result.status is not Status.FINISHED:
-        raise InputError(
-            f"The robot did not get to the end of the trajectory ({result.message}); check the parameters with "
-            "steelyard.check, or give another controller."
+        remedy = (
+            "check the parameters with steelyard.check, or give another controller"
+            if result.status is Status.DIVERGED
+            else "give another controller, or other limits"
         )
+        raise InputError(f"The robot did not get to the end of the trajectory ({result.message}); {remedy}.")
     log = replace(result.recording(), source=f"simulated {type(trajectory).__name__}")
     count = log.count - 1  # the end of a period is the beginning of the next one
     rows = {name: getattr(log, name)[:count] for name in ("t", "q", "torque")}
     velocity = None if log.velocity is None else log.velocity[:count]
     acceleration = result.ddq[:count] if result.measured is None else None
-    return replace(log, velocity=velocity, acceleration=acceleration, **rows)
+    wanted = trajectory.motion(
+        np.minimum(rows["t"] % trajectory.duration if periods > 1.0 else rows["t"], trajectory.duration)
+    )[0]
+    remarks = _tracking(rows["q"], wanted, result.joint_names)
+    return replace(log, velocity=velocity, acceleration=acceleration, remarks=(*log.remarks, *remarks), **rows)
+
+
+def _tracking(q: Array, wanted: Array, names: tuple[str, ...]) -> tuple[str, ...]:
+    """Say which joints did not do what they were to do, as far as a tenth of their range."""
+    away, span = np.abs(q - wanted).max(axis=0), np.ptp(wanted, axis=0)
+    lost = [f"{names[k]} by up to {away[k]:.3g}" for k in np.flatnonzero(away > 0.1 * np.maximum(span, 1e-3))]
+    return (f"The robot did not follow the trajectory: {', '.join(lost)} (rad or m).",) if lost else ()

@@ -23,7 +23,8 @@ class MotionConstraint(Protocol):
     Attributes
     ----------
     name : str
-        For messages: ``"table plane"``, ``"torque"``.
+        For messages: ``"table plane"``, ``"torque"``. A constraint that has something to say of itself may also have
+        `remarks`, a tuple of sentences, which the design passes on.
     labels : tuple of str
         What each of the m columns is, such as ``"forearm_link to shoulder_link"``.
     scale : float or ndarray

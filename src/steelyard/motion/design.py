@@ -146,7 +146,14 @@ def design_excitation(
     _check_options(method, starts, workers, time_limit, rate, seed)
     chosen = make_family(family, period=period, harmonics=harmonics, points=points, lead=lead, periods=periods)
     remarks: list[str] = []
-    bounds = _limits(model, limits, remarks, parameters).reduced(margin)
+    where = "limits"
+    if isinstance(limits, str | Path):
+        where, folder = str(limits), Path(limits).parent
+        limits, sections = limits_from_file(limits)
+        constraints = (*constraints, *_geometry(model, sections, folder, where))
+    for constraint in constraints:
+        remarks += getattr(constraint, "remarks", ())
+    bounds = _limits(model, limits, where, remarks, parameters).reduced(margin)
     measure = Criterion(criterion, make_subset(model, subset, others))
     weights = _weights(model, noise)
     problem = _problem(model, chosen, bounds, measure, weights, rate, (*constraints,), parameters)
@@ -189,6 +196,8 @@ def design_excitation(
     if not keeps_all(margins):  # the trajectory itself is looked at, not what the search made of it
         raise SolverError(f"The motion that was found does not keep its limits after all ({margins[0]}).")
     own = _information(model, excitation, rate)
+    if np.abs(motion[1][0]).max() > 1e-6:
+        remarks.append("The motion starts and ends at speed, without a lead-in: bring the robot to this speed first.")
     remarks += _notes(result.status, result.finished, starts)
     return ExcitationDesign(
         robot_name=model.robot.name,
@@ -226,9 +235,19 @@ def _check_options(
             raise InputError(f"{name} must be positive, got {value!r}.")
 
 
+def _geometry(model: Model, sections: Mapping[str, Any], folder: Path, where: str) -> Sequence[MotionConstraint]:
+    """Return the constraints of the tables of a limits file that are about space."""
+    if not sections:
+        return ()
+    from .geometry import geometry_from_dict
+
+    return geometry_from_dict(sections, model.robot, folder, where=where)
+
+
 def _limits(
     model: Model,
-    limits: MotionLimits | Mapping[str, Any] | str | Path | None,
+    limits: MotionLimits | Mapping[str, Any] | None,
+    where: str,
     remarks: list[str],
     parameters: ArrayLike | None,
 ) -> MotionLimits:
@@ -242,8 +261,8 @@ def _limits(
         bounds = limits
     else:
         own = MotionLimits.from_robot(model.robot)
-        asked = limits_from_file(limits)[0] if isinstance(limits, str | Path) else dict(limits or {})
-        bounds = own.updated(asked, str(limits) if isinstance(limits, str | Path) else "limits")
+        asked = dict(limits or {})
+        bounds = own.updated(asked, where)
         torques = {"torque", "effort", "power", "total_power"} & set(asked)
         if not torques and parameters is None and np.isnan(model.robot.parameters[_link_columns(model)]).any():
             if np.isfinite(bounds.torque).any():

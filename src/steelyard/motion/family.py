@@ -300,6 +300,11 @@ def make_family(
     if name == "fourier":
         if points is not None:
             raise InputError("points belong to the families spline and quintic; a Fourier series has harmonics.")
+        if lead == 0.0 and periods > 1:
+            raise InputError(
+                "several periods need a start and a stop (lead); without them the motion is one period, to be repeated "
+                "by whoever plays it."
+            )
         return FourierFamily(period, int(harmonics), period / harmonics if lead is None else lead, int(periods))
     if periods != 1 or lead:
         raise InputError(f"periods and lead belong to the family fourier; a {name} starts and ends at rest by itself.")

@@ -103,6 +103,26 @@ class SelfCollision(DistanceConstraint):
         super().__init__(geometry, pairs, watched.labels, np.array(watched.margins), least, horizon)
         self._left_out = watched.left_out
         self._watched = watched.links
+        self._asked = least
+
+    @property
+    def remarks(self) -> tuple[str, ...]:
+        """What is not watched, or not as it was asked for: pairs that are left out, and margins that had to be less."""
+        less = [
+            f"{label} keeps {1000.0 * margin:.3g} mm"
+            for label, margin in zip(self.labels, self.margins, strict=True)
+            if margin < self._asked
+        ]
+        found = []
+        if less:
+            found.append(
+                f"Not all links can be {1000.0 * self._asked:.3g} mm apart in any posture, so that these are held to "
+                f"half of the widest distance that they reach: {'; '.join(less)}."
+            )
+        if self._left_out:
+            pairs = ", ".join(f"{pair.first} and {pair.second}" for pair in self._left_out)
+            found.append(f"Not watched, because they are neighbours, touch at rest or were excluded: {pairs}.")
+        return tuple(found)
 
     @property
     def left_out(self) -> tuple[LeftOut, ...]:
