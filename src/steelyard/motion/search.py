@@ -94,6 +94,7 @@ class Search:
     say: Callable[[str], None]
     _halt: Flag = field(default_factory=Flag)
     _deadline: float = float("inf")
+    _stage: str = ""
 
     def run(self, postures: Sequence[Array]) -> SearchResult:
         """Search.
@@ -121,6 +122,7 @@ class Search:
                 tasks = {k: (k, postures[k % len(postures)], None) for k in range(self.starts)}
                 self._collect(pool, tasks, found)
                 if self.method == "gradient" and not self._stopped():
+                    self._stage = "refining the best, "
                     chosen = sorted(found.values(), key=self._rank)[: -(-self.starts // _REFINED)]
                     self._collect(pool, {c.index: (c.index, postures[0], c) for c in chosen}, found)
             except KeyboardInterrupt:
@@ -175,7 +177,7 @@ class Search:
             best = min(found.values(), key=self._rank)
             ours = "limits not kept" if candidate.x is None else f"{candidate.figure:.5g}"
             known = "none yet" if best.x is None else f"{best.figure:.5g}"
-            self.say(f"{number} of {total}: {self.problem.criterion.kind} {ours}, best {known}")
+            self.say(f"{self._stage}{number} of {total}: {self.problem.criterion.kind} {ours}, best {known}")
 
     def _rank(self, candidate: Candidate) -> tuple[bool, float, int]:
         if candidate.x is None:
