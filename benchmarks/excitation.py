@@ -11,7 +11,7 @@ import time
 import numpy as np
 
 import steelyard as sy
-from steelyard.identification.wam import TRAJECTORIES, wam_model
+from steelyard.laboratory.wam import TRAJECTORIES, wam_model
 from steelyard.motion import ExcitationDesign, MotionLimits
 
 

@@ -21,7 +21,7 @@ import numpy as np
 import steelyard as sy
 from steelyard.errors import SteelyardError
 from steelyard.feasibility import TotalMass, fit_reduced, solver_table
-from steelyard.identification.wam import wam_model
+from steelyard.laboratory.wam import wam_model
 
 Run = Callable[[str], tuple[float, str]]
 

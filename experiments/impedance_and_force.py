@@ -25,7 +25,7 @@ from steelyard.control import (
     Tool,
 )
 from steelyard.dynamics import Model
-from steelyard.identification.wam import true_parameters, wam_model
+from steelyard.laboratory.wam import true_parameters, wam_model
 from steelyard.report import Chart, Curve, Section, charts_markup, html_document, require_folder, write_text
 from steelyard.report.markup import Markup, table
 from steelyard.simulation import ElasticContact, Measurement, Sensors, SimulationResult, simulate

@@ -46,7 +46,7 @@ def table(path: Path) -> list[dict[str, str]]:
 @pytest.fixture(scope="session")
 def wam():
     """The WAM of thesis section 4.2, built from the thesis's own tables where they are here."""
-    from steelyard.identification.wam import wam_model
+    from steelyard.laboratory.wam import wam_model
 
     return wam_model()
 

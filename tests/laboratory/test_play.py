@@ -5,8 +5,8 @@ import pytest
 
 import steelyard as sy
 from steelyard.control import ComputedTorque
-from steelyard.identification.wam import TRAJECTORIES, true_parameters, wam_model
 from steelyard.laboratory import play
+from steelyard.laboratory.wam import TRAJECTORIES, true_parameters, wam_model
 from steelyard.motion import QuinticTrajectory
 from steelyard.simulation import Actuators, Sensors
 

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 import steelyard as sy
-from steelyard.identification.wam import TRAJECTORIES
+from steelyard.laboratory.wam import TRAJECTORIES
 from steelyard.motion import MotionLimits
 from steelyard.motion.geometry import geometry_from_dict
 

@@ -10,7 +10,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 import steelyard as sy
-from steelyard.identification.wam import TRAJECTORIES
+from steelyard.laboratory.wam import TRAJECTORIES
 
 
 @pytest.fixture(scope="module")

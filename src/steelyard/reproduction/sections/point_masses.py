@@ -8,7 +8,7 @@ import numpy as np
 
 from steelyard.dynamics import Model
 from steelyard.feasibility import FeasibleSet, check, fit
-from steelyard.identification.wam import DH_ROWS, simulated_log, wam_model
+from steelyard.laboratory.wam import DH_ROWS, simulated_log, wam_model
 from steelyard.methods import Ayusawa2010
 from steelyard.regression import Estimate, Information, least_squares
 from steelyard.robot import Robot

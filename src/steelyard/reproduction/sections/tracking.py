@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from steelyard.control import PositionTracking
-from steelyard.identification.wam import TRAJECTORIES, wam_model
+from steelyard.laboratory.wam import TRAJECTORIES, wam_model
 from steelyard.report import Chart, Curve
 from steelyard.simulation import Safety, Sensors, Status, simulate
 
