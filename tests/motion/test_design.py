@@ -297,3 +297,11 @@ def test_what_a_constraint_has_to_say_is_passed_on(arm, arm_limits):
     assert any("starts and ends at speed" in remark for remark in design.remarks)
     with pytest.raises(sy.InputError, match="several periods need a start and a stop"):
         sy.design_excitation(arm, arm_limits, lead=0.0, periods=2, **QUICK)
+
+
+def test_processes_are_not_branched_off_beside_jax(arm, arm_limits):
+    """JAX warns of it, and with reason; the answer is the same with threads."""
+    pytest.importorskip("jax", reason="JAX is not installed")
+    options = QUICK | {"workers": 2}
+    design = sy.design_excitation(arm, arm_limits, **options)
+    assert design.condition_number == sy.design_excitation(arm, arm_limits, **QUICK).condition_number

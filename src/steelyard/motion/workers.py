@@ -60,6 +60,11 @@ def _run(number: int, arguments: tuple[Any, ...]) -> Any:
     return _TASKS[number](*arguments)
 
 
+def _can_branch() -> bool:
+    """Tell whether processes may be branched off: not where JAX runs threads of its own, whose locks would stay held."""
+    return sys.platform == "linux" and "jax" not in sys.modules and not multiprocessing.current_process().daemon
+
+
 def _leave_interrupts_to_the_parent() -> None:
     signal.signal(signal.SIGINT, signal.SIG_IGN)
 
@@ -91,7 +96,7 @@ def pool_of(task: Task, workers: int) -> Iterator[Pool]:
     number = next(_NUMBERS)
     _TASKS[number] = task
     executor: Executor
-    if workers > 1 and sys.platform == "linux" and not multiprocessing.current_process().daemon:
+    if workers > 1 and _can_branch():
         branching = multiprocessing.get_context("fork")
         executor = ProcessPoolExecutor(workers, branching, _leave_interrupts_to_the_parent)
     else:
