@@ -61,7 +61,7 @@ def _run(number: int, arguments: tuple[Any, ...]) -> Any:
 
 
 def _can_branch() -> bool:
-    """Tell whether processes may be branched off: not where JAX runs threads of its own, whose locks would stay held."""
+    """Tell whether processes may be branched off: not where JAX has threads, whose locks would stay held."""
     return sys.platform == "linux" and "jax" not in sys.modules and not multiprocessing.current_process().daemon
 
 
