@@ -9,7 +9,7 @@ import pytest
 
 import steelyard as sy
 from steelyard.cli import main
-from steelyard.identification.wam import robot_toml
+from steelyard.laboratory.wam import robot_toml
 from steelyard.motion import FourierTrajectory
 
 URDF = """\
@@ -76,12 +76,46 @@ def test_torques_of_a_file_and_limits(place, run):
     code, text, _ = run(place / "pair.urdf", "-o", place / "out", "--torque", place / "torque.csv")
     assert code == 0
     frame = polars.read_csv(place / "out" / "simulation.csv")
-    assert len(frame) == 100
-    np.testing.assert_allclose(frame["tau2"].to_numpy(), 0.3 * np.sin(9 * t), atol=1e-12)
+    assert len(frame) == 991  # 100 Hz are sampled at 1 kHz
+    held = np.repeat(0.3 * np.sin(9 * t), 10)[:991]
+    np.testing.assert_allclose(frame["tau2"].to_numpy(), held, atol=1e-12)
+    assert "Note: each row's torques are held until the next, for 0.01 s" in text
+    assert "the table" not in text
     code, text, _ = run(place / "pair.urdf", "-o", place / "out", "--torque", place / "torque.csv", "--stop-at-limits")
     assert code == 0
     assert "event at" in text
     assert "joint 'shoulder' passed its upper limit 1" in text
+
+
+def test_a_slow_table_that_starts_late_and_ends_early(place, run):
+    rows = [(2.0, -1.0), (2.5, 3.0), (3.0, -2.0), (3.5, 1.0)]
+    (place / "torque.csv").write_text("t,tau1,tau2\n" + "\n".join(f"{t},{x},0" for t, x in rows))
+    out, options = place / "out", ["--torque", place / "torque.csv", "--duration", 2.2]
+    code, text, _ = run(place / "pair.urdf", "-o", out, *options)
+    assert code == 0
+    assert "Note: the table's first time, 2 s, is 0 s of the simulation." in text
+    assert "Note: the table ends after 1.5 s; the torques of its last row are held from there." in text
+    frame = polars.read_csv(out / "simulation.csv")
+    assert len(frame) == 2201
+    t = frame["t"].to_numpy()
+    given = np.array([x for _, x in rows])
+    np.testing.assert_array_equal(frame["tau1"].to_numpy(), given[np.clip((t + 1e-9) // 0.5, 0, 3).astype(int)])
+    assert len(json.loads((out / "simulation.json").read_text())["options"]["notes"]) == 3
+    for rate, count in ((50, 111), (2, 5), (1, 3), (4000, 8801)):
+        assert run(place / "pair.urdf", "-o", out, *options, "--rate", rate)[0] == 0
+        assert len(polars.read_csv(out / "simulation.csv")) == count
+    code, _, error = run(place / "pair.urdf", "-o", out, *options, "--rate", 3)
+    assert code == 2
+    assert "--rate must be that of the torques, 2 Hz, times or divided by a whole number, got 3 Hz." in error
+
+
+def test_a_start_beyond_a_limit_ends_there(place, run):
+    out = place / "out"
+    code, text, _ = run(place / "pair.urdf", "-o", out, "--initial", "1.5,0", "--stop-at-limits")
+    assert code == 0
+    assert "event at 0 s: joint 'shoulder' passed its upper limit 1 at 0 s, where it starts" in text
+    frame = polars.read_csv(out / "simulation.csv")
+    assert frame["q1"].to_list() == [1.5]
 
 
 def test_a_trajectory_is_followed(place, run):

@@ -41,18 +41,26 @@ def simulate(
         str | None, typer.Option(help="Joint positions at the start, such as 0,0.5,-1; zeros by default.")
     ] = None,
     torque: Annotated[
-        Path | None, typer.Option(help="CSV or Parquet with columns t, tau1, tau2, …; without it the motors are off.")
+        Path | None,
+        typer.Option(
+            help="CSV or Parquet with columns t, tau1, tau2, …; each row holds until the next. Without: motors off."
+        ),
     ] = None,
     follow: Annotated[
         Path | None, typer.Option(help="Trajectory that is followed under computed torque at 1 kHz.")
     ] = None,
     method: Annotated[SimulationMethod, typer.Option(help="Integration method.")] = SimulationMethod.AUTOMATIC,
-    rate: Annotated[float | None, typer.Option(help="Samples a second; by default the control rate, or 1000.")] = None,
+    rate: Annotated[
+        float | None, typer.Option(help="Samples a second; by default 1000, or the rate of --torque if that is more.")
+    ] = None,
     sign_width: Annotated[
         float, typer.Option(help="Speed within which friction changes its sign, rad/s or m/s; 0: at once.", min=0.0)
     ] = 1e-3,
     stop_at_limits: Annotated[
-        bool, typer.Option("--stop-at-limits", help="End where a joint passes a limit of the description.")
+        bool,
+        typer.Option(
+            "--stop-at-limits", help="End where a joint passes a limit of the description, or starts beyond it."
+        ),
     ] = False,
 ) -> None:
     """Simulate a robot: exit 0 when it ran to its end or to an event, 1 when it diverged, 2 bad input."""
@@ -88,6 +96,8 @@ def simulate(
         save_simulation(simulation, output)
     result = simulation.result
     ending = f"{result.status} at {result.end_time:.6g} s"
+    for note in simulation.notes:
+        typer.echo(f"Note: {note}.")
     typer.echo(f"{ending}: {result.message}" if result.message else ending)
     typer.echo(f"Look at {output / 'simulation.html'}")
     if result.status in ("diverged", "stopped"):

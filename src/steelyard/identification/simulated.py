@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -20,6 +21,7 @@ from .saved import matching_estimate, parameters_of_description
 __all__ = ["FileSimulation", "simulate_files"]
 
 Array = NDArray[np.float64]
+LEAST_RATE = 1000.0  # Hz, of the samples with torques of a file
 
 
 @dataclass(frozen=True, eq=False)
@@ -36,6 +38,8 @@ class FileSimulation:
         Whose parameters they are, in words.
     options : dict
         What was asked for.
+    notes : tuple of str
+        What was made of the torques of a file.
     """
 
     model: Model
@@ -43,6 +47,7 @@ class FileSimulation:
     inputs: tuple[Path, ...]
     parameters: str
     options: dict[str, Any]
+    notes: tuple[str, ...] = ()
 
 
 def simulate_files(
@@ -72,7 +77,9 @@ def simulate_files(
     initial : list of float, optional
         N joint positions; zeros, or the start of the trajectory.
     torque : str or Path, optional
-        A CSV or Parquet file with columns ``t`` and ``tau1`` to ``tauN``: each row's torques are held until the next.
+        A CSV or Parquet file with columns ``t`` and ``tau1`` to ``tauN``, in equal steps of time: each row's torques
+        are held until the next, the last row's on and on, and its first time is 0 s of the simulation. Samples come
+        at the table's rate, or the least multiple of it that is 1 kHz at least.
     follow : str or Path, optional
         A trajectory (see :func:`steelyard.load_trajectory`) that the robot follows under computed torque with the same
         parameters, at 1 kHz.
@@ -105,9 +112,11 @@ def simulate_files(
         )
     q0, dq0 = np.zeros(model.joint_count) if initial is None else np.array(initial), np.zeros(model.joint_count)
     motors: Any = None
+    notes: tuple[str, ...] = ()
     if torque is not None:
-        motors = TorqueTable.read(torque, model.joint_count)
+        motors = TorqueTable.read(torque, model.joint_count, rate)
         duration = motors.duration if duration is None else duration
+        notes = motors.notes(duration)
     if follow is not None:
         from steelyard.control import ComputedTorque
         from steelyard.motion import load_trajectory
@@ -143,9 +152,10 @@ def simulate_files(
         "follow": None if follow is None else str(follow),
         "gains": list(gains) if follow is not None else None,
         "stop_at_limits": stop_at_limits,
+        "notes": list(notes),
     }
     inputs += [Path(path) for path in (estimate, torque, follow) if path is not None]
-    return FileSimulation(model, result, tuple(dict.fromkeys(inputs)), whose, options)
+    return FileSimulation(model, result, tuple(dict.fromkeys(inputs)), whose, options, notes)
 
 
 def _parameters(model: Model, estimate: str | Path | None) -> tuple[Array, bool, str]:
@@ -167,20 +177,50 @@ class TorqueTable:
         (S,) s, in equal steps from zero.
     torque : ndarray
         (S, N).
+    rate : float, optional
+        Hz, of the samples that are wanted.
 
     Attributes
     ----------
-    period, duration : float
+    period : float
+        s, at which the controller is called: that of the rows, or a whole part of it, of at most 1 ms.
+    duration : float
         s.
+
+    Raises
+    ------
+    InputError
+        If the rate is neither a multiple of that of the rows nor a whole part of it.
     """
 
-    def __init__(self, t: Array, torque: Array) -> None:
-        self.period = float(t[-1] - t[0]) / (len(t) - 1)
-        self.duration = self.period * (len(t) - 1)
-        self._torque = torque
+    def __init__(self, t: Array, torque: Array, rate: float | None = None) -> None:
+        self._start, self._torque = float(t[0]), torque
+        self._row = float(t[-1] - t[0]) / (len(t) - 1)
+        self.duration = self._row * (len(t) - 1)
+        parts = max(1, math.ceil(self._row * LEAST_RATE - 1e-6))
+        if rate is not None and np.isfinite(rate) and rate > 0.0:
+            samples = rate * self._row  # in a row
+            whole = round(max(samples, 1.0 / samples))
+            if abs(max(samples, 1.0 / samples) - whole) > 1e-3 * whole:
+                raise InputError(
+                    f"--rate must be that of the torques, {1.0 / self._row:.6g} Hz, times or divided by a whole "
+                    f"number, got {rate:.6g} Hz."
+                )
+            if samples > 1.0:
+                parts = whole * math.ceil(parts / whole)
+        self.period = self._row / parts
+
+    def notes(self, duration: float) -> tuple[str, ...]:
+        """Say what is made of the table in a simulation of a duration, s."""
+        found = [f"each row's torques are held until the next, for {self._row:.6g} s; they are not interpolated"]
+        if abs(self._start) > 1e-3 * self._row:
+            found.append(f"the table's first time, {self._start:.6g} s, is 0 s of the simulation")
+        if duration > self.duration * (1.0 + 1e-9):
+            found.append(f"the table ends after {self.duration:.6g} s; the torques of its last row are held from there")
+        return tuple(found)
 
     @classmethod
-    def read(cls, path: str | Path, count: int) -> TorqueTable:
+    def read(cls, path: str | Path, count: int, rate: float | None = None) -> TorqueTable:
         """Read a CSV or Parquet file with columns t and tau1 to tauN."""
         import polars
 
@@ -208,12 +248,12 @@ class TorqueTable:
             raise InputError(
                 f"{source}: its times must increase in equal steps, found {steps.min():.6g} to {steps.max():.6g} s."
             )
-        return cls(table[:, 0], table[:, 1:])
+        return cls(table[:, 0], table[:, 1:], rate)
 
     def start(self, measurement: Measurement) -> None:
         """There is nothing to forget."""
 
     def torque(self, measurement: Measurement) -> Array:
         """Return the row of this time; the last one holds on."""
-        row: Array = self._torque[min(round(measurement.t / self.period), len(self._torque) - 1)]
+        row: Array = self._torque[min(math.floor(measurement.t / self._row + 1e-6), len(self._torque) - 1)]
         return row

@@ -101,6 +101,7 @@ class DormandPrince(Integrator):
                 self.watch.piece(rows[which], time[which], reached[which], following[which], interpolate)
             time, y, slope = time.copy(), y.copy(), slope.copy()
             time[which], y[which], slope[which] = reached[which], following[which], stages[6][which]
+        self.watch.runaway.check(rows, time, y)
         # A step that was cut by the end says nothing against a longer one.
         step = np.where(good & last, np.maximum(step, proposed), proposed)
         stuck = ~good & (proposed < CLOCK * np.maximum(np.abs(time), 1e-3))

@@ -35,11 +35,14 @@ class Event:
         Whether it ends the run.
     describe : callable, optional
         Of q and dq (N,) at the event: what happened, for the message.
+    from_start : bool
+        A run that starts beyond zero, where the direction leads to, or leaves zero in this direction, counts as
+        passing.
 
     Raises
     ------
     InputError
-        If the direction is something else, or the function cannot be called.
+        If the direction is something else, or 0 with `from_start`, or the function cannot be called.
 
     Examples
     --------
@@ -52,12 +55,15 @@ class Event:
     direction: int = 0
     terminal: bool = True
     describe: Callable[[Array, Array], str] | None = None
+    from_start: bool = False
 
     def __post_init__(self) -> None:
         if not callable(self.function):
             raise InputError(f"function of event {self.name!r} must be callable, got {type(self.function).__name__}.")
         if self.direction not in (-1, 0, 1):
             raise InputError(f"direction of event {self.name!r} must be -1, 0 or 1, got {self.direction!r}.")
+        if self.from_start and self.direction == 0:
+            raise InputError(f"event {self.name!r} with from_start needs a direction, -1 or 1.")
 
 
 @dataclass(frozen=True, eq=False)
@@ -108,7 +114,7 @@ def at_time(t: float, name: str | None = None, terminal: bool = True) -> Event:
 def joint_limits(
     robot: Robot, lower: ArrayLike | None = None, upper: ArrayLike | None = None, terminal: bool = True
 ) -> Event:
-    """Return the event of a joint that passes a limit of its position.
+    """Return the event of a joint that passes a limit of its position, or starts beyond it.
 
     Parameters
     ----------
@@ -152,4 +158,4 @@ def joint_limits(
         side, limit = ("lower", below[k]) if q[k] - below[k] < above[k] - q[k] else ("upper", above[k])
         return f"joint {joints[k].name!r} passed its {side} limit {limit:.6g}"
 
-    return Event(margin, "joint limit", direction=-1, terminal=terminal, describe=describe)
+    return Event(margin, "joint limit", direction=-1, terminal=terminal, describe=describe, from_start=True)

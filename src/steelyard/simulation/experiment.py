@@ -15,6 +15,7 @@ from .integrator import Integrator
 from .library_methods import LibraryMethod
 from .measurement import Measurement
 from .plant import Plant
+from .possible import first_impossible, least_inertia
 from .request import Request
 from .result import Measured, SimulationResult
 from .sensors import SensorReadings
@@ -59,6 +60,7 @@ class Experiment:
             self.plant,
             request.state,
             request.events,
+            request.duration,
             passive=request.torque is None and request.contact is None,
             times=None if request.is_ticked else request.times,
             dense=adaptive and not request.is_batch,
@@ -83,7 +85,9 @@ class Experiment:
         if self.request.is_ticked:
             self._by_ticks()
         else:
-            self.integrator.advance(0.0, self.request.duration)
+            self.watch.begin()
+            if not self.watch.ended.all():
+                self.integrator.advance(0.0, self.request.duration)
             assert self.watch.samples is not None
             self.states = self.watch.samples
         if self.request.period is None:
@@ -113,6 +117,8 @@ class Experiment:
                 self._record(k // request.every, t, state)
             elif commanded and self.readings is not None:
                 self.readings.torque(t, plant.held)
+            if k == 0:
+                watch.begin()
             if safety is not None:
                 for run, reason in safety.reason(k, state[:, :n], state[:, n:]).items():
                     watch.end(run, Status.STOPPED, t, f"safety stop at {t:.6g} s: {reason}", state[run])
@@ -142,7 +148,9 @@ class Experiment:
             return self.plant.called(self.request.function, t, state)
         shape = (self.runs, self.count) if self.request.is_batch else (self.count,)
         torque = checked_torque(self.request.controller.torque(measurement), shape)
-        return torque if self.request.is_batch else torque[np.newaxis]
+        torque = torque if self.request.is_batch else torque[np.newaxis]
+        self.plant.notice(t, state, torque)
+        return torque
 
     def _record(self, row: int, t: float, state: Array) -> None:
         ended = self.watch.ended
@@ -197,8 +205,7 @@ class Experiment:
         final = np.where(watch.ended[:, np.newaxis], watch.final, self.integrator.state)
         seen = None if self.seen is None else self.seen.measured(np.isfinite(self.states).all(axis=2))
         for run in range(self.runs):
-            if watch.status[run] is Status.DIVERGED:
-                watch.message[run] += self._impossible(run)
+            watch.message[run] += self._impossible(run)
         arrays = {
             "q": self.states[..., :n],
             "dq": self.states[..., n:],
@@ -227,21 +234,20 @@ class Experiment:
         return whole if request.is_batch else whole.run(0)
 
     def _impossible(self, run: int) -> str:
-        """Say whether the inertia matrix, where a run diverged, is that of a robot that could exist."""
-        request = self.request
-        parameters = self.plant.parameters[run] if request.each else self.plant.parameters
-        kernel = request.model.kernel("total_inertia_matrix", base=request.base)
-        q = self.watch.final[run, : self.count]
-        matrix = kernel.sample(q, parameters).reshape(self.count, self.count)
-        if not np.isfinite(matrix).all():
+        """Say whether a run's inertia matrix was that of a robot that could not exist: where it diverged, or before."""
+        cause = "these parameters are not physically possible, which steelyard check (steelyard.check) explains"
+        if self.watch.status[run] is Status.DIVERGED:
+            least = float(least_inertia(self.plant, run, self.watch.final[[run], : self.count])[0])
+            if least <= 0.0:
+                return f"; the inertia matrix has the eigenvalue {least:.3g} there: {cause}"
+        q = self.states[run, :, : self.count]
+        known = np.flatnonzero(np.isfinite(q).all(axis=1))
+        found = first_impossible(self.plant, run, q[known]) if known.size else None
+        if found is None:
             return ""
-        least = float(np.linalg.eigvalsh(matrix)[0])
-        if least > 0.0:
-            return ""
-        return (
-            f"; the inertia matrix has the eigenvalue {least:.3g} there: these parameters are not physically possible, "
-            "which steelyard check explains"
-        )
+        t = self.request.times[known[found[0]]]
+        text = f"the inertia matrix is not positive definite at {t:.6g} s (eigenvalue {found[1]:.3g})"
+        return f"{'; ' if self.watch.message[run] else ''}{text}: {cause}"
 
 
 class _Log:

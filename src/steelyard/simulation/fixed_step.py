@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from .integrator import Integrator
 from .plant import Plant
+from .runaway import ABSURD_SPEED
 from .status import Status
 from .steps import DAMPING, rosenbrock, runge_kutta_4
 from .watch import Rows, Watch
@@ -67,8 +68,8 @@ class FixedStep(Integrator):
                 following = self._other
             else:
                 following = self._made(begin, step, self.state)
-            if not math.isfinite(following.sum()):
-                self._diverged(begin, following)
+            if not abs(following.sum()) < ABSURD_SPEED:  # cheaper than to look at each of them
+                self._diverged(begin, step, following)
             previous, self.state, self._other = self.state, following, self.state
             if every:
                 self._show(begin, end if k == count - 1 else t + (k + 1) * step, previous)
@@ -124,10 +125,12 @@ class FixedStep(Integrator):
         times = np.full(len(rows), begin), np.full(len(rows), end)
         self.watch.piece(rows, *times, stop, interpolate)
 
-    def _diverged(self, t: float, state: Array) -> None:
-        """End the runs whose values are not finite; the others go on."""
+    def _diverged(self, t: float, step: float, state: Array) -> None:
+        """End the runs whose values are not finite, or absurd, after a step from t; the others go on."""
         for run in np.flatnonzero(~np.isfinite(state).all(axis=1) & ~self.watch.ended):
             self.watch.end(
                 int(run), Status.DIVERGED, t, f"the motion is not finite after {t:.6g} s", self.state[run].copy()
             )
+        going = np.flatnonzero(~self.watch.ended)
+        self.watch.runaway.speed(going, np.full(len(going), t + step), state[going])
         state[self.watch.ended] = self.watch.final[self.watch.ended]

@@ -80,6 +80,7 @@ class LibraryMethod(Integrator):
                         raise FloatingPointError
                     self._show(rows, time, solver)
                     state, time = solver.y.copy(), float(solver.t)
+                    self.watch.runaway.check(rows, np.array([time]), state[np.newaxis])
                     if self.watch.ended[run]:
                         return
                     if solver.step_size is not None and solver.status == "running":

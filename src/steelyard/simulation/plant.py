@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import ctypes
+import math
 from collections.abc import Callable
 from functools import partial
 
@@ -68,6 +69,7 @@ class Plant:
         self._out = np.zeros((runs, self.count))
         self._accelerate = self.bound("acceleration", self._state, self._torque, self._out)
         self._all = np.zeros((runs, 2 * self.count))
+        self._unknown: dict[int, tuple[float, int, float]] = {}
 
     @property
     def is_held(self) -> bool:
@@ -108,8 +110,29 @@ class Plant:
         q, dq = state[:, : self.count].copy(), state[:, self.count :].copy()
         if self.runs == 1:
             time = np.asarray(t, dtype=np.float64).reshape(-1)[0]
-            return checked_torque(function(time, q[0], dq[0]), (self.count,))[np.newaxis]
-        return checked_torque(function(np.broadcast_to(t, (self.runs, 1)), q, dq), (self.runs, self.count))
+            torque = checked_torque(function(time, q[0], dq[0]), (self.count,))[np.newaxis]
+        else:
+            torque = checked_torque(function(np.broadcast_to(t, (self.runs, 1)), q, dq), (self.runs, self.count))
+        self.notice(t, state, torque)
+        return torque
+
+    def notice(self, t: Array | float, state: Array, torque: Array) -> None:
+        """Remember torques (R, N) of a user that are not finite although the states are, for the message of the end."""
+        if math.isfinite(torque.sum()):
+            return
+        times = np.broadcast_to(t, (self.runs, 1))
+        wrong = ~np.isfinite(torque)
+        for run in np.flatnonzero(wrong.any(axis=1) & np.isfinite(state).all(axis=1)).tolist():
+            joint = int(np.argmax(wrong[run]))
+            self._unknown[run] = float(times[run, 0]), joint, float(torque[run, joint])
+
+    def unknown_torque(self, run: int, t: float) -> str:
+        """Say whether the last torque of a run that was not finite came when the run ended, at t, or beyond."""
+        time, joint, value = self._unknown.get(run, (-1.0, 0, 0.0))
+        if time < t:
+            return ""
+        name = self.functions.model.robot.joint_names[joint]
+        return f"; torque returned {'NaN' if math.isnan(value) else value} for joint {name!r} at {time:.6g} s"
 
     def acceleration(self, t: Array | float, state: Array, rows: NDArray[np.intp] | None = None) -> Array:
         """Return the accelerations (m, N) at states (m, 2 N) of all the runs, or of `rows`; t is a scalar or (m, 1)."""

@@ -68,7 +68,8 @@ class SimulationResult:
     end_time : float or ndarray
         s; (R,) in a batch.
     message : str or tuple of str
-        What ended a run before its time, with the time; empty where it finished.
+        What ended a run before its time, with the time, and whether its inertia matrix was that of a robot that cannot
+        exist; otherwise empty.
     final_q, final_dq : ndarray
         (N,) or (R, N), where the runs ended.
     joint_names : tuple of str

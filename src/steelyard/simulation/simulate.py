@@ -10,6 +10,7 @@ from numpy.typing import ArrayLike
 
 from steelyard.dynamics import Model
 from steelyard.dynamics.threads import one_thread
+from steelyard.errors import InputError
 
 from .actuators import Actuators
 from .checks import positive
@@ -123,6 +124,8 @@ def simulate(
     """
     positive(relative_tolerance, "relative_tolerance", "1")
     positive(absolute_tolerance, "absolute_tolerance", "rad")
+    if isinstance(seed, bool) or not isinstance(seed, (int, np.integer)) or seed < 0:
+        raise InputError(f"seed must be a whole number of at least 0, got {seed!r}.")
     request = Request(
         model,
         parameters,

@@ -17,7 +17,8 @@ class Status(StrEnum):
     EVENT
         At an event that ends runs.
     DIVERGED
-        Nothing could be computed beyond, or the energy of a passive robot grew beyond reason.
+        Nothing could be computed beyond, a joint became absurdly fast, or the energy of a passive robot grew beyond
+        reason.
     STOPPED
         By the safety stop.
 

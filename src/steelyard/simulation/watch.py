@@ -13,6 +13,7 @@ from steelyard.errors import InputError
 
 from .events import Event, Occurrence
 from .plant import Plant
+from .runaway import Runaway
 from .status import Status
 
 __all__ = ["Interpolant", "Watch"]
@@ -34,6 +35,8 @@ class Watch:
     state : ndarray
         (R, 2 N) at the start.
     events : sequence of Event
+    duration : float
+        s.
     passive : bool
         Nothing drives the robots, so that their energy must not grow.
     times : ndarray, optional
@@ -47,6 +50,8 @@ class Watch:
         (R,) bool.
     final : ndarray
         (R, 2 N) last states of the runs that ended.
+    runaway : Runaway
+        To which adaptive methods show every attempt of a step.
     """
 
     def __init__(
@@ -54,6 +59,7 @@ class Watch:
         plant: Plant,
         state: Array,
         events: Sequence[Event],
+        duration: float,
         *,
         passive: bool = False,
         times: Array | None = None,
@@ -72,6 +78,7 @@ class Watch:
         self._next = np.zeros(runs, dtype=np.intp)
         self.pieces: list[tuple[float, float, Interpolant]] | None = [] if dense and runs == 1 else None
         self._energy = _PassiveEnergy(plant, state) if passive else None
+        self.runaway = Runaway(plant, state, duration, self._diverged)
         self._before: list[Array] = [self._value(e, np.arange(runs), np.zeros(runs), state) for e in self.events]
         if self.samples is not None and times is not None and len(times) and times[0] == 0.0:
             self.samples[:, 0] = state
@@ -85,9 +92,27 @@ class Watch:
     def end(self, run: int, status: Status, t: float, message: str, state: Array) -> None:
         """End a run; the first ending counts."""
         if not self.ended[run]:
+            if status is Status.DIVERGED:
+                message += self.plant.unknown_torque(run, t)
             self.ended[run] = True
             self.status[run], self.end_time[run], self.message[run] = status, t, message
             self.final[run] = state
+
+    def begin(self) -> None:
+        """Look for the runs that start beyond an event; call it when the start has been recorded."""
+        n = self.plant.count
+        for event, value in zip(self.events, self._before, strict=True):
+            if not event.from_start:
+                continue
+            for run in np.flatnonzero(value * event.direction > 0.0).tolist():
+                state = self.final[run].copy()
+                self.occurrences.append(Occurrence(event.name, 0.0, state[:n], state[n:], run))
+                if event.terminal:
+                    text = event.name if event.describe is None else event.describe(state[:n], state[n:])
+                    self.end(run, Status.EVENT, 0.0, f"{text} at 0 s, where it starts", state)
+
+    def _diverged(self, run: int, t: float, message: str, state: Array) -> None:
+        self.end(run, Status.DIVERGED, t, message, state)
 
     def piece(self, rows: Rows, t0: Array, t1: Array, stop: Array, interpolate: Interpolant) -> None:
         """Look at one step of some runs.
@@ -109,6 +134,9 @@ class Watch:
             before = self._before[number][rows]
             rising = (before < 0.0) & (after >= 0.0) & (event.direction >= 0)
             falling = (before > 0.0) & (after <= 0.0) & (event.direction <= 0)
+            if event.from_start:
+                rising |= (before == 0.0) & (after > 0.0) & (event.direction > 0)
+                falling |= (before == 0.0) & (after < 0.0) & (event.direction < 0)
             self._before[number][rows] = after
             for place in np.flatnonzero(rising | falling):
                 self._locate(event, int(place), rows, t0, until, interpolate)
@@ -129,7 +157,14 @@ class Watch:
         if value.shape != (() if single else rows.shape):
             expected = "a number" if single else f"an array of shape {rows.shape}"
             raise InputError(f"event {event.name!r} must return {expected}, got shape {value.shape}.")
-        return value.reshape(rows.shape)
+        value = value.reshape(rows.shape)
+        if np.isnan(value).any():
+            k = int(np.argmax(np.isnan(value)))
+            raise InputError(
+                f"event {event.name!r} must return numbers, but returned NaN at {t[k]:.6g} s, where q is "
+                f"{state[k, :n].tolist()}."
+            )
+        return value
 
     def _locate(self, event: Event, place: int, rows: Rows, t0: Array, until: Array, interpolate: Interpolant) -> None:
         """Find an event within the step of one run; one that comes after the run's end is none."""

@@ -65,7 +65,7 @@ def _compute(context: Context) -> SectionResult:
         tracked = result.status is Status.FINISHED
         error = (result.q - wanted)[result.t >= _MOTION]
         rms: list[str | float] = [float(x) for x in np.sqrt(np.mean(error**2, axis=0))] if tracked else [""] * 7
-        rows.append((name, gains, str(result.message) or "tracks to the end", *rms))
+        rows.append((name, gains, "tracks to the end" if tracked else str(result.message), *rms))
         if figure:
             published = "stopped by the safety module" if parameters == "WLS" else "tracks"
             ours = "tracks" if tracked else "stopped by the safety module"
