@@ -14,6 +14,7 @@ from steelyard.dynamics import Model
 from steelyard.errors import InputError
 from steelyard.feasibility import FeasibleSet, check, constraints_from_dict, fit
 from steelyard.recording import CutoffChoice, LogColumns, Processing, Recording, Samples, process_chunks
+from steelyard.recording.detection import DETECTORS, faulty_rows
 from steelyard.regression import Estimate, Information, least_squares
 from steelyard.robot import RobotFile
 
@@ -176,10 +177,18 @@ class _Reader:
 
     def _samples(self, log: str | Path) -> Iterator[Samples]:
         joints = list(self.model.robot.joint_names)
+
+        def look(recording: Recording) -> None:
+            handled = [option for option in DETECTORS if getattr(self.processing, option) is not False]
+            part = f" (Seen in the first {recording.count} rows.)" if recording.count == self.chunk_rows else ""
+            self.remarks.extend(f"{log}: {sentence}{part}" for sentence in faulty_rows(recording, handled))
+
         if self.processing.needs_whole_log:
-            yield self.processing.apply(Recording.read(log, self.columns, joints), self.model)
+            recording = Recording.read(log, self.columns, joints)
+            look(recording)
+            yield self.processing.apply(recording, self.model)
         else:
-            yield from process_chunks(log, self.columns, self.processing, self.chunk_rows, joints, self.model)
+            yield from process_chunks(log, self.columns, self.processing, self.chunk_rows, joints, self.model, look)
 
 
 class _Thinned:

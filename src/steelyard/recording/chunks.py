@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any
 
@@ -178,6 +178,7 @@ def process_chunks(
     rows: int = CHUNK_ROWS,
     joints: int | Sequence[str] | None = None,
     model: Model | None = None,
+    look: Callable[[Recording], object] | None = None,
 ) -> Iterator[Samples]:
     """Process a log chunk by chunk; together the samples are those of the whole log (to about 1e-9).
 
@@ -196,6 +197,8 @@ def process_chunks(
         Rows of the log in a chunk.
     model
         By which `delay = "automatic"` is estimated; without it by the signals.
+    look
+        Called once with the first `rows` rows of the log as they were read.
 
     Raises
     ------
@@ -216,6 +219,8 @@ def process_chunks(
     begin, end = processing.kept_rows(stream.count, stream.rate, stream.files.name)
     head = next(stream.spans([Span(0, 0, 0, min(rows, stream.count))]))
     check_period(head.t, head.source)
+    if look is not None:
+        look(head)
     plan = Plan.settled(processing, head, model)
     chosen = tuple(f"{remark} (Chosen by the first {head.count} rows.)" for remark in plan.remarks)
     remarks = (*measured_velocity(head), *chosen)

@@ -115,10 +115,17 @@ class Plan:
             own = Butterworth(recording.choose_cutoff(processing.order).cutoff, processing.order)
             samples, _ = replace(self, processing=even, filter=own).rows(recording, 0, recording.count)
             found = estimate_delay(samples, model)
+            by = "the signals show" if model is None else "the model shows"
+            if not found.is_sure:
+                remark = (
+                    f"Torques were not moved: the delay behind the motion that {by}, {1e3 * found.delay:.3g} ms, is "
+                    f"not sure with an uncertainty of {1e3 * found.standard_deviation:.2g} ms; set `delay` in "
+                    "[processing] if it is known."
+                )
+                return replace(self, remarks=(*self.remarks, remark))
             remark = (
                 f"Torques were moved back by {1e3 * found.delay:.3g} ms (± {1e3 * found.standard_deviation:.2g} ms), "
-                f"the delay behind the motion that {'the signals show' if model is None else 'the model shows'}; set "
-                "`delay` in [processing] to choose."
+                f"the delay behind the motion that {by}; set `delay` in [processing] to choose."
             )
             return replace(self, delay=np.full(joints, found.delay), remarks=(*self.remarks, remark))
         given = np.asarray(delay, dtype=np.float64)
@@ -152,6 +159,12 @@ class Plan:
             return self._averaged(recording, gaps, notes)
         start, stop = processing.kept_rows(recording.count, recording.rate, recording.source)
         samples, flags = self.rows(recording, start, stop, gaps)
+        if samples.mask is not None and not samples.mask.any():
+            raise InputError(
+                f"{recording.source} has {recording.count} rows in {recording.duration:.6g} s, of which [processing] "
+                "leaves none to use; check delay, velocity_threshold, exclude_joints and the other options that leave "
+                "rows out."
+            )
         return replace(samples, remarks=(*notes, *said({name: f.sum(axis=0) for name, f in flags.items()})))
 
     def rows(self, recording: Recording, start: int, stop: int, gaps: Array | None = None) -> tuple[Samples, Flags]:
@@ -178,7 +191,14 @@ class Plan:
         for flagged in thinned.values():
             mask &= ~flagged
         samples = Samples(
-            q=q, dq=dq, ddq=ddq, torque=torque, mask=None if mask.all() else mask, t=t, cutoff_choice=self.choice
+            q=q,
+            dq=dq,
+            ddq=ddq,
+            torque=torque,
+            mask=None if mask.all() else mask,
+            t=t,
+            cutoff_choice=self.choice,
+            cutoff=getattr(self.filter, "cutoff", None),
         )
         return samples, thinned
 

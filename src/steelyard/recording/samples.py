@@ -39,6 +39,8 @@ class Samples:
         What was found or chosen on the way to these samples, one sentence each.
     cutoff_choice
         The evidence, where the cutoff of the position filter was chosen from the data.
+    cutoff
+        Hz, of the position filter; None where there was none or it is unknown.
 
     The arrays are kept as read-only float64 in C order; an array that is so already is not copied.
 
@@ -62,6 +64,7 @@ class Samples:
     t: NDArray[np.float64] | None = None
     remarks: tuple[str, ...] = ()
     cutoff_choice: CutoffChoice | None = None
+    cutoff: float | None = None
 
     def __post_init__(self) -> None:
         shape: tuple[int, ...] | None = None
@@ -139,6 +142,7 @@ class Samples:
             t=np.concatenate(times) if len(times) == len(parts) else None,
             remarks=tuple(dict.fromkeys(remark for part in parts for remark in part.remarks)),
             cutoff_choice=next((part.cutoff_choice for part in parts if part.cutoff_choice is not None), None),
+            cutoff=parts[0].cutoff if len({part.cutoff for part in parts}) == 1 else None,
         )
 
     def __repr__(self) -> str:

@@ -46,7 +46,7 @@ class Section:
         for key in section:
             if key not in known:
                 raise InputError(
-                    f"{where} has an unknown key {key!r}; {suggestion(key, known)}The keys are {', '.join(known)}."
+                    f"{where} has an unknown key {key!r}; {suggestion(key, known)}the keys are {', '.join(known)}."
                 )
         result = cls.__new__(cls)
         for field in fields(cls):

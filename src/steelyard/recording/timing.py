@@ -15,7 +15,7 @@ if TYPE_CHECKING:
 
     from steelyard.recording.recording import Recording
 
-__all__ = ["JITTER_ACCEPTED", "check_even", "check_order", "check_period", "resampled"]
+__all__ = ["JITTER_ACCEPTED", "check_even", "check_order", "check_period", "resampled", "row_numbers"]
 
 JITTER_ACCEPTED = 0.1
 """Largest deviation of an interval from the period, as a fraction of it, that is taken for even sampling."""
@@ -25,6 +25,15 @@ SHORTEST_PERIOD, LONGEST_PERIOD = 1e-6, 0.5
 GAP_FILLED = 5.0
 BRIDGED = 2.5
 """Intervals from which interpolated rows count as made up: two rows at least are missing."""
+CLEAR_INTERVAL = 0.42
+"""Of a period: where all intervals are so near to whole multiples of it, each tells how many rows it spans."""
+BLOCK, MOST_BLOCKS = 128, 200
+NEIGHBOURS = 40
+"""Rows on either side of a long interval that tell whether the stamps stay displaced."""
+ENOUGH = 10
+"""Rows on the shorter side without which a single missing row cannot be told from jitter."""
+MISSING = 0.6
+MOST_PASSES = 100
 
 
 def check_order(t: NDArray[np.float64], where: Callable[[int], str], source: str) -> None:
@@ -60,9 +69,85 @@ def check_period(t: NDArray[np.float64], source: str) -> None:
     )
 
 
-def usual_period(steps: NDArray[np.float64]) -> float:
-    """Mean interval, gaps left out."""
-    return float(steps[steps <= GAP * np.median(steps)].mean())
+def row_numbers(t: NDArray[np.float64]) -> tuple[float, NDArray[np.float64]]:
+    """Return the sample period in s, and the number (S,) of each row on an even clock: missing rows are left out of it.
+
+    An interval of a jittery clock may be longer than one and a half periods, or shorter than half of one, with no row
+    missing. Rows are missing where the stamps *stay* behind the even clock: where the median of the stamps after a long
+    interval lies later than that before it by a period and more.
+
+    Examples
+    --------
+    >>> stamps = np.delete(np.arange(300), [100, 101]) * 0.01
+    >>> period, rows = row_numbers(stamps + 0.0045 * np.sin(np.arange(298) ** 2))
+    >>> round(period, 4), np.flatnonzero(np.diff(rows) > 1).tolist(), int(rows[-1])
+    (0.01, [99], 299)
+    """
+    steps = np.diff(t)
+    typical = float(np.median(steps))
+    ratio = steps / typical
+    if np.all((np.abs(ratio - np.round(ratio)) < CLEAR_INTERVAL) & (ratio > 0.5)):
+        typical = float(steps.sum() / np.round(ratio).sum())
+        numbers = np.concatenate([[0.0], np.cumsum(np.round(steps / typical))])
+        return _slope(t, numbers), numbers
+    regular = _most_regular(t, typical)
+    numbers = _displaced(t, regular)
+    period = _slope(t, numbers)
+    # Where so many rows are missing that their places are lost in the jitter, the stamps still tell the period.
+    return (period if abs(period - regular) < 2e-3 * regular else regular), numbers
+
+
+def _most_regular(t: NDArray[np.float64], typical: float) -> float:
+    """Period near the typical interval whose multiples the stamps gather about, whatever rows are missing."""
+    size = min(BLOCK, len(t))
+    starts = np.unique(np.linspace(0, len(t) - size, min(MOST_BLOCKS, max(1, 2 * len(t) // size))).astype(int))
+    blocks = t[starts[:, None] + np.arange(size)]
+    blocks = blocks - blocks.mean(axis=1, keepdims=True)
+
+    def gathered(period: float) -> float:
+        return float(np.mean(np.abs(np.mean(np.exp(2j * np.pi / period * blocks), axis=1)) ** 2))
+
+    width, periods = 0.15, np.array([typical])
+    for _ in range(3):
+        periods = periods[0] * np.linspace(1.0 - width, 1.0 + width, 301 if width > 0.1 else 21)
+        periods = periods[[int(np.argmax([gathered(float(period)) for period in periods]))]]
+        width = 0.0015 if width > 0.1 else 0.1 * width
+    return float(periods[0])
+
+
+def _slope(t: NDArray[np.float64], numbers: NDArray[np.float64]) -> float:
+    centred = numbers - numbers.mean()
+    return float(centred @ (t - t.mean()) / (centred @ centred))
+
+
+def _displaced(t: NDArray[np.float64], period: float) -> NDArray[np.float64]:
+    """Number rows so that the medians of the stamps before and after each long interval lie on one clock."""
+    from scipy.ndimage import maximum_filter1d
+
+    count = len(t)
+    numbers = np.arange(count, dtype=np.float64)
+    rows = np.flatnonzero(np.diff(t) > GAP * period)  # the last before each long interval
+    places = rows[:, None] + np.arange(NEIGHBOURS)
+    behind, ahead = places - NEIGHBOURS + 1, places + 1
+    few = np.minimum(rows + 1, count - 1 - rows) < ENOUGH
+    for _ in range(MOST_PASSES):
+        late = t - period * numbers
+        before, after = (
+            np.nanmedian(np.where((at >= 0) & (at < count), late[np.clip(at, 0, count - 1)], np.nan), axis=1)
+            for at in (behind, ahead)
+        )
+        rise = (after - before) / period
+        # Of those within one window only the clearest, for it shows in the windows of the others, too.
+        clear = np.zeros(count)
+        clear[rows] = np.maximum(rise, 0.0)
+        peak = np.asarray(maximum_filter1d(clear, 2 * NEIGHBOURS + 1))
+        found = rows[(rise > np.where(few, MISSING + 1.0, MISSING)) & (clear[rows] == peak[rows])]
+        if not len(found):
+            break
+        skipped = np.zeros(count)
+        skipped[found + 1] = np.maximum(np.round(clear[found]), 1.0)
+        numbers += np.cumsum(skipped)
+    return numbers
 
 
 def check_even(recording: Recording) -> tuple[str, ...]:
@@ -70,13 +155,15 @@ def check_even(recording: Recording) -> tuple[str, ...]:
     if recording.count < 2:
         return ()
     steps = np.diff(recording.t)
-    period = usual_period(steps) if recording.stated_rate is None else 1.0 / recording.stated_rate
+    period, numbers = row_numbers(recording.t)
+    if recording.stated_rate is not None:
+        period = 1.0 / recording.stated_rate
     ratio = steps / period
-    gaps = ratio > GAP
+    gaps = np.diff(numbers) > 1.0
     if gaps.any():
-        row = int(np.argmax(ratio))
+        row = int(np.argmax(np.where(gaps, ratio, 0.0)))
         raise InputError(
-            f"{recording.source} has {np.count_nonzero(gaps)} gaps longer than {GAP} sample periods, the longest of "
+            f"{recording.source} has {np.count_nonzero(gaps)} gaps where rows are missing, the longest of "
             f"{steps[row]:.6g} s from t = {recording.t[row]:.6g} s ({recording.where(row)}); "
             "split the log there, or set `resample = true` in [processing]."
         )
@@ -115,7 +202,7 @@ def resampled(
 
     t = recording.t
     steps = np.diff(t)
-    period = usual_period(steps)
+    period, _ = row_numbers(t)
     limit = GAP_FILLED * period if longest_gap is None else longest_gap
     longest = int(np.argmax(steps))
     if steps[longest] > max(limit, GAP * period):

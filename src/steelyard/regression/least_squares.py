@@ -5,6 +5,8 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from steelyard.errors import InputError
+
 from .correlation import residual_correlation
 from .estimate import Estimate
 from .factor import Reduced, column_lengths, inverse_of_triangle, solve
@@ -29,6 +31,11 @@ def least_squares(information: Information, weights: str | ArrayLike | None = No
         With standard deviations, those of the thesis and those that reckon with residuals that are correlated in time;
         its `parameters` are None, since base parameters alone are determined.
 
+    Raises
+    ------
+    InputError
+        Where there is no row at all, or the weights do not fit the joints.
+
     See Also
     --------
     steelyard.fit : The same, among physically possible parameters.
@@ -44,6 +51,11 @@ def least_squares(information: Information, weights: str | ArrayLike | None = No
     >>> least_squares(information).base.tolist()
     [2.0, 3.0]
     """
+    if information.count < 1:
+        raise InputError(
+            "The samples hold no usable row, so that nothing can be estimated; check trim, delay, velocity_threshold "
+            "and the other options of [processing] that leave rows out."
+        )
     used = information.joint_weights(weights)
     problem = information.reduced(used) if weights is not None else information.reduced()
     base = solve(problem)

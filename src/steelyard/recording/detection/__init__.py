@@ -5,8 +5,10 @@ from steelyard.recording.detection.clock import clock_statistics as clock_statis
 from steelyard.recording.detection.delay import DelayEstimate as DelayEstimate
 from steelyard.recording.detection.delay import advanced as advanced
 from steelyard.recording.detection.delay import estimate_delay as estimate_delay
+from steelyard.recording.detection.diagnosis import DETECTORS as DETECTORS
 from steelyard.recording.detection.diagnosis import Diagnosis as Diagnosis
 from steelyard.recording.detection.diagnosis import diagnose as diagnose
+from steelyard.recording.detection.diagnosis import faulty_rows as faulty_rows
 from steelyard.recording.detection.intervals import Interval as Interval
 from steelyard.recording.detection.intervals import Intervals as Intervals
 from steelyard.recording.detection.repeated import find_repeated as find_repeated
@@ -18,6 +20,7 @@ from steelyard.recording.detection.stiction import find_stiction as find_stictio
 from steelyard.recording.detection.stiction import stiction_duration as stiction_duration
 
 __all__ = [
+    "DETECTORS",
     "ClockStatistics",
     "DelayEstimate",
     "Diagnosis",
@@ -27,6 +30,7 @@ __all__ = [
     "clock_statistics",
     "diagnose",
     "estimate_delay",
+    "faulty_rows",
     "find_repeated",
     "find_saturation",
     "find_stiction",

@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from steelyard.errors import InputError
+from steelyard.recording.timing import row_numbers
 
 if TYPE_CHECKING:
     from steelyard.recording.recording import Recording
@@ -17,7 +18,6 @@ if TYPE_CHECKING:
 __all__ = ["ClockStatistics", "clock_statistics"]
 
 Array = NDArray[np.float64]
-GAP = 1.5
 EVEN = 1e-3
 """Jitter, as a fraction of the period, that is no jitter."""
 CLEAR = 1.5
@@ -67,8 +67,9 @@ class ClockStatistics:
         """What there is to say, with the remedy."""
         found = []
         if self.missing:
+            longest = np.ptp(self.gaps, axis=1).max()
             found.append(
-                f"{self.missing} rows are missing in {len(self.gaps)} gaps of up to {self.longest:.4g} s, the first at "
+                f"{self.missing} rows are missing in {len(self.gaps)} gaps of up to {longest:.4g} s, the first at "
                 f't = {self.gaps[0, 0]:.6g} s: use `resample = true`, or the filter "kalman".'
             )
         if self.verdict != "even":
@@ -117,13 +118,9 @@ def clock_statistics(recording: Recording) -> ClockStatistics:
     if len(t) < 8:
         raise InputError(f"{recording.source} has {len(t)} rows, too few to judge its clock by.")
     steps = np.diff(t)
-    median = float(np.median(steps))
-    typical = float(steps[steps <= GAP * median].mean())
-    skipped = np.maximum(np.round(steps / typical) - 1.0, 0.0)
-    skipped[steps <= GAP * typical] = 0.0
-    index = np.concatenate([[0.0], np.cumsum(1.0 + skipped)])
+    period, index = row_numbers(t)
+    skipped = np.diff(index) - 1.0
     centred, stamps = index - index.mean(), t - t.mean()
-    period = float(centred @ stamps / (centred @ centred))
     deviation = stamps - period * centred
     wide = skipped > 0
     regular = steps[~wide]

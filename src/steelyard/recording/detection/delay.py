@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import html
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -12,6 +12,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from steelyard.dynamics.threads import one_thread
 from steelyard.errors import InputError
+from steelyard.recording.filtering import low_pass
 
 if TYPE_CHECKING:
     from steelyard.dynamics import Model
@@ -24,6 +25,10 @@ MOST_ROWS = 20_000
 SEGMENTS = 10
 UNRESOLVED = 0.1
 """Of a row: where in it a jump of Coulomb friction falls is not seen."""
+SURE = 3.0
+SPREAD = float(np.log(5.0) / (np.log(1.0 + np.sqrt(2.0)) / 6.0))
+"""A second pass of the same filter lowers its cutoff (order 3) by a factor of (1 + √2)^(1/6); the delay's change is
+carried on to a factor of 5, for what a filter does to a motion with friction is seen in full over such a range."""
 MOST_JOINTS, FEW_JOINTS = 8, 3
 """For which products of three (four) factors are tried where there is no model."""
 
@@ -38,10 +43,10 @@ class DelayEstimate:
         s, by which torques are logged later than the motion that they belong to, all joints together; negative where
         they are logged earlier.
     standard_deviation : float
-        s, from how much the delay changes as tenths of the log are left out, and from how far the joints disagree;
-        a tenth of a row at least.
+        s, from how much the delay changes as tenths of the log are left out, from how far the joints disagree, and
+        from how far it moves with the cutoff of the positions; a tenth of a row at least.
     joint_delays, joint_deviations : ndarray
-        (N,) the same for each joint by itself; NaN where it does not tell.
+        (N,) the same for each joint by itself, the cutoff left out; NaN where it does not tell.
     lags : ndarray
         (L,) s that were tried.
     residuals : ndarray
@@ -54,6 +59,11 @@ class DelayEstimate:
     joint_deviations: Array
     lags: Array
     residuals: Array
+
+    @property
+    def is_sure(self) -> bool:
+        """Whether the delay is three standard deviations and more away from none."""
+        return abs(self.delay) >= SURE * self.standard_deviation
 
     def __repr__(self) -> str:
         return (
@@ -76,6 +86,11 @@ def estimate_delay(samples: Samples, model: Model | None = None, longest: float 
     least. Torques are moved by whole rows, never interpolated, so that their noise stays as it is; between the rows,
     the curve ``a + b (lag - delay)² + c |lag - delay|`` through the residuals around the least one decides (the last
     part is what the jumps of Coulomb friction make).
+
+    A filter rounds the reversals of a motion with friction, and moves the least residual by milliseconds; noise that
+    it leaves, and a controller answers, does so, too. Where the samples tell their cutoff, their motion is filtered
+    once more, and by how far the delay moves then is part of the standard deviation: it is wide where the cutoff
+    decides the delay.
 
     Parameters
     ----------
@@ -127,10 +142,23 @@ def estimate_delay(samples: Samples, model: Model | None = None, longest: float 
         )
     rows = np.arange(reach, samples.count - reach, max(1, -(-(samples.count - 2 * reach) // MOST_ROWS)))
     shifts = np.arange(-reach, reach + 1)
-    with one_thread():
-        parts = [_squares(*problem, shifts) for problem in _problems(samples, model, rows)]
-    squares = np.stack(parts, axis=-1)  # (L, G, N)
-    return _from_squares(squares, len(rows), np.asarray(shifts * step, dtype=np.float64), step)
+    lags = np.asarray(shifts * step, dtype=np.float64)
+
+    def found(of: Samples) -> DelayEstimate:
+        with one_thread():
+            squares = np.stack([_squares(*problem, shifts) for problem in _problems(of, model, rows)], axis=-1)
+        return _from_squares(squares, len(rows), lags, step)
+
+    estimate = found(samples)
+    cutoff = samples.cutoff
+    if cutoff is None or 2.0 * cutoff * step >= 1.0:
+        return estimate
+    q, dq, ddq = (low_pass(a, 1.0 / step, cutoff, 3, "the samples") for a in (samples.q, samples.dq, samples.ddq))
+    try:
+        moved = SPREAD * (found(replace(samples, q=q, dq=dq, ddq=ddq)).delay - estimate.delay)
+    except InputError:  # the least residual is at the end of the lags then
+        moved = longest
+    return replace(estimate, standard_deviation=float(np.hypot(estimate.standard_deviation, moved)))
 
 
 def _problems(

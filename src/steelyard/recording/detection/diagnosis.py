@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import html
-from dataclasses import dataclass
+from collections.abc import Collection
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -14,14 +15,18 @@ from steelyard.recording.detection.intervals import Intervals
 from steelyard.recording.detection.repeated import find_repeated
 from steelyard.recording.detection.resolution import noise_deviation, resolution
 from steelyard.recording.detection.saturation import find_saturation
-from steelyard.recording.detection.stiction import find_stiction
+from steelyard.recording.detection.stiction import stuck_while_others_move
 
 if TYPE_CHECKING:
     from steelyard.recording.recording import Recording
 
-__all__ = ["Diagnosis", "diagnose"]
+__all__ = ["Diagnosis", "diagnose", "faulty_rows"]
 
 Array = NDArray[np.float64]
+DETECTORS = {"stiction": stuck_while_others_move, "saturation": find_saturation, "repeated": find_repeated}
+"""By the option of [processing] that leaves out what they find."""
+FEW = {"stiction": 0.1, "saturation": 1e-3, "repeated": 1e-3}
+"""Shares of a joint's rows below which they are not worth a word: every robot stands a while where it turns around."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -34,7 +39,9 @@ class Diagnosis:
     clock : ClockStatistics
     position_resolution, position_noise, torque_resolution, torque_noise : ndarray
         (N,) step of the values, 0 where none is seen, and standard deviation of white noise on them.
-    stiction, saturation, repeated : Intervals
+    stiction : Intervals
+        What `find_stiction` finds, without rests at the begin and the end of the log and those of all joints together.
+    saturation, repeated : Intervals
     missing : Intervals or None
         Values that the log did not hold and that were filled.
     """
@@ -53,12 +60,8 @@ class Diagnosis:
     def sentences(self) -> tuple[str, ...]:
         """What was found, with the option of [processing] that leaves it out; empty where all is well."""
         found = list(self.clock.sentences())
-        for one, option in (
-            (self.stiction, "stiction = true"),
-            (self.saturation, "saturation = true"),
-            (self.repeated, "repeated = true"),
-        ):
-            found += [f"{sentence[:-1]} (`{option}` leaves them out)." for sentence in one.sentences()]
+        for option in DETECTORS:
+            found += _with_remedy(getattr(self, option), option)
         if self.missing is not None:
             found += list(self.missing.sentences())
         return tuple(found)
@@ -100,8 +103,33 @@ def diagnose(recording: Recording) -> Diagnosis:
         noise_deviation(recording.q),
         resolution(recording.torque),
         noise_deviation(recording.torque),
-        find_stiction(recording),
+        stuck_while_others_move(recording),
         find_saturation(recording),
         find_repeated(recording),
         recording.missing,
     )
+
+
+def faulty_rows(recording: Recording, handled: Collection[str] = ()) -> tuple[str, ...]:
+    """Return the sentences on rows that would harm a regression, and on none of the `handled` options of [processing].
+
+    Examples
+    --------
+    >>> from steelyard.recording import Recording
+    >>> t = np.arange(3000) / 1000
+    >>> torque = np.clip(8 * np.sin(5 * t), -6.0, 6.0)
+    >>> log = Recording(t=t, q=np.sin(2 * t)[:, None], torque=torque[:, None])
+    >>> len(faulty_rows(log)), len(faulty_rows(log, ["saturation"]))
+    (1, 0)
+    """
+    found: list[str] = []
+    for option, detector in DETECTORS.items():
+        if option not in handled:
+            rows = detector(recording)
+            flags = rows.flags & (rows.flags.mean(axis=0) >= FEW[option])
+            found += _with_remedy(replace(rows, flags=flags), option)
+    return tuple(found)
+
+
+def _with_remedy(found: Intervals, option: str) -> list[str]:
+    return [f"{sentence[:-1]} (`{option} = true` leaves them out)." for sentence in found.sentences()]

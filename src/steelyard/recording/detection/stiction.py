@@ -13,7 +13,7 @@ from steelyard.recording.detection.resolution import noise_deviation, resolution
 if TYPE_CHECKING:
     from steelyard.recording.recording import Recording
 
-__all__ = ["find_stiction", "stiction_duration"]
+__all__ = ["find_stiction", "stiction_duration", "stuck_while_others_move"]
 
 Array = NDArray[np.float64]
 AT_REST = "at rest while the torque changes"
@@ -21,6 +21,8 @@ LEAST_TIME = 0.02
 TURN = 3.0
 """A rest is longer than this many times the time that a joint takes to turn around within the tolerance."""
 PARTS = 6
+TOGETHER = 0.7
+"""Share of a joint's rest in which all joints are at rest, from which it is a rest of the robot."""
 
 
 def stiction_duration(recording: Recording) -> tuple[Array, Array]:
@@ -73,11 +75,39 @@ def find_stiction(
     >>> [(round(one.begin, 1), round(one.end, 1)) for one in found]
     [(1.0, 2.0)]
     """
-    from scipy.ndimage import maximum_filter1d, minimum_filter1d
-
     own_tolerance, own_duration = stiction_duration(recording)
     tolerance = own_tolerance if tolerance is None else np.asarray(tolerance, dtype=np.float64)
     lengths = own_duration if duration is None else np.broadcast_to(np.asarray(duration, float), own_duration.shape)
+    flags = _resting(recording, tolerance, lengths)
+    for j in range(recording.joint_count):
+        for start, stop in runs(flags[:, j]):
+            flags[start:stop, j] = _changes(recording.torque[start:stop, j])
+    return Intervals(AT_REST, flags, recording.t, tolerance)
+
+
+def stuck_while_others_move(recording: Recording) -> Intervals:
+    """Return what `find_stiction` finds, without the rests that every sound log has.
+
+    Those are the rests at its begin and end, and those of all joints together, where nothing was commanded to move.
+    """
+    found = find_stiction(recording)
+    if not found:
+        return found
+    tolerance, lengths = stiction_duration(recording)
+    together = np.all(_resting(recording, tolerance, lengths), axis=1) & (recording.joint_count > 1)
+    flags = found.flags.copy()
+    for one in found:
+        rows = slice(one.start, one.stop)
+        # Joints do not come to rest in the very same row.
+        if one.start == 0 or one.stop == recording.count or np.mean(together[rows]) > TOGETHER:
+            flags[rows, one.joint] = False
+    return Intervals(AT_REST, flags, recording.t, tolerance)
+
+
+def _resting(recording: Recording, tolerance: Array, lengths: Array) -> NDArray[np.bool_]:
+    """(S, N) rows where a joint travels no further than its tolerance for its shortest rest at least."""
+    from scipy.ndimage import maximum_filter1d, minimum_filter1d
+
     flags = np.zeros(recording.q.shape, dtype=bool)
     for j in range(recording.joint_count):
         if not np.isfinite(lengths[j]) or np.ptp(recording.q[:, j]) <= tolerance[j]:
@@ -90,11 +120,8 @@ def find_stiction(
         centre = travel <= tolerance[j]
         half = size // 2
         centre[:half] = centre[recording.count - half :] = False
-        rest = maximum_filter1d(centre.astype(np.uint8), size, mode="constant") > 0
-        for start, stop in runs(rest):
-            if _changes(recording.torque[start:stop, j]):
-                flags[start:stop, j] = True
-    return Intervals(AT_REST, flags, recording.t, tolerance)
+        flags[:, j] = maximum_filter1d(centre.astype(np.uint8), size, mode="constant") > 0
+    return flags
 
 
 def _changes(torque: Array) -> bool:

@@ -42,6 +42,6 @@ def filter_from(value: Any, where: str) -> MotionFilter:
         )
     kind = table["kind"]
     if kind not in FILTERS:
-        raise InputError(f"{where} is {kind!r}; {suggestion(kind, FILTERS)}The filters are {', '.join(FILTERS)}.")
+        raise InputError(f"{where} is {kind!r}; {suggestion(kind, FILTERS)}the filters are {', '.join(FILTERS)}.")
     rest = {key: entry for key, entry in table.items() if key != "kind"}
-    return FILTERS[kind].from_dict(rest, where)
+    return FILTERS[kind].from_dict(rest, where.rstrip(","))
