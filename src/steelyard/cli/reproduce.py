@@ -30,6 +30,6 @@ def reproduce(
     with progress() as say:
         result = run(output, section or (), data=data, fresh=fresh, progress=say)
     for part, why in result.missing:
-        typer.echo(f"Not computed: {part.number} {part.title}: {why}")
+        typer.echo(f"Not computed: {part.heading}: {why}")
     typer.echo(f"{result.agreeing} of {result.published} published values agree.")
     typer.echo(f"Look at {result.page}")

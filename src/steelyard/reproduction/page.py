@@ -30,11 +30,11 @@ def reproduction_page(results: Sequence[tuple[Section, SectionResult]], missing:
         "precision. Each of the others says by how much it differs, and why.</p>"
     ]
     if missing:
-        items = "".join(f"<li>{escape(f'{section.number} {section.title}: {why}')}</li>" for section, why in missing)
+        items = "".join(f"<li>{escape(f'{section.heading}: {why}')}</li>" for section, why in missing)
         lead.append(f"<p>Not computed:</p><ul>{items}</ul>")
     lead.append(_overview(results))
     parts = [
-        report.Section(f"section-{section.key}", f"{section.number} {section.title}", section_markup(section, result))
+        report.Section(f"section-{section.key}", section.heading, section_markup(section, result))
         for section, result in results
     ]
     return html_document(
@@ -80,7 +80,7 @@ def shown(value: float | str) -> str:
 def _overview(results: Sequence[tuple[Section, SectionResult]]) -> Markup:
     rows = [
         (
-            f"{section.number} {section.title}",
+            section.heading,
             str(sum(r.agrees for r in result.comparisons)),
             str(len(result.comparisons)),
         )

@@ -131,11 +131,11 @@ def reproduce(
         kept = place / f"section_{section.key}.json"
         result = None if fresh else _kept(kept, mark)
         if result is None:
-            say(f"{section.number} {section.title}")
+            say(section.heading)
             result = section.compute(Context(recordings, _prefixed(say, section.number)))
             _keep(place, section, result, mark)
         else:
-            say(f"{section.number} {section.title}: computed before")
+            say(f"{section.heading}: computed before")
         results.append((section, result))
     page = place / "reproduction.html"
     write_text(reproduction_page(results, missing), page)
@@ -185,7 +185,7 @@ def _keep(place: Path, section: Section, result: SectionResult, mark: str) -> No
     write_text(_csv(rows), place / f"{name}.csv")
     for number, item in enumerate(result.tables, start=1):
         write_text(_csv([item.columns, *item.rows]), place / f"{name}_table_{number}.csv")
-    title = f"{section.number} {section.title}"
+    title = section.heading
     part = Part("result", title, section_markup(section, result))
     script = "charts.js" if result.charts else ""
     page = html_document(title, "Steelyard reproduction", title, Markup(""), [part], script=script)

@@ -121,6 +121,12 @@ class Section:
     needs_data: bool = False
 
     @property
+    def heading(self) -> str:
+        """Number and title."""
+        between = " " if self.number[0].isdigit() else ": "
+        return f"{self.number[0].upper()}{self.number[1:]}{between}{self.title}"
+
+    @property
     def key(self) -> str:
         """The number as part of file names."""
         return self.number.replace(".", "_").replace(" ", "_")
