@@ -5,22 +5,16 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import ClassVar
 
-import numpy.typing as npt
-
-from steelyard.dynamics.threads import one_thread
-from steelyard.feasibility import FeasibleSet
-from steelyard.regression import Estimate, Information
-
-from .factored_fit import FACTORED_SOLVERS, FactoredFit, FactoredSolver
-from .method import Problem, Progress, Weights, require_choice, require_positive
+from .factored_fit import FactoredFit
+from .factored_method import FactoredMethod
+from .method import Problem, Progress
 from .parametrisations import CholeskyOfBody
-from .starting_point import starting_point
 
 __all__ = ["Nakanishi2008"]
 
 
 @dataclass(frozen=True)
-class Nakanishi2008:
+class Nakanishi2008(FactoredMethod):
     """Nonlinear least squares over √m, the centre of mass and a Cholesky factor of the inertia about it, as published.
 
     The map is that of `Ting2006` (thesis 2.70, 2.71); what is approached are the predictions of plain least squares
@@ -53,8 +47,8 @@ class Nakanishi2008:
     >>> import steelyard as sy
     >>> model = sy.Model(sy.Robot.from_dh([("0", 0.0, 0.0, "q")], gravity=(0, -9.81, 0)))
     >>> names = model.base_parameters().names
-    >>> info = Information.from_factor(10 * np.eye(3), [6.0, 5.0, 1.0], 0.02, 100, names)
-    >>> estimate = Nakanishi2008().fit(info, FeasibleSet(model, "inertia"))
+    >>> info = sy.Information.from_factor(10 * np.eye(3), [6.0, 5.0, 1.0], 0.02, 100, names)
+    >>> estimate = Nakanishi2008().fit(info, sy.FeasibleSet(model, "inertia"))
     >>> estimate.base.round(4).tolist(), estimate.consistency
     ([0.6, 0.5, 0.1], 'inertia')
     """
@@ -65,28 +59,5 @@ class Nakanishi2008:
         "empirical comparison, International Journal of Robotics Research 27(6), 2008"
     )
 
-    solver: FactoredSolver = "newton"
-    iterations: int = 1000
-    tolerance: float = 1e-6
-
-    def __post_init__(self) -> None:
-        require_choice(self, "solver", FACTORED_SOLVERS)
-        require_positive(self, "iterations", "tolerance")
-
-    def fit(
-        self,
-        information: Information,
-        feasible: FeasibleSet,
-        *,
-        weights: Weights = None,
-        prior: npt.ArrayLike | None = None,
-        progress: Progress | None = None,
-    ) -> Estimate:
-        """Identify; see `Method.fit`. The prior is where the descent starts."""
-        problem = Problem.of(information, feasible, weights)
-        problem.refuse_constraints(self.name)
-        with one_thread():
-            start = starting_point(problem, problem.as_prior(prior))
-            descent = FactoredFit(problem, CholeskyOfBody(), problem.rho)
-            outcome = descent.solve(start, self.solver, self.iterations, self.tolerance, progress)
-        return problem.estimate(self.name, outcome.parameters, remarks=[outcome.sentence()])
+    def _descent(self, problem: Problem, progress: Progress | None) -> FactoredFit:
+        return FactoredFit(problem, CholeskyOfBody(), problem.rho)

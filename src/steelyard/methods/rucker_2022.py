@@ -5,23 +5,19 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import ClassVar
 
-import numpy.typing as npt
-
-from steelyard.dynamics.threads import one_thread
 from steelyard.feasibility import FeasibleSet
 from steelyard.feasibility.fitting.interior import pull_inside
-from steelyard.regression import Estimate, Information
 
-from .factored_fit import FACTORED_SOLVERS, FactoredFit, FactoredSolver
-from .method import Problem, Progress, Weights, require_choice, require_positive
+from .factored_fit import FactoredFit
+from .factored_method import FactoredMethod, Vector
+from .method import Problem, Progress
 from .parametrisations import LogCholesky
-from .starting_point import starting_point
 
 __all__ = ["Rucker2022"]
 
 
 @dataclass(frozen=True)
-class Rucker2022:
+class Rucker2022(FactoredMethod):
     """Nonlinear least squares over the logarithmic Cholesky factors of pseudo-inertias: the modern heir of `Ting2006`.
 
     Every θ gives a positive definite pseudo-inertia ("full" consistency) and every one has exactly one θ, so that
@@ -53,8 +49,8 @@ class Rucker2022:
     >>> import steelyard as sy
     >>> model = sy.Model(sy.Robot.from_dh([("0", 0.0, 0.0, "q")], gravity=(0, -9.81, 0)))
     >>> names = model.base_parameters().names
-    >>> info = Information.from_factor(10 * np.eye(3), [6.0, 5.0, 1.0], 0.02, 100, names)
-    >>> estimate = Rucker2022().fit(info, FeasibleSet(model, "inertia"))
+    >>> info = sy.Information.from_factor(10 * np.eye(3), [6.0, 5.0, 1.0], 0.02, 100, names)
+    >>> estimate = Rucker2022().fit(info, sy.FeasibleSet(model, "inertia"))
     >>> estimate.base.round(4).tolist(), estimate.consistency
     ([0.6, 0.5, 0.1], 'inertia')
     """
@@ -65,31 +61,10 @@ class Rucker2022:
         "7(2), 2022"
     )
 
-    solver: FactoredSolver = "newton"
-    iterations: int = 1000
-    tolerance: float = 1e-6
+    def _descent(self, problem: Problem, progress: Progress | None) -> FactoredFit:
+        return FactoredFit(problem, LogCholesky(), problem.rho, exponential=True)
 
-    def __post_init__(self) -> None:
-        require_choice(self, "solver", FACTORED_SOLVERS)
-        require_positive(self, "iterations", "tolerance")
-
-    def fit(
-        self,
-        information: Information,
-        feasible: FeasibleSet,
-        *,
-        weights: Weights = None,
-        prior: npt.ArrayLike | None = None,
-        progress: Progress | None = None,
-    ) -> Estimate:
-        """Identify; see `Method.fit`. The prior is where the descent starts."""
-        problem = Problem.of(information, feasible, weights)
-        problem.refuse_constraints(self.name)
-        with one_thread():
-            start = starting_point(problem, problem.as_prior(prior))
-            descent = FactoredFit(problem, LogCholesky(), problem.rho, exponential=True)
-            outcome = descent.solve(start, self.solver, self.iterations, self.tolerance, progress)
-            parameters = outcome.parameters
-            if not feasible.contains(parameters) and feasible.contains(start):
-                parameters = pull_inside(feasible, parameters, start)
-        return problem.estimate(self.name, parameters, remarks=[outcome.sentence()])
+    def _answer(self, feasible: FeasibleSet, parameters: Vector, start: Vector) -> Vector:
+        if not feasible.contains(parameters) and feasible.contains(start):
+            return pull_inside(feasible, parameters, start)
+        return parameters

@@ -5,23 +5,17 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import ClassVar
 
-import numpy.typing as npt
-
-from steelyard.dynamics.threads import one_thread
-from steelyard.feasibility import FeasibleSet
-from steelyard.regression import Estimate, Information
-
 from .bayesian_regression import relevance_regression
-from .factored_fit import FACTORED_SOLVERS, FactoredFit, FactoredSolver
-from .method import Problem, Progress, Weights, require_choice, require_positive
+from .factored_fit import FactoredFit
+from .factored_method import FactoredMethod
+from .method import Problem, Progress, require_positive
 from .parametrisations import CholeskyOfBody
-from .starting_point import starting_point
 
 __all__ = ["Ting2006"]
 
 
 @dataclass(frozen=True)
-class Ting2006:
+class Ting2006(FactoredMethod):
     """Bayesian regression without regard to physics, then the nearest parameters that Cholesky factors give.
 
     First a base estimate by linear regression with automatic relevance determination; then the θ whose δ predicts most
@@ -62,8 +56,8 @@ class Ting2006:
     >>> import steelyard as sy
     >>> model = sy.Model(sy.Robot.from_dh([("0", 0.0, 0.0, "q")], gravity=(0, -9.81, 0)))
     >>> names = model.base_parameters().names
-    >>> info = Information.from_factor(10 * np.eye(3), [6.0, 5.0, 1.0], 0.02, 100, names)
-    >>> estimate = Ting2006().fit(info, FeasibleSet(model, "inertia"))
+    >>> info = sy.Information.from_factor(10 * np.eye(3), [6.0, 5.0, 1.0], 0.02, 100, names)
+    >>> estimate = Ting2006().fit(info, sy.FeasibleSet(model, "inertia"))
     >>> estimate.base.round(4).tolist(), estimate.consistency
     ([0.6, 0.5, 0.1], 'inertia')
     """
@@ -74,33 +68,15 @@ class Ting2006:
         "identification for rigid body dynamics, Robotics: Science and Systems II, 2006"
     )
 
-    solver: FactoredSolver = "newton"
-    iterations: int = 1000
-    tolerance: float = 1e-6
     relevance_iterations: int = 100
     relevance_tolerance: float = 1e-4
 
     def __post_init__(self) -> None:
-        require_choice(self, "solver", FACTORED_SOLVERS)
-        require_positive(self, "iterations", "tolerance", "relevance_iterations", "relevance_tolerance")
+        super().__post_init__()
+        require_positive(self, "relevance_iterations", "relevance_tolerance")
 
-    def fit(
-        self,
-        information: Information,
-        feasible: FeasibleSet,
-        *,
-        weights: Weights = None,
-        prior: npt.ArrayLike | None = None,
-        progress: Progress | None = None,
-    ) -> Estimate:
-        """Identify; see `Method.fit`. The prior is where the descent starts."""
-        problem = Problem.of(information, feasible, weights)
-        problem.refuse_constraints(self.name)
-        with one_thread():
-            base, rounds = relevance_regression(problem, self.relevance_iterations, self.relevance_tolerance)
-            if progress is not None:
-                progress(f"relevance determination: {rounds} rounds")
-            start = starting_point(problem, problem.as_prior(prior))
-            descent = FactoredFit(problem, CholeskyOfBody(), problem.R @ base)
-            outcome = descent.solve(start, self.solver, self.iterations, self.tolerance, progress)
-        return problem.estimate(self.name, outcome.parameters, remarks=[outcome.sentence()])
+    def _descent(self, problem: Problem, progress: Progress | None) -> FactoredFit:
+        base, rounds = relevance_regression(problem, self.relevance_iterations, self.relevance_tolerance)
+        if progress is not None:
+            progress(f"relevance determination: {rounds} rounds")
+        return FactoredFit(problem, CholeskyOfBody(), problem.R @ base)
