@@ -17,7 +17,7 @@ from .coriolis_matrix import coriolis_matrix
 from .derivatives import inverse_dynamics_derivatives
 from .forward_dynamics import articulated_body, solve_inertia
 from .inertia_matrix import inertia_matrix
-from .kinematics import ZERO, Vector3, link_poses
+from .kinematics import ZERO, Matrix3, Vector3, add, link_poses, product, times
 from .newton_euler import body_wrench, inverse_dynamics, link_motions
 from .regressor import regressor
 from .scene import Scene, Value
@@ -211,39 +211,31 @@ def _derivatives(scene: Scene) -> list[Value]:
     ]
 
 
+_IDENTITY = ((1.0, 0.0, 0.0, 0.0), (0.0, 1.0, 0.0, 0.0), (0.0, 0.0, 1.0, 0.0))
+
+
 def _chosen(scene: Scene) -> int:
     return len(scene.robot.links) - 1 if scene.link is None else scene.link
 
 
+def _placed(scene: Scene) -> tuple[Matrix3, Vector3]:
+    """Return rotation and position of the chosen frame in that of its moving link."""
+    (a, b, c, x), (d, e, f, y), (g, h, i, z) = (scene.placement or _IDENTITY)[:3]
+    return ((a, b, c), (d, e, f), (g, h, i)), (x, y, z)
+
+
 def _pose(scene: Scene) -> list[Value]:
-    turn, place = link_poses(scene.frames)[_chosen(scene)]
+    link_turn, link_place = link_poses(scene.frames)[_chosen(scene)]
+    own_turn, own_place = _placed(scene)
+    turn, place = product(link_turn, own_turn), add(link_place, times(link_turn, own_place))
     rows = [[*row, place[i]] for i, row in enumerate(turn)] + [[0.0, 0.0, 0.0, 1.0]]
-    if scene.placement is not None:
-        rows = [*_matrix_product(rows[:3], scene.placement), rows[3]]
     return [_matrix("pose", rows, "pose of the link frame in the base frame: rotation and position, m")]
 
 
 def _point(scene: Scene) -> Vector3:
-    point = scene.scalars["point"]
-    if scene.placement is not None:
-        moved = _matrix_product(scene.placement[:3], [[x] for x in (*point, 1.0)])
-        point = [row[0] for row in moved]
-    x, y, z = point
-    return (x, y, z)
-
-
-def _matrix_product(a: Sequence[Sequence[Any]], b: Sequence[Sequence[Any]]) -> list[list[Any]]:
-    """Multiply two matrices."""
-    rows = []
-    for left in a:
-        row = []
-        for column in zip(*b, strict=True):
-            total: Any = 0.0
-            for x, y in zip(left, column, strict=True):
-                total = total + x * y
-            row.append(total)
-        rows.append(row)
-    return rows
+    x, y, z = scene.scalars["point"]
+    turn, place = _placed(scene)
+    return add(place, times(turn, (x, y, z)))
 
 
 def _jacobian(scene: Scene) -> list[Value]:
