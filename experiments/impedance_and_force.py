@@ -25,13 +25,12 @@ from steelyard.control import (
     Tool,
 )
 from steelyard.dynamics import Model
-from steelyard.laboratory.wam import true_parameters, wam_model
+from steelyard.laboratory.wam import ENCODER_COUNTS, true_parameters, wam_model
 from steelyard.report import Chart, Curve, Section, charts_markup, html_document, require_folder, write_text
 from steelyard.report.markup import Markup, table
 from steelyard.simulation import ElasticContact, Measurement, Sensors, SimulationResult, simulate
 
 Array = NDArray[np.float64]
-COUNTS = 4096.0 * np.array([42.0, 28.25, 28.25, 18.0, 10.27, 10.27, 14.93])  # of an encoder, a joint turn
 POSTURE = np.array([0.0, 0.6, 0.0, 1.8, 0.0, 0.5, 0.0])  # of impedance and force control, rad
 
 
@@ -219,7 +218,7 @@ def force_control(model: Model, folder: Path) -> Section:
             12.0,
             watched,
             environment=wall,
-            sensors=Sensors(encoder_resolution=2.0 * np.pi / COUNTS, force_noise=0.03),
+            sensors=Sensors(encoder_resolution=2.0 * np.pi / ENCODER_COUNTS, force_noise=0.03),
             seed=1,
         )
         found = np.array(watched.stiffness)

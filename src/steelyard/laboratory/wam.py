@@ -10,7 +10,7 @@ from steelyard.motion import FourierTrajectory
 from steelyard.recording import Recording
 from steelyard.robot import Inertia, Robot
 
-__all__ = ["TRAJECTORIES", "robot_toml", "simulated_log", "true_parameters", "wam_model"]
+__all__ = ["ENCODER_COUNTS", "TRAJECTORIES", "robot_toml", "simulated_log", "true_parameters", "wam_model"]
 
 Array = NDArray[np.float64]
 
@@ -93,7 +93,7 @@ TRAJECTORIES = {
 }
 
 # Encoder counts a joint turn: 4096 on the motor times the ratio of thesis eq. 4.4.
-_COUNTS = 4096.0 * np.array([42.0, 28.25, 28.25, 18.0, 10.27, 10.27, 14.93])
+ENCODER_COUNTS = 4096.0 * np.array([42.0, 28.25, 28.25, 18.0, 10.27, 10.27, 14.93])
 # Deviation of the torques from the model, N·m: about the residuals of thesis tables 4.6 and 4.7. Cables and gears give
 # it a time constant, so that it does not average out as white noise would.
 _TORQUE_DEVIATION = np.array([0.45, 0.55, 0.30, 0.22, 0.05, 0.05, 0.03])
@@ -142,7 +142,7 @@ def simulated_log(model: Model, trajectory: str, seed: int, rate: float = 1000.0
     t, q, dq, ddq = TRAJECTORIES[trajectory].sample(rate, periods)
     torque = model.inverse_dynamics(q, dq, ddq, true_parameters())
     torque += _TORQUE_DEVIATION * _colored(generator.standard_normal(q.shape), _TORQUE_TIME_CONSTANT * rate)
-    step = 2.0 * np.pi / _COUNTS
+    step = 2.0 * np.pi / ENCODER_COUNTS
     return Recording(
         t=t, q=np.round(q / step) * step, torque=np.round(torque, 5), source=f"simulated trajectory {trajectory}"
     )

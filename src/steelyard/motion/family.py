@@ -146,20 +146,11 @@ class FourierFamily:
 
 
 @dataclass(frozen=True)
-class SplineFamily:
-    """B-splines of degree five that return to where they began; coefficients: P control points.
-
-    Attributes
-    ----------
-    period : float
-        s.
-    size : int
-        Number P of control points.
-    """
+class _PointFamily:
+    """What the families that are made of points share: they start and end at rest by themselves."""
 
     period: float
     size: int
-    name: str = "spline"
 
     @cached_property
     def constant(self) -> Array:
@@ -175,6 +166,21 @@ class SplineFamily:
     def duration(self) -> float:
         """From rest to rest, s."""
         return self.period
+
+
+@dataclass(frozen=True)
+class SplineFamily(_PointFamily):
+    """B-splines of degree five that return to where they began; coefficients: P control points.
+
+    Attributes
+    ----------
+    period : float
+        s.
+    size : int
+        Number P of control points.
+    """
+
+    name: str = "spline"
 
     @property
     def step(self) -> float:
@@ -206,7 +212,7 @@ class SplineFamily:
 
 
 @dataclass(frozen=True)
-class QuinticFamily:
+class QuinticFamily(_PointFamily):
     """Moves of equal duration between points at which the joints rest, and back to the first; coefficients: points.
 
     Attributes
@@ -217,24 +223,7 @@ class QuinticFamily:
         Number P of points, and of moves.
     """
 
-    period: float
-    size: int
     name: str = "quintic"
-
-    @cached_property
-    def constant(self) -> Array:
-        """Coefficients of a joint that stands at 1."""
-        return np.ones(self.size)
-
-    @property
-    def window(self) -> tuple[float, float]:
-        """The whole motion."""
-        return 0.0, self.period
-
-    @property
-    def duration(self) -> float:
-        """From rest to rest, s."""
-        return self.period
 
     @property
     def step(self) -> float:

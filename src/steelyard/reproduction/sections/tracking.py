@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from steelyard.control import PositionTracking
-from steelyard.laboratory.wam import TRAJECTORIES, wam_model
+from steelyard.laboratory.wam import ENCODER_COUNTS, TRAJECTORIES, wam_model
 from steelyard.report import Chart, Curve
 from steelyard.simulation import Safety, Sensors, Status, simulate
 
@@ -24,7 +24,6 @@ _RUNS = (  # figure, what it is called, column of table 4.9, table of the gains
     ("", "feasible with extra constraints (WLS*e)", "WLS_feasible_extra", "5.1"),
 )
 _CONTROL, _MOTION = 2.0, 4.0  # s: the controller is turned on, and the reference moves
-_COUNTS = 4096.0 * np.array([42.0, 28.25, 28.25, 18.0, 10.27, 10.27, 14.93])  # of an encoder, a joint turn
 _LARGEST_SPEED = 10.0  # rad/s, of the safety stop
 _LEAD = (
     "Gravity and Coriolis torques from 0 s, PD control through the inertia matrix from 2 s, the reference moves from "
@@ -36,7 +35,7 @@ _LEAD = (
 
 def _compute(context: Context) -> SectionResult:
     model = wam_model()
-    sensors = Sensors(encoder_resolution=2.0 * np.pi / _COUNTS)
+    sensors = Sensors(encoder_resolution=2.0 * np.pi / ENCODER_COUNTS)
     comparisons, rows, charts = [], [], []
     for figure, name, parameters, gains in _RUNS:
         context.say(name)
