@@ -180,7 +180,7 @@ def test_version_and_help(run):
 def pendulum(folder, base):
     """A pendulum's robot.toml and an estimate with these base parameters (Lzz1, lx1, ly1)."""
     robot = folder / "robot.toml"
-    robot.write_text('name = "pendulum"\n[description]\nrows = [[0, 0, 0, "q"]]\ngravity = [0, -9.81, 0]\n')
+    robot.write_text('name = "pendulum"\nterms = []\n[description]\nrows = [[0, 0, 0, "q"]]\ngravity = [0, -9.81, 0]\n')
     names = ("Lzz1", "lx1", "ly1")
     estimate = sy.Estimate(
         method="by hand",

@@ -11,6 +11,7 @@ from steelyard.recording import Recording
 from steelyard.recording.detection import faulty_rows, find_stiction
 
 ROBOT = """
+terms = []
 [description]
 convention = "standard"
 rows = [[0, 0.5, 0, "q"], [0, 0.4, 0, "q"]]

@@ -11,6 +11,7 @@ import pytest
 from steelyard.errors import InputError
 from steelyard.identification import Identification
 from steelyard.report import report_html, write_report
+from steelyard.report.figures import torque_data
 
 from .conftest import JOINTS, LINKS, LOGS, Reference
 
@@ -137,6 +138,16 @@ def test_curves_are_the_measured_torques(page: lxml.html.HtmlElement, reference:
             assert drawn[[0, -1]] == pytest.approx(recorded[[0, -1]], rel=1e-4, abs=1e-4)
             predicted = (reference.regressors[log] @ reference.parameters)[0, joint]
             assert curves["joints"][joint]["unconstrained"][0] == pytest.approx(predicted, rel=1e-3)
+
+
+def test_curves_of_absolute_stamps_are_drawn_from_the_first(identification: Identification) -> None:
+    whole = identification.predictions[0]
+    late = replace(whole, trace=replace(whole.trace, t=whole.trace.t + 1_700_000_000.0))
+    (curves,) = json.loads(torque_data(replace(identification, predictions=(late,))))
+    (usual, _) = json.loads(torque_data(identification))
+    assert usual["t"][0] == 0.0
+    np.testing.assert_allclose(curves["t"], usual["t"], atol=1e-6)
+    assert len(set(curves["t"])) == len(usual["t"])
 
 
 def test_names_stay_text(page: lxml.html.HtmlElement, text: str) -> None:

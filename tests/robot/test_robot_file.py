@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 
+import steelyard as sy
 from steelyard.errors import InputError
 from steelyard.robot import Robot, RobotFile
 
@@ -72,6 +73,15 @@ def test_sections_are_kept_as_written(write):
     assert [joint.upper for joint in file.robot.joints] == [np.inf, np.inf]
     assert file.section("processing") == {}
     assert file.section("constraints") == {}
+
+
+def test_without_a_word_on_terms_every_description_has_the_friction_of_a_bare_urdf(write, tmp_path):
+    bare = sy.Model.load(tmp_path / "robots" / "arm.urdf").parameter_names
+    assert [name for name in bare if name[0] == "F"] == [f"F{kind}j{j}" for j in (1, 2, 3) for kind in "vco"]
+    assert sy.Model.load(write('[description]\nurdf = "robots/arm.urdf"\n[log]\n')).parameter_names == bare
+    assert len(sy.Model.load(write(ROWS)).parameter_names) == 2 * 13
+    assert len(sy.Model.load(write("terms = []\n" + ROWS)).parameter_names) == 2 * 10
+    assert len(sy.Model.load(write(ROWS + '[[terms]]\nkind = "viscous"\n')).parameter_names) == 2 * 11
 
 
 def test_a_section_can_be_changed_without_changing_the_file(write):

@@ -70,7 +70,7 @@ class Model(NumericFunctions):
 
     @classmethod
     def load(cls, path: str | Path) -> Model:
-        """Read a model from a ``robot.toml`` (description and terms) or a URDF (links, friction and offset).
+        """Read a model from a ``robot.toml`` or a URDF; where no terms are stated, with friction and offset.
 
         Parameters
         ----------

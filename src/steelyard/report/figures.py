@@ -90,7 +90,8 @@ def _log(prediction: Prediction, log: str, names: tuple[str, ...], units: list[s
                 **{kind: _rounded(getattr(trace, kind)[rows, index]) for kind, _ in _CURVES},
             }
         )
-    return {"t": _rounded(trace.t[rows], 7), "joints": joints}
+    # From the first row: stamps since 1970 would be one and the same number in the digits that are kept.
+    return {"t": _rounded((trace.t - trace.t[:1])[rows], 7), "joints": joints}
 
 
 def _rounded(values: Array, digits: int = 5) -> list[float | None]:

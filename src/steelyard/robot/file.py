@@ -19,7 +19,8 @@ __all__ = ["RobotFile"]
 
 TABLES = ("log", "processing", "limits", "constraints")
 TOP_LEVEL = ("name", "description", "terms", *TABLES)
-URDF_TERMS = ("viscous", "coulomb", "offset")
+DEFAULT_TERMS = ("viscous", "coulomb", "offset")
+"""Every robot has friction, and hardly a drive reads zero at rest: what a file that does not speak of terms gets."""
 URDF_KEYS = ("urdf", "tip", "locked", "gravity")
 DH_KEYS = ("convention", "rows", "lengths", "gravity")
 
@@ -37,7 +38,7 @@ class RobotFile:
     robot : Robot
         The robot of the section `[description]`, without terms.
     terms : tuple of dict
-        The tables `[[terms]]`, as written.
+        The tables `[[terms]]`, as written, or the default ones.
     sections : mapping from name to dict
         The tables `[log]`, `[processing]`, `[limits]` and `[constraints]`, as written; empty where absent.
     description : mapping
@@ -54,8 +55,8 @@ class RobotFile:
     def load(cls, path: str | Path) -> RobotFile:
         """Read a `.toml` robot file, or a plain `.urdf`.
 
-        A URDF gives no terms. Since every robot has friction, and URDF a place for it, it stands for a file with
-        viscous friction, Coulomb friction and an offset at every joint, and no other settings.
+        A URDF, and a robot file that does not speak of terms, stand for viscous friction, Coulomb friction and an
+        offset at every joint. The line ``terms = []``, above the first table, says that there are none.
 
         Raises
         ------
@@ -83,7 +84,7 @@ class RobotFile:
         path = Path(path)
         match path.suffix.lower():
             case ".urdf" | ".xml":
-                return cls(path, Robot.from_urdf(path), tuple({"kind": kind} for kind in URDF_TERMS))
+                return cls(path, Robot.from_urdf(path), _default_terms())
             case ".toml":
                 return cls._from_toml(path)
         raise InputError(f"{path}: a robot is described by a .urdf or a .toml file, got the suffix {path.suffix!r}")
@@ -104,7 +105,7 @@ class RobotFile:
         for key in content:
             if key not in TOP_LEVEL:
                 raise InputError(f'{path}: "{key}" is no section of a robot file; {suggestion(key, TOP_LEVEL)}')
-        terms = content.get("terms", [])
+        terms = content.get("terms", list(_default_terms()))
         if not isinstance(terms, list) or not all(isinstance(term, dict) for term in terms):
             raise InputError(f"{path}: terms must be written as [[terms]], one table each, got {terms!r}")
         sections: dict[str, dict[str, Any]] = {}
@@ -137,6 +138,10 @@ class RobotFile:
         if name not in TABLES:
             raise InputError(f'"{name}" is no table of a robot file; {suggestion(name, TABLES)}')
         return copy.deepcopy(self.sections.get(name, {}))
+
+
+def _default_terms() -> tuple[dict[str, Any], ...]:
+    return tuple({"kind": kind} for kind in DEFAULT_TERMS)
 
 
 def _describe(path: Path, description: dict[str, Any]) -> Robot:

@@ -71,6 +71,17 @@ def test_stiction_is_found_where_it_is():
     assert not find_stiction(Recording(t=T, q=log.q, torque=torque))
 
 
+def test_rests_of_a_few_rows_have_no_empty_parts():
+    """At 125 Hz the shortest rest is three rows, fewer than the parts whose means are compared."""
+    t = np.arange(1000) / 125.0
+    q = np.sin(3.0 * t)
+    q[500:504] = q[500]
+    torque = np.cos(2.0 * t)
+    torque[500:504] += [0.0, 1.0, 2.0, 3.0]
+    found = find_stiction(Recording(t=t, q=np.round(q, 5)[:, None], torque=torque[:, None]))
+    assert [(one.start, one.stop) for one in found] == [(500, 504)]
+
+
 def test_turning_around_is_no_rest():
     t = np.arange(60000) / 5000.0
     slow = Recording(t=t, q=np.round(np.sin(0.5 * t) / 1e-4)[:, None] * 1e-4, torque=np.cos(t)[:, None])

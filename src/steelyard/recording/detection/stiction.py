@@ -126,7 +126,7 @@ def _resting(recording: Recording, tolerance: Array, lengths: Array) -> NDArray[
 
 def _changes(torque: Array) -> bool:
     """Whether the torque changes by more than its scatter about the means of a few parts of the interval."""
-    parts = np.array_split(torque, PARTS)
+    parts = np.array_split(torque, min(PARTS, len(torque)))
     means = np.array([part.mean() for part in parts])
     scatter = float(
         np.sqrt(np.mean(np.concatenate([part - mean for part, mean in zip(parts, means, strict=True)]) ** 2))
