@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import hashlib
 import itertools
+import sys
 import threading
 from functools import cache, cached_property
 from typing import Any
@@ -15,6 +16,12 @@ __all__ = ["LoadedCode", "Machine", "batch_lanes", "host_machine"]
 
 _LOCK = threading.RLock()
 _NUMBERS = itertools.count()
+
+# Machine code reaches its constants and what it calls by distances of 32 bits, and LLVM's older linker aborts the
+# process where the allocator put them more than 2 GiB apart. Its newer one reserves one piece of memory for all that
+# an object brings and calls farther ones by way of a table. LLVM does not trust that one with Windows's object
+# format, where code therefore holds whole addresses, which is a few percent slower.
+_WHOLE_ADDRESSES = sys.platform == "win32"
 
 
 class LoadedCode:
@@ -66,14 +73,15 @@ class Machine:
         if lanes == 8:  # registers of the full width
             self._features += ",-prefer-256-bit"
         version = ".".join(map(str, llvm.llvm_version_info))
-        self.description = "\n".join((version, self.triple, self._processor, self._features, str(lanes)))
+        self._model = "large" if _WHOLE_ADDRESSES else "default"
+        self.description = "\n".join((version, self.triple, self._processor, self._features, self._model, str(lanes)))
 
     @cached_property
     def _target(self) -> Any:
         import llvmlite.binding as llvm
 
         return llvm.Target.from_triple(self.triple).create_target_machine(
-            cpu=self._processor, features=self._features, opt=1, reloc="pic", codemodel="default", jit=True
+            cpu=self._processor, features=self._features, opt=1, reloc="pic", codemodel=self._model, jit=True
         )
 
     def compile(self, source: str) -> bytes:
@@ -125,7 +133,7 @@ def batch_lanes() -> int:
 def _linker() -> Any:
     import llvmlite.binding as llvm
 
-    return llvm.create_lljit_compiler(suppress_errors=True)
+    return llvm.create_lljit_compiler(use_jit_link=not _WHOLE_ADDRESSES, suppress_errors=True)
 
 
 def _link(code: bytes, symbols: tuple[str, ...], imports: dict[str, int]) -> LoadedCode | None:
