@@ -9,6 +9,7 @@ import pytest
 
 PACKAGE = Path(__file__).resolve().parent.parent / "src" / "steelyard"
 ROOMS = (
+    "files",
     "robot",
     "graph",
     "generation",
@@ -76,6 +77,32 @@ def test_file_keeps_to_the_plan(path: Path) -> None:
     source = path.read_text(encoding="utf-8")
     assert violations(source, module_of(path), path.name == "__init__.py") == []
     assert path.stem not in EMPTY_NAMES, "a module is named by what it is about"
+
+
+WRITERS = {"write_text", "write_bytes", "replace", "rename", "mkstemp", "mkdtemp", "NamedTemporaryFile"}
+SCRATCH = {"csdp.py", "sdpa.py", "generated_code.py"}  # write into a temporary folder that one program reads
+
+
+def written_without_care(source: str) -> list[str]:
+    """Say where a module writes or renames files by itself."""
+    found = []
+    for node in ast.walk(ast.parse(source)):
+        if isinstance(node, ast.Call) and isinstance(node.func, ast.Attribute) and node.func.attr in WRITERS:
+            owner = node.func.value.id if isinstance(node.func.value, ast.Name) else ""
+            if node.func.attr in ("write_text", "write_bytes") or owner in ("os", "tempfile", "shutil"):
+                found.append(f"line {node.lineno}: {node.func.attr}")
+    return found
+
+
+@pytest.mark.parametrize("path", FILES, ids=lambda p: str(p.relative_to(PACKAGE)))
+def test_files_are_written_in_one_room(path: Path) -> None:
+    if path.is_relative_to(PACKAGE / "files") or path.name in SCRATCH:
+        return
+    assert written_without_care(path.read_text(encoding="utf-8")) == [], "use steelyard.files"
+
+
+def test_careless_writing_is_found() -> None:
+    assert len(written_without_care("import os\nos.replace(a, b)\n(a / b).write_text('')\n'x'.replace('x', 'y')")) == 2
 
 
 def test_every_folder_is_a_room() -> None:

@@ -68,7 +68,7 @@ def jitter(columns):
 
 KINDS = {
     # robots
-    "robot missing": (lambda p: (p / "robot.toml").unlink(), "robot.toml: cannot read the file"),
+    "robot missing": (lambda p: (p / "robot.toml").unlink(), "robot.toml: cannot be read"),
     "toml broken": (lambda p: (p / "robot.toml").write_text("[description\n"), "not valid TOML"),
     "toml section unknown": (lambda p: toml(p, "[procesing]\ncutoff = 1\n"), '"procesing" is no section'),
     "toml key unknown": (lambda p: toml(p, "cutof = 1\n"), "cutof"),

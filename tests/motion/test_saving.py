@@ -73,7 +73,7 @@ def test_yaml_is_a_joint_trajectory(tmp_path):
     [
         ("absent.json", None, "absent.json: cannot be read"),
         ("motion.txt", "", "got the suffix '.txt'"),
-        ("motion.json", "{", "is not a trajectory"),
+        ("motion.json", "{", "is not JSON"),
         ("motion.json", "[]", "is not a trajectory"),
         ("motion.json", json.dumps({"format": "other"}), "format is 'other', expected 'steelyard-trajectory-1'"),
         ("motion.json", json.dumps({"format": "steelyard-trajectory-1", "family": "waves"}), "family is 'waves'"),

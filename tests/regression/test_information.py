@@ -174,7 +174,7 @@ def test_reference_trajectory_of_the_thesis(wam):
 @pytest.mark.parametrize(
     ("content", "phrase"),
     [
-        ("", "is not an Information"),
+        ("", "is not JSON"),
         ("{}", "is not an Information"),
         (json.dumps({"format": "steelyard-estimate-1"}), "expected 'steelyard-information-1'"),
         (None, "cannot be read"),

@@ -11,7 +11,8 @@ import numpy as np
 import pytest
 
 import steelyard as sy
-from steelyard.report import Chart, Curve, Section, charts_markup, html_document, write_text
+from steelyard.files import write_text
+from steelyard.report import Chart, Curve, Section, charts_markup, html_document
 
 QUIET = (
     "--headless",

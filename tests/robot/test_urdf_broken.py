@@ -129,9 +129,9 @@ def test_bytes_that_are_no_text(tmp_path):
 
 
 def test_absent_files_and_folders(tmp_path):
-    with pytest.raises(InputError, match=r"none\.urdf: cannot read the file \(No such file"):
+    with pytest.raises(InputError, match=r"none\.urdf: cannot be read \(No such file"):
         Robot.from_urdf(tmp_path / "none.urdf")
-    with pytest.raises(InputError, match=r"cannot read the file \(Is a directory"):
+    with pytest.raises(InputError, match=r"is a folder"):
         Robot.from_urdf(tmp_path)
 
 

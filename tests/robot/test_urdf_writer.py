@@ -248,7 +248,7 @@ def test_a_locked_link_heavier_than_the_estimate_is_refused(source, tmp_path):
         ({"target": "no/folder/out.urdf"}, "the folder .*no/folder does not exist"),
         ({"target": "."}, "this is a folder"),
         ({"source": "other.urdf"}, 'it has no link "upper" of robot "bench"'),
-        ({"source": "none.urdf"}, r"none\.urdf: cannot read the file"),
+        ({"source": "none.urdf"}, r"none\.urdf: cannot be read"),
         ({"target": "bench.urdf"}, "which is never changed"),
         ({"target": "alias.urdf"}, "which is never changed"),
         ({"source": "copy.urdf", "target": "bench.urdf"}, "which is never changed"),

@@ -2,13 +2,11 @@
 
 from __future__ import annotations
 
-import contextlib
 import difflib
 import importlib
 import math
 import os
 import re
-import tempfile
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from functools import cached_property
@@ -18,6 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from steelyard.errors import InputError
+from steelyard.files import replaced_folder, write_bytes
 from steelyard.graph import Function
 from steelyard.graph.expression import reachable
 
@@ -214,27 +213,10 @@ def generate(project: Project, language: str, directory: Path) -> tuple[Path, ..
     targets = {directory / name: content for name, content in contents.items()}
     for target in targets:
         _check_free(target)
-    written: dict[Path, str] = {}
-    try:
-        for target, content in targets.items():
-            target.parent.mkdir(parents=True, exist_ok=True)
-            handle, temporary = tempfile.mkstemp(dir=target.parent, prefix=f".{target.name}.")
-            written[target] = temporary
-            with os.fdopen(handle, "wb") as file:
-                file.write(content)
-            # mkstemp makes the file private; source has the usual permissions.
-            mask = os.umask(0)
-            os.umask(mask)
-            os.chmod(temporary, 0o666 & ~mask)
-        for target, temporary in written.items():
-            os.replace(temporary, target)
-    except OSError as error:
-        where = error.filename or directory
-        raise InputError(f"{where} cannot be written: {error.strerror}; choose another directory.") from None
-    finally:
-        for temporary in written.values():
-            with contextlib.suppress(OSError):
-                os.unlink(temporary)
+    with replaced_folder(directory) as made:
+        for name, content in contents.items():
+            (made / name).parent.mkdir(parents=True, exist_ok=True)
+            write_bytes(content, made / name)
     return tuple(targets)
 
 

@@ -7,8 +7,10 @@ import hashlib
 import os
 import stat
 import sys
-import tempfile
 from pathlib import Path
+
+from steelyard.errors import InputError
+from steelyard.files import write_bytes
 
 __all__ = ["ObjectCache", "pack", "unpack"]
 
@@ -65,16 +67,8 @@ class ObjectCache:
         """Keep `code` under `key`; a folder that cannot be written is no error."""
         if self.folder is None:
             return
-        temporary = ""
-        try:
-            handle, temporary = tempfile.mkstemp(dir=self.folder, suffix=".part")
-            with os.fdopen(handle, "wb") as file:
-                file.write(_MAGIC + _digest(key, code) + code)
-            os.replace(temporary, self.folder / f"{key}.o")
-        except OSError:
-            if temporary:
-                with contextlib.suppress(OSError):
-                    os.unlink(temporary)
+        with contextlib.suppress(InputError):
+            write_bytes(_MAGIC + _digest(key, code) + code, self.folder / f"{key}.o")
 
 
 def _digest(key: str, code: bytes) -> bytes:
@@ -112,7 +106,9 @@ def _user_folder() -> Path | None:
         return Path(os.environ.get("LOCALAPPDATA", home / "AppData" / "Local")) / "steelyard" / "cache"
     if sys.platform == "darwin":
         return home / "Library" / "Caches" / "steelyard"
-    return Path(os.environ.get("XDG_CACHE_HOME") or home / ".cache") / "steelyard"
+    chosen = os.environ.get("XDG_CACHE_HOME", "")
+    # The specification of these folders has relative paths ignored: they would mean another folder in each folder.
+    return (Path(chosen) if os.path.isabs(chosen) else home / ".cache") / "steelyard"
 
 
 def _private(folder: Path) -> bool:

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from pathlib import Path
 
+from steelyard.files import write_text
 from steelyard.laboratory.wam import robot_toml, simulated_log, wam_model
 
 from .identify import identify
@@ -35,7 +36,7 @@ def demonstrate(
     place = Path(folder)
     place.mkdir(parents=True, exist_ok=True)
     robot_file = place / "robot.toml"
-    robot_file.write_text(robot_toml(), encoding="utf-8")
+    write_text(robot_toml(), robot_file)
     model = wam_model()
     logs = []
     for name in ("A", "B"):

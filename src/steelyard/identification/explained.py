@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import json
-import os
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
@@ -20,6 +18,7 @@ from steelyard.feasibility import (
     lightest_robot,
     parameter_intervals,
 )
+from steelyard.files import write_json
 
 from .saved import set_and_estimate
 
@@ -58,10 +57,7 @@ class EstimateExplanation:
 
     def save(self, path: str | Path) -> None:
         """Write it as JSON, numbers that are not finite as null; the file appears whole or not at all."""
-        target = Path(path)
-        part = target.with_name(target.name + ".part")
-        part.write_text(json.dumps(_plain(self.to_dict()), indent=1, allow_nan=False) + "\n", encoding="utf-8")
-        os.replace(part, target)
+        write_json(_plain(self.to_dict()), path)
 
 
 def _plain(value: Any) -> Any:

@@ -3,8 +3,6 @@
 from __future__ import annotations
 
 import html
-import json
-import os
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -12,6 +10,8 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
+
+from steelyard.files import replaced_folder, write_json
 
 from .limits import MotionLimits
 from .saving import save_trajectory
@@ -104,17 +104,12 @@ class ExcitationDesign:
         -------
         tuple of Path
         """
-        place = Path(folder)
-        place.mkdir(parents=True, exist_ok=True)
-        written = []
-        for suffix in ("csv", "parquet", "yaml", "json"):
-            written.append(place / f"trajectory.{suffix}")
-            self.save(written[-1])
-        written.append(place / "excite.json")
-        part = place / "excite.json.part"
-        part.write_text(json.dumps(self.to_dict(), indent=2, ensure_ascii=False) + "\n", encoding="utf-8")
-        os.replace(part, written[-1])
-        return tuple(written)
+        names = [*(f"trajectory.{suffix}" for suffix in ("csv", "parquet", "yaml", "json")), "excite.json"]
+        with replaced_folder(folder, record=names[-1]) as made:
+            for name in names[:-1]:
+                self.save(made / name)
+            write_json(self.to_dict(), made / names[-1], indent=2)
+        return tuple(Path(folder) / name for name in names)
 
     def to_dict(self) -> dict[str, Any]:
         """Return how the motion came about and what it keeps, as plain data."""

@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
-import tomllib
 from pathlib import Path
 from typing import Any
 
 from steelyard.errors import InputError
+from steelyard.files import read_toml, shown
 
 from .limits import JOINT_FIELDS
 
@@ -47,17 +47,10 @@ def limits_from_file(path: str | Path) -> tuple[dict[str, Any], dict[str, Any]]:
     ({'velocity': 2, 'acceleration': [4, 5]}, {})
     """
     place = Path(path)
-    try:
-        content = tomllib.loads(place.read_text(encoding="utf-8"))
-    except OSError as error:
-        raise InputError(f"{place}: cannot be read ({error.strerror or error}); give a limits file.") from None
-    except UnicodeDecodeError as error:
-        raise InputError(f"{place}: byte {error.start} is not UTF-8; save the file as UTF-8.") from None
-    except (tomllib.TOMLDecodeError, RecursionError) as error:
-        raise InputError(f"{place}: not valid TOML ({error}); mend the file.") from None
+    content = read_toml(place, remedy="give a limits file")
     table = content.pop("limits", {})
     if not isinstance(table, dict):
-        raise InputError(f"{place}: limits must be a table [limits], got {table!r}.")
+        raise InputError(f"{place}: limits must be a table [limits], got {shown(table)}.")
     limits = dict(table)
     sections: dict[str, Any] = {}
     for key, value in content.items():
@@ -70,5 +63,5 @@ def limits_from_file(path: str | Path) -> tuple[dict[str, Any], dict[str, Any]]:
     unknown = [key for key in limits if key not in _LIMITS]
     unknown += [key for key, value in sections.items() if not isinstance(value, dict | list)]
     if unknown:
-        raise InputError(f"{place}: {unknown[0]!r} is no limit; there are {', '.join(_LIMITS)}.")
+        raise InputError(f"{place}: {shown(unknown[0])} is no limit; there are {', '.join(_LIMITS)}.")
     return limits, sections

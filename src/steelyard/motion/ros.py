@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from steelyard.errors import InputError
+from steelyard.files import read_text
 
 __all__ = ["joint_trajectory_text", "read_joint_trajectory"]
 
@@ -58,7 +59,7 @@ def read_joint_trajectory(path: Path) -> tuple[Array, Array, Array, Array]:
     InputError
         If a point is in another style.
     """
-    lines = path.read_text(encoding="utf-8").splitlines()
+    lines = read_text(path, remedy="give a JointTrajectory that steelyard wrote").splitlines()
     start = next((k for k, line in enumerate(lines) if line.strip() == "points:"), None)
     if start is None:
         raise InputError(f"{path}: has no line 'points:'; expected a JointTrajectory that steelyard wrote.")

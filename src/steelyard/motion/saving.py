@@ -2,16 +2,15 @@
 
 from __future__ import annotations
 
-import json
-import os
 from collections.abc import Callable, Sequence
 from pathlib import Path
-from typing import Any
+from typing import Any, BinaryIO
 
 import numpy as np
 from numpy.typing import NDArray
 
 from steelyard.errors import InputError
+from steelyard.files import read_json, replaced_file, write_json, write_text
 
 from .fourier import FourierTrajectory, RestToRestTrajectory
 from .quintic import QuinticTrajectory
@@ -71,21 +70,17 @@ def save_trajectory(
         raise InputError(
             f"{target}: {trajectory.joint_count} different joint names are needed, got {', '.join(names)}."
         )
-    part = target.with_name(target.name + ".part")
-    try:
-        if suffix == ".json":
-            part.write_text(json.dumps(_document(trajectory, names)) + "\n", encoding="utf-8")
-        else:
-            ros = suffix in (".yaml", ".yml")
-            t = sample_times(trajectory.duration, (ROS_RATE if ros else TABLE_RATE) if rate is None else rate)
-            motion = trajectory.motion(t)
-            if ros:
-                part.write_text(joint_trajectory_text(names, t, *motion), encoding="utf-8")
-            else:
-                _write_table(part, suffix, t, motion)
-        os.replace(part, target)
-    finally:
-        part.unlink(missing_ok=True)
+    if suffix == ".json":
+        write_json(_document(trajectory, names), target, indent=None)
+        return
+    ros = suffix in (".yaml", ".yml")
+    t = sample_times(trajectory.duration, (ROS_RATE if ros else TABLE_RATE) if rate is None else rate)
+    motion = trajectory.motion(t)
+    if ros:
+        write_text(joint_trajectory_text(names, t, *motion), target)
+        return
+    with replaced_file(target) as file:
+        _write_table(file, suffix, t, motion)
 
 
 def load_trajectory(path: str | Path) -> Trajectory:
@@ -114,7 +109,7 @@ def load_trajectory(path: str | Path) -> Trajectory:
         )
     try:
         if suffix == ".json":
-            return _from_document(json.loads(source.read_text(encoding="utf-8")), source)
+            return _from_document(read_json(source), source)
         if suffix in (".yaml", ".yml"):
             return QuinticTrajectory(*read_joint_trajectory(source))
         return QuinticTrajectory(*_read_table(source, suffix))
@@ -181,7 +176,7 @@ def _from_document(document: dict[str, Any], source: Path) -> Trajectory:
     return make(document)
 
 
-def _write_table(path: Path, suffix: str, t: Array, motion: tuple[Array, Array, Array]) -> None:
+def _write_table(file: BinaryIO, suffix: str, t: Array, motion: tuple[Array, Array, Array]) -> None:
     import polars
 
     columns = {"t": t}
@@ -189,9 +184,9 @@ def _write_table(path: Path, suffix: str, t: Array, motion: tuple[Array, Array, 
         columns |= {f"{name}{k + 1}": values[:, k] for k in range(values.shape[1])}
     frame = polars.DataFrame(columns)
     if suffix == ".csv":
-        frame.write_csv(path)
+        frame.write_csv(file)
     else:
-        frame.write_parquet(path)
+        frame.write_parquet(file)
 
 
 def _read_table(path: Path, suffix: str) -> tuple[Array, Array, Array, Array]:

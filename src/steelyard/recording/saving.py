@@ -2,14 +2,13 @@
 
 from __future__ import annotations
 
-import os
-import tempfile
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 import numpy as np
 
 from steelyard.errors import InputError
+from steelyard.files import replaced_file
 
 if TYPE_CHECKING:
     from steelyard.recording.recording import Recording
@@ -18,7 +17,7 @@ __all__ = ["save_recording"]
 
 
 def save_recording(recording: Recording, path: Path) -> Path:
-    """Write to a file beside `path`, then rename, so that there is never half a file."""
+    """Write a recording; the file appears whole or not at all."""
     kind = path.suffix.lower()
     if kind not in (".npz", ".csv", ".parquet"):
         raise InputError(f"{path} has the suffix {path.suffix!r}; recordings are saved as .npz, .csv or .parquet.")
@@ -36,19 +35,9 @@ def save_recording(recording: Recording, path: Path) -> Path:
         if values is not None:
             flags = gone.get(key)
             present[key] = values if flags is None else np.where(flags, np.nan, values)
-    try:
-        handle, name = tempfile.mkstemp(dir=path.parent, suffix=kind)
-    except OSError as error:
-        raise InputError(f"{path} cannot be written: {error.strerror}.") from None
-    temporary = Path(name)
-    try:
-        # mkstemp makes the file private; a result has the usual permissions.
-        mask = os.umask(0)
-        os.umask(mask)
-        os.fchmod(handle, 0o666 & ~mask)
-        os.close(handle)
+    with replaced_file(path) as file:
         if kind == ".npz":
-            np.savez(temporary, **present)  # type: ignore[arg-type]
+            np.savez(file, **present)  # type: ignore[arg-type]
         else:
             import polars as pl
 
@@ -60,11 +49,7 @@ def save_recording(recording: Recording, path: Path) -> Path:
                     columns.update({f"{key}{j + 1}": np.ascontiguousarray(array[:, j]) for j in range(array.shape[1])})
             frame = pl.DataFrame(columns)
             if kind == ".csv":
-                frame.write_csv(temporary)
+                frame.write_csv(file)
             else:
-                frame.write_parquet(temporary, row_group_size=100_000)
-        temporary.replace(path)
-    except BaseException:
-        temporary.unlink(missing_ok=True)
-        raise
+                frame.write_parquet(file, row_group_size=100_000)
     return path

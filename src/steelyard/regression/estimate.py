@@ -3,8 +3,6 @@
 from __future__ import annotations
 
 import html
-import json
-import os
 from collections.abc import Mapping
 from dataclasses import dataclass, field, fields
 from pathlib import Path
@@ -14,6 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from steelyard.errors import InputError
+from steelyard.files import read_json, write_json
 
 __all__ = ["Estimate"]
 
@@ -196,10 +195,7 @@ class Estimate:
 
     def save(self, path: str | Path) -> None:
         """Write it as JSON; the file appears whole or not at all."""
-        target = Path(path)
-        part = target.with_name(target.name + ".part")
-        part.write_text(json.dumps(self.to_dict(), indent=1, allow_nan=False), encoding="utf-8")
-        os.replace(part, target)
+        write_json(self.to_dict(), path)
 
     @classmethod
     def load(cls, path: str | Path) -> Estimate:
@@ -218,12 +214,7 @@ class Estimate:
         InputError
             If the file is missing or is something else.
         """
-        try:
-            document = json.loads(Path(path).read_text(encoding="utf-8"))
-        except OSError as error:
-            raise InputError(f"{path}: cannot be read ({error.strerror}).") from None
-        except ValueError as error:
-            raise InputError(f"{path}: is not JSON ({error}).") from None
+        document = read_json(path, remedy="give the estimate.json that steelyard saved")
         if not isinstance(document, dict):
             raise InputError(f"{path}: holds no estimate, but a {type(document).__name__}.")
         return cls.from_dict(document, str(path))

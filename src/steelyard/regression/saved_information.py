@@ -2,14 +2,13 @@
 
 from __future__ import annotations
 
-import json
-import os
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from steelyard.errors import InputError
+from steelyard.files import read_json, shown, write_json
 
 from .factor import Factor
 
@@ -30,10 +29,7 @@ def write_document(path: str | Path, fields: dict[str, Any]) -> None:
             document[name] = value.tolist()
         else:
             document[name] = value
-    target = Path(path)
-    part = target.with_name(target.name + ".part")
-    part.write_text(json.dumps(document), encoding="utf-8")
-    os.replace(part, target)
+    write_json(document, path, indent=None)
 
 
 def read_document(path: str | Path) -> dict[str, Any]:
@@ -44,10 +40,10 @@ def read_document(path: str | Path) -> dict[str, Any]:
     InputError
         If the file is missing or is something else.
     """
+    document = read_json(path, remedy="give an Information that steelyard saved")
     try:
-        document: dict[str, Any] = json.loads(Path(path).read_text(encoding="utf-8"))
         if document["format"] != FORMAT:
-            raise InputError(f"{path}: format is {document['format']!r}, expected {FORMAT!r}.")
+            raise InputError(f"{path}: format is {shown(document['format'])}, expected {FORMAT!r}.")
         fields: dict[str, Any] = {
             name: tuple(document[name]) for name in ("base_names", "base_expressions", "joint_names")
         }
@@ -58,8 +54,6 @@ def read_document(path: str | Path) -> dict[str, Any]:
         covariance = document.get("covariance")
         fields["covariance"] = None if covariance is None else np.array(covariance, dtype=np.float64)
         fields["remarks"] = tuple(document.get("remarks", ()))
-    except OSError as error:
-        raise InputError(f"{path}: cannot be read ({error.strerror}).") from None
     except (ValueError, KeyError, TypeError) as error:
         if isinstance(error, InputError):
             raise

@@ -5,7 +5,6 @@ from .charts import Curve as Curve
 from .charts import charts_markup as charts_markup
 from .document import Section as Section
 from .document import html_document as html_document
-from .document import write_text as write_text
 from .html import report_html as report_html
 from .html import write_report as write_report
 from .picture import torque_picture as torque_picture
@@ -25,5 +24,4 @@ __all__ = [
     "torque_picture",
     "torque_svg",
     "write_report",
-    "write_text",
 ]

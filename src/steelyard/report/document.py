@@ -2,17 +2,13 @@
 
 from __future__ import annotations
 
-import os
 from collections.abc import Sequence
 from dataclasses import dataclass
 from importlib import resources
-from pathlib import Path
-
-from steelyard.errors import InputError
 
 from .markup import Markup, escape
 
-__all__ = ["Section", "html_document", "write_text"]
+__all__ = ["Section", "html_document"]
 
 # Everything is in the file; the browser is told to fetch nothing, whatever the file may hold.
 _POLICY = "default-src 'none'; script-src 'unsafe-inline'; style-src 'unsafe-inline'; img-src data: blob:"
@@ -98,31 +94,6 @@ def html_document(
 {scripts}</body>
 </html>
 """
-
-
-def write_text(text: str, target: str | Path) -> None:
-    """Write a text file that appears whole or not at all.
-
-    Parameters
-    ----------
-    text : str
-    target : str or Path
-        Replaced where it is there.
-
-    Raises
-    ------
-    InputError
-        If the file cannot be written.
-    """
-    path = Path(target)
-    part = path.with_name(path.name + ".part")
-    content = text.encode("utf-8", "replace")  # names of files need not be valid Unicode
-    try:
-        part.write_bytes(content)
-        os.replace(part, path)
-    except OSError as error:
-        part.unlink(missing_ok=True)
-        raise InputError(f"{path}: cannot be written ({error.strerror}); give another place for it.") from None
 
 
 def _text(name: str) -> str:

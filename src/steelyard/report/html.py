@@ -5,10 +5,11 @@ from __future__ import annotations
 from collections.abc import Callable
 from pathlib import Path
 
+from steelyard.files import write_text
 from steelyard.identification import Identification
 
 from . import sections
-from .document import Section, html_document, write_text
+from .document import Section, html_document
 from .figures import torque_figures
 from .markup import Markup
 from .processing import processing

@@ -3,13 +3,12 @@
 from __future__ import annotations
 
 import math
-import os
 from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
 
-from steelyard.errors import InputError
+from steelyard.files import write_text
 from steelyard.identification import Identification, Prediction
 
 from .figures import default_log
@@ -92,15 +91,7 @@ def torque_picture(identification: Identification, target: str | Path) -> None:
     InputError
         If the file cannot be written.
     """
-    path = Path(target)
-    part = path.with_name(path.name + ".part")
-    content = torque_svg(identification).encode("utf-8", "replace")
-    try:
-        part.write_bytes(content)
-        os.replace(part, path)
-    except OSError as error:
-        part.unlink(missing_ok=True)
-        raise InputError(f"{path}: cannot be written ({error.strerror}); give another place for the picture.") from None
+    write_text(torque_svg(identification), target)
 
 
 def _words(identification: Identification, prediction: Prediction) -> tuple[str, str, str, str]:

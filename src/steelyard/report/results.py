@@ -3,17 +3,15 @@
 from __future__ import annotations
 
 import hashlib
-import json
 import os
 import platform
-import shutil
-import tempfile
 from importlib import metadata
 from pathlib import Path
 from typing import Any
 
 from steelyard import __version__
 from steelyard.errors import InputError
+from steelyard.files import read_json, replaced_folder, write_json
 from steelyard.identification import Identification
 
 from .html import write_report
@@ -21,6 +19,8 @@ from .html import write_report
 __all__ = ["require_folder", "save_results"]
 
 FORMAT = "steelyard-run-1"
+RECORD = "run.json"
+FILES = ("estimate.json", "report.html", "robot.urdf", RECORD)
 _LIBRARIES = ("numpy", "scipy", "clarabel", "llvmlite", "polars", "lxml", "plotly")
 
 
@@ -50,7 +50,7 @@ def require_folder(folder: Path) -> None:
 def save_results(identification: Identification, folder: Path) -> tuple[Path, ...]:
     """Write ``estimate.json``, ``report.html``, ``run.json`` and, where the robot came as URDF, ``robot.urdf``.
 
-    All are made beside the folder first and then moved into it, so that it never holds half a result.
+    They appear together, see :func:`steelyard.files.replaced_folder`.
 
     Parameters
     ----------
@@ -68,22 +68,26 @@ def save_results(identification: Identification, folder: Path) -> tuple[Path, ..
     InputError
         If the folder cannot be written, or the URDF cannot take the estimate.
     """
-    require_folder(folder)
     source = identification.model.robot.source
-    beside = Path(tempfile.mkdtemp(prefix=".steelyard-", dir=folder))
-    try:
-        identification.estimate.save(beside / "estimate.json")
+    with replaced_folder(folder, record=RECORD, stale=_earlier(folder)) as made:
+        identification.estimate.save(made / "estimate.json")
         if source is not None:
-            identification.estimate.write_urdf(source, beside / "robot.urdf")
-        text = json.dumps(run_record(identification), indent=1, allow_nan=False)
-        (beside / "run.json").write_text(text, encoding="utf-8")
-        write_report(identification, beside / "report.html")
-        made = sorted(beside.iterdir())
-        for path in made:
-            os.replace(path, folder / path.name)
-    finally:
-        shutil.rmtree(beside, ignore_errors=True)
-    return tuple(folder / path.name for path in made)
+            identification.estimate.write_urdf(source, made / "robot.urdf")
+        write_report(identification, made / "report.html")
+        names = sorted([RECORD, *(path.name for path in made.iterdir())])
+        write_json({**run_record(identification), "files": names}, made / RECORD)
+    return tuple(folder / name for name in names)
+
+
+def _earlier(folder: Path) -> tuple[str, ...]:
+    """Return the files of an earlier run in a folder, as its record tells them."""
+    try:
+        record = read_json(folder / RECORD)
+    except InputError:
+        return ()
+    if not isinstance(record, dict) or record.get("format") != FORMAT or not isinstance(record.get("files"), list):
+        return ()
+    return tuple(name for name in record["files"] if name in FILES)
 
 
 def run_record(identification: Identification) -> dict[str, Any]:

@@ -3,11 +3,7 @@
 from __future__ import annotations
 
 import hashlib
-import json
-import os
 import platform
-import shutil
-import tempfile
 from importlib import metadata
 from pathlib import Path
 from typing import Any
@@ -15,12 +11,12 @@ from typing import Any
 import numpy as np
 
 from steelyard import __version__
+from steelyard.files import replaced_folder, write_json, write_text
 from steelyard.identification.simulated import FileSimulation
 
 from .charts import Chart, Curve, charts_markup
-from .document import Section, html_document, write_text
+from .document import Section, html_document
 from .markup import Markup, escape, table
-from .results import require_folder
 
 __all__ = ["save_simulation", "simulation_html"]
 
@@ -31,7 +27,7 @@ _LIBRARIES = ("numpy", "scipy", "llvmlite", "polars")
 def save_simulation(simulation: FileSimulation, folder: Path) -> tuple[Path, ...]:
     """Write ``simulation.csv``, ``simulation.json`` and ``simulation.html``.
 
-    All are made beside the folder first and then moved into it, so that it never holds half a result.
+    They appear together, see :func:`steelyard.files.replaced_folder`.
 
     Parameters
     ----------
@@ -49,19 +45,12 @@ def save_simulation(simulation: FileSimulation, folder: Path) -> tuple[Path, ...
     InputError
         If the folder cannot be written.
     """
-    require_folder(folder)
-    beside = Path(tempfile.mkdtemp(prefix=".steelyard-", dir=folder))
-    try:
-        simulation.result.save(beside / "simulation.csv")
-        record = json.dumps(simulation_record(simulation), indent=1, allow_nan=False)
-        write_text(record, beside / "simulation.json")
-        write_text(simulation_html(simulation), beside / "simulation.html")
-        made = sorted(beside.iterdir())
-        for path in made:
-            os.replace(path, folder / path.name)
-    finally:
-        shutil.rmtree(beside, ignore_errors=True)
-    return tuple(folder / path.name for path in made)
+    with replaced_folder(folder, record="simulation.json") as made:
+        simulation.result.save(made / "simulation.csv")
+        write_json(simulation_record(simulation), made / "simulation.json")
+        write_text(simulation_html(simulation), made / "simulation.html")
+        names = sorted(path.name for path in made.iterdir())
+    return tuple(folder / name for name in names)
 
 
 def simulation_record(simulation: FileSimulation) -> dict[str, Any]:

@@ -13,8 +13,9 @@ from pathlib import Path
 
 from steelyard import __version__
 from steelyard.errors import InputError
+from steelyard.files import write_text
 from steelyard.report import Section as Part
-from steelyard.report import html_document, require_folder, write_text
+from steelyard.report import html_document, require_folder
 from steelyard.report.markup import Markup
 
 from .page import reproduction_page, section_markup

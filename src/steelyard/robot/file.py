@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 import copy
-import tomllib
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
 from steelyard.errors import InputError
+from steelyard.files import read_toml
 from steelyard.robot.dh import robot_from_dh
 from steelyard.robot.limits import with_limits
 from steelyard.robot.names import suggestion
@@ -91,17 +91,7 @@ class RobotFile:
 
     @classmethod
     def _from_toml(cls, path: Path) -> RobotFile:
-        try:
-            content = tomllib.loads(path.read_text(encoding="utf-8"))
-        except OSError as error:
-            raise InputError(f"{path}: cannot read the file ({error.strerror or error}); give a robot file") from None
-        except UnicodeDecodeError as error:
-            raise InputError(f"{path}: byte {error.start} is not UTF-8; save the file as UTF-8") from None
-        except tomllib.TOMLDecodeError as error:
-            raise InputError(f"{path}: not valid TOML ({error}); mend the file") from None
-        except RecursionError:
-            raise InputError(f"{path}: not valid TOML (nested too deeply); mend the file") from None
-
+        content = read_toml(path, remedy="give a robot file")
         for key in content:
             if key not in TOP_LEVEL:
                 raise InputError(f'{path}: "{key}" is no section of a robot file; {suggestion(key, TOP_LEVEL)}')

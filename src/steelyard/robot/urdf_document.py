@@ -13,6 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from steelyard.errors import InputError
+from steelyard.files import read_bytes
 from steelyard.robot.inertia import Inertia
 from steelyard.robot.names import suggestion
 from steelyard.robot.placement import rpy_rotation
@@ -85,10 +86,7 @@ def parse_urdf(path: Path) -> etree._Element:
     """Read the XML of a URDF or SRDF, without entities and network; raise InputError with the line where it is bad."""
     from lxml import etree
 
-    try:
-        data = path.read_bytes()
-    except OSError as error:
-        raise InputError(f"{path}: cannot read the file ({error.strerror or error}); give the path of a URDF") from None
+    data = read_bytes(path, remedy="give the path of a URDF")
     # A URDF needs neither entities nor a network, and both are ways to harm whoever opens it.
     parser = etree.XMLParser(resolve_entities=False, no_network=True, load_dtd=False, huge_tree=False)
     try:

@@ -2,15 +2,13 @@
 
 from __future__ import annotations
 
-import os
-from collections.abc import Iterator
-from contextlib import contextmanager
 from pathlib import Path
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from steelyard.errors import InputError
+from steelyard.files import read_bytes, write_bytes
 from steelyard.robot.inertia import Inertia
 from steelyard.robot.joint import Link
 from steelyard.robot.robot import Robot
@@ -81,7 +79,7 @@ def write_urdf(
         _remainder(link, values[start : start + 10]) for link, start in zip(robot.links, robot.link_starts, strict=True)
     ]
 
-    edit = XmlEdit(source.read_bytes(), source)
+    edit = XmlEdit(read_bytes(source, remedy="give the path of a URDF"), source)
     if edit.root.tag != "robot":
         raise InputError(
             f"{source}: <{edit.root.tag}> cannot be edited in place; write the URDF's elements without prefix"
@@ -104,8 +102,7 @@ def write_urdf(
                     "constrain it when fitting, or give NaN to leave the URDF's value"
                 )
         _set_dynamics(edit, joints[joint.name], known, drives=joint.mimics is None)
-    with _written_beside(target) as beside:
-        beside.write_bytes(edit.result())
+    write_bytes(edit.result(), target)
 
 
 def _vector(values: ArrayLike, size: int, name: str) -> Matrix:
@@ -209,16 +206,3 @@ def _tag(tag: str, values: dict[str, str]) -> str:
 
 def _text(value: float) -> str:
     return repr(float(value) + 0.0)
-
-
-@contextmanager
-def _written_beside(target: Path) -> Iterator[Path]:
-    """A file beside the target that takes its place when the block ends well, and vanishes otherwise."""
-    beside = target.with_name(f".{target.name}.{os.getpid()}.part")
-    try:
-        yield beside
-        os.replace(beside, target)
-    except OSError as error:
-        raise InputError(f"{target}: cannot write the file ({error.strerror or error}); choose another place") from None
-    finally:
-        beside.unlink(missing_ok=True)

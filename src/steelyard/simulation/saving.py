@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -10,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from steelyard.errors import InputError
+from steelyard.files import replaced_file
 
 if TYPE_CHECKING:
     from .result import SimulationResult
@@ -39,23 +39,17 @@ def save_result(result: SimulationResult, path: Path) -> Path:
     """
     if path.suffix not in SUFFIXES:
         raise InputError(f"{path}: a simulation is saved as {', '.join(SUFFIXES)}, got {path.suffix or 'no suffix'!r}.")
-    part = path.with_name(path.name + ".part")
-    try:
-        with part.open("wb") as file:
-            if path.suffix == ".npz":
-                np.savez(file, **_arrays(result))  # type: ignore[arg-type]
-            else:
-                import polars
+    with replaced_file(path) as file:
+        if path.suffix == ".npz":
+            np.savez(file, **_arrays(result))  # type: ignore[arg-type]
+        else:
+            import polars
 
-                frame = polars.DataFrame(_columns(result))
-                if path.suffix == ".csv":
-                    frame.write_csv(file)
-                else:
-                    frame.write_parquet(file)
-        os.replace(part, path)
-    except OSError as error:
-        part.unlink(missing_ok=True)
-        raise InputError(f"{path}: cannot be written ({error.strerror}); give another place.") from None
+            frame = polars.DataFrame(_columns(result))
+            if path.suffix == ".csv":
+                frame.write_csv(file)
+            else:
+                frame.write_parquet(file)
     return path
 
 

@@ -208,7 +208,7 @@ def test_srdf(tmp_path):
 @pytest.mark.parametrize(
     ("text", "message"),
     [
-        (None, "cannot read the file .*give the path of an SRDF"),
+        (None, "cannot be read .*give the path of an SRDF"),
         ("<robot", "not well-formed XML"),
         ("<sdf/>", "an SRDF begins with <robot>, found <sdf>"),
         ('<robot>\n<disable_collisions link1="a"/></robot>', "line 2: <disable_collisions> has no link2"),

@@ -6,7 +6,6 @@ manual; SDPLIB). Commas, braces and parentheses count as blanks, and text after 
 """
 
 import json
-import os
 import re
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -14,6 +13,7 @@ from pathlib import Path
 import numpy as np
 
 from steelyard.errors import InputError
+from steelyard.files import write_text
 
 from .semidefinite_program import SemidefiniteProgram
 
@@ -37,13 +37,7 @@ def write_program(program: SemidefiniteProgram, path: Path) -> Path:
     lines.append(" ".join(repr(float(value)) for value in program.cost))
     entries = zip(program.matrix, program.block, program.row, program.column, program.value, strict=True)
     lines += [f"{m} {b + 1} {i + 1} {j + 1} {float(value)!r}" for m, b, i, j, value in entries]
-    part = path.with_name(path.name + ".part")
-    try:
-        part.write_text("\n".join(lines) + "\n", encoding="ascii")
-        os.replace(part, path)
-    except OSError as error:
-        part.unlink(missing_ok=True)
-        raise InputError(f"{path}: cannot be written ({error.strerror}); choose another place.") from error
+    write_text("\n".join(lines) + "\n", path)
     return path
 
 

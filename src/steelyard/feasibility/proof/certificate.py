@@ -1,7 +1,5 @@
 """Proofs of feasibility and infeasibility, which anybody can check without a solver."""
 
-import json
-import os
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from fractions import Fraction
@@ -11,6 +9,8 @@ from typing import Any
 
 import numpy as np
 import numpy.typing as npt
+
+from steelyard.files import write_json
 
 from ..feasible_set import FeasibleSet
 from .document import FORMAT, CertificateDocument
@@ -197,7 +197,4 @@ class InfeasibilityCertificate:
 
 def save_certificate(document: Mapping[str, Any], path: str | Path) -> None:
     """Write a certificate as JSON, whole or not at all."""
-    target = Path(path)
-    part = target.with_name(target.name + ".part")
-    part.write_text(json.dumps(document, indent=1) + "\n", encoding="utf-8")
-    os.replace(part, target)
+    write_json(dict(document), path)

@@ -1,6 +1,5 @@
 """Certificates as documents, which are checked with nothing but Python's integers."""
 
-import json
 from collections.abc import Callable, Iterator, Mapping
 from fractions import Fraction
 from functools import cached_property
@@ -8,6 +7,7 @@ from pathlib import Path
 from typing import Any
 
 from steelyard.errors import InputError
+from steelyard.files import read_json, shown
 
 from .rational import parse_number
 from .statement import Matrix, Statement
@@ -16,7 +16,6 @@ from .verification import CertificateCheck, verify_dual_point, verify_witness
 __all__ = ["FORMAT", "CertificateDocument", "load_certificate", "verify_certificate", "verify_document"]
 
 FORMAT = "steelyard-certificate-1"
-LARGEST_FILE = 200_000_000
 
 
 class CertificateDocument(Mapping[str, Any]):
@@ -51,19 +50,12 @@ def load_certificate(path: str | Path) -> dict[str, Any]:
         If the file cannot be read or is no certificate.
     """
     source = Path(path)
-    try:
-        if source.stat().st_size > LARGEST_FILE:
-            raise InputError(f"{source}: is too large for a certificate; give the JSON file that steelyard saved.")
-        document = json.loads(source.read_text(encoding="utf-8"))
-    except OSError as error:
-        raise InputError(f"{source}: cannot be read ({error.strerror}).") from None
-    except (ValueError, RecursionError):
-        raise InputError(f"{source}: is not JSON; give a certificate that steelyard saved.") from None
+    document = read_json(source, remedy="give a certificate that steelyard saved")
     if isinstance(document, dict) and isinstance(document.get("certificate"), dict):
         document = document["certificate"]
     if not isinstance(document, dict) or document.get("format") != FORMAT:
         found = document.get("format") if isinstance(document, dict) else type(document).__name__
-        raise InputError(f"{source}: is not a certificate (format {found!r}); expected {FORMAT!r}.")
+        raise InputError(f"{source}: is not a certificate (format {shown(found)}); expected {FORMAT!r}.")
     return document
 
 

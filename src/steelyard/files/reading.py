@@ -1,0 +1,235 @@
+"""Reading of files that anybody may have made: regular, of bounded size, with texts and numbers that can be used."""
+
+from __future__ import annotations
+
+import json
+import math
+import os
+import stat
+import tomllib
+from collections.abc import Mapping
+from typing import Any
+
+from steelyard.errors import InputError
+
+__all__ = [
+    "LARGEST_JSON",
+    "LARGEST_TEXT",
+    "read_bytes",
+    "read_json",
+    "read_text",
+    "read_toml",
+    "require_file",
+    "shown",
+]
+
+# A description of the largest humanoid has 1 MB, a saved Information of 60 joints 30 MB, its certificate 100 MB.
+LARGEST_TEXT = 50_000_000
+LARGEST_JSON = 200_000_000
+# The parser of Python takes a time that grows with the square of the length of dotted keys.
+LARGEST_TOML = 2_000_000
+
+# Nothing that is saved here is nested more than ten times; a message that quotes a value must be able to print it.
+DEEPEST = 50
+LARGEST_INTEGER = 2**63
+LONGEST_QUOTE = 200
+
+
+def shown(value: object) -> str:
+    """Return a value as a message quotes it, shortened where it is long.
+
+    Examples
+    --------
+    >>> shown("elbow"), len(shown("e" * 1000)), shown(10**5000)
+    ("'elbow'", 200, 'a number of more than 300 digits')
+    """
+    if isinstance(value, int) and abs(value) > 10**300:  # which Python may refuse to print
+        return "a number of more than 300 digits"
+    if isinstance(value, str | bytes):
+        value = value[: LONGEST_QUOTE + 1]
+    elif isinstance(value, list | tuple) and len(value) > LONGEST_QUOTE:
+        value = value[:LONGEST_QUOTE]
+    try:
+        text = repr(value)
+    except (RecursionError, ValueError):
+        return f"a {type(value).__name__}"
+    return text if len(text) <= LONGEST_QUOTE else f"{text[: LONGEST_QUOTE - 1]}…"
+
+
+def require_file(path: str | os.PathLike[str], remedy: str = "give the path of a file") -> None:
+    """Make sure that a path leads to a regular file: a device or a pipe may have no end.
+
+    Raises
+    ------
+    InputError
+        Where it does not; the message ends with the remedy.
+    """
+    try:
+        mode = os.stat(path).st_mode
+    except OSError as error:
+        raise InputError(f"{path}: cannot be read ({error.strerror or error}); {remedy}.") from None
+    except ValueError:
+        raise InputError(f"{shown(os.fspath(path))}: is no path that can exist; {remedy}.") from None
+    _require_regular(mode, path, remedy)
+
+
+def read_bytes(
+    path: str | os.PathLike[str], *, largest: int = LARGEST_TEXT, remedy: str = "give the path of a file"
+) -> bytes:
+    """Read a regular file whole.
+
+    Parameters
+    ----------
+    path : str or path
+    largest : int
+        Bytes; a larger file is refused before anything is read.
+    remedy : str
+        What the message advises where the file cannot be read.
+
+    Raises
+    ------
+    InputError
+        For a file that is missing, too large or cannot be read, a folder, a device or a pipe.
+    """
+    # Without O_NONBLOCK a pipe that nobody writes to would be waited for in `open`.
+    flags = os.O_RDONLY | getattr(os, "O_NONBLOCK", 0) | getattr(os, "O_CLOEXEC", 0) | getattr(os, "O_BINARY", 0)
+    try:
+        if os.path.isdir(path):
+            raise InputError(f"{path}: is a folder; {remedy}.")
+        with open(os.open(path, flags), "rb") as file:
+            status = os.fstat(file.fileno())
+            _require_regular(status.st_mode, path, remedy)
+            if status.st_size <= largest:
+                content = file.read(largest + 1)
+                if len(content) <= largest:
+                    return content
+    except OSError as error:
+        raise InputError(f"{path}: cannot be read ({error.strerror or error}); {remedy}.") from None
+    except InputError:
+        raise
+    except ValueError:  # a NUL, or half a character
+        raise InputError(f"{shown(os.fspath(path))}: is no path that can exist; {remedy}.") from None
+    raise InputError(f"{path}: has more than {largest / 1e6:.0f} MB, which is too large; {remedy}.")
+
+
+def _require_regular(mode: int, path: str | os.PathLike[str], remedy: str) -> None:
+    if stat.S_ISDIR(mode):
+        raise InputError(f"{path}: is a folder; {remedy}.")
+    if not stat.S_ISREG(mode):
+        kind = "a pipe" if stat.S_ISFIFO(mode) else "a socket" if stat.S_ISSOCK(mode) else "a device"
+        raise InputError(f"{path}: is {kind} and no regular file; {remedy}.")
+
+
+def read_text(
+    path: str | os.PathLike[str], *, largest: int = LARGEST_TEXT, remedy: str = "give the path of a text file"
+) -> str:
+    """Read a text in UTF-8, with or without a byte order mark.
+
+    Raises
+    ------
+    InputError
+        As in `read_bytes`; and for bytes that are not UTF-8, or a NUL.
+    """
+    content = read_bytes(path, largest=largest, remedy=remedy)
+    try:
+        text = content.decode("utf-8-sig")
+    except UnicodeDecodeError as error:
+        raise InputError(f"{path}: byte {error.start} is not UTF-8; save the file as UTF-8.") from None
+    if "\0" in text:
+        raise InputError(f"{path}: is not a text file (byte {content.index(0)} is 0); {remedy}.")
+    return text
+
+
+def read_toml(path: str | os.PathLike[str], *, remedy: str = "give the path of a TOML file") -> dict[str, Any]:
+    """Read a TOML file; its numbers fit into floats, its texts hold no NUL, and it is not nested deeply.
+
+    Infinities and "not a number", which TOML has words for, are left to those who know what the value means.
+
+    Raises
+    ------
+    InputError
+        As in `read_text`; and for what is not TOML or goes beyond these bounds.
+    """
+    text = read_text(path, largest=LARGEST_TOML, remedy=remedy)
+    try:
+        content = tomllib.loads(text)
+    except tomllib.TOMLDecodeError as error:
+        raise InputError(f"{path}: not valid TOML ({error}); mend the file.") from None
+    except RecursionError:
+        raise InputError(f"{path}: not valid TOML (nested too deeply); mend the file.") from None
+    except ValueError:  # of `int`, for more digits than Python converts
+        raise InputError(f"{path}: holds a number with too many digits; mend the file.") from None
+    _require_usable(content, path, finite=False)
+    return content
+
+
+def read_json(
+    path: str | os.PathLike[str], *, largest: int = LARGEST_JSON, remedy: str = "give the path of a JSON file"
+) -> Any:
+    """Read a JSON file; its numbers are finite, its keys differ, and it is not nested deeply.
+
+    Raises
+    ------
+    InputError
+        As in `read_text`; and for what is not JSON or goes beyond these bounds.
+    """
+    text = read_text(path, largest=largest, remedy=remedy)
+    try:
+        content = json.loads(text, object_pairs_hook=_object, parse_constant=_refuse_constant)
+    except _RefusedError as refused:
+        raise InputError(f"{path}: {refused}; save it again.") from None
+    except RecursionError:
+        raise InputError(f"{path}: is not JSON (nested too deeply); {remedy}.") from None
+    except json.JSONDecodeError as error:
+        raise InputError(f"{path}: is not JSON ({error}); {remedy}.") from None
+    except ValueError:  # of `int`, for more digits than Python converts
+        raise InputError(f"{path}: holds a number with too many digits; save it again.") from None
+    _require_usable(content, path, finite=True)
+    return content
+
+
+class _RefusedError(ValueError):
+    """What JSON allows or Python reads, but nobody here wrote."""
+
+
+def _object(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
+    made = dict(pairs)
+    if len(made) < len(pairs):
+        keys = [key for key, _ in pairs]
+        twice = next(key for key in keys if keys.count(key) > 1)
+        # Readers differ in which of the two they take.
+        raise _RefusedError(f"holds the key {shown(twice)} twice in one object")
+    return made
+
+
+def _refuse_constant(text: str) -> float:
+    raise _RefusedError(f"holds the number {text}, which JSON does not have")
+
+
+def _require_usable(content: Any, path: str | os.PathLike[str], *, finite: bool) -> None:
+    """Check every value of a document, without recursion."""
+    waiting = [(content, 0)]
+    while waiting:
+        value, depth = waiting.pop()
+        if isinstance(value, list | Mapping):
+            if depth >= DEEPEST:
+                raise InputError(f"{path}: is nested more than {DEEPEST} times; mend the file.")
+            waiting += [(item, depth + 1) for item in value]
+            if isinstance(value, Mapping):
+                waiting += [(item, depth + 1) for item in value.values()]
+        elif isinstance(value, str):
+            if "\0" in value or not _is_unicode(value):
+                raise InputError(f"{path}: holds the text {shown(value)}, with a character that no text has; mend it.")
+        elif isinstance(value, int):
+            if not -LARGEST_INTEGER <= value < LARGEST_INTEGER:
+                raise InputError(f"{path}: holds a whole number beyond 64 bits ({shown(value)}); mend the file.")
+        elif isinstance(value, float) and finite and not math.isfinite(value):
+            raise InputError(f"{path}: holds a number beyond the range of floating-point numbers; mend the file.")
+
+
+def _is_unicode(text: str) -> bool:
+    try:
+        text.encode("utf-8")
+    except UnicodeEncodeError:  # half of a pair of surrogates
+        return False
+    return True
