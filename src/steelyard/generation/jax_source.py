@@ -73,7 +73,9 @@ def _computed(
     count = 1
     for length in leading:
         count *= length
-    rows = [jnp.broadcast_to(a, (len(a), *leading)).reshape((len(a), count)) for a in arguments]
+    # The first axis is an argument's elements; batches are aligned at their last axes.
+    spread = [jnp.broadcast_to(jnp.moveaxis(a, 0, -1), (*leading, len(a))) for a in arguments]
+    rows = [jnp.moveaxis(a, -1, 0).reshape((a.shape[-1], count)) for a in spread]
     rows.append(jnp.broadcast_to(np.array(constants, dtype=np.float64)[:, None], (len(constants), count)))
     start = sum(map(len, rows))
     size = start + sum(len(first) for _, first, _, _ in steps)
