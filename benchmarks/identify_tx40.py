@@ -89,7 +89,7 @@ def main() -> None:
     def ours() -> tuple[float, int]:
         model = sy.Model.from_file(RobotFile.load(settings.path))
         information = sy.Information.from_samples(model, processing.apply(recording))
-        return sy.least_squares(information).relative_error, information.base_count
+        return sy.least_squares(information, weights=None).relative_error, information.base_count
 
     def usual() -> tuple[float, int]:
         return today(urdf, q_motor, tau_motor, lean=False)

@@ -49,7 +49,7 @@ def fits(folder: Path) -> Iterator[tuple[str, Run]]:
     information = sy.Information.from_factor(
         data["R1"], data["rho1"], float(data["rho2_norm_sqr"]), int(data["n_rows"]), model.base_parameters().names
     )
-    reduced = information.reduced()
+    reduced = information.reduced(None)
     for label, consistency, terms in (
         ("links", "inertia", False),
         ("inertia", "inertia", True),

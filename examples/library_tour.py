@@ -32,7 +32,7 @@ for _ in range(2):
 print(information)
 
 # Plain least squares, and whether such a robot could exist.
-plain = sy.least_squares(information, weights="joint")
+plain = sy.least_squares(information)
 feasible = sy.FeasibleSet(model, constraints=[sy.TotalMass(maximum=10.0)])
 print(plain)
 print(sy.check(feasible, base=plain.base))

@@ -72,7 +72,7 @@ def test_residual_is_that_of_brute_force(arm, regression, solver):
     if solver in ("osqp", "piqp") and importlib.util.find_spec(solver) is None:
         pytest.skip(f"{solver} is not installed")
     W, omega, information = regression
-    estimate = Ayusawa2010(boxes=BOXES, solver=solver).fit(information, sy.FeasibleSet(arm))
+    estimate = Ayusawa2010(boxes=BOXES, solver=solver).fit(information, sy.FeasibleSet(arm), weights=None)
     assert estimate.consistency == "full"
     squared = np.sum((W @ estimate.parameters - omega) ** 2)
     assert squared == pytest.approx(brute_force(W, omega), rel=2e-6)
@@ -83,7 +83,7 @@ def test_it_costs_more_than_the_feasible_optimum_and_less_with_more_points(arm, 
     feasible = sy.FeasibleSet(arm, constraints=[DensityInBox(link, *BOX) for link in BOXES])
     best = sy.fit(regression[2], feasible, weights=None, tolerance=0.0).relative_error
     errors = [
-        Ayusawa2010(subdivisions=parts, solver="clarabel").fit(regression[2], feasible).relative_error
+        Ayusawa2010(subdivisions=parts, solver="clarabel").fit(regression[2], feasible, weights=None).relative_error
         for parts in (2, 4, 8)
     ]
     assert best < errors[2] < errors[1] < errors[0]

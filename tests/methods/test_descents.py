@@ -35,7 +35,7 @@ def test_derivatives_of_the_objective(random_arm, map_, exponential):
 
 def test_objective_is_the_squared_residual(random_arm):
     model, _, information = random_arm(2, noise=0.2)
-    problem = Problem.of(information, FeasibleSet(model))
+    problem = Problem.of(information, FeasibleSet(model), weights=None)
     descent = FactoredFit(problem, LogCholesky(), problem.rho)
     start = starting_point(problem)
     theta = descent.to_theta(start)
@@ -88,7 +88,7 @@ def _one_link(information):
     """A problem of which only the regression is used."""
     from types import SimpleNamespace
 
-    reduced = information.reduced()
+    reduced = information.reduced(None)
     base = np.linalg.solve(reduced.R, reduced.rho)
     return SimpleNamespace(
         information=information,

@@ -64,8 +64,9 @@ def test_errors_are_told_in_torques(arm):
     np.testing.assert_allclose(info.joint_rms_error(base), plain.joint_rms_error(base))
     assert info.has_joint_errors
     assert not info.by_joint
-    with pytest.raises(InputError, match="was whitened across the joints"):
-        info.reduced("joint")
+    with pytest.raises(InputError, match="one number for each joint"):
+        info.reduced("joints")
+    np.testing.assert_array_equal(info.reduced("joint").R, info.reduced(None).R)
 
 
 def test_chunks_files_and_sums(arm, tmp_path):

@@ -1,8 +1,10 @@
 """Information against whole least squares by NumPy; merging in any order and chunking."""
 
 import csv
+import inspect
 import itertools
 import json
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -11,6 +13,8 @@ from hypothesis import strategies as st
 
 import steelyard as sy
 from steelyard.laboratory.wam import TRAJECTORIES
+from steelyard.methods import METHODS
+from steelyard.regression import residual_correlation
 
 
 @pytest.fixture(scope="module")
@@ -52,7 +56,7 @@ def test_least_squares_is_numpys(arm):
     W, omega = np.vstack([w for w, _ in rows]), np.concatenate([t for _, t in rows])
     information = sy.Information.from_samples(arm, samples)
     expected = np.linalg.lstsq(W, omega, rcond=None)[0]
-    estimate = sy.least_squares(information)
+    estimate = sy.least_squares(information, weights=None)
     np.testing.assert_allclose(estimate.base, expected, rtol=1e-9, atol=1e-11)
     residual = omega - W @ expected
     assert estimate.relative_error == pytest.approx(np.linalg.norm(residual) / np.linalg.norm(omega), rel=1e-12)
@@ -224,5 +228,35 @@ def test_the_real_wams_reduced_regression(shared_data):
     np.testing.assert_allclose(estimate.base, published, rtol=1e-9)
     assert estimate.relative_error == pytest.approx(0.0561657801, abs=1e-10)
     assert information.condition_number == pytest.approx(48.3946416, abs=1e-6)
-    with pytest.raises(sy.InputError, match="was reduced over all joints"):
-        sy.least_squares(information, "joint")
+    # Joints that are not known apart cannot be weighted: "joint" is ordinary least squares then, as in `fit`.
+    assert information.joint_weights("joint").tolist() == [1.0]
+    assert estimate.method == "ordinary least squares"
+    assert estimate.weights is None
+
+
+def test_the_default_is_that_of_the_feasible_fit(arm):
+    """What is compared must be the same problem: all take "joint" where nothing else is said."""
+    random = np.random.default_rng(4)
+    samples = samples_of(arm, 400, seed=5)
+    noisy = sy.Samples(
+        q=samples.q, dq=samples.dq, ddq=samples.ddq, torque=samples.torque + random.normal(size=(400, 3)) * [5, 1, 0.1]
+    )
+    information = sy.Information.from_samples(arm, noisy)
+    plain = sy.least_squares(information)
+    np.testing.assert_array_equal(plain.base, sy.least_squares(information, "joint").base)
+    assert np.abs(plain.base - sy.least_squares(information, None).base).max() > 1e-3 * np.abs(plain.base).max()
+    feasible = sy.fit(information, sy.FeasibleSet(arm))
+    np.testing.assert_array_equal(feasible.weights, plain.weights)
+    functions = [sy.least_squares, sy.fit, sy.Information.reduced, sy.Information.joint_weights, residual_correlation]
+    functions += [method.fit for method in METHODS]
+    assert {inspect.signature(function).parameters["weights"].default for function in functions} == {"joint"}
+
+
+def test_weak_parameters_go_by_the_corrected_deviation(arm):
+    """Slowly varying noise on a well shown parameter: the plain deviation calls it sure, the corrected one does not."""
+    estimate = sy.least_squares(sy.Information.from_samples(arm, samples_of(arm, 300)))
+    size = np.abs(estimate.base)
+    wider = replace(estimate, standard_deviation=0.1 * size, corrected_standard_deviation=2.0 * size)
+    assert wider.weak == wider.base_expressions
+    assert replace(wider, corrected_standard_deviation=None).weak == ()
+    assert "200 %" in wider._repr_html_()

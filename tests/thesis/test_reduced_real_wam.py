@@ -25,7 +25,7 @@ def real(shared_data):
 
 
 def squared_residual(information, base):
-    problem = information.reduced()
+    problem = information.reduced(None)
     return float(np.sum((problem.R @ base - problem.rho) ** 2) + problem.residual2)
 
 

@@ -1,6 +1,6 @@
 """Identification: least squares within the feasible set, from an Information to an Estimate."""
 
-from typing import Any, Literal
+from typing import Literal
 
 import numpy as np
 import numpy.typing as npt
@@ -95,10 +95,7 @@ def fit(
     >>> bool(estimate.base[0] > 0), estimate.consistency
     (True, 'full')
     """
-    used: Any = weights
-    if isinstance(weights, str) and weights == "joint" and not info.by_joint:
-        used = None
-    values = None if used is None else info.joint_weights(used)
+    values = info.joint_weights(weights) if info.is_weighted(weights) else None
     problem = info.reduced(values)
     remarks = list(info.remarks)
     weight = prior_weight

@@ -66,7 +66,7 @@ class Metric:
         if metric is None:
             return cls("Euclidean", None)
         if hasattr(metric, "reduced"):
-            factor = np.asarray(metric.reduced("joint" if getattr(metric, "by_joint", False) else None).R, dtype=float)
+            factor = np.asarray(metric.reduced().R, dtype=float)
             if factor.ndim != 2 or factor.shape[1] != feasible.K.shape[0]:
                 raise InputError(
                     f"metric belongs to another model: its reduced regression has R of shape {factor.shape}, but this "

@@ -110,5 +110,5 @@ class ReducedLike(Protocol):
 class InformationLike(Protocol):
     """The part of `steelyard.Information` that is used."""
 
-    def reduced(self, weights: Any = None) -> Any:
+    def reduced(self, weights: Any = "joint") -> Any:
         """A `ReducedLike`."""

@@ -116,7 +116,7 @@ def identify(
         verdict=verdict,
         estimate=estimate,
         predictions=predictions,
-        weak=_weak(unconstrained),
+        weak=unconstrained.weak,
         remarks=tuple(remarks),
         robot_file=file.path,
         logs=tuple(map(str, logs)),
@@ -251,11 +251,6 @@ def _dear(unconstrained: Estimate, estimate: Estimate) -> tuple[str, ...]:
         f"No possible robot explains these torques well ({after:.0%} error, plain least squares {before:.0%}): "
         "check the signs, units and order of the columns, the direction of gravity, and the constraints.",
     )
-
-
-def _weak(estimate: Estimate) -> tuple[str, ...]:
-    relative = estimate.relative_standard_deviation
-    return tuple(name for name, s in zip(estimate.base_expressions, relative, strict=True) if not s < 1.0)
 
 
 def _predict(

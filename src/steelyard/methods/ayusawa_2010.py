@@ -126,7 +126,7 @@ class Ayusawa2010:
         information: Information,
         feasible: FeasibleSet,
         *,
-        weights: Weights = None,
+        weights: Weights = "joint",
         prior: npt.ArrayLike | None = None,
         progress: Progress | None = None,
     ) -> Estimate:
@@ -136,7 +136,7 @@ class Ayusawa2010:
         ----------
         information : Information
         feasible : FeasibleSet
-        weights : None, "joint" or (N,)
+        weights : "joint", None or (N,)
         prior : (n,), optional
             Standard parameters of CAD, from which p̂ is made: the masses that come nearest to them, spread as evenly as
             that allows. Links with an unknown parameter have none.

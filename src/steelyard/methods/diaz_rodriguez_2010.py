@@ -180,7 +180,7 @@ class DiazRodriguez2010:
         information: Information,
         feasible: FeasibleSet,
         *,
-        weights: Weights = None,
+        weights: Weights = "joint",
         distances: bool = True,
         progress: Progress | None = None,
     ) -> tuple[ReductionStep, ...]:
@@ -190,7 +190,7 @@ class DiazRodriguez2010:
         ----------
         information : Information
         feasible : FeasibleSet
-        weights : None, "joint" or (N,)
+        weights : "joint", None or (N,)
         distances : bool
             Whether to compute the distance to the feasible set, as `steelyard.correct` finds it, at every step.
         progress : callable, optional
@@ -237,7 +237,7 @@ class DiazRodriguez2010:
         information: Information,
         feasible: FeasibleSet,
         *,
-        weights: Weights = None,
+        weights: Weights = "joint",
         prior: npt.ArrayLike | None = None,
         progress: Progress | None = None,
     ) -> Estimate:
@@ -247,7 +247,7 @@ class DiazRodriguez2010:
         ----------
         information : Information
         feasible : FeasibleSet
-        weights : None, "joint" or (N,)
+        weights : "joint", None or (N,)
         prior : (n,), optional
             Not used.
         progress : callable, optional

@@ -42,7 +42,7 @@ class FactoredMethod(ABC):
         information: Information,
         feasible: FeasibleSet,
         *,
-        weights: Weights = None,
+        weights: Weights = "joint",
         prior: npt.ArrayLike | None = None,
         progress: Progress | None = None,
     ) -> Estimate:

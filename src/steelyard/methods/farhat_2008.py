@@ -90,7 +90,7 @@ class Farhat2008:
         information: Information,
         feasible: FeasibleSet,
         *,
-        weights: Weights = None,
+        weights: Weights = "joint",
         prior: npt.ArrayLike | None = None,
         progress: Progress | None = None,
     ) -> Estimate:

@@ -105,7 +105,7 @@ class Gautier2013:
         information: Information,
         feasible: FeasibleSet,
         *,
-        weights: Weights = None,
+        weights: Weights = "joint",
         prior: npt.ArrayLike | None = None,
         progress: Progress | None = None,
     ) -> Estimate:
@@ -115,7 +115,7 @@ class Gautier2013:
         ----------
         information : Information
         feasible : FeasibleSet
-        weights : None, "joint" or (N,)
+        weights : "joint", None or (N,)
         prior : (n,), optional
             Standard parameters of CAD; what is unknown is zero. Those of the robot's description where absent.
         progress : callable, optional

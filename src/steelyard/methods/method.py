@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
-from typing import Any, ClassVar, Literal, Protocol, runtime_checkable
+from typing import ClassVar, Literal, Protocol, runtime_checkable
 
 import numpy as np
 import numpy.typing as npt
@@ -47,7 +47,7 @@ class Method(Protocol):
         information: Information,
         feasible: FeasibleSet,
         *,
-        weights: Weights = None,
+        weights: Weights = "joint",
         prior: npt.ArrayLike | None = None,
         progress: Progress | None = None,
     ) -> Estimate:
@@ -58,7 +58,7 @@ class Method(Protocol):
         information : Information
             Of the same model as `feasible`.
         feasible : FeasibleSet
-        weights : None, "joint" or (N,)
+        weights : "joint", None or (N,)
             As in `steelyard.least_squares`.
         prior : (n,), optional
             Standard parameters known before, such as those of CAD; NaN where unknown.
@@ -100,14 +100,14 @@ class Problem:
     norm2: float
 
     @classmethod
-    def of(cls, information: Information, feasible: FeasibleSet, weights: Weights = None) -> Problem:
+    def of(cls, information: Information, feasible: FeasibleSet, weights: Weights = "joint") -> Problem:
         """Reduce and weight.
 
         Parameters
         ----------
         information : Information
         feasible : FeasibleSet
-        weights : None, "joint" or (N,)
+        weights : "joint", None or (N,)
             ``"joint"`` is None where the rows of the joints are not known apart, as in `steelyard.fit`.
 
         Raises
@@ -115,10 +115,7 @@ class Problem:
         InputError
             If the data belongs to another model, or holds no usable samples.
         """
-        used: Any = weights
-        if isinstance(weights, str) and weights == "joint" and not information.by_joint:
-            used = None
-        values = None if used is None else information.joint_weights(used)
+        values = information.joint_weights(weights) if information.is_weighted(weights) else None
         reduced = information.reduced(values)
         checked = ReducedRegression.of(reduced, feasible)
         problem = cls(information, feasible, values, reduced.R, reduced.rho, reduced.residual2, reduced.norm2)

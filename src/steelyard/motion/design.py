@@ -380,7 +380,7 @@ def _combined(
 ) -> float | None:
     if complement is None:
         return None
-    both = [information.reduced().R for information in (own, _known(model, complement, rate))]
+    both = [information.reduced(None).R for information in (own, _known(model, complement, rate))]
     values = np.linalg.svd(np.vstack(both), compute_uv=False)
     return float(values[0] / values[-1]) if values[-1] > 0.0 else float("inf")
 

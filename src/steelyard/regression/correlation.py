@@ -87,7 +87,7 @@ class ResidualCorrelation:
 
 
 def residual_correlation(
-    information: Information, base: ArrayLike, weights: str | ArrayLike | None = None
+    information: Information, base: ArrayLike, weights: str | ArrayLike | None = "joint"
 ) -> ResidualCorrelation:
     """Tell how far residuals are correlated in time, and what that makes of the uncertainty of the base parameters.
 
@@ -110,7 +110,7 @@ def residual_correlation(
         With `block_factors`.
     base : array_like
         (n_b,), at which the residuals are taken.
-    weights : None, "joint" or array_like
+    weights : "joint", None or array_like
         With which `base` was estimated, see :func:`least_squares`.
 
     Returns

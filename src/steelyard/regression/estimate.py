@@ -136,10 +136,24 @@ class Estimate:
 
     @property
     def relative_standard_deviation(self) -> Array:
-        """Standard deviation over the size of each base parameter (thesis eq. 4.29), (n_b,); 0.05 means 5 %."""
+        """`standard_deviation` over the size of each base parameter (thesis eq. 4.29), (n_b,); 0.05 means 5 %."""
+        return self._relative(self.standard_deviation)
+
+    @property
+    def relative_deviation(self) -> Array:
+        """`deviation`, the one to go by, over the size of each base parameter, (n_b,); 0.05 means 5 %."""
+        return self._relative(self.deviation)
+
+    def _relative(self, deviation: Array) -> Array:
         size = np.abs(self.base)
         with np.errstate(divide="ignore", invalid="ignore"):
-            return np.asarray(np.where(size > 0.0, self.standard_deviation / size, np.inf))
+            return np.asarray(np.where(size > 0.0, deviation / size, np.inf))
+
+    @property
+    def weak(self) -> tuple[str, ...]:
+        """Base parameters, in words, whose `deviation` exceeds their size, or that the data does not determine."""
+        relative = self.relative_deviation
+        return tuple(name for name, s in zip(self.base_expressions, relative, strict=True) if not s < 1.0)
 
     def __repr__(self) -> str:
         feasible = f", feasible ({self.consistency})" if self.consistency else ""
@@ -147,7 +161,7 @@ class Estimate:
         return f"Estimate({self.method}: {len(self.base)} base parameters, {error}{feasible})"
 
     def _repr_html_(self) -> str:
-        relative = self.relative_standard_deviation
+        relative = self.relative_deviation
         rows = "".join(
             f"<tr><td>{html.escape(text)}</td><td>{value:.5g}</td><td>{100 * s:.3g} %</td></tr>"
             for text, value, s in zip(self.base_expressions, self.base, relative, strict=True)

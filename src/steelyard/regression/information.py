@@ -258,14 +258,15 @@ class Information:
         """The rows in N·m or N."""
         return self.torque_factors or self.factors
 
-    def reduced(self, weights: str | ArrayLike | None = None) -> Reduced:
+    def reduced(self, weights: str | ArrayLike | None = "joint") -> Reduced:
         """Return the least-squares problem over all the base parameters.
 
         Parameters
         ----------
-        weights : None, "joint" or array_like
-            None weights all rows alike; ``"joint"`` takes the inverse standard deviations of the unweighted
-            residuals of each joint (thesis eq. 4.33); an array (N,) gives the weights themselves.
+        weights : "joint", None or array_like
+            ``"joint"`` takes the inverse standard deviations of the unweighted residuals of each joint (thesis eq.
+            4.33), and weights all rows alike where the rows of the joints are not known apart; None weights all rows
+            alike; an array (N,) gives the weights themselves.
 
         Returns
         -------
@@ -281,12 +282,16 @@ class Information:
             float(np.sum(triangle[:, n] ** 2)),
         )
 
-    def joint_weights(self, weights: str | ArrayLike | None) -> Array:
+    def is_weighted(self, weights: str | ArrayLike | None) -> bool:
+        """Tell whether such weights make a difference between the joints; ``"joint"`` needs their rows apart."""
+        return weights is not None and not (isinstance(weights, str) and weights == "joint" and not self.by_joint)
+
+    def joint_weights(self, weights: str | ArrayLike | None = "joint") -> Array:
         """Return one weight for each factor, (N,).
 
         Parameters
         ----------
-        weights : None, "joint" or array_like
+        weights : "joint", None or array_like
             See `reduced`.
 
         Returns
@@ -299,7 +304,7 @@ class Information:
             If the weights are unknown, of a wrong size or not positive.
         """
         n = len(self.factors)
-        if weights is None:
+        if not self.is_weighted(weights):
             return np.ones(n)
         if isinstance(weights, str):
             if weights != "joint":
@@ -312,20 +317,19 @@ class Information:
 
     def _inverse_deviations(self) -> Array:
         """Return the inverse standard deviations of the unweighted residuals (thesis eq. 4.32, 4.33)."""
-        self._require_joints("Joint weights", self.by_joint)
-        base = solve(self.reduced())
+        base = solve(self.reduced(None))
         return inverse_deviations(self.factors, base)
 
     @cached_property
     def condition_number(self) -> float:
         """Condition number of the base regressor W (thesis section 4.3.2), infinite where it has no full rank."""
-        values = np.linalg.svd(self.reduced().R, compute_uv=False)
+        values = np.linalg.svd(self.reduced(None).R, compute_uv=False)
         return float(values[0] / values[-1]) if len(values) and values[-1] > 0.0 else float("inf")
 
     @cached_property
     def undetermined_mask(self) -> NDArray[np.bool_]:
         """Which base parameters the data does not determine, whatever its noise; (n_b,)."""
-        return undetermined_columns(self.reduced().R)
+        return undetermined_columns(self.reduced(None).R)
 
     @property
     def undetermined(self) -> tuple[str, ...]:

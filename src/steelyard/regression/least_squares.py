@@ -15,15 +15,16 @@ from .information import Information
 __all__ = ["least_squares", "method_name", "standard_deviations"]
 
 
-def least_squares(information: Information, weights: str | ArrayLike | None = None) -> Estimate:
+def least_squares(information: Information, weights: str | ArrayLike | None = "joint") -> Estimate:
     """Estimate the base parameters without regard to physics.
 
     Parameters
     ----------
     information : Information
-    weights : None, "joint" or array_like
-        None is ordinary least squares (thesis eq. 4.24); ``"joint"`` weights each joint by the inverse standard
-        deviation of its residual (thesis eq. 4.30 to 4.36); an array (N,) gives the weights.
+    weights : "joint", None or array_like
+        ``"joint"`` weights each joint by the inverse standard deviation of its residual (thesis eq. 4.30 to 4.36), and
+        is ordinary least squares where the rows of the joints are not known apart; None is ordinary least squares
+        (thesis eq. 4.24); an array (N,) gives the weights.
 
     Returns
     -------
@@ -56,8 +57,9 @@ def least_squares(information: Information, weights: str | ArrayLike | None = No
             "The samples hold no usable row, so that nothing can be estimated; check trim, delay, velocity_threshold "
             "and the other options of [processing] that leave rows out."
         )
-    used = information.joint_weights(weights)
-    problem = information.reduced(used) if weights is not None else information.reduced()
+    weighted = information.is_weighted(weights)
+    used = information.joint_weights(weights) if weighted else None
+    problem = information.reduced(used)
     base = solve(problem)
     remarks = list(information.remarks)
     if information.undetermined:
@@ -66,20 +68,20 @@ def least_squares(information: Information, weights: str | ArrayLike | None = No
             f"{'; '.join(information.undetermined)}."
         )
     return Estimate(
-        method=method_name(information, weights is not None),
+        method=method_name(information, weighted),
         base_names=information.base_names,
         base_expressions=information.base_expressions,
         base=base,
         standard_deviation=standard_deviations(problem, base, information.undetermined_mask),
         joint_names=information.joint_names,
-        weights=None if weights is None else used,
+        weights=used,
         relative_error=information.relative_error(base),
         joint_relative_error=information.joint_relative_error(base) if information.has_joint_errors else None,
         row_count=information.count,
         condition_number=information.condition_number,
         remarks=tuple(remarks),
         corrected_standard_deviation=(
-            residual_correlation(information, base, weights).standard_deviation if information.block_factors else None
+            residual_correlation(information, base, used).standard_deviation if information.block_factors else None
         ),
     )
 

@@ -67,8 +67,7 @@ def base_parameters(identification: Identification) -> Markup:
     before, after = identification.unconstrained, identification.estimate
     relative = before.relative_standard_deviation
     corrected = before.corrected_standard_deviation
-    with np.errstate(divide="ignore", invalid="ignore"):
-        wider = None if corrected is None else np.where(before.base != 0.0, corrected / np.abs(before.base), np.inf)
+    wider = None if corrected is None else before.relative_deviation
     rows, muted = [], []
     for index, (name, expression) in enumerate(zip(before.base_names, before.base_expressions, strict=True)):
         undetermined = not np.isfinite(before.standard_deviation[index])

@@ -144,7 +144,7 @@ def _base_parameters(identification: Identification) -> tuple[str, Markup, str]:
     if not weak and not undetermined:
         note = "all shown by the data"
     else:
-        note = f"{weak} weak: standard deviation larger than the value"
+        note = f"{weak} weak: corrected deviation larger than the value"
         if undetermined:
             note += f"; {undetermined} not determined at all"
     return "Base parameters", Markup(str(count)), note

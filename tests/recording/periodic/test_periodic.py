@@ -101,7 +101,7 @@ def test_processing_averages(wam):
     whole = log.process(filter=filter_)
     assert whole.count == 7500
     # The estimate of the average is that of all the periods.
-    one, all_ = (sy.least_squares(sy.Information.from_samples(wam, s)) for s in (samples, whole))
+    one, all_ = (sy.least_squares(sy.Information.from_samples(wam, s), None) for s in (samples, whole))
     np.testing.assert_allclose(one.base, all_.base, atol=1e-6 * np.abs(all_.base).max())
     assert one.relative_error < all_.relative_error
     thresholds = log.process(filter=filter_, average=True, velocity_threshold=0.1, exclude_joints=[7])
@@ -126,7 +126,7 @@ def test_known_covariance_gives_generalised_least_squares():
         noise = np.random.default_rng(seed).normal(size=q.shape) @ mixing.T
         average = average_periods(Recording(t=t, q=q, torque=exact + noise), period=2.0, harmonics=2)
         information = sy.Information.from_samples(model, average.samples, average.covariance)
-        R = information.reduced().R
+        R = information.reduced(None).R
         rest = R @ (sy.least_squares(information).base - truth)
         scores.append(rest @ rest / len(truth))
     # With the right covariance the whitened error has unit variance; there is no other scale.

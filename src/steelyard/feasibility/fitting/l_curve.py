@@ -151,9 +151,7 @@ def l_curve(
     >>> bool(np.all(np.diff(curve.distances) < 0)), bool(np.all(np.diff(curve.squared_residuals) > 0))
     (True, True)
     """
-    used = None if isinstance(weights, str) and weights == "joint" and not info.by_joint else weights
-    values = None if used is None else info.joint_weights(used)
-    reduced = info.reduced(values)
+    reduced = info.reduced(weights)
     if not isinstance(prior, Prior):
         raise InputError(f"l_curve needs a prior such as EntropicPrior(), got {prior!r}.")
     prepared = prior.prepare(feasible)

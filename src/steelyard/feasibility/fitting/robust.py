@@ -183,8 +183,7 @@ def robust_information(
 def _fitted(information: Information, feasible: FeasibleSet | None, weights: Any, options: dict[str, Any]) -> Vector:
     if feasible is None:
         return least_squares(information, weights).base
-    values = None if weights is None else information.joint_weights(weights)
-    return fit_reduced(information.reduced(values), feasible, **options).base
+    return fit_reduced(information.reduced(weights), feasible, **options).base
 
 
 def _reduced(model: Model, chunks: Sequence[Samples], scales: list[Matrix] | None) -> tuple[Factor, ...]:

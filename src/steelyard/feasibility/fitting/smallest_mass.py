@@ -107,8 +107,7 @@ def smallest_total_mass(
         raise InputError(f"confidence must be a probability such as 0.95, got {confidence!r}.")
     regression = None
     if information is not None:
-        by_joint = information.by_joint or not (isinstance(weights, str) and weights == "joint")
-        regression = ReducedRegression.of(information.reduced(weights if by_joint else None), feasible)
+        regression = ReducedRegression.of(information.reduced(weights), feasible)
     given = regression.base if regression is not None else np.zeros(0)
     if base is not None:
         given = feasible.as_base(base)

@@ -179,13 +179,7 @@ def reduced_regression(data: Any, weights: Any, feasible: FeasibleSet) -> Reduce
     InputError
         If it is of another model or holds no usable numbers.
     """
-    if hasattr(data, "reduced"):
-        used = weights
-        if isinstance(weights, str) and weights == "joint" and not getattr(data, "by_joint", True):
-            used = None
-        reduced = data.reduced(used)
-    else:
-        reduced = data
+    reduced = data.reduced(weights) if hasattr(data, "reduced") else data
     missing = [name for name in ("R", "rho", "residual2", "count", "norm2") if not hasattr(reduced, name)]
     if missing:
         raise InputError(f"information must be an Information (or its reduced form), got {data!r}.")

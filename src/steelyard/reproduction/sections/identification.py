@@ -36,7 +36,7 @@ def _compute(context: Context) -> SectionResult:
     logs = {name: simulated_log(model, name, SEED).process(cutoff=4.8, order=3, trim=0.5) for name in ("A", "B")}
     information = {name: Information.from_samples(model, samples) for name, samples in logs.items()}
     data = information["A"]
-    ols, wls = least_squares(data), least_squares(data, weights="joint")
+    ols, wls = least_squares(data, weights=None), least_squares(data)
     inertia, extra = FeasibleSet(model, "inertia"), FeasibleSet(model, "inertia", [TotalMass(maximum=27.0), *boxes()])
     context.say("feasible estimates")
     bases = {

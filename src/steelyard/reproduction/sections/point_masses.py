@@ -49,7 +49,7 @@ def links_alone(information: Information, model: Model) -> Information:
     """
     names = model.base_parameters().names
     kept = [information.base_names.index(name) for name in names]
-    whole = information.reduced()
+    whole = information.reduced(None)
     triangle = np.asarray(np.linalg.qr(np.column_stack([whole.R[:, kept], whole.rho]), mode="r"))
     n = len(kept)
     residual2 = whole.residual2 + float(triangle[n, n] ** 2)

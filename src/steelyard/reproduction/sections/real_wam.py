@@ -38,7 +38,7 @@ def real_wam(context: Context) -> tuple[Model, Information]:
 
 
 def _squared(information: Information, base: np.ndarray) -> float:
-    problem = information.reduced()
+    problem = information.reduced(None)
     return float(np.sum((problem.R @ base - problem.rho) ** 2) + problem.residual2)
 
 
