@@ -169,7 +169,7 @@ def test_an_estimate_of_another_robot(run, place):
     (place / "dh.toml").write_text('[description]\nrows = [["pi/2", 0, 0, "q"], [0, 0.4, 0, "q"]]\n')
     code, _, err = run("check", place / "dh.toml", place / "result" / "estimate.json")
     assert code == 2
-    assert "base parameters of another robot" in err
+    assert "parameters of another robot" in err
 
 
 def test_a_failure_keeps_earlier_results(run, place):

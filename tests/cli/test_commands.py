@@ -206,7 +206,7 @@ def test_a_verdict_is_saved_and_verified(run, tmp_path):
     code, out, _ = run("check", "--certificate", certificate)
     assert (code, out) == (
         0,
-        "Proved in exact arithmetic: no parameters with these base parameters satisfy all conditions.\n",
+        "Proved in exact arithmetic: no parameters with these base parameters satisfy the one condition stated.\n",
     )
     assert run("check", robot, estimate, "--certificate", certificate)[0] == 0
     code, out, _ = run("check", robot, "--certificate", certificate, "--consistency", "inertia")

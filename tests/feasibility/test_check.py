@@ -80,7 +80,7 @@ def test_negative_friction_is_named_with_its_amount(two_links):
     assert str(verdict).splitlines() == [
         'Physically infeasible under "full" consistency: no real robot has these values (largest margin -0.07).',
         "joint 1: Fvj >= 0 fails by 0.07.",
-        "Proved in exact arithmetic: no parameters with these base parameters satisfy all conditions.",
+        "Proved in exact arithmetic: no parameters with these base parameters satisfy all 4 conditions stated.",
     ]
     assert "<li>joint 1: Fvj &gt;= 0 fails by 0.07.</li>" in verdict._repr_html_()
 

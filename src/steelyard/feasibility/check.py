@@ -172,8 +172,8 @@ def _check_parameters(feasible: FeasibleSet, parameters: Vector) -> Verdict:
     )
     margin = float(eigenvalues.min(initial=np.inf))
     if feasible.contains(parameters):
-        certificate = FeasibilityCertificate(feasible, base, parameters)
-        return Verdict(True, "feasible", margin, base, parameters, certificate, (), feasible.consistency)
+        certificate = FeasibilityCertificate.of_parameters(feasible, parameters)
+        return Verdict(True, "feasible", margin, certificate.base, parameters, certificate, (), feasible.consistency)
     virtual = _check_base(feasible, base)
     if virtual.feasible:
         return Verdict(

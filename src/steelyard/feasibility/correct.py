@@ -315,13 +315,13 @@ class _Nearest:
     def correction(self, parameters: Vector, status: str, outcome: Outcome, iterations: int, solver: str) -> Correction:
         """Pack the answer."""
         difference = self.difference(parameters)
-        corrected = self.feasible.K @ parameters
+        certificate = FeasibilityCertificate.of_parameters(self.feasible, parameters)
         return Correction(
-            base=corrected,
+            base=certificate.base,
             parameters=parameters,
             squared_distance=self.metric.squared(difference),
             status=status,
-            certificate=FeasibilityCertificate(self.feasible, corrected, parameters),
+            certificate=certificate,
             iterations=iterations,
             squared_euclidean_distance=float(difference @ difference),
             metric=self.metric.name,

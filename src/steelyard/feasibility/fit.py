@@ -107,7 +107,11 @@ def fit(
     found = fit_reduced(problem, feasible, prefer, tolerance, prior, weight, solver)
 
     model = feasible.model
-    damping, friction = model.joint_friction(found.parameters) if isinstance(model, Model) else (None, None)
+    joint_names = info.joint_names
+    damping, friction = None, None
+    if isinstance(model, Model):
+        damping, friction = model.joint_friction(found.parameters)
+        joint_names = joint_names or tuple(model.robot.joint_names)  # reduced data does not name them
     remarks += found.remarks
     undetermined = np.asarray(info.undetermined_mask)
     if undetermined.any():
@@ -116,17 +120,18 @@ def fit(
             f"The data does not determine {len(info.undetermined)} of {info.base_count} base parameters, which the "
             f"{decides} decides: {'; '.join(info.undetermined)}."
         )
-    certificate = FeasibilityCertificate(feasible, found.base, found.parameters)
+    # What is proved is the parameters that users take; their base parameters follow.
+    certificate = FeasibilityCertificate.of_parameters(feasible, found.parameters)
     return Estimate(
         method=f"feasible {method_name(info, values is not None)}",
         base_names=info.base_names,
         base_expressions=info.base_expressions,
-        base=found.base,
+        base=certificate.base,
         standard_deviation=standard_deviations(problem, found.base, undetermined),
         corrected_standard_deviation=(
             residual_correlation(info, found.base, values).standard_deviation if info.block_factors else None
         ),
-        joint_names=info.joint_names,
+        joint_names=joint_names,
         relative_error=info.relative_error(found.base),
         row_count=info.count,
         condition_number=info.condition_number,

@@ -13,6 +13,7 @@ from steelyard.dynamics import Model
 from steelyard.errors import InputError
 from steelyard.feasibility import (
     CertificateCheck,
+    FeasibilityCertificate,
     FeasibleSet,
     Verdict,
     check,
@@ -20,6 +21,7 @@ from steelyard.feasibility import (
     correct,
     load_certificate,
     speaks_of,
+    verify_certificate,
     verify_document,
 )
 from steelyard.regression import Estimate
@@ -35,6 +37,10 @@ __all__ = [
     "parameters_of_estimate",
     "set_and_estimate",
 ]
+
+ROUNDING = 1e-13
+"""What computing K δ in floating point may be off by, relative to the sum of what is added: up to a hundred terms, each
+off by half a unit in the last place, with room for other orders of summation."""
 
 
 def check_estimate(
@@ -61,10 +67,17 @@ def check_estimate(
     InputError
         If a file cannot be used, or the estimate belongs to another robot.
     """
-    _, feasible, loaded = set_and_estimate(robot, estimate, consistency)
-    if loaded.parameters is not None:
-        return check(feasible, parameters=loaded.parameters)
-    return check(feasible, base=loaded.base)
+    file = RobotFile.load(robot)
+    model = Model.from_file(file)
+    feasible = _feasible_set(file, model, consistency)
+    loaded = _estimate_of(model, estimate, certified=False)
+    if loaded.parameters is None:
+        return check(feasible, base=loaded.base)
+    verdict = check(feasible, parameters=loaded.parameters)
+    if verdict.feasible:
+        # Of impossible parameters the user is told why; possible ones that the file itself contradicts are refused.
+        matching_estimate(model, estimate)
+    return verdict
 
 
 def check_certificate(
@@ -82,7 +95,7 @@ def check_certificate(
     robot : str or Path, optional
         URDF or robot.toml: the statement of the certificate must be that of this robot.
     estimate : str or Path, optional
-        Its base parameters must be those of the certificate.
+        Its base parameters must be those of the certificate, to the last digit.
     consistency : {"full", "inertia"}
         Of the robot's set.
 
@@ -95,10 +108,10 @@ def check_certificate(
     InputError
         If a file cannot be used.
     """
-    document = load_certificate(certificate)
-    verified = verify_document(document, str(certificate))
+    verified = verify_certificate(certificate)
     if robot is None or not verified:
         return verified
+    document = load_certificate(certificate)
     base = None
     if estimate is None:
         file = RobotFile.load(robot)
@@ -187,7 +200,10 @@ def set_and_estimate(
 
 
 def matching_estimate(model: Model, estimate: str | Path) -> Estimate:
-    """Load a saved estimate and make sure that it belongs to a model.
+    """Load a saved estimate and make sure that it belongs to a model, and that it is what it says.
+
+    Its base parameters must be those of its parameters. Where it says that its parameters are feasible, that is proved
+    again in exact arithmetic for this model; its certificate must prove it, for this model and for these numbers.
 
     Parameters
     ----------
@@ -202,15 +218,56 @@ def matching_estimate(model: Model, estimate: str | Path) -> Estimate:
     Raises
     ------
     InputError
-        If the file cannot be used, or the estimate belongs to another robot.
+        If the file cannot be used, the estimate belongs to another robot, or its numbers contradict each other.
     """
-    loaded = Estimate.load(estimate)
-    if loaded.base_expressions != model.base_parameters().expressions:
+    loaded = _estimate_of(model, estimate, certified=True)
+    if loaded.parameters is None:
+        return loaded
+    base = model.base_parameters()
+    rounding = ROUNDING * (np.abs(base.K) @ np.abs(loaded.parameters))
+    for name, given, made, error in zip(
+        base.expressions, loaded.base, base.values(loaded.parameters), rounding, strict=True
+    ):
+        if not abs(given - made) <= error:
+            raise InputError(
+                f"{estimate}: gives {given:.15g} for the base parameter {name}, but its parameters make {made:.15g} of "
+                "it; save the estimate anew."
+            )
+    if loaded.consistency is not None:
+        _require_proof(model, loaded, str(estimate))
+    return loaded
+
+
+def _estimate_of(model: Model, estimate: str | Path, *, certified: bool) -> Estimate:
+    loaded = Estimate.load(estimate, certified=certified)
+    names = (loaded.base_expressions, loaded.parameter_names or tuple(model.parameter_names))
+    if names != (model.base_parameters().expressions, tuple(model.parameter_names)):
         raise InputError(
-            f"{estimate}: has the base parameters of another robot or of other terms than {model.robot.name} has; "
-            "give the robot file that it was identified with."
+            f"{estimate}: has the parameters of another robot or of other terms than {model.robot.name} has; give the "
+            "robot file that it was identified with."
         )
     return loaded
+
+
+def _require_proof(model: Model, loaded: Estimate, where: str) -> None:
+    """Refuse an estimate that is not proved to be as feasible as it says."""
+    feasible = FeasibleSet(model, "inertia" if loaded.consistency == "inertia" else "full")
+    assert loaded.parameters is not None
+    verified = FeasibilityCertificate.of_parameters(feasible, loaded.parameters).verify()
+    if verified and loaded.certificate is not None:
+        verified = verify_document(loaded.certificate, where)
+        different = speaks_of(loaded.certificate, feasible, loaded.base)
+        if verified and different:
+            raise InputError(
+                f"{where}: its certificate speaks of another robot than {model.robot.name}: its {different} differ; "
+                "give the robot file that it was identified with."
+            )
+    if not verified:
+        raise InputError(
+            f"{where}: says that its parameters are feasible ({loaded.consistency!r}), which is not proved. "
+            f'{verified.sentence} Identify anew, or set "consistency" and "certificate" to null in the file to use its '
+            "numbers without a proof."
+        )
 
 
 def parameters_of_estimate(model: Model, estimate: str | Path, *, base: bool = False) -> NDArray[np.float64]:

@@ -283,7 +283,11 @@ class Problem:
         damping, friction = None, None
         if parameters is not None and isinstance(model, Model):
             damping, friction = model.joint_friction(parameters)
-        certificate = FeasibilityCertificate(feasible, base, parameters) if proved and parameters is not None else None
+        certificate = None
+        if proved and parameters is not None:
+            # Methods that set base parameters to zero mean zero, so that these are given and the parameters follow.
+            certificate = FeasibilityCertificate(feasible, base, parameters)
+            parameters = np.array([float(value) for value in certificate.exact_parameters])
         return Estimate(
             method=method,
             base_names=information.base_names,

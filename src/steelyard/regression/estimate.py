@@ -14,6 +14,8 @@ from numpy.typing import NDArray
 from steelyard.errors import InputError
 from steelyard.files import read_json, write_json
 
+from .certified_numbers import certified_numbers_differ
+
 __all__ = ["Estimate"]
 
 Array = NDArray[np.float64]
@@ -178,13 +180,22 @@ class Estimate:
         return document
 
     @classmethod
-    def from_dict(cls, document: Mapping[str, Any], where: str = "estimate") -> Estimate:
+    def from_dict(cls, document: Mapping[str, Any], where: str = "estimate", *, certified: bool = True) -> Estimate:
         """Build it from what `to_dict` returned.
+
+        Parameters
+        ----------
+        document : mapping
+        where : str
+            Named in messages.
+        certified : bool
+            Whether the numbers must be those that the certificate speaks of; False to judge numbers that are not.
 
         Raises
         ------
         InputError
-            If something is missing or of a wrong size; `where` is named in the message.
+            If something is missing or of a wrong size, a parameter is not a finite number, or the numbers are not those
+            that the certificate speaks of; `where` is named in the message.
         """
         if document.get("format") != FORMAT:
             raise InputError(f"{where}: format is {document.get('format')!r}, expected {FORMAT!r}.")
@@ -205,6 +216,19 @@ class Estimate:
             given = getattr(estimate, name)
             if given is not None and len(given) != expected:
                 raise InputError(f"{where}: {name!r} has {len(given)} values, expected {expected}.")
+        for name, labels in (("base", estimate.base_expressions), ("parameters", estimate.parameter_names)):
+            held: Array | None = getattr(estimate, name)
+            missing = [] if held is None else np.flatnonzero(~np.isfinite(held)).tolist()
+            if missing:
+                raise InputError(
+                    f"{where}: {name!r} has no finite number for {labels[missing[0]]}; save the estimate anew."
+                )
+        different = certified_numbers_differ(document) if certified else ""
+        if different:
+            raise InputError(
+                f'{where}: {different}; save the estimate anew, or set "consistency" and "certificate" to null in the '
+                "file to use its numbers without a proof."
+            )
         return estimate
 
     def save(self, path: str | Path) -> None:
@@ -212,12 +236,14 @@ class Estimate:
         write_json(self.to_dict(), path)
 
     @classmethod
-    def load(cls, path: str | Path) -> Estimate:
+    def load(cls, path: str | Path, *, certified: bool = True) -> Estimate:
         """Read what `save` wrote.
 
         Parameters
         ----------
         path : str or Path
+        certified : bool
+            As in `from_dict`.
 
         Returns
         -------
@@ -231,7 +257,7 @@ class Estimate:
         document = read_json(path, remedy="give the estimate.json that steelyard saved")
         if not isinstance(document, dict):
             raise InputError(f"{path}: holds no estimate, but a {type(document).__name__}.")
-        return cls.from_dict(document, str(path))
+        return cls.from_dict(document, str(path), certified=certified)
 
     def write_urdf(self, source: str | Path, target: str | Path) -> None:
         """Write a copy of a URDF with the identified inertials, joint damping and friction.

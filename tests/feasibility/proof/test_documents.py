@@ -4,13 +4,14 @@ import copy
 import json
 import subprocess
 import sys
+from fractions import Fraction
 
 import numpy as np
 import pytest
 
 from steelyard.errors import InputError
 from steelyard.feasibility import FeasibleSet, TotalMass, check, load_certificate, speaks_of, verify_certificate
-from steelyard.feasibility.proof import verify_document
+from steelyard.feasibility.proof import FeasibilityCertificate, verify_document
 
 GOOD = [1.5, 0.1, 0.25, 0.3, 0.4, 0.1]
 BAD = [0.5, 0.1, 0.25, 0.3, 0.4, 0.1]
@@ -42,7 +43,7 @@ def test_a_saved_certificate_is_verified_by_a_process_without_numpy(two_links, t
         "import sys, types, importlib.util, pathlib, json\n"
         "import steelyard\n"
         "root = pathlib.Path(steelyard.__file__).parent\n"
-        "for name in ('feasibility', 'feasibility.proof'):\n"
+        "for name in ('regression', 'feasibility', 'feasibility.proof'):\n"
         "    package = types.ModuleType('steelyard.' + name)\n"
         "    package.__path__ = [str(root / name.replace('.', '/'))]\n"
         "    sys.modules['steelyard.' + name] = package\n"
@@ -114,13 +115,56 @@ def test_a_proof_of_one_is_not_a_proof_of_the_other(witness, refutation):
 
 def test_a_shift_costs_reach(refutation):
     shifted = copy.deepcopy(refutation)
-    shifted["proof"]["shift"] = "0.000001"
+    shifted["proof"]["shift"] = "1e-9"
     found = verify_document(shifted)
     assert found
-    assert found.reach == pytest.approx(found.gap / 1e-6)
-    assert "as far as the traces" in found.sentence
-    shifted["proof"]["shift"] = "-0.000001"
+    assert found.reach == pytest.approx(found.gap / 1e-9)
+    assert found.sentence.startswith("Proved in exact arithmetic, as far as the traces")
+    shifted["proof"]["shift"] = "-1e-9"
     assert not verify_document(shifted)
+
+
+def test_a_proof_that_does_not_reach_far_is_none(witness):
+    """With a large shift the zero matrices contradict every robot that weighs more than nothing."""
+    weak = copy.deepcopy(witness)
+    assert weak["statement"]["conditions"][2]["coefficients"] == [[10, [[0, 0, "1"]]]]
+    # y of a friction that is 0.3: Z = -y of that condition, semidefinite once shifted.
+    index = weak["statement"]["base_map"].index([[10, "1"]])
+    direction = ["0"] * 6
+    direction[index] = "-1"
+    weak["verdict"] = "infeasible"
+    weak["proof"] = {"direction": direction, "duals": [[2, [[0, 0, "-1"]]]], "multipliers": [], "shift": "1"}
+    found = verify_document(weak)
+    assert not found
+    assert "must reach 1e+06" in found.sentence
+
+
+def test_bodies_are_checked_whether_the_file_names_them_or_not(witness):
+    names = witness["statement"]["parameter_names"]
+    witness["statement"]["conditions"] = []
+    honest = verify_document(witness)
+    assert honest
+    assert "make 2 possible bodies" in honest.sentence
+    assert "all 0 conditions" in honest.sentence
+    impossible = copy.deepcopy(witness)
+    impossible["proof"]["parameters"][names.index("lz2")] = "1000"
+    assert "no body has the mass m2" in verify_document(impossible).sentence
+    renamed = copy.deepcopy(impossible)
+    renamed["statement"]["parameter_names"][names.index("lz2")] = "other"
+    assert "does not name the ten" in verify_document(renamed).sentence
+
+
+def test_statements_that_anything_satisfies_are_refused(two_links):
+    feasible = FeasibleSet(two_links, constraints=[TotalMass(equal=3.0)])
+    document = check(feasible, base=GOOD).certificate.to_dict()
+    assert verify_document(document)
+    document["statement"]["equations"][0]["tolerance"] = "100"
+    assert "be missed by 100" in verify_document(document).sentence
+    document["statement"]["consistency"] = "whole"
+    assert "nothing defines" in verify_document(document).sentence
+    document["statement"]["parameter_names"][1] = document["statement"]["parameter_names"][0]
+    with pytest.raises(InputError, match="share a name"):
+        verify_document(document)
 
 
 @pytest.mark.parametrize("part", ["statement", "proof", "verdict"])
@@ -176,3 +220,34 @@ def test_a_certificate_speaks_of_one_robot(two_links, witness):
     assert speaks_of(witness, FeasibleSet(two_links, "inertia")) == "consistency"
     assert speaks_of(witness, FeasibleSet(two_links, constraints=[TotalMass(maximum=3.0)])) == "conditions"
     assert speaks_of(witness, FeasibleSet(two_links, constraints=[TotalMass(equal=3.0)])) == "equations"
+
+
+def test_more_is_proved_by_feasibility_and_less_by_infeasibility(two_links, witness, refutation):
+    """What is possible with a constraint is without; what is impossible without is with."""
+    constrained = FeasibleSet(two_links, constraints=[TotalMass(maximum=30.0)])
+    assert speaks_of(check(constrained, base=GOOD).certificate.to_dict(), FeasibleSet(two_links)) == ""
+    assert speaks_of(check(constrained, base=BAD).certificate.to_dict(), FeasibleSet(two_links)) == "conditions"
+    assert speaks_of(refutation, constrained) == ""
+    assert speaks_of(witness, constrained) == "conditions"
+
+
+def test_a_certificate_is_of_its_own_base_parameters_to_the_last_digit(two_links, witness):
+    near = np.array(GOOD)
+    near[0] = np.nextafter(near[0], 2.0)
+    assert speaks_of(witness, FeasibleSet(two_links), near) == "base parameters"
+
+
+def test_a_certificate_of_parameters_holds_these_very_numbers(two_links):
+    feasible = FeasibleSet(two_links)
+    parameters = check(feasible, base=GOOD).parameters * 1.1
+    certificate = FeasibilityCertificate.of_parameters(feasible, parameters)
+    document = certificate.to_dict()
+    assert verify_document(document)
+    assert [Fraction(text) for text in document["proof"]["parameters"]] == [
+        Fraction(repr(v)) for v in parameters.tolist()
+    ]
+    sums = [
+        sum(Fraction(c) * Fraction(repr(float(parameters[k]))) for k, c in row)
+        for row in document["statement"]["base_map"]
+    ]
+    assert certificate.base.tolist() == [float(value) for value in sums]

@@ -21,10 +21,6 @@ __all__ = ["DualPoint", "prove_infeasible"]
 Vector = npt.NDArray[np.float64]
 Matrix = npt.NDArray[np.float64]
 
-LEAST_REACH, LEAST_RELATIVE_REACH = 1e6, 1e4
-"""A proof up to a size must reach this far, in kg and kg m², and this many times the largest base parameter, to
-count."""
-
 
 @dataclass(frozen=True, eq=False)
 class DualPoint:
@@ -89,13 +85,12 @@ def prove_infeasible(
             certificate = _on_the_face(feasible, face, _moved(candidate, middle, share * unit), base)
             if certificate is not None and certificate.verify():
                 return certificate
-    least = max(LEAST_REACH, LEAST_RELATIVE_REACH * float(np.abs(base).max(initial=0.0)))
-    best: tuple[float, InfeasibilityCertificate | None] = (least, None)
+    best: tuple[float, InfeasibilityCertificate | None] = (0.0, None)
     for share in (0.3, 1e-4):
         moved = _projected(feasible, face, _moved(point, middle, share * unit))
         certificate = _beside_the_face(feasible, face, moved, base)
         verified = certificate.verify() if certificate is not None else None
-        if verified and verified.reach >= best[0]:
+        if verified and verified.reach > best[0]:
             best = (verified.reach, certificate)
     return best[1]
 

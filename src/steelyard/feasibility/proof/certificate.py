@@ -5,7 +5,7 @@ from dataclasses import dataclass, field
 from fractions import Fraction
 from functools import cached_property
 from pathlib import Path
-from typing import Any
+from typing import Any, Literal
 
 import numpy as np
 import numpy.typing as npt
@@ -29,23 +29,48 @@ Matrix = npt.NDArray[np.float64]
 class FeasibilityCertificate:
     """Standard parameters δ of a real robot that has the base parameters β: K δ = β, D(δ) ≻ 0 (thesis 3.34).
 
-    The proof holds for decimal numbers: those that β and δ_d print, with the independent parameters following exactly
-    from K δ = β.
+    The proof holds for decimal numbers, those that floats print. Either β is what was asked about, so that the
+    independent parameters follow exactly from K δ = β and from the others; or δ is, and β follows.
 
     Attributes
     ----------
     feasible_set : FeasibleSet
     base : (n_b,)
     parameters : (n,)
+    given : {"base", "parameters"}
+        Which of the two stands for the decimal numbers that it prints.
+
+    See Also
+    --------
+    FeasibilityCertificate.of_parameters : The certificate of standard parameters.
     """
 
     feasible_set: FeasibleSet = field(repr=False)
     base: Vector = field(repr=False)
     parameters: Vector = field(repr=False)
+    given: Literal["base", "parameters"] = "base"
+
+    @classmethod
+    def of_parameters(cls, feasible: FeasibleSet, parameters: Vector) -> "FeasibilityCertificate":
+        """The certificate that these very parameters are feasible, as the decimal numbers that they print.
+
+        Its `base` holds the doubles that are nearest to the exact K δ.
+        """
+        exact = _products(exact_conditions(feasible).base_map, exact_vector(parameters))
+        return cls(feasible, np.array([float(value) for value in exact]), parameters, "parameters")
+
+    @cached_property
+    def exact_base(self) -> tuple[Fraction, ...]:
+        """β in rational numbers."""
+        if self.given == "base":
+            return exact_vector(self.base)
+        return _products(exact_conditions(self.feasible_set).base_map, self.exact_parameters)
 
     @cached_property
     def exact_parameters(self) -> tuple[Fraction, ...]:
         """δ in rational numbers; K δ = β holds exactly."""
+        if self.given == "parameters":
+            return exact_vector(self.parameters)
         conditions = exact_conditions(self.feasible_set)
         found = list(exact_vector(self.parameters))
         independent = np.asarray(self.feasible_set.model.base_parameters().independent, dtype=np.intp).tolist()
@@ -56,12 +81,12 @@ class FeasibilityCertificate:
 
     def verify(self) -> CertificateCheck:
         """Check everything anew in rational arithmetic."""
-        statement = exact_statement(self.feasible_set, exact_vector(self.base))
+        statement = exact_statement(self.feasible_set, self.exact_base)
         return verify_witness(statement, self.exact_parameters)
 
     def to_dict(self) -> dict[str, Any]:
         """As plain data, for JSON: the whole statement with its proof."""
-        statement = exact_statement(self.feasible_set, exact_vector(self.base))
+        statement = exact_statement(self.feasible_set, self.exact_base)
         return {
             "format": FORMAT,
             "verdict": "feasible",
@@ -76,6 +101,10 @@ class FeasibilityCertificate:
     def save(self, path: str | Path) -> None:
         """Write it as JSON; the file appears whole or not at all."""
         save_certificate(self.to_dict(), path)
+
+
+def _products(rows: Sequence[Mapping[int, Fraction]], parameters: Sequence[Fraction]) -> tuple[Fraction, ...]:
+    return tuple(sum((value * parameters[k] for k, value in row.items()), Fraction(0)) for row in rows)
 
 
 @dataclass(frozen=True, eq=False)

@@ -8,10 +8,11 @@ from typing import Any
 
 from steelyard.errors import InputError
 from steelyard.files import read_json, shown
+from steelyard.regression.certified_numbers import certified_numbers_differ
 
 from .rational import parse_number
 from .statement import Matrix, Statement
-from .verification import CertificateCheck, verify_dual_point, verify_witness
+from .verification import CertificateCheck, refused, verify_dual_point, verify_witness
 
 __all__ = ["FORMAT", "CertificateDocument", "load_certificate", "verify_certificate", "verify_document"]
 
@@ -49,14 +50,24 @@ def load_certificate(path: str | Path) -> dict[str, Any]:
     InputError
         If the file cannot be read or is no certificate.
     """
-    source = Path(path)
-    document = read_json(source, remedy="give a certificate that steelyard saved")
-    if isinstance(document, dict) and isinstance(document.get("certificate"), dict):
+    return _certificate_of(_read(path), path)
+
+
+def _read(path: str | Path) -> Any:
+    return read_json(Path(path), remedy="give a certificate that steelyard saved")
+
+
+def _certificate_of(document: Any, source: str | Path) -> dict[str, Any]:
+    if _is_estimate(document):
         document = document["certificate"]
     if not isinstance(document, dict) or document.get("format") != FORMAT:
         found = document.get("format") if isinstance(document, dict) else type(document).__name__
         raise InputError(f"{source}: is not a certificate (format {shown(found)}); expected {FORMAT!r}.")
     return document
+
+
+def _is_estimate(document: Any) -> bool:
+    return isinstance(document, dict) and isinstance(document.get("certificate"), dict)
 
 
 def verify_certificate(path: str | Path) -> CertificateCheck:
@@ -65,12 +76,14 @@ def verify_certificate(path: str | Path) -> CertificateCheck:
     Parameters
     ----------
     path : str or Path
-        What `save` of a certificate wrote.
+        What `save` of a certificate wrote, or of an estimate. The numbers of an estimate must be those that its
+        certificate speaks of.
 
     Returns
     -------
     CertificateCheck
-        True where the file proves what it says; its sentence says what that is, or what is wrong.
+        True where the file proves what it says; its sentence says what that is, or what is wrong. That the statement is
+        that of a certain robot is seen by `speaks_of`, which needs the robot.
 
     Raises
     ------
@@ -87,9 +100,12 @@ def verify_certificate(path: str | Path) -> CertificateCheck:
     ...     path = pathlib.Path(folder) / "certificate.json"
     ...     verdict.certificate.save(path)
     ...     print(verify_certificate(path).sentence)
-    Proved in exact arithmetic: no parameters with these base parameters satisfy all conditions.
+    Proved in exact arithmetic: no parameters with these base parameters satisfy the one condition stated.
     """
-    return verify_document(load_certificate(path), str(path))
+    document = _read(path)
+    verified = verify_document(_certificate_of(document, path), str(path))
+    different = certified_numbers_differ(document) if verified and _is_estimate(document) else ""
+    return refused(f"the certificate is valid, but not for this estimate: {different}") if different else verified
 
 
 def verify_document(document: Mapping[str, Any], where: str = "certificate") -> CertificateCheck:
@@ -135,9 +151,13 @@ def _duals(entries: Any, statement: Statement) -> dict[int, Matrix]:
             raise ValueError(f"condition number {index} has two dual matrices")
         size = statement.conditions[index].size
         matrix = [[Fraction(0)] * size for _ in range(size)]
+        places: set[tuple[int, int]] = set()
         for i, j, value in elements:
             if not (isinstance(i, int) and isinstance(j, int) and 0 <= i <= j < size):
                 raise ValueError(f"({i!r}, {j!r}) is no place in a matrix of {size} rows")
+            if (i, j) in places:
+                raise ValueError(f"the place ({i}, {j}) of a dual matrix is there twice")
+            places.add((i, j))
             matrix[i][j] = matrix[j][i] = parse_number(value)
         found[index] = matrix
     return found

@@ -12,13 +12,9 @@ import numpy.typing as npt
 from ..feasible_set import FeasibleSet
 from ..lmi import AffineBlock
 from .rational import exact_number
-from .statement import Equation, MatrixCondition, Statement
+from .statement import EQUATION_TOLERANCE, Equation, MatrixCondition, Statement
 
-__all__ = ["EQUATION_TOLERANCE", "exact_conditions", "exact_statement", "exact_vector", "speaks_of"]
-
-EQUATION_TOLERANCE = Fraction(1, 10**9)
-"""Equations of constraints hold to this, relative to their value or largest coefficient: measured numbers are
-rounded."""
+__all__ = ["exact_conditions", "exact_statement", "exact_vector", "speaks_of"]
 
 _cache: WeakKeyDictionary[FeasibleSet, Statement] = WeakKeyDictionary()
 
@@ -58,9 +54,8 @@ def exact_conditions(feasible: FeasibleSet) -> Statement:
             coefficients: dict[int, Fraction] = {}
             for index, value in zip(equality.indices, equality.coefficients, strict=True):
                 coefficients[int(index)] = coefficients.get(int(index), Fraction(0)) + exact_number(float(value))
-            value = exact_number(equality.value)
-            scale = max([abs(value), *(abs(c) for c in coefficients.values())])
-            equations.append(Equation(equality.name, coefficients, value, EQUATION_TOLERANCE * scale))
+            equation = Equation(equality.name, coefficients, exact_number(equality.value), Fraction(0))
+            equations.append(replace(equation, tolerance=EQUATION_TOLERANCE * equation.scale))
         names = tuple(str(name) for name in feasible.model.parameter_names)
         leading = tuple(names[i] for i in np.asarray(base.independent, dtype=np.intp))
         found = Statement(
@@ -80,17 +75,32 @@ def exact_conditions(feasible: FeasibleSet) -> Statement:
 def speaks_of(document: Mapping[str, Any], feasible: FeasibleSet, base: npt.NDArray[np.float64] | None = None) -> str:
     """What of a certificate's statement differs from a feasible set (and base parameters); empty where nothing does.
 
-    A certificate proves its own statement. That the statement is about a certain robot is seen by making it anew.
+    A certificate proves its own statement. That the statement is about a certain robot is seen by making it anew. A
+    proof of feasibility may ask for more than the robot's own conditions, and a proof of infeasibility for less: either
+    proves what the robot's own statement would.
+
+    Parameters
+    ----------
+    document : mapping
+        A certificate as plain data.
+    feasible : FeasibleSet
+    base : (n_b,), optional
+        Each must be the double that is nearest to the certificate's exact number.
     """
     found = Statement.from_dict(document["statement"])
     expected = exact_conditions(feasible)
-    if base is not None:
-        values = np.array([float(value) for value in found.base])
-        if values.shape != base.shape or not np.allclose(values, base, rtol=1e-9, atol=1e-12 * np.abs(base).max()):
-            return "base parameters"
-    for name in ("consistency", "parameter_names", "base_map", "conditions", "equations"):
+    for name in ("consistency", "parameter_names", "base_map"):
         if getattr(found, name) != getattr(expected, name):
             return name.replace("_", " ")
+    more, less = (found, expected) if document["verdict"] == "feasible" else (expected, found)
+    for name in ("conditions", "equations"):
+        stated: dict[str, list[Any]] = {}
+        for item in getattr(more, name):
+            stated.setdefault(item.name, []).append(item)
+        if any(item not in stated.get(item.name, ()) for item in getattr(less, name)):
+            return name
+    if base is not None and [float(value) for value in found.base] != base.tolist():
+        return "base parameters"
     return ""
 
 

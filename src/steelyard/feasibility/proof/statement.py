@@ -9,10 +9,13 @@ from steelyard.errors import InputError
 
 from .rational import parse_number, written
 
-__all__ = ["Equation", "Matrix", "MatrixCondition", "Statement"]
+__all__ = ["EQUATION_TOLERANCE", "Equation", "Matrix", "MatrixCondition", "Statement"]
 
 Matrix = list[list[Fraction]]
 LARGEST_CONDITION = 1000
+EQUATION_TOLERANCE = Fraction(1, 10**9)
+"""Equations of constraints hold to this, relative to their value or largest coefficient: measured numbers are
+rounded."""
 
 
 def _dense(size: int, entries: Mapping[tuple[int, int], Fraction]) -> Matrix:
@@ -69,6 +72,11 @@ class Equation:
     coefficients: Mapping[int, Fraction]
     value: Fraction
     tolerance: Fraction
+
+    @property
+    def scale(self) -> Fraction:
+        """The largest of its value and its coefficients, without sign."""
+        return max([abs(self.value), *(abs(c) for c in self.coefficients.values())])
 
 
 @dataclass(frozen=True)
@@ -153,6 +161,8 @@ class Statement:
     @classmethod
     def _read(cls, document: Mapping[str, Any]) -> "Statement":
         names = tuple(_text(name) for name in _list(document["parameter_names"]))
+        if len(set(names)) < len(names):
+            raise ValueError("two parameters share a name")
         expressions = tuple(_text(name) for name in _list(document["base_expressions"]))
         count = len(names)
 

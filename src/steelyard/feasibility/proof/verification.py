@@ -4,10 +4,15 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from fractions import Fraction
 
+from .bodies import CONSISTENCIES, bodies, body_matrix
 from .rational import is_definite
-from .statement import Matrix, Statement
+from .statement import EQUATION_TOLERANCE, Matrix, Statement
 
-__all__ = ["CertificateCheck", "verify_dual_point", "verify_witness"]
+__all__ = ["CertificateCheck", "refused", "verify_dual_point", "verify_witness"]
+
+LEAST_REACH, LEAST_RELATIVE_REACH = 10**6, 10**4
+"""A proof of infeasibility up to a size must reach this far, in kg and kg m², and this many times the largest base
+parameter: a robot beyond is none that anybody weighs. Below that, every robot is "infeasible"."""
 
 
 @dataclass(frozen=True)
@@ -36,24 +41,36 @@ class CertificateCheck:
 
 
 def verify_witness(statement: Statement, parameters: Sequence[Fraction]) -> CertificateCheck:
-    """Check K δ = β, every equation, and that every condition is definite at δ (thesis 3.34)."""
+    """Check K δ = β, every equation, and that every condition is definite at δ (thesis 3.34).
+
+    The conditions of the bodies are checked whether the statement names them or not, so that none can be left out.
+    """
+    links = bodies(statement.parameter_names)
+    if statement.consistency not in CONSISTENCIES:
+        return refused(f"its consistency is {statement.consistency!r}, which nothing defines")
+    if not links or len(links) < sum(name.startswith("Lxx") for name in statement.parameter_names):
+        return refused("its statement does not name the ten inertial parameters of each body")
     if len(parameters) != len(statement.parameter_names):
-        return _wrong(f"it has {len(parameters)} parameters instead of {len(statement.parameter_names)}")
+        return refused(f"it has {len(parameters)} parameters instead of {len(statement.parameter_names)}")
     for row, value, expression in zip(statement.base_map, statement.base, statement.base_expressions, strict=True):
         if _dot(row, parameters) != value:
-            return _wrong(f"its parameters do not have the base parameter {expression}")
+            return refused(f"its parameters do not have the base parameter {expression}")
     for equation in statement.equations:
+        if equation.tolerance > EQUATION_TOLERANCE * equation.scale:
+            return refused(f"its statement lets {equation.name} be missed by {float(equation.tolerance):.3g}")
         if abs(_dot(equation.coefficients, parameters) - equation.value) > equation.tolerance:
-            return _wrong(f"its parameters do not satisfy {equation.name}")
+            return refused(f"its parameters do not satisfy {equation.name}")
     for condition in statement.conditions:
         if not is_definite(condition.evaluate(parameters), condition.strict):
             kind = "positive definite" if condition.strict else "positive semidefinite"
-            return _wrong(f"at its parameters the condition {condition.name} is not {kind}")
-    count = len(statement.conditions)
+            return refused(f"at its parameters the condition {condition.name} is not {kind}")
+    for ending, columns in links.items():
+        if not is_definite(body_matrix([parameters[k] for k in columns], statement.consistency), strict=True):
+            return refused(f"at its parameters no body has the mass m{ending} and the inertia that go with it")
     return CertificateCheck(
         True,
-        f"Proved in exact arithmetic: these base parameters are feasible; the parameters given have them and satisfy "
-        f"all {count} conditions.",
+        "Proved in exact arithmetic: these base parameters are feasible; the parameters given have them, make "
+        f'{len(links)} possible bodies under "{statement.consistency}" consistency, and satisfy {_stated(statement)}.',
     )
 
 
@@ -84,18 +101,20 @@ def verify_dual_point(
     shift : Fraction
         Not negative; 0 for a proof without restriction.
     """
+    if statement.consistency not in CONSISTENCIES:
+        return refused(f"its consistency is {statement.consistency!r}, which nothing defines")
     if len(direction) != len(statement.base) or len(multipliers) != len(statement.equations) or shift < 0:
-        return _wrong("its dual point does not fit its statement")
+        return refused("its dual point does not fit its statement")
     gradient: dict[int, Fraction] = {}
     value, touches_strict = Fraction(0), False
     for index, dual in duals.items():
         condition = statement.conditions[index]
         if len(dual) != condition.size or any(len(row) != condition.size for row in dual):
-            return _wrong(f"the dual matrix of {condition.name} has another size than the condition")
+            return refused(f"the dual matrix of {condition.name} has another size than the condition")
         slack = shift if condition.physical else Fraction(0)
         shifted = [[entry + slack * (i == j) for j, entry in enumerate(row)] for i, row in enumerate(dual)]
         if not is_definite(shifted, strict=False):
-            return _wrong(f"the dual matrix of {condition.name} is not positive semidefinite")
+            return refused(f"the dual matrix of {condition.name} is not positive semidefinite")
         constant, products = condition.products(dual)
         value += constant
         touches_strict |= condition.strict and any(entry for row in dual for entry in row)
@@ -111,22 +130,36 @@ def verify_dual_point(
             gradient[parameter] = gradient.get(parameter, Fraction(0)) - weight * coefficient
     for parameter, rest in gradient.items():
         if rest:
-            return _wrong(f"its dual point is not orthogonal to changes of {statement.parameter_names[parameter]}")
+            return refused(f"its dual point is not orthogonal to changes of {statement.parameter_names[parameter]}")
     if value > 0 or (value == 0 and (shift or not touches_strict)):
-        return _wrong("its dual point does not contradict feasibility")
+        return refused("its dual point does not contradict feasibility")
     gap = float(-value)
     if shift:
         reach = _quotient(-value, shift)
+        bound = f"the traces of their matrices add to less than {reach:.3g} (kg and kg m²)"
+        largest = max((abs(number) for number in statement.base), default=Fraction(0))
+        if -value < shift * max(Fraction(LEAST_REACH), LEAST_RELATIVE_REACH * largest):
+            return refused(
+                f"it excludes only parameters as far as {bound}, and must reach {LEAST_REACH:.0e} and "
+                f"{LEAST_RELATIVE_REACH:.0e} times the largest base parameter"
+            )
         return CertificateCheck(
             True,
-            "Proved in exact arithmetic: no parameters with these base parameters satisfy all conditions, as far as "
-            f"the traces of their matrices add to less than {reach:.3g} (kg and kg m²).",
+            f"Proved in exact arithmetic, as far as {bound}: no parameters with these base parameters satisfy "
+            f"{_stated(statement)}.",
             gap,
             reach,
         )
     return CertificateCheck(
-        True, "Proved in exact arithmetic: no parameters with these base parameters satisfy all conditions.", gap
+        True,
+        f"Proved in exact arithmetic: no parameters with these base parameters satisfy {_stated(statement)}.",
+        gap,
     )
+
+
+def _stated(statement: Statement) -> str:
+    count = len(statement.conditions) + len(statement.equations)
+    return "the one condition stated" if count == 1 else f"all {count} conditions stated"
 
 
 def _quotient(value: Fraction, shift: Fraction) -> float:
@@ -140,5 +173,6 @@ def _dot(row: Mapping[int, Fraction], parameters: Sequence[Fraction]) -> Fractio
     return sum((value * parameters[index] for index, value in row.items()), Fraction(0))
 
 
-def _wrong(reason: str) -> CertificateCheck:
+def refused(reason: str) -> CertificateCheck:
+    """The outcome for what proves nothing."""
     return CertificateCheck(False, f"Not a proof: {reason}.", 0.0, 0.0)

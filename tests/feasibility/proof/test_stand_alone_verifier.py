@@ -1,0 +1,128 @@
+"""The verifier in the documentation, which shares no line with ours, agrees with ours on proofs and on forgeries."""
+
+import copy
+import json
+import subprocess
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import steelyard as sy
+from steelyard.errors import InputError
+from steelyard.feasibility import check, verify_certificate, verify_document
+
+SCRIPT = Path(__file__).resolve().parents[3] / "docs" / "reference" / "verify_certificate.py"
+
+
+def verdicts(folder: Path, documents: list[dict]) -> list[bool]:
+    """What the script says of each document, in one process; a file that it cannot read proves nothing."""
+    for index, document in enumerate(documents):
+        (folder / f"{index}.json").write_text(json.dumps(document))
+    code = (
+        "import runpy, sys\n"
+        f"for index in range({len(documents)}):\n"
+        f"    sys.argv = ['verify', {str(folder)!r} + f'/{{index}}.json']\n"
+        "    try:\n"
+        f"        runpy.run_path({str(SCRIPT)!r})\n"
+        "    except (SystemExit, ValueError, KeyError, IndexError, TypeError, AttributeError) as error:\n"
+        "        print('Refused:', error)\n"
+        "assert not {'steelyard', 'numpy', 'scipy'} & set(sys.modules)\n"
+    )
+    done = subprocess.run([sys.executable, "-I", "-c", code], capture_output=True, text=True, check=False)
+    assert done.stderr == ""
+    lines = done.stdout.splitlines()
+    assert len(lines) == len(documents)
+    return [line.startswith("Proved") for line in lines]
+
+
+def ours(document: dict) -> bool:
+    try:
+        return bool(verify_document(document))
+    except InputError:
+        return False
+
+
+def places(value, path=()):
+    """Every place of a document that holds no list and no object."""
+    if isinstance(value, dict):
+        for key, item in value.items():
+            yield from places(item, (*path, key))
+    elif isinstance(value, list):
+        for index, item in enumerate(value):
+            yield from places(item, (*path, index))
+    else:
+        yield path
+
+
+def forged(document: dict, random: np.random.Generator) -> dict:
+    """A copy with one place changed."""
+    changed = copy.deepcopy(document)
+    options = [path for path in places(changed) if path[-1] not in ("robot", "format", "name")]
+    path = options[random.integers(len(options))]
+    holder = changed
+    for key in path[:-1]:
+        holder = holder[key]
+    value = holder[path[-1]]
+    if isinstance(value, bool):
+        holder[path[-1]] = not value
+    elif isinstance(value, int):
+        holder[path[-1]] = value + int(random.integers(-1, 2))
+    else:
+        texts = ["0", "1", f"-{value}", f"{value}1", "1e-7", "-3/7", "1000000"]
+        holder[path[-1]] = texts[random.integers(len(texts))]
+    return changed
+
+
+@pytest.fixture(scope="module")
+def certificates():
+    robot = sy.Robot.from_dh([("-pi/2", 0.0, 0.3, "q"), ("0", 0.5, 0.0, "q")])
+    robot = robot.with_terms(sy.Viscous(), sy.Coulomb())
+    model = sy.Model(robot)
+    mass = sy.TotalMass(equal=8.0)
+    found = []
+    for consistency in ("full", "inertia"):
+        for constraints in ([], [mass]):
+            feasible = sy.FeasibleSet(model, consistency, constraints)
+            good = check(sy.FeasibleSet(model, consistency, [mass]), base=0.05 * np.ones(model.base_parameters().count))
+            bodies = np.tile([0.4, 0.01, 0.0, 0.4, 0.02, 0.3, 0.1, 0.2, 0.0, 4.0, 0.2, 0.1], 2)
+            base = model.base_parameters().values(bodies)
+            possible = check(feasible, base=base)
+            assert possible.feasible, (good, possible)
+            base[0] = -3.0
+            impossible = check(feasible, base=base)
+            assert impossible.feasible is False
+            found += [json.loads(json.dumps(v.certificate.to_dict())) for v in (possible, impossible)]
+    return found
+
+
+def test_both_accept_proofs_and_refuse_forgeries(certificates, tmp_path):
+    random = np.random.default_rng(7)
+    documents = certificates + [forged(document, random) for document in certificates for _ in range(60)]
+    theirs, own = verdicts(tmp_path, documents), [ours(document) for document in documents]
+    assert all(own[: len(certificates)])
+    assert own == theirs
+    assert 20 < sum(own) < len(own) - 200  # changes of what a proof does not use leave it a proof
+
+
+def test_it_ties_the_numbers_of_an_estimate(tmp_path):
+    model = sy.Model(sy.Robot.from_dh([("0", 0.0, 0.0, "q")], name="pendulum", gravity=(0, -9.81, 0)))
+    names = model.base_parameters().names
+    info = sy.Information.from_factor(10 * np.eye(3), [-0.1, 5.0, 0.0], 0.02, 100, names)
+    sy.fit(info, sy.FeasibleSet(model)).save(tmp_path / "estimate.json")
+    sound = json.loads((tmp_path / "estimate.json").read_text())
+    documents = [sound]
+    for name in ("parameters", "base"):
+        for index in range(len(sound[name])):
+            changed = copy.deepcopy(sound)
+            changed[name][index] = float(np.nextafter(changed[name][index], 10.0))
+            documents.append(changed)
+    assert verdicts(tmp_path, documents) == [True] + [False] * (len(documents) - 1)
+    for index, document in enumerate(documents):
+        path = tmp_path / f"{index}.json"
+        path.write_text(json.dumps(document))
+        assert bool(verify_certificate(path)) == (index == 0)
+        if index:
+            with pytest.raises(InputError, match="while its certificate proves"):
+                sy.Estimate.load(path)
