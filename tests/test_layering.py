@@ -80,7 +80,8 @@ def test_file_keeps_to_the_plan(path: Path) -> None:
 
 
 WRITERS = {"write_text", "write_bytes", "replace", "rename", "mkstemp", "mkdtemp", "NamedTemporaryFile"}
-SCRATCH = {"csdp.py", "sdpa.py", "generated_code.py"}  # write into a temporary folder that one program reads
+# These write into a temporary folder that one program reads, and the trace of a fault.
+SCRATCH = {"csdp.py", "sdpa.py", "generated_code.py", "cli/main.py"}
 
 
 def written_without_care(source: str) -> list[str]:
@@ -96,7 +97,7 @@ def written_without_care(source: str) -> list[str]:
 
 @pytest.mark.parametrize("path", FILES, ids=lambda p: str(p.relative_to(PACKAGE)))
 def test_files_are_written_in_one_room(path: Path) -> None:
-    if path.is_relative_to(PACKAGE / "files") or path.name in SCRATCH:
+    if path.is_relative_to(PACKAGE / "files") or path.name in SCRATCH or str(path.relative_to(PACKAGE)) in SCRATCH:
         return
     assert written_without_care(path.read_text(encoding="utf-8")) == [], "use steelyard.files"
 

@@ -70,7 +70,7 @@ KINDS = {
     # robots
     "robot missing": (lambda p: (p / "robot.toml").unlink(), "robot.toml: cannot be read"),
     "toml broken": (lambda p: (p / "robot.toml").write_text("[description\n"), "not valid TOML"),
-    "toml section unknown": (lambda p: toml(p, "[procesing]\ncutoff = 1\n"), '"procesing" is no section'),
+    "toml section unknown": (lambda p: toml(p, "[procesing]\ncutoff = 1\n"), "'procesing' is no section"),
     "toml key unknown": (lambda p: toml(p, "cutof = 1\n"), "cutof"),
     "urdf missing": (lambda p: (p / "pair.urdf").unlink(), "pair.urdf"),
     "urdf malformed": (lambda p: urdf(p, "</robot>", ""), "pair.urdf"),

@@ -106,7 +106,7 @@ def test_an_unknown_table_is_refused(write):
 BROKEN = {
     "syntax": ("name = \n", r"not valid TOML \(Invalid value \(at line 1"),
     "empty": ("", r"it has no table \[description\]"),
-    "unknown section": (ROWS + "[limit]\n", r'"limit" is no section of a robot file; did you mean "limits"'),
+    "unknown section": (ROWS + "[limit]\n", r"'limit' is no section of a robot file; did you mean \"limits\""),
     "description is no table": ("description = 3", r"it has no table \[description\]"),
     "description without a robot": ("[description]\ngravity = [0, 0, 1]", "urdf = ... or rows = ... is needed"),
     "two robots": (ROWS + 'urdf = "x.urdf"', "both urdf and rows"),
@@ -126,7 +126,7 @@ BROKEN = {
     "locked holds words": ('[description]\nurdf = "robots/arm.urdf"\nlocked = {k = "0"}', "locked must be a list"),
     "unknown locked joint": ('[description]\nurdf = "robots/arm.urdf"\nlocked = ["kk"]', 'no joint "kk" to lock'),
     "gravity of two": (ROWS + "gravity = [0, 9.81]", r"gravity must be three numbers in m/s², got \[0, 9.81\]"),
-    "infinite gravity": (ROWS + "gravity = [0, 0, inf]", "gravity must be finite"),
+    "infinite gravity": (ROWS + "gravity = [0, 0, inf]", "gravity must be three numbers"),
     "rows is a string": ('[description]\nrows = "q"', "rows must be a list"),
     "short row": ('[description]\nrows = [[0, 0, "q"]]', r"\[description\], row 1: four cells"),
     "bad cell": (

@@ -70,9 +70,9 @@ BROKEN = {
     ),
     "its own child": (robot(A, B, joint(), joint("k", parent="b", child="b")), 'link "b" is the child of joint'),
     "zero axis": (robot(A, B, joint(inner='<axis xyz="0 0 0"/>')), 'joint "j": its axis is "0 0 0"'),
-    "short axis": (robot(A, B, joint(inner='<axis xyz="0 1"/>')), 'xyz of <axis> must be 3 numbers, finite, got "0 1"'),
-    "word for a number": (robot(A, B, joint(inner='<axis xyz="0 0 one"/>')), 'got "0 0 one"'),
-    "underscore in a number": (robot(A, B, joint(inner='<axis xyz="0 0 1_0"/>')), 'got "0 0 1_0"'),
+    "short axis": (robot(A, B, joint(inner='<axis xyz="0 1"/>')), "xyz of <axis> must be 3 numbers, finite, got '0 1'"),
+    "word for a number": (robot(A, B, joint(inner='<axis xyz="0 0 one"/>')), "got '0 0 one'"),
+    "underscore in a number": (robot(A, B, joint(inner='<axis xyz="0 0 1_0"/>')), "got '0 0 1_0'"),
     "NaN origin": (robot(A, B, joint(inner='<origin rpy="0 nan 0"/>')), "rpy of <origin> must be 3 numbers, finite"),
     "limits exchanged": (
         robot(A, B, joint(inner='<limit lower="1" upper="-1"/>')),
@@ -96,7 +96,7 @@ BROKEN = {
     "inertia without izz": (inertial(MASS + TENSOR.replace(' izz="1"', "")), "<inertia> has no izz"),
     "infinite mass": (
         inertial('<mass value="inf"/>' + TENSOR),
-        'value of <mass> must be one number, finite, got "inf"',
+        "value of <mass> must be one number, finite, got 'inf'",
     ),
     "floating joint": (robot(A, B, joint(kind="floating")), r'is of type "floating"; .* lock it: locked=\["j"\]'),
     "misspelt type": (robot(A, B, joint(kind="revolut")), r'is of type "revolut"; .*did you mean "revolute"'),

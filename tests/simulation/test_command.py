@@ -163,7 +163,7 @@ def test_bad_input_is_one_sentence_and_leaves_nothing(place, run):
         (["wam.toml"], "wam: the description gives no inertia for the link 'link1'; give an estimate"),
         (["pair.urdf", "--initial", "0,x"], "--initial must be numbers with commas between"),
         (["pair.urdf", "--initial", "0"], "--initial gives 1 positions, but pair has 2 joints"),
-        (["pair.urdf", "--torque", place / "text.csv"], "holds text where numbers are needed"),
+        (["pair.urdf", "--torque", place / "text.csv"], "cannot be read as numbers"),
         (["pair.urdf", "--torque", place / "few.csv"], "has no column 'tau2'"),
         (["pair.urdf", "--torque", place / "uneven.csv"], "must increase in equal steps"),
         (["pair.urdf", "--torque", place / "none.csv"], "cannot be read"),

@@ -8,6 +8,7 @@ from typing import Annotated
 import typer
 
 from .choices import Consistency
+from .screen import echo
 
 __all__ = ["check"]
 
@@ -40,18 +41,18 @@ def check(
         if output is not None:
             raise InputError("--certificate verifies a certificate and --output saves a new one; give one of them.")
         verified = check_certificate(certificate, robot, estimate, consistency.value)
-        typer.echo(verified.sentence)
+        echo(verified.sentence)
         if not verified:
             raise typer.Exit(1)
         return
     if robot is None or estimate is None:
         raise InputError("steelyard check needs ROBOT and ESTIMATE, or --certificate FILE to verify a certificate.")
     verdict = check_estimate(robot, estimate, consistency.value)
-    typer.echo(str(verdict))
+    echo(str(verdict))
     if output is not None:
         if verdict.certificate is None:
             raise InputError(f"{output} was not written: nothing is proved, so that there is no certificate to save.")
         verdict.certificate.save(output)
-        typer.echo(f"The proof is in {output}; anybody can verify it with: steelyard check --certificate {output}")
+        echo(f"The proof is in {output}; anybody can verify it with: steelyard check --certificate {output}")
     if not verdict.feasible:
         raise typer.Exit(1)

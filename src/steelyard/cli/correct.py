@@ -8,6 +8,7 @@ from typing import Annotated
 import typer
 
 from .choices import Consistency, DistanceMetric
+from .screen import echo
 
 __all__ = ["correct"]
 
@@ -30,5 +31,5 @@ def correct(
         raise InputError(f"{output}: is the estimate itself, which stays as it is; give another file.")
     corrected = correct_estimate(robot, estimate, consistency.value, metric.value)
     corrected.save(output)
-    typer.echo(corrected.remarks[-1])
-    typer.echo(f"Written to {output}")
+    echo(corrected.remarks[-1])
+    echo(f"Written to {output}")

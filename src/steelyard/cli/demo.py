@@ -7,6 +7,7 @@ from typing import Annotated
 
 import typer
 
+from .screen import echo
 from .terminal import progress, show_identification
 
 __all__ = ["demo"]
@@ -26,4 +27,4 @@ def demo(
         say("writing the report")
         save_results(result, output / "result")
     show_identification(result)
-    typer.echo(f"Look at {output / 'result' / 'report.html'}")
+    echo(f"Look at {output / 'result' / 'report.html'}")

@@ -8,6 +8,7 @@ from typing import Annotated
 import typer
 
 from .choices import Criterion, Family, OtherParameters, SearchMethod
+from .screen import echo
 from .terminal import progress, show_excitation
 
 __all__ = ["excite"]
@@ -76,4 +77,4 @@ def excite(
         )
         written = design.save_all(output)
     show_excitation(design)
-    typer.echo(f"Look at {', '.join(path.name for path in written)} in {output}")
+    echo(f"Look at {', '.join(path.name for path in written)} in {output}")

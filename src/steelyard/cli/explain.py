@@ -8,6 +8,7 @@ from typing import Annotated
 import typer
 
 from .choices import Consistency
+from .screen import echo
 
 __all__ = ["explain"]
 
@@ -22,9 +23,9 @@ def explain(
     from steelyard.identification import explain_estimate
 
     explanation = explain_estimate(robot, estimate, consistency.value)
-    typer.echo(str(explanation))
+    echo(str(explanation))
     if output is not None:
         explanation.save(output)
-        typer.echo(f"Written to {output}")
+        echo(f"Written to {output}")
     if not explanation.feasible:
         raise typer.Exit(1)

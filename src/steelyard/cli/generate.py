@@ -10,6 +10,7 @@ import typer
 from steelyard.errors import InputError
 
 from .choices import Gravity, Language, Sign
+from .screen import echo
 
 __all__ = ["generate"]
 
@@ -40,7 +41,7 @@ def generate(
 
     model = Model.load(robot)
     if function == ["list"]:
-        typer.echo("\n".join(model.functions))
+        echo("\n".join(model.functions))
         return
     if language is None or output is None:
         raise InputError("Give --language and --output: what to write, and the folder for it.")
@@ -54,4 +55,4 @@ def generate(
         parameters=parameters_for_source(model, estimate, cad=cad, base=base),
     )
     for path in written:
-        typer.echo(path)
+        echo(path)

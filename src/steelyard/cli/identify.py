@@ -8,6 +8,7 @@ from typing import Annotated
 import typer
 
 from .choices import Consistency, Preference, Weights
+from .screen import echo
 from .terminal import progress, show_identification
 
 __all__ = ["identify"]
@@ -53,4 +54,4 @@ def identify(
         say("writing the report")
         save_results(result, output)
     show_identification(result)
-    typer.echo(f"Look at {output / 'report.html'}")
+    echo(f"Look at {output / 'report.html'}")

@@ -2,11 +2,16 @@
 
 from __future__ import annotations
 
+import platform
 import sys
+import tempfile
+import traceback
+from typing import NoReturn
 
 import typer
 
 from steelyard import __version__
+from steelyard.errors import SteelyardError
 
 from .check import check
 from .correct import correct
@@ -17,6 +22,7 @@ from .generate import generate
 from .identify import identify
 from .inspect import inspect
 from .reproduce import reproduce
+from .screen import echo, guarded, sentence
 from .simulate import simulate
 
 __all__ = ["app", "main"]
@@ -43,7 +49,7 @@ app.command()(reproduce)
 
 def _version(value: bool) -> None:
     if value:
-        typer.echo(f"steelyard {__version__}")
+        echo(f"steelyard {__version__}")
         raise typer.Exit
 
 
@@ -57,17 +63,42 @@ def options(
 
 
 def main() -> None:
-    """Run the command line: exit 0 when all went well, 1 for a negative answer, 2 for bad input."""
-    from steelyard.errors import SteelyardError
+    """Run the command line: exit 0 when all went well, 1 for a negative answer, 2 for bad input, 70 for a fault."""
+    with guarded():
+        try:
+            app()
+        except (SystemExit, GeneratorExit):
+            raise
+        except SteelyardError as error:
+            _end(2, sentence(error))
+        except KeyboardInterrupt:
+            _end(130, "interrupted")
+        except OSError as error:
+            _end(2, sentence(f"{error.filename or 'the system'}: {error.strerror or error}."))
+        except BaseException as error:  # a panic of Polars is no Exception
+            _end(70, sentence(_told(error)))
 
+
+def _end(code: int, message: str) -> NoReturn:
+    print(f"steelyard: {message}", file=sys.stderr)
+    sys.exit(code)
+
+
+def _told(error: BaseException) -> str:
+    """Say that something went wrong that nobody thought of, and where its trace is."""
+    if isinstance(error, MemoryError):
+        what = "there is not enough memory for this"
+    else:
+        said = " ".join(str(error).split())[:300]
+        what = f"a fault of steelyard itself, {type(error).__name__}{f' ({said})' if said else ''}"
+    command = " ".join(map(repr, sys.argv[1:]))
+    system = f"steelyard {__version__}, Python {platform.python_version()}, {platform.platform()}"
+    trace = "".join(traceback.format_exception(error))
     try:
-        app()
-    except SteelyardError as error:
-        print(f"steelyard: {error}", file=sys.stderr)
-        sys.exit(2)
-    except KeyboardInterrupt:
-        print("steelyard: interrupted", file=sys.stderr)
-        sys.exit(130)
-    except OSError as error:
-        print(f"steelyard: {error.filename or 'the system'}: {error.strerror or error}.", file=sys.stderr)
-        sys.exit(2)
+        # Readable by the user alone, since it holds names and values of theirs.
+        handle, path = tempfile.mkstemp(prefix="steelyard-fault-", suffix=".txt")
+        with open(handle, "w", encoding="utf-8", errors="backslashreplace") as file:
+            file.write(f"{system}\n{command}\n\n{trace}")
+    except OSError:
+        return f"{what}; its trace could not be saved"
+    return f"{what}; the trace is in {path}: please report it with that file."

@@ -7,6 +7,7 @@ from typing import Annotated
 
 import typer
 
+from .screen import echo
 from .terminal import progress
 
 __all__ = ["reproduce"]
@@ -30,6 +31,6 @@ def reproduce(
     with progress() as say:
         result = run(output, section or (), data=data, fresh=fresh, progress=say)
     for part, why in result.missing:
-        typer.echo(f"Not computed: {part.heading}: {why}")
-    typer.echo(f"{result.agreeing} of {result.published} published values agree.")
-    typer.echo(f"Look at {result.page}")
+        echo(f"Not computed: {part.heading}: {why}")
+    echo(f"{result.agreeing} of {result.published} published values agree.")
+    echo(f"Look at {result.page}")

@@ -8,6 +8,7 @@ from typing import Annotated
 
 import typer
 
+from .screen import echo
 from .terminal import progress
 
 __all__ = ["SimulationMethod", "simulate"]
@@ -97,8 +98,8 @@ def simulate(
     result = simulation.result
     ending = f"{result.status} at {result.end_time:.6g} s"
     for note in simulation.notes:
-        typer.echo(f"Note: {note}.")
-    typer.echo(f"{ending}: {result.message}" if result.message else ending)
-    typer.echo(f"Look at {output / 'simulation.html'}")
+        echo(f"Note: {note}.")
+    echo(f"{ending}: {result.message}" if result.message else ending)
+    echo(f"Look at {output / 'simulation.html'}")
     if result.status in ("diverged", "stopped"):
         raise typer.Exit(1)

@@ -9,9 +9,12 @@ from typing import TYPE_CHECKING, Literal
 
 import numpy as np
 
+from .screen import printable
+
 if TYPE_CHECKING:
     from rich.console import Console
     from rich.table import Table
+    from rich.text import Text
 
     from steelyard.dynamics import Model
     from steelyard.identification import Identification
@@ -30,9 +33,15 @@ def progress() -> Iterator[Callable[[str], None]]:
 
     def say(text: str) -> None:
         console.print(f"[dim]{time.perf_counter() - begin:6.2f} s[/dim]  ", end="")
-        console.print(text, markup=False, soft_wrap=True)
+        console.print(_text(text), soft_wrap=True)
 
     yield say
+
+
+def _text(words: str) -> Text:
+    from rich.text import Text
+
+    return Text(printable(words))
 
 
 def _table(*columns: str) -> Table:
@@ -58,11 +67,10 @@ def _show(console: Console, table: Table) -> None:
 def show_identification(result: Identification) -> None:
     """Print verdict, errors per joint, infeasible links and remarks."""
     from rich.console import Console
-    from rich.text import Text
 
     console = Console(highlight=False)
     for prediction in result.predictions:
-        console.print(Text(f"Relative error of the torque, {prediction.role}: {prediction.name}"), soft_wrap=True)
+        console.print(_text(f"Relative error of the torque, {prediction.role}: {prediction.name}"), soft_wrap=True)
         table = _table("joint", "least squares", "feasible")
         pairs = zip(
             result.estimate.joint_names,
@@ -71,57 +79,56 @@ def show_identification(result: Identification) -> None:
             strict=True,
         )
         for name, before, after in pairs:
-            table.add_row(Text(name), f"{before:.2%}", f"{after:.2%}")
+            table.add_row(_text(name), f"{before:.2%}", f"{after:.2%}")
         table.add_row("all", f"{prediction.unconstrained_error:.2%}", f"{prediction.feasible_error:.2%}", style="bold")
         _show(console, table)
-    console.print(Text("Plain least squares: " + str(result.verdict)), soft_wrap=True)
+    console.print(_text("Plain least squares: " + str(result.verdict)), soft_wrap=True)
     mass = result.total_mass
     console.print(
-        Text(
+        _text(
             f"Steelyard's answer: every link is physically possible ({result.estimate.consistency}), total moving mass "
             f"{mass:.4g} kg, relative error {result.estimate.relative_error:.2%}."
         ),
         soft_wrap=True,
     )
     console.print(
-        Text(
+        _text(
             f"Excitation: condition number {result.information.condition_number:.4g}, "
             f"{result.information.base_count} base parameters, {len(result.weak)} of them weakly shown by the data."
         ),
         soft_wrap=True,
     )
     for remark in (*result.estimate.remarks, *result.remarks):
-        console.print(Text(f"Note: {remark}"), soft_wrap=True)
+        console.print(_text(f"Note: {remark}"), soft_wrap=True)
 
 
 def show_model(model: Model, consistency: Literal["full", "inertia"]) -> None:
     """Print joints, parameters, base parameters, operation counts and the verdict on the CAD."""
     from rich.console import Console
-    from rich.text import Text
 
     from steelyard.feasibility import FeasibleSet, check
     from steelyard.robot import INERTIA_SYMBOLS
 
     console = Console(highlight=False)
     robot, base = model.robot, model.base_parameters()
-    console.print(Text(f"{robot.name}: {robot.dof} joints, {len(robot.links)} moving links"), soft_wrap=True)
+    console.print(_text(f"{robot.name}: {robot.dof} joints, {len(robot.links)} moving links"), soft_wrap=True)
     table = _table("joint", "kind", "moves", "mass kg", "lower", "upper", "damping", "friction")
     for joint, link in zip(robot.joints, robot.links, strict=True):
         mass = "unknown" if link.inertia is None else f"{link.inertia.mass:.5g}"
         numbers = (joint.lower, joint.upper, joint.damping, joint.friction)
         name = joint.name if joint.mimics is None else f"{joint.name} (mimics {joint.mimics})"
         cells = [f"{x:.4g}" if np.isfinite(x) else "-" for x in numbers]
-        table.add_row(Text(name), joint.kind, Text(link.name), mass, *cells)
+        table.add_row(_text(name), joint.kind, _text(link.name), mass, *cells)
     _show(console, table)
-    console.print(Text(f"Terms: {', '.join(t.kind for t in robot.terms) or 'none'}"), soft_wrap=True)
+    console.print(_text(f"Terms: {', '.join(t.kind for t in robot.terms) or 'none'}"), soft_wrap=True)
     symbols = (*INERTIA_SYMBOLS, *(p.symbol for term in robot.terms for p in term.parameters))
-    console.print(Text(f"Parameters of each link and its joint, with its number: {' '.join(symbols)}"), soft_wrap=True)
+    console.print(_text(f"Parameters of each link and its joint, with its number: {' '.join(symbols)}"), soft_wrap=True)
     console.print(
-        Text(f"{model.parameter_count} parameters, {base.count} base parameters (rank gap {base.gap:.1e})"),
+        _text(f"{model.parameter_count} parameters, {base.count} base parameters (rank gap {base.gap:.1e})"),
         soft_wrap=True,
     )
     for number, expression in enumerate(base.expressions, start=1):
-        console.print(Text(f"  {number:3d}  {expression}"), soft_wrap=True)
+        console.print(_text(f"  {number:3d}  {expression}"), soft_wrap=True)
     console.print("Operations a sample")
     table = _table("function", "multiplications", "additions", "sines and cosines")
     for label, count in (
@@ -135,34 +142,33 @@ def show_model(model: Model, consistency: Literal["full", "inertia"]) -> None:
     links = np.concatenate([np.arange(c[0], c[0] + 10) for c in model.link_columns])
     if np.isnan(parameters[links]).any():
         console.print(
-            Text("CAD: the description gives no inertia for some links, so there is nothing to check."), soft_wrap=True
+            _text("CAD: the description gives no inertia for some links, so there is nothing to check."), soft_wrap=True
         )
         return
     feasible = FeasibleSet(model, consistency, terms=False)
-    console.print(Text("CAD: " + str(check(feasible, parameters=np.nan_to_num(parameters)))), soft_wrap=True)
+    console.print(_text("CAD: " + str(check(feasible, parameters=np.nan_to_num(parameters)))), soft_wrap=True)
 
 
 def show_excitation(design: ExcitationDesign) -> None:
     """Print how good a motion is and how near it comes to its limits."""
     from rich.console import Console
-    from rich.text import Text
 
     console = Console(highlight=False)
     table = _table("limit", "nearest part", "margin", "at s")
     for margin in design.nearest():
-        table.add_row(Text(margin.name), Text(margin.label), f"{margin.clearance:.4g}", f"{margin.time:.3f}")
+        table.add_row(_text(margin.name), _text(margin.label), f"{margin.clearance:.4g}", f"{margin.time:.3f}")
     _show(console, table)
     if design.criterion != "condition" or design.subset:
         about = f" of {', '.join(design.subset)}" if design.subset else ""
-        console.print(Text(f"Criterion {design.criterion}{about}: {design.figure:.5g}."), soft_wrap=True)
+        console.print(_text(f"Criterion {design.criterion}{about}: {design.figure:.5g}."), soft_wrap=True)
     together = design.combined_condition_number
     known = "" if together is None else f", {together:.4g} together with what it complements"
     console.print(
-        Text(
+        _text(
             f"{design.robot_name}: {design.family} motion of {design.trajectory.duration:.4g} s, condition number "
             f"{design.condition_number:.4g}{known}; every limit is kept at 1 kHz."
         ),
         soft_wrap=True,
     )
     for remark in design.remarks:
-        console.print(Text(f"Note: {remark}"), soft_wrap=True)
+        console.print(_text(f"Note: {remark}"), soft_wrap=True)

@@ -4,6 +4,7 @@ from .folder import replaced_folder
 from .reading import (
     LARGEST_JSON,
     LARGEST_TEXT,
+    parse_json,
     read_bytes,
     read_json,
     read_text,
@@ -11,15 +12,18 @@ from .reading import (
     require_file,
     shown,
 )
+from .tables import reading_table
 from .writing import replaced_file, write_bytes, write_json, write_text
 
 __all__ = [
     "LARGEST_JSON",
     "LARGEST_TEXT",
+    "parse_json",
     "read_bytes",
     "read_json",
     "read_text",
     "read_toml",
+    "reading_table",
     "replaced_file",
     "replaced_folder",
     "require_file",

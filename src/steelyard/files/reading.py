@@ -15,6 +15,7 @@ from steelyard.errors import InputError
 __all__ = [
     "LARGEST_JSON",
     "LARGEST_TEXT",
+    "parse_json",
     "read_bytes",
     "read_json",
     "read_text",
@@ -173,7 +174,11 @@ def read_json(
     InputError
         As in `read_text`; and for what is not JSON or goes beyond these bounds.
     """
-    text = read_text(path, largest=largest, remedy=remedy)
+    return parse_json(read_text(path, largest=largest, remedy=remedy), path, remedy=remedy)
+
+
+def parse_json(text: str, path: str | os.PathLike[str], *, remedy: str) -> Any:
+    """Return what a text in JSON holds, as `read_json` does; `path` says in messages where it stands."""
     try:
         content = json.loads(text, object_pairs_hook=_object, parse_constant=_refuse_constant)
     except _RefusedError as refused:

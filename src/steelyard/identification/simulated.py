@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 
 from steelyard.dynamics import Model
 from steelyard.errors import InputError
+from steelyard.files import reading_table, require_file
 from steelyard.regression import Estimate
 from steelyard.robot import RobotFile
 from steelyard.simulation import Event, Measurement, SimulationResult, joint_limits, simulate
@@ -228,19 +229,15 @@ class TorqueTable:
         readers: dict[str, Any] = {".csv": polars.read_csv, ".parquet": polars.read_parquet}
         if source.suffix not in readers:
             raise InputError(f"{source}: torques are read from .csv or .parquet, got {source.suffix or 'no suffix'!r}.")
-        try:
-            frame = readers[source.suffix](source)
-        except (OSError, polars.exceptions.PolarsError) as error:
-            reason = str(error).splitlines()[0]
-            raise InputError(f"{source}: cannot be read ({reason}); give a table with t and tau1, tau2, …") from None
+        require_file(source, "give a table with t and tau1, tau2, …")
+        with reading_table(source, "a table"):
+            frame = readers[source.suffix](source, glob=False)
         names = ["t", *(f"tau{k + 1}" for k in range(count))]
         missing = [name for name in names if name not in frame.columns]
         if missing:
             raise InputError(f"{source}: has no column {missing[0]!r}; needed are {', '.join(names)}.")
-        try:
+        with reading_table(source, "numbers"):
             table = frame.select(polars.col(names).cast(polars.Float64)).to_numpy()
-        except polars.exceptions.PolarsError:
-            raise InputError(f"{source}: holds text where numbers are needed, in one of {', '.join(names)}.") from None
         if len(table) < 2 or not np.isfinite(table).all():
             raise InputError(f"{source}: needs two rows of finite numbers at least; some are missing.")
         steps = np.diff(table[:, 0])

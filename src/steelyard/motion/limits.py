@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from steelyard.errors import InputError
+from steelyard.files import shown
 from steelyard.robot import Robot
 
 from .trajectory import Trajectory
@@ -181,7 +182,7 @@ class MotionLimits:
                     raise InputError(f"{where}: {key} names a joint {name!r}; the joints are {', '.join(names)}.")
                 row[names.index(name)] = _number(number, f"{where}: {key} of {name}")
             return np.asarray(row)
-        if isinstance(value, str) or np.ndim(value) == 0:
+        if not isinstance(value, list | tuple | np.ndarray) or (isinstance(value, np.ndarray) and value.ndim == 0):
             return np.full(len(names), _number(value, f"{where}: {key}"))
         values: list[Any] = list(value)
         if len(values) != len(names):
@@ -231,7 +232,7 @@ class MotionLimits:
 
 def _number(value: ArrayLike | str, what: str) -> float:
     if isinstance(value, bool | np.bool_) or not isinstance(value, int | float | np.integer | np.floating):
-        raise InputError(f"{what} must be a number, got {value!r}.")
+        raise InputError(f"{what} must be a number, got {shown(value)}.")
     if np.isnan(value):
         raise InputError(f"{what} must be a number, got nan.")
     return float(value)

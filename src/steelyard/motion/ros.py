@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from steelyard.errors import InputError
-from steelyard.files import read_text
+from steelyard.files import parse_json, read_text
 
 __all__ = ["joint_trajectory_text", "read_joint_trajectory"]
 
@@ -68,7 +68,7 @@ def read_joint_trajectory(path: Path) -> tuple[Array, Array, Array, Array]:
         if not line.strip():
             continue
         try:
-            point = json.loads(line.removeprefix("-"))
+            point = parse_json(line.removeprefix("-"), f"{path}, line {number}", remedy="write it again")
             stamp = point["time_from_start"]
             t.append(stamp["sec"] + stamp["nanosec"] / _NANO)
             motion.append([point[name] for name in ("positions", "velocities", "accelerations")])

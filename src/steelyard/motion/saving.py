@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from steelyard.errors import InputError
-from steelyard.files import read_json, replaced_file, write_json, write_text
+from steelyard.files import read_json, reading_table, replaced_file, require_file, shown, write_json, write_text
 
 from .fourier import FourierTrajectory, RestToRestTrajectory
 from .quintic import QuinticTrajectory
@@ -23,6 +23,7 @@ __all__ = ["FORMAT", "load_trajectory", "save_trajectory"]
 Array = NDArray[np.float64]
 FORMAT = "steelyard-trajectory-1"
 SUFFIXES = (".json", ".csv", ".parquet", ".yaml", ".yml")
+LARGEST, LONGEST = 1e12, 1e7  # of positions and their derivatives; s
 TABLE_RATE, ROS_RATE = 1000.0, 100.0  # Hz
 
 
@@ -107,6 +108,16 @@ def load_trajectory(path: str | Path) -> Trajectory:
         raise InputError(
             f"{source}: a trajectory is read from {', '.join(SUFFIXES)}, got the suffix {source.suffix!r}."
         )
+    trajectory = _loaded(source, suffix)
+    if trajectory.duration <= LONGEST:
+        with np.errstate(all="ignore"):
+            motion = trajectory.motion(np.linspace(0.0, trajectory.duration, 200))
+    if not trajectory.duration <= LONGEST or not all(np.all(np.abs(values) <= LARGEST) for values in motion):
+        raise InputError(f"{source}: holds a motion beyond {LARGEST:g} rad or m, or {LONGEST:g} s; save it again.")
+    return trajectory
+
+
+def _loaded(source: Path, suffix: str) -> Trajectory:
     try:
         if suffix == ".json":
             return _from_document(read_json(source), source)
@@ -119,7 +130,7 @@ def load_trajectory(path: str | Path) -> Trajectory:
         message = str(error)
         raise InputError(message if message.startswith(str(source)) else f"{source}: {message}") from None
     except (ValueError, KeyError, TypeError, AttributeError) as error:
-        raise InputError(f"{source}: is not a trajectory that was saved by steelyard ({error!r}).") from None
+        raise InputError(f"{source}: is not a trajectory that was saved by steelyard ({shown(str(error))}).") from None
 
 
 def _fourier(trajectory: FourierTrajectory) -> dict[str, Any]:
@@ -169,10 +180,10 @@ _FAMILIES: dict[str, Callable[[dict[str, Any]], Trajectory]] = {
 
 def _from_document(document: dict[str, Any], source: Path) -> Trajectory:
     if document["format"] != FORMAT:
-        raise InputError(f"{source}: format is {document['format']!r}, expected {FORMAT!r}.")
+        raise InputError(f"{source}: format is {shown(document['format'])}, expected {FORMAT!r}.")
     make = _FAMILIES.get(document["family"])
     if make is None:
-        raise InputError(f"{source}: family is {document['family']!r}, expected one of {', '.join(_FAMILIES)}.")
+        raise InputError(f"{source}: family is {shown(document['family'])}, expected one of {', '.join(_FAMILIES)}.")
     return make(document)
 
 
@@ -192,10 +203,9 @@ def _write_table(file: BinaryIO, suffix: str, t: Array, motion: tuple[Array, Arr
 def _read_table(path: Path, suffix: str) -> tuple[Array, Array, Array, Array]:
     import polars
 
-    try:
-        frame = polars.read_csv(path) if suffix == ".csv" else polars.read_parquet(path)
-    except (polars.exceptions.PolarsError, ValueError) as error:
-        raise InputError(f"{path}: cannot be read as a table ({str(error).splitlines()[0]}).") from None
+    require_file(path, "give a trajectory")
+    with reading_table(path, "a table"):
+        frame = polars.read_csv(path, glob=False) if suffix == ".csv" else polars.read_parquet(path, glob=False)
     count = sum(name.startswith("q") for name in frame.columns)
     wanted = ["t", *(f"{name}{k + 1}" for name in ("q", "dq", "ddq") for k in range(count))]
     missing = [name for name in wanted if name not in frame.columns]
@@ -203,9 +213,7 @@ def _read_table(path: Path, suffix: str) -> tuple[Array, Array, Array, Array]:
         raise InputError(
             f"{path}: a trajectory has the columns t, q1 …, dq1 …, ddq1 …, but {(missing or ['q1'])[0]} is missing."
         )
-    try:
+    with reading_table(path, "numbers"):
         values = frame.select(wanted).cast(polars.Float64).to_numpy()
-    except polars.exceptions.PolarsError as error:
-        raise InputError(f"{path}: has values that are no numbers ({str(error).splitlines()[0]}).") from None
     t, q, dq, ddq = np.split(values, [1, 1 + count, 1 + 2 * count], axis=1)
     return t[:, 0] - t[0, 0], q, dq, ddq

@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from steelyard.errors import InputError
+from steelyard.files import reading_table, shown
 from steelyard.recording.log_file import LogFile
 
 if TYPE_CHECKING:
@@ -22,6 +23,7 @@ __all__ = ["CsvFile"]
 
 SEPARATORS = (";", "\t", ",")
 NUMERIC = re.compile(r"[-+]?(\d+([.,]\d*)?|[.,]\d+)([eE][-+]?\d+)?|nan|inf", re.IGNORECASE)
+LONGEST_LINE = 1_000_000  # of the header and what stands above it
 MISSING = ("", "na", "null", "none", "nan", "-nan", "+nan")
 
 
@@ -44,11 +46,13 @@ class CsvFile(LogFile):
         with self.path.open("rb") as file:
             while True:
                 before = file.tell()
-                raw = file.readline()
+                raw = file.readline(LONGEST_LINE)
                 if not raw:
                     raise InputError(
                         f"{self.path} holds no rows; expected a line of column names and one row per sample."
                     )
+                if len(raw) == LONGEST_LINE:
+                    raise InputError(f"{self.path} has a line of more than {LONGEST_LINE} bytes; expected a CSV.")
                 if b"\x00" in raw:
                     raise InputError(f"{self.path} is not a text file; expected a CSV with a line of column names.")
                 line = raw.decode("utf-8-sig" if before == 0 else "utf-8", errors="replace").strip()
@@ -140,7 +144,7 @@ class CsvFile(LogFile):
         try:
             frame = self._frame(data, names, pl.Float64)
             usual = all(series.null_count() == 0 for series in frame.iter_columns())
-        except pl.exceptions.PolarsError:
+        except (pl.exceptions.PolarsError, pl.exceptions.PanicException):
             usual = False
         if not usual:
             return self._parse_carefully(data, names, first_row)
@@ -175,10 +179,8 @@ class CsvFile(LogFile):
                     f"{self.path}, {self.where(first_row + row)}, has {line.count(separator) + 1} fields "
                     f"but there are {len(self.names)} column names; mend or remove that line."
                 )
-        try:
+        with reading_table(self.path, "CSV"):
             frame = self._frame(b"".join(lines), names, pl.String)
-        except pl.exceptions.PolarsError as error:
-            raise InputError(f"{self.path} cannot be read as CSV: {str(error).splitlines()[0]}.") from None
         columns = {}
         for name in names:
             text = frame[str(self.names.index(name))].fill_null("").str.strip_chars()
@@ -189,7 +191,7 @@ class CsvFile(LogFile):
             if wrong.any():
                 row = int(np.argmax(wrong))
                 raise InputError(
-                    f"{self.path}, {self.where(first_row + row)}, holds {text[row]!r} in column {name!r}; "
+                    f"{self.path}, {self.where(first_row + row)}, holds {shown(text[row])} in column {name!r}; "
                     "expected a number: mend that line, or name another column in [log]."
                 )
             columns[name] = values.fill_null(float("nan")).to_numpy()

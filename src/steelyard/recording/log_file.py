@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from steelyard.errors import InputError
+from steelyard.files import require_file, shown
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -18,6 +19,8 @@ if TYPE_CHECKING:
     Columns = dict[str, NDArray[np.float64]]
 
 __all__ = ["BLOCK_ROWS", "LogFile", "LogFiles", "open_log"]
+
+MOST_COLUMNS = 5000
 
 BLOCK_ROWS = 50_000
 """Rows that are read at a time where not all are wanted in memory."""
@@ -163,6 +166,8 @@ def open_log(path: Path) -> LogFile:
     from steelyard.recording.npz_file import NpzFile
     from steelyard.recording.parquet_file import ParquetFile
 
+    if "\0" in str(path):
+        raise InputError(f"{shown(str(path))} is no path that can exist; give the path of a CSV, Parquet or NPZ file.")
     if path.is_dir():
         raise InputError(f"{path} is a folder; give the log file itself.")
     if not path.exists():
@@ -175,12 +180,16 @@ def open_log(path: Path) -> LogFile:
     kind = kinds.get(path.suffix.lower())
     if kind is None:
         raise InputError(f"{path} has the suffix {path.suffix!r}; logs are read from {', '.join(kinds)}.")
+    require_file(path, "give the path of a CSV, Parquet or NPZ file")
     try:
         if path.stat().st_size == 0:
             raise InputError(f"{path} is empty; expected a log with one row per sample.")
-        return kind(path)
+        log = kind(path)
     except OSError as error:
         raise InputError(f"{path} cannot be read: {error.strerror or error}.") from None
+    if len(log.names) > MOST_COLUMNS:
+        raise InputError(f"{path} has {len(log.names)} columns; expected one for each signal of a robot, in rows.")
+    return log
 
 
 def _neighbour(path: Path) -> str:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import contextlib
+import math
 import zipfile
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
@@ -12,12 +13,17 @@ from typing import IO, TYPE_CHECKING, Any
 import numpy as np
 
 from steelyard.errors import InputError
+from steelyard.files import shown
+from steelyard.files.npy import read_array_header
 from steelyard.recording.log_file import LogFile
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
 __all__ = ["NpzFile"]
+
+LARGEST_COUNT = 5000  # of arrays, and of columns of an array
+MOST_COMPRESSED = 1100  # deflate makes at most 1032 bytes of one; bzip2 and LZMA, which NumPy does not write, make more
 
 
 @dataclass(frozen=True)
@@ -39,20 +45,54 @@ class NpzFile(LogFile):
     def __init__(self, path: Path) -> None:
         super().__init__(path)
         self._members: dict[str, Member] = {}
-        try:
-            with zipfile.ZipFile(path) as archive:
-                for entry in archive.namelist():
-                    if entry.endswith(".npy"):
-                        with archive.open(entry) as stream:
-                            self._members[entry.removesuffix(".npy")] = Member(entry, *_header(stream))
-        except (zipfile.BadZipFile, ValueError, EOFError) as error:
-            raise InputError(f"{path} cannot be read as NPZ: {error}.") from None
+        with self._archive() as archive:
+            entries = [entry for entry in archive.infolist() if entry.filename.endswith(".npy")]
+            if len(entries) > LARGEST_COUNT:
+                raise InputError(f"{path} holds {len(entries)} arrays; a log has a few, such as t, q and torque.")
+            for entry in entries:
+                with archive.open(entry.filename) as stream:
+                    member = Member(entry.filename, *read_array_header(stream))
+                self._check(member, entry)
+                self._members[entry.filename.removesuffix(".npy")] = member
         self._columns = {
             name: place for key, member in self._members.items() for name, place in _column_names(key, member)
         }
         self.names = tuple(self._columns)
         if not self.names:
             raise InputError(f"{path} holds no arrays of numbers (S,) or (S, N); expected t, q and torque.")
+
+    @contextlib.contextmanager
+    def _archive(self) -> Iterator[zipfile.ZipFile]:
+        """Open the archive; what is wrong with it is said in one sentence."""
+        try:
+            with zipfile.ZipFile(self.path) as archive:
+                yield archive
+        except (InputError, GeneratorExit):
+            raise
+        except Exception as error:  # the libraries of the compressions raise whatever they meet
+            reason = " ".join(str(error).split())[:200] or type(error).__name__
+            raise InputError(f"{self.path} cannot be read as NPZ: {reason}; save it again.") from None
+
+    def _check(self, member: Member, entry: zipfile.ZipInfo) -> None:
+        """Refuse an array that claims more than the file can hold, before anything is done for each of its columns."""
+        if entry.file_size > MOST_COMPRESSED * entry.compress_size + 1000:
+            raise InputError(
+                f"{self.path}: its array {member.file} claims {entry.file_size} bytes, from {entry.compress_size} "
+                "compressed ones, which no compression reaches; save it again."
+            )
+        if not _column_names("", member, 1):
+            return
+        if math.prod(member.shape) * member.kind.itemsize > entry.file_size:
+            raise InputError(
+                f"{self.path}: its array {member.file} claims to have the shape {shown(member.shape)}, for which "
+                f"its {entry.file_size} bytes are too few; save it again."
+            )
+        rows, columns = (*member.shape, 1)[:2]
+        if columns > LARGEST_COUNT or (columns > 100 and columns > rows):
+            raise InputError(
+                f"{self.path}: its array {member.file} has the shape {member.shape}; expected one row per sample and "
+                "one column per joint: transpose it."
+            )
 
     def count(self) -> int:
         """Number of rows, the length of the longest array."""
@@ -70,12 +110,12 @@ class NpzFile(LogFile):
         keys = dict.fromkeys(self._columns[name][0] for name in names)
         total = self._rows(names)
         with contextlib.ExitStack() as stack:
-            archive = stack.enter_context(zipfile.ZipFile(self.path))
+            archive = stack.enter_context(self._archive())
             streams, whole = {}, {}
             for key in keys:
                 member = self._members[key]
                 stream = stack.enter_context(archive.open(member.file))
-                _header(stream)
+                read_array_header(stream)
                 if member.column_major and len(member.shape) == 2:
                     flat = self._take(stream, member, member.shape[0] * member.shape[1])
                     whole[key] = flat.reshape(member.shape, order="F")
@@ -101,10 +141,7 @@ class NpzFile(LogFile):
 
     def _take(self, stream: IO[bytes], member: Member, count: int) -> NDArray[np.float64]:
         wanted = count * member.kind.itemsize
-        try:
-            data = stream.read(wanted)
-        except (zipfile.BadZipFile, EOFError, OSError) as error:
-            raise InputError(f"{self.path} is damaged at array {member.file}: {error}.") from None
+        data = stream.read(wanted)
         if len(data) != wanted:
             raise InputError(
                 f"{self.path} is damaged: the array {member.file} ends before its last row; save it again."
@@ -117,18 +154,11 @@ class NpzFile(LogFile):
         return array if array.ndim == 1 else np.ascontiguousarray(array[:, index])
 
 
-def _header(stream: IO[bytes]) -> tuple[tuple[int, ...], bool, np.dtype[Any]]:
-    version = np.lib.format.read_magic(stream)
-    if version == (1, 0):
-        return np.lib.format.read_array_header_1_0(stream)
-    return np.lib.format.read_array_header_2_0(stream)
-
-
-def _column_names(key: str, member: Member) -> list[tuple[str, tuple[str, int]]]:
+def _column_names(key: str, member: Member, most: int = LARGEST_COUNT) -> list[tuple[str, tuple[str, int]]]:
     if member.kind.kind not in "fiu" or 0 in member.shape:
         return []
     if len(member.shape) == 1:
         return [(key, (key, 0))]
     if len(member.shape) == 2:
-        return [(f"{key}{index + 1}", (key, index)) for index in range(member.shape[1])]
+        return [(f"{key}{index + 1}", (key, index)) for index in range(min(member.shape[1], most))]
     return []

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -9,6 +10,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from steelyard.errors import InputError
+from steelyard.files import reading_table
 from steelyard.recording.log_file import LogFile
 
 if TYPE_CHECKING:
@@ -22,20 +24,22 @@ class ParquetFile(LogFile):
 
     def __init__(self, path: Path) -> None:
         super().__init__(path)
-        import polars as pl
+        with self._reading():
+            import polars as pl
 
-        try:
-            self._scan = pl.scan_parquet(path)
+            self._scan = pl.scan_parquet(path, glob=False)
             self._schema = dict(self._scan.collect_schema())
-        except (pl.exceptions.PolarsError, OSError) as error:
-            raise InputError(f"{path} cannot be read as Parquet: {str(error).splitlines()[0]}.") from None
         self.names = tuple(self._schema)
+
+    def _reading(self) -> contextlib.AbstractContextManager[None]:
+        return reading_table(self.path, "Parquet")
 
     def count(self) -> int:
         """Count the rows."""
         import polars as pl
 
-        return int(self._scan.select(pl.len()).collect().item())
+        with self._reading():
+            return int(self._scan.select(pl.len()).collect().item())
 
     def read(self, names: Sequence[str]) -> dict[str, NDArray[np.float64]]:
         """Read whole columns."""
@@ -60,10 +64,8 @@ class ParquetFile(LogFile):
                 chosen.append(pl.col(name).cast(pl.Float64))
             else:
                 raise InputError(f"{self.path} has values of type {kind} in column {name!r}; expected numbers.")
-        try:
+        with self._reading():
             frame = scan.select(chosen).collect()
-        except (pl.exceptions.PolarsError, OSError) as error:
-            raise InputError(f"{self.path} cannot be read as Parquet: {str(error).splitlines()[0]}.") from None
         return {name: frame[name].fill_null(float("nan")).to_numpy() for name in names}
 
 

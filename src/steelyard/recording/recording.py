@@ -30,6 +30,7 @@ if TYPE_CHECKING:
 
 __all__ = ["Recording", "Source"]
 
+LARGEST = 1e15  # in SI units
 Source = str | os.PathLike[str] | Sequence[str | os.PathLike[str]]
 
 
@@ -102,6 +103,12 @@ class Recording:
                     "one row per time and one column per joint."
                 )
             require_finite(array, f"`{name}` of {self.source}")
+            if np.max(np.abs(array), initial=0.0) > LARGEST:
+                row = int(np.argmax(np.abs(array).max(axis=1) > LARGEST))
+                raise InputError(
+                    f"`{name}` of {self.source} holds a number beyond {LARGEST:g} in {self.where(row)}, which no robot "
+                    "reaches; remove that row, or record again."
+                )
             object.__setattr__(self, name, array)
         for name in ("position_missing", "torque_missing"):
             flags = getattr(self, name)

@@ -9,6 +9,7 @@ from dataclasses import dataclass, fields
 from typing import Any, ClassVar, Self
 
 from steelyard.errors import InputError
+from steelyard.files import shown
 
 __all__ = ["Section", "suggestion"]
 
@@ -46,7 +47,7 @@ class Section:
         for key in section:
             if key not in known:
                 raise InputError(
-                    f"{where} has an unknown key {key!r}; {suggestion(key, known)}the keys are {', '.join(known)}."
+                    f"{where} has an unknown key {shown(key)}; {suggestion(key, known)}the keys are {', '.join(known)}."
                 )
         result = cls.__new__(cls)
         for field in fields(cls):

@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from steelyard.errors import InputError
-from steelyard.files import read_json, write_json
+from steelyard.files import read_json, shown, write_json
 
 from .certified_numbers import certified_numbers_differ
 
@@ -20,6 +20,7 @@ __all__ = ["Estimate"]
 
 Array = NDArray[np.float64]
 FORMAT = "steelyard-estimate-1"
+LARGEST = 1e30  # of a number in a file, so that sums of squares stay finite
 _ARRAYS = (
     "base",
     "standard_deviation",
@@ -198,7 +199,7 @@ class Estimate:
             that the certificate speaks of; `where` is named in the message.
         """
         if document.get("format") != FORMAT:
-            raise InputError(f"{where}: format is {document.get('format')!r}, expected {FORMAT!r}.")
+            raise InputError(f"{where}: format is {shown(document.get('format'))}, expected {FORMAT!r}.")
         values: dict[str, Any] = {}
         for item in fields(cls):
             if item.name not in document and item.name in _ABSENT_BEFORE:
@@ -303,11 +304,7 @@ def _read(name: str, value: Any, where: str) -> Any:
     if value is None and name in _OPTIONAL:
         return None
     if name in _ARRAYS:
-        missing = np.inf if name.endswith("standard_deviation") else np.nan
-        try:
-            return np.array([missing if v is None else float(v) for v in value])
-        except (TypeError, ValueError):
-            raise InputError(f"{where}: {name!r} must be a list of numbers.") from None
+        return _numbers(name, value, where)
     if name in _NUMBERS and value is None:
         return _NUMBERS[name]
     if name in _NAMES:
@@ -320,8 +317,27 @@ def _read(name: str, value: Any, where: str) -> Any:
     else:
         expected, good = "a string", isinstance(value, str)
     if not good:
-        raise InputError(f"{where}: {name!r} must be {expected}, got {value!r}.")
+        raise InputError(f"{where}: {name!r} must be {expected}, got {shown(value)}.")
+    if isinstance(value, int | float) and not 0 <= value < np.inf:
+        raise InputError(f"{where}: {name!r} must be finite and not negative, got {value!r}.")
     return value
+
+
+def _numbers(name: str, value: Any, where: str) -> Array:
+    """Turn a list of numbers into an array; None stands for what is not known, where that may be."""
+    deviation = name.endswith("standard_deviation")
+    unknown = deviation or name in ("damping", "friction", "joint_relative_error")
+    allowed = (int, float, type(None)) if unknown else (int, float)
+    if not isinstance(value, list) or not all(isinstance(v, allowed) and not isinstance(v, bool) for v in value):
+        raise InputError(f"{where}: {name!r} must be a list of numbers.")
+    numbers = np.array([(np.inf if deviation else np.nan) if v is None else float(v) for v in value])
+    if np.any(np.abs(numbers[np.isfinite(numbers)]) > LARGEST) or (not unknown and not np.all(np.isfinite(numbers))):
+        raise InputError(f"{where}: {name!r} holds numbers beyond {LARGEST:g}, which no robot has.")
+    if deviation and np.any(numbers < 0.0):
+        raise InputError(f"{where}: {name!r} holds a negative number.")
+    if name == "weights" and not np.all(numbers > 0.0):
+        raise InputError(f"{where}: {name!r} must be positive.")
+    return numbers
 
 
 def _plain(value: Any) -> Any:

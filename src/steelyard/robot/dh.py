@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from steelyard.errors import InputError
+from steelyard.files import shown
 from steelyard.robot.joint import Joint, JointKind, Link
 from steelyard.robot.placement import rotation_x, rotation_z, translation
 from steelyard.robot.robot import Robot
@@ -19,6 +20,8 @@ from steelyard.robot.robot import Robot
 __all__ = ["robot_from_dh"]
 
 _Shifts = dict[str, tuple[float, float, float]]
+LONGEST_CELL = 200
+LARGEST = 1e15  # in SI units
 COLUMNS = ("alpha", "a", "d", "theta")
 
 
@@ -113,6 +116,10 @@ def _added(first: _Shifts, second: _Shifts) -> _Shifts:
 
 def _parse(cell: object, number: int, place: str, is_length: bool) -> _Affine:
     if isinstance(cell, str):
+        if len(cell) > LONGEST_CELL:
+            raise InputError(
+                f"{place}: cannot read {shown(cell)} (it is too long); give a number or a short expression"
+            )
         try:
             value = _evaluate(ast.parse(cell.strip(), mode="eval").body, number)
             if value.lengths and not is_length:
@@ -125,9 +132,9 @@ def _parse(cell: object, number: int, place: str, is_length: bool) -> _Affine:
     elif isinstance(cell, int | float | np.integer | np.floating) and not isinstance(cell, bool):
         value = _Affine(0.0, float(cell))
     else:
-        raise InputError(f'{place}: a number or an expression such as "q+pi/2" was expected, got {cell!r}')
-    if not (math.isfinite(value.slope) and math.isfinite(value.constant)):
-        raise InputError(f"{place}: a finite value was expected, got {cell!r}")
+        raise InputError(f'{place}: a number or an expression such as "q+pi/2" was expected, got {shown(cell)}')
+    if not all(abs(number) <= LARGEST for number in (value.slope, value.constant, *value.lengths.values())):
+        raise InputError(f"{place}: a value below {LARGEST:g} was expected, got {shown(cell)}")
     return value
 
 

@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import Any
 
 from steelyard.errors import InputError
-from steelyard.files import read_toml
+from steelyard.files import read_toml, shown
 from steelyard.robot.dh import robot_from_dh
 from steelyard.robot.limits import with_limits
 from steelyard.robot.names import suggestion
@@ -17,6 +17,7 @@ from steelyard.robot.robot import Robot
 
 __all__ = ["RobotFile"]
 
+LARGEST = 1e15  # in SI units
 TABLES = ("log", "processing", "limits", "constraints")
 TOP_LEVEL = ("name", "description", "terms", *TABLES)
 DEFAULT_TERMS = ("viscous", "coulomb", "offset")
@@ -94,15 +95,15 @@ class RobotFile:
         content = read_toml(path, remedy="give a robot file")
         for key in content:
             if key not in TOP_LEVEL:
-                raise InputError(f'{path}: "{key}" is no section of a robot file; {suggestion(key, TOP_LEVEL)}')
+                raise InputError(f"{path}: {shown(key)} is no section of a robot file; {suggestion(key, TOP_LEVEL)}")
         terms = content.get("terms", list(_default_terms()))
         if not isinstance(terms, list) or not all(isinstance(term, dict) for term in terms):
-            raise InputError(f"{path}: terms must be written as [[terms]], one table each, got {terms!r}")
+            raise InputError(f"{path}: terms must be written as [[terms]], one table each, got {shown(terms)}")
         sections: dict[str, dict[str, Any]] = {}
         for name in TABLES:
             section = content.get(name, {})
             if not isinstance(section, dict):
-                raise InputError(f"{path}: {name} must be one table [{name}], got {section!r}")
+                raise InputError(f"{path}: {name} must be one table [{name}], got {shown(section)}")
             sections[name] = section
 
         description = content.get("description")
@@ -111,7 +112,7 @@ class RobotFile:
         robot = _describe(path, description)
         if "name" in content:
             if not isinstance(content["name"], str) or not content["name"]:
-                raise InputError(f"{path}: name must be a string, got {content['name']!r}")
+                raise InputError(f"{path}: name must be a string, got {shown(content['name'])}")
             robot = replace(robot, name=content["name"])
         robot = with_limits(robot, sections["limits"], f"{path}, [limits]")
         kept = {key: description[key] for key in ("tip", "locked") if key in description}
@@ -149,30 +150,30 @@ def _describe(path: Path, description: dict[str, Any]) -> Robot:
 
     gravity = description.get("gravity", [0, 0, -9.81])
     if not (isinstance(gravity, list) and len(gravity) == 3 and all(_is_number(value) for value in gravity)):
-        raise InputError(f"{where}: gravity must be three numbers in m/s², got {gravity!r}")
+        raise InputError(f"{where}: gravity must be three numbers in m/s², got {shown(gravity)}")
     if "rows" in description:
         rows = description["rows"]
         if not isinstance(rows, list):
-            raise InputError(f"{where}: rows must be a list of [alpha, a, d, theta], got {rows!r}")
+            raise InputError(f"{where}: rows must be a list of [alpha, a, d, theta], got {shown(rows)}")
         lengths = description.get("lengths", {})
         if not isinstance(lengths, dict) or not all(_is_number(value) for value in lengths.values()):
-            raise InputError(f"{where}: lengths must be a table of names and numbers in m, got {lengths!r}")
+            raise InputError(f"{where}: lengths must be a table of names and numbers in m, got {shown(lengths)}")
         robot = robot_from_dh(rows, description.get("convention", "standard"), path.stem, gravity, where)
         return robot.with_lengths(lengths)
 
     urdf, tip, locked = description["urdf"], description.get("tip"), description.get("locked", [])
     if not isinstance(urdf, str) or not urdf:
-        raise InputError(f"{where}: urdf must be a path, got {urdf!r}")
+        raise InputError(f"{where}: urdf must be a path, got {shown(urdf)}")
     if tip is not None and not isinstance(tip, str):
-        raise InputError(f"{where}: tip must be the name of a link, got {tip!r}")
+        raise InputError(f"{where}: tip must be the name of a link, got {shown(tip)}")
     if isinstance(locked, list):
         valid = all(isinstance(name, str) for name in locked)
     else:
         valid = isinstance(locked, dict) and all(_is_number(value) for value in locked.values())
     if not valid:
-        raise InputError(f"{where}: locked must be a list of joint names or a table of positions, got {locked!r}")
+        raise InputError(f"{where}: locked must be a list of joint names or a table of positions, got {shown(locked)}")
     return Robot.from_urdf(path.parent / urdf, tip, locked, gravity)
 
 
 def _is_number(value: object) -> bool:
-    return isinstance(value, int | float) and not isinstance(value, bool)
+    return isinstance(value, int | float) and not isinstance(value, bool) and abs(value) <= LARGEST

@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from steelyard.errors import InputError
-from steelyard.files import read_bytes
+from steelyard.files import read_bytes, shown
 from steelyard.robot.inertia import Inertia
 from steelyard.robot.names import suggestion
 from steelyard.robot.placement import rpy_rotation
@@ -25,6 +25,9 @@ __all__ = ["UrdfDocument", "UrdfJoint", "UrdfLink", "UrdfMimic", "UrdfReader", "
 
 Matrix = NDArray[np.float64]
 
+# In SI units; so large that nothing that is meant is refused, and so small that products of four stay finite.
+LARGEST = 1e15
+SHORTEST_AXIS = 1e-9
 ONE_DOF = ("revolute", "continuous", "prismatic")
 
 
@@ -95,7 +98,9 @@ def parse_urdf(path: Path) -> etree._Element:
         line = error.position[0] or 1
         if "namespace prefix" in str(error).lower() and "xacro" in str(error):
             raise InputError(_xacro_message(path, line)) from None
-        raise InputError(f"{path}, line {line}: not well-formed XML ({error.msg}); mend the file") from None
+        raise InputError(
+            f"{path}, line {line}: not well-formed XML ({' '.join(error.msg.split())[:200]}); mend the file"
+        ) from None
     tree = root.getroottree()
     if tree.docinfo.internalDTD is not None:
         raise InputError(f"{path}: it has a DOCTYPE declaration, which a URDF does not need; remove it")
@@ -189,8 +194,9 @@ class UrdfReader:
             ends.append(link)
         axis_element = self.only(element, "axis", owner)
         axis = (1.0, 0.0, 0.0) if axis_element is None else self.vector(axis_element, "xyz", owner, (1.0, 0.0, 0.0))
-        if kind in ONE_DOF and not any(axis):
-            raise self.error(element, f'{owner}: its axis is "0 0 0"; give the direction of the motion')
+        if kind in ONE_DOF and math.hypot(*axis) < SHORTEST_AXIS:
+            given = " ".join(f"{value:g}" for value in axis)
+            raise self.error(element, f'{owner}: its axis is "{given}"; give the direction of the motion')
 
         limit = self.only(element, "limit", owner)
         lower, upper = -math.inf, math.inf
@@ -284,7 +290,12 @@ class UrdfReader:
             remedy = "expand the xacro first" if re.search(r"\$[{(]", text) else f"write {expected}"
             finite = "" if infinite else ", finite"
             raise self.error(
-                element, f'{owner}: {key} of <{self.tag(element)}> must be {expected}{finite}, got "{text}"; {remedy}'
+                element,
+                f"{owner}: {key} of <{self.tag(element)}> must be {expected}{finite}, got {shown(text)}; {remedy}",
+            )
+        if not infinite and max(map(abs, values)) > LARGEST:
+            raise self.error(
+                element, f"{owner}: {key} of <{self.tag(element)}> is beyond {LARGEST:g}, which no robot has; mend it"
             )
         return values
 

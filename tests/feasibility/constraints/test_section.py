@@ -161,7 +161,7 @@ def test_intervals_of_a_saved_estimate(tmp_path, model):
         ({"linear_bound": {"minimum": 2}}, "lacks 'expression'"),
         ({"center_of_mass_hull": {"link": "a"}}, "either points or mesh"),
         ({"center_of_mass_hull": {"link": "a", "mesh": 3}}, "a path as mesh, got 3"),
-        ({"center_of_mass_hull": {"link": "a", "mesh": "none.stl"}}, "none.stl: there is no such file"),
+        ({"center_of_mass_hull": {"link": "a", "mesh": "none.stl"}}, "none.stl: cannot be read"),
         ({"center_of_mass_hull": {"link": "a", "points": [[0, 0, 0]], "scale": 2}}, "takes scale with a mesh only"),
         ({"confidence_interval": {"expression": "m1", "value": 1}}, "lacks 'standard_deviation'"),
         ({"confidence_interval": {"estimate": 3}}, "a path as estimate, got 3"),

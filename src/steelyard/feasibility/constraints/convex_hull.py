@@ -13,6 +13,7 @@ Vector = npt.NDArray[np.float64]
 Matrix = npt.NDArray[np.float64]
 
 _FLAT = 1e-6
+_POINT = 1e-12  # m; what extends over less is a point
 """Extents below this fraction of the largest one count as none: what is left of single precision in mesh files."""
 
 _PARALLEL, _SAME = 1e-7, 1e-9
@@ -70,7 +71,7 @@ def convex_hull(points: Matrix, tolerance: float = 0.0) -> ConvexHullForm:
     center = points.mean(axis=0)
     axes, extents = _axes(points - center)
     local = (points - center) @ axes.T
-    dimension = int(np.sum(extents > _FLAT * extents[0]))
+    dimension = int(np.sum(extents > max(_FLAT * extents[0], _POINT)))
     flat = axes[dimension:]
     if dimension == 0:
         normals, offsets, vertices = np.zeros((0, 3)), np.zeros(0), points[:1]

@@ -12,6 +12,7 @@ import numpy as np
 import numpy.typing as npt
 
 from steelyard.errors import InputError
+from steelyard.files import shown
 from steelyard.robot.placement import rpy_rotation
 
 __all__ = ["check_keys", "is_number", "read_number", "read_placement", "read_rotation", "read_vector", "table"]
@@ -20,16 +21,17 @@ Matrix = npt.NDArray[np.float64]
 Rows = tuple[tuple[float, ...], ...]
 
 _ROTATION_ERROR = 1e-6
+LARGEST = 1e15  # in SI units, of what is not infinite
 
 
 def check_keys(entry: Any, known: Sequence[str], where: str) -> None:
     """Refuse what is no table, and unknown keys, with the closest known one."""
     if not isinstance(entry, Mapping):
-        raise InputError(f"{where} in [constraints] must be a table with {', '.join(known)}, got {entry!r}.")
+        raise InputError(f"{where} in [constraints] must be a table with {', '.join(known)}, got {shown(entry)}.")
     for key in entry:
         if key not in known:
             close = difflib.get_close_matches(str(key), known, n=1, cutoff=0.0)
-            raise InputError(f"{where} in [constraints] has an unknown key {key!r}; did you mean {close[0]!r}?")
+            raise InputError(f"{where} in [constraints] has an unknown key {shown(key)}; did you mean {close[0]!r}?")
 
 
 def table(entry: Any, where: str, required: Sequence[str], optional: Sequence[str] = ()) -> dict[str, Any]:
@@ -73,9 +75,9 @@ def read_number(value: Any, what: str, unit: str, *, positive: bool = False, inf
     """
     expected = f"a {'positive ' if positive else ''}number{f' of {unit}' if unit else ''}"
     if not is_number(value):
-        raise InputError(f"{what} must be {expected}, got {value!r}.")
+        raise InputError(f"{what} must be {expected}, got {shown(value)}.")
     number = float(value)
-    if math.isnan(number) or (math.isinf(number) and not infinite) or (positive and number <= 0):
+    if (not abs(number) <= LARGEST and not (infinite and math.isinf(number))) or (positive and number <= 0):
         raise InputError(f"{what} must be {expected}, got {number:g}.")
     return number + 0.0
 

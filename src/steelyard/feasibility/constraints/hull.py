@@ -23,6 +23,7 @@ from .protocol import Equality
 
 __all__ = ["CenterOfMassHull"]
 
+_FARTHEST = 1e9  # m
 _LARGEST = 50.0
 """Extent, in m, from which a mesh without a scale is taken to be in other units."""
 
@@ -74,8 +75,9 @@ class CenterOfMassHull:
             points = np.zeros(0)
         if points.ndim != 2 or points.shape[1] != 3 or not len(points):
             raise InputError(f"{where} must have points as rows of three numbers (m), got the shape {points.shape}.")
-        if not np.all(np.isfinite(points)):
-            raise InputError(f"{where} has a point that is not finite: {points[~np.isfinite(points).all(axis=1)][0]}.")
+        bad = ~(np.abs(points) <= _FARTHEST)
+        if bad.any():
+            raise InputError(f"{where} has a point that is not finite, or beyond {_FARTHEST:g} m: {points[bad][0]}.")
         tolerance = read_number(self.tolerance, f"tolerance of {where}", "m")
         if tolerance < 0:
             raise InputError(f"tolerance of {where} must be at least 0 m, got {tolerance:g}.")

@@ -2,15 +2,20 @@
 
 from __future__ import annotations
 
+from io import BytesIO
 from pathlib import Path
 
 import numpy as np
 import numpy.typing as npt
 
-from steelyard.errors import InputError, MissingExtraError
+from steelyard.errors import InputError
+from steelyard.files import read_bytes, read_text, require_file, shown
+from steelyard.files.npy import read_array
+from steelyard.motion.geometry.mesh_files import read_mesh
 
 __all__ = ["read_points"]
 
+LARGEST = 1e15  # in the unit of the file
 Matrix = npt.NDArray[np.float64]
 
 
@@ -21,7 +26,7 @@ def read_points(path: str | Path) -> Matrix:
     ----------
     path : str or Path
         ``.npy`` (k, 3); ``.csv``, ``.txt`` or ``.xyz`` with three columns, a line of column names or ``#`` comments
-        allowed; or a mesh that trimesh reads, such as ``.stl``, ``.obj``, ``.ply`` or ``.glb``.
+        allowed; or a mesh that coal or trimesh reads, such as ``.stl``, ``.obj``, ``.ply`` or ``.glb``.
 
     Returns
     -------
@@ -32,7 +37,7 @@ def read_points(path: str | Path) -> Matrix:
     InputError
         If the file cannot be read or holds no points.
     MissingExtraError
-        For a mesh, without trimesh.
+        For a mesh, without coal and trimesh.
 
     Examples
     --------
@@ -44,29 +49,28 @@ def read_points(path: str | Path) -> Matrix:
     [[0.0, 0.0, 0.0], [0.1, 0.0, 0.0]]
     """
     path = Path(path)
-    if not path.is_file():
-        raise InputError(f"{path}: there is no such file; give the path of a mesh, or of a file of points.")
+    require_file(path, "give the path of a mesh, or of a file of points")
     points = _READERS.get(path.suffix.lower(), _mesh)(path)
     if points.ndim != 2 or points.shape[1] != 3 or not len(points):
         raise InputError(f"{path}: holds an array of shape {points.shape}; points are rows of x, y and z.")
-    if not np.all(np.isfinite(points)):
-        raise InputError(f"{path}: row {int(np.argwhere(~np.isfinite(points))[0, 0]) + 1} is not finite; remove it.")
+    bad = ~(np.abs(points) <= LARGEST)
+    if bad.any():
+        row = int(np.argwhere(bad)[0, 0]) + 1
+        raise InputError(f"{path}: row {row} is not finite, or beyond {LARGEST:g}; remove it.")
     return points
 
 
 def _array(path: Path) -> Matrix:
+    content = read_bytes(path, remedy="give an array of NumPy")
     try:
-        values = np.load(path, allow_pickle=False)
+        values = read_array(BytesIO(content), len(content))
         return np.asarray(values, dtype=float)
-    except (OSError, ValueError, TypeError, EOFError):
+    except (ValueError, TypeError):
         raise InputError(f"{path}: is no array of numbers in NumPy's format; write it with numpy.save.") from None
 
 
 def _columns(path: Path) -> Matrix:
-    try:
-        lines = path.read_text(encoding="utf-8-sig").splitlines()
-    except (OSError, UnicodeDecodeError):
-        raise InputError(f"{path}: cannot be read as text in UTF-8; write rows of x, y and z.") from None
+    lines = read_text(path, remedy="write rows of x, y and z").splitlines()
     rows: list[list[float]] = []
     heading = False
     for number, line in enumerate(lines, start=1):
@@ -79,7 +83,7 @@ def _columns(path: Path) -> Matrix:
             if not rows and not heading:
                 heading = True
                 continue
-            raise InputError(f"{path}: line {number} is {line.strip()!r}; write numbers x, y and z.") from None
+            raise InputError(f"{path}: line {number} is {shown(line.strip())}; write numbers x, y and z.") from None
         if len(row) != 3:
             raise InputError(f"{path}: line {number} has {len(row)} numbers; write x, y and z.")
         rows.append(row)
@@ -89,26 +93,7 @@ def _columns(path: Path) -> Matrix:
 
 
 def _mesh(path: Path) -> Matrix:
-    try:
-        import trimesh
-    except ImportError as error:
-        raise MissingExtraError(
-            "Meshes need the package trimesh, which is not installed; pip install 'steelyard[meshes]'."
-        ) from error
-    if path.suffix.lower().lstrip(".") not in trimesh.available_formats():
-        raise InputError(
-            f"{path}: trimesh reads no files with the suffix {path.suffix!r} as it is installed; give an STL or OBJ "
-            "file (for .dae install pycollada)."
-        )
-    try:
-        mesh = trimesh.load_scene(path).to_mesh()
-        points = np.asarray(mesh.vertices, dtype=float)
-    except Exception as error:  # trimesh's readers raise whatever they meet
-        reason = " ".join(str(error).split()) or type(error).__name__
-        raise InputError(f"{path}: trimesh cannot read the mesh ({reason}); export it again, as STL or OBJ.") from None
-    if not points.size:
-        raise InputError(f"{path}: the mesh has no vertices; give one with a surface.")
-    return points
+    return read_mesh(path)[0]
 
 
 _READERS = {".npy": _array, ".csv": _columns, ".txt": _columns, ".xyz": _columns}

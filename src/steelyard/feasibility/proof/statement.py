@@ -155,7 +155,7 @@ class Statement:
             return cls._read(document)
         except (KeyError, TypeError, ValueError, IndexError, AttributeError) as error:
             raise InputError(
-                f"{where}: its statement is damaged ({_reason(error)}); save the certificate anew."
+                f"{where}: its statement is damaged ({_reason(error)[:300]}); save the certificate anew."
             ) from None
 
     @classmethod

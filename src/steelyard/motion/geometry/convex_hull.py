@@ -13,6 +13,7 @@ Array = NDArray[np.float64]
 Indices = NDArray[np.intp]
 
 FLAT = 1e-9  # of the length of a body
+SMALLEST = 1e-9  # m, length of a body
 
 
 def convex_hull(vertices: Array) -> tuple[Array, Indices]:
@@ -39,7 +40,7 @@ def convex_hull(vertices: Array) -> tuple[Array, Indices]:
     extents, axes = np.zeros(3), np.eye(3)
     if len(points) > 2:
         extents, axes = np.linalg.svd(points - center, full_matrices=False)[1:]
-    if extents[1] <= FLAT * extents[0] or not extents[0]:
+    if extents[1] <= FLAT * extents[0] or extents[0] < SMALLEST:
         raise InputError(f"a mesh: its {len(points)} different vertices span no surface; give a mesh of a body")
     flat = extents[2] <= FLAT * extents[0]
     try:

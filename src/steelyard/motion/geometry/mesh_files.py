@@ -2,8 +2,14 @@
 
 from __future__ import annotations
 
+import importlib.util
+import json
 import os
-from collections.abc import Iterable
+import signal
+import subprocess
+import sys
+from collections.abc import Iterable, Sequence
+from io import BytesIO
 from pathlib import Path
 from urllib.parse import unquote, urlparse
 
@@ -11,13 +17,19 @@ import numpy as np
 from numpy.typing import NDArray
 
 from steelyard.errors import InputError, MissingExtraError
+from steelyard.files import require_file
 
+from . import mesh_child
 from .engine import coal_or_none
 
-__all__ = ["find_mesh", "read_mesh"]
+__all__ = ["MeshArrays", "find_mesh", "read_mesh", "read_meshes"]
 
 Array = NDArray[np.float64]
-Indices = NDArray[np.intp]
+MeshArrays = tuple[Array, NDArray[np.intp]]
+
+LARGEST = 500_000_000  # bytes of a file
+TIME, TIME_PER_BYTE = 20.0, 2e-6  # s; a file of 60 MB takes 6 s
+REMEDY = "export it again, as STL or OBJ"
 
 
 def find_mesh(reference: str, description: Path, packages: Iterable[str | Path] = ()) -> Path:
@@ -54,8 +66,11 @@ def find_mesh(reference: str, description: Path, packages: Iterable[str | Path] 
         candidates = [description.parent / reference]
         remedy = "mend the path, which is relative to the folder of the description"
     for candidate in candidates:
-        if candidate.is_file():
-            return candidate
+        try:
+            if candidate.is_file():
+                return candidate
+        except ValueError:  # a NUL
+            continue
     looked = ", ".join(dict.fromkeys(str(candidate) for candidate in candidates[:6])) or "no folder"
     raise InputError(f'the mesh "{reference}" is not found (looked for {looked}); {remedy}')
 
@@ -73,52 +88,119 @@ def _package_folders(name: str, description: Path, packages: Iterable[str | Path
     return existing or folders
 
 
-def read_mesh(path: Path) -> tuple[Array, Indices]:
+def read_mesh(path: Path) -> MeshArrays:
     """Return vertices (k, 3), in the unit of the file, and triangles (t, 3) of a mesh file.
-
-    Read by coal (STL, OBJ, COLLADA, PLY and many more), or by trimesh where coal is absent.
 
     Raises
     ------
     InputError
         When the file is no mesh.
     MissingExtraError
+        When neither coal nor trimesh is installed.
+    """
+    found = read_meshes([path])[path]
+    if isinstance(found, InputError):
+        raise found
+    return found
+
+
+def read_meshes(paths: Iterable[Path]) -> dict[Path, MeshArrays | InputError]:
+    """Read mesh files: STL, OBJ, COLLADA, PLY and whatever else coal reads, or trimesh.
+
+    This happens in another process with bounds on memory and time, since damaged files crash the libraries, or let them
+    take all memory or all time.
+
+    Returns
+    -------
+    dict
+        For each path vertices (k, 3) and triangles (t, 3), or why it cannot be read.
+
+    Raises
+    ------
+    MissingExtraError
         When neither package is installed.
     """
-    coal = coal_or_none()
-    try:
-        if coal is not None:
-            surface = coal.MeshLoader(coal.BV_OBBRSS).load(str(path), np.ones(3))
-            faces = [surface.tri_indices(index) for index in range(surface.num_tris)]
-            vertices = np.array(surface.vertices(), dtype=np.float64).reshape(-1, 3)
-            triangles = np.array([(face[0], face[1], face[2]) for face in faces], dtype=np.intp).reshape(-1, 3)
+    found: dict[Path, MeshArrays | InputError] = {}
+    waiting: list[Path] = []
+    for path in dict.fromkeys(paths):
+        try:
+            require_file(path, "give the path of a mesh")
+            if path.stat().st_size > LARGEST:
+                raise InputError(f"{path}: has more than {LARGEST / 1e6:.0f} MB; simplify the mesh.")
+        except InputError as error:
+            found[path] = error
         else:
-            vertices, triangles = _with_trimesh(path)
-    except MissingExtraError:
-        raise
-    except Exception as error:  # readers of meshes raise whatever they meet
-        reason = _reason(error)
-        raise InputError(f"{path}: the mesh cannot be read ({reason}); export it again, as STL or OBJ") from None
-    if not len(vertices):
-        raise InputError(f"{path}: the mesh has no vertices; export it again, as STL or OBJ")
-    return vertices, triangles
+            waiting.append(path)
+    libraries = _libraries() if waiting else []
+    while waiting:
+        answers, ending = _asked(waiting, libraries)
+        for path in waiting:
+            problem = _taken(path, answers, found)
+            if problem:  # the process ended with this file
+                found[path] = InputError(f"{path}: the mesh cannot be read ({ending}); {REMEDY}")
+                break
+        waiting = [path for path in waiting if path not in found]
+    return found
 
 
-def _reason(error: Exception) -> str:
-    """Return what is wrong from a message of several lines, most of which say where in the library it was raised."""
-    places = ("From file", "in function", "at line", "Hint", "message: Could not load")
-    lines = [line.strip() for line in str(error).splitlines()]
-    kept = [line for line in lines if line and not line.startswith(places)]
-    return kept[-1].rstrip(".") if kept else type(error).__name__
-
-
-def _with_trimesh(path: Path) -> tuple[Array, Indices]:
-    try:
-        import trimesh
-    except ImportError as error:
+def _libraries() -> list[str]:
+    names = [*(["coal"] if coal_or_none() is not None else []), *(["trimesh"] if _is_installed("trimesh") else [])]
+    if not names:
         raise MissingExtraError(
-            "Collision meshes need the package coal or trimesh, and neither is installed; "
-            "pip install 'steelyard[collision]'."
-        ) from error
-    mesh = trimesh.load_scene(path).to_mesh()
-    return np.asarray(mesh.vertices, dtype=np.float64), np.asarray(mesh.faces, dtype=np.intp)
+            "Meshes need the package coal or trimesh, and neither is installed; pip install 'steelyard[collision]'."
+        )
+    return names
+
+
+def _is_installed(name: str) -> bool:
+    if name in sys.modules:
+        return sys.modules[name] is not None
+    return importlib.util.find_spec(name) is not None
+
+
+def _asked(paths: Sequence[Path], libraries: Sequence[str]) -> tuple[BytesIO, str]:
+    """Let another process read meshes; return its answers so far, and how it ended."""
+    environment = {**os.environ, "PYTHONPATH": os.pathsep.join(filter(None, sys.path)), "OPENBLAS_NUM_THREADS": "1"}
+    seconds = TIME + TIME_PER_BYTE * sum(path.stat().st_size for path in paths)
+    command = [sys.executable, "-P", mesh_child.__file__, *libraries]
+    request = json.dumps([os.path.abspath(path) for path in paths]).encode()
+    try:
+        done = subprocess.run(
+            command, input=request, stdout=subprocess.PIPE, stderr=subprocess.DEVNULL, env=environment, timeout=seconds
+        )
+    except subprocess.TimeoutExpired as error:
+        return BytesIO(error.stdout or b""), f"reading it takes longer than {seconds:.0f} s"
+    except OSError as error:
+        raise InputError(f"Meshes are read by another process, which cannot be started ({error}).") from None
+    return BytesIO(done.stdout), f"the library that reads it crashed, {_ending(done.returncode)}"
+
+
+def _ending(code: int) -> str:
+    try:
+        return f"signal {signal.Signals(-code).name}"
+    except ValueError:
+        return f"exit {code}"
+
+
+def _taken(path: Path, answers: BytesIO, found: dict[Path, MeshArrays | InputError]) -> bool:
+    """Take up the next answer; tell whether there was none."""
+    line = answers.readline()
+    if not line.endswith(b"\n"):
+        return True
+    said = json.loads(line)
+    if "problem" in said:
+        found[path] = InputError(f"{path}: the mesh cannot be read ({said['problem']}); {REMEDY}")
+        return False
+    corners, sides = 3 * said["vertices"], 3 * said["triangles"]
+    numbers, indices = answers.read(8 * corners), answers.read(8 * sides)
+    if len(numbers) < 8 * corners or len(indices) < 8 * sides:
+        return True
+    vertices = np.frombuffer(numbers, dtype=np.float64).reshape(-1, 3)
+    triangles = np.frombuffer(indices, dtype=np.int64).reshape(-1, 3).astype(np.intp)
+    if not np.isfinite(vertices).all():
+        found[path] = InputError(f"{path}: the mesh has vertices that are not finite; {REMEDY}")
+    elif triangles.size and not 0 <= triangles.min() <= triangles.max() < len(vertices):
+        found[path] = InputError(f"{path}: triangles of the mesh name vertices that do not exist; {REMEDY}")
+    else:
+        found[path] = vertices, triangles
+    return False

@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from steelyard.errors import InputError
+from steelyard.files import shown
 from steelyard.robot import Robot
 from steelyard.robot.names import suggestion
 from steelyard.robot.placement import rpy_rotation
@@ -30,6 +31,7 @@ __all__ = ["GEOMETRY_KEYS", "geometry_from_dict"]
 Array = NDArray[np.float64]
 Made = TypeVar("Made")
 
+LARGEST = 1e9  # m
 GEOMETRY_KEYS = ("collision", "obstacles", "table", "workspace")
 SHAPE_KEYS = {
     "box": ("size",),
@@ -125,7 +127,7 @@ class _Reader:
         }
         watch = collision.get("self", described)
         if not isinstance(watch, bool):
-            raise InputError(f"{where}: self must be true or false, got {watch!r}")
+            raise InputError(f"{where}: self must be true or false, got {shown(watch)}")
         if watch:
             options: dict[str, Any] = {"exclude": self.pairs(collision.get("exclude", []), where)}
             srdf = self.text(collision, "srdf", where)
@@ -182,9 +184,9 @@ class _Reader:
 
     def shape(self, values: Mapping[str, Any], where: str, others: tuple[str, ...]) -> Shape:
         kind = values.get("type")
-        if kind not in SHAPE_KEYS:
+        if not isinstance(kind, str) or kind not in SHAPE_KEYS:
             known = suggestion(str(kind), SHAPE_KEYS) if kind is not None else suggestion("", SHAPE_KEYS)
-            raise InputError(f"{where}: type must name a shape, got {kind!r}; {known}")
+            raise InputError(f"{where}: type must name a shape, got {shown(kind)}; {known}")
         self.table(values, where, ("type", *SHAPE_KEYS[kind], *others))
         for key in SHAPE_KEYS[kind]:
             if key not in values and key not in ("scale", "exact"):
@@ -207,9 +209,9 @@ class _Reader:
         factors = self.numbers(factors, 3, f"{where}: scale")
         exact = values.get("exact", False)
         if not isinstance(exact, bool):
-            raise InputError(f"{where}: exact must be true or false, got {exact!r}")
+            raise InputError(f"{where}: exact must be true or false, got {shown(exact)}")
         if not all(factors):
-            raise InputError(f"{where}: the scale must not be 0, got {scale!r}")
+            raise InputError(f"{where}: the scale must not be 0, got {shown(scale)}")
         path = self.folder / name
         if not path.is_file():
             raise InputError(f"{where}: the mesh {path} is not found; the path is relative to the limits file")
@@ -226,10 +228,10 @@ class _Reader:
 
     def table(self, values: object, where: str, keys: tuple[str, ...]) -> Mapping[str, Any]:
         if not isinstance(values, Mapping):
-            raise InputError(f"{where}: a table is expected, got {values!r}")
+            raise InputError(f"{where}: a table is expected, got {shown(values)}")
         for key in values:
             if key not in keys:
-                raise InputError(f'{where}: "{key}" is not known here; {suggestion(str(key), keys)}')
+                raise InputError(f"{where}: {shown(key)} is not known here; {suggestion(str(key), keys)}")
         return values
 
     def tables(self, values: object, name: str) -> list[tuple[str, Mapping[str, Any]]]:
@@ -237,19 +239,19 @@ class _Reader:
         if isinstance(values, Mapping):
             return [(f"{self.where}, [{name}]", values)]
         if not isinstance(values, list) or not all(isinstance(one, Mapping) for one in values):
-            raise InputError(f"{self.where}: {name} must be written as [[{name}]], one table each, got {values!r}")
+            raise InputError(f"{self.where}: {name} must be written as [[{name}]], one table each, got {shown(values)}")
         return [(f"{self.where}, [[{name}]] number {number}", one) for number, one in enumerate(values, start=1)]
 
     def text(self, values: Mapping[str, Any], key: str, where: str) -> str | None:
         value = values.get(key)
         if value is not None and (not isinstance(value, str) or not value):
-            raise InputError(f"{where}: {key} must be a string, got {value!r}")
+            raise InputError(f"{where}: {key} must be a string, got {shown(value)}")
         return value
 
     def names(self, values: Mapping[str, Any], key: str, where: str) -> list[str]:
         found = values.get(key, [])
         if not isinstance(found, list) or not all(isinstance(name, str) and name for name in found):
-            raise InputError(f"{where}: {key} must be a list of strings, got {found!r}")
+            raise InputError(f"{where}: {key} must be a list of strings, got {shown(found)}")
         return found
 
     def pairs(self, values: object, where: str) -> list[str | list[str]]:
@@ -257,7 +259,7 @@ class _Reader:
             isinstance(one, str) or (isinstance(one, list) and all(isinstance(name, str) for name in one))
             for one in values
         ):
-            raise InputError(f'{where}: exclude must be a list of links and of pairs ["a", "b"], got {values!r}')
+            raise InputError(f'{where}: exclude must be a list of links and of pairs ["a", "b"], got {shown(values)}')
         return values
 
     def length(self, values: Mapping[str, Any], key: str, where: str) -> float:
@@ -268,10 +270,10 @@ class _Reader:
         valid = isinstance(values, list) and len(values) == count
         for value in values if valid and isinstance(values, list) else []:
             number = isinstance(value, int | float) and not isinstance(value, bool)
-            valid = valid and number and (math.isfinite(value) or (infinite and math.isinf(value)))
+            valid = valid and number and (abs(value) <= LARGEST or (infinite and math.isinf(value)))
         if not valid or not isinstance(values, list):
-            shown = values[0] if count == 1 and isinstance(values, list) and values else values
-            raise InputError(f"{what} must be {expected}{'' if infinite else ', finite'}, got {shown!r}")
+            found = values[0] if count == 1 and isinstance(values, list) and values else values
+            raise InputError(f"{what} must be {expected}{'' if infinite else ', finite'}, got {shown(found)}")
         return [float(value) for value in values]
 
     def made(self, where: str, make: Callable[[], Made]) -> Made:

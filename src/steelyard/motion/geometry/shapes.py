@@ -19,6 +19,7 @@ __all__ = ["Box", "Capsule", "Cylinder", "Mesh", "Shape", "Sphere", "SweptSegmen
 Array = NDArray[np.float64]
 Indices = NDArray[np.intp]
 
+SMALLEST, LARGEST = 1e-9, 1e9  # m, of a body; beyond, squares of lengths lose all their digits
 MOST_NEIGHBOURS = 255  # of a corner, which coal counts in one byte
 
 
@@ -66,7 +67,7 @@ class Shape(ABC):
 def _positive(owner: str, name: str, value: object) -> float:
     if isinstance(value, bool) or not isinstance(value, int | float | np.integer | np.floating):
         raise InputError(f"{owner}: {name} must be a number in m, got {value!r}")
-    if not (np.isfinite(value) and value > 0):
+    if not SMALLEST <= value <= LARGEST:
         raise InputError(f"{owner}: {name} must be positive and finite, in m, got {float(value):g}")
     return float(value)
 
@@ -258,8 +259,10 @@ class Mesh(Shape):
 
     def __post_init__(self) -> None:
         vertices = np.array(self.vertices, dtype=np.float64)
-        if vertices.ndim != 2 or vertices.shape[1] != 3 or not np.isfinite(vertices).all():
-            raise InputError(f"a mesh: vertices must be finite and of shape (k, 3), got shape {vertices.shape}")
+        if vertices.ndim != 2 or vertices.shape[1] != 3 or not np.all(np.abs(vertices) <= LARGEST):
+            raise InputError(
+                f"a mesh: vertices must be finite, below {LARGEST:g} m and of shape (k, 3), got shape {vertices.shape}"
+            )
         triangles = np.array(self.triangles, dtype=np.intp).reshape(-1, 3)
         if self.exact and not len(triangles):
             raise InputError("a mesh: an exact surface needs triangles, and there are none; use its convex hull")

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -14,7 +15,7 @@ from steelyard.robot import Robot
 from steelyard.robot.names import suggestion
 from steelyard.robot.urdf_document import UrdfReader, parse_urdf
 
-from .mesh_files import find_mesh, read_mesh
+from .mesh_files import MeshArrays, find_mesh, read_meshes
 from .robot_geometry import MeshKind, PlacedShape
 from .shapes import Box, Capsule, Cylinder, Mesh, Shape, Sphere
 
@@ -24,7 +25,6 @@ if TYPE_CHECKING:
 __all__ = ["shapes_from_urdf"]
 
 Array = NDArray[np.float64]
-Indices = NDArray[np.intp]
 
 KINDS = ("box", "sphere", "cylinder", "capsule", "mesh")
 
@@ -36,6 +36,7 @@ def shapes_from_urdf(
     root = parse_urdf(path)
     reader = _ShapeReader(path, meshes, packages)
     document = reader.document(root)
+    reader.read_files(root)
     shapes: list[PlacedShape] = []
     for element in reader.children(root, "link"):
         link = element.get("name", "")
@@ -54,7 +55,15 @@ class _ShapeReader(UrdfReader):
         super().__init__(path)
         self.meshes = meshes
         self.packages = packages
-        self.files: dict[Path, tuple[Array, Indices]] = {}
+        self.files: dict[Path, MeshArrays | InputError] = {}
+
+    def read_files(self, root: etree._Element) -> None:
+        """Read all the meshes at once, which takes one other process; what is wrong is said where it is needed."""
+        found = []
+        for element in root.iterfind(f".//{self.namespace}collision//{self.namespace}mesh"):
+            with contextlib.suppress(InputError):
+                found.append(find_mesh(element.get("filename", ""), self.path, self.packages))
+        self.files = read_meshes(found)
 
     def collision(self, element: etree._Element, owner: str) -> tuple[Shape, Array]:
         geometry = self.only(element, "geometry", f"{owner}, <collision>")
@@ -90,9 +99,10 @@ class _ShapeReader(UrdfReader):
         scale = np.array(self.vector(element, "scale", owner, (1.0, 1.0, 1.0)))
         if not scale.all():
             raise InputError(f"the scale of a mesh must not be 0, got {element.get('scale')!r}")
-        if file not in self.files:
-            self.files[file] = read_mesh(file)
-        vertices, triangles = self.files[file]
+        read = self.files[file]
+        if isinstance(read, InputError):
+            raise read
+        vertices, triangles = read
         try:
             return Mesh(vertices * scale, triangles, exact=self.meshes == "exact")
         except InputError as error:

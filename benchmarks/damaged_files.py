@@ -1,0 +1,137 @@
+"""Tries every reader on thousands of damaged files, each in a process with bounds on memory and time.
+
+A file may be read, or refused with one of Steelyard's own errors. Everything else is told: other exceptions, warnings,
+words on the terminal, hangs, deaths of the process, and numbers that are not finite but were accepted.
+
+    python benchmarks/damaged_files.py [--count 3000] [--seed 0] [KIND ...]
+"""
+
+import argparse
+import collections
+import os
+import random
+import signal
+import subprocess
+import sys
+import tempfile
+import time
+import traceback
+import warnings
+from pathlib import Path
+
+sys.path.insert(0, str(Path(__file__).parent.parent / "tests" / "oracles"))
+TIME, MEMORY = 10.0, 4 * 2**30  # s for one file, address space of a process
+
+
+def work(kind: str, folder: Path, first: int, last: int, seed: int) -> None:
+    """Read damaged files one after the other; print each one's number, and what is wrong with it."""
+    import resource
+
+    from mutations import READERS, damaged
+
+    from steelyard.errors import SteelyardError
+
+    resource.setrlimit(resource.RLIMIT_AS, (MEMORY, MEMORY))
+    resource.setrlimit(resource.RLIMIT_CORE, (0, 0))
+    content = (folder / kind).read_bytes()
+    place = folder / f"damaged-{kind}"
+    warnings.simplefilter("error")
+    for number in range(first, last):
+        print("#", number, flush=True)
+        place.write_bytes(damaged(content, kind, random.Random(f"{kind} {seed} {number}")))
+        for read in READERS[kind]:
+            begin = time.perf_counter()
+            try:
+                read(place)
+            except SteelyardError as error:
+                if "\n" in str(error) or len(str(error)) > 2000:
+                    print("!", f"a message of {len(str(error))} characters: {str(error)[:100]!r}", flush=True)
+            except (KeyboardInterrupt, SystemExit):
+                raise
+            except BaseException as error:
+                frames = [f for f in traceback.extract_tb(error.__traceback__) if "steelyard" in f.filename]
+                where = f"{Path(frames[-1].filename).name}:{frames[-1].lineno}" if frames else "?"
+                text = " ".join(str(error).split())[:150]
+                print("!", f"{type(error).__name__} at {where}: {text}", flush=True)
+            if time.perf_counter() - begin > TIME / 4:
+                print("!", f"slow: {time.perf_counter() - begin:.1f} s in {read.__name__}", flush=True)
+    print("# end", flush=True)
+
+
+def watch(kind: str, folder: Path, count: int, seed: int) -> collections.Counter[str]:
+    """Let processes read damaged files of a kind; return what went wrong, and how often."""
+    found: collections.Counter[str] = collections.Counter()
+    examples: dict[str, int] = {}
+    number = 0
+    while number < count:
+        command = [sys.executable, __file__, "--work", kind, str(folder), str(number), str(count), str(seed)]
+        with (
+            (folder / "errors").open("w+b") as errors,
+            subprocess.Popen(command, stdout=subprocess.PIPE, stderr=errors, text=True) as process,
+        ):
+            ended = False
+            assert process.stdout is not None
+            os.set_blocking(process.stdout.fileno(), True)
+            import select
+
+            hung = False
+            while True:
+                ready, _, _ = select.select([process.stdout], [], [], 6 * TIME)
+                if not ready:
+                    hung = True
+                    process.send_signal(signal.SIGKILL)
+                    break
+                line = process.stdout.readline()
+                if not line:
+                    break
+                mark, _, text = line.rstrip("\n").partition(" ")
+                if line.startswith("# end"):
+                    ended = True
+                elif mark == "#":
+                    number = int(text)
+                else:
+                    found[text] += 1
+                    examples.setdefault(text, number)
+            process.wait()
+            errors.seek(0)
+            said = errors.read().decode(errors="replace").strip()
+            if said:
+                text = f"on the terminal: {said.splitlines()[0][:150]} … ({len(said.splitlines())} lines)"
+                found[text] += 1
+                examples.setdefault(text, number)
+        if ended:
+            break
+        text = "hangs" if hung else f"ends with {process.returncode}"
+        found[text] += 1
+        examples.setdefault(text, number)
+        number += 1
+    print(f"{kind}: {count} files, {sum(found.values())} faults", flush=True)
+    for text, times in found.most_common():
+        print(f"  {times:5d}  {text}  (number {examples[text]})", flush=True)
+    return found
+
+
+def main() -> None:
+    if sys.argv[1:2] == ["--work"]:
+        kind, folder, first, last, seed = sys.argv[2:]
+        work(kind, Path(folder), int(first), int(last), int(seed))
+        return
+    from mutations import READERS, write_samples
+
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("kinds", nargs="*", metavar="KIND", help=", ".join(READERS))
+    parser.add_argument("--count", type=int, default=3000)
+    parser.add_argument("--seed", type=int, default=0)
+    options = parser.parse_args()
+    total = 0
+    with tempfile.TemporaryDirectory() as place:
+        write_samples(Path(place))
+        for kind in options.kinds or READERS:
+            count = max(options.count // 10, 1) if "mesh" in kind or kind == "binary.ply" else options.count
+            total += sum(watch(kind, Path(place), count, options.seed).values())
+    print(f"{total} faults")
+    sys.exit(total > 0)
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,245 @@
+"""Damaged files of every kind are read or refused; nothing else comes out, and no number that is none.
+
+`benchmarks/damaged_files.py` tries tens of thousands. What it found stands here as cases of their own.
+"""
+
+import io
+import os
+import random
+import signal
+import zipfile
+from pathlib import Path
+
+import numpy as np
+import pytest
+from mutations import LIMITS, READERS, ROBOT, URDF, damaged, write_samples
+
+import steelyard as sy
+from steelyard.errors import InputError, SteelyardError
+from steelyard.feasibility.constraints.points import read_points
+
+MESHES = {kind for kind in READERS if "mesh" in kind or kind == "binary.ply"}  # each takes a process
+COUNT = 40
+
+
+@pytest.fixture(scope="module")
+def samples(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    folder = tmp_path_factory.mktemp("samples")
+    write_samples(folder)
+    return folder
+
+
+@pytest.mark.parametrize("kind", READERS)
+def test_valid_files_are_read(kind: str, samples: Path) -> None:
+    if kind in MESHES:
+        pytest.importorskip("coal", reason="coal (extra `collision`) is not installed")
+    READERS[kind][0](samples / kind)
+
+
+@pytest.mark.parametrize("kind", [kind for kind in READERS if kind not in MESHES])
+def test_damaged_files_are_read_or_refused(kind: str, samples: Path, capfd: pytest.CaptureFixture[str]) -> None:
+    content = (samples / kind).read_bytes()
+    place = samples / f"damaged-{kind}"
+    messages = []
+    for number in range(COUNT):
+        place.write_bytes(damaged(content, kind, random.Random(f"{kind} 0 {number}")))
+        for read in READERS[kind]:
+            try:
+                read(place)
+            except SteelyardError as error:
+                messages.append(str(error))
+    assert len(messages) > COUNT / 8
+    assert [message for message in messages if "\n" in message or len(message) > 2000] == []
+    assert capfd.readouterr() == ("", "")
+
+
+def refuse(kind: str, samples: Path, content: bytes | str, phrase: str) -> None:
+    place = samples / f"made-{kind}"
+    place.write_bytes(content if isinstance(content, bytes) else content.encode())
+    with pytest.raises(InputError) as caught:
+        [read(place) for read in READERS[kind]]
+    assert phrase in str(caught.value)
+    assert len(str(caught.value)) < 1000
+
+
+TEXTS = {
+    "mass of 1e308": (
+        "robot.urdf",
+        URDF,
+        '<mass value="2"/>',
+        '<mass value="1e308"/>',
+        "value of <mass> is beyond 1e+15",
+    ),
+    "axis that underflows": (
+        "robot.urdf",
+        URDF,
+        '<axis xyz="0 1 0"/>\n    <limit lower="-3" upper="3" effort="50" velocity="5"/><dynamics',
+        '<axis xyz="1e-320 0 0"/><dynamics',
+        'joint "shoulder": its axis is',
+    ),
+    "long integer": ("robot.toml", ROBOT, "trim = 0.5", f"trim = {'9' * 400}", "beyond 64 bits"),
+    "kind in a list": ("robot.toml", ROBOT, 'kind = "viscous"', 'kind = ["viscous"]', "kind is ['viscous']"),
+    "far point of a hull": ("robot.toml", ROBOT, "[1, 0, 0], [0, 1", "[1e308, 0, 0], [0, 1", "beyond 1e+09 m"),
+    "NUL in a path": (
+        "robot.toml",
+        ROBOT,
+        'convention = "standard"\nrows = [["pi/2", 0, 0.3, "q"], [0, 0.5, 0, "q+pi/2"]]',
+        'urdf = "a\\u0000b"',
+        "a character that no text has",
+    ),
+    "endless URDF": (
+        "robot.toml",
+        ROBOT,
+        'convention = "standard"\nrows = [["pi/2", 0, 0.3, "q"], [0, 0.5, 0, "q+pi/2"]]',
+        'urdf = "/dev/zero"',
+        "is a device",
+    ),
+    "ragged list": ("limits.toml", LIMITS, "lower = [-1, -1]", "lower = [[1], [2, 3]]", "must be a number, got [1]"),
+    "type in a list": ("limits.toml", LIMITS, 'type = "box"', 'type = ["box"]', "must name a shape, got ['box']"),
+    "tiny radius": ("limits.toml", LIMITS, "radius = 0.05", "radius = 1e-320", "radius must be positive"),
+}
+
+
+@pytest.mark.parametrize("case", TEXTS)
+def test_numbers_and_values_that_no_file_should_hold(case: str, samples: Path) -> None:
+    kind, text, old, new, phrase = TEXTS[case]
+    if kind == "limits.toml":
+        pytest.importorskip("coal", reason="coal (extra `collision`) is not installed")
+    if "/dev/" in new and not Path("/dev/zero").exists():
+        pytest.skip("there are no devices")
+    assert old in text
+    refuse(kind, samples, text.replace(old, new, 1), phrase)
+
+
+FIELDS = {
+    "infinite parameter": ("estimate.json", '"base": [', '"base": [1e999, ', "beyond the range"),
+    "base without a value": ("estimate.json", '"base": [', '"base": [null, ', "'base' must be a list of numbers"),
+    "huge parameter": ("estimate.json", '"parameters": [', '"parameters": [1e308, ', "numbers beyond 1e+30"),
+    "negative deviation": (
+        "estimate.json",
+        '"standard_deviation": [',
+        '"standard_deviation": [-1, ',
+        "negative number",
+    ),
+    "not a number": ("information.json", '"triangle": [[', '"triangle": [[NaN, ', "NaN, which JSON does not have"),
+    "text for a factor": ("information.json", '"triangle": [[', '"triangle": ["box", [', "must hold numbers"),
+    "column that is not there": ("information.json", '"columns": [0, ', '"columns": [77, ', "different indices below"),
+    "more joints than factors": (
+        "information.json",
+        '"joint_names": [',
+        '"joint_names": ["x", ',
+        "one factor for each joint",
+    ),
+    "infinite trajectory": ("trajectory.json", '"q": [[', '"q": [[1e306, ', "is not a trajectory"),
+    "trajectory without end": (
+        "trajectory.json",
+        '"times": [0.0, 1.0, 2.0]',
+        '"times": [0.0, 1.0, 1e300]',
+        "beyond 1e+12",
+    ),
+}
+
+
+@pytest.mark.parametrize("case", FIELDS)
+def test_documents_that_nobody_saved(case: str, samples: Path) -> None:
+    kind, old, new, phrase = FIELDS[case]
+    text = (samples / kind).read_text()
+    compact = " ".join(text.split()).replace("[ ", "[")
+    assert old in compact
+    refuse(kind, samples, compact.replace(old, new, 1), phrase)
+
+
+def npz(header: bytes, data: bytes = b"", flags: int = 0, method: int = 0) -> bytes:
+    """An archive with an array q of this header."""
+    file = io.BytesIO()
+    with zipfile.ZipFile(file, "w") as archive:
+        archive.writestr("q.npy", b"\x93NUMPY\x01\x00" + len(header).to_bytes(2, "little") + header + data)
+    content = bytearray(file.getvalue())
+    for mark, place in ((b"PK\x03\x04", 6), (b"PK\x01\x02", 8)):
+        start = content.index(mark)
+        content[start + place] |= flags
+        if method:
+            content[start + place + 2] = method
+    return bytes(content)
+
+
+def header(shape: str, kind: str = "<f8") -> bytes:
+    return f"{{'descr': '{kind}', 'fortran_order': False, 'shape': {shape}, }}\n".encode()
+
+
+@pytest.mark.skipif(not hasattr(signal, "setitimer"), reason="needs a timer")
+@pytest.mark.parametrize(
+    ("content", "phrase"),
+    [
+        (npz(header("(10, 1000000000000)")), "claims to have the shape (10, 1000000000000)"),
+        (npz(header("(1000000000000,)")), "too few"),
+        (npz(header("(7, 20000)"), bytes(8 * 140000)), "transpose it"),
+        (npz(header("(-1, 2)")), "shape (-1, 2)"),
+        (npz(b"{" * 200), "the header of an array cannot be read"),
+        (npz(b"(" * 9000), "the header of an array cannot be read"),
+        (npz(header("(2,)"), bytes(16), flags=1), "encrypted"),
+        (npz(header("(2,)"), bytes(16), method=9), "compression"),
+        (npz(header("(2,)"), bytes(16), method=8), "cannot be read as NPZ"),
+        (npz(header("(2,)"), bytes(16), method=12), "cannot be read as NPZ"),
+        (npz(header("(2,)"), bytes(16), method=14), "cannot be read as NPZ"),
+    ],
+)
+def test_archives_that_claim_what_they_do_not_hold(content: bytes, phrase: str, tmp_path: Path) -> None:
+    path = tmp_path / "log.npz"
+    path.write_bytes(content)
+
+    def late(*_: object) -> None:
+        raise TimeoutError
+
+    before = signal.signal(signal.SIGALRM, late)
+    signal.setitimer(signal.ITIMER_REAL, 5.0)  # it took 44 s, or had no end
+    try:
+        with pytest.raises(InputError) as caught:
+            sy.Recording.read(path, {}, 2)
+    finally:
+        signal.setitimer(signal.ITIMER_REAL, 0.0)
+        signal.signal(signal.SIGALRM, before)
+    assert phrase in str(caught.value)
+
+
+def test_a_bomb_is_not_unpacked(tmp_path: Path) -> None:
+    path = tmp_path / "log.npz"
+    with zipfile.ZipFile(path, "w", zipfile.ZIP_LZMA) as archive, archive.open("q.npy", "w", force_zip64=True) as file:
+        file.write(b"\x93NUMPY\x01\x00" + len(header("(1000000,)")).to_bytes(2, "little") + header("(1000000,)"))
+        file.write(bytes(8_000_000))
+    assert path.stat().st_size < 5000
+    with pytest.raises(InputError, match="no compression reaches"):
+        sy.Recording.read(path, {}, 1)
+
+
+def test_a_panic_of_the_library_is_a_sentence(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str]
+) -> None:
+    polars = pytest.importorskip("polars")
+    path = tmp_path / "log.parquet"
+    path.write_bytes(b"x")
+
+    def panic(*_: object, **__: object) -> None:
+        os.write(2, b"thread 'main' panicked at src/lib.rs\n")
+        raise polars.exceptions.PanicException("index out of bounds\nnote: run with RUST_BACKTRACE=1")
+
+    monkeypatch.setattr(polars, "scan_parquet", panic)
+    with pytest.raises(
+        InputError, match=r"log.parquet cannot be read as Parquet: index out of bounds; save it again.$"
+    ):
+        sy.Recording.read(path)
+    assert capfd.readouterr().err == ""
+
+
+def test_logs_with_numbers_that_no_robot_reaches(samples: Path) -> None:
+    lines = (samples / "log.csv").read_text().splitlines()
+    lines[20] = ",".join([lines[20].split(",")[0], "1e200", *lines[20].split(",")[2:]])
+    refuse("log.csv", samples, "\n".join(lines), "beyond 1e+15 in row 20")
+
+
+def test_points_of_an_array_that_claims_too_much(tmp_path: Path) -> None:
+    path = tmp_path / "points.npy"
+    np.save(path, np.eye(3))
+    path.write_bytes(path.read_bytes().replace(b"(3, 3)", b"(99,3)"))
+    with pytest.raises(InputError, match="is no array of numbers"):
+        read_points(path)

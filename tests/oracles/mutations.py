@@ -1,0 +1,429 @@
+"""Small valid files of every kind that is read, and damaged copies of them: what readers are tried on."""
+
+from __future__ import annotations
+
+import copy
+import json
+import math
+import random
+import re
+import struct
+from collections.abc import Callable, Iterable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+import steelyard as sy
+from steelyard.dynamics.terms import term_from_dict
+from steelyard.errors import InputError
+from steelyard.feasibility import constraints_from_dict, load_certificate, verify_document
+from steelyard.feasibility.constraints.points import read_points
+from steelyard.motion import MotionLimits, QuinticTrajectory, load_trajectory, save_trajectory
+from steelyard.motion.geometry import geometry_from_dict
+from steelyard.motion.geometry.mesh_files import read_meshes
+from steelyard.motion.geometry.srdf import read_srdf
+from steelyard.motion.limits_file import limits_from_file
+from steelyard.recording import LogColumns, Processing, process_chunks
+from steelyard.regression.least_squares import least_squares
+from steelyard.robot import RobotFile
+
+LARGEST = 1e40
+"""No number that was read may be larger: squares and their sums must stay finite."""
+
+URDF = """<?xml version="1.0"?>
+<robot name="pair">
+  <link name="base"/>
+  <link name="upper"><inertial><origin xyz="0.1 0 0" rpy="0 0 0.1"/><mass value="2"/>
+    <inertia ixx="0.02" ixy="0" ixz="0" iyy="0.02" iyz="0" izz="0.02"/></inertial></link>
+  <link name="fore"><inertial><origin xyz="0.1 0 0"/><mass value="1"/>
+    <inertia ixx="0.01" ixy="0" ixz="0" iyy="0.01" iyz="0" izz="0.01"/></inertial>
+    <collision><origin xyz="0 0 0.1"/><geometry><box size="0.1 0.1 0.2"/></geometry></collision></link>
+  <joint name="shoulder" type="revolute"><parent link="base"/><child link="upper"/><axis xyz="0 1 0"/>
+    <limit lower="-3" upper="3" effort="50" velocity="5"/><dynamics damping="0.1" friction="0.2"/></joint>
+  <joint name="elbow" type="revolute"><parent link="upper"/><child link="fore"/><origin xyz="0.4 0 0" rpy="0 0 0"/>
+    <axis xyz="0 1 0"/><limit lower="-3" upper="3" effort="50" velocity="5"/></joint>
+</robot>
+"""
+ROBOT = """name = "pair"
+[description]
+convention = "standard"
+rows = [["pi/2", 0, 0.3, "q"], [0, 0.5, 0, "q+pi/2"]]
+gravity = [0, 0, -9.81]
+[[terms]]
+kind = "viscous"
+[[terms]]
+kind = "motor_side"
+coupling = [[1, 0.5], [0, 1]]
+[log]
+time = "t"
+position = ["q1", "q2"]
+torque = "tau{}"
+torque_unit = "A"
+gain = [10, 10]
+position_matrix = [["1/45", 0], [0, 1]]
+position_offset = [0, "-pi/2"]
+[processing]
+cutoff = 10.0
+trim = 0.5
+decimate = [2]
+velocity_threshold = 0.01
+[limits]
+lower = -3
+upper = [3, 3]
+velocity = 5
+[constraints]
+total_mass = { maximum = 10 }
+[[constraints.center_of_mass_box]]
+link = "link1"
+lower = [-1, -1, -1]
+upper = [1, 1, 1]
+[[constraints.center_of_mass_hull]]
+link = "link2"
+points = [[0, 0, 0], [1, 0, 0], [0, 1, 0], [0, 0, 1]]
+"""
+LIMITS = """lower = [-1, -1]
+upper = 1
+velocity = { shoulder = 2, elbow = 3 }
+acceleration = 5
+torque = [50, 50]
+total_power = 100
+[collision]
+self = false
+margin = 0.01
+exclude = [["upper", "fore"]]
+[[collision.shapes]]
+link = "fore"
+type = "capsule"
+radius = 0.05
+length = 0.2
+[[obstacles]]
+name = "box"
+type = "box"
+size = [0.1, 0.1, 0.1]
+xyz = [1, 1, 1]
+[table]
+normal = [0, 0, 1]
+offset = -1
+[[workspace]]
+link = "fore"
+lower = [-5, -5, -5]
+upper = [5, 5, inf]
+"""
+SRDF = """<robot name="pair"><disable_collisions link1="base" link2="upper" reason="Adjacent"/>
+<disable_default_collisions link="fore"/><enable_collisions link1="fore" link2="base"/></robot>
+"""
+OBJ = """o body
+v 0 0 0
+v 1 0 0
+v 0 1 0
+v 0 0 1
+f 1 3 2
+f 1 2 4
+f 1 4 3
+f 2 3 4
+"""
+PLY = """ply
+format ascii 1.0
+element vertex 4
+property float x
+property float y
+property float z
+element face 4
+property list uchar int vertex_indices
+end_header
+0 0 0
+1 0 0
+0 1 0
+0 0 1
+3 0 2 1
+3 0 1 3
+3 0 3 2
+3 1 2 3
+"""
+DAE = """<?xml version="1.0"?>
+<COLLADA xmlns="http://www.collada.org/2005/11/COLLADASchema" version="1.4.1">
+<asset><unit name="meter" meter="1"/><up_axis>Z_UP</up_axis></asset>
+<library_geometries><geometry id="g"><mesh>
+<source id="p"><float_array id="a" count="12">0 0 0 1 0 0 0 1 0 0 0 1</float_array>
+<technique_common><accessor source="#a" count="4" stride="3"><param name="X" type="float"/>
+<param name="Y" type="float"/><param name="Z" type="float"/></accessor></technique_common></source>
+<vertices id="v"><input semantic="POSITION" source="#p"/></vertices>
+<triangles count="4"><input semantic="VERTEX" source="#v" offset="0"/><p>0 2 1 0 1 3 0 3 2 1 2 3</p></triangles>
+</mesh></geometry></library_geometries>
+<library_visual_scenes><visual_scene id="s"><node id="n"><instance_geometry url="#g"/></node></visual_scene>
+</library_visual_scenes><scene><instance_visual_scene url="#s"/></scene></COLLADA>
+"""
+
+
+def _motion(count: int = 400) -> dict[str, np.ndarray]:
+    t = np.arange(count) / 100
+    q = np.column_stack([np.sin(3 * t), np.cos(2 * t)])
+    torque = np.column_stack([np.cos(3 * t), np.sin(5 * t)])
+    return {"t": t, "q": q, "tau": torque}
+
+
+def _flat(arrays: dict[str, np.ndarray]) -> dict[str, np.ndarray]:
+    columns = {}
+    for name, values in arrays.items():
+        columns |= {name: values} if values.ndim == 1 else {f"{name}{k + 1}": values[:, k] for k in range(2)}
+    return columns
+
+
+def _binary_stl() -> bytes:
+    corners = np.vstack([np.zeros(3), np.eye(3)]).astype("<f4")
+    faces = [(0, 2, 1), (0, 1, 3), (0, 3, 2), (1, 2, 3)]
+    return bytes(80) + struct.pack("<I", 4) + b"".join(bytes(12) + corners[list(f)].tobytes() + b"\0\0" for f in faces)
+
+
+def _binary_ply() -> bytes:
+    head, _, _ = PLY.partition("0 0 0\n")
+    corners = np.vstack([np.zeros(3), np.eye(3)]).astype("<f4")
+    faces = [(0, 2, 1), (0, 1, 3), (0, 3, 2), (1, 2, 3)]
+    body = corners.tobytes() + b"".join(struct.pack("<B3i", 3, *f) for f in faces)
+    return head.replace("ascii", "binary_little_endian").encode() + body
+
+
+def write_samples(folder: Path) -> dict[str, Path]:
+    """Write a valid file of each kind; return the kinds and the files."""
+    import polars
+
+    texts = {"robot.urdf": URDF, "robot.toml": ROBOT, "limits.toml": LIMITS, "robot.srdf": SRDF, "mesh.obj": OBJ}
+    texts |= {"mesh.ply": PLY, "mesh.dae": DAE, "points.csv": "x,y,z\n0,0,0\n1,0,0\n0,1,0\n0,0,1\n"}
+    for name, text in texts.items():
+        (folder / name).write_text(text)
+    (folder / "mesh.stl").write_bytes(_binary_stl())
+    (folder / "binary.ply").write_bytes(_binary_ply())
+    np.save(folder / "points.npy", np.vstack([np.zeros(3), np.eye(3)]))
+    arrays = _motion()
+    np.savez(folder / "log.npz", **arrays)
+    np.savez_compressed(folder / "small.npz", **_flat(arrays))
+    frame = polars.DataFrame(_flat(arrays))
+    frame.write_csv(folder / "log.csv")
+    frame.write_parquet(folder / "log.parquet")
+    trajectory = QuinticTrajectory.point_to_point([[0.0, 0.0], [1.0, 0.5], [0.0, 0.0]], [1.0, 1.0])
+    for suffix in ("json", "csv", "parquet", "yaml"):
+        save_trajectory(trajectory, folder / f"trajectory.{suffix}", rate=50.0)
+    robot = sy.Robot.from_urdf(folder / "robot.urdf").with_terms(sy.Viscous())
+    model = sy.Model(robot)
+    rng = np.random.default_rng(1)
+    q, dq, ddq = (rng.normal(size=(60, 2)) for _ in range(3))
+    parameters = np.nan_to_num(np.asarray(robot.parameters))
+    torque = model.inverse_dynamics(q, dq, ddq, parameters) + rng.normal(0, 0.01, (60, 2))
+    information = sy.Information.from_samples(model, sy.Samples(q=q, dq=dq, ddq=ddq, torque=torque), blocks=False)
+    information.save(folder / "information.json")
+    estimate = sy.fit(information, sy.FeasibleSet(model))
+    estimate.save(folder / "estimate.json")
+    verdict = sy.check(sy.FeasibleSet(model), base=-estimate.base)
+    verdict.certificate.save(folder / "certificate.json")
+    return {path.name: path for path in sorted(folder.iterdir())}
+
+
+# What reads a file, and all that comes of it: numbers that must be finite.
+
+
+def _finite(values: Iterable[Any], unknown: bool = False) -> None:
+    for value in values:
+        if value is None:
+            continue
+        array = np.asarray(value, dtype=np.float64)
+        bad = np.isinf(array) | (np.abs(array) > LARGEST) if unknown else ~(np.abs(array) <= LARGEST)
+        assert not bad.any(), f"accepted {array[bad][:3]}"
+
+
+def _robot(robot: sy.Robot) -> None:
+    _finite([robot.parameters], unknown=True)
+    for joint in robot.joints:
+        _finite([joint.before, joint.after, joint.multiplier, joint.offset])
+        _finite([joint.damping, joint.friction], unknown=True)
+        assert not any(map(math.isnan, (joint.lower, joint.upper, joint.velocity_limit, joint.effort_limit)))
+
+
+def _read_urdf(path: Path) -> None:
+    robot = sy.Robot.from_urdf(path)
+    _robot(robot)
+    for link in robot.links:
+        if link.inertia is not None:
+            _finite([link.inertia.pseudo_inertia])
+
+
+def _read_robot_file(path: Path) -> None:
+    file = RobotFile.load(path)
+    _robot(file.robot.with_terms(*(term_from_dict(term) for term in file.terms)))
+    LogColumns.from_dict(file.section("log"), "[log]")
+    Processing.from_dict(file.section("processing"), "[processing]")
+    constraints_from_dict(file.section("constraints"), folder=path.parent)
+
+
+def _read_limits(path: Path) -> None:
+    robot = sy.Robot.from_urdf(path.parent / "robot.urdf")
+    limits, sections = limits_from_file(path)
+    MotionLimits.from_robot(robot).updated(limits)
+    geometry_from_dict(sections, robot, path.parent)
+
+
+def _read_log(path: Path) -> None:
+    recording = sy.Recording.read(path, {}, 2)
+    _finite([recording.t, recording.q, recording.torque])
+    for samples in process_chunks(path, {}, Processing(cutoff=10.0), rows=100, joints=2):
+        _finite([samples.q, samples.dq, samples.ddq, samples.torque])
+
+
+def _read_estimate(path: Path) -> None:
+    estimate = sy.Estimate.load(path)
+    _finite([estimate.base, estimate.parameters, estimate.weights])
+    _finite([estimate.damping, estimate.friction, estimate.joint_relative_error], unknown=True)
+    assert not np.isnan(estimate.standard_deviation).any()
+    assert np.all(estimate.standard_deviation >= 0.0)
+    _ = repr(estimate), estimate._repr_html_(), estimate.confidence_interval()
+
+
+def _read_information(path: Path) -> None:
+    information = sy.Information.load(path)
+    for factor in information.factors:
+        _finite([factor.triangle])
+    estimate = least_squares(information, None)
+    _finite([estimate.base])
+    _ = information + information, information.condition_number, repr(information)
+
+
+def _read_trajectory(path: Path) -> None:
+    trajectory = load_trajectory(path)
+    _finite([trajectory.duration])
+    assert 0.0 < trajectory.duration < 1e9
+    _finite(trajectory.motion(np.linspace(0.0, trajectory.duration, 20)))
+
+
+def _read_certificate(path: Path) -> None:
+    verify_document(load_certificate(path), str(path))
+
+
+def _read_mesh(path: Path) -> None:
+    found = read_meshes([path])[path]
+    if isinstance(found, InputError):
+        raise found
+    sy.motion.geometry.Mesh(*found)
+
+
+def _read_torque(path: Path) -> None:
+    from steelyard.identification.simulated import TorqueTable
+
+    TorqueTable.read(path, 2)
+
+
+def _read_shapes(path: Path) -> None:
+    from steelyard.motion.geometry import RobotGeometry
+
+    RobotGeometry.from_urdf(sy.Robot.from_urdf(path))
+
+
+READERS: dict[str, tuple[Callable[[Path], None], ...]] = {
+    "robot.urdf": (_read_urdf, _read_shapes),
+    "robot.toml": (_read_robot_file,),
+    "limits.toml": (_read_limits,),
+    "robot.srdf": (lambda path: _ignore(read_srdf(path)),),
+    "log.npz": (_read_log,),
+    "small.npz": (_read_log,),
+    "log.csv": (_read_log, _read_torque),
+    "log.parquet": (_read_log, _read_torque),
+    "estimate.json": (_read_estimate, _read_certificate),
+    "information.json": (_read_information,),
+    "certificate.json": (_read_certificate,),
+    "trajectory.json": (_read_trajectory,),
+    "trajectory.csv": (_read_trajectory,),
+    "trajectory.parquet": (_read_trajectory,),
+    "trajectory.yaml": (_read_trajectory,),
+    "points.csv": (lambda path: _finite([read_points(path)]),),
+    "points.npy": (lambda path: _finite([read_points(path)]),),
+    "mesh.stl": (_read_mesh,),
+    "mesh.obj": (_read_mesh,),
+    "mesh.ply": (_read_mesh,),
+    "binary.ply": (_read_mesh,),
+    "mesh.dae": (_read_mesh,),
+}
+
+
+def _ignore(value: object) -> None:
+    del value
+
+
+# Damage
+
+TOKENS = [
+    b"1e308", b"-1e308", b"1e999", b"1e-320", b"nan", b"inf", b"-inf", b"0", b"-1", b"2147483648", b"9" * 400,
+    b"9" * 5000, b"\0", b"\xff", b"\x1b[31m", b"\xc2\x9b31m", b"[[", b"]", b"{", b"}", b'"', b"'", b",", b"null",
+    b"true", b"1_0", b"0x1",
+    b"", b" ", b"\n", b"[]", b"{}", b'["box"]', b"-0.0", b"1e15", b"1e-15", b"\xe2\x80\xae", b"../..", b"/dev/zero",
+]  # fmt: skip
+NUMBER = re.compile(rb"[-+]?\d+(?:\.\d*)?(?:[eE][-+]?\d+)?")
+VALUES: list[Any] = [
+    None, True, [], {}, "", "x", "1", 0, -1, 10**400, 2**70, 1e308, -1e308, 1e-320, math.nan, math.inf, [[]], [None],
+    {"a": 1},
+    "nan", "1/0", "9" * 2000, "1e999", ["box"], [1.0], [[1.0, 2.0], [3.0]], "\x1b[31m", "a\0b", "\ud800",
+]  # fmt: skip
+
+
+def damaged(content: bytes, kind: str, random_number: random.Random) -> bytes:
+    """Return a damaged copy of a file; the same for the same random numbers."""
+    if kind.endswith(".json") and random_number.random() < 0.6:
+        return _damaged_document(content, random_number)
+    damage = bytearray(content)
+    for _ in range(1 + min(int(random_number.expovariate(0.8)), 5)):
+        _damage(damage, random_number, text=not kind.endswith((".npz", ".parquet", ".npy", ".stl")))
+    return bytes(damage)
+
+
+def _damage(data: bytearray, rng: random.Random, text: bool) -> None:
+    where = rng.randrange(len(data) + 1)
+    what = rng.choice(("flip", "cut", "remove", "copy", "token", "number", "number", "exchange") if text else (
+        "flip", "flip", "flip", "byte", "byte", "cut", "remove", "copy", "token", "length"))  # fmt: skip
+    if what in ("flip", "byte") and where < len(data):
+        data[where] = data[where] ^ (1 << rng.randrange(8)) if what == "flip" else rng.choice((0, 1, 127, 128, 255))
+    elif what == "cut":
+        del data[where:]
+    elif what == "remove":
+        del data[where : where + rng.choice((1, 4, 20, 200))]
+    elif what == "copy":
+        source = rng.randrange(len(data) + 1)
+        data[where:where] = data[source : source + rng.choice((1, 8, 60, 400))]
+    elif what == "token":
+        data[where:where] = rng.choice(TOKENS)
+    elif what == "length" and where + 8 <= len(data):
+        data[where : where + 4] = rng.choice((0, 1, 2**31 - 1, 2**32 - 1, len(data))).to_bytes(4, "little")
+    else:
+        numbers = list(NUMBER.finditer(data))
+        if numbers:
+            one = rng.choice(numbers)
+            data[slice(*one.span())] = rng.choice(TOKENS) if what == "number" else rng.choice(numbers)[0]
+
+
+def _damaged_document(content: bytes, rng: random.Random) -> bytes:
+    document = json.loads(content)
+    for _ in range(rng.choice((1, 1, 1, 2, 3))):
+        place, key = _random_place(document, rng)
+        if place is None:
+            continue
+        match rng.choice(("value", "value", "value", "delete", "repeat", "copy", "deep")):
+            case "value":
+                place[key] = copy.deepcopy(rng.choice(VALUES))
+            case "delete":
+                del place[key]
+            case "repeat" if isinstance(place, list):
+                place.insert(key, copy.deepcopy(place[key]))
+            case "copy":
+                other, source = _random_place(document, rng)
+                if other is not None:
+                    place[key] = copy.deepcopy(other[source])
+            case _:
+                for _ in range(rng.choice((1, 5, 100))):
+                    place[key] = [place[key]]
+    return json.dumps(document).encode()
+
+
+def _random_place(document: Any, rng: random.Random) -> tuple[Any, Any]:
+    place, key, node = None, None, document
+    while isinstance(node, (dict, list)) and node and (place is None or rng.random() < 0.8):
+        place = node
+        key = rng.choice(list(node)) if isinstance(node, dict) else rng.randrange(len(node))
+        node = place[key]
+    return place, key
