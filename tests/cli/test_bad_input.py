@@ -47,11 +47,6 @@ def degrees(columns):
         columns[name] = np.degrees(columns[name])
 
 
-def gap(columns):
-    keep = np.r_[0:500, 700 : len(columns["t"])]
-    return {k: v[keep] for k, v in columns.items()}
-
-
 def swapped_velocities(columns):
     rate = 200.0
     d1, d2 = np.gradient(columns["q1"]) * rate, np.gradient(columns["q2"]) * rate
@@ -60,10 +55,6 @@ def swapped_velocities(columns):
 
 def one_more_joint(columns):
     return columns | {"q3": columns["q1"], "tau3": columns["tau1"]}
-
-
-def jitter(columns):
-    columns["t"] = columns["t"] + np.random.default_rng(1).uniform(-0.0015, 0.0015, len(columns["t"]))
 
 
 KINDS = {
@@ -105,8 +96,6 @@ KINDS = {
     "log not a number": (lambda p: rows(p, put("q1", 100, np.nan)), "q1"),
     "log infinite": (lambda p: rows(p, put("tau2", 7, np.inf)), "tau2"),
     "log times repeat": (lambda p: rows(p, put("t", 5, 0.02)), "log.csv"),
-    "log times jump": (lambda p: rows(p, gap), "resample"),
-    "log times jitter": (lambda p: rows(p, jitter), "log.csv"),
     "log column missing": (lambda p: rows(p, without("q2")), "q"),
     "log of another robot": (lambda p: rows(p, one_more_joint), "3"),
     "log in degrees": (lambda p: rows(p, degrees), "degrees"),

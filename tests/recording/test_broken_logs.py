@@ -70,14 +70,21 @@ BROKEN: dict[str, tuple[Callable[[Columns], Columns], dict[str, Any], dict[str, 
         ["line 3", "repeats the time 0 s", "150 rows", "`rate`"],
     ),
     "time goes back": (rows(slice(100, 300), slice(100)), {}, {}, ["line 202", "goes back in time from 2.99 s to 0 s"]),
-    "gap": (rows(slice(100), slice(150, 300)), {}, {}, ["1 gaps", "0.51 s from t = 0.99 s", "row 100", "resample"]),
-    "gap too long to bridge": (
+    "gap": (
         rows(slice(100), slice(150, 300)),
         {},
-        {"resample": True},
-        ["gap of 0.51 s", "longer than the 0.05 s", "split the log", "`longest_gap`"],
+        {"resample": False},
+        ["1 gaps", "0.51 s from t = 0.99 s", "row 100", "`resample`"],
     ),
-    "jitter": (uneven, {}, {}, ["sampled unevenly", "40 %", "`resample = true`"]),
+    "parts too short to filter": (
+        lambda log: {
+            name: np.concatenate([values[k : k + 10] for k in range(0, 300, 60)]) for name, values in log.items()
+        },
+        {},
+        {"cutoff": 5.0},
+        ["in 5 parts between gaps", "0.1 s, too short", "`longest_gap`"],
+    ),
+    "jitter": (uneven, {}, {"resample": False}, ["sampled unevenly", "40 %", "`resample` in [processing]"]),
     "time in milliseconds": (
         replaced("t", lambda t: t * 1000),
         {},
@@ -227,8 +234,8 @@ def test_pickled_arrays_are_not_read(tmp_path: Path) -> None:
     ],
 )
 def test_chunked_reading_says_the_same(case: str, phrase: str, log: Columns, write: Callable[..., Path]) -> None:
-    change, section, _, _ = BROKEN[case]
+    change, section, options, _ = BROKEN[case]
     path = write(change(log))
     rows = 60 if case not in ("swapped joints", "positions in degrees") else 200
     with pytest.raises(InputError, match=phrase):
-        list(process_chunks(path, section, Processing(cutoff=8.0), rows=rows, joints=2))
+        list(process_chunks(path, section, Processing(**{"cutoff": 8.0, **options}), rows=rows, joints=2))

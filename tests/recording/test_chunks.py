@@ -91,9 +91,7 @@ def test_automatic_cutoff_is_that_of_the_first_chunk(path: Path, recording: Reco
     np.testing.assert_allclose(Samples.joined(parts).q, whole.q, atol=1e-4)
 
 
-def test_resampling_is_refused(path: Path) -> None:
-    with pytest.raises(InputError, match=r"`resample` in \[processing\] needs the log whole"):
-        list(process_chunks(path, processing=Processing(resample=True)))
+def test_a_chunk_has_rows(path: Path) -> None:
     with pytest.raises(InputError, match="`rows` is 0"):
         list(read_chunks(path, rows=0))
 

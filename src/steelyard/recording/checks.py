@@ -3,19 +3,21 @@
 from __future__ import annotations
 
 from math import pi
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Self
 
 import numpy as np
+from numpy.typing import NDArray
 
 from steelyard.errors import InputError
 
 if TYPE_CHECKING:
-    from numpy.typing import ArrayLike, NDArray
+    from numpy.typing import ArrayLike
 
     from steelyard.recording.recording import Recording
 
-__all__ = ["against_limits", "measured_velocity", "standstill", "stuck_torques"]
+__all__ = ["LogSurvey", "stuck_torques"]
 
+Array = NDArray[np.float64]
 DEGREE = pi / 180.0
 BLOCK = 0.02
 """Positions and measured velocities are compared over blocks this long (s), where encoder noise no longer counts."""
@@ -23,66 +25,226 @@ MOVING = 5e-3
 """Root mean square velocity (rad/s or m/s) from which a joint counts as moving."""
 
 
-def measured_velocity(recording: Recording) -> tuple[str, ...]:
-    """Compare the measured velocities with the derivative of the positions, block by block.
+class LogSurvey:
+    """What is seen of a log in one pass, in pieces or as a whole: extremes, speeds, and velocities beside positions.
 
-    Faults that are certain raise InputError: a ratio of 57.3 (degrees), -1 (sign) or another far from 1 at near perfect
-    correlation, a velocity that stands still while the joint moves, and a joint whose velocity is that of another.
-    Lesser disagreement is a remark.
+    Examples
+    --------
+    >>> from steelyard.recording import Recording
+    >>> t = np.arange(1000) / 100
+    >>> held = Recording(t=t, q=np.column_stack([np.sin(t), 0 * t]), torque=np.column_stack([np.cos(t), t]))
+    >>> LogSurvey.of(held).remarks()
+    ('The position of joint 2 is 0 throughout: it is held, or its sensor is stuck.',)
     """
-    measured = recording.velocity
-    if measured is None or recording.count < 3:
-        return ()
-    size = max(1, round(BLOCK * recording.rate))
-    blocks = (recording.count - 1) // size
-    if blocks < 20:
-        return ()
-    ends = np.arange(blocks + 1) * size
-    derived = np.diff(recording.q[ends], axis=0) / np.diff(recording.t[ends])[:, None]
-    # Half of either end, so that both averages are centred on the same instant.
-    sums = np.add.reduceat(measured[: ends[-1]], ends[:-1], axis=0) + 0.5 * (measured[ends[1:]] - measured[ends[:-1]])
-    averaged = sums / size
-    size_derived = np.sqrt(np.mean(derived**2, axis=0))
-    size_measured = np.sqrt(np.mean(averaged**2, axis=0))
-    with np.errstate(divide="ignore", invalid="ignore"):
-        cosine = np.nan_to_num((derived.T @ averaged / blocks) / np.outer(size_derived, size_measured))
-    remarks = []
-    for i in map(int, np.flatnonzero(size_derived > MOVING)):
-        label = recording.joint_label(i)
-        if size_measured[i] < 1e-3 * size_derived[i]:
-            raise InputError(
-                f"{recording.source}: the measured velocity of {label} stands still while its position moves; "
-                'name the right columns with `velocity` in [log], or leave them out with `velocity = "none"`.'
+
+    def __init__(self) -> None:
+        self.count = 0
+        self.q = self.torque = np.empty((2, 0))
+        self.speed = np.empty(0)
+        self._log: Recording | None = None
+        self._filled = [0, 0]
+        self._blocks = 0
+        self._products = self._derived = self._averaged = np.empty(0)
+
+    @classmethod
+    def of(cls, recording: Recording) -> Self:
+        """Survey a log that is there as a whole."""
+        survey = cls()
+        survey.add(recording)
+        return survey
+
+    def add(self, recording: Recording, start: int = 0, stop: int | None = None) -> None:
+        """See the rows start:stop of a recording."""
+        stop = recording.count if stop is None else stop
+        rows = slice(start, stop)
+        if self._log is None:
+            width = recording.joint_count
+            self._log = recording.rows(start, start + 1)
+            self.q = self.torque = np.array([[np.inf], [-np.inf]]) * np.ones(width)
+            self.speed = self._derived = self._averaged = np.zeros(width)
+            self._products = np.zeros((width, width))
+        self.count += stop - start
+        self.q = _widened(self.q, recording.q[rows])
+        self.torque = _widened(self.torque, recording.torque[rows])
+        for index, flags in enumerate((recording.position_missing, recording.torque_missing)):
+            self._filled[index] += 0 if flags is None else int(flags[rows].sum())
+        if stop - start > 2:
+            self._see_speeds(recording.t[rows], recording.q[rows], recording.rate)
+            if recording.velocity is not None:
+                self._compare(recording.t[rows], recording.q[rows], recording.velocity[rows], recording.rate)
+
+    def _see_speeds(self, t: Array, q: Array, rate: float) -> None:
+        size = max(1, round(BLOCK * rate))
+        coarse, stamps = q[::size], t[::size]
+        if stamps.size > 1:
+            speed = np.abs(np.diff(coarse, axis=0) / np.diff(stamps)[:, None])
+            self.speed = np.maximum(self.speed, speed.max(axis=0))
+
+    def _compare(self, t: Array, q: Array, measured: Array, rate: float) -> None:
+        """Sum positions' derivatives and measured velocities block by block."""
+        size = max(1, round(BLOCK * rate))
+        blocks = (len(t) - 1) // size
+        if blocks < 1:
+            return
+        ends = np.arange(blocks + 1) * size
+        derived = np.diff(q[ends], axis=0) / np.diff(t[ends])[:, None]
+        # Half of either end, so that both averages are centred on the same instant.
+        sums = np.add.reduceat(measured[: ends[-1]], ends[:-1], axis=0)
+        averaged = (sums + 0.5 * (measured[ends[1:]] - measured[ends[:-1]])) / size
+        # A gap would lie in one of them and not in the other.
+        whole = np.diff(t[ends]) < 1.5 * size / rate
+        derived, averaged = derived[whole], averaged[whole]
+        self._blocks += len(derived)
+        self._products = self._products + derived.T @ averaged
+        self._derived = self._derived + (derived**2).sum(axis=0)
+        self._averaged = self._averaged + (averaged**2).sum(axis=0)
+
+    @property
+    def travel(self) -> Array:
+        """(N,) from the lowest position to the highest, rad or m."""
+        return np.asarray(self.q[1] - self.q[0])
+
+    @property
+    def source(self) -> str:
+        """The log's name, for messages."""
+        assert self._log is not None
+        return self._log.source
+
+    def label(self, joint: int) -> str:
+        """Name a joint (from 0) for messages."""
+        assert self._log is not None
+        return self._log.joint_label(joint)
+
+    def remarks(self) -> tuple[str, ...]:
+        """Everything that the log says by itself.
+
+        Raises
+        ------
+        InputError
+            As in `velocity_remarks`, and where no joint moves.
+        """
+        return (*self.velocity_remarks(), *self.standstill_remarks(), *self._filled_remarks())
+
+    def velocity_remarks(self) -> tuple[str, ...]:
+        """Compare the measured velocities with the derivative of the positions, block by block.
+
+        Faults that are certain raise InputError: a ratio of 57.3 (degrees), -1 (sign) or another far from 1 at near
+        perfect correlation, a velocity that stands still while the joint moves, and a joint whose velocity is that of
+        another. Lesser disagreement is a remark.
+        """
+        blocks = self._blocks
+        if blocks < 20:
+            return ()
+        size_derived, size_measured = np.sqrt(self._derived / blocks), np.sqrt(self._averaged / blocks)
+        with np.errstate(divide="ignore", invalid="ignore"):
+            cosine = np.nan_to_num((self._products / blocks) / np.outer(size_derived, size_measured))
+        source = self.source
+        remarks = []
+        for i in map(int, np.flatnonzero(size_derived > MOVING)):
+            label = self.label(i)
+            if size_measured[i] < 1e-3 * size_derived[i]:
+                raise InputError(
+                    f"{source}: the measured velocity of {label} stands still while its position moves; "
+                    'name the right columns with `velocity` in [log], or leave them out with `velocity = "none"`.'
+                )
+            ratio = size_derived[i] / size_measured[i]
+            if abs(cosine[i, i]) > 0.97:
+                remarks += _judge_ratio(source, label, float(np.copysign(ratio, cosine[i, i])))
+                continue
+            j = int(np.argmax(cosine[i]))
+            if (
+                j != i
+                and cosine[i, j] > 0.99
+                and cosine[i, i] < 0.8
+                and abs(size_derived[i] / size_measured[j] - 1.0) < 0.1
+            ):
+                raise InputError(
+                    f"{source}: the position of {label} moves as the measured velocity of "
+                    f"{self.label(j)}; their columns are swapped: "
+                    "put `position` and `velocity` in [log] in the same order of joints."
+                )
+            if cosine[i, i] < 0.8:
+                remarks.append(
+                    f"The measured velocity of {label} follows the derivative of its position poorly "
+                    f"(correlation {cosine[i, i]:.2f})."
+                )
+        return tuple(remarks)
+
+    def standstill_remarks(self) -> tuple[str, ...]:
+        """Remark on joints that do not move, on constant torques and on turns that look like degrees."""
+        remarks = []
+        if self.count > 1 and not self.travel.any():
+            raise InputError(f"{self.source}: no joint moves; check `position` in [log], or record a motion.")
+        for j, (low, high) in enumerate(self.q.T):
+            label = self.label(j)
+            if low == high:
+                remarks.append(f"The position of {label} is {low:.6g} throughout: it is held, or its sensor is stuck.")
+            if self.count > 1 and self.torque[0, j] == self.torque[1, j]:
+                remarks.append(
+                    f"The torque of {label} is {self.torque[0, j]:.6g} throughout: its sensor is stuck or not "
+                    "connected."
+                )
+            if max(-low, high) > 8.0 * pi:
+                remarks.append(
+                    f"The position of {label} goes from {low:.5g} to {high:.5g}, "
+                    'many turns; if it is in degrees, state `position_unit = "deg"` in [log].'
+                )
+        return tuple(remarks)
+
+    def _filled_remarks(self) -> tuple[str, ...]:
+        counts = zip(self._filled, ("positions", "torques"), strict=True)
+        words = " and ".join(f"{count} {name}" for count, name in counts if count)
+        return (f"{words[0].upper()}{words[1:]} are missing; they were filled in, and are not used.",) if words else ()
+
+    def limit_remarks(self, lower: ArrayLike, upper: ArrayLike, velocity_limit: ArrayLike) -> tuple[str, ...]:
+        """Compare with limits; see `Recording.check_against`."""
+        low, high, fastest = (np.asarray(values, dtype=np.float64) for values in (lower, upper, velocity_limit))
+        for values in (low, high, fastest):
+            if values.shape != (len(self.speed),):
+                raise InputError(
+                    f"{self.source} has {len(self.speed)} joints but there are limits for {values.size}; "
+                    "use the robot that was logged, or name the columns with `position` in [log]."
+                )
+        reach_low, reach_high = self.q
+        tolerance = 0.02 + 0.01 * np.where(np.isfinite(high - low), high - low, 0.0)
+
+        def fits(j: int, k: int, scale: float = 1.0) -> bool:
+            """Whether the positions of column k would fit joint j."""
+            return bool(
+                scale * reach_low[k] >= low[j] - tolerance[j] and scale * reach_high[k] <= high[j] + tolerance[j]
             )
-        ratio = size_derived[i] / size_measured[i]
-        if abs(cosine[i, i]) > 0.97:
-            remarks += _judge_ratio(recording, label, float(np.copysign(ratio, cosine[i, i])))
-            continue
-        j = int(np.argmax(cosine[i]))
-        if (
-            j != i
-            and cosine[i, j] > 0.99
-            and cosine[i, i] < 0.8
-            and abs(size_derived[i] / size_measured[j] - 1.0) < 0.1
-        ):
+
+        joints = range(len(self.speed))
+        outside = [j for j in joints if not fits(j, j)]
+        # Three times beyond is no calibration error: with all joints fitting after the change of unit, it is certain.
+        far = [j for j in outside if max(-reach_low[j], reach_high[j]) > 3.0 * max(abs(low[j]), abs(high[j]), 0.5)]
+        if far and all(fits(j, j, DEGREE) for j in joints):
+            j = far[0]
             raise InputError(
-                f"{recording.source}: the position of {label} moves as the measured velocity of "
-                f"{recording.joint_label(j)}; their columns are swapped: "
-                "put `position` and `velocity` in [log] in the same order of joints."
+                f"{self.source}: the position of {self.label(j)} goes from {reach_low[j]:.5g} to "
+                f"{reach_high[j]:.5g} rad, far beyond its limits of {low[j]:.4g} and {high[j]:.4g} rad, "
+                "and all joints fit theirs as degrees; "
+                'state `position_unit = "deg"` in [log].'
             )
-        if cosine[i, i] < 0.8:
+        remarks = []
+        for j in outside:
+            partners = [k for k in joints if k != j and fits(j, k) and fits(k, j)]
+            swapped = f"; with {self.label(partners[0])} in its place both would fit" if len(partners) == 1 else ""
             remarks.append(
-                f"The measured velocity of {label} follows the derivative of its position poorly "
-                f"(correlation {cosine[i, i]:.2f})."
+                f"The position of {self.label(j)} goes from {reach_low[j]:.4g} to {reach_high[j]:.4g}, "
+                f"beyond its limits of {low[j]:.4g} and {high[j]:.4g}{swapped}."
             )
-    return tuple(remarks)
+        for j in map(int, np.flatnonzero(self.speed > 1.5 * fastest)):
+            remarks.append(
+                f"{self.label(j).capitalize()} moves at {self.speed[j]:.4g} per s, beyond its velocity "
+                f"limit of {fastest[j]:.4g}; check the units of time and position."
+            )
+        return tuple(remarks)
 
 
-def _judge_ratio(recording: Recording, label: str, ratio: float) -> list[str]:
+def _judge_ratio(source: str, label: str, ratio: float) -> list[str]:
     """Judge derivative over measured velocity, where the two have the same course."""
-    head = (
-        f"{recording.source}: the position of {label} changes {ratio:.4g} times as fast as its measured velocity says"
-    )
+    head = f"{source}: the position of {label} changes {ratio:.4g} times as fast as its measured velocity says"
     if abs(ratio * DEGREE - 1.0) < 0.05:
         raise InputError(f'{head}; the positions are in degrees: state `position_unit = "deg"` in [log].')
     if abs(ratio / DEGREE - 1.0) < 0.05:
@@ -101,31 +263,6 @@ def _judge_ratio(recording: Recording, label: str, ratio: float) -> list[str]:
     return []
 
 
-def standstill(recording: Recording) -> tuple[str, ...]:
-    """Remark on joints that do not move, on constant torques and on turns that look like degrees."""
-    remarks = []
-    travel = np.ptp(recording.q, axis=0)
-    if recording.count > 1 and not travel.any():
-        raise InputError(f"{recording.source}: no joint moves; check `position` in [log], or record a motion.")
-    for j in range(recording.joint_count):
-        label = recording.joint_label(j)
-        torque = recording.torque[:, j]
-        if travel[j] == 0.0:
-            remarks.append(
-                f"The position of {label} is {recording.q[0, j]:.6g} throughout: it is held, or its sensor is stuck."
-            )
-        if recording.count > 1 and not np.ptp(torque):
-            remarks.append(
-                f"The torque of {label} is {torque[0]:.6g} throughout: its sensor is stuck or not connected."
-            )
-        if np.abs(recording.q[:, j]).max() > 8.0 * pi:
-            remarks.append(
-                f"The position of {label} goes from {recording.q[:, j].min():.5g} to {recording.q[:, j].max():.5g}, "
-                'many turns; if it is in degrees, state `position_unit = "deg"` in [log].'
-            )
-    return tuple(remarks)
-
-
 def stuck_torques(
     lowest: NDArray[np.float64], highest: NDArray[np.float64], travel: NDArray[np.float64]
 ) -> NDArray[np.int64]:
@@ -133,54 +270,5 @@ def stuck_torques(
     return np.flatnonzero((lowest == highest) & (travel > 1e-3))
 
 
-def against_limits(
-    recording: Recording, lower: ArrayLike, upper: ArrayLike, velocity_limit: ArrayLike
-) -> tuple[str, ...]:
-    """Compare with limits, see `Recording.check_against`."""
-    low, high, fastest = (np.asarray(values, dtype=np.float64) for values in (lower, upper, velocity_limit))
-    for values in (low, high, fastest):
-        if values.shape != (recording.joint_count,):
-            raise InputError(
-                f"{recording.source} has {recording.joint_count} joints but there are limits for {values.size}; "
-                "use the robot that was logged, or name the columns with `position` in [log]."
-            )
-    reach_low, reach_high = recording.q.min(axis=0), recording.q.max(axis=0)
-    tolerance = 0.02 + 0.01 * np.where(np.isfinite(high - low), high - low, 0.0)
-
-    def fits(j: int, k: int, scale: float = 1.0) -> bool:
-        """Whether the positions of column k would fit joint j."""
-        return bool(scale * reach_low[k] >= low[j] - tolerance[j] and scale * reach_high[k] <= high[j] + tolerance[j])
-
-    joints = range(recording.joint_count)
-    outside = [j for j in joints if not fits(j, j)]
-    # Three times beyond is no calibration error: with all joints fitting after the change of unit, it is certain.
-    far = [j for j in outside if max(-reach_low[j], reach_high[j]) > 3.0 * max(abs(low[j]), abs(high[j]), 0.5)]
-    if far and all(fits(j, j, DEGREE) for j in joints):
-        j = far[0]
-        raise InputError(
-            f"{recording.source}: the position of {recording.joint_label(j)} goes from {reach_low[j]:.5g} to "
-            f"{reach_high[j]:.5g} rad, far beyond its limits of {low[j]:.4g} and {high[j]:.4g} rad, "
-            "and all joints fit theirs as degrees; "
-            'state `position_unit = "deg"` in [log].'
-        )
-    remarks = []
-    for j in outside:
-        partners = [k for k in joints if k != j and fits(j, k) and fits(k, j)]
-        swapped = (
-            f"; with {recording.joint_label(partners[0])} in its place both would fit" if len(partners) == 1 else ""
-        )
-        remarks.append(
-            f"The position of {recording.joint_label(j)} goes from {reach_low[j]:.4g} to {reach_high[j]:.4g}, "
-            f"beyond its limits of {low[j]:.4g} and {high[j]:.4g}{swapped}."
-        )
-    if recording.count > 2:
-        size = max(1, round(BLOCK * recording.rate))
-        coarse, stamps = recording.q[::size], recording.t[::size]
-        if stamps.size > 1:
-            speed = np.abs(np.diff(coarse, axis=0) / np.diff(stamps)[:, None]).max(axis=0)
-            for j in map(int, np.flatnonzero(speed > 1.5 * fastest)):
-                remarks.append(
-                    f"{recording.joint_label(j).capitalize()} moves at {speed[j]:.4g} per s, beyond its velocity "
-                    f"limit of {fastest[j]:.4g}; check the units of time and position."
-                )
-    return tuple(remarks)
+def _widened(extremes: Array, values: Array) -> Array:
+    return np.stack([np.minimum(values.min(axis=0), extremes[0]), np.maximum(values.max(axis=0), extremes[1])])

@@ -2,24 +2,34 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Sequence
+import itertools
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from steelyard.errors import InputError
-from steelyard.recording.checks import measured_velocity
+from steelyard.recording.checks import LogSurvey
 from steelyard.recording.columns import TIME_UNITS, LogColumns
-from steelyard.recording.conversion import Signals, convert
+from steelyard.recording.conversion import Signals, convert, require_numbers
+from steelyard.recording.detection.clock import (
+    CLOCK_ROWS,
+    FEWEST_ROWS,
+    ClockStatistics,
+    clock_of,
+    steady_clock,
+    with_evidence,
+)
+from steelyard.recording.even import EvenClock, Part
 from steelyard.recording.filtering import decimation_padding
 from steelyard.recording.header import resolve
 from steelyard.recording.log_file import BLOCK_ROWS, LogFiles
 from steelyard.recording.plan import Plan, said
 from steelyard.recording.processing import Processing
-from steelyard.recording.recording import Recording, Source, log_columns, names_of, signals_fields, times
+from steelyard.recording.recording import Recording, Source, clock_at, log_columns, names_of, signals_fields, times
 from steelyard.recording.samples import Samples
-from steelyard.recording.timing import check_even, check_period
+from steelyard.recording.timing import check_order, check_period
 
 if TYPE_CHECKING:
     from steelyard.dynamics import Model
@@ -46,18 +56,8 @@ class Chunk:
     stop: int
 
 
-@dataclass(frozen=True)
-class Span:
-    """Rows start:stop of a log, read with the rows from `first` to `last` (excluded) around them."""
-
-    first: int
-    start: int
-    stop: int
-    last: int
-
-
 class LogStream:
-    """A log whose length and rate are known, read in overlapping spans with one pass over its files."""
+    """A log whose length and clock are known, read in overlapping spans with one pass over its files."""
 
     def __init__(
         self, source: Source, columns: LogColumns | dict[str, Any] | None, joints: int | Sequence[str] | None
@@ -70,49 +70,85 @@ class LogStream:
         if self.count < 3:
             raise InputError(f"{self.files.name} has {self.count} rows; derivatives need three at least.")
         self.origin: float | None = None
+        self.stated: ClockStatistics | None = None
+        rate = self.columns.rate
+        if rate is None:
+            self.clock = clock_of(self._ordered_stamps())
+            self.rate = (self.count - 1) / float(np.ptp(self.clock.ticks[[0, -1]]))
+            if self.count >= FEWEST_ROWS:
+                rows = ((block.t, block.q) for block in self._recordings())
+                self.clock = with_evidence(self.clock, rows)
+            return
+        self.rate = rate
+        self.clock = steady_clock(self.count, 1.0 / rate)
         if self.layout.time is not None:
-            first, last = (end * TIME_UNITS[self.layout.time_unit] for end in self.files.ends(self.layout.time))
-            self.origin = first
-        if self.columns.rate is not None:
-            self.rate = self.columns.rate
-        else:
-            if not last > first:
-                raise InputError(
-                    f"{self.files.name} begins at {first:.9g} s and ends at {last:.9g} s; the times must increase: "
-                    "sort the rows, or split the log where a new run begins."
-                )
-            self.rate = (self.count - 1) / (last - first)
+            stamps = self._stamps()
+            first = next(stamps)
+            self.origin = float(first[0])
+            self.stated = clock_at(rate, itertools.chain([first], stamps)) if self.count >= FEWEST_ROWS else None
+        if self.stated is not None:
+            # What is left of the stamps is which rows are missing.
+            ticks = np.array([0.0, self.stated.numbers(self.count - 1, self.count)[0] / rate])
+            gaps, skipped = self.stated.gap_rows, self.stated.skipped
+            self.clock = replace(self.clock, gap_rows=gaps, skipped=skipped, gaps=self.stated.gaps, ticks=ticks)
 
-    def spans(self, spans: Sequence[Span]) -> Iterator[Recording]:
-        """Read the spans, which must be in ascending order; each comes as one recording, surroundings included."""
+    def _stamps(self) -> Iterator[np.ndarray[Any, np.dtype[np.float64]]]:
+        """Stamps in s, in blocks."""
+        name, scale = str(self.layout.time), TIME_UNITS[self.layout.time_unit]
+        first = 0
+        for block in self.files.blocks([name], CLOCK_ROWS):
+            require_numbers(block, [name], self._where(first), self.files.name)
+            yield block[name] * scale
+            first += len(block[name])
+
+    def _ordered_stamps(self) -> Iterator[np.ndarray[Any, np.dtype[np.float64]]]:
+        last, first = np.empty(0), 0
+        for t in self._stamps():
+            joined, before = np.concatenate([last, t]), first - len(last)
+            check_order(joined, self._where(before), self.files.name)
+            last, first = t[-1:], first + len(t)
+            yield t
+
+    def _recordings(self) -> Iterator[Recording]:
+        first = 0
+        for block in self.files.blocks(self.layout.names, CLOCK_ROWS):
+            signals = self._converted(block, first)
+            yield self._recording(signals, first)
+            first += signals.q.shape[0]
+
+    def spans(self, spans: Iterable[tuple[int, int]]) -> Iterator[Recording]:
+        """Read rows first:last of each span, which must be in ascending order; each comes as one recording."""
         blocks = self.files.blocks(self.layout.names, BLOCK_ROWS)
         held: Signals | None = None
         first = read = 0
-        for span in spans:
+        for start, stop in spans:
             if held is not None:
-                held, first = held.rows(span.first - first, read - first), span.first
-            while read < span.last:
+                held, first = held.rows(start - first, read - first), start
+            while read < stop:
                 block = next(blocks, None)
                 if block is None:
                     raise InputError(f"{self.files.name} became shorter while it was read; read it again.")
                 fresh = self._converted(block, read)
                 count = fresh.q.shape[0]
                 # What lies before the first span is never needed again.
-                unused = min(max(span.first - read, 0), count) if held is None or held.q.shape[0] == 0 else 0
+                unused = min(max(start - read, 0), count) if held is None or held.q.shape[0] == 0 else 0
                 if held is None or held.q.shape[0] == 0:
                     held, first = fresh.rows(unused, count), read + unused
                 else:
                     held = held.joined(fresh)
                 read += count
             assert held is not None
-            yield self._recording(held.rows(span.first - first, span.last - first), span.first)
+            yield self._recording(held.rows(start - first, stop - first), start)
 
     def _converted(self, block: Any, first: int) -> Signals:
-        where = lambda row: self.files.where(first + row)  # noqa: E731
-        return convert(block, self.layout, self.columns, where, self.files.name)
+        return convert(block, self.layout, self.columns, self._where(first), self.files.name)
+
+    def _where(self, first: int) -> Callable[[int], str]:
+        """Say where a row stands, counted from row `first` of the log."""
+        return lambda row: self.files.where(first + row)
 
     def _recording(self, signals: Signals, first: int) -> Recording:
-        t, _ = times(signals, self.columns, self.files, first, self.origin)
+        t, _ = times(signals, self.columns, self.files, first, self.origin, self.stated)
         return Recording(
             **signals_fields(signals, t, self.files.name),
             source=self.files.name,
@@ -152,23 +188,25 @@ def read_chunks(
     Raises
     ------
     InputError
-        As in `Recording.read`; measured velocities are compared with the positions in the first chunk only.
+        As in `Recording.read`. Remarks on the log stand in the last chunk.
     """
     rows = _positive_rows(rows)
     if not padding_seconds >= 0.0:
         raise InputError(f"`padding_seconds` is {padding_seconds!r}; it must be a time in s, not negative.")
     stream = LogStream(source, columns, joints)
+    check_period(stream.clock.period, stream.files.name)
     # One row at least, so that the order of the times is also checked from chunk to chunk.
     padding = max(1, round(padding_seconds * stream.rate))
-    spans = [
-        _padded(start, min(start + rows, stream.count), padding, 0, stream.count)
-        for start in range(0, stream.count, rows)
-    ]
-    for span, recording in zip(spans, stream.spans(spans), strict=True):
-        if span.start == 0:
-            check_period(recording.t, recording.source)
-            recording = replace(recording, remarks=measured_velocity(recording))
-        yield Chunk(recording, span.start - span.first, span.stop - span.first)
+    own = [(start, min(start + rows, stream.count)) for start in range(0, stream.count, rows)]
+    spans = [(max(0, start - padding), min(stream.count, stop + padding)) for start, stop in own]
+    survey = LogSurvey()
+    for (start, stop), (first, _), recording in zip(own, spans, stream.spans(spans), strict=True):
+        survey.add(recording, start - first, stop - first)
+        if first == 0:
+            survey.velocity_remarks()  # what is sure to be wrong is refused at once
+        if stop == stream.count:
+            recording = replace(recording, remarks=survey.remarks())
+        yield Chunk(recording, start - first, stop - first)
 
 
 def process_chunks(
@@ -179,12 +217,13 @@ def process_chunks(
     joints: int | Sequence[str] | None = None,
     model: Model | None = None,
     look: Callable[[Recording], object] | None = None,
+    survey: LogSurvey | None = None,
 ) -> Iterator[Samples]:
     """Process a log chunk by chunk; together the samples are those of the whole log (to about 1e-9).
 
     Each chunk is read with so many rows around it that the transients of the filters have died out where its own rows
-    begin; the ends are trimmed and extended at the true ends only, and the decimation counts from the same row. Memory
-    is bounded by `rows` and the filters' transients, whatever the length of the log.
+    begin; the ends are trimmed and extended at the true ends (and at long gaps) only, and the decimation counts from
+    the same row. Memory is bounded by `rows` and the filters' transients, whatever the length of the log.
 
     Parameters
     ----------
@@ -192,60 +231,71 @@ def process_chunks(
         As in `Recording.read`.
     processing
         What to do; what the data decides (`cutoff = "automatic"` or "auto", `delay = "automatic"`, the levels of
-        `saturation`, the tolerance of `stiction`) is chosen by the first `rows` rows of the log, and said.
+        `saturation`, the tolerance of `stiction`) is chosen by the first `rows` rows of the log (of its longest part,
+        where gaps split it), and said.
     rows
         Rows of the log in a chunk.
     model
         By which `delay = "automatic"` is estimated; without it by the signals.
     look
         Called once with the first `rows` rows of the log as they were read.
+    survey
+        Where what is seen of the whole log is kept, for comparisons after the last chunk.
 
     Raises
     ------
     InputError
-        As in `Recording.read` and `Processing.apply`; and for `resample`, the filter "fourier" and `average`, which
-        need the log whole. That a torque is stuck or that nothing moves is only known, and said, at the end.
+        As in `Recording.read` and `Processing.apply`; and for the filter "fourier" and `average`, which need the log
+        whole. That a torque is stuck or that nothing moves is only known, and said, at the end.
     """
     rows = _positive_rows(rows)
     processing = Processing() if processing is None else processing
-    if processing.resample is not False:
-        raise InputError("`resample` in [processing] needs the log whole; read it whole, or resample it beforehand.")
     if processing.needs_whole_log:
         raise InputError(
             f"the filter {processing.filter.kind!r} in [processing] needs the log whole, in memory; read it with "
             "Recording.read and process it, or use another filter."
         )
+    survey = LogSurvey() if survey is None else survey
     stream = LogStream(source, columns, joints)
-    begin, end = processing.kept_rows(stream.count, stream.rate, stream.files.name)
-    head = next(stream.spans([Span(0, 0, 0, min(rows, stream.count))]))
-    check_period(head.t, head.source)
+    check_period(stream.clock.period, stream.files.name)
+    head = next(stream.spans([(0, min(rows, stream.count))]))
+    LogSurvey.of(head).velocity_remarks()  # what is sure to be wrong is refused at once
     if look is not None:
         look(head)
-    plan = Plan.settled(processing, head, model)
-    chosen = tuple(f"{remark} (Chosen by the first {head.count} rows.)" for remark in plan.remarks)
-    remarks = (*measured_velocity(head), *chosen)
+    even = EvenClock(
+        stream.clock, processing.resample, processing.longest_gap, processing.needs_even_rows, stream.files.name
+    )
+    rate = stream.rate if even.as_is else 1.0 / even.period
+    longest = max(even.parts, key=lambda part: part.count)
+    first = even.rows(longest, 0, min(rows, longest.count))
+    sample = even.placed(next(stream.spans([first])), first[0], longest, 0, min(rows, longest.count))
+    plan = Plan.settled(processing, sample, model)
+    chosen = tuple(f"{remark} (Chosen by the first {sample.count} rows.)" for remark in plan.remarks)
+    remarks: tuple[str, ...] = (*even.remarks, *chosen)
     inner = decimation_padding(processing.decimate)
     inner += -inner % processing.step
-    outer = plan.padding(stream.rate)
+    outer = plan.padding(rate)
     step = processing.step
     size = max(step, rows - rows % step)
-    own = [(start, min(start + size, end)) for start in range(begin, end, size)]
-    kept = [(max(begin, start - inner), min(end, stop + inner)) for start, stop in own]
-    spans = [_padded(first, last, outer, 0, stream.count) for first, last in kept]
-    extremes = _Extremes()
+    kept = plan.kept([part.count for part in even.parts], rate, stream.files.name)
+    pieces = [
+        Piece(part, start, min(start + size, end), begin, end, inner, outer)
+        for part, (begin, end) in zip(even.parts, kept, strict=True)
+        for start in range(begin, end, size)
+    ]
     counts: dict[str, Any] = {}
-    even = not plan.filter.takes_uneven_times or bool(processing.decimate) or processing.torque_cutoff is not None
-    even = even or bool(np.any(plan.delay != 0.0))
-    for (start, stop), span, recording in zip(own, spans, stream.spans(spans), strict=True):
-        extremes.add(recording)
-        notes = (*remarks, *(check_even(recording) if even else ()))
-        samples, flags = plan.rows(recording, span.start - span.first, span.stop - span.first)
-        remarks = ()
-        cut = slice((start - span.start) // step, (start - span.start) // step + -(-(stop - start) // step))
+    spans = [even.rows(piece.part, piece.first, piece.last) for piece in pieces]
+    for number, (piece, span, raw) in enumerate(zip(pieces, spans, stream.spans(spans), strict=True)):
+        survey.add(raw)
+        recording = even.placed(raw, span[0], piece.part, piece.first, piece.last)
+        begin, end = piece.kept
+        samples, flags = plan.rows(recording, begin - piece.first, end - piece.first)
+        cut = slice((piece.start - begin) // step, (piece.start - begin) // step - (piece.start - piece.stop) // step)
         for name, flagged in flags.items():
             counts[name] = counts.get(name, 0) + flagged[cut].sum(axis=0)
-        if stop == end:
-            notes = (*notes, *said(counts))
+        notes = remarks if number == 0 else ()
+        if number == len(pieces) - 1:
+            notes = (*notes, *survey.remarks(), *said(counts))
         yield Samples(
             q=samples.q[cut],
             dq=samples.dq[cut],
@@ -254,37 +304,41 @@ def process_chunks(
             mask=None if samples.mask is None else samples.mask[cut],
             t=None if samples.t is None else samples.t[cut],
             remarks=notes,
-            cutoff_choice=samples.cutoff_choice if start == begin else None,
+            cutoff_choice=samples.cutoff_choice if number == 0 else None,
         )
-    extremes.judge(processing, head)
+    low, high = survey.torque
+    processing.check_torques(head, low, high, survey.travel)
 
 
-class _Extremes:
-    """Extremes of torques and positions over all chunks."""
+@dataclass(frozen=True)
+class Piece:
+    """Even rows start:stop of a part, which become samples together, of those from `begin` to `end` that are kept.
 
-    def __init__(self) -> None:
-        self.torque = self.q = np.empty((2, 0))
+    They are decimated with `inner` rows around them, and filtered with `outer` more.
+    """
 
-    def add(self, recording: Recording) -> None:
-        self.torque = self._widened(self.torque, recording.torque)
-        self.q = self._widened(self.q, recording.q)
+    part: Part
+    start: int
+    stop: int
+    begin: int
+    end: int
+    inner: int
+    outer: int
 
-    def judge(self, processing: Processing, recording: Recording) -> None:
-        travel = self.q[1] - self.q[0]
-        if not travel.any():
-            raise InputError(f"{recording.source}: no joint moves; check `position` in [log], or record a motion.")
-        processing.check_torques(recording, self.torque[0], self.torque[1], travel)
+    @property
+    def kept(self) -> tuple[int, int]:
+        """Rows that are decimated."""
+        return max(self.begin, self.start - self.inner), min(self.end, self.stop + self.inner)
 
-    @staticmethod
-    def _widened(extremes: np.ndarray[Any, Any], values: np.ndarray[Any, Any]) -> np.ndarray[Any, Any]:
-        low, high = values.min(axis=0), values.max(axis=0)
-        if extremes.shape[1]:
-            low, high = np.minimum(low, extremes[0]), np.maximum(high, extremes[1])
-        return np.stack([low, high])
+    @property
+    def first(self) -> int:
+        """The first row that is read."""
+        return max(0, self.kept[0] - self.outer)
 
-
-def _padded(start: int, stop: int, padding: int, first: int, last: int) -> Span:
-    return Span(max(first, start - padding), start, stop, min(last, stop + padding))
+    @property
+    def last(self) -> int:
+        """The row behind the last one that is read."""
+        return min(self.part.count, self.kept[1] + self.outer)
 
 
 def _positive_rows(rows: int) -> int:

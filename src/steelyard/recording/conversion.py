@@ -17,7 +17,7 @@ if TYPE_CHECKING:
 
     Columns = dict[str, NDArray[np.float64]]
 
-__all__ = ["Signals", "convert"]
+__all__ = ["Signals", "convert", "require_numbers"]
 
 PER_SECOND = {"rad": "rad/s", "deg": "deg/s", "m": "m/s", "mm": "mm/s"}
 
@@ -71,7 +71,7 @@ def convert(raw: Columns, layout: Layout, columns: LogColumns, where: Callable[[
             name: values if name in needed else np.where(np.isfinite(values), values, np.nan)
             for name, values in raw.items()
         }
-    _require_numbers(raw, needed, where, source)
+    require_numbers(raw, needed, where, source)
     velocity_unit = columns.velocity_unit
     if velocity_unit is None:
         unit = columns.position_unit
@@ -99,7 +99,8 @@ def convert(raw: Columns, layout: Layout, columns: LogColumns, where: Callable[[
     return Signals(t, q, torque, velocity, acceleration)
 
 
-def _require_numbers(raw: Columns, names: Sequence[str], where: Callable[[int], str], source: str) -> None:
+def require_numbers(raw: Columns, names: Sequence[str], where: Callable[[int], str], source: str) -> None:
+    """Refuse values of the columns `names` that are missing, NaN or infinite."""
     bad = {name: ~np.isfinite(raw[name]) for name in names if not np.isfinite(raw[name]).all()}
     if not bad:
         return

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Self
 
@@ -16,7 +17,6 @@ from steelyard.recording.detection.stiction import AT_REST, find_stiction, stict
 from steelyard.recording.filtering import automatic_cutoff, decimate, filter_padding, first_derivative, low_pass
 from steelyard.recording.filters import Butterworth, FourierFit, MotionFilter
 from steelyard.recording.samples import Samples
-from steelyard.recording.timing import check_even
 
 if TYPE_CHECKING:
     from steelyard.dynamics import Model
@@ -147,27 +147,71 @@ class Plan:
             rows.append(2 * int(np.ceil(finite.max(initial=0.0) * rate)) + 4)
         return max(rows) + int(np.ceil(np.abs(self.delay).max() * rate)) + 2
 
-    def whole(self, recording: Recording, gaps: Array) -> Samples:
-        """Process a recording that is there as a whole."""
+    def whole(self, parts: Sequence[Recording], remarks: tuple[str, ...]) -> Samples:
+        """Process a log that is there as a whole, in one part or in several."""
         processing = self.processing
-        notes: tuple[str, ...] = ()
-        needs_even = processing.decimate or processing.torque_cutoff is not None or np.any(self.delay != 0.0)
-        if needs_even or not self.filter.takes_uneven_times:
-            notes = check_even(recording)
-        notes = (*recording.remarks, *notes, *self.remarks)
+        notes = (*remarks, *self.remarks)
+        source = parts[0].source
         if processing.average:
-            return self._averaged(recording, gaps, notes)
-        start, stop = processing.kept_rows(recording.count, recording.rate, recording.source)
-        samples, flags = self.rows(recording, start, stop, gaps)
-        if samples.mask is not None and not samples.mask.any():
+            if len(parts) > 1:
+                raise InputError(
+                    f"{source} has {len(parts) - 1} gaps that are too long to be filled, and `average` in [processing] "
+                    "needs the log in one piece; split the log there, or raise `longest_gap`."
+                )
+            return self._averaged(parts[0], notes)
+        counts: dict[str, NDArray[np.intp]] = {}
+        done = []
+        kept = self.kept([part.count for part in parts], parts[0].rate, source)
+        for recording, (start, stop) in zip(parts, kept, strict=True):
+            if start >= stop:
+                continue
+            samples, flags = self.rows(recording, start, stop)
+            done.append(samples)
+            for name, flagged in flags.items():
+                counts[name] = counts.get(name, np.zeros(recording.joint_count, np.intp)) + flagged.sum(axis=0)
+        joined = done[0] if len(done) == 1 else Samples.joined(done)
+        if joined.mask is not None and not joined.mask.any():
             raise InputError(
-                f"{recording.source} has {recording.count} rows in {recording.duration:.6g} s, of which [processing] "
+                f"{source} has {sum(part.count for part in parts)} rows in "
+                f"{parts[-1].t[-1] - parts[0].t[0]:.6g} s, of which [processing] "
                 "leaves none to use; check delay, velocity_threshold, exclude_joints and the other options that leave "
                 "rows out."
             )
-        return replace(samples, remarks=(*notes, *said({name: f.sum(axis=0) for name, f in flags.items()})))
+        return replace(joined, remarks=(*notes, *said(counts)))
 
-    def rows(self, recording: Recording, start: int, stop: int, gaps: Array | None = None) -> tuple[Samples, Flags]:
+    def kept(self, counts: Sequence[int], rate: float, source: str) -> list[tuple[int, int]]:
+        """Rows start:stop that trimming leaves of parts of so many rows; a part that is too short is left out.
+
+        Every part has ends that filters spoil, so that each is trimmed.
+
+        Raises
+        ------
+        InputError
+            Where nothing is left.
+        """
+        if len(counts) == 1:
+            return [self.processing.kept_rows(counts[0], rate, source)]
+        least = self._least_rows(rate)
+        trimmed = [self.processing.trimmed(count, rate) for count in counts]
+        kept = [
+            (start, stop) if count >= least and stop > start else (0, 0)
+            for count, (start, stop) in zip(counts, trimmed, strict=True)
+        ]
+        if not any(stop for _, stop in kept):
+            raise InputError(
+                f"{source} is in {len(counts)} parts between gaps, none longer than {max(counts) / rate:.6g} s, too "
+                "short to be filtered and trimmed; raise `longest_gap` in [processing], or record the motion without "
+                "gaps."
+            )
+        return kept
+
+    def _least_rows(self, rate: float) -> int:
+        """Rows below which a part is nothing but ends: those over which its filters ring."""
+        cutoffs = (getattr(self.filter, "cutoff", None), self.processing.torque_cutoff)
+        ringing = [2.0 * rate / cutoff for cutoff in cutoffs if cutoff]
+        return int(max([30.0 * self.processing.step, *ringing]))
+
+    def rows(self, recording: Recording, start: int, stop: int) -> tuple[Samples, Flags]:
         """Process a recording and keep rows start:stop before decimation; also tell why rows are masked.
 
         Rows outside start:stop only feed the filters.
@@ -187,7 +231,7 @@ class Plan:
         t = recording.t[start:stop:step]
         thinned = {name: self._thinned(name, f, rate)[start:stop:step] for name, f in flags.items()}
         thinned = {name: f for name, f in thinned.items() if f.any()}
-        mask = self.usual_mask(recording, t, dq, gaps)
+        mask = self.usual_mask(recording, dq)
         for flagged in thinned.values():
             mask &= ~flagged
         samples = Samples(
@@ -272,8 +316,8 @@ class Plan:
 
         return np.asarray(maximum_filter1d(flags.astype(np.uint8), 2 * reach + 1, axis=0, mode="constant") > 0)
 
-    def usual_mask(self, recording: Recording, t: Array, dq: Array, gaps: Array | None = None) -> NDArray[np.bool_]:
-        """(S, N) false for slow rows, excluded joints, and rows that resampling made up."""
+    def usual_mask(self, recording: Recording, dq: Array) -> NDArray[np.bool_]:
+        """(S, N) false for slow rows and excluded joints."""
         width, processing = recording.joint_count, self.processing
         mask = np.ones(dq.shape, dtype=bool)
         if processing.velocity_threshold is not None:
@@ -285,11 +329,9 @@ class Plan:
                 )
             mask &= np.abs(dq) >= threshold
         mask[:, processing.excluded(recording)] = False
-        for begin, end in () if gaps is None else gaps:
-            mask[(t > begin) & (t < end)] = False
         return mask
 
-    def _averaged(self, recording: Recording, gaps: Array, notes: tuple[str, ...]) -> Samples:
+    def _averaged(self, recording: Recording, notes: tuple[str, ...]) -> Samples:
         from steelyard.recording.periodic import average_periods
 
         assert isinstance(self.filter, FourierFit)
@@ -298,13 +340,10 @@ class Plan:
         absent = late.copy()
         for flagged in flags.values():
             absent |= flagged
-        for begin, end in gaps:
-            absent[(recording.t > begin) & (recording.t < end)] = True
         ready = replace(recording, torque=torque, torque_missing=absent if absent.any() else None, remarks=())
         average = average_periods(ready, self.filter.period, self.filter.harmonics, self.processing.trim)
         samples = average.samples
-        assert samples.t is not None
-        mask = self.usual_mask(recording, samples.t, samples.dq)
+        mask = self.usual_mask(recording, samples.dq)
         if samples.mask is not None:
             mask &= samples.mask
         counts = said({name: f.sum(axis=0) for name, f in flags.items()}, "before averaging")
@@ -317,6 +356,8 @@ def said(counts: dict[str, NDArray[np.intp]], when: str = "") -> tuple[str, ...]
     for name, of_joints in counts.items():
         if of_joints.any():
             shares = ", ".join(f"{count} of joint {j + 1}" for j, count in enumerate(of_joints) if count)
+            if len(of_joints) > 1 and np.all(of_joints == of_joints[0]):
+                shares = f"{of_joints[0]} of each joint"
             sentences.append(f"Rows left out{' ' * bool(when)}{when} because they are {name}: {shares}.")
     return tuple(sentences)
 

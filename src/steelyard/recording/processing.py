@@ -12,10 +12,10 @@ import numpy as np
 from steelyard.errors import InputError
 from steelyard.recording.checks import stuck_torques
 from steelyard.recording.columns import number
+from steelyard.recording.even import evened
 from steelyard.recording.filters import Butterworth, MotionFilter, filter_from
 from steelyard.recording.samples import Samples
 from steelyard.recording.section import Section
-from steelyard.recording.timing import resampled
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -34,8 +34,9 @@ CHOSEN = ("auto", "automatic")
 class Processing(Section):
     """How a recording becomes samples (thesis, section 4.3.3): the `[processing]` section of robot.toml.
 
-    The steps, in this order: even sampling is checked (or made), torques are moved by the delay, positions are filtered
-    without phase shift and derived, ends trimmed, everything decimated, rows that are not to be used masked.
+    The steps, in this order: rows are placed on an even clock where they are not, torques are moved by the delay,
+    positions are filtered without phase shift and derived, ends trimmed, everything decimated, rows that are not to be
+    used masked.
 
     Parameters
     ----------
@@ -76,10 +77,12 @@ class Processing(Section):
     repeated
         True masks rows that are copies of the row before (see `find_repeated`).
     resample
-        True interpolates onto an even grid where the log is not even; a number is the rate of the grid in Hz.
+        True places the rows on an even clock where they are not: by their stamps or by their numbers, whichever the
+        positions follow (see `clock_statistics`). A number is the rate of the even rows in Hz; false refuses uneven
+        logs.
     longest_gap
-        Longest gap in s that resampling bridges; five sample periods by default. Rows inside are masked where two or
-        more are missing.
+        Longest gap in s that is filled; by default five sample periods or 0.02 s, whichever is longer. Rows that were
+        made up are masked. At longer gaps the log is split, and its parts are processed one by one.
     difference
         "central", the only scheme of the Butterworth filter; the others have derivatives of their own.
 
@@ -99,7 +102,7 @@ class Processing(Section):
     decimate: tuple[int, ...] = ()
     velocity_threshold: float | tuple[float, ...] | None = None
     exclude_joints: tuple[int | str, ...] = ()
-    resample: bool | float = False
+    resample: bool | float = True
     longest_gap: float | None = None
     difference: str = "central"
     filter: MotionFilter = BUTTERWORTH
@@ -187,7 +190,13 @@ class Processing(Section):
     @property
     def needs_whole_log(self) -> bool:
         """Whether a log must stand in memory as a whole; otherwise it may come chunk by chunk."""
-        return self.resample is not False or self.average or self.filter.needs_whole_log
+        return self.average or self.filter.needs_whole_log
+
+    @property
+    def needs_even_rows(self) -> bool:
+        """Whether something here works on evenly sampled rows alone."""
+        at_any_times = self.filter.takes_uneven_times and self.torque_cutoff is None and not self.decimate
+        return not (at_any_times and np.all(np.asarray(self.delay) == 0.0)) or self.resample not in (True, False)
 
     def apply(self, recording: Recording, model: Model | None = None) -> Samples:
         """Turn a recording into samples; with a model, `delay = "automatic"` is estimated by it.
@@ -195,31 +204,33 @@ class Processing(Section):
         Raises
         ------
         InputError
-            Where the sampling is uneven or has gaps, the recording is too short for the filters, trimming leaves
-            nothing, an option does not fit the number of joints, or a torque sensor is stuck on a joint that moves.
+            Where the recording is too short for the filters, trimming leaves nothing, an option does not fit the number
+            of joints, a torque is stuck on a joint that moves, or the sampling is uneven and `resample` is false.
         """
         from steelyard.recording.plan import Plan
 
         self.check_torques(
             recording, recording.torque.min(axis=0), recording.torque.max(axis=0), np.ptp(recording.q, axis=0)
         )
-        gaps = np.empty((0, 2))
-        if self.resample is not False:
-            rate = None if isinstance(self.resample, bool) else self.resample
-            recording, gaps = resampled(recording, rate, self.longest_gap)
-        plan = Plan.settled(self, recording, model)
-        return plan.whole(recording, gaps)
+        parts, remarks = evened(recording, self.resample, self.longest_gap, self.needs_even_rows)
+        plan = Plan.settled(self, max(parts, key=lambda part: part.count), model)
+        return plan.whole(parts, (*recording.remarks, *remarks))
 
     def kept_rows(self, count: int, rate: float, source: str) -> tuple[int, int]:
         """The rows start:stop that trimming leaves of `count`."""
         begin, end = self.trim if isinstance(self.trim, tuple) else (self.trim, self.trim)
-        start, stop = ceil(begin * rate - 1e-6), count - ceil(end * rate - 1e-6)
+        start, stop = self.trimmed(count, rate)
         if stop - start < 1:
             raise InputError(
                 f"{source} lasts {(count - 1) / rate:.6g} s, of which trimming by {begin:g} and {end:g} s leaves "
                 "nothing; shorten `trim` in [processing]."
             )
         return start, stop
+
+    def trimmed(self, count: int, rate: float) -> tuple[int, int]:
+        """The rows start:stop that trimming leaves of `count`, none where stop is not above start."""
+        begin, end = self.trim if isinstance(self.trim, tuple) else (self.trim, self.trim)
+        return ceil(begin * rate - 1e-6), count - ceil(end * rate - 1e-6)
 
     def excluded(self, recording: Recording) -> list[int]:
         """Indices of the excluded joints."""

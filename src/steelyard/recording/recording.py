@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import html
 import os
-from collections.abc import Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Self
@@ -12,9 +12,10 @@ from typing import TYPE_CHECKING, Any, Self
 import numpy as np
 
 from steelyard.errors import InputError
-from steelyard.recording.checks import against_limits, measured_velocity, standstill
+from steelyard.recording.checks import LogSurvey
 from steelyard.recording.columns import LogColumns
 from steelyard.recording.conversion import Signals, convert
+from steelyard.recording.detection.clock import CLOCK_ROWS, FEWEST_ROWS, ClockStatistics, clock_of
 from steelyard.recording.filling import filled
 from steelyard.recording.header import resolve
 from steelyard.recording.log_file import LogFiles
@@ -161,7 +162,11 @@ class Recording:
         files = LogFiles(source)
         layout = resolve(files.names, columns, joints, files.name)
         signals = convert(files.read(layout.names), layout, columns, files.where, files.name)
-        t, rate = times(signals, columns, files)
+        stamps, clock = signals.t, None
+        if columns.rate is not None and stamps is not None and len(stamps) >= FEWEST_ROWS:
+            blocks = (stamps[start : start + CLOCK_ROWS] for start in range(0, len(stamps), CLOCK_ROWS))
+            clock = clock_at(columns.rate, blocks)
+        t, rate = times(signals, columns, files, clock=clock)
         fields = signals_fields(signals, t, files.name)
         recording = cls(**fields, source=files.name, joint_names=names_of(joints), stated_rate=rate)
         return recording.checked()
@@ -198,6 +203,17 @@ class Recording:
         """Say where row `row` (from 0) of this recording stands in the log."""
         return f"row {self.first_row + row + 1}"
 
+    def rows(self, start: int, stop: int) -> Self:
+        """Return the rows start:stop, without the remarks on the whole."""
+        return replace(self.chosen(slice(start, stop)), first_row=self.first_row + start, remarks=())
+
+    def chosen(self, rows: NDArray[np.bool_] | slice) -> Self:
+        """Return some of the rows."""
+        names = ("t", "q", "torque", "velocity", "acceleration", "position_missing", "torque_missing")
+        values = {name: getattr(self, name) for name in names}
+        fields: dict[str, Any] = {name: part if part is None else part[rows] for name, part in values.items()}
+        return replace(self, **fields)
+
     def checked(self) -> Self:
         """Check the sample period and the measured velocities, and add remarks on joints at rest and on large angles.
 
@@ -207,17 +223,9 @@ class Recording:
             As in `read`.
         """
         if self.count > 1:
-            check_period(self.t, self.source)
-        found = (*measured_velocity(self), *standstill(self), *self._filled())
+            check_period(float(np.median(np.diff(self.t))), self.source)
+        found = LogSurvey.of(self).remarks()
         return replace(self, remarks=(*self.remarks, *found)) if found else self
-
-    def _filled(self) -> tuple[str, ...]:
-        counts = [
-            (0 if flags is None else int(flags.sum()), name)
-            for flags, name in ((self.position_missing, "positions"), (self.torque_missing, "torques"))
-        ]
-        words = " and ".join(f"{count} {name}" for count, name in counts if count)
-        return (f"{words[0].upper()}{words[1:]} are missing; they were filled in, and are not used.",) if words else ()
 
     def check_against(
         self,
@@ -242,7 +250,7 @@ class Recording:
         """
         names = self.joint_names if joint_names is None else tuple(joint_names)
         recording = self if names == self.joint_names else replace(self, joint_names=names)
-        return against_limits(recording, lower, upper, velocity_limit)
+        return LogSurvey.of(recording).limit_remarks(lower, upper, velocity_limit)
 
     def process(self, **options: Any) -> Samples:
         """Filter, derive, trim, decimate and mask; `options` are the fields of `Processing`.
@@ -355,12 +363,18 @@ def signals_fields(signals: Signals, t: NDArray[np.float64], source: str) -> dic
 
 
 def times(
-    signals: Signals, columns: LogColumns, files: LogFiles, first_row: int = 0, origin: float | None = None
+    signals: Signals,
+    columns: LogColumns,
+    files: LogFiles,
+    first_row: int = 0,
+    origin: float | None = None,
+    clock: ClockStatistics | None = None,
 ) -> tuple[NDArray[np.float64], float | None]:
     """Return the times of the rows and the stated rate.
 
-    A stated rate replaces the stamps, which must then agree with it on the whole to 1 %. `first_row` is the place of
-    the first row in the log and `origin` the time of the log's first row, where these are rows from its middle.
+    A stated rate replaces the stamps, which must then agree with it on the whole to 1 %; rows that are missing between
+    them by `clock` (see `clock_at`) stay missing. `first_row` is the place of the first row in the log and `origin` the
+    time of the log's first row, where these are rows from its middle.
     """
     rate, stamps = columns.rate, signals.t
     if rate is None:
@@ -368,14 +382,41 @@ def times(
         check_order(stamps, lambda row: files.where(first_row + row), files.name)
         return stamps, None
     count = signals.q.shape[0]
+    numbers = first_row + np.arange(count) if clock is None else clock.numbers(first_row, first_row + count)
     if stamps is None:
-        return (first_row + np.arange(count)) / rate, rate
+        return numbers / rate, rate
     span = float(stamps[-1] - stamps[0])
-    if count > 100 and abs(span * rate / (count - 1) - 1.0) > 0.01:
+    if count > 100 and abs(span * rate / (numbers[-1] - numbers[0]) - 1.0) > 0.01:
         raise InputError(
             f"{files.name} has {count} rows in {span:.6g} s by its stamps, "
             f"a period of {span / (count - 1):.6g} s, but `rate` in [log] says {rate:.6g} Hz; "
             "leave out `rate`, or `time`, or correct `time_unit`."
         )
     begin = float(stamps[0]) if origin is None else origin
-    return begin + (first_row + np.arange(count)) / rate, rate
+    return begin + numbers / rate, rate
+
+
+def clock_at(rate: float, stamps: Iterable[NDArray[np.float64]]) -> ClockStatistics | None:
+    """Return the clock of stamps, which come in blocks, where it agrees with the rate and leaves rows out.
+
+    None where no rows are missing between the stamps, or they are too coarse to tell.
+    """
+    last = -np.inf
+
+    def increasing() -> Iterator[NDArray[np.float64]]:
+        nonlocal last
+        for block in stamps:
+            if not (np.diff(block) > 0.0).all() or not block[0] > last:
+                raise _CoarseStampsError
+            last = block[-1]
+            yield block
+
+    try:
+        clock = clock_of(increasing())
+    except _CoarseStampsError:
+        return None
+    return clock if clock.missing and abs(clock.period * rate - 1.0) < 0.01 else None
+
+
+class _CoarseStampsError(ValueError):
+    """Stamps repeat, so that they cannot number the rows."""

@@ -1,9 +1,8 @@
-"""Time stamps: order, rate, jitter, gaps, and an even grid where the log has none."""
+"""Time stamps: their order, their period, and the places of the rows on an even clock."""
 
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import replace
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -13,21 +12,28 @@ from steelyard.errors import InputError
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
-    from steelyard.recording.recording import Recording
+__all__ = ["JITTER_SILENT", "check_order", "check_period", "row_numbers"]
 
-__all__ = ["JITTER_ACCEPTED", "check_even", "check_order", "check_period", "resampled", "row_numbers"]
-
-JITTER_ACCEPTED = 0.1
-"""Largest deviation of an interval from the period, as a fraction of it, that is taken for even sampling."""
 JITTER_SILENT = 0.01
+"""Largest deviation of an interval from the period, as a fraction of it, that nobody needs to hear of."""
 GAP = 1.5
 SHORTEST_PERIOD, LONGEST_PERIOD = 1e-6, 0.5
-GAP_FILLED = 5.0
-BRIDGED = 2.5
-"""Intervals from which interpolated rows count as made up: two rows at least are missing."""
+TOGETHER, MANY = 2.0, 64
+"""Where the mean interval over many rows is so many times the median one, rows were written several at a time."""
 CLEAR_INTERVAL = 0.42
 """Of a period: where all intervals are so near to whole multiples of it, each tells how many rows it spans."""
 BLOCK, MOST_BLOCKS = 128, 200
+COARSE, FINE, FINEST = 0.15, 0.0015, 0.0001
+"""Of the period: half widths of the searches for it."""
+FEW_ROWS, WANDERING = 8, 1.8
+"""Over so many rows jitter about an even clock spreads as over one, that of a wandering clock 2.8 times as much."""
+DRIFT = 401
+"""Rows over which a clock drifts by much less than a period."""
+GATHERED = 0.2
+"""How much the stamps gather about whole periods, from 0 to 1, with which each tells its number: 1 without jitter, 0.5
+with up to 0.3 periods either way, 0.23 with 0.4."""
+IN_TIME = 4.0
+"""Votes of a row that is in time against rows that are late: a computer that is busy stamps late, and never early."""
 NEIGHBOURS = 40
 """Rows on either side of a long interval that tell whether the stamps stay displaced."""
 ENOUGH = 10
@@ -55,9 +61,8 @@ def check_order(t: NDArray[np.float64], where: Callable[[int], str], source: str
     )
 
 
-def check_period(t: NDArray[np.float64], source: str) -> None:
-    """Refuse a sample period that no robot log has: the unit of time is wrong then."""
-    period = float(np.median(np.diff(t)))
+def check_period(period: float, source: str) -> None:
+    """Refuse a sample period in s that no robot log has: the unit of time is wrong then."""
     if SHORTEST_PERIOD <= period < LONGEST_PERIOD:
         return
     units = {"ms": 1e-3, "us": 1e-6, "ns": 1e-9}
@@ -69,12 +74,14 @@ def check_period(t: NDArray[np.float64], source: str) -> None:
     )
 
 
-def row_numbers(t: NDArray[np.float64]) -> tuple[float, NDArray[np.float64]]:
+def row_numbers(t: NDArray[np.float64], period: float | None = None) -> tuple[float, NDArray[np.float64]]:
     """Return the sample period in s, and the number (S,) of each row on an even clock: missing rows are left out of it.
 
     An interval of a jittery clock may be longer than one and a half periods, or shorter than half of one, with no row
     missing. Rows are missing where the stamps *stay* behind the even clock: where the median of the stamps after a long
     interval lies later than that before it by a period and more.
+
+    `period`, where it is known from other rows of the log, spares the search for it.
 
     Examples
     --------
@@ -85,19 +92,41 @@ def row_numbers(t: NDArray[np.float64]) -> tuple[float, NDArray[np.float64]]:
     """
     steps = np.diff(t)
     typical = float(np.median(steps))
+    if len(t) > 2 * MANY:
+        mean = float(np.median(t[MANY:] - t[:-MANY])) / MANY
+        typical = mean if mean > TOGETHER * typical else typical
     ratio = steps / typical
     if np.all((np.abs(ratio - np.round(ratio)) < CLEAR_INTERVAL) & (ratio > 0.5)):
         typical = float(steps.sum() / np.round(ratio).sum())
         numbers = np.concatenate([[0.0], np.cumsum(np.round(steps / typical))])
         return _slope(t, numbers), numbers
-    regular = _most_regular(t, typical)
-    numbers = _displaced(t, regular)
+    if _wanders(t, typical):
+        numbers = np.concatenate([[0.0], np.cumsum(np.maximum(np.round(ratio), 1.0))])
+        return _slope(t, numbers), numbers
+    regular = _most_regular(t, typical) if period is None else _most_regular(t, period, FINE)
+    counted = _counted(t, regular)
+    numbers = _displaced(t, regular) if counted is None else counted
     period = _slope(t, numbers)
     # Where so many rows are missing that their places are lost in the jitter, the stamps still tell the period.
     return (period if abs(period - regular) < 2e-3 * regular else regular), numbers
 
 
-def _most_regular(t: NDArray[np.float64], typical: float) -> float:
+def _wanders(t: NDArray[np.float64], typical: float) -> bool:
+    """Whether the intervals vary by themselves, so that stamps stray ever further from any even clock."""
+    steps = np.diff(t)
+    # Seen where no row can be missing: gaps would look like a clock that strays.
+    long = np.concatenate([[0], np.cumsum(steps > GAP * typical)])
+    whole = long[FEW_ROWS:] == long[:-FEW_ROWS]
+    if np.count_nonzero(whole) < 4 * FEW_ROWS:
+        return False
+
+    def spread(values: NDArray[np.float64]) -> float:
+        return float(np.median(np.abs(values - np.median(values))))
+
+    return spread((t[FEW_ROWS:] - t[:-FEW_ROWS])[whole]) > WANDERING * spread(steps[: len(whole)][whole])
+
+
+def _most_regular(t: NDArray[np.float64], typical: float, width: float = COARSE) -> float:
     """Period near the typical interval whose multiples the stamps gather about, whatever rows are missing."""
     size = min(BLOCK, len(t))
     starts = np.unique(np.linspace(0, len(t) - size, min(MOST_BLOCKS, max(1, 2 * len(t) // size))).astype(int))
@@ -107,17 +136,50 @@ def _most_regular(t: NDArray[np.float64], typical: float) -> float:
     def gathered(period: float) -> float:
         return float(np.mean(np.abs(np.mean(np.exp(2j * np.pi / period * blocks), axis=1)) ** 2))
 
-    width, periods = 0.15, np.array([typical])
-    for _ in range(3):
-        periods = periods[0] * np.linspace(1.0 - width, 1.0 + width, 301 if width > 0.1 else 21)
-        periods = periods[[int(np.argmax([gathered(float(period)) for period in periods]))]]
-        width = 0.0015 if width > 0.1 else 0.1 * width
-    return float(periods[0])
+    while width > FINEST:
+        periods = typical * np.linspace(1.0 - width, 1.0 + width, 301 if width == COARSE else 21)
+        typical = float(periods[int(np.argmax([gathered(float(period)) for period in periods]))])
+        width = FINE if width == COARSE else 0.1 * width
+    return typical
 
 
 def _slope(t: NDArray[np.float64], numbers: NDArray[np.float64]) -> float:
     centred = numbers - numbers.mean()
     return float(centred @ (t - t.mean()) / (centred @ centred))
+
+
+def _counted(t: NDArray[np.float64], period: float) -> NDArray[np.float64] | None:
+    """Number rows by the whole periods nearest to their stamps, never backwards; None where stamps are too unsteady.
+
+    What a stamp is off the whole periods, on the average over its neighbours, is the slow drift of the clock. The
+    rest is how many rows are missing so far, which can only grow. Of all such staircases the one with the least sum
+    of absolute deviations is found, where being stamped early weighs more: rows that are written late, several at a
+    time, are outvoted by a few that are in time.
+    """
+    from scipy.ndimage import uniform_filter1d
+
+    cycles = (t - t[0]) / period
+    phasor = np.exp(2j * np.pi * cycles)
+    smooth = uniform_filter1d(phasor.real, DRIFT, mode="nearest") + 1j * uniform_filter1d(
+        phasor.imag, DRIFT, mode="nearest"
+    )
+    if np.median(np.abs(smooth)) < GATHERED:
+        return None
+    drift = np.unwrap(np.angle(smooth)) / (2.0 * np.pi)
+    missing = cycles - drift - np.arange(len(t))
+    lowest = int(np.floor(missing.min()))
+    levels = np.arange(lowest, int(np.ceil(missing.max())))
+    # The step from a level to the next lies where the first row asks for it, or later, as long as rows are against it.
+    begins = np.searchsorted(np.maximum.accumulate(missing), levels, side="right")
+    ends = np.searchsorted(np.minimum.accumulate(missing[::-1])[::-1], levels + 1.0, side="left")
+    steps = np.minimum(begins, ends)
+    for place in np.flatnonzero(ends > begins):
+        votes = np.clip(1.0 - 2.0 * (missing[begins[place] : ends[place]] - levels[place]), -1.0, 1.0)
+        votes[votes > 0.0] *= IN_TIME
+        steps[place] = begins[place] + int(np.argmax(np.concatenate([[0.0], np.cumsum(votes)])))
+    rises = np.bincount(np.sort(steps), minlength=len(t) + 1)[: len(t)]
+    numbers = np.arange(len(t)) + np.cumsum(rises)
+    return np.asarray(numbers - numbers[0], dtype=np.float64)
 
 
 def _displaced(t: NDArray[np.float64], period: float) -> NDArray[np.float64]:
@@ -148,107 +210,3 @@ def _displaced(t: NDArray[np.float64], period: float) -> NDArray[np.float64]:
         skipped[found + 1] = np.maximum(np.round(clear[found]), 1.0)
         numbers += np.cumsum(skipped)
     return numbers
-
-
-def check_even(recording: Recording) -> tuple[str, ...]:
-    """Return remarks on small jitter; refuse gaps and larger jitter."""
-    if recording.count < 2:
-        return ()
-    steps = np.diff(recording.t)
-    period, numbers = row_numbers(recording.t)
-    if recording.stated_rate is not None:
-        period = 1.0 / recording.stated_rate
-    ratio = steps / period
-    gaps = np.diff(numbers) > 1.0
-    if gaps.any():
-        row = int(np.argmax(np.where(gaps, ratio, 0.0)))
-        raise InputError(
-            f"{recording.source} has {np.count_nonzero(gaps)} gaps where rows are missing, the longest of "
-            f"{steps[row]:.6g} s from t = {recording.t[row]:.6g} s ({recording.where(row)}); "
-            "split the log there, or set `resample = true` in [processing]."
-        )
-    deviation = np.abs(ratio - 1.0)
-    row = int(np.argmax(deviation))
-    jitter = float(deviation[row])
-    if jitter > JITTER_ACCEPTED:
-        raise InputError(
-            f"{recording.source} is sampled unevenly: an interval at t = {recording.t[row]:.6g} s "
-            f"({recording.where(row)}) is off the period of {period:.6g} s by {100 * jitter:.3g} % "
-            f"(accepted: {100 * JITTER_ACCEPTED:g} %); set `resample = true` in [processing], "
-            "or state `rate` in [log] if the stamps are only rounded."
-        )
-    if jitter > JITTER_SILENT:
-        return (
-            f"The intervals between samples are off the period of {period:.6g} s by up to {100 * jitter:.2g} %; "
-            "even sampling was assumed.",
-        )
-    return ()
-
-
-def resampled(
-    recording: Recording, rate: float | None, longest_gap: float | None
-) -> tuple[Recording, NDArray[np.float64]]:
-    """Interpolate onto an even grid; also return the gaps of two rows and more, (G, 2) begin and end in s.
-
-    Positions and measured velocities and accelerations by cubic splines, torques linearly. The grid begins at the first
-    stamp; its rate is `rate` (Hz) or that of the mean interval between gaps.
-
-    Raises
-    ------
-    InputError
-        For a gap longer than `longest_gap` (s; by default five sample periods), or a rate below that of the log.
-    """
-    from scipy.interpolate import CubicSpline
-
-    t = recording.t
-    steps = np.diff(t)
-    period, _ = row_numbers(t)
-    limit = GAP_FILLED * period if longest_gap is None else longest_gap
-    longest = int(np.argmax(steps))
-    if steps[longest] > max(limit, GAP * period):
-        raise InputError(
-            f"{recording.source} has a gap of {steps[longest]:.6g} s from t = {t[longest]:.6g} s "
-            f"({recording.where(longest)}), longer than the {limit:.6g} s that may be bridged; split the log there "
-            "(or raise `longest_gap` in [processing])."
-        )
-    if rate is not None and rate * period < 0.9:
-        raise InputError(
-            f"{recording.source} has a rate of {1.0 / period:.6g} Hz and `resample` asks for {rate:.6g} Hz; "
-            "resample to at least the rate of the log and lower it with `decimate`."
-        )
-    new_period = period if rate is None else 1.0 / rate
-    count = int(np.floor((t[-1] - t[0]) / new_period * (1.0 + 1e-12))) + 1
-    grid = t[0] + np.arange(count) * new_period
-    grid[-1] = min(grid[-1], t[-1])
-    torque = np.column_stack([np.interp(grid, t, column) for column in recording.torque.T])
-
-    def smooth(values: NDArray[np.float64] | None) -> NDArray[np.float64] | None:
-        return None if values is None else np.asarray(CubicSpline(t, values, axis=0)(grid))
-
-    q = smooth(recording.q)
-    assert q is not None
-
-    def flagged(flags: NDArray[np.bool_] | None) -> NDArray[np.bool_] | None:
-        """Rows of the grid that lie beside a flagged one of the log."""
-        if flags is None:
-            return None
-        after = np.clip(np.searchsorted(t, grid), 1, t.size - 1)
-        return np.asarray(flags[after] | flags[after - 1])
-
-    wide = steps > BRIDGED * period
-    gaps = np.column_stack([t[:-1][wide], t[1:][wide]])
-    remark = f"Resampled at {1.0 / new_period:.6g} Hz"
-    remark += f", bridging {len(gaps)} gaps of up to {steps.max():.4g} s." if len(gaps) else "."
-    even = replace(
-        recording,
-        t=grid,
-        q=q,
-        torque=torque,
-        velocity=smooth(recording.velocity),
-        acceleration=smooth(recording.acceleration),
-        position_missing=flagged(recording.position_missing),
-        torque_missing=flagged(recording.torque_missing),
-        stated_rate=1.0 / new_period,
-        remarks=(*recording.remarks, remark),
-    )
-    return even, gaps

@@ -147,9 +147,11 @@ def test_clock_is_measured(random):
     np.testing.assert_allclose(found.gaps, [[0.499, 0.502], [0.899, 0.901]], atol=2e-4)
     # The rows were taken evenly here, and only the stamps are off.
     assert found.verdict == "even clock"
-    assert "rate = 1000" in found.sentences()[1]
+    assert found.share == pytest.approx(0.0, abs=4 * found.share_deviation)
+    assert "the rows were taken evenly" in found.sentences()[1]
     true = Recording(t=log.t, q=np.sin(2 * log.t)[:, None], torque=log.torque)
     assert clock_statistics(true).verdict == "stamps"
+    assert clock_statistics(true).share == pytest.approx(1.0, abs=0.02)
     assert clock_statistics(smooth_log()).verdict == "even"
     noisy = Recording(t=log.t, q=log.q + 0.01 * random.normal(size=log.q.shape), torque=log.torque)
     assert clock_statistics(noisy).verdict == "unclear"

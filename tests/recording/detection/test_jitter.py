@@ -29,8 +29,9 @@ def test_rate_and_missing_rows_of_a_jittery_clock(jitter, missing):
     assert found.missing == len(missing)
     assert found.jitter == pytest.approx(jitter * PERIOD / np.sqrt(3.0), rel=0.03)
     sentences = log.diagnose().sentences()
-    (stated,) = re.findall(r"even clock of (\S+) Hz", " ".join(sentences))
-    assert float(stated) == pytest.approx(1000.0, rel=2e-5)
+    stated = re.findall(r"even clock of (\S+) Hz", " ".join(sentences))
+    assert stated
+    assert np.allclose([float(rate) for rate in stated], 1000.0, rtol=2e-5)
     assert any("rows are missing" in one for one in sentences) == bool(missing)
 
 
@@ -50,11 +51,11 @@ def test_a_row_written_late_is_no_missing_row():
     assert found.period == pytest.approx(PERIOD, rel=1e-5)
 
 
-def test_jitter_is_refused_as_jitter_and_a_gap_as_a_gap():
+def test_jitter_is_refused_as_jitter_and_a_gap_as_a_gap_where_even_rows_are_asked_for():
     with pytest.raises(InputError, match=r"is sampled unevenly: .* off the period of 0.00[019]* s"):
-        jittery(0.4).process(cutoff=None)
+        jittery(0.4).process(cutoff=None, resample=False)
     with pytest.raises(InputError, match=r"has 1 gaps where rows are missing, the longest of 0.038 s"):
-        jittery(0.0, tuple(range(3000, 3037))).process(cutoff=None)
+        jittery(0.0, tuple(range(3000, 3037))).process(cutoff=None, resample=False)
 
 
 def test_resampling_a_jittery_log_keeps_its_rate():
