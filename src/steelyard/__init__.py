@@ -7,57 +7,16 @@ proof, and hands them back as a URDF, JSON and a report.
 from __future__ import annotations
 
 import importlib
+import re
+from pathlib import Path
 from typing import Any
 
 __version__ = "0.1.0"
 
-# Rooms are imported when a name of theirs is first used, so that importing the package costs next to nothing.
-_ROOMS = {
-    "robot": ("Inertia", "Joint", "Link", "Robot", "RobotFile", "Term", "TermParameter"),
-    "graph": ("Graph", "Kernel"),
-    "dynamics": ("BaseParameters", "Coulomb", "Model", "MotorSide", "Offset", "RotorInertia", "Viscous"),
-    "recording": ("LogColumns", "Processing", "Recording", "Samples"),
-    "regression": ("Estimate", "Information", "least_squares", "residual_covariance"),
-    "feasibility": (
-        "CenterOfMassBox",
-        "CenterOfMassHull",
-        "CenterOfMassSphere",
-        "ConfidenceInterval",
-        "ConstantPullbackPrior",
-        "DensityInBox",
-        "DensityInEllipsoid",
-        "EntropicPrior",
-        "EqualLinks",
-        "EuclideanPrior",
-        "FeasibleSet",
-        "LinearBound",
-        "LinearMatrixInequality",
-        "MeasuredMass",
-        "Preference",
-        "SymmetricLink",
-        "TotalMass",
-        "Verdict",
-        "check",
-        "confidence_intervals",
-        "constraint_prices",
-        "correct",
-        "explain_infeasibility",
-        "fit",
-        "l_curve",
-        "lightest_robot",
-        "parameter_intervals",
-        "robust_information",
-        "smallest_total_mass",
-        "verify_certificate",
-    ),
-    "motion": ("ExcitationDesign", "FourierTrajectory", "MotionLimits", "design_excitation", "load_trajectory"),
-    "simulation": ("Actuators", "ElasticContact", "Safety", "Sensors", "SimulationResult", "simulate"),
-    "control": ("ComputedTorque", "FeedforwardTracking", "GravityCompensation", "ImpedanceControl", "TaskSpaceControl"),
-    "laboratory": ("play",),
-    "identification": ("Identification", "identify"),
-    "errors": ("InputError", "MissingExtraError", "SolverError", "SteelyardError"),
-}
-_HOME = {name: room for room, names in _ROOMS.items() for name in names}
+# The list of names is the one that type checkers read. Rooms are imported when a name of theirs is first used, so that
+# importing the package costs next to nothing.
+_LIST = Path(__file__).with_suffix(".pyi").read_text(encoding="utf-8")
+_HOME = {name: room for room, name in re.findall(r"^from \.(\w+) import (\w+) as \2$", _LIST, re.MULTILINE)}
 
 __all__ = sorted([*_HOME, "__version__"])
 
