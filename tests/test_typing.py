@@ -63,19 +63,15 @@ def test_mypy_tells_right_from_wrong(tmp_path: Path) -> None:
     pytest.importorskip("mypy", reason="mypy is not installed")
     (tmp_path / "right.py").write_text(RIGHT)
     (tmp_path / "wrong.py").write_text(WRONG)
-    command = [
-        sys.executable,
-        "-m",
-        "mypy",
-        "--strict",
-        "--no-error-summary",
-        "--follow-imports=silent",
-        "right.py",
-        "wrong.py",
-    ]
+    names = [name for name in sy.__all__ if name != "__version__"]
+    (tmp_path / "names.py").write_text("import steelyard as sy\n" + "".join(f"reveal_type(sy.{n})\n" for n in names))
+    command = [sys.executable, "-m", "mypy", "--strict", "--no-error-summary", "right.py", "wrong.py", "names.py"]
     done = subprocess.run(command, cwd=tmp_path, capture_output=True, text=True, check=False)
-    found = {
-        (line.split(":")[0], int(line.split(":")[1])): line for line in done.stdout.splitlines() if ": error:" in line
-    }
-    assert set(found) == {("wrong.py", number) for number in (4, 5, 6, 7, 8)}, done.stdout + done.stderr
-    assert 'Module has no attribute "this_does_not_exist"' in found["wrong.py", 4]
+    lines = [line.split(":", maxsplit=3) for line in done.stdout.splitlines()]
+    errors = {(file, int(number)): text for file, number, kind, text in lines if kind.strip() == "error"}
+    assert set(errors) == {("wrong.py", number) for number in (4, 5, 6, 7, 8)}, done.stdout + done.stderr
+    assert 'Module has no attribute "this_does_not_exist"' in errors["wrong.py", 4]
+    revealed = [text for file, _, _, text in lines if file == "names.py"]
+    assert len(revealed) == len(names)
+    for name, text in zip(names, revealed, strict=True):  # neither modules nor Any
+        assert text.startswith((' Revealed type is "def (', ' Revealed type is "Overload')), (name, text)
