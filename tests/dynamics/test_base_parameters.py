@@ -1,8 +1,10 @@
 """Base parameters: the rank against theory, and the map against the regressor, on robots of many kinds."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
-from hypothesis import given
+from hypothesis import example, given
 from hypothesis import strategies as st
 
 import steelyard as sy
@@ -67,6 +69,58 @@ def test_the_map_keeps_the_torques(joints, gravity):
     np.testing.assert_array_equal(base.Pb @ base.Pb.T + base.Pd @ base.Pd.T, np.eye(model.parameter_count))
     delta = random.normal(size=model.parameter_count)
     np.testing.assert_allclose(base.values(delta), base.K @ delta)
+
+
+ROWS = st.lists(
+    st.tuples(
+        st.sampled_from([0.0, "pi/2", 0.3, -1.01]),
+        st.sampled_from([0.0, 0.4, -0.25]),
+        st.sampled_from(["revolute", "prismatic"]),
+        st.sampled_from([0.0, 0.3]),
+    ),
+    min_size=2,
+    max_size=4,
+)
+
+
+def mimicking(robot, joint, driver, multiplier):
+    """The robot with one joint driven by a joint before it."""
+    joints = []
+    for k, old in enumerate(robot.joints):
+        if k == joint:
+            joints.append(
+                replace(old, coordinate=driver, multiplier=multiplier, offset=0.2, mimics=robot.joints[driver].name)
+            )
+        else:
+            joints.append(replace(old, coordinate=k - (k > joint)))
+    return replace(robot, joints=tuple(joints))
+
+
+@given(
+    ROWS, st.sampled_from([(0, 0, -9.81), (0, 0, 0), (3.0, -4.0, 5.0)]), st.integers(0, 999), st.sampled_from("ncmw")
+)
+@example([(0.3, 0.4, "prismatic", 0.3), (-1.01, 0.4, "revolute", 0.3)], (0, 0, -9.81), 0, "c")
+def test_the_rank_is_that_of_the_torques(joints, gravity, seed, kind):
+    """Rotors, offsets, coupled motors and mimic joints beside links, which may look like one another."""
+    rng = np.random.default_rng(seed)
+    rows = [(a, b, "q", d) if kind == "prismatic" else (a, b, d, "q") for a, b, kind, d in joints]
+    robot = sy.Robot.from_dh(rows, gravity=gravity)
+    if kind in "mw":
+        joint = int(rng.integers(1, len(rows)))
+        robot = mimicking(robot, joint, int(rng.integers(0, joint)), float(rng.choice([1.0, -1.0, 2.0, 0.7])))
+    terms = [sy.RotorInertia(), sy.Offset(), sy.Viscous(), sy.Coulomb()]
+    if kind in "cw":
+        terms.append(sy.MotorSide(np.eye(robot.dof) + np.triu(rng.choice([0, 0.5, -1.0], (robot.dof,) * 2), 1)))
+    model = sy.Model(robot.with_terms(*terms))
+    base = model.base_parameters()
+    q, dq, ddq = rng.normal(size=(3, 100, robot.dof))
+    regressor = model.regressor(q, dq, ddq).reshape(-1, model.parameter_count)
+    lengths = np.linalg.norm(regressor, axis=0)
+    shown = lengths > 1e-12 * lengths.max()  # others are zero but for rounding
+    scaled = regressor[:, shown] / lengths[shown]
+    assert base.count == np.linalg.matrix_rank(scaled, tol=1e-10)
+    rest = regressor - regressor[:, base.independent] @ base.K
+    assert np.abs(rest).max() <= 1e-13 * np.abs(regressor).max()
 
 
 def test_names_read_well(wam):

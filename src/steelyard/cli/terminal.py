@@ -124,9 +124,17 @@ def show_model(model: Model, consistency: Literal["full", "inertia"]) -> None:
     symbols = (*INERTIA_SYMBOLS, *(p.symbol for term in robot.terms for p in term.parameters))
     console.print(_text(f"Parameters of each link and its joint, with its number: {' '.join(symbols)}"), soft_wrap=True)
     console.print(
-        _text(f"{model.parameter_count} parameters, {base.count} base parameters (rank gap {base.gap:.1e})"),
+        _text(f"{model.parameter_count} parameters, {base.count} base parameters"),
         soft_wrap=True,
     )
+    if base.meant:
+        console.print(
+            _text(
+                "Angles such as 1.5708 count as the right angles that they stand for; the base parameters leave out "
+                f"{base.error:.1e} of a column of the regressor that way."
+            ),
+            soft_wrap=True,
+        )
     for number, expression in enumerate(base.expressions, start=1):
         console.print(_text(f"  {number:3d}  {expression}"), soft_wrap=True)
     console.print("Operations a sample")

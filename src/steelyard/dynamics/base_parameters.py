@@ -2,16 +2,36 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field
+from decimal import Decimal, localcontext
+from fractions import Fraction
 from functools import cached_property
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-__all__ = ["BaseParameters", "base_parameters_of"]
+from .drive_effects import TermColumns, term_columns
+from .exact_placement import ExactMatrix, robot_with_right_angles
+from .layout import ParameterLayout
+from .row_space import Row
+from .unidentifiable import UPPER_TRIANGLE, Unidentifiable, unidentifiable
+
+__all__ = ["BaseParameters", "base_parameters_of", "model_base_parameters"]
 
 Matrix = NDArray[np.float64]
+Vector = dict[int, Decimal]
+
+_DIGITS = 60
+_NOTHING = Decimal("1e-40")
+"""What rounding to that many digits may leave of a zero."""
+
+_CLEARLY_INDEPENDENT = 1e-4
+"""A parameter that is shown less than others by this factor leads no combination, where another can: coefficients of K
+would be as large as its inverse. A joint that is 1e-5 rad off the y axis of its frame shows lz 1e-5 as much as lx."""
+
 _CLEAR_GAP = 100.0
+_SUPPORT = (1e-7, 1e-9, 1e-11, 0.0)
 _SURE_DIGITS, _COINCIDENCE = 6, 500.0  # decimals this short are met at once; others may be met by chance, 2 in this
 
 
@@ -29,9 +49,8 @@ class BaseParameters:
         Indices of the others, of which some have no effect at all.
     Kd : ndarray
         (n_b, n_d): ``H_d = H_b Kd`` (thesis eq. 2.47).
-    gap : float
-        How clearly the rank shows: the smallest relative distance of an independent column from those left of it,
-        over the largest one of a dependent column (or rounding, if that is larger). Above 100 is clear.
+    meant : bool
+        Whether angles such as 1.5708 were taken for the multiples of π/2 that they stand for.
 
     Examples
     --------
@@ -46,10 +65,11 @@ class BaseParameters:
     independent: NDArray[np.intp]
     dependent: NDArray[np.intp]
     Kd: Matrix
-    gap: float
+    meant: bool = False
+    _sampled: Callable[[], Matrix] = field(default=lambda: np.zeros((0, 0)), repr=False)
 
     def __repr__(self) -> str:
-        return f"BaseParameters({self.count} of {len(self.parameter_names)}, gap {self.gap:.1e})"
+        return f"BaseParameters({self.count} of {len(self.parameter_names)})"
 
     def _repr_html_(self) -> str:
         rows = "".join(f"<tr><td>{i + 1}</td><td>{text}</td></tr>" for i, text in enumerate(self.expressions))
@@ -72,6 +92,32 @@ class BaseParameters:
         matrix[np.arange(self.count), self.independent] = 1.0
         matrix[:, self.dependent] = self.Kd
         return matrix
+
+    @cached_property
+    def _measured(self) -> tuple[float, float]:
+        matrix = self._sampled()
+        lengths = np.linalg.norm(matrix, axis=0)
+        scale = np.maximum(lengths, np.median(lengths[self.independent]) if self.count else 1.0)
+        rest = matrix[:, self.dependent] - matrix[:, self.independent] @ self.Kd
+        error = float((np.linalg.norm(rest, axis=0) / scale[self.dependent]).max(initial=0.0))
+        factor = np.linalg.qr(matrix[:, self.independent] / scale[self.independent], mode="r")
+        return error, float(np.abs(np.diag(factor)).min(initial=1.0))
+
+    @property
+    def error(self) -> float:
+        """Largest part of a dependent column of the regressor that K misses, at random motions.
+
+        Relative to the length of the column, or of a typical independent one if that is longer. Rounding, below 1e-14
+        or so, except where an angle such as 1.5708 counts as a right one (`meant`).
+        """
+        return self._measured[0]
+
+    @property
+    def gap(self) -> float:
+        """How clearly the motions show the rank: the smallest relative distance of an independent column from those
+        left of it, over `error` (or rounding, if that is larger). The rank does not rest on it."""
+        error, nearest = self._measured
+        return nearest / max(error, 1e-15)
 
     @cached_property
     def Pb(self) -> Matrix:
@@ -101,12 +147,218 @@ class BaseParameters:
         return text
 
 
+def model_base_parameters(layout: ParameterLayout, sampled: Callable[[ParameterLayout], Matrix]) -> BaseParameters:
+    """Find the base parameters of a robot with its terms.
+
+    What the links can exchange, and what drives can exchange with them, is found exactly (see `unidentifiable`). What
+    joints that mimic others add to that, or terms that are neither constant torques nor inertias nor friction, is
+    found from the regressor at random motions, among the columns that are left.
+
+    Parameters
+    ----------
+    layout : ParameterLayout
+    sampled : callable
+        Returns the regressor (rows, n) at random motions, stacked; rows well above n.
+    """
+    robot, names = robot_with_right_angles(layout.robot), layout.names
+    columns = term_columns(layout, np.random.default_rng(20140101))
+    exact = unidentifiable(robot, columns.effects, len(columns.regular))
+    with localcontext() as context:
+        context.prec = _DIGITS
+        vectors = _null_vectors(layout, columns, exact)
+    if columns.odd:
+        _add_odd(vectors, columns.odd, layout)
+    if columns.others or any(joint.mimics is not None for joint in robot.joints):
+        left = np.array([k for k in range(len(names)) if k not in vectors], dtype=np.intp)
+        found = base_parameters_of(sampled(ParameterLayout(robot))[:, left], tuple(names[k] for k in left))
+        more = {
+            int(left[d]): {
+                int(left[d]): Decimal(1),
+                **{int(left[i]): -Decimal(float(v)) for i, v in zip(found.independent, column, strict=True) if v},
+            }
+            for d, column in zip(found.dependent, found.Kd.T, strict=True)
+        }
+        with localcontext() as context:
+            context.prec = _DIGITS
+            for vector in vectors.values():
+                _reduce(vector, more)
+        vectors |= more
+    dependent = np.array(sorted(vectors), dtype=np.intp)
+    independent = np.setdiff1d(np.arange(len(names)), dependent)
+    place = {int(k): row for row, k in enumerate(independent)}
+    Kd = np.zeros((len(independent), len(dependent)))
+    for column, pivot in enumerate(dependent.tolist()):
+        for k, value in vectors[pivot].items():
+            if k != pivot:
+                Kd[place[k], column] = -float(value)
+    meant = robot is not layout.robot
+    return BaseParameters(names, independent, dependent, _without_last_digits(Kd), meant, lambda: sampled(layout))
+
+
+def _null_vectors(layout: ParameterLayout, columns: TermColumns, exact: Unidentifiable) -> dict[int, Vector]:
+    """Null vectors of links and regular terms by their pivots: each pivot is in no other vector."""
+    befores = [_decimals(placement) for placement in exact.befores]
+    backs = [_back(_decimals(placement)) for placement in exact.afters]
+    parents = [joint.parent for joint in layout.robot.joints]
+    starts = [int(link[0]) for link in layout.links]
+
+    def moved(link: int, row: Row) -> Vector:
+        """A body that is added to a link, and taken from the one below."""
+        body = _placed(backs[link], _body(row))
+        vector = _parameters(body, starts[link], 1)
+        if parents[link] >= 0:
+            below = _placed(befores[link], _body(row))
+            vector |= _parameters(below, starts[parents[link]], -1)
+        return vector
+
+    vectors: dict[int, Vector] = {}
+    for link, freedom in enumerate(exact.links):
+        rows = [moved(link, row) for row in freedom.vectors]
+        for row in rows:
+            _reduce(row, vectors)
+        vectors |= _echelon(rows, _local_pivots(rows, starts[link]))
+    combinations = []
+    for weights in exact.terms:
+        vector = {columns.regular[k]: _decimal(value) for k, value in weights.items()}
+        for link, freedom in enumerate(exact.links):
+            total: Row = {}
+            for k, weight in weights.items():
+                for place, value in freedom.answers.get(k, {}).items():
+                    total[place] = total.get(place, Fraction(0)) + weight * value
+            if total:
+                for column, number in moved(link, total).items():
+                    vector[column] = vector.get(column, Decimal(0)) + number
+        _reduce(vector, vectors)
+        combinations.append(vector)
+    more = _echelon([vector for vector in combinations if vector], range(len(layout.names) - 1, -1, -1))
+    if more:
+        for vector in vectors.values():
+            _reduce(vector, more)
+    return vectors | more
+
+
+def _local_pivots(rows: Sequence[Vector], start: int) -> list[int]:
+    """Which of a link's ten parameters the others determine: all but the left-most that are clearly independent."""
+    own = np.array([[float(row.get(start + k, 0)) for k in range(10)] for row in rows]).reshape(-1, 10)
+    seen = np.linalg.svd(own)[2][len(rows) :]  # an orthonormal basis of what the vectors leave alone
+    kept: list[int] = []
+    while len(kept) < len(seen):
+        directions = np.linalg.qr(seen[:, kept])[0]
+        distances = np.linalg.norm(seen - directions @ (directions.T @ seen), axis=0)
+        left_most = next((k for k in range(10) if k not in kept and distances[k] > _CLEARLY_INDEPENDENT), None)
+        kept.append(int(np.argmax(distances)) if left_most is None else left_most)
+    return [start + k for k in reversed(range(10)) if k not in kept]
+
+
+def _echelon(rows: list[Vector], order: Sequence[int]) -> dict[int, Vector]:
+    """Give each row a pivot, the first column in this order that it can have, which no other row has then."""
+    found: dict[int, Vector] = {}
+    for column in order:
+        sizes = [abs(row.get(column, Decimal(0))) / max(map(abs, row.values())) for row in rows]
+        if not sizes or not max(sizes):
+            continue
+        row = rows.pop(sizes.index(max(sizes)))
+        factor = row[column]
+        pivot = {column: {k: value / factor for k, value in row.items()}}
+        for other in (*rows, *found.values()):
+            _reduce(other, pivot)
+        found |= pivot
+    return found
+
+
+def _reduce(vector: Vector, vectors: Mapping[int, Vector]) -> None:
+    """Eliminate the pivots of other vectors, in place."""
+    for pivot in [column for column in vector if column in vectors]:
+        factor = vector[pivot]
+        for column, value in vectors[pivot].items():
+            changed = vector.get(column, Decimal(0)) - factor * value
+            if abs(changed) > _NOTHING:
+                vector[column] = changed
+            else:
+                vector.pop(column, None)
+
+
+def _add_odd(vectors: dict[int, Vector], odd: Sequence[int], layout: ParameterLayout) -> None:
+    """Add the null vectors of friction, which shares no torque with links: row by row, as far as motors couple them."""
+    random = np.random.default_rng(20140102)
+    q, dq, ddq = (random.uniform(-size, size, (3 * 8 + 50, layout.robot.dof)) for size in (np.pi, 3.0, 9.0))
+    values: dict[int, dict[int, Matrix]] = {column: {} for column in odd}
+    for row, column, value in layout.terms(list(q.T), list(dq.T), list(ddq.T), np):
+        if column in values:
+            values[column][row] = values[column].get(row, 0.0) + value
+    for group in _connected({column: set(rows) for column, rows in values.items()}):
+        rows = sorted({row for column in group for row in values[column]})
+        blank = np.zeros(len(q))
+        matrix = np.column_stack([np.concatenate([values[c].get(r, blank) for r in rows]) for c in group])
+        found = base_parameters_of(matrix, tuple(layout.names[c] for c in group))
+        for d, column in zip(found.dependent, found.Kd.T, strict=True):
+            own = {group[i]: -Decimal(float(v)) for i, v in zip(found.independent, column, strict=True) if v}
+            vectors[group[d]] = {group[d]: Decimal(1), **own}
+
+
+def _connected(rows_of: Mapping[int, set[int]]) -> list[list[int]]:
+    """Columns in groups that share rows, each group in order."""
+    groups: list[tuple[set[int], list[int]]] = []
+    for column, rows in rows_of.items():
+        touching = [group for group in groups if group[0] & rows]
+        groups = [group for group in groups if not group[0] & rows]
+        groups.append((rows.union(*(g[0] for g in touching)), sorted([column, *(c for g in touching for c in g[1])])))
+    return [columns for _, columns in groups]
+
+
+def _decimal(value: Fraction) -> Decimal:
+    return Decimal(value.numerator) / Decimal(value.denominator)
+
+
+def _decimals(placement: ExactMatrix) -> list[list[Decimal]]:
+    return [[_decimal(value) for value in row] for row in placement]
+
+
+def _back(placement: list[list[Decimal]]) -> list[list[Decimal]]:
+    """The inverse placement."""
+    turn = [[placement[j][i] for j in range(3)] for i in range(3)]
+    shift = [-sum((a * placement[j][3] for j, a in enumerate(row)), Decimal(0)) for row in turn]
+    return [[*row, value] for row, value in zip(turn, shift, strict=True)] + [placement[3]]
+
+
+def _body(row: Row) -> list[list[Decimal]]:
+    """A pseudo-inertia from its upper triangle."""
+    matrix = [[Decimal(0)] * 4 for _ in range(4)]
+    for k, value in row.items():
+        i, j = UPPER_TRIANGLE[k]
+        matrix[i][j] = matrix[j][i] = _decimal(value)
+    return matrix
+
+
+def _placed(placement: list[list[Decimal]], body: list[list[Decimal]]) -> list[list[Decimal]]:
+    """A S A' of a pseudo-inertia S."""
+    half = [[sum((a * body[k][j] for k, a in enumerate(row) if a), Decimal(0)) for j in range(4)] for row in placement]
+    return [[sum((a * other[k] for k, a in enumerate(row) if a), Decimal(0)) for other in placement] for row in half]
+
+
+def _parameters(body: list[list[Decimal]], start: int, sign: int) -> Vector:
+    """The ten parameters ``Lxx Lxy Lxz Lyy Lyz Lzz lx ly lz m`` of a pseudo-inertia, by their columns."""
+    (xx, xy, xz, x), (_, yy, yz, y), (_, _, zz, z), (_, _, _, m) = body
+    values = (yy + zz, -xy, -xz, xx + zz, -yz, xx + yy, x, y, z, m)
+    return {start + k: sign * value for k, value in enumerate(values) if abs(value) > _NOTHING}
+
+
+def _without_last_digits(values: Matrix) -> Matrix:
+    """Take for zero or a short decimal what differs from one by rounding of sines and cosines, 1e-16."""
+    result = values.copy()
+    for digits in range(13):
+        short = np.round(values, digits)
+        close = (result == values) & (np.abs(short - values) <= 1e-15 * np.where(short == 0.0, 1.0, np.abs(values)))
+        result[close] = short[close]
+    return np.asarray(result + 0.0)
+
+
 def base_parameters_of(regressor: Matrix, parameter_names: tuple[str, ...]) -> BaseParameters:
     """Find the left-most independent columns of a regressor, and the others in terms of them.
 
     Each column is independent or not by its distance from the span of those left of it, relative to its own length or
     to that of a typical column, whichever is longer: what the motion hardly shows does not count. Where to draw the
-    line is decided by a gap between these distances, looked for from 1e-4 down, and the gap is reported.
+    line is decided by a gap between these distances, the lowest one that is clear.
 
     Parameters
     ----------
@@ -125,27 +377,44 @@ def base_parameters_of(regressor: Matrix, parameter_names: tuple[str, ...]) -> B
     factor: Matrix = np.zeros((0, 0))
     if len(present):
         factor = np.asarray(np.linalg.qr(regressor[:, present] / scale, mode="r"))
-    best: tuple[float, float, NDArray[np.intp]] = (0.0, 0.0, np.zeros(0, dtype=np.intp))
-    for exponent in range(4, 13):
+    best: tuple[float, NDArray[np.intp]] = (0.0, np.zeros(0, dtype=np.intp))
+    for exponent in (10, 11, 12, 9, 8, 7, 6, 5, 4):
         distances = _distances(factor, 10.0**-exponent)
         chosen = distances > 10.0**-exponent
         dropped = max(float(distances[~chosen].max(initial=0.0)), 1e-15)
         gap = float(distances[chosen].min(initial=1.0)) / dropped
         if gap > best[0]:
-            best = (gap, dropped, np.flatnonzero(chosen))
+            best = (gap, np.flatnonzero(chosen))
         if gap > _CLEAR_GAP:
             break
-    gap, dropped, kept = best
+    kept = best[1]
     independent = present[kept]
     dependent = np.setdiff1d(np.arange(len(parameter_names)), independent)
     combinations = np.zeros((len(independent), len(dependent)))
     rest = np.setdiff1d(np.arange(len(present)), kept)
     if len(rest) and len(kept):
-        solved = np.linalg.lstsq(factor[:, kept], factor[:, rest], rcond=None)[0]
-        solved[np.abs(solved) < 10.0 * dropped] = 0.0
+        solved = np.column_stack([_sparse_solution(factor[:, kept], factor[:, column]) for column in rest])
         solved = solved / scale[kept][:, None] * scale[rest][None, :]
         combinations[:, np.searchsorted(dependent, present[rest])] = _rounded(solved)
-    return BaseParameters(parameter_names, independent, dependent, combinations, gap)
+    return BaseParameters(parameter_names, independent, dependent, combinations, False, lambda: regressor)
+
+
+def _sparse_solution(matrix: Matrix, values: Matrix) -> Matrix:
+    """The combination of columns that gives the values, from as few columns as it takes.
+
+    A column is a combination of a few others as a rule. Solved for these alone, nearly dependent columns beside them do
+    not spoil the digits of their coefficients, and what does not belong to them is 0 and not rounding.
+    """
+    solved = np.linalg.lstsq(matrix, values, rcond=None)[0]
+    noise = 1e-13 * max(1.0, float(np.linalg.norm(values))) + 2.0 * float(np.linalg.norm(matrix @ solved - values))
+    for least in _SUPPORT:
+        used = np.flatnonzero(np.abs(solved) > least * np.abs(solved).max(initial=0.0))
+        few = np.linalg.lstsq(matrix[:, used], values, rcond=None)[0]
+        if np.linalg.norm(matrix[:, used] @ few - values) <= noise:
+            found = np.zeros_like(solved)
+            found[used] = few
+            return np.asarray(found)
+    return np.asarray(solved)
 
 
 def _distances(factor: Matrix, threshold: float) -> Matrix:

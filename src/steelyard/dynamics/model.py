@@ -14,11 +14,12 @@ from steelyard.generation import generate
 from steelyard.graph import Function, Kernel
 from steelyard.robot import Robot, RobotFile
 
-from .base_parameters import BaseParameters, base_parameters_of
+from .base_parameters import BaseParameters, model_base_parameters
 from .catalogue import CATALOGUE
 from .conditions import ModelCondition, model_conditions
 from .evaluation import Evaluator
 from .functions import BaseColumns, ModelFunctions
+from .kinematics import joint_frames
 from .layout import ParameterLayout
 from .numeric import NumericFunctions
 from .project import DEFAULT_FUNCTIONS, model_project
@@ -284,17 +285,22 @@ class Model(NumericFunctions):
 
     @cached_property
     def _base(self) -> BaseParameters:
-        rows_wanted = 3 * self.parameter_count + 50
-        count = max(20, -(-rows_wanted // self.joint_count))
-        generator = np.random.default_rng(20140101)
-        q = generator.uniform(-np.pi, np.pi, (count, self.joint_count))
-        dq = generator.uniform(-3.0, 3.0, q.shape)
-        ddq = generator.uniform(-9.0, 9.0, q.shape)
-        matrix = regressor_with_numpy(self._layout, q, dq, ddq)
+        joint_frames(self.robot, [0.0] * self.joint_count, np)  # refuses lengths without a value
         with one_thread():
-            return base_parameters_of(matrix.reshape(-1, self.parameter_count), self.parameter_names)
+            return model_base_parameters(self._layout, _sampled_regressor)
 
     @property
     def link_columns(self) -> tuple[NDArray[np.intp], ...]:
         """For each link the indices of its ten parameters ``Lxx Lxy Lxz Lyy Lyz Lzz lx ly lz m``."""
         return self._layout.links
+
+
+def _sampled_regressor(layout: ParameterLayout) -> Array:
+    """The regressor at random motions, stacked, with three rows for each parameter and some more."""
+    joints, parameters = layout.robot.dof, len(layout.names)
+    count = max(20, -(-(3 * parameters + 50) // joints))
+    generator = np.random.default_rng(20140101)
+    q = generator.uniform(-np.pi, np.pi, (count, joints))
+    dq = generator.uniform(-3.0, 3.0, q.shape)
+    ddq = generator.uniform(-9.0, 9.0, q.shape)
+    return regressor_with_numpy(layout, q, dq, ddq).reshape(-1, parameters)

@@ -94,7 +94,6 @@ class TabulatedModel:
             np.array(independent, dtype=np.intp),
             np.array(dependent, dtype=np.intp),
             K[:, dependent],
-            np.inf,
         )
 
     def __repr__(self) -> str:

@@ -1,0 +1,322 @@
+"""Which changes of parameters leave all torques of a tree of joints as they are, in exact arithmetic.
+
+What hangs on a joint may be moved to the link below it where no motion tells the difference: its pseudo-inertia S must
+give no torque at the joint, and must look the same from below at every position of the joint. Which motions the link
+below can make is carried from the base outward, as two spans (after Wensing, Niemeyer and Slotine 2024, "A geometric
+characterization of observability in inertial parameter identification"):
+
+- its twists, gravity among them as an acceleration of the base;
+- the functions of S, among the ten there are, that the joints below can feel.
+
+Twists are 4 x 4 matrices M with d/dt (x, 1) = M (x, 1), and S is 4 x 4, so that the product of inertia of two twists is
+tr(M S N'), and a placement A takes S to A S A'. Drive terms that act like a constant torque (an offset) or a constant
+inertia (a rotor) take part, since what they do may look like what a link does. All of it is linear algebra in at most
+ten unknowns for each link, in rational numbers: a rank is not a matter of tolerance here.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from fractions import Fraction
+from functools import cache
+
+import numpy as np
+
+from steelyard.robot import Robot
+
+from .exact_placement import ExactMatrix, exact_placement
+from .row_space import Row, RowSpace
+
+__all__ = ["UPPER_TRIANGLE", "DriveEffects", "LinkFreedom", "Unidentifiable", "unidentifiable"]
+
+UPPER_TRIANGLE = tuple((i, j) for i in range(4) for j in range(i, 4))
+_ONE, _ZERO = Fraction(1), Fraction(0)
+_GRAVITY, _RATES = 6, 7  # keys of a twist's row beyond its six: whether it is gravity, and the joint rates with it
+_TERMS = 10  # key of the first term parameter in a row of conditions, after the ten of S
+
+
+@dataclass(frozen=True)
+class DriveEffects:
+    """What parameters of terms do, of which each is a constant torque or a constant inertia.
+
+    Attributes
+    ----------
+    torques : mapping from coordinate to Row
+        Constant torque by each parameter.
+    inertias : mapping from pair of coordinates to Row
+        Element of the symmetric inertia matrix by each parameter; both orders of a pair are there.
+    """
+
+    torques: Mapping[int, Row] = field(default_factory=dict)
+    inertias: Mapping[tuple[int, int], Row] = field(default_factory=dict)
+
+
+@dataclass(frozen=True)
+class LinkFreedom:
+    """What a joint lets pass to the link below, as pseudo-inertias of its moved side, at the joint's frame.
+
+    Attributes
+    ----------
+    vectors : tuple of Row
+        A basis, over the ten elements of the upper triangle.
+    answers : mapping from term parameter to Row
+        What the link must have beside a unit of the parameter, where the torques of both cancel.
+    """
+
+    vectors: tuple[Row, ...]
+    answers: Mapping[int, Row]
+
+
+@dataclass(frozen=True)
+class Unidentifiable:
+    """All changes of links and terms without an effect.
+
+    Attributes
+    ----------
+    links : tuple of LinkFreedom
+    terms : tuple of Row
+        Combinations of term parameters that no torque shows, together with `answers` of the links.
+    befores, afters : tuple of ExactMatrix
+        The placements of the joints.
+    """
+
+    links: tuple[LinkFreedom, ...]
+    terms: tuple[Row, ...]
+    befores: tuple[ExactMatrix, ...]
+    afters: tuple[ExactMatrix, ...]
+
+
+@dataclass(frozen=True)
+class _Seen:
+    """The two spans of a link, in the moved frame of its joint."""
+
+    twists: RowSpace
+    functions: RowSpace
+
+    @property
+    def whole(self) -> bool:
+        """Whether it makes all twists, whatever the joint rates, and shows all of S."""
+        return len(self.functions) == 10 and all(
+            k in self.twists.rows and len(self.twists.rows[k]) == 1 for k in range(6)
+        )
+
+
+def unidentifiable(robot: Robot, effects: DriveEffects, term_count: int) -> Unidentifiable:
+    """Find them, each joint moving by itself (those that mimic others too).
+
+    Parameters
+    ----------
+    robot : Robot
+        Without symbolic lengths.
+    effects : DriveEffects
+    term_count : int
+        Number of the term parameters.
+    """
+    befores = tuple(exact_placement(joint.before) for joint in robot.joints)
+    afters = tuple(exact_placement(joint.after) for joint in robot.joints)
+    coupled = {i for i, j in effects.inertias if i != j}
+    ground = RowSpace()
+    gravity = {3 + k: -Fraction(repr(value)) for k, value in enumerate(robot.gravity.tolist()) if value}
+    ground.add({**gravity, _GRAVITY: _ONE})
+    seen: list[_Seen] = []
+    conditions: list[RowSpace] = []
+    below: list[set[int]] = []
+    drives = RowSpace()
+    for index, joint in enumerate(robot.joints):
+        coordinate = joint.coordinate if joint.mimics is None else -1
+        if joint.parent < 0:
+            start, between, under = _Seen(ground, RowSpace()), befores[index], set()
+        else:
+            start, under = seen[joint.parent], below[joint.parent]
+            between = _joined(afters[joint.parent], befores[index])
+        found, here = _passed(start, between, joint.rotates, coordinate, effects, coupled)
+        conditions.append(found)
+        seen.append(here)
+        below.append(under | {coordinate})
+        for pivot, row in found.rows.items():
+            if pivot >= _TERMS:
+                drives.add({column - _TERMS: value for column, value in row.items()})
+    # Rates meet in the energy of a link only where one joint lies below the other.
+    related = {(robot.joints[i].coordinate, j) for i in robot.driving_joints for j in below[i]}
+    for (i, j), row in effects.inertias.items():
+        if (i, j) not in related and (j, i) not in related:
+            drives.add(row)
+    links = tuple(LinkFreedom(tuple(rows.null_vectors(range(10))), _answers(rows)) for rows in conditions)
+    return Unidentifiable(links, tuple(drives.null_vectors(range(term_count))), befores, afters)
+
+
+def _answers(rows: RowSpace) -> dict[int, Row]:
+    found: dict[int, Row] = {}
+    for pivot, row in rows.rows.items():
+        for column, value in row.items():
+            if pivot < _TERMS <= column:
+                found.setdefault(column - _TERMS, {})[pivot] = -value
+    return found
+
+
+def _passed(
+    start: _Seen,
+    between: ExactMatrix,
+    rotates: bool,
+    coordinate: int,
+    effects: DriveEffects,
+    coupled: set[int],
+) -> tuple[RowSpace, _Seen]:
+    """Conditions on what hangs on a joint, over S and the terms, and what its link sees."""
+    rate = {_RATES + coordinate: _ONE} if coordinate in coupled else {}
+    own = _unit_twist(rotates)
+    twists, functions = RowSpace(), RowSpace()
+    whole = start.whole
+    for row in start.twists.rows.values():
+        twists.add(row if whole else _turned_twist(row, between))
+    found = RowSpace()
+    if whole:
+        for row in _conditions_of_all(rotates):
+            found.rows[min(row)] = dict(row)
+        functions = start.functions
+    else:
+        for row in start.functions.rows.values():
+            functions.add(_turned_function(row, between))
+        motion = _matrix(own)
+        twists.close(lambda row: _bracket(row, motion))
+        functions.close(lambda row: _derivative(row, motion))
+        for row in functions.rows.values():
+            found.add(_derivative(row, motion))
+    shown = RowSpace()
+    for row in functions.rows.values():
+        shown.add(row)
+    for row in [*twists.rows.values(), own]:
+        product = _product(own, row)
+        if not whole:
+            shown.add(product)
+        felt = {_TERMS + k: v for k, v in _felt(row, coordinate, effects, row is own).items()}
+        if not whole or felt:
+            found.add({**product, **felt})
+    reached = RowSpace()
+    for row in twists.rows.values():
+        reached.add(row)
+    reached.add({**own, **rate})
+    return found, _Seen(reached, shown)
+
+
+def _felt(row: Row, coordinate: int, effects: DriveEffects, alone: bool) -> Row:
+    """Torque of the terms at a joint, by their parameters: of gravity's constant, and of the rates in a row."""
+    total: Row = {}
+    parts = [(effects.torques.get(coordinate, {}), row.get(_GRAVITY, _ZERO))]
+    if alone:
+        parts.append((effects.inertias.get((coordinate, coordinate), {}), _ONE))
+    for column, value in row.items():
+        if column >= _RATES:
+            parts.append((effects.inertias.get((coordinate, column - _RATES), {}), value))
+    for terms, factor in parts:
+        for k, value in terms.items():
+            total[k] = total.get(k, _ZERO) + factor * value
+    return {k: value for k, value in total.items() if value}
+
+
+@cache
+def _conditions_of_all(rotates: bool) -> tuple[Row, ...]:
+    """Conditions where every twist and every function is seen."""
+    own = _unit_twist(rotates)
+    motion = _matrix(own)
+    space = RowSpace()
+    for k in range(10):
+        space.add(_derivative({k: _ONE}, motion))
+    for k in range(6):
+        space.add(_product(own, {k: _ONE}))
+    return tuple(space.rows.values())
+
+
+def _unit_twist(rotates: bool) -> Row:
+    return {2 if rotates else 5: _ONE}
+
+
+def _matrix(row: Row) -> list[list[Fraction]]:
+    """The 4 x 4 matrix of a twist (angular, linear)."""
+    x, y, z, *linear = (row.get(k, _ZERO) for k in range(6))
+    turn = [[_ZERO, -z, y], [z, _ZERO, -x], [-y, x, _ZERO]]
+    return [[*part, u] for part, u in zip(turn, linear, strict=True)] + [[_ZERO] * 4]
+
+
+def _twist(matrix: Sequence[Sequence[Fraction]], row: Row) -> Row:
+    """The row of a 4 x 4 matrix, with what `row` has beyond the twist."""
+    values = (matrix[2][1], matrix[0][2], matrix[1][0], matrix[0][3], matrix[1][3], matrix[2][3])
+    found = {k: value for k, value in enumerate(values) if value}
+    return {**found, **{k: value for k, value in row.items() if k >= _GRAVITY}}
+
+
+def _turned_twist(row: Row, between: ExactMatrix) -> Row:
+    return _twist(_times(_times(_inverse(between), _matrix(row)), between), row)
+
+
+def _bracket(row: Row, motion: Sequence[Sequence[Fraction]]) -> Row:
+    """How a twist changes as the joint moves; the rates and gravity's constant do not."""
+    matrix = _matrix(row)
+    left, right = _times(matrix, motion), _times(motion, matrix)
+    return _twist([[a - b for a, b in zip(x, y, strict=True)] for x, y in zip(left, right, strict=True)], {})
+
+
+def _product(own: Row, other: Row) -> Row:
+    """The product of inertia tr(M S N') of two twists, as a function of S."""
+    return _function(_times(_transposed(_matrix(other)), _matrix(own)))
+
+
+def _function(matrix: Sequence[Sequence[Fraction]]) -> Row:
+    """Coefficients of Σ C_ij S_ij by the elements of the upper triangle of S."""
+    found = {}
+    for k, (i, j) in enumerate(UPPER_TRIANGLE):
+        value = matrix[i][i] if i == j else matrix[i][j] + matrix[j][i]
+        if value:
+            found[k] = value
+    return found
+
+
+def _coefficients(row: Row) -> list[list[Fraction]]:
+    matrix = [[_ZERO] * 4 for _ in range(4)]
+    for k, value in row.items():
+        i, j = UPPER_TRIANGLE[k]
+        matrix[i][j] = matrix[j][i] = value if i == j else value / 2
+    return matrix
+
+
+def _turned_function(row: Row, between: ExactMatrix) -> Row:
+    return _function(_times(_times(_transposed(between), _coefficients(row)), between))
+
+
+def _derivative(row: Row, motion: Sequence[Sequence[Fraction]]) -> Row:
+    """How a function of S changes as the joint moves."""
+    half = _times(_coefficients(row), motion)
+    return _function([[a + b for a, b in zip(x, y, strict=True)] for x, y in zip(half, _transposed(half), strict=True)])
+
+
+def _times(a: Sequence[Sequence[Fraction]], b: Sequence[Sequence[Fraction]]) -> list[list[Fraction]]:
+    found = [[_ZERO] * 4 for _ in range(4)]
+    for i, row in enumerate(a):
+        for k, value in enumerate(row):
+            if value:
+                for j, other in enumerate(b[k]):
+                    if other:
+                        found[i][j] += value * other
+    return found
+
+
+def _transposed(a: Sequence[Sequence[Fraction]]) -> list[list[Fraction]]:
+    return [list(column) for column in zip(*a, strict=True)]
+
+
+def _inverse(placement: ExactMatrix) -> list[list[Fraction]]:
+    turn = [[placement[j][i] for j in range(3)] for i in range(3)]
+    shift = [-sum((turn[i][j] * placement[j][3] for j in range(3)), _ZERO) for i in range(3)]
+    return [[*row, value] for row, value in zip(turn, shift, strict=True)] + [[_ZERO, _ZERO, _ZERO, _ONE]]
+
+
+def _joined(first: ExactMatrix, second: ExactMatrix) -> ExactMatrix:
+    """The product of two placements, without what rounding leaves where they cancel."""
+    product = _times(first, second)
+    rounded = np.array([[float(value) for value in row] for row in product])
+    cleaned = exact_placement(rounded)
+    return tuple(
+        (*row[:3], old[3] if row[3] else _ZERO) if i < 3 else row
+        for i, (row, old) in enumerate(zip(cleaned, product, strict=True))
+    )
