@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
 from steelyard.dynamics import Coulomb, Model, Viscous
@@ -74,6 +74,8 @@ def test_reflected_points_satisfy_a_plane(two_links, point_cloud_parameters, see
 
 
 @given(seed=seeds, order=st.integers(2, 6), shifted=st.booleans())
+@example(seed=100000, order=2, shifted=False)  # an axis 0.1 degrees off the plane yz
+@example(seed=100000, order=2, shifted=True)
 @settings(max_examples=60, deadline=None)
 def test_turned_points_satisfy_an_axis(two_links, point_cloud_parameters, seed, order, shifted):
     rng = np.random.default_rng(seed)

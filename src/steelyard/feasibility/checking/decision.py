@@ -34,7 +34,7 @@ class Decision:
     certificate : FeasibilityCertificate, InfeasibilityCertificate or None
         None where neither could be proved.
     margin : float
-        Largest t with D(δ) - t 1 ⪰ 0 that the solver found, unverified.
+        Largest t with D(δ) - t 1 ⪰ 0, as the solver found it.
     """
 
     certificate: FeasibilityCertificate | InfeasibilityCertificate | None
@@ -56,8 +56,8 @@ def decide(feasible: FeasibleSet, base: Vector) -> Decision:
     found = proved_witness(feasible, base, first.parameters)
     if found is not None:
         return Decision(found, first.value)
-    restricted = largest_margin(feasible, base, face)
-    margin = min(first.value, restricted.value)
+    restricted = largest_margin(feasible, base, face, [_orthonormal(U) for U in face])
+    margin = restricted.value if np.isfinite(restricted.value) else first.value
     particular = feasible.lift @ base
     if restricted.value < 0:
         refuted = prove_infeasible(feasible, particular, base, restricted.point)
@@ -67,6 +67,15 @@ def decide(feasible: FeasibleSet, base: Vector) -> Decision:
     if proof is not None:
         return Decision(proof, margin)
     return Decision(scaled_witness(feasible, base, first.parameters), margin)
+
+
+def _orthonormal(basis: Matrix) -> Matrix:
+    """C, such that the columns of U C are orthonormal.
+
+    A margin on the face is then one of the whole blocks, which is what they approach as mass that does not show is
+    added beside the face.
+    """
+    return np.asarray(np.linalg.inv(np.linalg.qr(basis)[1])) if basis.shape[1] else np.zeros((0, 0))
 
 
 def _centred_proof(feasible: FeasibleSet, base: Vector) -> InfeasibilityCertificate | FeasibilityCertificate | None:

@@ -204,9 +204,12 @@ def _beside_the_face(
     scale = max((float(np.abs(Z).max(initial=0.0)) for Z in matrices), default=0.0)
     if not np.isfinite(scale) or scale == 0.0:
         return None
-    multipliers = exact_vector(point.multipliers / scale)
     gradient = _gradient(feasible, [Z / scale for Z in matrices], point.multipliers / scale)
-    direction = exact_vector(gradient[np.asarray(feasible.model.base_parameters().independent)])
+    direction, multipliers = _balanced(
+        feasible,
+        exact_vector(gradient[np.asarray(feasible.model.base_parameters().independent)]),
+        exact_vector(point.multipliers / scale),
+    )
     rest = [Fraction(0)] * len(conditions.parameter_names)
     for row, weight in zip(conditions.base_map, direction, strict=True):
         for parameter, coefficient in row.items():
@@ -216,8 +219,10 @@ def _beside_the_face(
             rest[parameter] -= multiplier * coefficient
     duals: dict[int, ExactMatrix] = {}
     for b, (condition, Z) in enumerate(zip(conditions.conditions, matrices, strict=True)):
-        if not condition.physical and condition.size == 1:
-            Z = np.maximum(Z, 0.0)
+        if not condition.physical:
+            # The shift is for links and terms alone.
+            smallest = float(np.linalg.eigvalsh(Z)[0])
+            Z = Z + (max(0.0, -2.0 * smallest) + 1e-15 * scale * (smallest < 1e-15 * scale)) * np.eye(len(Z))
         exact = [[exact_number(float(v)) for v in row] for row in ((Z + Z.T) / (2 * scale)).tolist()]
         duals[b] = exact
         for parameter, product in condition.products(exact)[1].items():
@@ -240,7 +245,32 @@ def _beside_the_face(
         shift = max(shift, exact_number(max(0.0, -2.0 * smallest) + 1e-15 * largest))
     if any(rest):
         return None
-    return InfeasibilityCertificate.exact(feasible, base, list(direction), duals, list(multipliers), shift)
+    return InfeasibilityCertificate.exact(feasible, base, direction, duals, multipliers, shift)
+
+
+def _balanced(
+    feasible: FeasibleSet, direction: tuple[Fraction, ...], multipliers: tuple[Fraction, ...]
+) -> tuple[list[Fraction], list[Fraction]]:
+    """y and λ, changed by rounding, that leave alone what no condition holds, such as an offset of a motor.
+
+    Where such a parameter is a part of several base parameters, nothing else can make up for what rounding leaves of it.
+    """
+    conditions = exact_conditions(feasible)
+    held = {parameter for condition in conditions.conditions for parameter in condition.coefficients}
+    rows: dict[int, dict[int, Fraction]] = {}
+    for column, row in enumerate(conditions.base_map):
+        for parameter, coefficient in row.items():
+            if parameter not in held:
+                rows.setdefault(parameter, {})[column] = coefficient
+    for column, equation in enumerate(conditions.equations, start=len(direction)):
+        for parameter, coefficient in equation.coefficients.items():
+            if parameter not in held:
+                rows.setdefault(parameter, {})[column] = -coefficient
+    found = [*direction, *multipliers]
+    pivots, _ = zero_combination_basis(list(rows.values()), len(found), [0] * len(direction) + [1] * len(multipliers))
+    for pivot, row in pivots.items():
+        found[pivot] = sum((value * found[column] for column, value in row.items()), Fraction(0))
+    return found[: len(direction)], found[len(direction) :]
 
 
 def _absorb(feasible: FeasibleSet, index: int, residual: list[Fraction]) -> ExactMatrix | None:

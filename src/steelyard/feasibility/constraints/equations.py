@@ -21,6 +21,9 @@ Matrix = npt.NDArray[np.float64]
 _DEPENDENT = 1e-9
 """An equation counts as following from others where what is left of it is less than this part of it."""
 
+_ROUNDING = 1e-14
+"""Relative to its length, what an equation may be wrong by that was computed from others in floating point."""
+
 
 def distinct_blocks(blocks: Iterable[AffineBlock]) -> tuple[AffineBlock, ...]:
     """Leave out blocks that say exactly what an earlier one says, and number those that share a name.
@@ -84,7 +87,7 @@ def independent_equalities(equalities: Iterable[Equality], parameter_count: int)
     # The rows that are kept are triangle @ basis, by Gram and Schmidt.
     basis, triangle = np.zeros((most, parameter_count)), np.zeros((most, most))
     kept: list[Equality] = []
-    values = np.zeros(most)
+    values, errors = np.zeros(most), np.zeros(most)
     for equality in given:
         row = np.zeros(parameter_count)
         np.add.at(row, equality.indices, equality.coefficients)
@@ -99,7 +102,10 @@ def independent_equalities(equalities: Iterable[Equality], parameter_count: int)
             step = basis[:count] @ rest
             along, rest = along + step, rest - step @ basis[:count]
         left = float(np.linalg.norm(rest))
-        if left > _DEPENDENT:
+        # What is left of nearly dependent equations has lost digits, and so has what is left of others beside it.
+        error = _ROUNDING + float(np.abs(along) @ errors[:count])
+        if left > max(_DEPENDENT, error):
+            errors[count] = error / left
             basis[count], triangle[count, :count], triangle[count, count] = rest / left, along, left
             values[count] = value
             kept.append(equality)
