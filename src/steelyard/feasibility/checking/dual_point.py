@@ -253,7 +253,7 @@ def _balanced(
 ) -> tuple[list[Fraction], list[Fraction]]:
     """y and λ, changed by rounding, that leave alone what no condition holds, such as an offset of a motor.
 
-    Where such a parameter is a part of several base parameters, nothing else can make up for what rounding leaves of it.
+    Where such a parameter is a part of several base parameters, nothing else makes up for what rounding leaves of it.
     """
     conditions = exact_conditions(feasible)
     held = {parameter for condition in conditions.conditions for parameter in condition.coefficients}

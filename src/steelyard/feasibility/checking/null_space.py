@@ -10,7 +10,7 @@ __all__ = ["polished_pair"]
 Vector = npt.NDArray[np.float64]
 Matrix = npt.NDArray[np.float64]
 
-STEPS, CONVERGED = 8, 1e-14
+STEPS, CONVERGED, DIVERGED = 8, 1e-14, 1e6
 
 
 def polished_pair(
@@ -52,6 +52,8 @@ def polished_pair(
         D, Z = stack.matrices(left[:, :rank] @ point[:rank]), stack.matrices(left[:, rank:] @ point[rank:])
         residual = np.concatenate([(d @ z).ravel() for d, z in zip(D, Z, strict=True)])
         error = float(np.linalg.norm(residual))
+        if not error < DIVERGED * scale:
+            break
         if error <= CONVERGED * scale:
             return Z, D
         if error > 0.5 * best and error <= 1e-11 * scale:

@@ -26,7 +26,7 @@ Matrix = npt.NDArray[np.float64]
 _NEGLIGIBLE = 1e-12
 
 _LEAST_PIVOT = 0.1
-"""Of the largest element that is left. With 1e-3, an axis that lies 0.2 degrees off a plane of the frame lost five digits."""
+"""Of the largest element that is left. With 1e-12, an axis 0.1 degrees off a plane of the frame lost five digits."""
 
 
 def link_index(model: ModelLike, link: str, where: str) -> int:
@@ -159,4 +159,4 @@ def independent_rows(matrix: Matrix) -> Matrix:
         pivots.append(column)
     found = rows[np.argsort(pivots)]
     found[np.abs(found) <= _NEGLIGIBLE * np.abs(found).max(axis=1, initial=0.0, keepdims=True)] = 0.0
-    return found + 0.0
+    return np.asarray(found + 0.0)
