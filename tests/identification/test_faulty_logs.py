@@ -7,7 +7,7 @@ import pytest
 
 import steelyard as sy
 from steelyard.errors import InputError
-from steelyard.recording import Recording
+from steelyard.recording import Recording, chunks
 from steelyard.recording.detection import faulty_rows, find_stiction
 
 ROBOT = """
@@ -51,15 +51,16 @@ def test_faults_are_said_unless_they_are_dealt_with():
     assert faulty_rows(broken(), ["saturation", "repeated"]) == ()
 
 
-@pytest.mark.parametrize("chunk_rows", [200_000, 3000])
-def test_identify_remarks_on_them(tmp_path, chunk_rows):
+@pytest.mark.parametrize("first_rows", [200_000, 3000])
+def test_identify_remarks_on_them(tmp_path, first_rows, monkeypatch):
+    monkeypatch.setattr(chunks, "CHOICE_ROWS", first_rows)
     path = broken().save(tmp_path / "log.csv")
     robot = tmp_path / "robot.toml"
     robot.write_text(ROBOT)
-    remarks = sy.identify(robot, [path], chunk_rows=chunk_rows).remarks
+    remarks = sy.identify(robot, [path]).remarks
     for option in ("saturation", "repeated"):
         (one,) = [remark for remark in remarks if f"`{option} = true`" in remark]
-        assert ("Seen in the first 3000 rows" in one) == (chunk_rows == 3000)
+        assert ("Seen in the first 3000 rows" in one) == (first_rows == 3000)
     assert not any("`stiction" in remark for remark in remarks)
 
 

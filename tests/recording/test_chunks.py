@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from steelyard.errors import InputError
-from steelyard.recording import Processing, Recording, Samples, process_chunks, read_chunks
+from steelyard.recording import Processing, Recording, Samples, chunks, process_chunks, read_chunks
 
 COUNT, RATE = 6000, 500.0
 
@@ -81,7 +81,10 @@ def test_stated_rate_without_stamps(recording: Recording, tmp_path: Path) -> Non
     np.testing.assert_array_equal(joined.t, whole.t)
 
 
-def test_automatic_cutoff_is_that_of_the_first_chunk(path: Path, recording: Recording) -> None:
+def test_automatic_cutoff_is_that_of_the_first_rows(
+    path: Path, recording: Recording, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(chunks, "CHOICE_ROWS", 4000)
     parts = list(process_chunks(path, rows=4000))
     assert "Chosen by the first 4000 rows" in parts[0].remarks[0]
     assert parts[1].remarks == ()
@@ -89,6 +92,10 @@ def test_automatic_cutoff_is_that_of_the_first_chunk(path: Path, recording: Reco
     cutoff = float(head.process().remarks[0].split(" Hz")[0].split()[-1])
     whole = recording.process(cutoff=cutoff)
     np.testing.assert_allclose(Samples.joined(parts).q, whole.q, atol=1e-4)
+    # The same rows, whatever the chunks.
+    other = list(process_chunks(path, rows=1500))
+    assert other[0].remarks == parts[0].remarks
+    np.testing.assert_allclose(Samples.joined(other).ddq, Samples.joined(parts).ddq, rtol=0, atol=1e-9)
 
 
 def test_a_chunk_has_rows(path: Path) -> None:

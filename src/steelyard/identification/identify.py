@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from steelyard.dynamics import Model
 from steelyard.errors import InputError
 from steelyard.feasibility import FeasibleSet, check, constraints_from_dict, fit
-from steelyard.recording import CutoffChoice, LogColumns, Processing, Recording, Samples, process_chunks
+from steelyard.recording import CutoffChoice, LogColumns, Processing, Recording, Samples, chunks, process_chunks
 from steelyard.recording.detection import DETECTORS, faulty_rows
 from steelyard.regression import Estimate, Information, least_squares
 from steelyard.robot import RobotFile
@@ -180,7 +180,7 @@ class _Reader:
 
         def look(recording: Recording) -> None:
             handled = [option for option in DETECTORS if getattr(self.processing, option) is not False]
-            part = f" (Seen in the first {recording.count} rows.)" if recording.count == self.chunk_rows else ""
+            part = f" (Seen in the first {recording.count} rows.)" if recording.count == chunks.CHOICE_ROWS else ""
             self.remarks.extend(f"{log}: {sentence}{part}" for sentence in faulty_rows(recording, handled))
 
         if self.processing.needs_whole_log:

@@ -28,7 +28,7 @@ from steelyard.recording.log_file import BLOCK_ROWS, LogFiles
 from steelyard.recording.plan import Plan, said
 from steelyard.recording.processing import Processing
 from steelyard.recording.recording import Recording, Source, clock_at, log_columns, names_of, signals_fields, times
-from steelyard.recording.samples import Samples
+from steelyard.recording.samples import Samples, regrouped
 from steelyard.recording.timing import check_order, check_period
 
 if TYPE_CHECKING:
@@ -37,6 +37,13 @@ if TYPE_CHECKING:
 __all__ = ["Chunk", "process_chunks", "read_chunks"]
 
 CHUNK_ROWS = 200_000
+
+PIECE_ROWS = 50_000
+"""Rows that are processed together, at least; four times what the filters need around them, where that is more."""
+
+CHOICE_ROWS = 200_000
+"""Rows by which everything is chosen that the data decides: the same rows whatever the size of the chunks, since the
+samples must not depend on it."""
 
 
 @dataclass(frozen=True)
@@ -221,9 +228,11 @@ def process_chunks(
 ) -> Iterator[Samples]:
     """Process a log chunk by chunk; together the samples are those of the whole log (to about 1e-9).
 
-    Each chunk is read with so many rows around it that the transients of the filters have died out where its own rows
-    begin; the ends are trimmed and extended at the true ends (and at long gaps) only, and the decimation counts from
-    the same row. Memory is bounded by `rows` and the filters' transients, whatever the length of the log.
+    The log is processed in pieces whose ends do not depend on `rows`, so that the samples are the same numbers whatever
+    the size of the chunks. Each piece is read with so many rows around it that the transients of the filters have died
+    out where its own rows begin; the ends are trimmed and extended at the true ends (and at long gaps) only, and the
+    decimation counts from the same row. Memory is bounded by `rows`, by the pieces of 50 000 rows and by the filters'
+    transients, whatever the length of the log.
 
     Parameters
     ----------
@@ -231,14 +240,14 @@ def process_chunks(
         As in `Recording.read`.
     processing
         What to do; what the data decides (`cutoff = "automatic"` or "auto", `delay = "automatic"`, the levels of
-        `saturation`, the tolerance of `stiction`) is chosen by the first `rows` rows of the log (of its longest part,
+        `saturation`, the tolerance of `stiction`) is chosen by the first 200 000 rows of the log (of its longest part,
         where gaps split it), and said.
     rows
         Rows of the log in a chunk.
     model
         By which `delay = "automatic"` is estimated; without it by the signals.
     look
-        Called once with the first `rows` rows of the log as they were read.
+        Called once with the first 200 000 rows of the log as they were read.
     survey
         Where what is seen of the whole log is kept, for comparisons after the last chunk.
 
@@ -250,6 +259,28 @@ def process_chunks(
     """
     rows = _positive_rows(rows)
     processing = Processing() if processing is None else processing
+    ending: list[str] = []
+    pieces = _processed(source, columns, processing, joints, model, look, survey, ending)
+    last: Samples | None = None
+    for chunk in regrouped(pieces, max(1, rows // processing.step)):
+        if last is not None:
+            yield last
+        last = chunk
+    if last is not None:
+        yield replace(last, remarks=(*last.remarks, *ending))
+
+
+def _processed(
+    source: Source,
+    columns: LogColumns | dict[str, Any] | None,
+    processing: Processing,
+    joints: int | Sequence[str] | None,
+    model: Model | None,
+    look: Callable[[Recording], object] | None,
+    survey: LogSurvey | None,
+    ending: list[str],
+) -> Iterator[Samples]:
+    """The samples of a log, piece by piece; what is only known after the last of them is added to `ending`."""
     if processing.needs_whole_log:
         raise InputError(
             f"the filter {processing.filter.kind!r} in [processing] needs the log whole, in memory; read it with "
@@ -258,7 +289,7 @@ def process_chunks(
     survey = LogSurvey() if survey is None else survey
     stream = LogStream(source, columns, joints)
     check_period(stream.clock.period, stream.files.name)
-    head = next(stream.spans([(0, min(rows, stream.count))]))
+    head = next(stream.spans([(0, min(CHOICE_ROWS, stream.count))]))
     LogSurvey.of(head).velocity_remarks()  # what is sure to be wrong is refused at once
     if look is not None:
         look(head)
@@ -267,16 +298,22 @@ def process_chunks(
     )
     rate = stream.rate if even.as_is else 1.0 / even.period
     longest = max(even.parts, key=lambda part: part.count)
-    first = even.rows(longest, 0, min(rows, longest.count))
-    sample = even.placed(next(stream.spans([first])), first[0], longest, 0, min(rows, longest.count))
+    first = even.rows(longest, 0, min(CHOICE_ROWS, longest.count))
+    sample = even.placed(next(stream.spans([first])), first[0], longest, 0, min(CHOICE_ROWS, longest.count))
     plan = Plan.settled(processing, sample, model)
-    chosen = tuple(f"{remark} (Chosen by the first {sample.count} rows.)" for remark in plan.remarks)
-    remarks: tuple[str, ...] = (*even.remarks, *chosen)
+    if plan.held.mask.any() and sample.count < stream.count:  # they may move in other rows
+        starts = range(0, stream.count, CHOICE_ROWS)
+        plan = replace(
+            plan, held=plan.held.among(stream.spans([(a, min(a + CHOICE_ROWS, stream.count)) for a in starts]))
+        )
+    part = "" if sample.count >= stream.count else f" (Chosen by the first {sample.count} rows.)"
+    remarks: tuple[str, ...] = (*even.remarks, *(remark + part for remark in plan.remarks), *plan.held_remarks(sample))
     inner = decimation_padding(processing.decimate)
     inner += -inner % processing.step
     outer = plan.padding(rate)
     step = processing.step
-    size = max(step, rows - rows % step)
+    size = max(PIECE_ROWS, 4 * outer)
+    size = max(step, size - size % step)
     kept = plan.kept([part.count for part in even.parts], rate, stream.files.name)
     pieces = [
         Piece(part, start, min(start + size, end), begin, end, inner, outer)
@@ -293,9 +330,6 @@ def process_chunks(
         cut = slice((piece.start - begin) // step, (piece.start - begin) // step - (piece.start - piece.stop) // step)
         for name, flagged in flags.items():
             counts[name] = counts.get(name, 0) + flagged[cut].sum(axis=0)
-        notes = remarks if number == 0 else ()
-        if number == len(pieces) - 1:
-            notes = (*notes, *survey.remarks(), *said(counts))
         yield Samples(
             q=samples.q[cut],
             dq=samples.dq[cut],
@@ -303,9 +337,10 @@ def process_chunks(
             torque=samples.torque[cut],
             mask=None if samples.mask is None else samples.mask[cut],
             t=None if samples.t is None else samples.t[cut],
-            remarks=notes,
+            remarks=remarks if number == 0 else (),
             cutoff_choice=samples.cutoff_choice if number == 0 else None,
         )
+    ending += [*survey.remarks(), *said(counts)]
     low, high = survey.torque
     processing.check_torques(head, low, high, survey.travel)
 

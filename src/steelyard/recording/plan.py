@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from steelyard.errors import InputError
 from steelyard.recording.detection.delay import advanced, estimate_delay
+from steelyard.recording.detection.held import HeldJoints
 from steelyard.recording.detection.repeated import find_repeated
 from steelyard.recording.detection.saturation import find_saturation, saturation_levels
 from steelyard.recording.detection.stiction import AT_REST, find_stiction, stiction_duration
@@ -49,6 +50,8 @@ class Plan:
     choice : CutoffChoice or None
     remarks : tuple of str
         What was chosen.
+    held : HeldJoints
+        Joints that do not move.
     """
 
     processing: Processing
@@ -58,6 +61,7 @@ class Plan:
     levels: Array | None
     choice: CutoffChoice | None
     remarks: tuple[str, ...]
+    held: HeldJoints
 
     @classmethod
     def settled(cls, processing: Processing, recording: Recording, model: Model | None = None) -> Self:
@@ -101,7 +105,8 @@ class Plan:
                     "give one number or one per joint."
                 )
             levels = np.stack(np.broadcast_arrays(-given, given), axis=-1) * np.ones((joints, 1))
-        plan = cls(processing, chosen, np.zeros(joints), stiction, levels, choice, tuple(remarks))
+        held = HeldJoints.of(recording)
+        plan = cls(processing, chosen, np.zeros(joints), stiction, levels, choice, tuple(remarks), held)
         return plan._with_delay(recording, model)
 
     def _with_delay(self, recording: Recording, model: Model | None) -> Self:
@@ -149,9 +154,13 @@ class Plan:
 
     def whole(self, parts: Sequence[Recording], remarks: tuple[str, ...]) -> Samples:
         """Process a log that is there as a whole, in one part or in several."""
-        processing = self.processing
-        notes = (*remarks, *self.remarks)
-        source = parts[0].source
+        if self.held.mask.any() and len(parts) > 1:  # they may move in another part
+            return replace(self, held=self.held.among(parts))._whole(parts, remarks)
+        return self._whole(parts, remarks)
+
+    def _whole(self, parts: Sequence[Recording], remarks: tuple[str, ...]) -> Samples:
+        processing, source = self.processing, parts[0].source
+        notes = (*remarks, *self.remarks, *self.held_remarks(parts[0]))
         if processing.average:
             if len(parts) > 1:
                 raise InputError(
@@ -178,6 +187,21 @@ class Plan:
                 "rows out."
             )
         return replace(joined, remarks=(*notes, *said(counts)))
+
+    def held_remarks(self, recording: Recording) -> tuple[str, ...]:
+        """Tell the joints that do not move.
+
+        Raises
+        ------
+        InputError
+            Where none does.
+        """
+        if self.held.mask.all():
+            raise InputError(
+                f"{recording.source}: no joint moves by more than the noise of its position; check `position` in "
+                "[log], or record a motion."
+            )
+        return self.held.remarks(recording)
 
     def kept(self, counts: Sequence[int], rate: float, source: str) -> list[tuple[int, int]]:
         """Rows start:stop that trimming leaves of parts of so many rows; a part that is too short is left out.
@@ -220,7 +244,7 @@ class Plan:
         if recording.count < 3:
             raise InputError(f"{source} has {recording.count} rows; derivatives need three at least.")
         flags = self.flags(recording)
-        q, dq, ddq = self._motion(recording, flags)
+        q, dq, ddq = self.held.without_motion(*self._motion(recording, flags))
         torque, late = self._torque(recording)
         if late.any():
             flags[LATE] = late
@@ -343,6 +367,8 @@ class Plan:
         ready = replace(recording, torque=torque, torque_missing=absent if absent.any() else None, remarks=())
         average = average_periods(ready, self.filter.period, self.filter.harmonics, self.processing.trim)
         samples = average.samples
+        q, dq, ddq = self.held.without_motion(samples.q, samples.dq, samples.ddq)
+        samples = replace(samples, q=q, dq=dq, ddq=ddq)
         mask = self.usual_mask(recording, samples.dq)
         if samples.mask is not None:
             mask &= samples.mask

@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import html
-from collections.abc import Sequence
-from dataclasses import dataclass
+from collections.abc import Iterable, Iterator, Sequence
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Self, TypeVar
 
 import numpy as np
@@ -16,7 +16,7 @@ if TYPE_CHECKING:
 
     from steelyard.recording.cutoff import CutoffChoice
 
-__all__ = ["Samples"]
+__all__ = ["Samples", "regrouped"]
 
 T = TypeVar("T", bound=np.generic)
 
@@ -145,6 +145,20 @@ class Samples:
             cutoff=parts[0].cutoff if len({part.cutoff for part in parts}) == 1 else None,
         )
 
+    def rows(self, start: int, stop: int, with_remarks: bool = True) -> Samples:
+        """Return rows start:stop, with the remarks and what was chosen, or without."""
+        return replace(
+            self,
+            q=self.q[start:stop],
+            dq=self.dq[start:stop],
+            ddq=self.ddq[start:stop],
+            torque=self.torque[start:stop],
+            mask=None if self.mask is None else self.mask[start:stop],
+            t=None if self.t is None else self.t[start:stop],
+            remarks=self.remarks if with_remarks else (),
+            cutoff_choice=self.cutoff_choice if with_remarks else None,
+        )
+
     def __repr__(self) -> str:
         total = self.count * self.joint_count
         used = int(self.used.sum())
@@ -164,6 +178,26 @@ class Samples:
         notes = "".join(f"<li>{html.escape(remark)}</li>" for remark in self.remarks)
         table = f"<table><caption>{html.escape(repr(self))}</caption>{head}{''.join(rows)}</table>"
         return table + (f"<ul>{notes}</ul>" if notes else "")
+
+
+def regrouped(parts: Iterable[Samples], count: int) -> Iterator[Samples]:
+    """Cut and join a stream of samples so that each holds `count` rows, and the last what is left.
+
+    Rows are neither changed nor moved; remarks go with the first row of the part that had them.
+    """
+    held: list[Samples] = []
+    size = 0
+    for part in parts:
+        start = 0
+        while start < part.count:
+            stop = min(part.count, start + count - size)
+            held.append(part if stop - start == part.count else part.rows(start, stop, start == 0))
+            size, start = size + stop - start, stop
+            if size == count:
+                yield held[0] if len(held) == 1 else Samples.joined(held)
+                held, size = [], 0
+    if held:
+        yield held[0] if len(held) == 1 else Samples.joined(held)
 
 
 def _read_only(array: NDArray[T]) -> NDArray[T]:

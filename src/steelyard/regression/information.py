@@ -323,6 +323,8 @@ class Information:
     @cached_property
     def condition_number(self) -> float:
         """Condition number of the base regressor W (thesis section 4.3.2), infinite where it has no full rank."""
+        if self.undetermined_mask.any():
+            return float("inf")
         values = np.linalg.svd(self.reduced(None).R, compute_uv=False)
         return float(values[0] / values[-1]) if len(values) and values[-1] > 0.0 else float("inf")
 

@@ -8,7 +8,7 @@ from scipy import signal
 
 from steelyard.errors import InputError
 from steelyard.laboratory.wam import TRAJECTORIES, simulated_log
-from steelyard.recording import Processing, Recording, Samples, choose_cutoff, process_chunks
+from steelyard.recording import Processing, Recording, Samples, choose_cutoff, chunks, process_chunks
 from steelyard.recording.cutoff import motion_spectra, residual_analysis
 
 RATE = 500.0
@@ -110,7 +110,7 @@ def test_evidence_can_be_looked_at():
     etree.fromstring(f"<div>{names.choose_cutoff()._repr_html_()}</div>")
 
 
-def test_processing_chooses_and_says_so(tmp_path):
+def test_processing_chooses_and_says_so(tmp_path, monkeypatch):
     recording, _ = noisy_motion(1, 1.0, 1e-4)
     choice = recording.choose_cutoff(order=3)
     samples = recording.process(cutoff="automatic")
@@ -122,6 +122,7 @@ def test_processing_chooses_and_says_so(tmp_path):
     assert Processing.from_dict({"cutoff": "automatic"}).to_dict() == {"cutoff": "automatic"}
     # Chunk by chunk, the first rows decide.
     path = recording.save(tmp_path / "log.npz")
+    monkeypatch.setattr(chunks, "CHOICE_ROWS", 6000)
     parts = list(process_chunks(path, processing=Processing(cutoff="automatic"), rows=6000))
     head = Recording(t=recording.t[:6000], q=recording.q[:6000], torque=recording.torque[:6000])
     assert parts[0].cutoff_choice.cutoff == pytest.approx(head.choose_cutoff().cutoff, rel=1e-6)

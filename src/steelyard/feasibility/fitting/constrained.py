@@ -16,6 +16,7 @@ from .interior import MARGIN_FACTORS, least_eigenvalue, pull_inside
 from .preference import Preference, closest_to_cad, lightest
 from .prior import PreparedPrior, Prior
 from .reduced import ReducedRegression
+from .settled import settled
 from .stages import Fitting, Optimum
 from .units import Units
 
@@ -166,6 +167,7 @@ def fit_reduced(
     for factor in MARGIN_FACTORS:
         margin = factor * feasible.margin
         answer = _answer(fitting, preference, growing, margin, bound, tolerance)
+        answer.parameters = settled(feasible, regression.R, answer.parameters, fitting.prior or preference)
         if feasible.contains(answer.parameters):
             if outside is not None:
                 answer.parameters = pull_inside(feasible, outside, answer.parameters)

@@ -87,6 +87,15 @@ class Preference:
         """Value of the objective at δ, with ½ δ₀ᵀC δ₀ left out."""
         return float((0.5 * self._times(parameters) + self.gradient) @ parameters)
 
+    def alone(self, index: int, parameters: Vector) -> float:
+        """The preferred value of one parameter while the others stay: perhaps infinite, 0 where all are alike."""
+        row = self.curvature[index]
+        own = float(row if np.ndim(row) == 0 else row[index])
+        slope = float(self._times(parameters)[index] + self.gradient[index]) - own * float(parameters[index])
+        if own == 0.0:
+            return 0.0 if slope == 0.0 else -np.sign(slope) * np.inf
+        return -slope / own
+
     def _times(self, parameters: Vector) -> Vector:
         diagonal = getattr(self.curvature, "ndim", 2) == 1
         return np.asarray(self.curvature * parameters if diagonal else self.curvature @ parameters)
