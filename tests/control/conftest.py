@@ -83,6 +83,11 @@ class Plant:
         return np.array(times), np.array(places), np.array(speeds)
 
 
+@pytest.fixture(scope="session")
+def plant_class():
+    return Plant
+
+
 LINKS = {"ur5": ("ur5_robot.urdf", "tool0"), "xarm7": ("xarm7.urdf", "link7")}
 
 

@@ -5,7 +5,7 @@ import pytest
 from scipy.linalg import solve_discrete_are
 
 import steelyard as sy
-from steelyard.control import ActiveObserver, AdaptiveForceControl, StiffnessEstimator, Tool
+from steelyard.control import ActiveObserver, AdaptiveForceControl, MeasuredVelocity, StiffnessEstimator, Tool
 from steelyard.control.force_loop import force_loop
 from steelyard.laboratory.wam import true_parameters
 from steelyard.simulation import ElasticContact, Measurement, Sensors, Status, simulate
@@ -207,6 +207,60 @@ def test_a_steady_force_is_reached_despite_a_wrong_model(wam):
     controller = controller_of(wam, wrong, 8.0)
     result = simulate(wam, true_parameters(), Q, 0 * Q, 2.5, controller, environment=wall(wam, 4000.0))
     assert np.abs(result.force[-500:, 2] - 8.0).max() < 0.2
+
+
+@pytest.mark.parametrize("stiffness", [100.0, 3000.0, *(pytest.param(k, marks=pytest.mark.slow) for k in (1e4, 5e4))])
+def test_a_noisy_sensor_on_pinocchios_plant(redundant, random, bent, stiffness):
+    """With half a newton of noise, of which it is told, it finds the stiffness and presses as it is to."""
+    model, parameters, plant, link = redundant
+    q, _ = bent(model, random)
+    pose = plant.pose(q)
+    height, dq, period = pose[2, 3] - 0.002, 0.0 * q, 0.002
+    controller = AdaptiveForceControl(
+        model,
+        parameters,
+        Tool(link),
+        10.0,
+        normal=(0, 0, -1),
+        reference=pose,
+        kp=400.0,
+        kd=40.0,
+        force_noise=0.5,
+        period=period,
+        velocity=MeasuredVelocity(),
+    )
+    noise = np.array([0.5, 0.5, 0.5, 0.005, 0.005, 0.005])
+    pressed, found = [], []
+    for k in range(1500):
+        push = np.array([0.0, 0.0, stiffness * max(height - plant.pose(q)[2, 3], 0.0), 0.0, 0.0, 0.0])
+        seen = Measurement(t=k * period, q=q, dq=dq, force=push + noise * random.standard_normal(6))
+        if k == 0:
+            controller.start(seen)
+        torque = controller.torque(seen)
+        pressed.append(push[2])
+        found.append(float(controller.stiffness))
+        for _ in range(2):
+            push[2] = stiffness * max(height - plant.pose(q)[2, 3], 0.0)
+            dq = dq + 0.5 * period * plant.acceleration(q, dq, torque, push)
+            q = q + 0.5 * period * dq
+    last = slice(1000, None)
+    assert np.abs(np.array(found[last]) / stiffness - 1.0).max() < 0.15
+    assert np.mean(pressed[last]) == pytest.approx(10.0, abs=0.3)
+
+
+def test_smoothing_keeps_the_stiffness(random):
+    """Noise as large as the increments: without smoothing the spring looks many times as stiff."""
+    found = []
+    for smoothing in (0.0, 0.05):
+        estimator = StiffnessEstimator(initial=1000.0, smoothing=smoothing)
+        estimator.start(())
+        for k in range(6000):
+            place = 0.05 + 0.04 * np.sin(0.004 * k)
+            force = 100.0 * place + 0.5 * random.normal()
+            estimator.update(0.001 * k, np.array(place), np.array(force), np.array(True))
+        found.append(float(estimator.stiffness))
+    assert found[0] > 150.0
+    assert found[1] == pytest.approx(100.0, rel=0.1)
 
 
 def test_force_control_needs_a_sensor(wam):

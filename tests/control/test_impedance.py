@@ -94,7 +94,9 @@ def test_without_a_sensor_the_inertia_is_that_of_the_arm(arm, random, bent):
     model, parameters, plant, link = arm
     q, _ = bent(model, random)
     push = random.normal(size=6)
-    controller = ImpedanceControl(model, parameters, Tool(link), plant.pose(q), stiffness=STIFFNESS, damping=DAMPING)
+    controller = ImpedanceControl(
+        model, parameters, Tool(link), plant.pose(q), stiffness=STIFFNESS, damping=DAMPING, period=2e-5
+    )
     seen = Measurement(t=0.0, q=q, force=push)
     controller.start(seen)
     assert not controller.sensing

@@ -24,9 +24,9 @@ def test_gravity_and_coriolis_are_those_of_pinocchio(arm, random, bent):
     np.testing.assert_allclose(
         gravity.torque(seen), plant.pin.computeGeneralizedGravity(plant.model, plant.data, q), atol=1e-10
     )
-    both = GravityCompensation(model, parameters, coriolis=True, damping=0.3, velocity=MeasuredVelocity())
+    both = GravityCompensation(model, parameters, coriolis=True, damping=0.03, velocity=MeasuredVelocity())
     both.start(seen)
-    expected = plant.pin.nonLinearEffects(plant.model, plant.data, q, dq) - 0.3 * dq
+    expected = plant.pin.nonLinearEffects(plant.model, plant.data, q, dq) - 0.03 * dq
     np.testing.assert_allclose(both.torque(seen), expected, atol=1e-10)
 
 
@@ -35,7 +35,9 @@ def test_feed_forward_is_equation_4_16(arm, random, bent):
     q, dq = bent(model, random)
     wanted = tuple(random.normal(size=(3, model.joint_count)))
     kp, kd = random.uniform(1.0, 9.0, (2, model.joint_count))
-    controller = FeedforwardTracking(model, parameters, lambda t: wanted, kp=kp, kd=kd, velocity=MeasuredVelocity())
+    controller = FeedforwardTracking(
+        model, parameters, lambda t: wanted, kp=kp, kd=kd, period=1e-5, velocity=MeasuredVelocity()
+    )
     seen = Measurement(t=0.0, q=q, dq=dq)
     controller.start(seen)
     expected = plant.pin.rnea(plant.model, plant.data, q, dq, wanted[2])
@@ -116,6 +118,79 @@ def test_the_integral_removes_a_steady_torque(redundant, random, bent):
     assert np.abs(ends[1]).max() < 0.02 * np.abs(ends[0]).max()
 
 
+@pytest.mark.parametrize("told", [True, False])
+def test_the_integral_does_not_wind_up(six, told):
+    """A step of 2 rad with the drives at their limits, of the description or lower ones: it arrives and stays."""
+    model, parameters, plant, _ = six
+    efforts = np.array([model.robot.joints[k].effort_limit for k in model.robot.driving_joints])
+    limit = 0.7 * efforts if told else efforts
+    controller = ComputedTorque(
+        model,
+        parameters,
+        np.full(6, 2.0),
+        kp=300.0,
+        kd=30.0,
+        ki=1000.0,
+        torque_limit=limit if told else None,
+        period=0.004,
+        velocity=MeasuredVelocity(),
+    )
+    q, dq = np.zeros(6), np.zeros(6)
+    away = []
+    for k in range(750):
+        seen = Measurement(t=0.004 * k, q=q, dq=dq)
+        if k == 0:
+            controller.start(seen)
+        torque = controller.torque(seen)
+        assert (np.abs(torque) <= limit + 1e-9).all()
+        for _ in range(4):
+            dq = dq + 0.001 * plant.acceleration(q, dq, torque)
+            q = q + 0.001 * dq
+        away.append(np.abs(q - 2.0).max())
+    assert max(away) < 2.6
+    assert max(away[-100:]) < 1e-3
+
+
+def test_limits_nobody_told_wind_nothing_up(six):
+    """Drives that give half of what the description says, each clipped by itself."""
+    model, parameters, plant, _ = six
+    limit = 0.5 * np.array([model.robot.joints[k].effort_limit for k in model.robot.driving_joints])
+    gains = {"kp": 300.0, "kd": 30.0, "ki": 1000.0, "period": 0.004, "velocity": MeasuredVelocity()}
+    ends = []
+    for more in ({}, {"integral_limit": 1e9, "torque_limit": 1e9}):
+        controller = ComputedTorque(model, parameters, np.full(6, 2.0), **gains, **more)
+        q, dq = np.zeros(6), np.zeros(6)
+        for k in range(1000):
+            seen = Measurement(t=0.004 * k, q=q, dq=dq)
+            if k == 0:
+                controller.start(seen)
+            torque = np.clip(controller.torque(seen), -limit, limit)
+            for _ in range(4):
+                dq = dq + 0.001 * plant.acceleration(q, dq, torque)
+                q = q + 0.001 * dq
+        ends.append(np.abs(q - 2.0).max())
+    assert ends[0] < 1e-3
+    assert ends[1] > 1.0  # with a limit for neither it still runs away
+
+
+def test_limited_torques_keep_the_direction_of_the_acceleration(six, random, bent):
+    model, parameters, plant, _ = six
+    limit = np.full(6, 60.0)
+    for _ in range(5):
+        q, dq = bent(model, random)
+        controller = ComputedTorque(
+            model, parameters, q + 1.0, kp=900.0, kd=60.0, torque_limit=limit, velocity=MeasuredVelocity()
+        )
+        seen = Measurement(t=0.0, q=q, dq=dq)
+        controller.start(seen)
+        torque = controller.torque(seen)
+        assert np.abs(torque).max() == pytest.approx(60.0, rel=1e-9)
+        found, wanted = plant.acceleration(q, dq, torque), 900.0 - 60.0 * dq
+        share = found @ wanted / (wanted @ wanted)
+        assert 0.0 < share < 1.0
+        np.testing.assert_allclose(found, share * wanted, atol=1e-6)
+
+
 def test_positions_are_followed_in_three_stages(redundant, random, bent):
     model, parameters, plant, _ = redundant
     q, dq = bent(model, random)
@@ -164,6 +239,9 @@ class OnlyTwo:
         ({"parameters": np.zeros(3)}, r"expected shape \(60,\)"),
         ({"parameters": np.full(60, np.nan)}, "Lxx1 has none"),
         ({"tool": Tool("hand")}, "hand"),
+        ({"integral_limit": -1.0}, "integral_limit must be finite and at least 0"),
+        ({"torque_limit": 0.0}, "torque_limit must be above 0"),
+        ({"torque_limit": [1.0, 2.0]}, "one for each of 6 joints"),
     ],
 )
 def test_bad_input_is_refused(six, arguments, message):

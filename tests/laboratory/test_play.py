@@ -107,10 +107,14 @@ def test_a_robot_that_cannot_follow_is_told(pendulum):
         play(model, impossible, wave())
     with pytest.raises(sy.InputError, match="periods must be positive"):
         play(model, delta, wave(), periods=0.0)
-    weak = play(model, delta, wave(), actuators=Actuators(saturation=1.0))
-    assert np.abs(weak.torque).max() <= 1.0
-    assert np.abs(weak.q - wave().motion(weak.t)[0]).max() > 0.5
-    assert any("did not follow the trajectory: joint1 by up to" in remark for remark in weak.remarks)
+    weak = Actuators(saturation=1.0)
+    with pytest.raises(sy.InputError, match=r"joint1 by up to .* saturation of the actuators, joint 'joint1' for 100%"):
+        play(model, delta, wave(), actuators=weak)
+    log = play(model, delta, wave(), actuators=weak, tolerance=np.inf)
+    assert np.abs(log.torque).max() <= 1.0
+    assert np.abs(log.q - wave().motion(log.t)[0]).max() > 0.5
+    with pytest.raises(sy.InputError, match="tolerance must be above 0"):
+        play(model, delta, wave(), tolerance=0.0)
     with pytest.raises(sy.InputError, match=r"rate must be positive, got 0 Hz"):
         play(model, delta, wave(), rate=0)
     two = sy.FourierTrajectory(a=np.ones((2, 1)), b=np.ones((2, 1)), center=np.zeros(2), frequency=1.0)
@@ -119,3 +123,83 @@ def test_a_robot_that_cannot_follow_is_told(pendulum):
     once = QuinticTrajectory.point_to_point([[0.0], [1.0]], [1.0])
     with pytest.raises(sy.InputError, match="does not end as it begins"):
         play(model, delta, once, periods=2)
+
+
+ENCODERS = Sensors(encoder_resolution=2 * np.pi / 65536, torque_noise=0.1)
+
+
+def frictionless(file):
+    """A robot of a URDF without friction, and the same in Pinocchio."""
+    oracle = pytest.importorskip("pinocchio_oracle", reason="Pinocchio (the oracle) is not installed")
+    path = next((p for p in oracle.URDFS if p.name == file), None)
+    if path is None:
+        pytest.skip(f"example-robot-data with {file} is not installed")
+    robot = sy.Robot.from_urdf(path)
+    links = np.array([name[0] in "Llm" for name in sy.Model(robot).parameter_names])
+    return sy.Model(robot), np.where(links, robot.parameters, 0.0), oracle.Oracle(path, robot)
+
+
+def lively(count):
+    random = np.random.default_rng(0)
+    a, b = random.uniform(-0.8, 0.8, (2, count, 3))
+    return sy.FourierTrajectory(a=a, b=b, center=random.uniform(-0.5, 0.5, count), frequency=0.25)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("file", ["panda.urdf", "talos_left_arm.urdf", "xarm7.urdf"])
+@pytest.mark.parametrize(("rate", "sensors"), [(1000.0, None), (1000.0, ENCODERS), (200.0, None), (200.0, ENCODERS)])
+def test_arms_without_friction_follow(file, rate, sensors):
+    """Nothing but the controller damps them; their links weigh a thousand times more at the base than at the wrist."""
+    model, delta, oracle = frictionless(file)
+    motion = lively(model.joint_count)
+    log = play(model, delta, motion, rate=rate, sensors=sensors)
+    assert np.abs(log.q - motion.motion(log.t)[0]).max() < 0.02
+    if sensors is None:
+        ideal = motion.motion(log.t[::50])
+        needed = np.array([oracle.torque(*row) for row in zip(*ideal, strict=True)])
+        assert np.abs(log.torque[::50] - needed).max() < 0.1 * np.abs(needed).max()
+        information = sy.Information.from_samples(
+            model, sy.Samples(q=log.q, dq=log.velocity, ddq=log.acceleration, torque=log.torque)
+        )
+        truth = model.base_parameters().values(delta)
+        assert np.abs(sy.least_squares(information).base - truth).max() < 1e-9 * np.abs(truth).max()
+
+
+@pytest.mark.parametrize("file", ["panda.urdf", "talos_left_arm.urdf"])
+@pytest.mark.parametrize(("rate", "exact"), [(500.0, True), (500.0, False), (200.0, False)])
+def test_the_default_controller_holds_the_robot_of_pinocchio(file, rate, exact):
+    """The same controller on a plant of its own: Pinocchio's inverse dynamics solved for the accelerations."""
+    from importlib import import_module
+
+    from steelyard.control import FilteredDifference, MeasuredVelocity, TrajectoryReference
+    from steelyard.simulation import Measurement
+
+    model, delta, oracle = frictionless(file)
+    motion = lively(model.joint_count)
+    reference = TrajectoryReference(motion, period=1.0 / rate)
+    velocity = MeasuredVelocity() if exact else FilteredDifference(30.0)
+    default = import_module("steelyard.laboratory.play")._default_controller
+    controller, frequency = default(model, delta, delta, reference, False, 1.0 / rate, velocity)
+    assert frequency > 10.0
+    q, dq, _ = reference.at(0.0)
+    dq = dq + 0.1  # something to be taken away
+    step = 0.25 / rate
+    for k in range(round(0.4 * rate)):
+        seen = Measurement(t=k / rate, q=q.copy(), dq=dq.copy())
+        if k == 0:
+            controller.start(seen)
+        torque = controller.torque(seen)
+        for _ in range(4):
+            free = torque - oracle.torque(q, dq, 0.0 * q)
+            dq = dq + step * np.linalg.solve(oracle.inertia_matrix(q), free)
+            q = q + step * dq
+    assert np.abs(q - reference.at(0.4)[0]).max() < 0.02
+
+
+def test_a_rate_that_is_too_low_is_the_cause_that_is_told():
+    model, delta, _ = frictionless("panda.urdf")
+    with pytest.raises(sy.InputError, match=r"control loop of 10 Hz .* natural frequency of no more than") as found:
+        play(model, delta, lively(model.joint_count), rate=10.0, sensors=ENCODERS)
+    assert "parameters" not in str(found.value)
+    with pytest.raises(sy.InputError, match=r"believed to be 0.01 to 0.01 times the true one"):
+        play(model, delta, lively(model.joint_count), believed=0.01 * delta)

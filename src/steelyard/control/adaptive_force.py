@@ -19,6 +19,7 @@ from .gains import positive, symmetric_gains
 from .model_part import ModelPart
 from .pose_references import pose_reference
 from .posture import Posture
+from .sampled_loop import Feedback
 from .sensing import require_force
 from .stiffness import StiffnessEstimator
 from .task_dynamics import TaskDynamics, applied
@@ -30,6 +31,8 @@ __all__ = ["AdaptiveForceControl"]
 Array = NDArray[np.float64]
 
 _JUMP = 20.0  # standard deviations of the force
+_QUIET = 0.05  # N, noise beside which increments of half a newton stand out by ten times
+_LONGEST = 0.1  # s, over which force and place are smoothed at most
 _LEAD = 0.05  # m, how far what the tool follows may be ahead of it
 
 
@@ -143,13 +146,26 @@ class AdaptiveForceControl(ControlBlock):
             disturbance_noise=positive(disturbance_rate, "disturbance_rate") * float(np.sqrt(self.period)),
             order=order,
         )
-        self._estimator = StiffnessEstimator() if stiffness is None else stiffness
+        # What the sensor's noise hides in one sample shows in several.
+        samples = max((force_noise / _QUIET) ** 2, 1.0)
+        smoothing = min(0.5 * self.period * (samples - 1.0), _LONGEST)
+        self._keep = float(np.exp(-self.period / smoothing)) if smoothing else 0.0
+        quiet = force_noise * float(np.sqrt((1.0 - self._keep) / (1.0 + self._keep)))
+        self._estimator = (
+            StiffnessEstimator(smallest_force=max(0.5, 10.0 * quiet), smoothing=smoothing)
+            if stiffness is None
+            else stiffness
+        )
         self._jump = _JUMP * force_noise
-        self._threshold = positive(contact_force, "contact_force")
+        contact_force = positive(contact_force, "contact_force")
+        self._threshold, self._obvious = max(contact_force, 5.0 * quiet), max(contact_force, 5.0 * force_noise)
         self._speed = positive(approach_speed, "approach_speed")
         self._posture = (Posture() if posture is None else posture).of(model)
         self.contact = self._jumped = np.zeros((), dtype=np.bool_)
-        self._command, self._steady, self._ahead, self._time = np.zeros(()), np.zeros(()), np.zeros(()), 0.0
+        self._smooth: Array = np.zeros(())
+        self._wrench: Array = np.zeros(6)
+        self._pushed, self._steady, self._ahead, self._time = np.zeros(()), np.zeros(()), np.zeros(()), 0.0
+        self._check_gains(self._part.configurations(), share=0.5)
 
     @property
     def stiffness(self) -> Array:
@@ -163,12 +179,21 @@ class AdaptiveForceControl(ControlBlock):
         self._estimator.start(force.shape)
         self.observer.start(np.asarray(force))
         self.contact = self._jumped = np.zeros(force.shape, dtype=np.bool_)
-        self._command, self._steady = np.zeros(force.shape), np.zeros(force.shape)
+        self._pushed, self._steady = np.zeros(force.shape), np.zeros(force.shape)
+        self._smooth, self._wrench = np.zeros(force.shape), require_force(measurement).copy()
         self._ahead = np.asarray(self._task.pose(measurement.q)[..., :3, 3] @ self._normal[:3])
         self._time = measurement.t
 
-    def torque(self, measurement: Measurement) -> Array:
-        """Return the joint torques (..., N), N·m or N."""
+    def _feedback(self, q: Array) -> Feedback:
+        # Out of contact; in contact the poles are placed in sampled time.
+        along = np.outer(self._normal, self._normal)
+        across = np.eye(len(along)) - along
+        stiffness, damping = across @ self._kp, across @ self._kd
+        return self._task.feedback(
+            q, stiffness + 0.25 * self._damping**2 * along, damping + self._damping * along, self._posture
+        )
+
+    def _command(self, measurement: Measurement) -> Array:
         q, dq = measurement.q, self._velocity.velocity(measurement)
         task, normal = self._task, self._normal
         wrench = require_force(measurement)
@@ -179,15 +204,26 @@ class AdaptiveForceControl(ControlBlock):
         free = free + applied(self._kd, task.chosen(target.twist) - state.velocity)
         wanted = free + (along - free @ normal)[..., None] * normal
         torque = task.torque(state, task.acceleration(state, wanted, self._posture.acceleration(q, dq)))
-        torque -= applied(np.swapaxes(state.full, -1, -2), wrench)
+        torque -= applied(np.swapaxes(state.full, -1, -2), self._cancelled(wrench))
         return torque
+
+    def _cancelled(self, wrench: Array) -> Array:
+        """Return the wrench that is taken away (..., 6): along the normal as observed, otherwise smoothed."""
+        self._wrench = self._keep * self._wrench + (1.0 - self._keep) * wrench
+        normal = _six(self._normal)
+        observed = np.where(self.contact, self.observer.state[..., 0], -(wrench @ normal))
+        return self._wrench - (observed + self._wrench @ normal)[..., None] * normal
 
     def _acceleration(self, t: float, place: Array, speed: Array, force: Array) -> Array:
         """Return the acceleration along the normal (...,), m/s²."""
         before = self.contact
-        self.contact = force > np.where(before, 0.5 * self._threshold, self._threshold)
+        self._smooth = self._keep * self._smooth + (1.0 - self._keep) * force
+        # A push beyond all noise is contact at once; a gentle one once it has lasted.
+        self.contact = self._smooth > np.where(before, 0.5 * self._threshold, self._threshold)
+        self.contact = self.contact | (force > self._obvious)
+        self._smooth = np.where(self.contact & ~before, np.maximum(force, self._smooth), self._smooth)
         wanted = np.asarray(self._wanted(t) if callable(self._wanted) else self._wanted, dtype=np.float64)
-        state, disturbance = self.observer.update(force, self._command, self._estimator.stiffness)
+        state, disturbance = self.observer.update(force, self._pushed, self._estimator.stiffness)
         # A force that jumps is a change of the environment: not in the plant of the observer, and no slope of a spring.
         jumps = np.abs(self.observer.innovation) > self._jump
         stiffness = self._estimator.update(t, place, force, self.contact & ~(jumps & ~self._jumped))
@@ -195,14 +231,14 @@ class AdaptiveForceControl(ControlBlock):
         begins = ~(before & self.contact) | jumps
         if begins.any():
             # What the command was beyond the damping of a steady approach, something else took away.
-            taken = np.where(before & jumps, self._steady, self._damping * speed - self._command)
+            taken = np.where(before & jumps, self._steady, self._damping * speed - self._pushed)
             fresh = np.stack((force, np.where(self.contact, stiffness * speed, 0.0)), axis=-1)
             self.observer.start(force, fresh, np.where(self.contact, taken, 0.0), where=begins)
             state, disturbance = self.observer.state, self.observer.disturbance
         self._steady = disturbance
         feedback = (self._gains[0] * (wanted - state[..., 0]) - self._gains[1] * state[..., 1]) / stiffness
-        self._command = np.where(self.contact, feedback - disturbance, self._approach(t, wanted, place))
-        return self._command - self._damping * speed
+        self._pushed = np.where(self.contact, feedback - disturbance, self._approach(t, wanted, place))
+        return self._pushed - self._damping * speed
 
     def _approach(self, t: float, wanted: Array, place: Array) -> Array:
         """Return the command that takes the tool to the environment: it follows a place that moves there."""

@@ -2,26 +2,35 @@
 
 from __future__ import annotations
 
+import math
 from abc import ABC, abstractmethod
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 from steelyard.errors import InputError
 from steelyard.simulation import Measurement
 
 from .gains import positive
 from .model_part import ModelPart
+from .sampled_loop import Feedback, SampledLoop
 from .velocities import NumericalDifference, VelocityEstimator
 
 __all__ = ["ControlBlock"]
 
 Array = NDArray[np.float64]
 
+_SMALLEST = 2e-3  # of gain margins that mean something: the search ends at 1e-3
+_LOOKED_AT = 32  # configurations at which gains are checked; about 1 ms each for seven joints
+
 
 class ControlBlock(ABC):
     """A controller with a model of the robot; see :class:`steelyard.simulation.Controller`.
+
+    Its gains are checked against the inertia of the robot in the model, the period and the lag of the velocities: when
+    it is made, at configurations of its reference (where that is of a tool, at random ones, of which it must hold
+    half), and once more where it starts. What is checked is the linear loop near rest, see :class:`SampledLoop`.
 
     Parameters
     ----------
@@ -42,6 +51,7 @@ class ControlBlock(ABC):
         self._part = part
         self.period = positive(period, "period")
         self._velocity = NumericalDifference() if velocity is None else velocity
+        self._shape: tuple[int, ...] | None = None
 
     def __repr__(self) -> str:
         robot = self._part.model.robot
@@ -76,22 +86,145 @@ class ControlBlock(ABC):
         """
         return self._part.generate(language, directory, fixed=fixed)
 
+    def gain_margin(self, q: ArrayLike) -> float:
+        """Return by what factor all gains may grow before the loop is unstable, on a robot that is as the model says.
+
+        Parameters
+        ----------
+        q : array_like
+            (..., N) configurations, rad or m; the smallest margin of them counts.
+
+        Returns
+        -------
+        float
+            Below 1 where the loop is unstable as it is; at most 1000, and infinite where nothing is fed back or the
+            inertia in the model is not that of a robot.
+        """
+        places = np.asarray(q, dtype=np.float64)
+        count = self._part.joint_count
+        if places.ndim == 0 or places.shape[-1] != count or not np.isfinite(places).all():
+            raise InputError(f"A gain margin needs finite positions of {count} joints, (..., {count}), got {q!r}.")
+        found = self._loop(places.reshape(-1, count))
+        return math.inf if found is None else found[0].gain_margin(found[1])
+
+    def _feedback(self, q: Array) -> Feedback | None:
+        """Return what the controller feeds back near rest at configurations (P, N); None where that is not known."""
+        return None
+
+    def _loop(self, q: Array) -> tuple[SampledLoop, Feedback] | None:
+        """Return the loop at configurations (P, N) and the feedback in it; None where nothing is known of either."""
+        inertia, friction = self._part.resistance(q)
+        # Parameters that no robot can have say nothing about a robot: there is nothing to check against.
+        for matrix in (inertia, self._part.believed("inertia_matrix", q)):
+            if not (np.linalg.eigvalsh(matrix)[:, 0] > 0.0).all():
+                return None
+        feedback = self._feedback(q)
+        if feedback is None:
+            return None
+        transfer = getattr(self._velocity, "transfer", None)
+        known = None if transfer is None else transfer(self.period)
+        return SampledLoop(inertia, friction, self.period, known), feedback
+
+    def _check_gains(self, q: Array, share: float = 0.0) -> None:
+        """Refuse gains with which the loop is unstable at more than a share of configurations (P, N)."""
+        places = q[np.isfinite(q).all(axis=1)][:_LOOKED_AT]
+        found = self._loop(places) if len(places) else None
+        if found is None:
+            return
+        loop, feedback = found
+        growth = loop.growth(feedback)
+        if np.count_nonzero(~loop.is_stable(feedback)) <= share * len(growth):
+            return
+        worst = int(np.argmax(growth))
+        margin = self.gain_margin(places[[worst]])
+        joint = self._part.model.robot.joint_names[loop.fastest(feedback, worst)]
+        remedy = (
+            f"With all its gains multiplied by {0.5 * margin:.2g} it has a margin of two; lower them where damping "
+            "times period is above the inertia that it acts on"
+            if margin > _SMALLEST
+            else "No common factor makes it stable: raise the damping against the other gains"
+        )
+        raise InputError(
+            f"{type(self).__name__} is unstable with these gains on {self._part.model.robot.name}: near rest at "
+            f"q = {np.round(places[worst], 3).tolist()} errors grow by a factor of {growth[worst]:.3g} every "
+            f"{self.period:g} s, most of all at joint {joint!r}. {remedy}, shorten the period, or take velocities that "
+            "lag less."
+        )
+
     def start(self, measurement: Measurement) -> None:
         """Forget all state and begin at this measurement.
 
         Raises
         ------
         InputError
-            If it is of another number of joints, or lacks what the controller reads.
+            If it is of another number of joints, not finite, or lacks what the controller reads; if the loop is
+            unstable there.
         """
-        count = self._part.joint_count
-        if measurement.q.ndim == 0 or measurement.q.shape[-1] != count:
-            raise InputError(
-                f"The controller is for {self._part.model.robot.name} with {count} joints, got positions of shape "
-                f"{measurement.q.shape}."
-            )
+        self._shape = None
+        self._accept(measurement)
+        self._shape = measurement.q.shape
         self._velocity.start(measurement)
+        self._check_gains(measurement.q.reshape(-1, self._part.joint_count))
+
+    def torque(self, measurement: Measurement) -> Array:
+        """Return the commanded joint torques (..., N), N·m or N.
+
+        In a batch, a run whose measurement is not a number gets torques that are not numbers; the others go on.
+
+        Raises
+        ------
+        InputError
+            If the measurement is of another shape than the first, or, of a single run, not finite.
+        """
+        self._accept(measurement)
+        return self._command(measurement)
 
     @abstractmethod
-    def torque(self, measurement: Measurement) -> Array:
-        """Return the commanded joint torques (..., N), N·m or N."""
+    def _command(self, measurement: Measurement) -> Array:
+        """Return the torques (..., N) of a measurement that was accepted."""
+
+    def _accept(self, measurement: Measurement) -> None:
+        """Refuse what would make wrong torques, before anything remembers it."""
+        q, dq, force = measurement.q, measurement.dq, measurement.force
+        shape = getattr(q, "shape", None) if self._shape is None else self._shape
+        right = isinstance(q, np.ndarray) and q.ndim > 0 and q.shape == shape and q.shape[-1] == self._part.joint_count
+        if not right or q.dtype.kind not in "fi":
+            self._refuse("positions", q, f"(..., {self._part.joint_count})" if self._shape is None else f"{shape}")
+        if dq is not None and not (isinstance(dq, np.ndarray) and dq.shape == shape and dq.dtype.kind in "fi"):
+            self._refuse("velocities", dq, f"{q.shape}")
+        wanted = (*q.shape[:-1], 6)
+        if force is not None and not (
+            isinstance(force, np.ndarray) and force.shape == wanted and force.dtype.kind in "fi"
+        ):
+            self._refuse("forces", force, f"{wanted}")
+        if not math.isfinite(measurement.t):
+            raise InputError(f"The time of a measurement must be a finite number of seconds, got {measurement.t!r}.")
+        if q.ndim > 1:  # a run that diverged must not stop the others of its batch
+            return
+        # A sum is finite only if all of its terms are, and costs a third of looking at each of them.
+        known = q.sum() + (0.0 if dq is None else dq.sum()) + (0.0 if force is None else force.sum())
+        if not math.isfinite(known):
+            self._stop(measurement)
+
+    def _refuse(self, what: str, found: object, expected: str) -> None:
+        kind = (
+            f"of shape {found.shape}, {found.dtype}"
+            if isinstance(found, np.ndarray)
+            else f"as a {type(found).__name__}"
+        )
+        raise InputError(
+            f"The controller is for {self._part.model.robot.name} with {self._part.joint_count} joints, got {what} "
+            f"{kind}; they must be an array of numbers of shape {expected}."
+        )
+
+    def _stop(self, measurement: Measurement) -> None:
+        """Say what of a measurement is not a number."""
+        names = self._part.model.robot.joint_names
+        for what, values in (("position", measurement.q), ("velocity", measurement.dq), ("force", measurement.force)):
+            bad = [] if values is None else np.flatnonzero(~np.isfinite(values)).tolist()
+            if bad and values is not None:
+                whose = f"component {bad[0]}" if what == "force" else f"joint {names[bad[0]]!r}"
+                raise InputError(
+                    f"At {measurement.t:.6g} s the measured {what} of {whose} is {values[bad[0]]}, so that no torque "
+                    "is commanded; stop the robot, or give the last good measurement until the sensor is back."
+                )

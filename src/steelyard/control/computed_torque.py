@@ -11,9 +11,10 @@ from steelyard.dynamics import Model
 from steelyard.simulation import Measurement
 
 from .block import ControlBlock
-from .gains import joint_gains
+from .gains import joint_gains, joint_limits
 from .model_part import ModelPart
-from .references import joint_reference
+from .references import configurations_of, joint_reference
+from .sampled_loop import Feedback
 from .sensing import ForceSensing
 from .tool import Tool
 from .velocities import VelocityEstimator
@@ -39,6 +40,15 @@ class ComputedTorque(ControlBlock):
         A trajectory, joint positions, a function from a time to q, dq and ddq, or a :class:`JointReference`.
     kp, kd, ki : array_like
         A number or (N,): 1/s², 1/s and 1/s³.
+    integral_limit : array_like
+        A number or (N,), rad or m: errors above it are not integrated, and the integral commands no more than ``kp``
+        times it. A long way to the target therefore winds nothing up, and what would leave an error of so much is made
+        up for.
+    torque_limit : array_like, optional
+        A number or (N,), N·m or N, of the drives: where a torque would be beyond it, all that is commanded beyond
+        gravity, Coriolis torques and friction is reduced together, so that the acceleration keeps its direction;
+        clipping each torque by itself would turn it, and the joints would disturb each other. Where not given, the
+        effort limits of the description with `ki`, and nothing without.
     base : bool
         Whether `parameters` are base parameters.
     drives : bool
@@ -85,6 +95,8 @@ class ComputedTorque(ControlBlock):
         kp: ArrayLike,
         kd: ArrayLike,
         ki: ArrayLike = 0.0,
+        integral_limit: ArrayLike = 0.2,
+        torque_limit: ArrayLike | None = None,
         base: bool = False,
         drives: bool = False,
         sign_width: float = 0.01,
@@ -92,6 +104,7 @@ class ComputedTorque(ControlBlock):
         period: float = 0.001,
         velocity: VelocityEstimator | None = None,
     ) -> None:
+        self._drives = bool(drives)
         self._dynamics = "inverse_dynamics" if drives else "computed_torque"
         functions = (self._dynamics,) if tool is None else (self._dynamics, tool.jacobian)
         point = (0.0, 0.0, 0.0) if tool is None else tool.point
@@ -104,11 +117,19 @@ class ComputedTorque(ControlBlock):
         self._kp = joint_gains(kp, model.joint_count, "kp")
         self._kd = joint_gains(kd, model.joint_count, "kd")
         self._ki = joint_gains(ki, model.joint_count, "ki")
+        self._band = joint_gains(integral_limit, model.joint_count, "integral_limit")
+        self._largest = self._kp * self._band / np.where(self._ki > 0.0, self._ki, 1.0)
+        if torque_limit is None:
+            robot = model.robot
+            efforts = [robot.joints[k].effort_limit for k in robot.driving_joints]
+            torque_limit = efforts if self._ki.any() else np.inf
+        self._torque_limit = joint_limits(torque_limit, model.joint_count)
         self._tool = tool
         self._sensor = ForceSensing()
         self._integrates = bool(self._ki.any())
         self._integral: Array | float = 0.0
         self._time = 0.0
+        self._check_gains(configurations_of(self.reference))
 
     def start(self, measurement: Measurement) -> None:
         """Forget all state and begin at this measurement."""
@@ -117,19 +138,40 @@ class ComputedTorque(ControlBlock):
             self._sensor.start(measurement)
         self._integral, self._time = 0.0, measurement.t
 
-    def torque(self, measurement: Measurement) -> Array:
-        """Return the joint torques (..., N), N·m or N."""
+    def _feedback(self, q: Array) -> Feedback:
+        inertia = self._part.believed("total_inertia_matrix" if self._drives else "inertia_matrix", q)
+        damping = inertia * self._kd
+        if self._drives:  # what friction takes is given back
+            damping = damping - self._part.resistance(q)[1]
+        return Feedback(inertia * self._kp, damping, inertia * self._ki if self._integrates else None)
+
+    def _command(self, measurement: Measurement) -> Array:
         q, dq = measurement.q, self._velocity.velocity(measurement)
         wanted, speed, acceleration = self.reference.at(measurement.t)
         error = wanted - q
         command = acceleration + self._kp * error + self._kd * (speed - dq)
         if self._integrates:
-            self._integral = self._integral + (measurement.t - self._time) * error
-            self._time = measurement.t
+            near = np.where(np.abs(error) <= self._band, error, 0.0)
+            grown = self._integral + (measurement.t - self._time) * near
+            self._integral, self._time = np.clip(grown, -self._largest, self._largest), measurement.t
             command = command + self._ki * self._integral
         torque = self._part(self._dynamics, q, dq, command)
+        if (np.abs(torque) > self._torque_limit).any():
+            torque = self._within_limits(torque, self._part(self._dynamics, q, dq, 0.0 * command))
         if self._tool is not None:
             force = self._sensor.wrench(measurement)
             jacobian = self._part.matrix(self._tool.jacobian, (6, self._part.joint_count), q)
             torque -= (force[..., None, :] @ jacobian)[..., 0, :]
         return torque
+
+    def _within_limits(self, torque: Array, carried: Array) -> Array:
+        """Return torques (..., N) whose part beyond `carried` is reduced until all are within their limits.
+
+        A joint that cannot carry even that gives what it can, and does not hold the others back.
+        """
+        limit, beyond = self._torque_limit, torque - carried
+        room = np.where(beyond > 0.0, limit - carried, limit + carried)
+        counts = (beyond != 0.0) & (np.abs(carried) < limit)
+        share = np.divide(room, np.abs(beyond), out=np.full_like(beyond, np.inf), where=counts)
+        reduced = carried + np.clip(share.min(axis=-1, keepdims=True), 0.0, 1.0) * beyond
+        return np.asarray(np.clip(reduced, -limit, limit))

@@ -13,7 +13,9 @@ from steelyard.simulation import Measurement
 from .block import ControlBlock
 from .gains import joint_gains
 from .model_part import ModelPart
-from .references import joint_reference
+from .references import configurations_of, joint_reference
+from .sampled_loop import Feedback
+from .task_dynamics import applied
 from .velocities import VelocityEstimator
 
 __all__ = ["FeedforwardTracking"]
@@ -25,7 +27,10 @@ class FeedforwardTracking(ControlBlock):
     """Tracks a motion for identification, ``tau = c + g + M ddq_r + Kp (q_r - q) + Kd (dq_r - dq)``.
 
     Thesis eq. 4.16 to 4.18. The gains are torques: they do not pass through the inertia matrix, so that each joint can
-    be tuned by itself. Friction is not compensated, since before an identification nobody knows it.
+    be tuned by itself. Where the links pull at each other strongly, the lightest motion of all the joints together
+    bounds the gains of each; with `coupled` they pass through the inertia matrix of links and rotors. Friction is not
+    compensated, since before an identification nobody knows it; where it is known, `drives` feeds it forward along the
+    reference, which leaves the feedback and its margins as they are.
 
     Parameters
     ----------
@@ -35,7 +40,12 @@ class FeedforwardTracking(ControlBlock):
     reference : object
         A trajectory, joint positions, a function from a time to q, dq and ddq, or a :class:`JointReference`.
     kp, kd : array_like
-        A number or (N,): N·m/rad or N/m, and N·m·s/rad or N·s/m; those of thesis table 4.3 for the WAM.
+        A number or (N,): N·m/rad or N/m, and N·m·s/rad or N·s/m; those of thesis table 4.3 for the WAM. With `coupled`
+        1/s² and 1/s.
+    coupled : bool
+        Whether the gains are those of accelerations, which the inertia matrix of links and rotors turns into torques.
+    drives : bool
+        Whether the torques of friction, rotors and other terms along the reference are added.
     base : bool
         Whether `parameters` are base parameters.
     period : float
@@ -68,20 +78,36 @@ class FeedforwardTracking(ControlBlock):
         *,
         kp: ArrayLike,
         kd: ArrayLike,
+        coupled: bool = False,
+        drives: bool = False,
         base: bool = False,
         period: float = 0.001,
         velocity: VelocityEstimator | None = None,
     ) -> None:
-        super().__init__(ModelPart(model, parameters, ("computed_torque",), base=base), period, velocity)
+        functions = ("computed_torque", *["total_inertia_matrix"] * coupled, *["drive_torque"] * drives)
+        super().__init__(ModelPart(model, parameters, functions, base=base), period, velocity)
+        self._coupled, self._drives = bool(coupled), bool(drives)
         self.reference = joint_reference(reference, model.joint_count, period=self.period)
         self._kp = joint_gains(kp, model.joint_count, "kp")
         self._kd = joint_gains(kd, model.joint_count, "kd")
+        self._check_gains(configurations_of(self.reference))
 
-    def torque(self, measurement: Measurement) -> Array:
-        """Return the joint torques (..., N), N·m or N."""
+    def _feedback(self, q: Array) -> Feedback:
+        if self._coupled:
+            inertia = self._part.believed("total_inertia_matrix", q)
+            return Feedback(inertia * self._kp, inertia * self._kd)
+        kp, kd = (np.tile(np.diag(gains), (len(q), 1, 1)) for gains in (self._kp, self._kd))
+        return Feedback(kp, kd)
+
+    def _command(self, measurement: Measurement) -> Array:
         q, dq = measurement.q, self._velocity.velocity(measurement)
         wanted, speed, acceleration = self.reference.at(measurement.t)
         torque = self._part("computed_torque", q, dq, acceleration)
-        torque += self._kp * (wanted - q)
-        torque += self._kd * (speed - dq)
+        feedback = self._kp * (wanted - q) + self._kd * (speed - dq)
+        if self._coupled:
+            count = self._part.joint_count
+            feedback = applied(self._part.matrix("total_inertia_matrix", (count, count), q), feedback)
+        torque += feedback
+        if self._drives:
+            torque += self._part("drive_torque", *np.broadcast_arrays(wanted, speed, acceleration, q)[:3])
         return torque

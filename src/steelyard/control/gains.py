@@ -7,7 +7,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from steelyard.errors import InputError
 
-__all__ = ["joint_gains", "positive", "symmetric_gains"]
+__all__ = ["joint_gains", "joint_limits", "positive", "symmetric_gains"]
 
 Array = NDArray[np.float64]
 
@@ -45,6 +45,25 @@ def joint_gains(values: ArrayLike, count: int, name: str) -> Array:
     if not (np.isfinite(gains) & (gains >= 0.0)).all():
         raise InputError(f"{name} must be finite and at least 0, got {gains.tolist()}.")
     return np.array(np.broadcast_to(gains, (count,)))
+
+
+def joint_limits(values: ArrayLike, count: int, name: str = "torque_limit") -> Array:
+    """Return one limit a joint (N,), above 0; infinite where there is none.
+
+    Raises
+    ------
+    InputError
+        If the shape is another one, or a limit is not above 0.
+
+    Examples
+    --------
+    >>> joint_limits([5.0, np.inf], 2).tolist()
+    [5.0, inf]
+    """
+    limits = _numbers(values, name)
+    if limits.shape not in ((), (count,)) or not (limits > 0.0).all():
+        raise InputError(f"{name} must be above 0, one number or one for each of {count} joints, got {values!r}.")
+    return np.array(np.broadcast_to(limits, (count,)))
 
 
 def symmetric_gains(values: ArrayLike, count: int, name: str, *, definite: bool = False) -> Array:

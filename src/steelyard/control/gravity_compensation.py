@@ -11,6 +11,7 @@ from steelyard.simulation import Measurement
 from .block import ControlBlock
 from .gains import joint_gains
 from .model_part import ModelPart
+from .sampled_loop import Feedback
 from .velocities import VelocityEstimator
 
 __all__ = ["GravityCompensation"]
@@ -66,9 +67,13 @@ class GravityCompensation(ControlBlock):
         self._coriolis = coriolis
         self._damping = joint_gains(damping, model.joint_count, "damping")
         self._damps = bool(self._damping.any())
+        self._check_gains(self._part.configurations(), share=0.5)
 
-    def torque(self, measurement: Measurement) -> Array:
-        """Return the joint torques (..., N), N·m or N."""
+    def _feedback(self, q: Array) -> Feedback:
+        damping = np.tile(np.diag(self._damping), (len(q), 1, 1))
+        return Feedback(0.0 * damping, damping)
+
+    def _command(self, measurement: Measurement) -> Array:
         q = measurement.q
         torque = self._part("gravity", q)
         if self._coriolis or self._damps:

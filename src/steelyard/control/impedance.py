@@ -17,6 +17,7 @@ from .gains import symmetric_gains
 from .model_part import ModelPart
 from .pose_references import PoseTarget, pose_reference
 from .posture import Posture
+from .sampled_loop import Feedback
 from .sensing import ForceSensing
 from .task_dynamics import TaskDynamics, applied
 from .tool import Tool
@@ -122,6 +123,7 @@ class ImpedanceControl(ControlBlock):
             )
         self._turned = frame == "target"
         self._posture = (Posture() if posture is None else posture).of(model)
+        self._check_gains(self._part.configurations(), share=0.5)
 
     @property
     def sensing(self) -> bool:
@@ -134,8 +136,17 @@ class ImpedanceControl(ControlBlock):
         if self.sensing:
             self._sensor.start(measurement)
 
-    def torque(self, measurement: Measurement) -> Array:
-        """Return the joint torques (..., N), N·m or N."""
+    def _feedback(self, q: Array) -> Feedback:
+        stiffness, damping = self._stiffness, self._damping
+        if self._softness is not None:
+            stiffness, damping = self._softness @ stiffness, self._softness @ damping
+        if self._turned:  # the target's axes, as they are at 0 s
+            turn = self.reference.target(0.0).pose[..., :3, :3].reshape(-1, 3, 3)[0]
+            turns = np.kron(np.eye(len(stiffness) // 3), turn)
+            stiffness, damping = turns @ stiffness @ turns.T, turns @ damping @ turns.T
+        return self._task.feedback(q, stiffness, damping, self._posture, forces=self._softness is None)
+
+    def _command(self, measurement: Measurement) -> Array:
         q, dq = measurement.q, self._velocity.velocity(measurement)
         task = self._task
         state, target = task.state(q, dq), self.reference.target(measurement.t)

@@ -119,6 +119,34 @@ class ModelPart:
         flat = self(name, *motion)
         return flat.reshape((*flat.shape[:-1], *shape))
 
+    def configurations(self) -> Array:
+        """Return random joint positions (64, N), the same at every call, for what depends on where the robot is."""
+        return np.random.default_rng(0).uniform(-np.pi, np.pi, (64, self.joint_count))
+
+    def believed(self, name: str, q: Array) -> Array:
+        """Return a function of the positions that is a square matrix, at configurations (P, N)."""
+        found = self.model.kernel(name, base=self.base)(q, self.parameters)
+        return np.asarray(found).reshape(len(q), self.joint_count, self.joint_count)
+
+    def resistance(self, q: Array) -> tuple[Array, Array]:
+        """Return what resists the joints: inertia matrices of links and rotors, and viscous friction, (P, N, N) each.
+
+        Viscous friction is the slope of the other torques between 1 and 2 rad/s, beyond the jump of Coulomb friction.
+        What of it would drive the joints instead is left out.
+        """
+        count, rows = self.joint_count, len(q)
+        drive = self.model.kernel("drive_torque", base=self.base)
+        still = np.zeros_like(q)
+        columns = []
+        for joint in range(count):
+            speed = np.zeros_like(q)
+            speed[:, joint] = 1.0
+            columns.append(drive(q, 2.0 * speed, still, self.parameters) - drive(q, speed, still, self.parameters))
+        slope = np.stack([column.reshape(rows, count) for column in columns], axis=-1)
+        values, vectors = np.linalg.eigh(0.5 * (slope + np.swapaxes(slope, -1, -2)))
+        friction = (vectors * np.maximum(values, 0.0)[:, None, :]) @ np.swapaxes(vectors, -1, -2)
+        return self.believed("total_inertia_matrix", q), friction
+
     def generate(self, language: str, directory: str | Path, *, fixed: bool = False) -> tuple[Path, ...]:
         """Write the functions as source; see :meth:`steelyard.Model.generate`.
 

@@ -14,7 +14,8 @@ from steelyard.simulation import Measurement
 from .block import ControlBlock
 from .gains import joint_gains, positive
 from .model_part import ModelPart
-from .references import joint_reference
+from .references import configurations_of, joint_reference
+from .sampled_loop import Feedback
 from .velocities import VelocityEstimator
 
 __all__ = ["PositionTracking"]
@@ -98,9 +99,13 @@ class PositionTracking(ControlBlock):
                 f"The reference must not start before the control: control_start is {self.control_start:g} s and "
                 f"reference_start {self.reference_start:g} s."
             )
+        self._check_gains(configurations_of(self.reference))
 
-    def torque(self, measurement: Measurement) -> Array:
-        """Return the joint torques (..., N), N·m or N."""
+    def _feedback(self, q: Array) -> Feedback:
+        inertia = self._part.believed("inertia_matrix", q)
+        return Feedback(inertia * self._kp, inertia * self._kd)
+
+    def _command(self, measurement: Measurement) -> Array:
         q, dq = measurement.q, self._velocity.velocity(measurement)
         if measurement.t < self.control_start:
             return self._part("computed_torque", q, dq, np.zeros_like(q))

@@ -12,7 +12,14 @@ from steelyard.errors import InputError
 
 from .gains import positive
 
-__all__ = ["ConstantReference", "FunctionReference", "JointReference", "TrajectoryReference", "joint_reference"]
+__all__ = [
+    "ConstantReference",
+    "FunctionReference",
+    "JointReference",
+    "TrajectoryReference",
+    "configurations_of",
+    "joint_reference",
+]
 
 Array = NDArray[np.float64]
 
@@ -148,6 +155,15 @@ class TrajectoryReference:
     def _motion(self, times: Array) -> tuple[Array, Array, Array]:
         q, dq, ddq = (np.asarray(array, dtype=np.float64) for array in self.trajectory.motion(times))
         return q, dq, ddq
+
+
+def configurations_of(reference: JointReference) -> Array:
+    """Return joint positions (P, N) that a reference goes through: 32 along a trajectory, otherwise those at 0 s."""
+    if isinstance(reference, TrajectoryReference):
+        times = np.linspace(0.0, reference.duration, 32)
+        return np.asarray(reference.trajectory.motion(times)[0], dtype=np.float64)
+    first = np.asarray(reference.at(0.0)[0], dtype=np.float64)
+    return first.reshape(-1, first.shape[-1])
 
 
 def joint_reference(reference: Any, count: int, *, period: float = 0.001, start: float = 0.0) -> JointReference:

@@ -48,11 +48,11 @@ class ForceSensing:
 
     def start(self, measurement: Measurement) -> None:
         """Forget everything."""
-        self._last = require_force(measurement)
+        self._last = require_force(measurement).copy()
 
     def wrench(self, measurement: Measurement) -> Array:
         """Return the wrench (..., 6), N and N·m."""
         force = require_force(measurement)
         last = force if self._last is None else self._last
-        self._last = force
+        self._last = force.copy()
         return force + 0.5 * (force - last)

@@ -42,6 +42,10 @@ class StiffnessEstimator:
         Longest time of an increment, s.
     lower, upper : float
         Stiffness that is possible, N/m.
+    smoothing : float
+        Time constant of a filter of the first order through which place and force both pass, s. A spring is one
+        between what leaves the filters, too, and of the noise of n samples within the time constant ``1/sqrt(2 n)`` is
+        left, but a change of the stiffness is seen so much later.
 
     Attributes
     ----------
@@ -69,6 +73,7 @@ class StiffnessEstimator:
         span: float = 0.2,
         lower: float = 10.0,
         upper: float = 1e6,
+        smoothing: float = 0.0,
     ) -> None:
         self._initial = positive(initial, "initial")
         self._lower, self._upper = positive(lower, "lower"), positive(upper, "upper")
@@ -80,6 +85,7 @@ class StiffnessEstimator:
         self._force = positive(smallest_force, "smallest_force")
         self._keep = float(np.exp(-1.0 / positive(memory, "memory")))
         self._span = positive(span, "span")
+        self._smoothing = positive(smoothing, "smoothing", zero=True)
         self.start(())
 
     def start(self, shape: tuple[int, ...]) -> None:
@@ -96,6 +102,9 @@ class StiffnessEstimator:
         self._anchor_place, self._anchor_force = np.zeros(shape), np.zeros(shape)
         self._anchor_time = np.full(shape, -np.inf)
         self._touched = np.zeros(shape, dtype=np.bool_)
+        self._smooth, self._time = np.zeros((2, *shape)), -np.inf
+        # Samples of which place and force are means, as a share of those in the filter at last: 1 without smoothing.
+        self._count = self._anchor_count = np.zeros(shape) if self._smoothing else np.ones(shape)
         self._doubt, self._aside = np.zeros(shape, dtype=np.int64), np.zeros((2, *shape))
 
     def update(self, t: float, place: Array, force: Array, contact: NDArray[np.bool_]) -> Array:
@@ -117,10 +126,13 @@ class StiffnessEstimator:
         ndarray
             `stiffness`.
         """
+        if self._smoothing:
+            place, force = self._smoothed(t, place, force, contact)
         way, change = place - self._anchor_place, force - self._anchor_force
         whole = contact & self._touched & (t - self._anchor_time <= self._span)
-        ready = whole & (np.abs(way) >= self._way) & (np.abs(change) >= self._force)
-        moves = ready | ~whole
+        ready = whole & (np.abs(way) >= self._way) & (np.abs(change) >= self._force * self._noisier())
+        # An anchor from the first samples of a contact is noisy; a mean over four times as many is a better one.
+        moves = ready | ~whole | (self._count >= 4.0 * self._anchor_count)
         if moves.any():
             product, weight = way * change, change * change
             counts = ready & (weight >= self._lower * product) & (weight <= self._upper * product)
@@ -138,5 +150,30 @@ class StiffnessEstimator:
             self._anchor_place = np.where(moves, place, self._anchor_place)
             self._anchor_force = np.where(moves, force, self._anchor_force)
             self._anchor_time = np.where(moves, t, self._anchor_time)
+            self._anchor_count = np.where(moves, self._count, self._anchor_count)
             self._touched = contact
         return self.stiffness
+
+    def _noisier(self) -> Array | float:
+        """Return how many times noisier an increment is than one between two settled filters (...,)."""
+        if not self._smoothing:
+            return 1.0
+        tiny = np.finfo(np.float64).tiny
+        result: Array = np.sqrt(0.5 / np.maximum(self._count, tiny) + 0.5 / np.maximum(self._anchor_count, tiny))
+        return result
+
+    def _smoothed(self, t: float, place: Array, force: Array, contact: NDArray[np.bool_]) -> tuple[Array, Array]:
+        """Return place and force behind the filter.
+
+        From the beginning of a contact it is the mean of what has been seen, until that is as quiet as the filter; to
+        begin the filter at the first sample would leave the noise of that one for long.
+        """
+        share = -float(np.expm1(-(t - self._time) / self._smoothing))
+        self._time = t
+        settled = share / (2.0 - share)  # the variance that the filter leaves, of that of a sample
+        before = np.where(contact, self._count, 0.0)
+        self._count = np.where(contact, np.minimum(before + settled, 1.0), 0.0)
+        weight = np.where(before + settled >= 1.0, share, settled / np.maximum(self._count, settled))
+        given = np.stack((place, force))
+        self._smooth = self._smooth + np.maximum(weight, share) * (given - self._smooth)
+        return self._smooth[0], self._smooth[1]

@@ -13,7 +13,9 @@ from steelyard.errors import InputError
 from .gains import positive
 from .model_part import ModelPart
 from .pose_references import PoseTarget
+from .posture import Posture
 from .rotations import rotation_vector
+from .sampled_loop import Feedback
 from .tool import Tool
 
 __all__ = ["TaskDynamics", "TaskState", "applied", "task_axes"]
@@ -151,6 +153,7 @@ class TaskDynamics:
                 "joints; name fewer axes, such as axes='position'."
             )
         self._all_rows = self.rows == tuple(range(6))
+        self._drives = drives
         self._matrix, self._torque, *_ = self.needed(tool, drives)
         weights = np.array([1.0, 1.0, 1.0, *[positive(length, "length")] * 3])[list(self.rows)]
         self._squares = np.outer(weights, weights)
@@ -166,7 +169,7 @@ class TaskDynamics:
     def _usual(self) -> float:
         """Return five times the lower quartile, over random postures, of the mass in the heaviest direction."""
         count = self._part.joint_count
-        q = np.random.default_rng(0).uniform(-np.pi, np.pi, (64, count))
+        q = self._part.configurations()
         jacobian = self.chosen_rows(self._part.matrix(self._tool.jacobian, (6, count), q))
         matrix = self._part.matrix(self._matrix, (count, count), q)
         mobility = jacobian @ np.linalg.pinv(matrix, hermitian=True) @ np.swapaxes(jacobian, -1, -2)
@@ -242,6 +245,35 @@ class TaskDynamics:
         """
         asked = wanted - state.drift - applied(state.jacobian, posture)
         return posture + applied(state.lever, applied(state.inertia, asked) + force)
+
+    def feedback(
+        self, q: Array, stiffness: Array, damping: Array, posture: Posture, *, forces: bool = False
+    ) -> Feedback:
+        """Return what feeding back the tool's error and velocity amounts to at the joints, near rest.
+
+        Parameters
+        ----------
+        q : ndarray
+            (P, N).
+        stiffness, damping : ndarray
+            (k, k) or (P, k, k): 1/s² and 1/s, or with `forces` N/m and N·s/m.
+        posture : Posture
+            That `of` returned.
+        forces : bool
+            Whether these are forces at the tool, instead of accelerations.
+        """
+        state, matrix = self.state(q, 0.0 * q), self._part.believed(self._matrix, q)
+        back = np.swapaxes(state.jacobian, -1, -2)
+        pressed = back if forces else matrix @ state.lever @ state.inertia
+        rest = matrix - matrix @ state.lever @ state.inertia @ state.jacobian
+        own = (np.asarray(x, dtype=np.float64) for x in (posture.stiffness, posture.damping))
+        holds, damps = (
+            pressed @ gains @ state.jacobian + rest * free
+            for gains, free in zip((stiffness, damping), own, strict=True)
+        )
+        if self._drives:  # what friction takes is given back
+            damps = damps - self._part.resistance(q)[1]
+        return Feedback(holds, damps)
 
     def torque(self, state: TaskState, acceleration: Array) -> Array:
         """Return the joint torques (..., N) of joint accelerations."""

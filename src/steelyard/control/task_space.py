@@ -16,6 +16,7 @@ from .gains import symmetric_gains
 from .model_part import ModelPart
 from .pose_references import pose_reference
 from .posture import Posture
+from .sampled_loop import Feedback
 from .sensing import ForceSensing
 from .task_dynamics import TaskDynamics, applied
 from .tool import Tool
@@ -115,6 +116,7 @@ class TaskSpaceControl(ControlBlock):
         self._kd = symmetric_gains(kd, len(self._task.rows), "kd")
         self._posture = (Posture() if posture is None else posture).of(model)
         self._sensing = ForceSensing() if sensing else None
+        self._check_gains(self._part.configurations(), share=0.5)
 
     def start(self, measurement: Measurement) -> None:
         """Forget all state and begin at this measurement."""
@@ -122,8 +124,10 @@ class TaskSpaceControl(ControlBlock):
         if self._sensing is not None:
             self._sensing.start(measurement)
 
-    def torque(self, measurement: Measurement) -> Array:
-        """Return the joint torques (..., N), N·m or N."""
+    def _feedback(self, q: Array) -> Feedback:
+        return self._task.feedback(q, self._kp, self._kd, self._posture)
+
+    def _command(self, measurement: Measurement) -> Array:
         q, dq = measurement.q, self._velocity.velocity(measurement)
         task = self._task
         state = task.state(q, dq)

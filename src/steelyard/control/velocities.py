@@ -18,10 +18,15 @@ Array = NDArray[np.float64]
 
 
 class VelocityEstimator(Protocol):
-    """Estimates joint velocities from the measurements of a control loop, one after the other."""
+    """Estimates joint velocities from the measurements of a control loop, one after the other.
+
+    One that has ``transfer(period)`` as well, numerator and denominator of the estimate over the sampled position in
+    powers of 1/z (None for the true velocity), is taken into account with its lag where a controller checks its gains;
+    others count as the true velocity there.
+    """
 
     def start(self, measurement: Measurement) -> None:
-        """Forget everything; the joints stand still at this measurement."""
+        """Forget everything, and begin at this measurement."""
 
     def velocity(self, measurement: Measurement) -> Array:
         """Return joint velocities (..., N), rad/s or m/s."""
@@ -31,7 +36,8 @@ class NumericalDifference:
     """The difference of two positions by the time between them (thesis section 4.3.1), or the slope of a parabola.
 
     Of order 1 it lags half the time between them, and shows a step of an encoder as a spike of step / time. Of order 2,
-    through three positions, it does not lag, and its noise is 1.8 times as large.
+    through three positions, it does not lag, and its noise is 1.8 times as large. It begins at the measured velocity,
+    or at rest where nothing measures it.
 
     Parameters
     ----------
@@ -57,9 +63,18 @@ class NumericalDifference:
         self._last: Array | None = None
 
     def start(self, measurement: Measurement) -> None:
-        """Forget everything; the joints stand still at this measurement."""
-        self._past = [(measurement.t, measurement.q)]
-        self._last = np.zeros_like(measurement.q)
+        """Forget everything, and begin at this measurement."""
+        self._past = [(measurement.t, measurement.q.copy())]
+        self._last = _first(measurement)
+
+    def transfer(self, period: float) -> tuple[Array, Array]:
+        """Return numerator and denominator of the estimate over the position, in powers of 1/z."""
+        gap = np.zeros(self._steps - 1)
+        whole = self._steps * period
+        slope = np.concatenate(([1.0], gap, [-1.0])) / whole
+        if self._order == 2:  # (3 - 4 z^-n + z^-2n) / (2 n T)
+            slope = np.concatenate(([1.5], gap, [-2.0], gap, [0.5])) / whole
+        return slope, np.ones(1)
 
     def velocity(self, measurement: Measurement) -> Array:
         """Return joint velocities (..., N), rad/s or m/s."""
@@ -75,7 +90,7 @@ class NumericalDifference:
                 before = (one[1] - two[1]) / (one[0] - two[0])
                 slope = slope + (t - one[0]) / (t - two[0]) * (slope - before)
             self._last = slope
-            past.append((t, q))
+            past.append((t, q.copy()))  # the caller may write its next measurement into the same array
             if len(past) > self._order * self._steps:
                 del past[0]
         return self._last
@@ -83,6 +98,8 @@ class NumericalDifference:
 
 class FilteredDifference:
     """Numerical differences through a low-pass filter of the first order.
+
+    It begins at the measured velocity, or at rest where nothing measures it.
 
     Parameters
     ----------
@@ -105,9 +122,14 @@ class FilteredDifference:
         self._last: Array | None = None
 
     def start(self, measurement: Measurement) -> None:
-        """Forget everything; the joints stand still at this measurement."""
-        self._time, self._place = measurement.t, measurement.q
-        self._last = np.zeros_like(measurement.q)
+        """Forget everything, and begin at this measurement."""
+        self._time, self._place = measurement.t, measurement.q.copy()
+        self._last = _first(measurement)
+
+    def transfer(self, period: float) -> tuple[Array, Array]:
+        """Return numerator and denominator of the estimate over the position, in powers of 1/z."""
+        keep = float(np.exp(-self._rate * period))
+        return (1.0 - keep) / period * np.array([1.0, -1.0]), np.array([1.0, -keep])
 
     def velocity(self, measurement: Measurement) -> Array:
         """Return joint velocities (..., N), rad/s or m/s."""
@@ -119,12 +141,15 @@ class FilteredDifference:
         if step > 0.0:
             share = 1.0 - float(np.exp(-self._rate * step))
             self._last = self._last + share * ((measurement.q - self._place) / step - self._last)
-            self._time, self._place = measurement.t, measurement.q
+            self._time, self._place = measurement.t, measurement.q.copy()
         return self._last
 
 
 class MeasuredVelocity:
     """The velocities that the robot measures itself."""
+
+    def transfer(self, period: float) -> None:
+        """Return None: the estimate is the velocity itself."""
 
     def start(self, measurement: Measurement) -> None:
         """Make sure that velocities are measured."""
@@ -138,3 +163,8 @@ class MeasuredVelocity:
                 "NumericalDifference() or FilteredDifference(cutoff), or sensors with velocities."
             )
         return measurement.dq
+
+
+def _first(measurement: Measurement) -> Array:
+    """Return the velocities to begin at: those that are measured, or zero."""
+    return np.zeros_like(measurement.q) if measurement.dq is None else measurement.dq.copy()

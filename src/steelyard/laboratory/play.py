@@ -8,7 +8,8 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from steelyard.control import FeedforwardTracking, FilteredDifference, TrajectoryReference
+from steelyard.control import FeedforwardTracking, FilteredDifference, MeasuredVelocity, TrajectoryReference
+from steelyard.control.sampled_loop import Feedback, SampledLoop
 from steelyard.dynamics import Model
 from steelyard.errors import InputError
 from steelyard.motion import Trajectory
@@ -18,9 +19,13 @@ from steelyard.simulation import Actuators, Controller, Environment, Safety, Sen
 __all__ = ["play"]
 
 Array = NDArray[np.float64]
-# Natural frequency of the default controller, rad/s, and the filter of its velocities, Hz: enough against friction, and
-# little noise from encoders in a loop of 1 kHz.
+# Natural frequency that the default controller aims at, rad/s: enough against friction, and little noise from encoders
+# in a loop of 1 kHz. Velocities come from encoders through a filter of 30 Hz.
 _FREQUENCY, _CUTOFF = 40.0, 30.0
+_SLOWEST = 2.0  # rad/s; a slower controller holds nothing
+_PEAK = 2.0  # of the sensitivity: a gain margin of 2 and a phase margin of 29 degrees
+_LOOKED_AT = 200  # configurations along the motion
+_SMALL = 0.1  # rad or m; smaller ranges count as this when it is asked whether a joint followed
 
 
 def play(
@@ -37,6 +42,7 @@ def play(
     actuators: Actuators | None = None,
     environment: Environment | None = None,
     safety: Safety | None = None,
+    tolerance: float = 0.1,
     sign_width: float = 0.0,
     seed: int = 0,
 ) -> Recording:
@@ -56,7 +62,10 @@ def play(
     controller : Controller or callable, optional
         A controller that follows the trajectory already, or a function that makes one of a
         :class:`~steelyard.control.TrajectoryReference`. Where not given, PD control with feed-forward (thesis eq. 4.16
-        to 4.18), with gains that follow from the inertia matrix.
+        to 4.18) of links, rotors and friction. Its gains pass through the inertia matrix, at a natural frequency of 40
+        rad/s, or less where the inertia over the motion, the rate and the filter of the velocities leave no margin for
+        it (a sensitivity of at most 2 in sampled time). It reads exact velocities where there are any, otherwise
+        differences of the positions, filtered at 30 Hz.
     believed : array_like, optional
         Like `parameters`: what that default controller believes; the truth where not given.
     base : bool
@@ -67,6 +76,9 @@ def play(
         Hz, of the control loop and of the log.
     sensors, actuators, environment, safety
         See :func:`steelyard.simulate`.
+    tolerance : float
+        How far a joint may be from the trajectory, as a share of its range (of 0.1 rad or m, where that is smaller);
+        infinite for a log of whatever happens.
     sign_width : float
         rad/s or m/s, of the smooth sign of Coulomb friction; 0 for the exact sign, as the model of the identification
         has it.
@@ -80,8 +92,8 @@ def play(
     Raises
     ------
     InputError
-        If something does not fit, or the robot does not get to the end: the controller cannot hold it, or `parameters`
-        are not physically possible.
+        If something does not fit, or the robot does not get to the end, or does not follow the trajectory: its drives
+        are too weak, the controller cannot hold it, or `parameters` are not physically possible.
 
     Examples
     --------
@@ -95,6 +107,8 @@ def play(
     >>> log.count, log.joint_count
     (2000, 1)
     """
+    if not tolerance > 0.0:
+        raise InputError(f"tolerance must be above 0, a share of each joint's range, got {tolerance!r}.")
     for name, value, unit in (("periods", periods, ""), ("rate", rate, " Hz")):
         if not 0.0 < value < np.inf:
             raise InputError(f"{name} must be positive, got {value!r}{unit}.")
@@ -105,10 +119,18 @@ def play(
     _check_periods(trajectory, periods)
     reference = TrajectoryReference(trajectory, repeat=periods > 1.0, period=1.0 / rate)
     start, speed, _ = reference.at(0.0)
+    slowed = None
     if controller is None:
-        controller = _default_controller(
-            model, parameters if believed is None else believed, reference, base, 1.0 / rate
-        )
+        exact = sensors is None or sensors.velocity == "exact"
+        velocity = MeasuredVelocity() if exact else FilteredDifference(_CUTOFF)
+        own = parameters if believed is None else believed
+        controller, frequency = _default_controller(model, parameters, own, reference, base, 1.0 / rate, velocity)
+        if frequency < _FREQUENCY:
+            filtered = "" if exact else f" with velocities that are filtered at {_CUTOFF:g} Hz"
+            slowed = (
+                f"a control loop of {rate:g} Hz{filtered} allows the default controller a natural frequency of no more "
+                f"than {frequency:.2g} rad/s, so that a higher rate helps"
+            )
     elif not isinstance(controller, Controller):
         controller = controller(reference)
     result = simulate(
@@ -127,7 +149,8 @@ def play(
         rate=rate,
         seed=seed,
     )
-    return _log(result, trajectory, periods)
+    causes = _causes(result, actuators, slowed, believed is not None)
+    return _log(result, trajectory, periods, tolerance, causes)
 
 
 def _check_periods(trajectory: Trajectory, periods: float) -> None:
@@ -143,47 +166,113 @@ def _check_periods(trajectory: Trajectory, periods: float) -> None:
 
 
 def _default_controller(
-    model: Model, believed: ArrayLike, reference: TrajectoryReference, base: bool, period: float
-) -> FeedforwardTracking:
-    """Return PD control with the gains of critically damped joints, each by itself."""
-    postures = reference.trajectory.motion(np.linspace(0.0, reference.duration, 50))[0]
-    kernel = model.kernel("total_inertia_matrix", base=base)
-    matrices = kernel(postures, np.asarray(believed, dtype=np.float64))
-    inertia = np.diagonal(matrices.reshape(len(postures), model.joint_count, -1), axis1=1, axis2=2).mean(axis=0)
-    if not (inertia > 0.0).all():
-        joint = model.robot.joint_names[int(np.argmin(inertia))]
-        raise InputError(
-            f"The inertia that the joint {joint!r} feels is not positive with these parameters, so no gains follow "
-            "from it; give a controller."
-        )
-    gains = {"kp": _FREQUENCY**2 * inertia, "kd": 2.0 * _FREQUENCY * inertia}
-    return FeedforwardTracking(
-        model, believed, reference, base=base, period=period, velocity=FilteredDifference(_CUTOFF), **gains
+    model: Model,
+    parameters: ArrayLike,
+    believed: ArrayLike,
+    reference: TrajectoryReference,
+    base: bool,
+    period: float,
+    velocity: FilteredDifference | MeasuredVelocity,
+) -> tuple[FeedforwardTracking, float]:
+    """Return PD control through the inertia matrix that is believed, and its natural frequency, rad/s.
+
+    Near a configuration the gains ``w² B`` and ``2 w B`` with the believed inertia B act on the true inertia M in modes
+    of their own, as w² and 2 w times an eigenvalue of ``M⁻¹ B``. The largest of them over the motion decides how fast
+    the loop may be in sampled time, and the smallest whether it is damped.
+    """
+    q = reference.trajectory.motion(np.linspace(0.0, reference.duration, _LOOKED_AT))[0]
+    ratios = _ratios(*(_inertia(model, np.asarray(p, dtype=np.float64), q, base) for p in (believed, parameters)))
+    modes = 1.0 / np.array([ratios.min(), ratios.max()]).reshape(2, 1, 1)
+    loop = SampledLoop(modes, 0.0 * modes, period, velocity.transfer(period))
+    frequency = _FREQUENCY
+    while (
+        loop.sensitivity_peak(Feedback(np.full((2, 1, 1), frequency**2), np.full((2, 1, 1), 2.0 * frequency))) > _PEAK
+    ):
+        frequency *= 0.9
+        if frequency < _SLOWEST:
+            raise InputError(
+                f"No gains of the default controller have a margin along this trajectory, at {1.0 / period:g} Hz and "
+                f"with an inertia that is believed to be {ratios.min():.3g} to {ratios.max():.3g} times the true one; "
+                "raise the rate, give other believed parameters, or a controller."
+            )
+    gains = {"kp": frequency**2, "kd": 2.0 * frequency}
+    controller = FeedforwardTracking(
+        model, believed, reference, coupled=True, drives=True, base=base, period=period, velocity=velocity, **gains
     )
+    return controller, frequency
 
 
-def _log(result: SimulationResult, trajectory: Trajectory, periods: float) -> Recording:
-    if result.status is not Status.FINISHED:
-        remedy = (
-            "check the parameters with steelyard.check, or give another controller"
-            if result.status is Status.DIVERGED
-            else "give another controller, or other limits"
+def _inertia(model: Model, parameters: Array, q: Array, base: bool) -> Array:
+    """Return the inertia matrices (P, N, N) of links and rotors; they must be positive definite."""
+    n = model.joint_count
+    matrices = np.asarray(model.kernel("total_inertia_matrix", base=base)(q, parameters)).reshape(-1, n, n)
+    values, vectors = np.linalg.eigh(matrices)
+    worst = int(np.argmin(values[:, 0]))
+    if not values[worst, 0] > 0.0:
+        joint = model.robot.joint_names[int(np.argmax(np.abs(vectors[worst, :, 0])))]
+        raise InputError(
+            f"The inertia that the joint {joint!r} feels is not positive with these parameters (the inertia matrix has "
+            f"the eigenvalue {values[worst, 0]:.3g} on the trajectory), so no gains follow from it; check the "
+            "parameters with steelyard.check, or give a controller."
         )
-        raise InputError(f"The robot did not get to the end of the trajectory ({result.message}); {remedy}.")
+    return matrices
+
+
+def _ratios(matrix: Array, other: Array) -> Array:
+    """Return the eigenvalues (P, N) of ``other⁻¹ matrix``, both symmetric and positive definite."""
+    inverse = np.linalg.inv(np.linalg.cholesky(other))
+    return np.asarray(np.linalg.eigvalsh(inverse @ matrix @ np.swapaxes(inverse, -1, -2)))
+
+
+def _causes(
+    result: SimulationResult, actuators: Actuators | None, slowed: str | None, believes: bool
+) -> tuple[str, ...]:
+    """Say what is known to have kept the robot from its trajectory."""
+    causes = []
+    if actuators is not None:
+        limit = np.broadcast_to(np.asarray(actuators.saturation, dtype=np.float64), result.torque.shape)
+        share = (np.abs(result.torque) >= 0.999 * limit).mean(axis=0)
+        weak = [f"joint {result.joint_names[k]!r} for {share[k]:.0%} of the time" for k in np.flatnonzero(share > 0.01)]
+        if weak:
+            causes.append(f"torques were at the saturation of the actuators, {_some(weak)}")
+    if slowed is not None:
+        causes.append(slowed)
+    if believes:
+        causes.append("the controller believes other parameters than those of the robot")
+    return tuple(causes)
+
+
+def _log(
+    result: SimulationResult, trajectory: Trajectory, periods: float, tolerance: float, causes: tuple[str, ...]
+) -> Recording:
+    """Return what was recorded, if the robot did as it was to."""
+    because = f": {'; '.join(causes)}" if causes else ""
+    if result.status is not Status.FINISHED:
+        remedy = "give other limits, or another controller"
+        if result.status is Status.DIVERGED and not causes:
+            impossible = "not physically possible" in result.message
+            remedy = "mend these" if impossible else "lower the gains of the controller, or shorten its period"
+        raise InputError(f"The robot did not get to the end of the trajectory ({result.message}){because}; {remedy}.")
+    wanted = trajectory.motion(
+        np.minimum(result.t % trajectory.duration if periods > 1.0 else result.t, trajectory.duration)
+    )[0]
+    away = np.abs(result.q - wanted).max(axis=0)
+    allowed = tolerance * np.maximum(np.ptp(wanted, axis=0), _SMALL)
+    lost = np.flatnonzero(~(away <= allowed))
+    if len(lost):
+        texts = [f"{result.joint_names[k]} by up to {away[k]:.3g} ({allowed[k]:.3g} allowed)" for k in lost]
+        raise InputError(
+            f"The robot did not follow the trajectory, in rad or m: {_some(texts)}{because}. Give it another "
+            "controller or trajectory, or allow a larger tolerance."
+        )
     log = replace(result.recording(), source=f"simulated {type(trajectory).__name__}")
     count = log.count - 1  # the end of a period is the beginning of the next one
     rows = {name: getattr(log, name)[:count] for name in ("t", "q", "torque")}
     velocity = None if log.velocity is None else log.velocity[:count]
     acceleration = result.ddq[:count] if result.measured is None else None
-    wanted = trajectory.motion(
-        np.minimum(rows["t"] % trajectory.duration if periods > 1.0 else rows["t"], trajectory.duration)
-    )[0]
-    remarks = _tracking(rows["q"], wanted, result.joint_names)
-    return replace(log, velocity=velocity, acceleration=acceleration, remarks=(*log.remarks, *remarks), **rows)
+    return replace(log, velocity=velocity, acceleration=acceleration, **rows)
 
 
-def _tracking(q: Array, wanted: Array, names: tuple[str, ...]) -> tuple[str, ...]:
-    """Say which joints did not do what they were to do, as far as a tenth of their range."""
-    away, span = np.abs(q - wanted).max(axis=0), np.ptp(wanted, axis=0)
-    lost = [f"{names[k]} by up to {away[k]:.3g}" for k in np.flatnonzero(away > 0.1 * np.maximum(span, 1e-3))]
-    return (f"The robot did not follow the trajectory: {', '.join(lost)} (rad or m).",) if lost else ()
+def _some(texts: list[str]) -> str:
+    """Return the first three, and how many more there are."""
+    return ", ".join(texts[:3]) + (f" and {len(texts) - 3} more" if len(texts) > 3 else "")

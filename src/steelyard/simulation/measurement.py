@@ -14,7 +14,8 @@ __all__ = ["Measurement"]
 class Measurement:
     """What the sensors say at one instant: of one run, or of R runs at once.
 
-    The arrays belong to the receiver: nobody changes them afterwards.
+    A simulation gives new arrays each time. A loop of one's own may write into the same ones, since the controllers of
+    :mod:`steelyard.control` copy what they remember.
 
     Attributes
     ----------

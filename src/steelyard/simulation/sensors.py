@@ -28,8 +28,8 @@ class Sensors:
     encoder_resolution : array_like
         Angle or length of one count, rad or m; 0 for exact positions.
     velocity : {"numerical", "exact", "none"}
-        What a controller gets: the difference of two encoder positions over the time between, the true velocity, or
-        nothing.
+        What a controller gets: the difference of two encoder positions over the time between (at the start, where there
+        is only one, the true velocity), the true velocity, or nothing.
     velocity_cutoff : float or None
         Hz, of a first-order low-pass filter on the numerical velocity.
     torque_noise : array_like
@@ -133,7 +133,7 @@ class SensorReadings:
             q = q.copy()
         velocity = None if sensors.velocity == "none" else dq.copy() if sensors.velocity == "exact" else None
         if sensors.velocity == "numerical":
-            velocity = self._numerical(t, q)
+            velocity = self._numerical(t, q, dq)
         if force is not None:
             force = force.copy()
             if self._force_noise.any():
@@ -160,10 +160,10 @@ class SensorReadings:
         rate = self._sensors.rate
         return rate is None or math.floor(t * rate + 1e-6) > math.floor(last * rate + 1e-6)
 
-    def _numerical(self, t: float, q: Array) -> Array:
+    def _numerical(self, t: float, q: Array, dq: Array) -> Array:
         held = self._held
-        if held is None or self._velocity is None:
-            self._velocity = np.zeros(self._shape)
+        if held is None or self._velocity is None:  # as if the sensors had been on before
+            self._velocity = dq.copy()
             return self._velocity
         step = t - held.t
         velocity = (q - held.q) / step
