@@ -55,7 +55,7 @@ def test_limits_and_complement(run, place):
         ("speed = 1", "limits.toml: 'speed' is no limit"),
         ("velocity = [1]", "limits.toml: velocity has 1 values, but there are 2 joints: shoulder, elbow"),
         ("velocity = {wrist = 1}", "limits.toml: velocity names a joint 'wrist'"),
-        ("[tables]\nheight = 1", 'limits.toml: "tables" is no table of geometry'),
+        ("[tables]\nheight = 1", "limits.toml: 'tables' is no table of geometry"),
         ("torque = 0.1", "cannot even rest within its limits: no posture was found that keeps torque, shoulder"),
     ],
 )

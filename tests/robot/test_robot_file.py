@@ -137,7 +137,7 @@ BROKEN = {
     "terms is a table": (ROWS + "[terms]\n", r"terms must be written as \[\[terms\]\]"),
     "terms holds words": ('terms = ["viscous"]\n' + ROWS, r"terms must be written as \[\[terms\]\]"),
     "log is an array": (ROWS + "[[log]]\n", r"log must be one table \[log\]"),
-    "unknown limit": (ROWS + "[limits]\nlow = 1\n", r'"low" is no limit; did you mean "lower"'),
+    "unknown limit": (ROWS + "[limits]\nlow = 1\n", r"'low' is no limit; did you mean \"lower\""),
     "limits for another robot": (ROWS + "[limits]\nlower = [1, 2, 3]\n", r"lower has 3 values, but bench has 2 joints"),
     "limit is text": (ROWS + '[limits]\nlower = ["a", 1]\n', r"lower of joint1 must be a number, got 'a'"),
     "velocity limit negative": (ROWS + "[limits]\nvelocity = -1\n", r"velocity of joint1 must be positive"),

@@ -68,8 +68,11 @@ def show_identification(result: Identification) -> None:
     """Print verdict, errors per joint, infeasible links and remarks."""
     from rich.console import Console
 
+    from steelyard.report.extent import gathered, shared_words, shown_logs
+
     console = Console(highlight=False)
-    for prediction in result.predictions:
+    shown = shown_logs(result)
+    for prediction in (result.predictions[index] for index in shown):
         console.print(_text(f"Relative error of the torque, {prediction.role}: {prediction.name}"), soft_wrap=True)
         table = _table("joint", "least squares", "feasible")
         pairs = zip(
@@ -82,6 +85,8 @@ def show_identification(result: Identification) -> None:
             table.add_row(_text(name), f"{before:.2%}", f"{after:.2%}")
         table.add_row("all", f"{prediction.unconstrained_error:.2%}", f"{prediction.feasible_error:.2%}", style="bold")
         _show(console, table)
+    if len(shown) < len(result.predictions):
+        console.print(_text(shared_words(result.predictions, shown)), soft_wrap=True)
     console.print(_text("Plain least squares: " + str(result.verdict)), soft_wrap=True)
     mass = result.total_mass
     console.print(
@@ -98,7 +103,7 @@ def show_identification(result: Identification) -> None:
         ),
         soft_wrap=True,
     )
-    for remark in (*result.estimate.remarks, *result.remarks):
+    for remark in gathered((*result.estimate.remarks, *result.remarks), (*result.logs, *result.validation_logs)):
         console.print(_text(f"Note: {remark}"), soft_wrap=True)
 
 

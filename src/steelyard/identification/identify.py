@@ -16,6 +16,8 @@ from steelyard.feasibility import FeasibleSet, check, constraints_from_dict, fit
 from steelyard.recording import CutoffChoice, LogColumns, Processing, Recording, Samples, chunks, process_chunks
 from steelyard.recording.detection import DETECTORS, faulty_rows
 from steelyard.regression import Estimate, Information, least_squares
+from steelyard.regression.blocks import BlockSums
+from steelyard.regression.reduction import empty_factors
 from steelyard.robot import RobotFile
 
 from .result import Identification, Prediction, Trace
@@ -25,6 +27,8 @@ __all__ = ["identify"]
 
 Array = NDArray[np.float64]
 _TRACE_POINTS = 1200
+_READING_LINES = 20
+_ALL_POINTS = 24_000  # of all the logs of a role together, so that thousands of them do not fill the memory
 Progress = Callable[[str], None]
 
 
@@ -87,11 +91,16 @@ def identify(
 
     say(f"{model.robot.name}: {model.joint_count} joints, {model.base_parameters().count} base parameters")
     parts: list[tuple[str, str, Information, _Thinned]] = []
+    sums = BlockSums(empty_factors(model))
     for role, group in (("identification", logs), ("validation", validate)):
-        for log in group:
-            say(f"reading {log}")
-            parts.append((str(log), role, *reader.reduce(log)))
+        for number, log in enumerate(group):
+            # A line for each of thousands of logs would push all else off the screen.
+            if number % max(len(group) // _READING_LINES, 1) == 0:
+                say(f"reading {log}{f' ({number + 1} of {len(group)})' if len(group) > 1 else ''}")
+            points = _TRACE_POINTS if number == 0 else min(max(_ALL_POINTS // len(group), 100), _TRACE_POINTS)
+            parts.append((str(log), role, *reader.reduce(log, points, sums if group is logs else None)))
     information = _total([p[2] for p in parts if p[1] == "identification"])
+    information = replace(information, block_factors=sums.factors())
     _require_excitation(information, model)
 
     say("least squares")
@@ -148,10 +157,14 @@ class _Reader:
         self.cutoff_choices: list[tuple[str, CutoffChoice]] = []
         self.description = dict(file.description)
 
-    def reduce(self, log: str | Path) -> tuple[Information, _Thinned]:
-        """Reduce one log, and keep a thinned copy of its samples."""
-        thinned = _Thinned()
-        information = Information.from_chunks(self.model, self._watched(log, thinned))
+    def reduce(self, log: str | Path, points: int, sums: BlockSums | None) -> tuple[Information, _Thinned]:
+        """Reduce one log, and keep a copy of its samples, thinned to so many or twice as many points.
+
+        The sums of blocks are kept for all the logs together: they are nine tenths of an Information.
+        """
+        thinned = _Thinned(points)
+        information = Information.from_chunks(self.model, self._watched(log, thinned), blocks=False, sums=sums)
+        thinned.finish()
         return information, thinned
 
     def _watched(self, log: str | Path, thinned: _Thinned) -> Iterator[Samples]:
@@ -194,7 +207,8 @@ class _Reader:
 class _Thinned:
     """Every k-th sample of a stream, with k doubling as the stream grows."""
 
-    def __init__(self) -> None:
+    def __init__(self, points: int) -> None:
+        self.points = points
         self.every, self.seen = 1, 0
         self.parts: list[tuple[Array, ...]] = []
 
@@ -206,10 +220,14 @@ class _Thinned:
         part = (t[rows], samples.q[rows], samples.dq[rows], samples.ddq[rows], samples.torque[rows])
         self.parts.append(tuple(a.copy() for a in part))
         self.seen += count
-        while sum(len(p[0]) for p in self.parts) > 2 * _TRACE_POINTS:
+        while sum(len(p[0]) for p in self.parts) > 2 * self.points:
             whole = tuple(np.concatenate(columns)[::2] for columns in zip(*self.parts, strict=True))
             self.parts = [whole]
             self.every *= 2
+
+    def finish(self) -> None:
+        """Let go of the longer arrays, of which these are views."""
+        self.parts = [tuple(array.copy() for array in part) for part in self.parts]
 
     @property
     def t(self) -> Array:

@@ -161,7 +161,7 @@ class MotionLimits:
         for given, value in limits.items():
             key = "torque" if given == "effort" else given
             if key not in known:
-                raise InputError(f"{where}: {given!r} is no limit; there are {', '.join(known)}.")
+                raise InputError(f"{where}: {shown(given)} is no limit; there are {', '.join(known)}.")
             if key in changes:
                 raise InputError(f"{where}: torque and effort are the same limit; keep one of them.")
             if key == "total_power":

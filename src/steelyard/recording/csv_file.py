@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import collections
+import contextlib
 import csv
 import itertools
 import re
@@ -37,6 +38,7 @@ class CsvFile(LogFile):
     def __init__(self, path: Path) -> None:
         super().__init__(path)
         self._start = 0
+        self._whole: tuple[tuple[tuple[str, ...], int], dict[str, NDArray[np.float64]]] | None = None
         self._separator = ","
         self._decimal_comma = False
         self._read_header()
@@ -102,8 +104,17 @@ class CsvFile(LogFile):
             first = last = next(lines, b"")
             tail = collections.deque(lines, maxlen=1)
             last = tail[0] if tail else first
-        ends = [self._parse(line, [name], first_row=0)[name] for line in (first, last)]
-        return float(ends[0][0]), float(ends[1][0])
+        return self._number(first, name), self._number(last, name)
+
+    def _number(self, line: bytes, name: str) -> float:
+        """The value of a column in a line; the plain case without the library, which takes 2 ms for a line."""
+        fields = line.split(self._separator.encode())
+        if not self._decimal_comma and b'"' not in line and len(fields) == len(self.names) == len(set(self.names)):
+            with contextlib.suppress(ValueError, UnicodeDecodeError):
+                text = fields[self.names.index(name)].decode("ascii")
+                if NUMERIC.fullmatch(text.strip()):
+                    return float(text)
+        return float(self._parse(line, [name], first_row=0)[name][0])
 
     def read(self, names: Sequence[str]) -> dict[str, NDArray[np.float64]]:
         """Read whole columns."""
@@ -114,11 +125,17 @@ class CsvFile(LogFile):
     def blocks(self, names: Sequence[str], rows: int) -> Iterator[dict[str, NDArray[np.float64]]]:
         """Read columns in blocks of `rows` rows."""
         first_row = 0
+        if self._whole is not None and self._whole[0] == (tuple(names), rows):
+            yield dict(self._whole[1])
+            return
         with self.path.open("rb") as file:
             file.seek(self._start)
             lines = (line for line in file if not _skipped(line))
             while block := list(itertools.islice(lines, rows)):
-                yield self._parse(b"".join(block), names, first_row)
+                parsed = self._parse(b"".join(block), names, first_row)
+                if first_row == 0 and len(block) < rows:  # a short log, which is looked at before it is processed
+                    self._whole = (tuple(names), rows), dict(parsed)
+                yield parsed
                 first_row += len(block)
 
     def where(self, row: int) -> str:

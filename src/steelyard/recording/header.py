@@ -11,6 +11,7 @@ from steelyard.recording.section import suggestion
 
 __all__ = ["Layout", "resolve"]
 
+LONGEST_NAME = 60  # that a message shows of a column
 TIME_NAMES = {
     **dict.fromkeys(("t", "time", "timestamp", "time_s", "t_s"), "s"),
     **dict.fromkeys(("time_ms", "t_ms", "timestamp_ms"), "ms"),
@@ -206,5 +207,5 @@ def _count(joints: int | Sequence[str] | None) -> int | None:
 
 
 def _listing(names: Sequence[str], most: int = 24) -> str:
-    shown = ", ".join(names[:most])
-    return shown if len(names) <= most else f"{shown}, … ({len(names)} in all)"
+    short = ", ".join(name if len(name) <= LONGEST_NAME else f"{name[:LONGEST_NAME]}…" for name in names[:most])
+    return short if len(names) <= most else f"{short}, … ({len(names)} in all)"

@@ -45,6 +45,14 @@ class BlockSums:
         if sum(map(len, held)) >= BLOCKS_HELD:
             self._reduce(index)
 
+    def end(self) -> None:
+        """End a data set: no block holds rows of this one and of what is added afterwards."""
+        longest = BLOCK_LENGTHS[-1] // BLOCK_LENGTHS[0]
+        for held in self.held:
+            missing = -sum(map(len, held)) % longest
+            if missing:
+                held.append(np.zeros((missing, *held[0].shape[1:])))
+
     def factors(self) -> BlockFactors:
         """The factors of all that was added."""
         for index in range(len(self.empty)):

@@ -143,7 +143,13 @@ class Information:
 
     @classmethod
     def from_chunks(
-        cls, model: Model, chunks: Iterable[Samples], covariance: ArrayLike | None = None, *, blocks: bool = True
+        cls,
+        model: Model,
+        chunks: Iterable[Samples],
+        covariance: ArrayLike | None = None,
+        *,
+        blocks: bool = True,
+        sums: BlockSums | None = None,
     ) -> Information:
         """Reduce samples that come one chunk after the other, so that they never stand in memory together.
 
@@ -154,6 +160,9 @@ class Information:
         covariance : array_like, optional
         blocks : bool
             Both as in `from_samples`; no block of samples lies in two chunks.
+        sums : BlockSums, optional
+            Receives the rows for the block factors of this data and of other data together; this Information has none.
+            Not with a covariance.
 
         Returns
         -------
@@ -161,7 +170,12 @@ class Information:
         """
         total: Information | None = None
         for chunk in chunks:
-            one = cls.from_samples(model, chunk, covariance, blocks=blocks)
+            if sums is None:
+                one = cls.from_samples(model, chunk, covariance, blocks=blocks)
+            else:
+                base, names = model.base_parameters(), tuple(model.robot.joint_names)
+                one = cls(base.names, base.expressions, names, reduce_by_joint(model, chunk, sums=sums))
+                sums.end()
             total = one if total is None else total + one
         return cls.empty(model) if total is None else total
 

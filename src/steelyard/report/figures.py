@@ -9,8 +9,8 @@ from numpy.typing import NDArray
 
 from steelyard.identification import Identification, Prediction
 
+from .extent import shared_words, short_names, shown_logs
 from .markup import Markup, escape, percent
-from .summary import short_names
 
 __all__ = ["default_log", "torque_data", "torque_figures"]
 
@@ -20,8 +20,8 @@ _CURVES = (("measured", "measured"), ("unconstrained", "least squares"), ("feasi
 
 
 def default_log(identification: Identification) -> int:
-    """Return the log that is shown first: the first one for validation, or else the first."""
-    roles = [prediction.role for prediction in identification.predictions]
+    """Return which of the logs that are shown comes first: the first one for validation, or else the first."""
+    roles = [identification.predictions[index].role for index in shown_logs(identification)]
     return roles.index("validation") if "validation" in roles else 0
 
 
@@ -31,11 +31,11 @@ def torque_figures(identification: Identification) -> Markup:
         return Markup("<p>There is no log to show.</p>")
     chosen = default_log(identification)
     selected = {True: " selected", False: ""}
+    names, shown = short_names(identification), shown_logs(identification)
     options = "".join(
-        f'<option value="{index}"{selected[index == chosen]}>{escape(f"{name} ({prediction.role})")}</option>'
-        for index, (name, prediction) in enumerate(
-            zip(short_names(identification), identification.predictions, strict=True)
-        )
+        f'<option value="{place}"{selected[place == chosen]}>'
+        f"{escape(f'{names[index]} ({identification.predictions[index].role})')}</option>"
+        for place, index in enumerate(shown)
     )
     legend = "".join(
         f'<label class="curve {kind}"><input type="checkbox" checked value="{kind}">'
@@ -50,7 +50,7 @@ def torque_figures(identification: Identification) -> Markup:
     return Markup(
         "<p>Where the two predictions agree, the feasible one lies on top of the other. The figures beside the names "
         "are the relative errors, least squares → feasible. Drag to zoom into a span of time in all the joints, "
-        "double-click to see the whole again.</p>"
+        f"double-click to see the whole again. {escape(shared_words(identification.predictions, shown))}</p>"
         f'<div class="controls"><label>Log <select id="log-choice" autocomplete="off">{options}</select></label>'
         f'<span class="legend" role="group" aria-label="Curves">{legend}</span></div>'
         "<noscript><p>The figures are drawn by a script, and scripts are turned off here.</p></noscript>"
@@ -63,11 +63,8 @@ def torque_data(identification: Identification) -> str:
     """Return the curves as JSON that may stand in a script element."""
     robot = identification.model.robot
     units = ["N·m" if robot.joints[index].rotates else "N" for index in robot.driving_joints]
-    names = identification.estimate.joint_names
-    logs = [
-        _log(prediction, name, names, units)
-        for name, prediction in zip(short_names(identification), identification.predictions, strict=True)
-    ]
+    joints, names = identification.estimate.joint_names, short_names(identification)
+    logs = [_log(identification.predictions[k], names[k], joints, units) for k in shown_logs(identification)]
     text = json.dumps(logs, allow_nan=False, separators=(",", ":"))
     return text.replace("<", "\\u003c").replace(">", "\\u003e").replace("&", "\\u0026")
 

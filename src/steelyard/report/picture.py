@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from steelyard.files import write_text
 from steelyard.identification import Identification, Prediction
 
+from .extent import shown_logs
 from .figures import default_log
 from .markup import escape, percent
 from .summary import is_proved
@@ -53,7 +54,7 @@ def torque_svg(identification: Identification) -> str:
     >>> "An impossible robot" in text
     True
     """
-    prediction = identification.predictions[default_log(identification)]
+    prediction = identification.predictions[shown_logs(identification)[default_log(identification)]]
     strength = np.sqrt(np.nanmean(np.square(prediction.trace.measured), axis=0))
     chosen = sorted(np.argsort(-strength, kind="stable")[:PANELS].tolist())
     gap = 30.0

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from steelyard.identification import Identification
 
+from .extent import MOST_LOGS
 from .markup import Markup, escape, table
 
 __all__ = ["processing"]
@@ -29,7 +30,9 @@ def processing(identification: Identification) -> Markup:
             "is expected to cost: what it takes from the motion, and the noise that it leaves. The dotted line is the "
             "choice.</p>"
         )
-    for index, (log, choice) in enumerate(chosen):
+    if len(chosen) > MOST_LOGS:
+        parts.append(f"<p>The first {MOST_LOGS} of {len(chosen)} logs are shown.</p>")
+    for index, (log, choice) in enumerate(chosen[:MOST_LOGS]):
         titles = ("Joint", "Noise dominates from, Hz", "Best cutoff of this joint, Hz", "Residual analysis, Hz")
         parts.append(
             f"<p><b>{escape(log)}</b>: {escape(choice.remark())}</p>"

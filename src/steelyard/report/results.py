@@ -100,6 +100,7 @@ def run_record(identification: Identification) -> dict[str, Any]:
         "logs": [_log(text) for text in identification.logs],
         "validation_logs": [_log(text) for text in identification.validation_logs],
         "options": identification.options,
+        "remarks": list(dict.fromkeys((*identification.estimate.remarks, *identification.remarks))),
         "versions": {
             "steelyard": __version__,
             "python": platform.python_version(),

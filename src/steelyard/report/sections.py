@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from importlib import metadata
 from platform import python_version
 
@@ -11,21 +12,22 @@ from numpy.typing import NDArray
 from steelyard import __version__
 from steelyard.identification import Identification
 
+from .extent import MOST_LOGS, shared_words, short_names, shown_logs
 from .markup import Markup, escape, number, percent, table
-from .summary import short_names
 
 __all__ = ["base_parameters", "errors", "joints", "link_properties", "links", "provenance", "violations"]
 
 Array = NDArray[np.float64]
+MOST_ROWS = 500
 LIBRARIES = ("numpy", "scipy", "clarabel", "llvmlite", "polars", "lxml", "plotly")
 
 
 def errors(identification: Identification) -> Markup:
     """Return one table of relative errors for each log."""
     tables = []
-    for index, (name, prediction) in enumerate(
-        zip(short_names(identification), identification.predictions, strict=True)
-    ):
+    names, shown = short_names(identification), shown_logs(identification)
+    for index in shown:
+        name, prediction = names[index], identification.predictions[index]
         joints = zip(
             identification.estimate.joint_names,
             prediction.joint_unconstrained_error,
@@ -37,11 +39,29 @@ def errors(identification: Identification) -> Markup:
         caption = f"{prediction.role.capitalize()}: {name}, {prediction.row_count} rows"
         columns = ("Joint", "Least squares, %", "Feasible, %")
         tables.append(table(caption, columns, rows, identifier=f"errors-{index}", total=True))
+    words = escape(shared_words(identification.predictions, shown))
     return Markup(
         "<p>The part of the measured torque that the model leaves unexplained, |τ − τ̂| / |τ|. "
-        "Validation logs were not used in the regression.</p>"
-        f'<div class="columns">{"".join(tables)}</div>'
+        f"Validation logs were not used in the regression. {words}</p>"
+        f'<div class="columns">{"".join(tables)}</div>{_all_logs(identification, names, shown)}'
     )
+
+
+def _all_logs(identification: Identification, names: Sequence[str], shown: Sequence[int]) -> str:
+    """One row for each log, where not all of them have a table of their own."""
+    predictions = identification.predictions
+    if len(shown) == len(predictions):
+        return ""
+    order = sorted(range(len(predictions)), key=lambda index: -predictions[index].feasible_error)[:MOST_ROWS]
+    rows = [
+        (names[k], p.role, str(p.row_count), percent(p.unconstrained_error), percent(p.feasible_error))
+        for k, p in ((k, predictions[k]) for k in order)
+    ]
+    most = len(order) < len(predictions)
+    caption = f"The {len(order)} logs of the largest errors" if most else f"All {len(order)} logs by their error"
+    columns = ("Log", "Role", "Rows", "Least squares, %", "Feasible, %")
+    body = table(caption, columns, rows, identifier="all-logs", texts=[1])
+    return f"<details><summary>{caption}</summary>{body}</details>"
 
 
 def violations(identification: Identification) -> Markup:
@@ -207,8 +227,10 @@ def provenance(identification: Identification) -> Markup:
         rows.append(("Robot description", str(robot.source)))
     rows.append(("Joints, links", f"{robot.dof}, {len(robot.links)}"))
     rows.append(("Terms at the joints", ", ".join(term.kind for term in robot.terms) or "none"))
-    rows += [("Log for identification", log) for log in identification.logs]
-    rows += [("Log for validation", log) for log in identification.validation_logs]
+    for what, logs in (("identification", identification.logs), ("validation", identification.validation_logs)):
+        rows += [(f"Log for {what}", log) for log in logs[:MOST_LOGS]]
+        if len(logs) > MOST_LOGS:
+            rows.append((f"Logs for {what}", f"{len(logs) - MOST_LOGS} more, which run.json names"))
     rows.append(("Least squares", identification.unconstrained.method))
     rows.append(("Answer", identification.estimate.method))
     rows += _flat("Option", identification.options)

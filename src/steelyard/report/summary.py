@@ -2,15 +2,14 @@
 
 from __future__ import annotations
 
-from pathlib import Path
-
 import numpy as np
 
 from steelyard.identification import Identification
 
+from .extent import gathered, short_names, shown_logs
 from .markup import Markup, escape, percent
 
-__all__ = ["NOTIONS", "is_proved", "short_names", "summary"]
+__all__ = ["NOTIONS", "is_proved", "summary"]
 
 NOTIONS = {
     "full": "every link has positive mass, and a distribution of mass with its moments exists",
@@ -18,18 +17,6 @@ NOTIONS = {
 }
 _VERDICTS = {True: ("good", "✓", "Feasible"), False: ("bad", "✕", "Infeasible"), None: ("open", "?", "Undecided")}
 _SAME = 5e-4  # errors closer than this are called the same
-
-
-def short_names(identification: Identification) -> tuple[str, ...]:
-    """Return a name for each prediction: its file, or as much of its path as tells it from the others.
-
-    Parameters
-    ----------
-    identification : Identification
-    """
-    names = [prediction.name for prediction in identification.predictions]
-    short = ["+".join(Path(part).name for part in name.split("+")) for name in names]
-    return tuple(s if short.count(s) == 1 else name for s, name in zip(short, names, strict=True))
 
 
 def is_proved(identification: Identification) -> bool:
@@ -41,7 +28,8 @@ def is_proved(identification: Identification) -> bool:
 def summary(identification: Identification) -> Markup:
     """Return the verdicts, the figures that matter and the remarks."""
     remarks = [*identification.estimate.remarks, *identification.unconstrained.remarks, *identification.remarks]
-    items = "".join(f"<li>{escape(remark)}</li>" for remark in dict.fromkeys(remarks))
+    logs = (*identification.logs, *identification.validation_logs)
+    items = "".join(f"<li>{escape(remark)}</li>" for remark in gathered(remarks, logs))
     notes = (
         f'<section aria-labelledby="remarks"><h2 id="remarks">Remarks</h2><ul>{items}</ul></section>' if items else ""
     )
@@ -112,7 +100,9 @@ def _verdict_of_answer(identification: Identification) -> str:
 def _figures(identification: Identification) -> str:
     unconstrained, estimate = identification.unconstrained, identification.estimate
     figures = [("Relative error, identification", *_change(unconstrained.relative_error, estimate.relative_error))]
-    for name, prediction in zip(short_names(identification), identification.predictions, strict=True):
+    names = short_names(identification)
+    for index in shown_logs(identification):
+        name, prediction = names[index], identification.predictions[index]
         if prediction.role == "validation":
             change = _change(prediction.unconstrained_error, prediction.feasible_error)
             figures.append((f"Relative error, validation on {name}", *change))

@@ -8,6 +8,7 @@ from dataclasses import replace
 from typing import Any
 
 from steelyard.errors import InputError
+from steelyard.files import shown
 from steelyard.robot.names import suggestion
 from steelyard.robot.robot import Robot
 
@@ -36,7 +37,7 @@ def with_limits(robot: Robot, section: Mapping[str, Any], where: str) -> Robot:
     joints = list(robot.joints)
     for key, value in section.items():
         if key not in FIELDS:
-            raise InputError(f'{where}: "{key}" is no limit; {suggestion(key, tuple(FIELDS))}')
+            raise InputError(f"{where}: {shown(key)} is no limit; {suggestion(key, tuple(FIELDS))}")
         values = value if isinstance(value, list) else [value] * robot.dof
         if len(values) != robot.dof:
             raise InputError(f"{where}: {key} has {len(values)} values, but {robot.name} has {robot.dof} joints")

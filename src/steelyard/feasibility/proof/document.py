@@ -133,7 +133,7 @@ def verify_document(document: Mapping[str, Any], where: str = "certificate") -> 
     except (KeyError, TypeError, ValueError, IndexError) as error:
         reason = f"lacks {error}" if isinstance(error, KeyError) else str(error)
         raise InputError(f"{where}: its proof is damaged ({reason[:300]}); save the certificate anew.") from None
-    raise InputError(f'{where}: its verdict is {verdict!r}; expected "feasible" or "infeasible".')
+    raise InputError(f'{where}: its verdict is {shown(verdict)}; expected "feasible" or "infeasible".')
 
 
 def _mapping(value: Any, where: str) -> Mapping[str, Any]:

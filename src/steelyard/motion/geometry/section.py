@@ -80,7 +80,7 @@ def geometry_from_dict(
     """
     for key in section:
         if key not in GEOMETRY_KEYS:
-            raise InputError(f'{where}: "{key}" is no table of geometry; {suggestion(key, GEOMETRY_KEYS)}')
+            raise InputError(f"{where}: {shown(key)} is no table of geometry; {suggestion(key, GEOMETRY_KEYS)}")
     reader = _Reader(robot, Path(folder), where)
     return tuple(reader.constraints(section))
 

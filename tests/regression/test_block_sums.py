@@ -1,0 +1,31 @@
+"""Sums of neighbouring rows, over data sets that are reduced one after the other."""
+
+import numpy as np
+
+import steelyard as sy
+from steelyard.recording import Samples
+from steelyard.regression.blocks import BLOCK_LENGTHS, BlockSums
+from steelyard.regression.reduction import empty_factors
+
+
+def test_block_sums_of_many_logs_are_those_of_each():
+    robot = sy.Robot.from_dh([("pi/2", 0, 0.3, "q"), (0, 0.5, 0, "q")])
+    model = sy.Model(robot)
+    rng = np.random.default_rng(3)
+    logs = []
+    for count in (700, 5000, 3, 2048, 1, 1500):
+        q, dq, ddq, torque = (rng.normal(size=(count, 2)) for _ in range(4))
+        logs.append(Samples(q=q, dq=dq, ddq=ddq, torque=torque, mask=rng.random((count, 2)) > 0.1))
+    apart = [sy.Information.from_samples(model, samples) for samples in logs]
+    expected = apart[0]
+    for one in apart[1:]:
+        expected = expected + one
+    sums = BlockSums(empty_factors(model))
+    parts = [sy.Information.from_chunks(model, [samples], sums=sums) for samples in logs]
+    assert all(part.block_factors == () for part in parts)
+    found = sums.factors()
+    assert len(found) == len(BLOCK_LENGTHS)
+    for level, other in zip(found, expected.block_factors, strict=True):
+        for a, b in zip(level, other, strict=True):
+            assert a.count == b.count
+            np.testing.assert_allclose(a.triangle.T @ a.triangle, b.triangle.T @ b.triangle, rtol=1e-9, atol=1e-9)
