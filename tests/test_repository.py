@@ -1,8 +1,13 @@
 """What the repository says about itself: README, versions, documentation."""
 
+import importlib.util
+import os
 import re
 import subprocess
+import sys
+import tarfile
 import tomllib
+import types
 from pathlib import Path
 
 import pytest
@@ -112,24 +117,73 @@ def test_documented_functions_are_those_of_a_model() -> None:
         assert arguments.split(", ") == [argument.name for argument in model.function(name).arguments]
 
 
-@pytest.mark.parametrize(
-    ("page", "count"),
-    [
-        ("use-the-library.md", 5),
-        ("generate-code.md", 3),
-        ("symbolic-models.md", 3),
-        ("priors-and-robust-fits.md", 6),
-        ("experiment-in-software.md", 2),
-        pytest.param("simulate.md", 5, marks=pytest.mark.slow),
-        pytest.param("control.md", 6, marks=pytest.mark.slow),
-    ],
-)
-def test_snippets_of_the_guides_run(page: str, count: int, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    if page == "symbolic-models.md":
-        pytest.importorskip("sympy", reason="symbolic models need SymPy")
-    monkeypatch.chdir(tmp_path)
-    names: dict[str, object] = {}
-    snippets = blocks(f"docs/how-to/{page}", "python")
-    assert len(snippets) >= count
-    for snippet in snippets:
-        exec(compile(snippet, page, "exec"), names)
+def publication() -> types.ModuleType:
+    """The hook that writes the metadata of the package."""
+    pytest.importorskip("hatchling", reason="the metadata is made by hatchling")
+    specification = importlib.util.spec_from_file_location("hatch_build", ROOT / "hatch_build.py")
+    assert specification is not None
+    assert specification.loader is not None
+    module = importlib.util.module_from_spec(specification)
+    specification.loader.exec_module(module)
+    return module
+
+
+@pytest.mark.parametrize("repository", ["", "https://forge.example/team/steelyard"])
+def test_links_of_the_published_readme_lead_somewhere(repository: str) -> None:
+    text = publication().published_readme((ROOT / "README.md").read_text(encoding="utf-8"), repository, "main")
+    targets = re.findall(r"\]\(([^)\s]+)\)", text)
+    assert all(target.startswith(("https://", "http://", "#")) for target in targets), targets
+    assert ("docs/images/torques.svg" in text) == bool(repository)
+    assert ("[Start here](" in text) == bool(repository)
+    assert "Start here" in text
+
+
+def test_the_address_of_the_project_stands_in_one_place() -> None:
+    settings = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))
+    assert set(settings["tool"]["steelyard"]["publication"]) == {"repository", "branch", "issues", "documentation"}
+    assert "urls" in settings["project"]["dynamic"]
+    assert "urls" not in settings["project"]
+
+
+def test_every_benchmark_is_described_with_its_command() -> None:
+    text = (ROOT / "benchmarks" / "README.md").read_text(encoding="utf-8")
+    scripts = sorted(path.name for path in (ROOT / "benchmarks").glob("*.py") if path.name != "peers.py")
+    assert re.findall(r"^\| `(\w+\.py)` \|", text, re.MULTILINE).count("peers.py") == 0
+    assert sorted(set(re.findall(r"^\| `(\w+\.py)` \|", text, re.MULTILINE))) == scripts
+    assert [name for name in scripts if f"python benchmarks/{name}" not in text] == []
+
+
+def test_the_changelog_names_every_command() -> None:
+    import typer.main
+
+    from steelyard.cli.main import app
+
+    text = (ROOT / "CHANGELOG.md").read_text(encoding="utf-8")
+    commands = typer.main.get_command(app).commands  # type: ignore[attr-defined]
+    assert [name for name in commands if f"`{name}`" not in text and f"steelyard {name}" not in text] == []
+
+
+def test_examples_say_where_their_data_is_to_be_had() -> None:
+    for path in (ROOT / "examples").glob("*.toml"):
+        text = path.read_text(encoding="utf-8")
+        assert "shared/data" not in text or re.search(r"It is public: \w+\.com/", text), path.name
+
+
+@pytest.mark.slow
+def test_the_tests_of_a_source_distribution_pass(tmp_path: Path) -> None:
+    """What is published can be tested by who unpacks it: pages, settings and scripts that tests read are there."""
+    sdist = pytest.importorskip("hatchling.builders.sdist", reason="the archive is made by hatchling")
+    archive = next(iter(sdist.SdistBuilder(str(ROOT)).build(directory=str(tmp_path))))
+    with tarfile.open(archive) as file:
+        file.extractall(tmp_path, filter="data")
+    (unpacked,) = (path for path in tmp_path.iterdir() if path.is_dir())
+    environment = {**os.environ, "PYTHONPATH": str(unpacked / "src")}
+    tests = [
+        "tests/test_repository.py",
+        "tests/test_layering.py",
+        "tests/test_public_names.py",
+        "tests/test_documentation.py",
+    ]
+    command = [sys.executable, "-m", "pytest", "-q", "-n", "0", "-p", "no:cacheprovider", *tests]
+    done = subprocess.run(command, cwd=unpacked, env=environment, capture_output=True, text=True, check=False)
+    assert done.returncode == 0, done.stdout[-3000:]

@@ -300,3 +300,27 @@ def test_inspect_keeps_long_names_whole(run, tmp_path):
     code, out, err = run("inspect", path)
     assert code == 0, err
     assert any(f"{name} " in line and f"{name}_link" in line for line in out.splitlines())
+
+
+def test_a_designed_motion_is_simulated_and_identified(run, place):
+    """What `excite` writes `simulate` follows to its end, and what `simulate` writes `identify` takes."""
+    folder = place / "excitation"
+    limits = place / "limits.toml"
+    limits.write_text("velocity = 2.0\nacceleration = 8.0\n")
+    options = ("--period", 5, "--harmonics", 3, "--starts", 1)
+    code, out, err = run("excite", place / "robot.toml", "--limits", limits, *options, "-o", folder)
+    assert code == 0, err
+    designed = sy.load_trajectory(folder / "trajectory.json")
+    assert designed.duration == pytest.approx(25 / 3)  # no multiple of a millisecond
+    for file in ("trajectory.json", "trajectory.csv"):
+        target = place / f"simulation of {file}"
+        code, out, err = run("simulate", place / "robot.toml", "--follow", folder / file, "-o", target)
+        assert (code, "finished" in out) == (0, True), err
+        log = np.genfromtxt(target / "simulation.csv", delimiter=",", names=True)
+        assert np.ptp(np.diff(log["t"])) < 1e-9
+        assert designed.duration <= log["t"][-1] < designed.duration + 0.0011
+        assert abs(log["dq1"][-1]) < 1e-3  # at rest, at the end of the whole motion
+        code, out, err = run("identify", place / "robot.toml", target / "simulation.csv", "-o", place / "again")
+        assert code == 0, err
+        found = sy.Estimate.load(place / "again" / "estimate.json")
+        assert found.relative_error < 0.02

@@ -129,9 +129,12 @@ def simulate_files(
             )
         start = trajectory.motion(np.zeros(1))
         q0, dq0 = start[0][0] if initial is None else q0, start[1][0]
-        duration = trajectory.duration if duration is None else duration
         kp, kd = gains
         motors = ComputedTorque(model, parameters, trajectory, kp=kp, kd=kd, base=base, drives=True)
+        if duration is None:
+            # Whole samples: the robot rests at the end, and a log with a last interval of its own is an uneven one.
+            spacing = motors.period if rate is None else 1.0 / rate
+            duration = math.ceil(trajectory.duration / spacing - 1e-6) * spacing
     events: tuple[Event, ...] = (joint_limits(model.robot),) if stop_at_limits else ()
     result = simulate(
         model,

@@ -1,0 +1,295 @@
+"""Every block of code in the README and the documentation runs as it stands, in a folder that holds what it names."""
+
+import re
+import shlex
+import sys
+import tomllib
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+import steelyard as sy
+from steelyard.cli import main
+from steelyard.motion import MotionLimits, geometry, limits_from_file
+from steelyard.recording import LogColumns, Processing
+
+ROOT = Path(__file__).resolve().parent.parent
+FENCE = re.compile(r"^```(?P<language>[a-z]*)[^\n]*\n(?P<text>.*?)^```", re.MULTILINE | re.DOTALL)
+PAGES = ["README.md", "CONTRIBUTING.md", *sorted(str(p.relative_to(ROOT)) for p in (ROOT / "docs").rglob("*.md"))]
+
+JOINTS = ("shoulder_pan", "shoulder_lift", "elbow", "wrist_1", "wrist_2", "wrist_3")
+LINKS = ("base", "shoulder", "upper", "forearm", "first_wrist", "second_wrist", "third_wrist")
+AXES = ("0 0 1", "0 1 0", "0 1 0", "0 1 0", "0 0 1", "0 1 0")
+PLACES = ("0 0 0.1", "0 0.1 0", "0 0 0.4", "0 0 0.4", "0 0.1 0", "0 0 0.1")
+MASSES = (3.0, 8.0, 2.41, 1.2, 1.2, 0.3)
+
+ROBOT_FILE = """\
+[description]
+urdf = "my_robot.urdf"
+tip = "tool0"
+
+[[terms]]
+kind = "viscous"
+
+[[terms]]
+kind = "coulomb"
+"""
+
+PLACEHOLDERS = {
+    "ROBOT": "robot.toml",
+    "ESTIMATE": "estimate.json",
+    "LOG": "run1.csv",
+    "FILE": "limits.toml",
+    "DIR": "out",
+}
+
+SLOW = {
+    ("README.md", "console"): "the whole chain of commands",
+    ("docs/reference/command-line.md", "console"): "every command",
+    ("docs/how-to/simulate.md", "python"): "many simulations",
+    ("docs/how-to/process-a-log.md", "python"): "a log of a minute and its spectra",
+    ("docs/explanation/what-infeasibility-tells.md", "python"): "intervals of all the parameters",
+    ("docs/how-to/control.md", "python"): "controllers in a loop",
+    ("docs/how-to/excite.md", "python"): "designs of motions",
+    ("docs/how-to/excite.md", "console"): "a design with the default number of starts",
+    ("docs/how-to/collision-free-motion.md", "python"): "designs of motions",
+}
+
+ELSEWHERE = {
+    "steelyard reproduce": "tests/reproduction runs the sections",
+    "python3 -m venv": "the tests run in an environment that was made so",
+    ".venv/bin/pip": "the tests run in an environment that was made so",
+    ".venv/bin/pre-commit": "it changes the hooks of the work tree",
+    "pip install": "the tests run in an environment that was made so",
+}
+
+
+def blocks(page: str, *languages: str) -> list[str]:
+    text = (ROOT / page).read_text(encoding="utf-8")
+    return [found["text"] for found in FENCE.finditer(text) if found["language"] in languages]
+
+
+def pages_with(language: str) -> list[Any]:
+    found = [page for page in PAGES if blocks(page, language)]
+    return [pytest.param(p, marks=pytest.mark.slow) if (p, language) in SLOW else p for p in found]
+
+
+def description() -> str:
+    """A URDF with six joints, a tool and a finger that may be locked."""
+    rows = ['<robot name="arm"><link name="base"/>']
+    for name, mass in zip(LINKS[1:], MASSES, strict=True):
+        moment = 0.02 * mass
+        rows.append(
+            f'<link name="{name}"><inertial><origin xyz="0.01 0.02 0.1"/><mass value="{mass}"/>'
+            f'<inertia ixx="{moment}" iyy="{moment}" izz="{moment / 2}" ixy="0" ixz="0" iyz="0"/></inertial></link>'
+        )
+    for k, (name, axis, place) in enumerate(zip(JOINTS, AXES, PLACES, strict=True)):
+        rows.append(
+            f'<joint name="{name}_joint" type="revolute"><parent link="{LINKS[k]}"/><child link="{LINKS[k + 1]}"/>'
+            f'<origin xyz="{place}"/><axis xyz="{axis}"/><limit lower="-3" upper="3" velocity="3" effort="150"/>'
+            '<dynamics damping="1.0" friction="0.5"/></joint>'
+        )
+    rows.append(
+        '<link name="tool0"/><link name="finger"><inertial><mass value="0.1"/>'
+        '<inertia ixx="1e-4" iyy="1e-4" izz="1e-4" ixy="0" ixz="0" iyz="0"/></inertial></link>'
+        '<joint name="flange" type="fixed"><parent link="third_wrist"/><child link="tool0"/></joint>'
+        '<joint name="finger_joint" type="prismatic"><parent link="tool0"/><child link="finger"/><axis xyz="0 0 1"/>'
+        '<limit lower="0" upper="0.05" velocity="1" effort="10"/></joint></robot>'
+    )
+    return "\n".join(rows)
+
+
+def recording(model: sy.Model, parameters: np.ndarray, seed: int, duration: float = 6.0) -> sy.Recording:
+    random = np.random.default_rng(seed)
+    count = model.joint_count
+    waves = random.normal(size=(2, count, 4)) * 0.3
+    trajectory = sy.FourierTrajectory(a=waves[0], b=waves[1], center=np.zeros(count), frequency=1.0 / duration)
+    t, q, dq, ddq = trajectory.sample(200.0, duration)
+    torque = model.inverse_dynamics(q, dq, ddq, parameters) + random.normal(size=q.shape) * 0.05
+    return sy.Recording(t=t, q=q, torque=torque, source="simulation", joint_names=model.robot.joint_names)
+
+
+@pytest.fixture(scope="session")
+def workshop(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A folder with the files that the pages speak of; copied for each page."""
+    folder = tmp_path_factory.mktemp("workshop")
+    for name in ("my_robot.urdf", "tx40.urdf"):
+        (folder / name).write_text(description(), encoding="utf-8")
+    (folder / "robot.toml").write_text(ROBOT_FILE, encoding="utf-8")
+    (folder / "limits.toml").write_text("velocity = 1.5\nacceleration = 4.0\n", encoding="utf-8")
+    model = sy.Model.load(folder / "robot.toml")
+    parameters = np.nan_to_num(np.asarray(model.robot.parameters))
+    for k in range(3):
+        recording(model, parameters, k).save(folder / f"run{k + 1}.csv")
+    for name in ("run.csv", "long.csv"):
+        recording(model, parameters, 4).save(folder / name)
+    (folder / "result").mkdir()
+    estimate = sy.identify(folder / "robot.toml", [folder / "run1.csv"]).estimate
+    for target in (folder / "estimate.json", folder / "result" / "estimate.json"):
+        estimate.save(target)
+    (folder / "meshes").mkdir()
+    corners = [f"v {x} {y} {z}" for x in (-50, 50) for y in (-50, 50) for z in (-400, 400)]
+    faces = ["f 1 2 4 3", "f 5 7 8 6", "f 1 5 6 2", "f 3 4 8 7", "f 1 3 7 5", "f 2 6 8 4"]
+    (folder / "meshes" / "forearm.obj").write_text("\n".join(corners + faces), encoding="utf-8")
+    return folder
+
+
+@pytest.fixture
+def place(workshop: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    """A copy of the workshop, where the test stands."""
+    import shutil
+
+    shutil.copytree(workshop, tmp_path, dirs_exist_ok=True)
+    monkeypatch.chdir(tmp_path)
+    return tmp_path
+
+
+# What pages take for granted: names that the reader has at this point, or files of another robot.
+
+
+def _identified(place: Path) -> dict[str, Any]:
+    """The names of somebody who has identified a robot."""
+    model = sy.Model.load(place / "robot.toml")
+    info = sy.Information.from_samples(model, sy.Recording.read(place / "run1.csv", joints=6).process(cutoff=10.0))
+    feasible = sy.FeasibleSet(model)
+    estimate = sy.fit(info, feasible)
+    found = {"sy": sy, "model": model, "info": info, "information": info, "feasible": feasible, "estimate": estimate}
+    return found | {"delta": estimate.parameters, "beta": estimate.base, "base": estimate.base}
+
+
+def _small(place: Path) -> dict[str, Any]:
+    """The same, of a pendulum of two links: intervals of all parameters and the old methods take long for six."""
+    rows = [(0, 0.5, 0, "q"), (0, 0.4, 0, "q")]
+    model = sy.Model(sy.Robot.from_dh(rows, gravity=(0, -9.81, 0)).with_terms(sy.Viscous()))
+    random = np.random.default_rng(5)
+    q, dq, ddq = random.normal(size=(3, 300, 2))
+    truth = np.array([0.1, 0, 0, 0.1, 0, 0.1, -0.2, 0, 0, 2.0, 0.1] * 2)
+    torque = model.inverse_dynamics(q, dq, ddq, truth) + random.normal(size=q.shape) * 0.1
+    info = sy.Information.from_samples(model, sy.Samples(q=q, dq=dq, ddq=ddq, torque=torque))
+    feasible = sy.FeasibleSet(model)
+    estimate = sy.least_squares(info)
+    found = {"sy": sy, "model": model, "info": info, "information": info, "feasible": feasible, "estimate": estimate}
+    parameters = sy.fit(info, feasible).parameters
+    return found | {"delta": parameters, "beta": estimate.base, "base": estimate.base}
+
+
+def _mass_four(place: Path) -> dict[str, Any]:
+    names = _small(place)
+    rows = [(0, 0.5, 0, "q"), (0, 0.4, 0, "q"), (0, 0.3, 0, "q"), (0, 0.2, 0, "q")]
+    model = sy.Model(sy.Robot.from_dh(rows, gravity=(0, -9.81, 0)))
+    truth = np.array([0.1, 0, 0, 0.1, 0, 0.1, -0.2, 0, 0, 2.0] * 4)
+    random = np.random.default_rng(5)
+    q, dq, ddq = random.normal(size=(3, 300, 4))
+    torque = model.inverse_dynamics(q, dq, ddq, truth) + random.normal(size=q.shape) * 0.1
+    info = sy.Information.from_samples(model, sy.Samples(q=q, dq=dq, ddq=ddq, torque=torque))
+    feasible = sy.FeasibleSet(model)
+    return names | {"model": model, "info": info, "feasible": feasible, "estimate": sy.fit(info, feasible)}
+
+
+def _seven_joints(place: Path) -> dict[str, Any]:
+    rows = [("pi/2", 0.0, 0.3, "q")] * 7
+    model = sy.Model(sy.Robot.from_dh(rows))
+    trajectory = sy.FourierTrajectory(
+        a=np.full((7, 1), 0.3), b=np.zeros((7, 1)), center=np.zeros(7), frequency=1 / 12.5
+    )
+    t, q, _, _ = trajectory.sample(100.0, 55.0)
+    random = np.random.default_rng(3)
+    torque = np.sin(q) * 10 + random.normal(size=q.shape) * 0.1
+    q = q + random.normal(size=q.shape) * 1e-5
+    sy.Recording(t=t, q=q, torque=torque, source="simulation").save(place / "run.csv")
+    return {"model": model}
+
+
+def _solvers(place: Path) -> dict[str, Any]:
+    names = _small(place)
+    program = names["feasible"].inequality.with_margin(1e-3).program(names["model"].parameter_names[9])
+    program.write(place / "arch0.dat-s")
+    return names | {"x": np.zeros(22), "s": np.zeros(3), "z": np.zeros(3), "objective": 0.0, "count": 1, "seconds": 0.1}
+
+
+PREPARATION: dict[str, Callable[[Path], dict[str, Any]]] = {
+    "docs/explanation/feasibility.md": _identified,
+    "docs/explanation/what-infeasibility-tells.md": _mass_four,
+    "docs/how-to/process-a-log.md": _seven_joints,
+    "docs/reference/constraints.md": _identified,
+    "docs/reference/lmi.md": _small,
+    "docs/reference/methods.md": _small,
+    "docs/reference/solvers.md": _solvers,
+}
+
+
+@pytest.mark.parametrize("page", pages_with("python"))
+def test_python_runs(page: str, place: Path) -> None:
+    if page.endswith("symbolic-models.md"):
+        pytest.importorskip("sympy", reason="symbolic models need SymPy")
+    names: dict[str, Any] = PREPARATION.get(page, lambda place: {})(place)
+    for snippet in blocks(page, "python"):
+        exec(compile(snippet, page, "exec"), names)
+
+
+def commands(page: str) -> list[str]:
+    """The commands of a page, without those that are run elsewhere."""
+    lines = "".join(blocks(page, "console")).splitlines()
+    assert all(line.startswith("$ ") for line in lines), "a line of console is a command; what it prints goes into text"
+    given = [line.removeprefix("$ ").replace(".venv/bin/steelyard", "steelyard") for line in lines]
+    return [line for line in given if not any(line.startswith(start) for start in ELSEWHERE)]
+
+
+@pytest.mark.parametrize("page", pages_with("console"))
+def test_commands_run(
+    page: str, place: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    for line in commands(page):
+        words = [PLACEHOLDERS.get(word, word) for word in shlex.split(re.sub(r"\[|\]|\.\.\.", "", line))]
+        assert words[0] == "steelyard", f"{page}: {line}"
+        monkeypatch.setattr(sys, "argv", words)
+        code: Any = 0
+        try:
+            main()
+        except SystemExit as stop:
+            code = stop.code or 0
+        assert code == 0, f"{page}: {line}: {capsys.readouterr().err}"
+
+
+@pytest.mark.parametrize("page", pages_with("toml"))
+def test_settings_are_read(page: str, place: Path) -> None:
+    """Each block of TOML is a limits file, or a robot file or a part of one, and every section is understood."""
+    for text in blocks(page, "toml"):
+        document = tomllib.loads(text)
+        if "velocity" in document or "acceleration" in document:
+            (place / "given.toml").write_text(text, encoding="utf-8")
+            robot = sy.Robot.from_urdf("my_robot.urdf", tip="tool0")
+            limits, sections = limits_from_file(place / "given.toml")
+            limits = MotionLimits.of(robot.joint_names).updated(limits)
+            assert np.all(limits.velocity < 3.0)
+            kept = geometry.geometry_from_dict(sections, robot, place, where=page) if sections else ()
+            assert len(kept) >= len(sections.keys() - {"collision", "obstacles"})
+            continue
+        if "description" not in document:
+            text = ROBOT_FILE.split("[[terms]]")[0] + text
+        (place / "given.toml").write_text(text.replace("forearm.stl", "forearm.obj"), encoding="utf-8")
+        file = sy.RobotFile.load(place / "given.toml")
+        model = sy.Model.from_file(file)
+        assert model.joint_count in (3, 6, 7)
+        LogColumns.from_dict(file.section("log"), page)
+        Processing.from_dict(file.section("processing"), page)
+        from steelyard.feasibility import constraints_from_dict
+
+        sy.FeasibleSet(model, "full", list(constraints_from_dict(file.section("constraints"), folder=place)))
+
+
+def test_every_language_of_a_block_is_known() -> None:
+    """A block without a language is shown and not run: texts that are printed, and file formats."""
+    known = {"python", "console", "toml", "sh", "text", "json", ""}
+    found = {f["language"] for page in PAGES for f in FENCE.finditer((ROOT / page).read_text(encoding="utf-8"))}
+    assert found <= known
+    shown = [
+        b
+        for page in PAGES
+        for b in blocks(page, "", "text")
+        if re.search(r"^\s*(\$ )?steelyard \w|^import ", b, re.MULTILINE)
+    ]
+    assert shown == [], "commands and Python are to be marked as such, so that they run here"
