@@ -48,6 +48,7 @@ PLACEHOLDERS = {
 
 SLOW = {
     ("README.md", "console"): "the whole chain of commands",
+    ("docs/index.md", "console"): "the demo, and an identification",
     ("docs/reference/command-line.md", "console"): "every command",
     ("docs/how-to/simulate.md", "python"): "many simulations",
     ("docs/how-to/process-a-log.md", "python"): "a log of a minute and its spectra",
