@@ -14,12 +14,14 @@ from steelyard.dynamics import Model
 from steelyard.errors import InputError
 from steelyard.feasibility import FeasibleSet, check, constraints_from_dict, fit
 from steelyard.recording import CutoffChoice, LogColumns, Processing, Recording, Samples, chunks, process_chunks
+from steelyard.recording.checks import LogSurvey
 from steelyard.recording.detection import DETECTORS, faulty_rows
 from steelyard.regression import Estimate, Information, least_squares
 from steelyard.regression.blocks import BlockSums
 from steelyard.regression.reduction import empty_factors
 from steelyard.robot import RobotFile
 
+from .plausible import implausible_mass
 from .result import Identification, Prediction, Trace
 from .swapped import swapped_positions, swapped_torques
 
@@ -114,9 +116,13 @@ def identify(
     estimate = replace(estimate, description=reader.description)
     predictions = tuple(_predict(model, unconstrained, estimate, *part) for part in parts)
     remarks = dict.fromkeys(reader.remarks)
-    thinned = parts[0][3].samples
-    remarks.update(dict.fromkeys(swapped_torques(model, thinned) or swapped_positions(model, thinned)))
+    for log, _, _, thinned in parts:
+        samples = thinned.samples
+        found = swapped_torques(model, samples) or swapped_positions(model, samples)
+        remarks.update(dict.fromkeys(f"{log}: {sentence}" for sentence in found))
     remarks.update(dict.fromkeys(_dear(unconstrained, estimate)))
+    if not reader.units_are_suspect:
+        remarks.update(dict.fromkeys(implausible_mass(model, estimate, parts[0][3].samples)))
     return Identification(
         model=model,
         information=information,
@@ -154,6 +160,7 @@ class _Reader:
         self.columns = LogColumns.from_dict(file.section("log"), f"{file.path}, [log]")
         self.processing = Processing.from_dict(file.section("processing"), f"{file.path}, [processing]")
         self.remarks: list[str] = []
+        self.units_are_suspect = False
         self.cutoff_choices: list[tuple[str, CutoffChoice]] = []
         self.description = dict(file.description)
 
@@ -168,40 +175,41 @@ class _Reader:
         return information, thinned
 
     def _watched(self, log: str | Path, thinned: _Thinned) -> Iterator[Samples]:
-        robot = self.model.robot
-        driving = [robot.joints[i] for i in robot.driving_joints]
-        lower, upper, fastest = ([getattr(j, k) for j in driving] for k in ("lower", "upper", "velocity_limit"))
-        names = tuple(robot.joint_names)
-        first = True
-        for samples in self._samples(log):
-            if first and samples.t is not None and samples.count > 2:
-                recording = Recording(
-                    t=samples.t, q=samples.q, torque=samples.torque, source=str(log), joint_names=names
-                )
-                self.remarks.extend(
-                    f"{log}: {remark}" for remark in recording.check_against(lower, upper, fastest, names)
-                )
-                first = False
+        survey = LogSurvey()
+        for samples in self._samples(log, survey):
             self.remarks.extend(f"{log}: {remark}" for remark in samples.remarks)
             if samples.cutoff_choice is not None:
                 self.cutoff_choices.append((str(log), samples.cutoff_choice))
             thinned.add(samples)
             yield samples
+        self.remarks.extend(f"{log}: {remark}" for remark in self._against_robot(survey))
+        self.units_are_suspect |= bool(survey.unit_remarks())
 
-    def _samples(self, log: str | Path) -> Iterator[Samples]:
+    def _against_robot(self, survey: LogSurvey) -> tuple[str, ...]:
+        """Compare a log with what the joints can do."""
+        robot = self.model.robot
+        driving = [robot.joints[i] for i in robot.driving_joints]
+        limits = [[getattr(joint, key) for joint in driving] for key in ("lower", "upper", "velocity_limit")]
+        return survey.limit_remarks(*limits)
+
+    def _samples(self, log: str | Path, survey: LogSurvey) -> Iterator[Samples]:
         joints = list(self.model.robot.joint_names)
 
         def look(recording: Recording) -> None:
             handled = [option for option in DETECTORS if getattr(self.processing, option) is not False]
             part = f" (Seen in the first {recording.count} rows.)" if recording.count == chunks.CHOICE_ROWS else ""
             self.remarks.extend(f"{log}: {sentence}{part}" for sentence in faulty_rows(recording, handled))
+            self._against_robot(LogSurvey.of(recording))  # what is sure to be wrong is refused at once
 
         if self.processing.needs_whole_log:
             recording = Recording.read(log, self.columns, joints)
             look(recording)
+            survey.add(recording)
             yield self.processing.apply(recording, self.model)
         else:
-            yield from process_chunks(log, self.columns, self.processing, self.chunk_rows, joints, self.model, look)
+            yield from process_chunks(
+                log, self.columns, self.processing, self.chunk_rows, joints, self.model, look, survey
+            )
 
 
 class _Thinned:

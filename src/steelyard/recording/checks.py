@@ -21,6 +21,16 @@ Array = NDArray[np.float64]
 DEGREE = pi / 180.0
 BLOCK = 0.02
 """Positions and measured velocities are compared over blocks this long (s), where encoder noise no longer counts."""
+FAR = 0.05
+"""Travel (rad or m) of a joint that surely moves."""
+SLOWEST_RATE, FASTEST_RATE = 10.5, 5e4
+"""Hz. Accelerations from ten rows a second are those of no robot; current loops, the fastest, run at some 40 kHz."""
+MANY_TURNS = 8.0 * pi
+"""rad, or m, beyond which a position is worth a word: 25 degrees make it, and few joints turn four times."""
+FULL_TURN = 2.2 * pi
+"""rad to which positions reach at most that are right as degrees; those of motors reach any number of turns."""
+FASTEST_JOINT = 40.0
+"""rad/s, or m/s: legs reach 30, arms 3 to 10; motors run at 100 to 600, and arms at 40 to 200 degrees per s."""
 MOVING = 5e-3
 """Root mean square velocity (rad/s or m/s) from which a joint counts as moving."""
 
@@ -42,6 +52,7 @@ class LogSurvey:
         self.q = self.torque = np.empty((2, 0))
         self.speed = np.empty(0)
         self._log: Recording | None = None
+        self._rate = float("nan")
         self._filled = [0, 0]
         self._blocks = 0
         self._products = self._derived = self._averaged = np.empty(0)
@@ -60,6 +71,7 @@ class LogSurvey:
         if self._log is None:
             width = recording.joint_count
             self._log = recording.rows(start, start + 1)
+            self._rate = recording.rate
             self.q = self.torque = np.array([[np.inf], [-np.inf]]) * np.ones(width)
             self.speed = self._derived = self._averaged = np.zeros(width)
             self._products = np.zeros((width, width))
@@ -123,7 +135,12 @@ class LogSurvey:
         InputError
             As in `velocity_remarks`, and where no joint moves.
         """
-        return (*self.velocity_remarks(), *self.standstill_remarks(), *self._filled_remarks())
+        return (
+            *self.velocity_remarks(),
+            *self._standstill_remarks(),
+            *self.unit_remarks(),
+            *self._filled_remarks(),
+        )
 
     def velocity_remarks(self) -> tuple[str, ...]:
         """Compare the measured velocities with the derivative of the positions, block by block.
@@ -140,7 +157,9 @@ class LogSurvey:
             cosine = np.nan_to_num((self._products / blocks) / np.outer(size_derived, size_measured))
         source = self.source
         remarks = []
-        for i in map(int, np.flatnonzero(size_derived > MOVING)):
+        # With a wrong unit of time a joint seems to creep, but comes far.
+        moves = (size_derived > MOVING) | ((self.travel > FAR) & (size_measured > MOVING))
+        for i in map(int, np.flatnonzero(moves)):
             label = self.label(i)
             if size_measured[i] < 1e-3 * size_derived[i]:
                 raise InputError(
@@ -170,25 +189,64 @@ class LogSurvey:
                 )
         return tuple(remarks)
 
-    def standstill_remarks(self) -> tuple[str, ...]:
-        """Remark on joints that do not move, on constant torques and on turns that look like degrees."""
+    def _standstill_remarks(self) -> tuple[str, ...]:
+        """Remark on joints that do not move, and on constant torques."""
         remarks = []
         if self.count > 1 and not self.travel.any():
             raise InputError(f"{self.source}: no joint moves; check `position` in [log], or record a motion.")
         for j, (low, high) in enumerate(self.q.T):
             label = self.label(j)
             if low == high:
-                remarks.append(f"The position of {label} is {low:.6g} throughout: it is held, or its sensor is stuck.")
+                remarks.append(
+                    f"The position of {label} is {low + 0.0:.6g} throughout: it is held, or its sensor is stuck."
+                )
             if self.count > 1 and self.torque[0, j] == self.torque[1, j]:
                 remarks.append(
                     f"The torque of {label} is {self.torque[0, j]:.6g} throughout: its sensor is stuck or not "
                     "connected."
                 )
-            if max(-low, high) > 8.0 * pi:
-                remarks.append(
-                    f"The position of {label} goes from {low:.5g} to {high:.5g}, "
-                    'many turns; if it is in degrees, state `position_unit = "deg"` in [log].'
-                )
+        return tuple(remarks)
+
+    def unit_remarks(self) -> tuple[str, ...]:
+        """Remark, for all joints together, on rates, positions and speeds that no robot has, and on units to blame."""
+        remarks = []
+        rate = self._rate
+        if rate <= SLOWEST_RATE:
+            faster = " or ".join(
+                f'{factor * rate:.6g} Hz with `time_unit = "{unit}"`'
+                for unit, factor in (("ms", 1e3), ("us", 1e6))
+                if factor * rate <= FASTEST_RATE
+            )
+            remarks.append(
+                f"The rate is {rate:.6g} Hz, too slow for the accelerations of a robot; if the unit of time in [log] "
+                f"is wrong, it is {faster}."
+            )
+        elif rate > FASTEST_RATE:
+            remarks.append(
+                f"The rate is {rate:.6g} Hz, faster than robots are controlled; check `time_unit` and `rate` in [log]."
+            )
+        reach = np.abs(self.q).max(axis=0)
+        turns = reach > MANY_TURNS
+        fast = ~turns & (self.speed > FASTEST_JOINT)
+        if turns.any():
+            j = int(np.argmax(reach))
+            names = ", ".join(self.label(i) for i in map(int, np.flatnonzero(turns)))
+            degrees = 'in degrees (`position_unit = "deg"` in [log]), or they are ' * bool(
+                reach[j] * DEGREE <= FULL_TURN
+            )
+            remarks.append(
+                f"Positions go through many turns of a joint ({names}; the farthest from {self.q[0, j]:.5g} to "
+                f"{self.q[1, j]:.5g}); it may be that they are {degrees}those of the motors, in front of gears "
+                "(`position_matrix` in [log] divides by their ratios)."
+            )
+        if fast.any():
+            j = int(np.argmax(np.where(fast, self.speed, 0.0)))
+            names = ", ".join(self.label(i) for i in map(int, np.flatnonzero(fast)))
+            remarks.append(
+                f"Joints move faster than those of robots ({names}; {self.label(j)} at up to {self.speed[j]:.4g} per "
+                "s); check `time_unit`, `rate` and `position_unit` in [log], and that the positions are not those of "
+                "motors in front of gears."
+            )
         return tuple(remarks)
 
     def _filled_remarks(self) -> tuple[str, ...]:
@@ -249,6 +307,9 @@ def _judge_ratio(source: str, label: str, ratio: float) -> list[str]:
         raise InputError(f'{head}; the positions are in degrees: state `position_unit = "deg"` in [log].')
     if abs(ratio / DEGREE - 1.0) < 0.05:
         raise InputError(f'{head}; the velocities are in degrees per s: state `velocity_unit = "deg/s"` in [log].')
+    for unit, scale in (("ms", 1e-3), ("us", 1e-6), ("ns", 1e-9)):
+        if abs(ratio / scale - 1.0) < 0.05:
+            raise InputError(f'{head}; the times are in {unit}: state `time_unit = "{unit}"` in [log].')
     if abs(ratio + 1.0) < 0.2:
         raise InputError(
             f'{head}; the two have opposite signs: correct the log, or leave out velocities with `velocity = "none"`.'

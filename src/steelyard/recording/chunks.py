@@ -71,7 +71,7 @@ class LogStream:
     ) -> None:
         self.columns = log_columns(columns)
         self.files = LogFiles(source)
-        self.layout = resolve(self.files.names, self.columns, joints, self.files.name)
+        self.layout = resolve(self.files.names, self.columns, joints, self.files.name, self.files.joint_labels())
         self.joint_names = names_of(joints)
         self.count = self.files.count()
         if self.count < 3:

@@ -138,6 +138,25 @@ class CsvFile(LogFile):
                 yield parsed
                 first_row += len(block)
 
+    def texts(self, names: Sequence[str]) -> dict[str, set[str]]:
+        """Texts that stand in columns, each once; none for columns of numbers."""
+        found: dict[str, set[str]] = {name: set() for name in names}
+        places = {name: self.names.index(name) for name in names}
+        if not names:
+            return found
+        with self.path.open(encoding="utf-8", errors="replace", newline="") as file:
+            file.seek(self._start)
+            rows = csv.reader((line for line in file if not line.startswith("#")), delimiter=self._separator)
+            try:
+                for fields in rows:
+                    for name, place in places.items():
+                        text = fields[place].strip() if place < len(fields) else ""
+                        if text and not NUMERIC.fullmatch(text):
+                            found[name].add(text)
+            except csv.Error as error:
+                raise InputError(f"{self.path} cannot be read as CSV: {error}; mend the file.") from None
+        return found
+
     def where(self, row: int) -> str:
         """Say which line of the file holds row `row` (from 0)."""
         with self.path.open("rb") as file:

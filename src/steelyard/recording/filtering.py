@@ -55,7 +55,7 @@ def low_pass(values: NDArray[np.float64], rate: float, cutoff: float, order: int
     if not 0.0 < cutoff < rate / 2.0:
         raise InputError(
             f"{source} is sampled at {rate:.6g} Hz, so a cutoff of {cutoff:.6g} Hz is not below half "
-            "of it; lower the cutoff."
+            "of it; lower the cutoff, or correct `time_unit` or `rate` in [log] if that is not the log's rate."
         )
     sections = butter(order, cutoff / (rate / 2.0), output="sos")
     need = edge_rows(order) + 1

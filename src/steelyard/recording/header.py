@@ -9,7 +9,7 @@ from steelyard.errors import InputError
 from steelyard.recording.columns import LogColumns
 from steelyard.recording.section import suggestion
 
-__all__ = ["Layout", "resolve"]
+__all__ = ["LABELS", "Layout", "label_columns", "resolve"]
 
 LONGEST_NAME = 60  # that a message shows of a column
 TIME_NAMES = {
@@ -25,6 +25,8 @@ FAMILIES = {
     "torque": ("tau", "torque", "effort"),
 }
 NUMBERED = ("{family}{number}", "{family}_{number}", "{family}[{number}]")
+LABELS = ("name", "names", "joint_name", "joint_names")
+"""Words for columns whose text names the joint of each number, as in ROS's JointState."""
 NAMED = ("{name}_{family}", "{family}_{name}", "{name}.{family}", "{name}/{family}")
 
 
@@ -47,14 +49,32 @@ class Layout:
         return tuple(dict.fromkeys(name for group in groups for name in group))
 
 
-def resolve(names: Sequence[str], columns: LogColumns, joints: int | Sequence[str] | None, source: str) -> Layout:
+def label_columns(names: Sequence[str]) -> tuple[str, ...]:
+    """Return the columns whose text may name the joints of numbered columns, as `name[0]`, in the order of numbers.
+
+    Examples
+    --------
+    >>> label_columns(["time", "name[0]", "name[1]", "position[0]", "position[1]"])
+    ('name[0]', 'name[1]')
+    """
+    return next(iter(_numbered(LABELS, names)), ())
+
+
+def resolve(
+    names: Sequence[str],
+    columns: LogColumns,
+    joints: int | Sequence[str] | None,
+    source: str,
+    labels: Sequence[str] = (),
+) -> Layout:
     """Find the columns of a log.
 
     What `columns` states is taken; what it leaves out is found in the header `names`, whatever the case, by these
     rules.
     Time: a column t, time, timestamp (seconds), or with _ms, _us, _ns behind it. The others: a word, then the joint's
     number (`q1`, `q_1` or `q[1]`, from 1, or from 0 where the header has a 0), or a joint's name and a word
-    (`elbow_pos`, `pos_elbow`, `elbow.pos`, `elbow/pos`; a joint's bare name is its position). Words: q, pos, position;
+    (`elbow_pos`, `pos_elbow`, `elbow.pos`, `elbow/pos`; a joint's bare name is its position). Where the log says whose
+    each number is (`labels`), joints are found by that. Words: q, pos, position;
     dq, qd, qdot, vel, velocity; ddq, qdd, qddot, acc, acceleration; tau, torque, effort. Where two groups of columns
     fit, or none, nothing is guessed.
 
@@ -63,7 +83,7 @@ def resolve(names: Sequence[str], columns: LogColumns, joints: int | Sequence[st
     InputError
         For a missing column, an ambiguous header or a wrong number of joints.
     """
-    found = {kind: _find(kind, names, columns, joints, source) for kind in FAMILIES}
+    found = {kind: _find(kind, names, columns, joints, source, labels) for kind in FAMILIES}
     position, torque = found["position"], found["torque"]
     for kind, group in (("position", position), ("torque", torque)):
         if group is None:
@@ -96,7 +116,12 @@ def _find_time(names: Sequence[str], columns: LogColumns, source: str) -> tuple[
 
 
 def _find(
-    kind: str, names: Sequence[str], columns: LogColumns, joints: int | Sequence[str] | None, source: str
+    kind: str,
+    names: Sequence[str],
+    columns: LogColumns,
+    joints: int | Sequence[str] | None,
+    source: str,
+    labels: Sequence[str],
 ) -> tuple[str, ...] | None:
     stated: str | tuple[str, ...] | None = getattr(columns, kind)
     if stated == "none":
@@ -115,7 +140,26 @@ def _find(
     if len(candidates) > 1:
         groups = " or ".join(f"{group[0]} … {group[-1]}" for group in candidates)
         raise InputError(f"{source} has several groups of columns for {kind}: {groups}; choose with `{kind}` in [log].")
-    return candidates[0] if candidates else None
+    if not candidates:
+        return None
+    (group,) = candidates
+    if not labels or joints is None or isinstance(joints, int) or group not in _numbered(FAMILIES[kind], names):
+        return group
+    return _labelled(kind, group, labels, joints, source)
+
+
+def _labelled(
+    kind: str, group: tuple[str, ...], labels: Sequence[str], joints: Sequence[str], source: str
+) -> tuple[str, ...]:
+    """Choose the numbered columns of the joints by the names that the log gives them."""
+    absent = [joint for joint in joints if joint not in labels]
+    if absent or len(labels) != len(group) or len(set(labels)) != len(labels):
+        what = f"no {absent[0]!r}" if absent else f"{len(group)} columns of {kind} for {len(labels)} names"
+        raise InputError(
+            f"{source} names its joints {_listing(labels)}, and has {what}; name the columns of {', '.join(joints)} "
+            f"with a list in `{kind}` of [log]."
+        )
+    return tuple(group[labels.index(joint)] for joint in joints)
 
 
 def _expand(
@@ -147,15 +191,7 @@ def _expand(
 def _candidates(kind: str, names: Sequence[str], joints: int | Sequence[str] | None) -> list[tuple[str, ...]]:
     """All the groups of columns that the documented rules find for `kind`."""
     by_lower = {name.strip().lower(): name for name in reversed(names)}
-    groups: list[tuple[str, ...]] = []
-    for family in FAMILIES[kind]:
-        for form in NUMBERED:
-            first = 0 if form.format(family=family, number=0) in by_lower else 1
-            group: list[str] = []
-            while (key := form.format(family=family, number=first + len(group))) in by_lower:
-                group.append(by_lower[key])
-            if group:
-                groups.append(tuple(group))
+    groups = _numbered(FAMILIES[kind], names)
     if joints is not None and not isinstance(joints, int):
         forms = [form.replace("{family}", family) for form in NAMED for family in FAMILIES[kind]]
         if kind == "position":
@@ -165,6 +201,21 @@ def _candidates(kind: str, names: Sequence[str], joints: int | Sequence[str] | N
             if all(key in by_lower for key in keys):
                 groups.append(tuple(by_lower[key] for key in keys))
     return list(dict.fromkeys(groups))
+
+
+def _numbered(families: Sequence[str], names: Sequence[str]) -> list[tuple[str, ...]]:
+    """Return the groups of columns named by a word and numbers in a row, in their order."""
+    by_lower = {name.strip().lower(): name for name in reversed(names)}
+    groups: list[tuple[str, ...]] = []
+    for family in families:
+        for form in NUMBERED:
+            first = 0 if form.format(family=family, number=0) in by_lower else 1
+            group: list[str] = []
+            while (key := form.format(family=family, number=first + len(group))) in by_lower:
+                group.append(by_lower[key])
+            if group:
+                groups.append(tuple(group))
+    return groups
 
 
 def _check_counts(

@@ -12,6 +12,7 @@ import numpy as np
 
 from steelyard.errors import InputError
 from steelyard.files import require_file, shown
+from steelyard.recording.header import label_columns
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -44,6 +45,31 @@ class LogFile(ABC):
     @abstractmethod
     def blocks(self, names: Sequence[str], rows: int) -> Iterator[Columns]:
         """Read columns from the first row to the last, `rows` rows at a time."""
+
+    def texts(self, names: Sequence[str]) -> dict[str, set[str]]:
+        """Texts that stand in columns, each once; none for columns of numbers."""
+        return {}
+
+    def joint_labels(self) -> tuple[str, ...]:
+        """Return the joints of numbered columns, where columns such as `name[0]` of ROS's JointState tell.
+
+        Raises
+        ------
+        InputError
+            Where they change from row to row.
+        """
+        columns = label_columns(self.names)
+        found = self.texts(columns)
+        labels = []
+        for column in columns:
+            texts = sorted(found.get(column, ()))
+            if len(texts) > 1:
+                raise InputError(
+                    f"{self.path}: its column {column!r} names the joint {texts[0]!r} in some rows and {texts[1]!r} in "
+                    "others; put the columns in one order, or name them with `position` and `torque` in [log]."
+                )
+            labels += texts
+        return tuple(labels) if len(labels) == len(columns) else ()
 
     def ends(self, name: str) -> tuple[float, float]:
         """First and last value of a column."""
@@ -96,6 +122,10 @@ class LogFiles:
     def ends(self, name: str) -> tuple[float, float]:
         """First and last value of a column."""
         return next(file for file in self.files if name in file.names).ends(name)
+
+    def joint_labels(self) -> tuple[str, ...]:
+        """Return the joints that the first file which does so names its numbered columns by."""
+        return next((labels for file in self.files if (labels := file.joint_labels())), ())
 
     def read(self, names: Sequence[str]) -> Columns:
         """Read whole columns from whichever file has them."""

@@ -15,6 +15,7 @@ import numpy as np
 from steelyard.errors import InputError
 from steelyard.files import shown
 from steelyard.files.npy import read_array_header
+from steelyard.recording.header import LABELS
 from steelyard.recording.log_file import LogFile
 
 if TYPE_CHECKING:
@@ -93,6 +94,16 @@ class NpzFile(LogFile):
                 f"{self.path}: its array {member.file} has the shape {member.shape}; expected one row per sample and "
                 "one column per joint: transpose it."
             )
+
+    def joint_labels(self) -> tuple[str, ...]:
+        """Return the texts of an array (N,) of joint names."""
+        for key in LABELS:
+            member = self._members.get(key)
+            if member is None or member.kind.kind != "U" or len(member.shape) != 1 or member.shape[0] > LARGEST_COUNT:
+                continue
+            with self._archive() as archive, archive.open(member.file) as stream:
+                return tuple(map(str, np.lib.format.read_array(stream, allow_pickle=False)))
+        return ()
 
     def count(self) -> int:
         """Number of rows, the length of the longest array."""

@@ -50,6 +50,17 @@ class ParquetFile(LogFile):
         for start in range(0, self.count(), rows):
             yield self._numbers(self._scan.slice(start, rows), names)
 
+    def texts(self, names: Sequence[str]) -> dict[str, set[str]]:
+        """Texts that stand in columns, each once; none for columns of numbers."""
+        import polars as pl
+
+        columns = [name for name in names if self._schema[name] == pl.String]
+        with self._reading():
+            return {
+                name: set(self._scan.select(pl.col(name).drop_nulls().unique()).collect()[name].to_list())
+                for name in columns
+            }
+
     def _numbers(self, scan: Any, names: Sequence[str]) -> dict[str, NDArray[np.float64]]:
         import polars as pl
 

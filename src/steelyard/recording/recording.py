@@ -160,7 +160,7 @@ class Recording:
         """
         columns = log_columns(columns)
         files = LogFiles(source)
-        layout = resolve(files.names, columns, joints, files.name)
+        layout = resolve(files.names, columns, joints, files.name, files.joint_labels())
         signals = convert(files.read(layout.names), layout, columns, files.where, files.name)
         stamps, clock = signals.t, None
         if columns.rate is not None and stamps is not None and len(stamps) >= FEWEST_ROWS:

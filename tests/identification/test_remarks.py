@@ -1,0 +1,110 @@
+"""What a log shows of wrong units, held joints and swapped columns reaches the answer; sound logs show none."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+import steelyard as sy
+
+COUNT, RATE = 6000, 500.0
+
+
+@pytest.fixture(scope="module")
+def arm(simulation, tmp_path_factory):
+    """Return the robot file, its model, and a sound log of 12 s with measured velocities."""
+    path = tmp_path_factory.mktemp("arm") / "robot.toml"
+    path.write_text(simulation.robot_file)
+    model = sy.Model.load(path)
+    t, q, dq, ddq = simulation.trajectory(11).sample(RATE, 1.2)
+    torque = model.inverse_dynamics(q, dq, ddq, simulation.true_parameters(model))
+    torque += 0.05 * np.random.default_rng(1).normal(size=q.shape)
+    return path, model, sy.Recording(t=t, q=q, torque=torque, velocity=dq, source="log")
+
+
+def remarks(arm, folder, log, chunk_rows=200_000, **options):
+    path = arm[0]
+    result = sy.identify(path, [log.save(folder / "log.npz")], chunk_rows=chunk_rows, **options)
+    return [remark for remark in result.remarks if "Positions were filtered" not in remark]
+
+
+MISTAKES = {
+    "degrees": (lambda log: replace(log, q=np.degrees(log.q), velocity=None), ['`position_unit = "deg"`', "gears"]),
+    "positions of motors": (
+        lambda log: replace(log, q=500 * log.q, velocity=None),
+        ["those of the motors", "`position_matrix`"],
+    ),
+    "torques in mN·m": (
+        lambda log: replace(log, torque=1e3 * log.torque),
+        ['`torque_unit = "mN·m"` in [log] would fit'],
+    ),
+    "torques a hundredth": (lambda log: replace(log, torque=log.torque / 100), ["kg together", "`gain`"]),
+    "held joint": (
+        lambda log: replace(log, q=log.q * [1, 1, 0], velocity=log.velocity * [1, 1, 0]),
+        ["joint 3 (joint3) is 0 throughout"],
+    ),
+}
+
+
+@pytest.mark.parametrize("chunk_rows", [200_000, 2000])
+def test_a_sound_log_is_not_remarked_on(arm, tmp_path, chunk_rows):
+    assert remarks(arm, tmp_path, arm[2], chunk_rows) == []
+
+
+@pytest.mark.parametrize("chunk_rows", [200_000, 2000])
+@pytest.mark.parametrize("mistake", MISTAKES)
+def test_a_mistake_is_said(arm, tmp_path, mistake, chunk_rows):
+    change, words = MISTAKES[mistake]
+    found = remarks(arm, tmp_path, change(arm[2]), chunk_rows)
+    assert any(all(word in remark for word in words) for remark in found), found
+
+
+@pytest.mark.parametrize("chunk_rows", [200_000, 2000])
+def test_stamps_in_ms_at_5_khz_are_said(arm, tmp_path, chunk_rows):
+    """The motion is ten times as fast here as at 500 Hz."""
+    path, _, log = arm
+    slow = replace(log, t=np.arange(COUNT) / 5.0, velocity=None)
+    with pytest.raises(sy.InputError, match=r"sampled at 5 Hz.* correct `time_unit`"):
+        remarks(arm, tmp_path, slow, chunk_rows)
+    free = tmp_path / "robot.toml"
+    free.write_text(path.read_text().split("[processing]")[0])
+    (remark,) = remarks((free,), tmp_path, slow, chunk_rows)
+    assert '5000 Hz with `time_unit = "ms"`' in remark
+    with pytest.raises(sy.InputError, match='the times are in ms: state `time_unit = "ms"`'):
+        remarks((free,), tmp_path, replace(slow, velocity=10.0 * log.velocity), chunk_rows)
+
+
+@pytest.mark.parametrize("chunk_rows", [200_000, 1500])
+def test_limits_are_those_of_the_whole_log(arm, tmp_path, chunk_rows):
+    """Beyond a position and a velocity limit after more than a chunk."""
+    path, _, log = arm
+    q, moving = log.q.copy(), np.arange(COUNT) > 4000
+    q[:, 0] *= 0.2
+    q[:, 0] += 4.0 * moving * np.sin(0.5 * np.pi * (log.t - log.t[4000]) / 2.0) ** 4
+    strict = tmp_path / "robot.toml"
+    strict.write_text(path.read_text() + "[limits]\nlower = -3.2\nupper = 3.2\nvelocity = 2.5\n")
+    found = remarks((strict,), tmp_path, replace(log, q=q, velocity=None), chunk_rows)
+    assert any("position of joint 1 (joint1) goes" in remark and "beyond its limits" in remark for remark in found)
+    assert any("Joint 1 (joint1) moves at" in remark for remark in found)
+
+
+def test_swapped_columns_are_looked_for_in_every_log(arm, tmp_path):
+    path, _, log = arm
+    swapped = replace(log, torque=log.torque[:, [1, 0, 2]], velocity=None)
+    logs = [log.save(tmp_path / "first.npz"), swapped.save(tmp_path / "second.npz")]
+    (remark,) = [one for one in sy.identify(path, logs).remarks if "look swapped" in one]
+    assert remark.startswith(f"{logs[1]}: The torque columns of joint1 and joint2")
+    (remark,) = [one for one in sy.identify(path, logs[:1], validate=logs[1:]).remarks if "look swapped" in one]
+    assert remark.startswith(str(logs[1]))
+
+
+def test_filled_values_are_said_chunk_by_chunk(arm, tmp_path):
+    path, _, log = arm
+    q = log.q.copy()
+    q[5000:5003, 1] = np.nan
+    columns = {"t": log.t, **{f"q{j + 1}": q[:, j] for j in range(3)}}
+    np.savez(tmp_path / "log.npz", **columns, **{f"tau{j + 1}": log.torque[:, j] for j in range(3)})
+    filling = tmp_path / "robot.toml"
+    filling.write_text(path.read_text() + '[log]\nmissing = "fill"\n')
+    found = sy.identify(filling, [tmp_path / "log.npz"], chunk_rows=2000).remarks
+    assert any("3 positions are missing" in remark for remark in found)
