@@ -1,6 +1,8 @@
 """Fixtures shared by all the tests."""
 
+import contextlib
 import csv
+import importlib
 import os
 import tempfile
 from pathlib import Path
@@ -11,8 +13,23 @@ from hypothesis import settings
 
 SHARED = Path(__file__).resolve().parent.parent.parent / "shared"
 
-settings.register_profile("steelyard", deadline=None, derandomize=True, max_examples=50)
+# Property tests try the same examples every time; `--hypothesis-profile=random` looks for new ones.
+settings.register_profile("steelyard", deadline=None, derandomize=True, database=None, max_examples=50)
+settings.register_profile("random", deadline=None, print_blob=True, max_examples=200)
 settings.load_profile("steelyard")
+
+
+def pytest_configure() -> None:
+    """Keep what happens to be imported out of the examples that are the same every time.
+
+    Hypothesis draws from the constants of all modules that are loaded, which depends on the tests that ran before in
+    the same process, and with several processes on chance.
+    """
+    if settings.default is not None and settings.default.derandomize:
+        with contextlib.suppress(ImportError):  # older versions draw from nothing but chance
+            providers = importlib.import_module("hypothesis.internal.conjecture.providers")
+            providers.is_local_module_file = lambda path: False
+
 
 # Compiled code of the tests stays out of the user's cache.
 _cache = tempfile.TemporaryDirectory(prefix="steelyard-cache-")

@@ -20,8 +20,9 @@ slow = pytest.mark.slow
 
 @pytest.fixture(autouse=True)
 def double_precision() -> Iterator[None]:
-    with jax.enable_x64(True):
-        yield
+    jax.config.update("jax_enable_x64", True)
+    yield
+    jax.config.update("jax_enable_x64", False)
 
 
 @pytest.mark.parametrize("name", ["inverse_dynamics", pytest.param("forward_dynamics", marks=slow), "regressor"])
@@ -119,9 +120,10 @@ def test_numbers_of_single_precision_are_widened() -> None:
 
 
 def test_single_precision_is_refused(odd_function: Function) -> None:
+    jax.config.update("jax_enable_x64", False)
     x = Graph().inputs("x", 1)
     exported = jax_function(Function("f", (Argument("x", 1),), (Output("y", (), (x[0] / 3.0,)),)))
-    with jax.enable_x64(False), pytest.raises(sy.InputError, match="jax_enable_x64"):
+    with pytest.raises(sy.InputError, match="jax_enable_x64"):
         exported([1.0])
 
 

@@ -37,8 +37,9 @@ def project(model: sy.Model) -> Project:
 @pytest.fixture
 def double_precision() -> Iterator[None]:
     jax = pytest.importorskip("jax", reason="JAX is not installed")
-    with jax.enable_x64(True):
-        yield
+    jax.config.update("jax_enable_x64", True)
+    yield
+    jax.config.update("jax_enable_x64", False)
 
 
 def little_function() -> Function:

@@ -59,6 +59,7 @@ def crane(tmp_path_factory):
 
 
 def limits_of(geometry):
+    pytest.importorskip("coal", reason="coal (extra `collision`) is not installed")
     wall = [
         Obstacle("wall", Box((0.1, 1.0, 1.0)), translation(0.6, 0.2, 0.5)),
         Obstacle("ball", Sphere(0.2), translation(-0.3, -0.4, 0.6), margin=0.1),
@@ -84,8 +85,6 @@ def differences(limit, q, step):
 
 @pytest.mark.parametrize("kind", ["self-collision", "obstacles", "table", "workspace"])
 def test_gradients(kind, crane, random):
-    if kind in ("self-collision", "obstacles"):
-        pytest.importorskip("coal", reason="coal (extra `collision`) is not installed")
     limit = limits_of(crane)[kind]
     assert isinstance(limit, MotionConstraint)
     q = random.uniform(-1.2, 1.2, (100, crane.robot.dof)) * (1.0, 0.3, 1.0, 1.0)
@@ -109,8 +108,6 @@ def test_gradients(kind, crane, random):
 @pytest.mark.parametrize("kind", ["self-collision", "obstacles", "table", "workspace"])
 def test_pull_back_adds_up(kind, crane, random):
     """The gradient of a sum is the sum of the gradients, and samples without weight have none."""
-    if kind in ("self-collision", "obstacles"):
-        pytest.importorskip("coal", reason="coal (extra `collision`) is not installed")
     limit = limits_of(crane)[kind]
     q = random.uniform(-1.0, 1.0, (12, crane.robot.dof))
     weights = random.normal(size=(12, len(limit.labels)))
