@@ -112,9 +112,9 @@ BROKEN = {
     "two robots": (ROWS + 'urdf = "x.urdf"', "both urdf and rows"),
     "unknown key": (
         '[description]\nurdf = "robots/arm.urdf"\ntipp = "c"',
-        '"tipp" does not belong to a URDF; did you mean',
+        "'tipp' does not belong to a URDF; did you mean",
     ),
-    "tip with rows": (ROWS + 'tip = "c"', '"tip" does not belong to DH rows'),
+    "tip with rows": (ROWS + 'tip = "c"', "'tip' does not belong to DH rows"),
     "name is a number": ("name = 3\n" + ROWS, "name must be a string, got 3"),
     "urdf is a number": ("[description]\nurdf = 3", "urdf must be a path, got 3"),
     "absent urdf": ('[description]\nurdf = "none.urdf"', r"none\.urdf: cannot be read"),

@@ -133,7 +133,7 @@ def _exchanged(part: Path, target: Path, stale: Collection[str]) -> bool:
         if part.stat().st_gid != status.st_gid:
             os.chown(part, -1, status.st_gid)
         handle = os.open(target, os.O_RDONLY | os.O_CLOEXEC)
-    except OSError:
+    except (OSError, NotImplementedError):
         _unlink(part, set(os.listdir(part)) - own)
         return False
     try:

@@ -32,7 +32,7 @@ SUFFIX = ".part"
 
 
 @contextlib.contextmanager
-def replaced_file(path: str | os.PathLike[str]) -> Iterator[BinaryIO]:
+def replaced_file(path: str | os.PathLike[str], *, durable: bool = True) -> Iterator[BinaryIO]:
     """Open a file beside another one, which takes its place when the block ends well and vanishes otherwise.
 
     The file beside has a name of its own, so that several may write the same file: the last one wins, and no reader
@@ -42,6 +42,8 @@ def replaced_file(path: str | os.PathLike[str]) -> Iterator[BinaryIO]:
     ----------
     path : str or path
         Of the file that is to appear; one that is there is replaced, and its permissions are kept.
+    durable : bool
+        Whether to wait until the disk has it, so that a loss of power leaves the old file or the new one.
 
     Raises
     ------
@@ -72,14 +74,16 @@ def replaced_file(path: str | os.PathLike[str]) -> Iterator[BinaryIO]:
         with file:
             yield file
             file.flush()
-            os.fsync(file.fileno())
+            if durable:
+                os.fsync(file.fileno())
             if mode is not None:
                 os.chmod(part, mode)
             if os.name == "posix":
                 os.replace(part, target)
         if os.name != "posix":  # where an open file cannot be renamed
             os.replace(part, target)
-        synchronise(target.parent)
+        if durable:
+            synchronise(target.parent)
     except OSError as error:
         raise refusal(target, error) from None
     finally:
@@ -87,9 +91,9 @@ def replaced_file(path: str | os.PathLike[str]) -> Iterator[BinaryIO]:
             os.unlink(part)
 
 
-def write_bytes(content: bytes, path: str | os.PathLike[str]) -> None:
+def write_bytes(content: bytes, path: str | os.PathLike[str], *, durable: bool = True) -> None:
     """Write bytes as in `replaced_file`."""
-    with replaced_file(path) as file:
+    with replaced_file(path, durable=durable) as file:
         file.write(content)
 
 

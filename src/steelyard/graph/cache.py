@@ -68,7 +68,7 @@ class ObjectCache:
         if self.folder is None:
             return
         with contextlib.suppress(InputError):
-            write_bytes(_MAGIC + _digest(key, code) + code, self.folder / f"{key}.o")
+            write_bytes(_MAGIC + _digest(key, code) + code, self.folder / f"{key}.o", durable=False)
 
 
 def _digest(key: str, code: bytes) -> bytes:

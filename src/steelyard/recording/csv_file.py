@@ -178,9 +178,10 @@ class CsvFile(LogFile):
             if self.names.count(name) > 1:
                 raise InputError(f"{self.path} has several columns named {name!r}; give each its own name.")
         try:
-            frame = self._frame(data, names, pl.Float64)
+            with reading_table(self.path, "CSV"):
+                frame = self._frame(data, names, pl.Float64)
             usual = all(series.null_count() == 0 for series in frame.iter_columns())
-        except (pl.exceptions.PolarsError, pl.exceptions.PanicException):
+        except InputError:
             usual = False
         if not usual:
             return self._parse_carefully(data, names, first_row)

@@ -146,7 +146,7 @@ def _describe(path: Path, description: dict[str, Any]) -> Robot:
     for key in description:
         if key not in allowed:
             kind = "a URDF" if "urdf" in description else "DH rows"
-            raise InputError(f'{where}: "{key}" does not belong to {kind}; {suggestion(key, allowed)}')
+            raise InputError(f"{where}: {shown(key)} does not belong to {kind}; {suggestion(key, allowed)}")
 
     gravity = description.get("gravity", [0, 0, -9.81])
     if not (isinstance(gravity, list) and len(gravity) == 3 and all(_is_number(value) for value in gravity)):

@@ -144,7 +144,7 @@ def test_broken_files_name_the_line(read, text, line, words):
 def test_files_that_cannot_be_opened(tmp_path):
     with pytest.raises(InputError, match=r"absent\.dat-s: cannot be read \(No such file"):
         SemidefiniteProgram.read(tmp_path / "absent.dat-s")
-    with pytest.raises(InputError, match="cannot be read"):
+    with pytest.raises(InputError, match="is a folder"):
         SemidefiniteProgram.read(tmp_path)
     with pytest.raises(InputError, match="cannot be written"):
         SemidefiniteProgram.from_matrices([1.0], [[[1.0]], [[1.0]]]).write(tmp_path / "no" / "x.dat-s")

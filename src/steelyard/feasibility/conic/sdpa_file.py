@@ -13,7 +13,7 @@ from pathlib import Path
 import numpy as np
 
 from steelyard.errors import InputError
-from steelyard.files import write_text
+from steelyard.files import LARGEST_JSON, read_bytes, write_text
 
 from .semidefinite_program import SemidefiniteProgram
 
@@ -128,10 +128,8 @@ def _quoted(text: str) -> str:
 
 def read_program(path: Path) -> SemidefiniteProgram:
     """Read a file line by line; nothing is allocated for what it only claims to hold."""
-    try:
-        text = path.read_bytes().decode("utf-8-sig", errors="replace")
-    except OSError as error:
-        raise InputError(f"{path}: cannot be read ({error.strerror}); give the path of a .dat-s file.") from error
+    content = read_bytes(path, largest=LARGEST_JSON, remedy="give the path of a .dat-s file")
+    text = content.decode("utf-8-sig", errors="replace")
     lines = _Lines(path, _LINE_END.split(text))
     count = lines.integer(lines.header(1, "the number of variables")[0], "the number of variables", 1)
     blocks = lines.integer(lines.header(1, "the number of blocks")[0], "the number of blocks", 1)

@@ -1,0 +1,54 @@
+"""The folder of results holds one run, and what the user put there."""
+
+import json
+from dataclasses import replace
+from pathlib import Path
+
+import pytest
+
+from steelyard.identification import Identification
+from steelyard.report import save_results
+
+
+def without_urdf(identification: Identification) -> Identification:
+    robot = replace(identification.model.robot, source=None)
+    model = type(identification.model)(robot)
+    return replace(identification, model=model)
+
+
+def test_a_second_run_leaves_no_file_of_the_first(identification: Identification, tmp_path: Path) -> None:
+    folder = tmp_path / "results"
+    save_results(identification, folder)
+    names = {"estimate.json", "report.html", "robot.urdf", "run.json"}
+    assert {path.name for path in folder.iterdir()} == names
+    assert set(json.loads((folder / "run.json").read_text())["files"]) == names
+    (folder / "notes.txt").write_text("mine")
+    save_results(without_urdf(identification), folder)
+    assert {path.name for path in folder.iterdir()} == names - {"robot.urdf"} | {"notes.txt"}
+    assert (folder / "notes.txt").read_text() == "mine"
+
+
+def test_a_robot_of_the_user_stays(identification: Identification, tmp_path: Path) -> None:
+    (tmp_path / "robot.urdf").write_text("mine")
+    (tmp_path / "run.json").write_text('{"format": "steelyard-run-1", "files": ["notes.txt", 7]}')
+    (tmp_path / "notes.txt").write_text("mine")
+    save_results(without_urdf(identification), tmp_path)
+    assert (tmp_path / "robot.urdf").read_text() == "mine"
+    assert (tmp_path / "notes.txt").read_text() == "mine"
+
+
+def test_a_failure_leaves_the_results_of_before(
+    identification: Identification, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    folder = tmp_path / "results"
+    save_results(identification, folder)
+    before = {path.name: path.read_bytes() for path in folder.iterdir()}
+
+    def fail(*_: object) -> None:
+        raise RuntimeError
+
+    monkeypatch.setattr("steelyard.report.results.write_report", fail)
+    with pytest.raises(RuntimeError):
+        save_results(identification, folder)
+    assert {path.name: path.read_bytes() for path in folder.iterdir()} == before
+    assert [path.name for path in tmp_path.iterdir()] == ["results"]
