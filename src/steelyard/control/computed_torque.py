@@ -124,6 +124,7 @@ class ComputedTorque(ControlBlock):
             efforts = [robot.joints[k].effort_limit for k in robot.driving_joints]
             torque_limit = efforts if self._ki.any() else np.inf
         self._torque_limit = joint_limits(torque_limit, model.joint_count)
+        self._limited = bool(np.isfinite(self._torque_limit).any())
         self._tool = tool
         self._sensor = ForceSensing()
         self._integrates = bool(self._ki.any())
@@ -156,7 +157,7 @@ class ComputedTorque(ControlBlock):
             self._integral, self._time = np.clip(grown, -self._largest, self._largest), measurement.t
             command = command + self._ki * self._integral
         torque = self._part(self._dynamics, q, dq, command)
-        if (np.abs(torque) > self._torque_limit).any():
+        if self._limited and (np.abs(torque) > self._torque_limit).any():
             torque = self._within_limits(torque, self._part(self._dynamics, q, dq, 0.0 * command))
         if self._tool is not None:
             force = self._sensor.wrench(measurement)
