@@ -54,8 +54,15 @@ def test_chunks_change_nothing(elbow, simulation):
     log = simulation.record(model, folder / "log.csv", seed=4, rate=500.0, periods=2.0)
     whole, chunked = sy.identify(path, [log]), sy.identify(path, [log], chunk_rows=1000)
     assert len(list(process_chunks(log, None, sy.Processing(cutoff=10.0, trim=0.5), rows=1000, joints=3))) > 5
-    np.testing.assert_allclose(chunked.unconstrained.base, whole.unconstrained.base, rtol=1e-6, atol=1e-8)
+    # To the last bit: standard parameters choose among near ties, which a difference of 1e-13 moves by 1e-3.
+    for a, b in zip(whole.information.factors, chunked.information.factors, strict=True):
+        np.testing.assert_array_equal(a.triangle, b.triangle)
+    np.testing.assert_array_equal(chunked.estimate.parameters, whole.estimate.parameters)
+    np.testing.assert_array_equal(
+        chunked.unconstrained.corrected_standard_deviation, whole.unconstrained.corrected_standard_deviation
+    )
     assert chunked.information.count == whole.information.count
+    assert chunked.remarks == whole.remarks
 
 
 def test_two_logs_are_one_regression(elbow, simulation):

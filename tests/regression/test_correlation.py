@@ -1,5 +1,7 @@
 """Uncertainty under correlated residuals: exact covariances, an independent Newey-West estimate, repetition."""
 
+import itertools
+
 import numpy as np
 import pytest
 from scipy.linalg import toeplitz
@@ -221,3 +223,45 @@ def test_estimates_keep_it_and_older_files_do_without(arm, tmp_path):
     )
     with pytest.raises(sy.InputError, match="between 0 and 1"):
         older.confidence_interval(95)
+
+
+@pytest.mark.parametrize("options", [{"torque_cutoff": 5.0}, {"decimate": [10]}], ids=str)
+def test_no_interval_is_told_of_filtered_torques(options, tmp_path):
+    """The model's friction jumps, the torques no longer do: estimates are off by many of their deviations."""
+    model = sy.Model(sy.Robot.from_dh([(0, 1.0, 0, "q")], gravity=(0, -9.81, 0)).with_terms(sy.Coulomb()))
+    t = np.arange(8000)[:, None] / RATE
+    q, dq, ddq = np.sin(2 * t), 2 * np.cos(2 * t), -4 * np.sin(2 * t)
+    truth = np.array([*[0.0] * 5, 0.5, 0.3, 0.0, 0.0, 1.0, 3.0])
+    torque = model.inverse_dynamics(q, dq, ddq, truth) + 0.02 * np.random.default_rng(1).normal(size=q.shape)
+    recording = sy.Recording(t=t[:, 0], q=q, torque=torque)
+    information = sy.Information.from_samples(model, recording.process(cutoff=5.0, trim=0.5, **options))
+    estimate = sy.least_squares(information)
+    off = np.abs(estimate.base - model.base_parameters().values(truth)) / estimate.standard_deviation
+    assert off.max() > 3.0  # what an interval of noise would miss
+    assert np.all(np.isinf(estimate.confidence_interval()))
+    assert set(estimate.weak) <= {"ly1"}  # by the plain deviation, a lower bound; ly1 is zero
+    assert any("no interval of a base parameter is told" in remark for remark in estimate.remarks)
+    information.save(tmp_path / "information.json")
+    again = sy.least_squares(sy.Information.load(tmp_path / "information.json") + sy.Information.empty(model))
+    assert np.all(np.isinf(again.corrected_standard_deviation))
+    assert np.all(np.isinf(sy.fit(information, sy.FeasibleSet(model)).confidence_interval()))
+    plain = sy.least_squares(sy.Information.from_samples(model, recording.process(cutoff=5.0, trim=0.5)))
+    assert np.all(np.isfinite(plain.confidence_interval()))
+
+
+def test_the_cut_of_the_samples_changes_nothing(arm):
+    """To the last bit, sums over neighbouring rows included, which lie across the cuts."""
+    mask = np.random.default_rng(1).random((9000, 2)) > 0.3
+    samples = samples_of(arm, 9000, 0.9, 4, mask)
+    cuts = [0, 1, 700, 2047, 2049, 6000, 9000]
+    parts = [samples.rows(a, b) for a, b in itertools.pairwise(cuts)]
+    for covariance in (None, [[0.3, 0.1], [0.1, 0.2]]):
+        whole = sy.Information.from_samples(arm, samples, covariance)
+        cut = sy.Information.from_chunks(arm, parts, covariance)
+        for a, b in zip(whole.factors, cut.factors, strict=True):
+            np.testing.assert_array_equal(a.triangle, b.triangle)
+            assert a.count == b.count
+        for first, second in zip(whole.block_factors, cut.block_factors, strict=True):
+            for a, b in zip(first, second, strict=True):
+                np.testing.assert_array_equal(a.triangle, b.triangle)
+                assert a.count == b.count

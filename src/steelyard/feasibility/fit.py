@@ -7,7 +7,7 @@ import numpy.typing as npt
 
 from steelyard.dynamics import Model
 from steelyard.errors import InputError
-from steelyard.regression import Estimate, Information, method_name, residual_correlation, standard_deviations
+from steelyard.regression import Estimate, Information, corrected_deviations, method_name, standard_deviations
 
 from .feasible_set import FeasibleSet
 from .fitting import Preference, Prior, fit_reduced, l_curve
@@ -128,9 +128,7 @@ def fit(
         base_expressions=info.base_expressions,
         base=certificate.base,
         standard_deviation=standard_deviations(problem, found.base, undetermined),
-        corrected_standard_deviation=(
-            residual_correlation(info, found.base, values).standard_deviation if info.block_factors else None
-        ),
+        corrected_standard_deviation=corrected_deviations(info, found.base, values),
         joint_names=joint_names,
         relative_error=info.relative_error(found.base),
         row_count=info.count,

@@ -339,6 +339,7 @@ def _processed(
             t=None if samples.t is None else samples.t[cut],
             remarks=remarks if number == 0 else (),
             cutoff_choice=samples.cutoff_choice if number == 0 else None,
+            filtered_torque=samples.filtered_torque,
         )
     ending += [*survey.remarks(), *said(counts)]
     low, high = survey.torque

@@ -267,6 +267,7 @@ class Plan:
             t=t,
             cutoff_choice=self.choice,
             cutoff=getattr(self.filter, "cutoff", None),
+            filtered_torque=processing.torque_cutoff is not None or bool(processing.decimate),
         )
         return samples, thinned
 

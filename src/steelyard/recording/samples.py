@@ -41,6 +41,9 @@ class Samples:
         The evidence, where the cutoff of the position filter was chosen from the data.
     cutoff
         Hz, of the position filter; None where there was none or it is unknown.
+    filtered_torque
+        Whether the torques went through a filter, or an anti-alias filter, that the dynamics of the filtered motion did
+        not: estimates are then biased by more than their intervals.
 
     The arrays are kept as read-only float64 in C order; an array that is so already is not copied.
 
@@ -65,6 +68,7 @@ class Samples:
     remarks: tuple[str, ...] = ()
     cutoff_choice: CutoffChoice | None = None
     cutoff: float | None = None
+    filtered_torque: bool = False
 
     def __post_init__(self) -> None:
         shape: tuple[int, ...] | None = None
@@ -142,6 +146,7 @@ class Samples:
             t=np.concatenate(times) if len(times) == len(parts) else None,
             remarks=tuple(dict.fromkeys(remark for part in parts for remark in part.remarks)),
             cutoff_choice=next((part.cutoff_choice for part in parts if part.cutoff_choice is not None), None),
+            filtered_torque=any(part.filtered_torque for part in parts),
             cutoff=parts[0].cutoff if len({part.cutoff for part in parts}) == 1 else None,
         )
 

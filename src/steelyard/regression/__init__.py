@@ -1,6 +1,7 @@
 """Regression: Information, weights, least squares, uncertainty, and the estimate that comes of it."""
 
 from .correlation import ResidualCorrelation as ResidualCorrelation
+from .correlation import corrected_deviations as corrected_deviations
 from .correlation import residual_correlation as residual_correlation
 from .covariance import residual_covariance as residual_covariance
 from .estimate import Estimate as Estimate
@@ -20,6 +21,7 @@ __all__ = [
     "Reduced",
     "ResidualCorrelation",
     "column_lengths",
+    "corrected_deviations",
     "least_squares",
     "method_name",
     "residual_correlation",

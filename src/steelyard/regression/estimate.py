@@ -78,7 +78,8 @@ class Estimate:
         How the robot was read (``tip``, ``locked``), for writing a URDF.
     corrected_standard_deviation : ndarray or None
         (n_b,) with the correlation of the residuals in time, see `residual_correlation`; `standard_deviation` takes
-        each row for an independent one, and is too small where they are not. None where that is not known.
+        each row for an independent one, and is too small where they are not. Infinite where no interval can be told,
+        as with torques that were filtered; None where the correlation is not known.
 
     Examples
     --------
@@ -153,9 +154,14 @@ class Estimate:
             return np.asarray(np.where(size > 0.0, deviation / size, np.inf))
 
     @property
+    def least_deviation(self) -> Array:
+        """`deviation`, and `standard_deviation`, which is less than the truth, where that is not known; (n_b,)."""
+        return np.where(np.isfinite(self.deviation), self.deviation, self.standard_deviation)
+
+    @property
     def weak(self) -> tuple[str, ...]:
         """Base parameters, in words, whose `deviation` exceeds their size, or that the data does not determine."""
-        relative = self.relative_deviation
+        relative = self._relative(self.least_deviation)
         return tuple(name for name, s in zip(self.base_expressions, relative, strict=True) if not s < 1.0)
 
     def __repr__(self) -> str:

@@ -13,15 +13,22 @@ from numpy.typing import ArrayLike, NDArray
 from steelyard.dynamics import Model
 from steelyard.errors import InputError
 from steelyard.recording import Samples
+from steelyard.recording.samples import regrouped
 
 from .blocks import BlockFactors, BlockSums, added
 from .factor import Factor, Reduced, combined, inverse_deviations, solve, triangular, undetermined_columns
-from .reduction import as_covariance, empty_factors, empty_whole, reduce_by_joint, reduce_whitened
+from .reduction import BLOCK, JointReduction, WhitenedReduction, as_covariance, empty_factors, require_joints
 from .saved_information import read_document, write_document
 
 __all__ = ["Information"]
 
 Array = NDArray[np.float64]
+
+FILTERED = (
+    "Torques were filtered or decimated, which rounds the jumps of friction that the model keeps: estimates are biased "
+    "by more than noise explains, and no interval of a base parameter is told; leave out `torque_cutoff` and "
+    "`decimate` in [processing] to have them."
+)
 
 
 @dataclass(frozen=True, eq=False)
@@ -48,6 +55,9 @@ class Information:
     block_factors : tuple of tuples of Factor
         The same of the sums over 8, 16, ... 1024 neighbouring samples, from which `residual_correlation` tells how far
         residuals are correlated in time. Empty where they were not asked for.
+    filtered_torque : bool
+        Whether torques were filtered and the dynamics were not, see `Samples`; no interval of a base parameter holds
+        then.
 
     Examples
     --------
@@ -72,6 +82,7 @@ class Information:
     covariance: Array | None = None
     remarks: tuple[str, ...] = ()
     block_factors: BlockFactors = field(default=(), kw_only=True, repr=False)
+    filtered_torque: bool = field(default=False, kw_only=True)
 
     def __repr__(self) -> str:
         return (
@@ -129,17 +140,7 @@ class Information:
         InputError
             If the samples have another number of joints than the model, or the covariance is not positive definite.
         """
-        base, names = model.base_parameters(), tuple(model.robot.joint_names)
-        if covariance is None:
-            sums = BlockSums(empty_factors(model)) if blocks else None
-            factors = reduce_by_joint(model, samples, sums=sums)
-            return cls(base.names, base.expressions, names, factors, block_factors=sums.factors() if sums else ())
-        factors = reduce_by_joint(model, samples)
-        matrix = as_covariance(covariance, model.joint_count)
-        sums = BlockSums((empty_whole(model),)) if blocks else None
-        whole = reduce_whitened(model, samples, matrix, sums)
-        held = sums.factors() if sums else ()
-        return cls(base.names, base.expressions, names, (whole,), factors, matrix, block_factors=held)
+        return cls.from_chunks(model, [samples], covariance, blocks=blocks)
 
     @classmethod
     def from_chunks(
@@ -159,7 +160,7 @@ class Information:
         chunks : iterable of Samples
         covariance : array_like, optional
         blocks : bool
-            Both as in `from_samples`; no block of samples lies in two chunks.
+            Both as in `from_samples`.
         sums : BlockSums, optional
             Receives the rows for the block factors of this data and of other data together; this Information has none.
             Not with a covariance.
@@ -167,17 +168,37 @@ class Information:
         Returns
         -------
         Information
+            The same numbers, to the last bit, wherever the samples were cut.
         """
-        total: Information | None = None
-        for chunk in chunks:
-            if sums is None:
-                one = cls.from_samples(model, chunk, covariance, blocks=blocks)
-            else:
-                base, names = model.base_parameters(), tuple(model.robot.joint_names)
-                one = cls(base.names, base.expressions, names, reduce_by_joint(model, chunk, sums=sums))
-                sums.end()
-            total = one if total is None else total + one
-        return cls.empty(model) if total is None else total
+        base, names = model.base_parameters(), tuple(model.robot.joint_names)
+        matrix = None if covariance is None else as_covariance(covariance, model.joint_count)
+        own = BlockSums(empty_factors(model)) if blocks and matrix is None and sums is None else None
+        by_joint = JointReduction(model, own if sums is None else sums)
+        whole = None if matrix is None else WhitenedReduction(model, matrix, blocks)
+        filtered, any_rows = False, False
+        # Blocks of rows are the same, and are added in the same order, wherever the chunks end.
+        for samples in regrouped(chunks, BLOCK):
+            require_joints(model, samples)
+            filtered, any_rows = filtered or samples.filtered_torque, True
+            by_joint.add(samples)
+            if whole is not None:
+                whole.add(samples)
+        if not any_rows:
+            return cls.empty(model)
+        if sums is not None:
+            sums.end()
+        factors, held = by_joint.factors(), () if own is None else own.factors()
+        return cls(
+            base.names,
+            base.expressions,
+            names,
+            factors if whole is None else (whole.factor(),),
+            () if whole is None else factors,
+            matrix,
+            (FILTERED,) if filtered else (),
+            block_factors=held if whole is None else whole.block_factors(),
+            filtered_torque=filtered,
+        )
 
     @classmethod
     def from_factor(
@@ -255,6 +276,7 @@ class Information:
             self.covariance if same else None,
             remarks,
             block_factors=blocks,
+            filtered_torque=self.filtered_torque or other.filtered_torque,
         )
 
     @property

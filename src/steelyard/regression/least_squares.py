@@ -7,7 +7,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from steelyard.errors import InputError
 
-from .correlation import residual_correlation
+from .correlation import corrected_deviations
 from .estimate import Estimate
 from .factor import Reduced, column_lengths, inverse_of_triangle, solve
 from .information import Information
@@ -80,9 +80,7 @@ def least_squares(information: Information, weights: str | ArrayLike | None = "j
         row_count=information.count,
         condition_number=information.condition_number,
         remarks=tuple(remarks),
-        corrected_standard_deviation=(
-            residual_correlation(information, base, used).standard_deviation if information.block_factors else None
-        ),
+        corrected_standard_deviation=corrected_deviations(information, base, used),
     )
 
 

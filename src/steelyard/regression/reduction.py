@@ -12,16 +12,18 @@ from steelyard.dynamics.threads import one_thread
 from steelyard.errors import InputError
 from steelyard.recording import Samples
 
-from .blocks import BlockSums
+from .blocks import BlockFactors, BlockSums
 from .factor import Factor, triangular
 
 __all__ = [
+    "BLOCK",
+    "JointReduction",
+    "WhitenedReduction",
     "as_covariance",
     "empty_factors",
     "empty_whole",
     "joint_rows",
     "reduce_by_joint",
-    "reduce_whitened",
     "require_joints",
     "residuals",
 ]
@@ -82,40 +84,50 @@ def joint_rows(model: Model, samples: Samples, block: int = BLOCK) -> Iterator[t
         yield part, [np.column_stack([w, samples.torque[part, k]]) for k, w in enumerate(entries)]
 
 
-def reduce_by_joint(
-    model: Model, samples: Samples, scales: Array | None = None, sums: BlockSums | None = None
-) -> tuple[Factor, ...]:
-    """Reduce the rows of each joint by themselves.
+class JointReduction:
+    """Reduces the rows of each joint by themselves, samples by samples.
 
     Parameters
     ----------
     model : Model
-    samples : Samples
-    scales : ndarray, optional
-        (S, N): factors of the rows, the square roots of their weights.
     sums : BlockSums, optional
         Receives the rows, too.
-
-    Returns
-    -------
-    tuple of Factor
-        One for each joint.
     """
+
+    def __init__(self, model: Model, sums: BlockSums | None = None) -> None:
+        self.model, self.empty = model, empty_factors(model)
+        self.triangles = [f.triangle for f in self.empty]
+        self.counts = [0] * len(self.empty)
+        self.sums = sums
+
+    def add(self, samples: Samples, scales: Array | None = None) -> None:
+        """Add samples, perhaps with factors (S, N) of their rows, the square roots of weights.
+
+        With sums each call but the last must bring a multiple of 1024 samples.
+        """
+        with one_thread():
+            for part, rows_of_joints in joint_rows(self.model, samples):
+                for k, all_rows in enumerate(rows_of_joints):
+                    rows = all_rows if scales is None else all_rows * scales[part, k, None]
+                    if self.sums is not None:
+                        self.sums.add(k, rows if samples.mask is None else rows * samples.mask[part, k, None])
+                    if samples.mask is not None:
+                        rows = rows[samples.mask[part, k]]
+                    self.counts[k] += len(rows)
+                    self.triangles[k] = triangular(np.vstack([self.triangles[k], rows]))
+
+    def factors(self) -> tuple[Factor, ...]:
+        """One for each joint."""
+        zipped = zip(self.empty, self.triangles, self.counts, strict=True)
+        return tuple(Factor(f.joint, f.columns, t, n) for f, t, n in zipped)
+
+
+def reduce_by_joint(model: Model, samples: Samples, scales: Array | None = None) -> tuple[Factor, ...]:
+    """Reduce the rows of each joint of some samples by themselves; see `JointReduction`."""
     require_joints(model, samples)
-    empty = empty_factors(model)
-    triangles = [f.triangle for f in empty]
-    counts = [0] * len(empty)
-    with one_thread():
-        for part, rows_of_joints in joint_rows(model, samples):
-            for k, all_rows in enumerate(rows_of_joints):
-                rows = all_rows if scales is None else all_rows * scales[part, k, None]
-                if sums is not None:
-                    sums.add(k, rows if samples.mask is None else rows * samples.mask[part, k, None])
-                if samples.mask is not None:
-                    rows = rows[samples.mask[part, k]]
-                counts[k] += len(rows)
-                triangles[k] = triangular(np.vstack([triangles[k], rows]))
-    return tuple(Factor(f.joint, f.columns, t, n) for f, t, n in zip(empty, triangles, counts, strict=True))
+    reduction = JointReduction(model)
+    reduction.add(samples, scales)
+    return reduction.factors()
 
 
 def as_covariance(covariance: ArrayLike, joints: int) -> Array:
@@ -148,55 +160,62 @@ def as_covariance(covariance: ArrayLike, joints: int) -> Array:
     return matrix
 
 
-def reduce_whitened(model: Model, samples: Samples, covariance: Array, sums: BlockSums | None = None) -> Factor:
-    """Reduce the rows of all joints together, each sample's N rows times the inverse Cholesky factor of the covariance.
+class WhitenedReduction:
+    """Reduces the rows of all joints together, each sample's N rows times the covariance's inverse Cholesky factor.
 
     A sample of which only some joints are used has the covariance of those (marginal of a normal distribution).
 
     Parameters
     ----------
     model : Model
-    samples : Samples
     covariance : ndarray
         (N, N).
-    sums : BlockSums, optional
-        Receives the whitened rows, too.
-
-    Returns
-    -------
-    Factor
-        Over all joints and all base parameters.
+    blocks : bool
+        Whether sums of neighbouring rows are reduced, too.
     """
-    require_joints(model, samples)
-    columns = model.base_columns.joints
-    width = model.base_parameters().count
-    triangle, count = np.zeros((width + 1, width + 1)), 0
-    inverses: dict[bytes, Array] = {}
-    with one_thread():
-        for part, rows_of_joints in joint_rows(model, samples, WHOLE_BLOCK):
-            size = part.stop - part.start
-            rows = np.zeros((size, len(columns), width + 1))
-            for k, values in enumerate(rows_of_joints):
-                rows[:, k, columns[k]] = values[:, :-1]
-                rows[:, k, width] = values[:, -1]
-            used = np.ones((size, len(columns)), dtype=bool) if samples.mask is None else samples.mask[part]
-            patterns, which = np.unique(used, axis=0, return_inverse=True)
-            pieces, whitened = [triangle], np.zeros_like(rows)
-            for index, pattern in enumerate(patterns):
-                if not pattern.any():
-                    continue
-                key = pattern.tobytes()
-                if key not in inverses:
-                    inverses[key] = np.linalg.inv(np.linalg.cholesky(covariance[np.ix_(pattern, pattern)]))
-                chosen = rows[which.ravel() == index][:, pattern]
-                white = np.matmul(inverses[key], chosen)
-                count += white.shape[0] * white.shape[1]
-                pieces.append(white.reshape(-1, width + 1))
-                whitened[np.ix_(which.ravel() == index, pattern)] = white
-            triangle = triangular(np.vstack(pieces))
-            if sums is not None:
-                sums.add(0, whitened)
-    return Factor(None, np.arange(width), triangle, count)
+
+    def __init__(self, model: Model, covariance: Array, blocks: bool = False) -> None:
+        self.model, self.covariance, self.empty = model, covariance, empty_whole(model)
+        self.triangle, self.count = self.empty.triangle, 0
+        self.sums = BlockSums((self.empty,)) if blocks else None
+        self.inverses: dict[bytes, Array] = {}
+
+    def add(self, samples: Samples) -> None:
+        """Add samples; with blocks each call but the last must bring a multiple of 1024."""
+        columns, width = self.model.base_columns.joints, len(self.empty.columns)
+        with one_thread():
+            for part, rows_of_joints in joint_rows(self.model, samples, WHOLE_BLOCK):
+                size = part.stop - part.start
+                rows = np.zeros((size, len(columns), width + 1))
+                for k, values in enumerate(rows_of_joints):
+                    rows[:, k, columns[k]] = values[:, :-1]
+                    rows[:, k, width] = values[:, -1]
+                used = np.ones((size, len(columns)), dtype=bool) if samples.mask is None else samples.mask[part]
+                patterns, which = np.unique(used, axis=0, return_inverse=True)
+                pieces, whitened = [self.triangle], np.zeros_like(rows)
+                for index, pattern in enumerate(patterns):
+                    if not pattern.any():
+                        continue
+                    key = pattern.tobytes()
+                    if key not in self.inverses:
+                        marginal = self.covariance[np.ix_(pattern, pattern)]
+                        self.inverses[key] = np.linalg.inv(np.linalg.cholesky(marginal))
+                    chosen = rows[which.ravel() == index][:, pattern]
+                    white = np.matmul(self.inverses[key], chosen)
+                    self.count += white.shape[0] * white.shape[1]
+                    pieces.append(white.reshape(-1, width + 1))
+                    whitened[np.ix_(which.ravel() == index, pattern)] = white
+                self.triangle = triangular(np.vstack(pieces))
+                if self.sums is not None:
+                    self.sums.add(0, whitened)
+
+    def factor(self) -> Factor:
+        """Over all joints and all base parameters."""
+        return Factor(None, self.empty.columns, self.triangle, self.count)
+
+    def block_factors(self) -> BlockFactors:
+        """Those of the sums; none where they were not asked for."""
+        return self.sums.factors() if self.sums is not None else ()
 
 
 def residuals(model: Model, samples: Samples, base: Array) -> Iterator[tuple[slice, Array]]:

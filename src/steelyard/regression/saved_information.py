@@ -73,6 +73,9 @@ def read_document(path: str | Path) -> dict[str, Any]:
             if any(b.joint != f.joint or not np.array_equal(b.columns, f.columns) for b, f in pairs):
                 raise ValueError("block factors must be of the same columns as the factors")
         fields["block_factors"] = levels
+        fields["filtered_torque"] = document.get("filtered_torque", False)
+        if not isinstance(fields["filtered_torque"], bool):
+            raise ValueError("'filtered_torque' must be true or false")
         covariance = document.get("covariance")
         fields["covariance"] = None if covariance is None else as_covariance(_finite(covariance), joints)
     except (ValueError, KeyError, TypeError) as error:

@@ -87,7 +87,8 @@ def base_parameters(identification: Identification) -> Markup:
     before, after = identification.unconstrained, identification.estimate
     relative = before.relative_standard_deviation
     corrected = before.corrected_standard_deviation
-    wider = None if corrected is None else before.relative_deviation
+    told = corrected is not None and not identification.information.filtered_torque
+    wider = before.relative_deviation if told else None
     rows, muted = [], []
     for index, (name, expression) in enumerate(zip(before.base_names, before.base_expressions, strict=True)):
         undetermined = not np.isfinite(before.standard_deviation[index])

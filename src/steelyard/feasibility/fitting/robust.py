@@ -11,6 +11,7 @@ from steelyard.dynamics import Model
 from steelyard.errors import InputError
 from steelyard.recording import Samples
 from steelyard.regression import Factor, Information, least_squares
+from steelyard.regression.information import FILTERED
 from steelyard.regression.reduction import reduce_by_joint, residuals
 
 from ..feasible_set import FeasibleSet
@@ -167,7 +168,8 @@ def robust_information(
             record = replace(record, converged=True)
             break
     assert record is not None
-    remarks = (*plain.remarks, str(record))
+    filtered = any(chunk.filtered_torque for chunk in chunks)
+    remarks = (*((FILTERED,) if filtered else ()), str(record))
     return RobustInformation(
         plain.base_names,
         plain.base_expressions,
@@ -177,6 +179,7 @@ def robust_information(
         None,
         remarks,
         record,
+        filtered_torque=filtered,
     )
 
 
