@@ -1,11 +1,10 @@
 """Base parameters: the rank against theory, and the map against the regressor, on robots of many kinds."""
 
-from dataclasses import replace
-
 import numpy as np
 import pytest
 from hypothesis import example, given
 from hypothesis import strategies as st
+from random_questions import mimicking
 
 import steelyard as sy
 from steelyard.dynamics.base_parameters import base_parameters_of
@@ -81,19 +80,6 @@ ROWS = st.lists(
     min_size=2,
     max_size=4,
 )
-
-
-def mimicking(robot, joint, driver, multiplier):
-    """The robot with one joint driven by a joint before it."""
-    joints = []
-    for k, old in enumerate(robot.joints):
-        if k == joint:
-            joints.append(
-                replace(old, coordinate=driver, multiplier=multiplier, offset=0.2, mimics=robot.joints[driver].name)
-            )
-        else:
-            joints.append(replace(old, coordinate=k - (k > joint)))
-    return replace(robot, joints=tuple(joints))
 
 
 @given(

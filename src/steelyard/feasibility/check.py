@@ -58,8 +58,9 @@ class Verdict:
         ``"feasible"``, ``"virtually feasible"`` (the parameters are not possible, but another robot with the same
         motion is: thesis 3.55), ``"infeasible"`` or ``"undecided"``.
     margin : float
-        Largest t with D(δ) - t 1 ⪰ 0 for some δ that has these base parameters (at most 1); where standard
-        parameters are given, of those alone. Negative where infeasible, and then it says how far.
+        Largest t with D(δ) - t 1 ⪰ 0 for some δ that has these base parameters, or that δ come arbitrarily close to as
+        they grow (at most 1); where standard parameters are given, of those alone. Negative where infeasible, and then
+        it says how far.
     base : (n_b,)
     parameters : (n,) or None
         Standard parameters that prove feasibility.

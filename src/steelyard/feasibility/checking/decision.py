@@ -24,6 +24,11 @@ TURNS, FIRST_STEPS, LATER_STEPS = 5, 40, 25
 
 FARTHEST = 1e6
 
+CAP_REACHED = 1e-6
+
+ADDITIONS = (0.0, 1e2, 1e4, 1e6, 1e8)
+"""Mass beside the face, kg, with which a margin on the face is tried: 1e10 kg leave no digits of a margin of 1e-6."""
+
 
 @dataclass(frozen=True, eq=False)
 class Decision:
@@ -54,10 +59,13 @@ def decide(feasible: FeasibleSet, base: Vector) -> Decision:
     bound = TRACE_BOUND * max(1.0, float(np.abs(base).max(initial=0.0)))
     first = largest_margin(feasible, base, whole, trace_bound=bound)
     found = proved_witness(feasible, base, first.parameters)
-    if found is not None:
+    if found is not None and first.value >= MARGIN_CAP * (1 - CAP_REACHED):
         return Decision(found, first.value)
+    # On the face no bound on the traces is needed, so that this is the largest margin of all robots, however heavy.
     restricted = largest_margin(feasible, base, face, [_orthonormal(U) for U in face])
     margin = restricted.value if np.isfinite(restricted.value) else first.value
+    if found is not None:
+        return Decision(found, max(first.value, min(margin, _attained(feasible, restricted.parameters))))
     particular = feasible.lift @ base
     if restricted.value < 0:
         refuted = prove_infeasible(feasible, particular, base, restricted.point)
@@ -76,6 +84,18 @@ def _orthonormal(basis: Matrix) -> Matrix:
     added beside the face.
     """
     return np.asarray(np.linalg.inv(np.linalg.qr(basis)[1])) if basis.shape[1] else np.zeros((0, 0))
+
+
+def _attained(feasible: FeasibleSet, parameters: Vector) -> float:
+    """The largest margin that parameters have, with mass added beside the face that does not show.
+
+    The face is known to the accuracy of floating point, so a margin on it counts where some robot has it.
+    """
+    unseen = dual_face(feasible).unseen
+    return max(
+        float(feasible.stack.smallest_eigenvalues(parameters + amount * unseen).min(initial=np.inf))
+        for amount in ADDITIONS
+    )
 
 
 def _centred_proof(feasible: FeasibleSet, base: Vector) -> InfeasibilityCertificate | FeasibilityCertificate | None:

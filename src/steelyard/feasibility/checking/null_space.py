@@ -2,6 +2,7 @@
 
 import numpy as np
 import numpy.typing as npt
+import scipy.linalg as linalg
 
 from ..lmi import AffineStack, symmetric_to_vector, vector_to_symmetric
 
@@ -66,7 +67,8 @@ def polished_pair(
             ],
             axis=1,
         ).T
-        point = point - np.linalg.lstsq(jacobian, residual, rcond=1e-9)[0]
+        # LAPACK's gelsd, the default, does not converge on some of these matrices.
+        point = point - linalg.lstsq(jacobian, residual, cond=1e-9, lapack_driver="gelsy")[0]
     return duals, recession
 
 
