@@ -123,6 +123,15 @@ def test_one_sentence_and_nothing_half_written(run, place, kind):
     assert not (place / "result").exists() or not list((place / "result").iterdir())
 
 
+def test_a_description_in_the_folder_of_the_results_is_not_replaced(run, place):
+    text = (place / "pair.urdf").read_text()
+    (place / "robot.urdf").write_text(text)
+    code, _, err = run("identify", place / "robot.urdf", place / "log.csv", "--output", place)
+    assert code == 2
+    assert err.strip().endswith("robot.urdf: is read, and the results would replace it; give another --output.")
+    assert (place / "robot.urdf").read_text() == text
+
+
 OPTIONS = {
     "no log": (("identify", "{robot}", "--output", "{out}"), "LOG"),
     "no output": (("identify", "{robot}", "{log}"), "--output"),

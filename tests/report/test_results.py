@@ -6,6 +6,7 @@ from pathlib import Path
 
 import pytest
 
+from steelyard.errors import InputError
 from steelyard.identification import Identification
 from steelyard.report import save_results
 
@@ -35,6 +36,18 @@ def test_a_robot_of_the_user_stays(identification: Identification, tmp_path: Pat
     save_results(without_urdf(identification), tmp_path)
     assert (tmp_path / "robot.urdf").read_text() == "mine"
     assert (tmp_path / "notes.txt").read_text() == "mine"
+
+
+def test_the_description_itself_is_never_replaced(identification: Identification, tmp_path: Path) -> None:
+    source = identification.model.robot.source
+    assert source is not None
+    text = source.read_bytes()
+    mine = tmp_path / "robot.urdf"
+    mine.write_bytes(text)
+    robot = replace(identification.model.robot, source=mine)
+    with pytest.raises(InputError, match=r"robot.urdf: is read, and the results would replace it"):
+        save_results(replace(identification, model=type(identification.model)(robot)), tmp_path)
+    assert [(path.name, path.read_bytes()) for path in tmp_path.iterdir()] == [("robot.urdf", text)]
 
 
 def test_a_failure_leaves_the_results_of_before(

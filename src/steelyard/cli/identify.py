@@ -36,12 +36,15 @@ def identify(
 ) -> None:
     """Identify a robot's dynamic parameters from its logs, physically feasible, with a report."""
     from steelyard.identification import identify as run
-    from steelyard.report import require_folder, save_results
+    from steelyard.report import require_apart, require_folder, save_results
+    from steelyard.robot import RobotFile
 
     require_folder(output)
+    file = RobotFile.load(robot)
+    require_apart(output, (file.path, file.robot.source))
     with progress() as say:
         result = run(
-            robot,
+            file,
             logs,
             validate=validate or [],
             consistency=consistency.value,

@@ -9,6 +9,7 @@ from .html import report_html as report_html
 from .html import write_report as write_report
 from .picture import torque_picture as torque_picture
 from .picture import torque_svg as torque_svg
+from .results import require_apart as require_apart
 from .results import require_folder as require_folder
 from .results import save_results as save_results
 
@@ -19,6 +20,7 @@ __all__ = [
     "charts_markup",
     "html_document",
     "report_html",
+    "require_apart",
     "require_folder",
     "save_results",
     "torque_picture",

@@ -5,6 +5,7 @@ from __future__ import annotations
 import hashlib
 import os
 import platform
+from collections.abc import Iterable
 from importlib import metadata
 from pathlib import Path
 from typing import Any
@@ -16,7 +17,7 @@ from steelyard.identification import Identification
 
 from .html import write_report
 
-__all__ = ["require_folder", "save_results"]
+__all__ = ["require_apart", "require_folder", "save_results"]
 
 FORMAT = "steelyard-run-1"
 RECORD = "run.json"
@@ -47,6 +48,27 @@ def require_folder(folder: Path) -> None:
         raise InputError(f"{folder}: cannot be written; give another --output.")
 
 
+def require_apart(folder: Path, inputs: Iterable[Path | None]) -> None:
+    """Make sure that no input is one of the files that results replace.
+
+    Parameters
+    ----------
+    folder : Path
+        For the results.
+    inputs : iterable of Path or None
+        What is read.
+
+    Raises
+    ------
+    InputError
+        If one of them would be replaced.
+    """
+    for name in FILES:
+        place = folder / name
+        if place.exists() and any(one is not None and one.exists() and place.samefile(one) for one in inputs):
+            raise InputError(f"{place}: is read, and the results would replace it; give another --output.")
+
+
 def save_results(identification: Identification, folder: Path) -> tuple[Path, ...]:
     """Write ``estimate.json``, ``report.html``, ``run.json`` and, where the robot came as URDF, ``robot.urdf``.
 
@@ -66,9 +88,10 @@ def save_results(identification: Identification, folder: Path) -> tuple[Path, ..
     Raises
     ------
     InputError
-        If the folder cannot be written, or the URDF cannot take the estimate.
+        If the folder cannot be written, one of the files is that of the robot, or the URDF cannot take the estimate.
     """
     source = identification.model.robot.source
+    require_apart(folder, (identification.robot_file, source))
     with replaced_folder(folder, record=RECORD, stale=_earlier(folder)) as made:
         identification.estimate.save(made / "estimate.json")
         if source is not None:
