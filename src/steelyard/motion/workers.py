@@ -7,8 +7,10 @@ number of a start goes to it and a candidate comes back.
 from __future__ import annotations
 
 import multiprocessing
+import os
 import signal
 import sys
+import threading
 import warnings
 from collections.abc import Callable, Iterator
 from concurrent.futures import Executor, Future, ProcessPoolExecutor, ThreadPoolExecutor
@@ -65,8 +67,21 @@ def _can_branch() -> bool:
     return sys.platform == "linux" and "jax" not in sys.modules and not multiprocessing.current_process().daemon
 
 
-def _leave_interrupts_to_the_parent() -> None:
+def _begin(parent_lives: int, parent_holds: int) -> None:
+    """Make a branched process that leaves interrupts to its parent, and that ends when its parent does.
+
+    A pipe tells of the end of the parent, whatever ended it: the parent alone holds the end that is written to, so
+    that reading ends when the parent is gone. A signal at the death of the parent (PR_SET_PDEATHSIG) would come at
+    the end of the thread that branched the process off, too, and only on Linux.
+    """
     signal.signal(signal.SIGINT, signal.SIG_IGN)
+    os.close(parent_holds)
+    threading.Thread(target=_end_with_parent, args=(parent_lives,), daemon=True).start()
+
+
+def _end_with_parent(parent_lives: int) -> None:
+    os.read(parent_lives, 1)
+    os._exit(1)
 
 
 class Pool:
@@ -96,9 +111,10 @@ def pool_of(task: Task, workers: int) -> Iterator[Pool]:
     number = next(_NUMBERS)
     _TASKS[number] = task
     executor: Executor
+    pipe: tuple[int, ...] = ()
     if workers > 1 and _can_branch():
-        branching = multiprocessing.get_context("fork")
-        executor = ProcessPoolExecutor(workers, branching, _leave_interrupts_to_the_parent)
+        pipe = os.pipe()
+        executor = ProcessPoolExecutor(workers, multiprocessing.get_context("fork"), _begin, pipe)
     else:
         executor = ThreadPoolExecutor(workers, "excitation")
     try:
@@ -106,3 +122,5 @@ def pool_of(task: Task, workers: int) -> Iterator[Pool]:
             yield Pool(executor, number)
     finally:
         del _TASKS[number]
+        for end in pipe:
+            os.close(end)
