@@ -70,7 +70,7 @@ class LogSurvey:
         rows = slice(start, stop)
         if self._log is None:
             width = recording.joint_count
-            self._log = recording.rows(start, start + 1)
+            self._log = recording.chosen(np.arange(recording.count) == start)  # a copy, that the rest can be released
             self._rate = recording.rate
             self.q = self.torque = np.array([[np.inf], [-np.inf]]) * np.ones(width)
             self.speed = self._derived = self._averaged = np.zeros(width)
@@ -117,15 +117,19 @@ class LogSurvey:
         return np.asarray(self.q[1] - self.q[0])
 
     @property
+    def first_row(self) -> Recording:
+        """The first row of the log, with the names of all for messages."""
+        assert self._log is not None
+        return self._log
+
+    @property
     def source(self) -> str:
         """The log's name, for messages."""
-        assert self._log is not None
-        return self._log.source
+        return self.first_row.source
 
     def label(self, joint: int) -> str:
         """Name a joint (from 0) for messages."""
-        assert self._log is not None
-        return self._log.joint_label(joint)
+        return self.first_row.joint_label(joint)
 
     def remarks(self) -> tuple[str, ...]:
         """Everything that the log says by itself.

@@ -299,7 +299,8 @@ def _processed(
     rate = stream.rate if even.as_is else 1.0 / even.period
     longest = max(even.parts, key=lambda part: part.count)
     first = even.rows(longest, 0, min(CHOICE_ROWS, longest.count))
-    sample = even.placed(next(stream.spans([first])), first[0], longest, 0, min(CHOICE_ROWS, longest.count))
+    raw = head if first == (0, head.count) else next(stream.spans([first]))
+    sample = even.placed(raw, first[0], longest, 0, min(CHOICE_ROWS, longest.count))
     plan = Plan.settled(processing, sample, model)
     if plan.held.mask.any() and sample.count < stream.count:  # they may move in other rows
         starts = range(0, stream.count, CHOICE_ROWS)
@@ -308,6 +309,7 @@ def _processed(
         )
     part = "" if sample.count >= stream.count else f" (Chosen by the first {sample.count} rows.)"
     remarks: tuple[str, ...] = (*even.remarks, *(remark + part for remark in plan.remarks), *plan.held_remarks(sample))
+    del head, raw, sample  # memory stays that of a piece
     inner = decimation_padding(processing.decimate)
     inner += -inner % processing.step
     outer = plan.padding(rate)
@@ -343,7 +345,7 @@ def _processed(
         )
     ending += [*survey.remarks(), *said(counts)]
     low, high = survey.torque
-    processing.check_torques(head, low, high, survey.travel)
+    processing.check_torques(survey.first_row, low, high, survey.travel)
 
 
 @dataclass(frozen=True)
