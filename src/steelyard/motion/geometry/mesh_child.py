@@ -17,6 +17,7 @@ import numpy as np
 __all__ = ["answer", "main", "reason"]
 
 MEMORY, MEMORY_PER_BYTE = 2**30, 50  # of address space; a file of 60 MB took 13 bytes a byte with coal
+TIME, TIME_PER_BYTE = 60, 6e-6  # s of the processor, where nobody waits any more who would end it
 PLACES = ("From file", "in function", "at line", "Hint", "message: Could not load")
 
 
@@ -69,8 +70,10 @@ def main() -> None:
     with contextlib.suppress(ImportError, ValueError, OSError):
         import resource
 
-        size = max((os.path.getsize(path) for path in paths), default=0)
-        memory = MEMORY + MEMORY_PER_BYTE * size
+        sizes = [os.path.getsize(path) for path in paths]
+        memory = MEMORY + MEMORY_PER_BYTE * max(sizes, default=0)
+        seconds = int(TIME + TIME_PER_BYTE * sum(sizes))
+        resource.setrlimit(resource.RLIMIT_CPU, (seconds, seconds))
         resource.setrlimit(resource.RLIMIT_CORE, (0, 0))
         resource.setrlimit(resource.RLIMIT_AS, (memory, memory))
     for path in paths:
