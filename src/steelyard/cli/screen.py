@@ -26,7 +26,8 @@ def printable(text: str) -> str:
     >>> printable("elbow\x1b[2J"), printable("größe, 20 µm")
     ('elbow\\x1b[2J', 'größe, 20 µm')
     """
-    if text.isascii() and text.isprintable():
+    plain = text.replace("\n", " ").replace("\t", " ")
+    if plain.isascii() and plain.isprintable():
         return text
     return "".join(
         one.encode("unicode_escape").decode("ascii")

@@ -20,6 +20,9 @@ if TYPE_CHECKING:
     from steelyard.identification import Identification
     from steelyard.motion import ExcitationDesign
 
+# A chain of 44 joints. Beyond, the graph of the regressor takes seconds, for 300 joints minutes and gigabytes.
+_MOST_BLOCKS = 1000
+
 __all__ = ["progress", "show_excitation", "show_identification", "show_model"]
 
 
@@ -107,6 +110,14 @@ def show_identification(result: Identification) -> None:
         console.print(_text(f"Note: {remark}"), soft_wrap=True)
 
 
+def _regressor_blocks(model: Model) -> int:
+    """Return how many pairs of a joint and a link that it moves there are."""
+    depths: list[int] = []
+    for joint in model.robot.joints:
+        depths.append(1 + (depths[joint.parent] if joint.parent >= 0 else 0))
+    return sum(depths)
+
+
 def show_model(model: Model, consistency: Literal["full", "inertia"]) -> None:
     """Print joints, parameters, base parameters, operation counts and the verdict on the CAD."""
     from rich.console import Console
@@ -140,17 +151,27 @@ def show_model(model: Model, consistency: Literal["full", "inertia"]) -> None:
             ),
             soft_wrap=True,
         )
-    for number, expression in enumerate(base.expressions, start=1):
-        console.print(_text(f"  {number:3d}  {expression}"), soft_wrap=True)
+    listed = "\n".join(
+        f"  {number:3d}  {printable(expression)}" for number, expression in enumerate(base.expressions, 1)
+    )
+    print(listed, file=console.file)  # thousands of lines, for which the console takes seconds
     console.print("Operations a sample")
     table = _table("function", "multiplications", "additions", "sines and cosines")
-    for label, count in (
-        ("inverse dynamics", model.operation_count("inverse_dynamics")),
-        ("regressor", model.operation_count("regressor")),
-        ("base regressor", model.operation_count("regressor", base=True)),
-    ):
+    blocks = _regressor_blocks(model)
+    counted = [("inverse dynamics", "inverse_dynamics", False)]
+    if blocks <= _MOST_BLOCKS:
+        counted += [("regressor", "regressor", False), ("base regressor", "regressor", True)]
+    for label, function, in_base in counted:
+        count = model.operation_count(function, base=in_base)
         table.add_row(label, str(count["mul"]), str(count["add"]), str(count["sin"] + count["cos"]))
     _show(console, table)
+    if blocks > _MOST_BLOCKS:
+        console.print(
+            _text(
+                f"The regressor has {blocks} blocks of a joint and a link beyond it, too many to count its operations."
+            ),
+            soft_wrap=True,
+        )
     parameters = np.asarray(robot.parameters)
     links = np.concatenate([np.arange(c[0], c[0] + 10) for c in model.link_columns])
     if np.isnan(parameters[links]).any():

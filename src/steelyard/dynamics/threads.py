@@ -3,11 +3,15 @@
 from __future__ import annotations
 
 import sys
+from collections.abc import Callable
 from contextlib import AbstractContextManager
-from functools import lru_cache
-from typing import Any
+from functools import lru_cache, wraps
+from typing import Any, ParamSpec, TypeVar
 
-__all__ = ["one_thread"]
+__all__ = ["in_one_thread", "one_thread"]
+
+Arguments = ParamSpec("Arguments")
+Result = TypeVar("Result")
 
 
 def one_thread() -> AbstractContextManager[Any]:
@@ -18,6 +22,17 @@ def one_thread() -> AbstractContextManager[Any]:
     """
     context: AbstractContextManager[Any] = _controller(len(sys.modules)).limit(limits=1, user_api="blas")
     return context
+
+
+def in_one_thread(function: Callable[Arguments, Result]) -> Callable[Arguments, Result]:
+    """Return the function with all its linear algebra in one thread, see :func:`one_thread`."""
+
+    @wraps(function)
+    def call(*args: Arguments.args, **kwargs: Arguments.kwargs) -> Result:
+        with one_thread():
+            return function(*args, **kwargs)
+
+    return call
 
 
 @lru_cache(maxsize=1)

@@ -56,8 +56,8 @@ def jax_function(function: Function, *, lowering: str = "automatic") -> Callable
     >>> from steelyard.graph import Argument, Graph, Output, sin
     >>> x = Graph().inputs("x", 2)
     >>> f = jax_function(Function("f", (Argument("x", 2),), (Output("y", (), (sin(x[0]) + x[0] * x[1],)),)))
-    >>> with jax.enable_x64(True):
-    ...     print(f([0.0, 3.0]), jax.grad(f)(jax.numpy.array([0.0, 3.0])))
+    >>> jax.config.update("jax_enable_x64", True)
+    >>> print(f([0.0, 3.0]), jax.grad(f)(jax.numpy.array([0.0, 3.0])))
     0.0 [4. 0.]
     """
     try:

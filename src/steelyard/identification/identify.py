@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from steelyard.dynamics import Model
+from steelyard.dynamics.threads import in_one_thread
 from steelyard.errors import InputError
 from steelyard.feasibility import FeasibleSet, check, constraints_from_dict, fit
 from steelyard.recording import CutoffChoice, LogColumns, Processing, Recording, Samples, chunks, process_chunks
@@ -34,6 +35,7 @@ _ALL_POINTS = 24_000  # of all the logs of a role together, so that thousands of
 Progress = Callable[[str], None]
 
 
+@in_one_thread
 def identify(
     robot: str | Path | RobotFile,
     logs: Sequence[str | Path],
