@@ -36,7 +36,7 @@ def test_verdict_and_margin_are_those_of_cvxpy(seed):
     assert verdict.margin == pytest.approx(margin, rel=1e-5, abs=CLEAR)
 
 
-@pytest.mark.parametrize("seed", [152, 182, 512, 696])
+@pytest.mark.parametrize("seed", [152, 182, 512, 696, 1754, 1898])
 def test_nearly_singular_robots_are_decided(seed):
     """Axes a thousandth of a degree from parallel; in the last, least squares that LAPACK's gelsd cannot solve."""
     assert decided(random_question(seed)).feasible is not None

@@ -8,7 +8,7 @@ import numpy.typing as npt
 from ..feasible_set import FeasibleSet
 from ..proof import FeasibilityCertificate, InfeasibilityCertificate
 from .centering import centre
-from .dual_point import DualPoint, prove_infeasible
+from .dual_point import DualPoint, least_reach, prove_infeasible, prove_infeasible_up_to_a_size
 from .face import dual_face
 from .fibre import Fibre
 from .margin import MARGIN_CAP, TRACE_BOUND, largest_margin
@@ -24,7 +24,7 @@ TURNS, FIRST_STEPS, LATER_STEPS = 5, 40, 25
 
 FARTHEST = 1e6
 
-CAP_REACHED = 1e-6
+CAP_REACHED, BOUND_OF_REACH = 1e-6, 10.0
 
 ADDITIONS = (0.0, 1e2, 1e4, 1e6, 1e8)
 """Mass beside the face, kg, with which a margin on the face is tried: 1e10 kg leave no digits of a margin of 1e-6."""
@@ -74,7 +74,12 @@ def decide(feasible: FeasibleSet, base: Vector) -> Decision:
     proof = _centred_proof(feasible, base)
     if proof is not None:
         return Decision(proof, margin)
-    return Decision(scaled_witness(feasible, base, first.parameters), margin)
+    witness = scaled_witness(feasible, base, first.parameters)
+    if witness is not None or first.value >= 0:
+        return Decision(witness, margin)
+    # The shift that makes up for rounding costs about half of the reach.
+    bounded = largest_margin(feasible, base, whole, trace_bound=BOUND_OF_REACH * least_reach(base))
+    return Decision(prove_infeasible_up_to_a_size(feasible, bounded.point, base), min(margin, bounded.value))
 
 
 def _orthonormal(basis: Matrix) -> Matrix:

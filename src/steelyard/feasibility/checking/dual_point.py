@@ -14,9 +14,10 @@ from ..proof import InfeasibilityCertificate
 from ..proof.exact_set import exact_conditions, exact_vector
 from ..proof.rational import SparseRows, exact_number, zero_combination_basis
 from ..proof.statement import Matrix as ExactMatrix
+from ..proof.verification import LEAST_REACH, LEAST_RELATIVE_REACH
 from .face import DualFace, dual_face, orthogonal
 
-__all__ = ["DualPoint", "prove_infeasible"]
+__all__ = ["DualPoint", "least_reach", "prove_infeasible", "prove_infeasible_up_to_a_size"]
 
 Vector = npt.NDArray[np.float64]
 Matrix = npt.NDArray[np.float64]
@@ -93,6 +94,24 @@ def prove_infeasible(
         if verified and verified.reach > best[0]:
             best = (verified.reach, certificate)
     return best[1]
+
+
+def prove_infeasible_up_to_a_size(
+    feasible: FeasibleSet, point: DualPoint, base: Vector
+) -> InfeasibilityCertificate | None:
+    """The certificate that a dual point of the whole blocks amounts to, where it reaches far enough to count.
+
+    Where the face is not seen clearly, as with axes a thousandth of a degree from parallel, nothing is asked of it.
+    """
+    whole = tuple(np.eye(block.size) for block in feasible.blocks)
+    nothing = np.zeros(feasible.parameter_count)
+    certificate = _beside_the_face(feasible, DualFace(whole, (), whole, point.multipliers, nothing), point, base)
+    return certificate if certificate is not None and certificate.verify() else None
+
+
+def least_reach(base: Vector) -> float:
+    """How far a proof up to a size must reach to count, in kg and kg m²."""
+    return max(LEAST_REACH, LEAST_RELATIVE_REACH * float(np.abs(base).max(initial=0.0)))
 
 
 def _moved(point: DualPoint, middle: DualPoint, step: float) -> DualPoint:
