@@ -61,7 +61,8 @@ def fit(
     Returns
     -------
     Estimate
-        Its `parameters` are proved feasible, and K times them is its `base`; `certificate` holds the proof.
+        Its `parameters` are proved feasible, and K times them is its `base`; `certificate` holds the proof. Its
+        `optimality_gap` is measured, from a lower bound of the residual that holds whatever the solver did.
 
     Raises
     ------
@@ -142,4 +143,5 @@ def fit(
         friction=friction,
         certificate=certificate.document(),
         remarks=tuple(remarks),
+        optimality_gap=found.optimality_gap if np.isfinite(found.optimality_gap) else None,
     )

@@ -163,7 +163,8 @@ class PointMassProgram:
         makes = sparse.csc_array(sparse.csc_array(feasible.K) @ scaled)
         units = np.abs(feasible.K) @ self.problem.units.parameters
         units = np.where(units > 0.0, units, 1.0)
-        P, q, extra = regression.objective(np.concatenate([units, np.ones(scaled.shape[1])]))
+        columns = np.concatenate([units, np.ones(scaled.shape[1])])
+        P, q, extra = regression.objective(columns, regression.base, regression.scale)
         added = P.shape[0] - count - scaled.shape[1]
         places = slice(count, count + self.point_count)
         weights, goals = np.zeros(P.shape[0]), np.zeros(P.shape[0])

@@ -31,10 +31,10 @@ _ARRAYS = (
     "friction",
     "corrected_standard_deviation",
 )
-_ABSENT_BEFORE = ("corrected_standard_deviation",)  # files of earlier releases do without
+_ABSENT_BEFORE = ("corrected_standard_deviation", "optimality_gap")  # files of earlier releases do without
 _NAMES = ("base_names", "base_expressions", "joint_names", "parameter_names", "remarks")
 _NUMBERS = {"relative_error": np.nan, "condition_number": np.inf}  # what None stands for
-_OPTIONAL = (*_ARRAYS[2:], "consistency", "certificate")
+_OPTIONAL = (*_ARRAYS[2:], "consistency", "certificate", "optimality_gap")
 
 
 @dataclass(frozen=True, eq=False)
@@ -80,6 +80,11 @@ class Estimate:
         (n_b,) with the correlation of the residuals in time, see `residual_correlation`; `standard_deviation` takes
         each row for an independent one, and is too small where they are not. Infinite where no interval can be told,
         as with torques that were filtered; None where the correlation is not known.
+    optimality_gap : float or None
+        Of a feasible fit, measured: no feasible parameters (below the mass bound of its remarks, and below a thousand
+        times what is typical of the robot) have a squared residual that is smaller than the least one that was found by
+        more than this part of it. 1e-6 and less counts as the optimum; more is told by the remarks. None for other
+        methods, and where the bound says nothing.
 
     Examples
     --------
@@ -113,6 +118,7 @@ class Estimate:
     remarks: tuple[str, ...] = ()
     description: Mapping[str, Any] = field(default_factory=dict)
     corrected_standard_deviation: Array | None = None
+    optimality_gap: float | None = None
 
     def confidence_interval(self, level: float = 0.95) -> Array:
         """Return an interval for each base parameter, (n_b, 2), that covers it with a probability of `level`.
@@ -316,7 +322,7 @@ def _read(name: str, value: Any, where: str) -> Any:
     if name in _NAMES:
         expected, good = "a list of strings", isinstance(value, list) and all(isinstance(v, str) for v in value)
         value = tuple(value) if good else value
-    elif name in _NUMBERS or name == "row_count":
+    elif name in (*_NUMBERS, "row_count", "optimality_gap"):
         expected, good = "a number", isinstance(value, (int, float)) and not isinstance(value, bool)
     elif name in ("certificate", "description"):
         expected, good = "an object", isinstance(value, dict)

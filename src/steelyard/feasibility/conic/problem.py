@@ -157,6 +157,11 @@ class ConicSolution:
     seconds: float
     solver: str = "Clarabel"
 
+    @property
+    def usable(self) -> bool:
+        """Whether there is a point that may be of use, once it has been verified."""
+        return self.outcome.usable and bool(np.all(np.isfinite(self.primal)))
+
     def require(self, purpose: str) -> "ConicSolution":
         """Return itself if the point may be used, else raise.
 
@@ -165,7 +170,7 @@ class ConicSolution:
         SolverError
             Names what was computed, the status and the remedy.
         """
-        if self.outcome.usable and bool(np.all(np.isfinite(self.primal))):
+        if self.usable:
             return self
         raise SolverError(
             f"{self.solver} could not {purpose}: {self.outcome.value} (status {self.status}, {self.iterations} "

@@ -13,11 +13,12 @@ from ..feasible_set import FeasibleSet
 from ..protocols import ReducedLike
 from .growth import growing_links
 from .interior import MARGIN_FACTORS, least_eigenvalue, pull_inside
+from .lower_bound import REACH
 from .preference import Preference, closest_to_cad, lightest
 from .prior import PreparedPrior, Prior
 from .reduced import ReducedRegression
 from .settled import settled
-from .stages import Fitting, Optimum
+from .stages import CLOSE_CHOICE, GAP, Choice, Fitting, Optimum
 from .units import Units
 
 __all__ = ["FeasibleFit", "fit_reduced"]
@@ -46,6 +47,10 @@ DEAREST = 0.02
 """That part is at most this, relative to the squared residual."""
 
 
+LOOSE_CHOICE = 0.5
+"""Relative gap of a choice up to which it is told how near it comes to the preferred one."""
+
+
 @dataclass(frozen=True, eq=False)
 class FeasibleFit:
     """Constrained least squares of a reduced regression.
@@ -71,6 +76,13 @@ class FeasibleFit:
     growing_links : tuple of str
         Links whose masses could grow without end as far as the motion and the conditions go.
     prior_weight, prior_distance : float or None
+    optimality_gap : float
+        Measured: no feasible parameters (within the mass bound and the reach) have a squared residual that is smaller
+        than `best_squared_residual`, or than `squared_residual` where the answer is `exact`, by more than this part of
+        it; parts of less than 1e-10 ‖ω‖² are not told. With a prior, of what is minimised.
+    preference_gap : float or None
+        Measured: no others among which the preference chose are better by more than this part of what it weighs; None
+        where nothing was chosen.
     statuses : tuple of str
         The solver's own words, one for each problem that was solved.
     iterations : int
@@ -93,6 +105,8 @@ class FeasibleFit:
     growing_links: tuple[str, ...]
     prior_weight: float | None
     prior_distance: float | None
+    optimality_gap: float
+    preference_gap: float | None
     statuses: tuple[str, ...]
     iterations: int
     seconds: float
@@ -187,6 +201,7 @@ class _Answer:
     best: Optimum
     exact: bool
     spent: float = 0.0
+    choice: Choice | None = None
 
 
 def _answer(
@@ -203,26 +218,27 @@ def _answer(
     if plain is not None:
         return _Answer(plain.parameters, plain, True)
     best = fitting.least(margin, bound)
+    margin = best.margin
     if fitting.prior is not None or fitting.is_determined or preference is None:
         return _Answer(best.parameters, best, best.attained)
     as_it_is = _price(regression, best) <= 1e-7
     if as_it_is or not growing:
-        found = fitting.same_base(preference, regression.base, margin) if as_it_is else None
+        found = fitting.same_base(preference, regression.base, margin, best.parameters) if as_it_is else None
         if found is None:
             found = fitting.same_base(preference, best.base, margin, best.parameters)
-        if found is not None and found[feasible.mass_indices].sum() <= 2 * bound:
-            return _Answer(found, best, True)
+        if found is not None and found.parameters[feasible.mass_indices].sum() <= 2 * bound:
+            return _Answer(found.parameters, best, True, choice=found)
     ties = as_it_is or not growing or tolerance < TIE_TOLERANCES[0]
     spent = max(tolerance, min(PRICE_FRACTION * _price(regression, best), DEAREST))
     allowances = TIE_TOLERANCES if as_it_is else TIE_TOLERANCES[:1] if ties else (spent,)
     for allowed in allowances:
         limit = best.squared_residual * (1 + allowed)
         found = fitting.near(preference, margin, limit, bound)
-        if found is None or not feasible.contains(found):
+        if found is None or not feasible.contains(found.parameters):
             continue
         most = best.squared_residual * (1 + 1.01 * allowed) + 2 * regression.tiny
-        if regression.squared_residual(feasible.K @ found) <= most:
-            return _Answer(found, best, ties, 0.0 if ties else allowed)
+        if regression.squared_residual(feasible.K @ found.parameters) <= most:
+            return _Answer(found.parameters, best, ties, 0.0 if ties else allowed, found)
     return _Answer(best.parameters, best, best.attained)
 
 
@@ -236,13 +252,13 @@ def _plain(fitting: Fitting, margin: float) -> Optimum | None:
         return None
     if least_eigenvalue(feasible.stack, parameters) < margin or not feasible.contains(parameters):
         return None
-    return Optimum(parameters, regression.base, regression.residual2, True, np.inf)
+    return Optimum(parameters, regression.base, regression.residual2, True, np.inf, regression.residual2)
 
 
 def _price(regression: ReducedRegression, best: Optimum) -> float:
     """What the conditions cost in squared residual, relative to that of plain least squares."""
-    excess = max(best.squared_residual - regression.residual2 - regression.tiny, 0.0)
-    return excess / max(regression.residual2, regression.tiny)
+    excess = max(best.squared_residual - regression.residual2 - regression.noise_floor, 0.0)
+    return excess / max(regression.residual2, regression.noise_floor)
 
 
 def _mass_bound(feasible: FeasibleSet, scale: Units) -> float:
@@ -275,6 +291,46 @@ def _preference(
     raise InputError(f'prefer must be "lightest", "cad" or None, a Preference or a prior, got {prefer!r}.')
 
 
+def _told_of_the_optimum(feasible: FeasibleSet, best: Optimum, gap: float, with_prior: bool) -> list[str]:
+    """What the measured gap leaves open, in words."""
+    told = []
+    if best.beyond:
+        names = feasible.model.robot.link_names
+        links = ", ".join(names[link] for link in best.beyond)
+        told.append(
+            f"The motion hardly shows some parameters of {links}: the least residual pulls them beyond {REACH:.0f} "
+            "times what is typical of this robot, and may fall further beyond that."
+        )
+    if not gap <= GAP:
+        what = "objective" if with_prior else "squared residual"
+        told.append(
+            f"The {what} is not proved to be the least: the bound that the solver's answer gives lies "
+            f"{gap:.2g} of it lower"
+            + (
+                f", of which {best.price_of_margin:.2g} is the price of a margin of {best.margin:.2g} from the "
+                "boundary of what is feasible."
+                if best.price_of_margin > 0.1 * gap
+                else "."
+            )
+        )
+    return told
+
+
+def _within(gap: float) -> str:
+    """How near the choice is to the best one, where that is not near enough to go without saying."""
+    if not np.isfinite(gap) or gap > LOOSE_CHOICE:
+        return ", as far as the solver could tell"
+    return f" to within {100 * gap:.1g} %" if gap > CLOSE_CHOICE else ""
+
+
+def _rounded_down(value: float) -> float:
+    """The largest number of three digits that is not more; zero for what is not positive."""
+    if not (np.isfinite(value) and value > 0):
+        return 0.0
+    unit = 10.0 ** (np.floor(np.log10(value)) - 2)
+    return float(np.floor(value / unit * (1 + 1e-9)) * unit)
+
+
 def _check_number(value: float, name: str, example: str, least: float) -> None:
     if isinstance(value, bool) or not isinstance(value, (int, float)) or not least <= value < np.inf:
         raise InputError(f"{name} must be a number of at least {least:g}, such as {example}, got {value!r}.")
@@ -289,35 +345,43 @@ def _report(
     base = feasible.K @ parameters
     mass = float(parameters[feasible.mass_indices].sum())
     value = regression.squared_residual(base)
+    objective = fitting.value(parameters if answer.exact else best.parameters)
+    gap = max((objective - best.lower_bound) / fitting.size(objective), 0.0)
     remarks = []
     if not best.attained:
         remarks.append(
-            f"No optimum below {best.bound:.4g} kg: the residual keeps falling as masses that the motion does not show "
-            "grow."
+            f"No optimum below {best.bound:.4g} kg: the residual still falls there as masses that the motion does not "
+            "show grow."
         )
         if preference is None:
             remarks.append(f"The answer lies at that bound, with a total mass of {mass:.4g} kg.")
+    remarks += _told_of_the_optimum(feasible, best, gap, fitting.prior is not None)
     distance = None
     if fitting.prior is not None:
         distance = fitting.prior.distance(parameters)
-        cost = 100 * max(0.0, value / max(regression.residual2, regression.tiny) - 1.0)
+        cost = 100 * max(0.0, value / max(regression.residual2, regression.noise_floor) - 1.0)
         remarks.append(
             f"With a prior: {fitting.prior.label} distance {distance:.4g}, at a weight of {fitting.prior_weight:.4g}; "
             f"{cost:.2g} % above the squared residual of plain least squares."
         )
-    elif preference is not None and answer.exact:
+    elif preference is not None and answer.choice is None and not fitting.is_determined:
         remarks.append(
-            f"Among all standard parameters of these base parameters this is {preference.name}: total mass "
-            f"{mass:.4g} kg."
+            f"The solver found no parameters that fit as well and are {preference.name}; these are the ones of the "
+            f"least residual that it ended at, with a total mass of {mass:.4g} kg."
         )
-        if preference.name == "the lightest":
-            remarks.append(f"No robot lighter than {mass:.3g} kg has these base parameters.")
-    elif preference is not None:
+    elif preference is not None and answer.choice is not None:
+        among, at_a_price = "standard parameters of these base parameters", ""
+        if not answer.exact:
+            among = f"answers within {100 * answer.spent:.2g} % of the least squared residual"
+            paid = 100 * max(0.0, value / best.squared_residual - 1)
+            at_a_price = f", at a price of {paid:.2g} % in squared residual"
         remarks.append(
-            f"Among all answers within {100 * answer.spent:.2g} % of the least squared residual this is "
-            f"{preference.name}: total mass {mass:.4g} kg, at a price of "
-            f"{100 * max(0.0, value / best.squared_residual - 1):.2g} % in squared residual."
+            f"Among all {among} this is {preference.name}{_within(answer.choice.gap)}: total mass {mass:.4g} "
+            f"kg{at_a_price}."
         )
+        least = _rounded_down(answer.choice.least_mass)
+        if preference.name == "the lightest" and answer.exact and least > 0.5 * mass:
+            remarks.append(f"No robot lighter than {least:.3g} kg has these base parameters.")
     names = feasible.model.robot.link_names
     return FeasibleFit(
         base=base,
@@ -332,6 +396,8 @@ def _report(
         growing_links=tuple(names[link] for link in growing),
         prior_weight=fitting.prior_weight if fitting.prior is not None else None,
         prior_distance=distance,
+        optimality_gap=gap,
+        preference_gap=None if answer.choice is None else answer.choice.gap,
         statuses=tuple(fitting.statuses),
         iterations=fitting.iterations,
         seconds=fitting.seconds,

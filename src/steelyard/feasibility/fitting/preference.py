@@ -107,17 +107,38 @@ class Preference:
                 f"the preference {self.name!r} is of {np.size(self.gradient)} parameters, but the model has {count}."
             )
 
+    def slope(self, parameters: Vector) -> Vector:
+        """Gradient of the objective at δ, (n,)."""
+        return self._times(parameters) + self.gradient
+
+    @property
+    def entropy(self) -> float:
+        """Factor of -Σ log det P in the objective: none."""
+        return 0.0
+
+    def root(self) -> Matrix:
+        """G with GᵀG = ½ C, (r, n)."""
+        if np.ndim(self.curvature) == 1:
+            used = np.flatnonzero(self.curvature)
+            found = np.zeros((len(used), len(self.curvature)))
+            found[np.arange(len(used)), used] = np.sqrt(0.5 * self.curvature[used])
+            return found
+        values, vectors = np.linalg.eigh(self.curvature)
+        return np.asarray(np.sqrt(0.5 * np.maximum(values, 0.0))[:, None] * vectors.T)
+
+    def size(self, parameters: Vector) -> float:
+        """Sum of the sizes of its terms at δ, to which differences between values are relative; positive."""
+        return float(0.5 * parameters @ self._times(parameters) + np.abs(self.gradient) @ np.abs(parameters)) or 1.0
+
     def part(self, program: Program) -> Part:
-        """As an objective of a program, in units of its largest coefficient."""
+        """As an objective of a program, less a constant."""
         matrix = sparse.csc_array(program.scaled_matrix)
         if getattr(self.curvature, "ndim", 2) == 1:
             P = matrix.T @ matrix.multiply(self.curvature[:, None])
         else:
             P = matrix.T @ (sparse.csc_array(self.curvature) @ matrix)
         P = sparse.csc_array(sparse.triu(P, format="csc"))
-        q = np.asarray(matrix.T @ (self.gradient + self._times(program.origin)))
-        size = max(float(np.abs(q).max(initial=0.0)), float(P.diagonal().max(initial=0.0)))
-        return Part(P, q).times(1.0 / (size or 1.0))
+        return Part(P, np.asarray(matrix.T @ (self.gradient + self._times(program.origin))))
 
 
 def _require_semidefinite(curvature: Matrix) -> None:

@@ -267,6 +267,42 @@ class PreparedPrior:
             value += float(np.sum(eigenvalues - np.log(eigenvalues) - 1.0))
         return value
 
+    def value(self, parameters: Vector) -> float:
+        """The distance."""
+        return self.distance(parameters)
+
+    def slope(self, parameters: Vector) -> Vector:
+        """Gradient of the distance at δ, less that of its log-determinants (see `entropy`), (n,)."""
+        error = parameters - self.reference
+        found = self.diagonal * error
+        columns = link_columns(self.feasible)
+        if self.metric is not None:
+            found[columns] += np.einsum("bij,bj->bi", self.metric, error[columns])
+        else:
+            inverses = np.linalg.inv(np.tensordot(self.bodies, PSEUDO_INERTIAS, axes=1))
+            found[columns] += np.einsum("bij,kij->bk", inverses, PSEUDO_INERTIAS)
+        return found
+
+    @property
+    def entropy(self) -> float:
+        """Factor of -Σ log det P in the distance."""
+        return 1.0 if self.metric is None else 0.0
+
+    def root(self) -> Matrix:
+        """G whose GᵀG is half the curvature of the distance, less that of its log-determinants, (r, n)."""
+        rows = [np.diag(np.sqrt(0.5 * self.diagonal))[self.diagonal > 0]]
+        if self.metric is not None:
+            for body, metric in zip(link_columns(self.feasible), self.metric, strict=True):
+                values, vectors = np.linalg.eigh(metric)
+                own = np.zeros((10, len(self.diagonal)))
+                own[:, body] = np.sqrt(0.5 * np.maximum(values, 0.0))[:, None] * vectors.T
+                rows.append(own)
+        return np.vstack(rows)
+
+    def size(self, parameters: Vector) -> float:
+        """What differences between distances are relative to: a deviation by one hundredth counts, at least."""
+        return max(self.distance(parameters), 1e-4 * len(link_columns(self.feasible)))
+
     def curvature(self) -> sparse.csc_array:
         """Curvature of the distance at δ₀, (n, n)."""
         metric = self.metric

@@ -142,6 +142,8 @@ class Program:
     origin : (n,)
     margin : float
         Distance from the boundary.
+    typical : (n,), optional
+        Units in which the margin is measured; those of the parameters where absent.
     """
 
     feasible: FeasibleSet
@@ -150,11 +152,13 @@ class Program:
     columns: Vector = field(repr=False)
     origin: Vector = field(repr=False)
     margin: float
+    typical: Vector | None = field(default=None, repr=False)
 
     @cached_property
     def _scaling(self) -> tuple[Vector, Vector]:
         """Factors of all rows, and the margins of the stacked blocks."""
-        return self.conditions.row_factors(self.units), self.conditions.margins(self.margin, self.units)
+        typical = self.units if self.typical is None else self.typical
+        return self.conditions.row_factors(self.units), self.conditions.margins(self.margin, typical)
 
     @cached_property
     def _rows(self) -> tuple[sparse.csc_array, Vector]:
@@ -167,6 +171,12 @@ class Program:
             error = conditions.equation_values - conditions.equation_matrix @ self.origin
             right = np.concatenate([error, right])
         return sparse.csc_array((data, rows.indices, rows.indptr), shape=rows.shape), factors * right
+
+    def stacked_dual(self, dual: Vector) -> Vector:
+        """The multipliers of the stacked blocks, in SI, for an objective in its own units."""
+        factors, margins = self._scaling
+        count = len(factors) - len(margins)
+        return np.asarray(factors[count:] * dual[count : len(factors)])
 
     def price_of_margin(self, dual: Vector) -> float:
         """What the margin costs in the objective, to first order."""
@@ -191,6 +201,7 @@ class Program:
         further: Sequence[Rows] = (),
         solver: str = "clarabel",
         balanced: bool = False,
+        accuracy: float = 1e-8,
     ) -> ConicSolution:
         """Minimise ½ x̂ᵀP x̂ + q · x̂, of P the upper triangle; unknowns may be added after those of the conditions.
 
@@ -204,7 +215,7 @@ class Program:
             A = sparse.csc_array(sparse.vstack([A, *(rows.matrix for rows in further)], format="csc"))
             b = np.concatenate([b, *(rows.right for rows in further)])
             cones = (*cones, *(rows.cone for rows in further))
-        return solve(ConicProblem(P, q, A, b, cones, balanced and solver == "clarabel"), solver=solver)
+        return solve(ConicProblem(P, q, A, b, cones, balanced and solver == "clarabel"), accuracy, solver=solver)
 
 
 def widened(matrix: sparse.csc_array, columns: int) -> sparse.csc_array:

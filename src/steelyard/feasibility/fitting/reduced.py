@@ -32,22 +32,35 @@ WELL_CONDITIONED = 1e-4
 NOISE_FREE = 1e-6
 """Part of ‖ω‖² that stands for the squared residual where the data has almost no noise."""
 
+LEAST_SIZE = 1e-10
+"""Part of ‖ω‖² below which a squared residual is no longer told exactly; torques that are known to 1e-5 leave that."""
+
 RIDGE = 1e-12
-"""Curvature that settles unknowns which neither data nor conditions bound, in units of the scaled objective."""
+"""Curvature that settles unknowns which neither data nor conditions bound, in units of the scaled objective. It pulls
+towards the origin of the program, which therefore may not be plain least squares: where that lies far out, the pull
+would decide the answer."""
+
+NEARNESS = 1e-2
+"""See `ReducedRegression.middle`."""
 
 
 @dataclass(frozen=True, eq=False)
 class ReducedRegression:
-    """‖R β - ρ‖² + residual2 = ‖R (β - β̂)‖² + residual2, with β̂ of least squares.
+    """‖R β - ρ‖² + outside, which is least at β̂ of least squares.
 
     Attributes
     ----------
     R : (n_b, n_b) upper triangular
+    rho : (n_b,)
+        ρ.
+    outside : float
+        The part of the squared residual that no parameters change.
     base : (n_b,)
         β̂.
     undetermined : (n_b, u)
         Directions of β that the data does not show.
     residual2 : float
+        Squared residual of β̂.
     norm2 : float
     count : int
     lengths : (n_b,)
@@ -57,6 +70,8 @@ class ReducedRegression:
     """
 
     R: Matrix = field(repr=False)
+    rho: Vector = field(repr=False)
+    outside: float
     base: Vector = field(repr=False)
     undetermined: Matrix = field(repr=False)
     residual2: float
@@ -87,6 +102,7 @@ class ReducedRegression:
         if R.shape[0] != count or np.any(np.tril(R, -1)):
             R, rho, lost = _triangular(R, rho)
             residual2 += lost
+        outside = residual2
         lengths = column_lengths(R)
         scaled = R / np.where(lengths > 0, lengths, 1.0)
         # A triangular solution where that is safe; rows and columns of what is undetermined need singular values.
@@ -101,7 +117,7 @@ class ReducedRegression:
             undetermined = np.linalg.qr(right[~shown].T / scale[:, None])[0]
             error = R @ base - rho
             residual2 += float(error @ error)
-        return cls(R, base, undetermined, residual2, norm2, int(reduced.count), lengths, reciprocal)
+        return cls(R, rho, outside, base, undetermined, residual2, norm2, int(reduced.count), lengths, reciprocal)
 
     @property
     def scale(self) -> float:
@@ -111,22 +127,48 @@ class ReducedRegression:
     @property
     def tiny(self) -> float:
         """What squared residuals cannot be told apart by."""
-        return 1e-12 * self.norm2
+        return 1e-6 * self.least_size
+
+    @property
+    def least_size(self) -> float:
+        """Smaller squared residuals count as this, where differences are taken relative to them."""
+        return LEAST_SIZE * self.norm2
 
     @property
     def variance(self) -> float:
         """Variance of the rows, from the residual of plain least squares; at least 1e-12 of their mean square."""
         freedom = max(self.count - len(self.base), 1)
-        return max(self.residual2, self.tiny) / freedom
+        return max(self.residual2, self.noise_floor) / freedom
+
+    @property
+    def noise_floor(self) -> float:
+        """Data with a smaller squared residual counts as free of noise."""
+        return 1e-12 * self.norm2
 
     def squared_residual(self, base: Vector) -> float:
         """‖W β - ω‖²."""
-        return self.residual2 + self.excess(base)
+        error = self.residuals(base)
+        return self.outside + float(error @ error)
 
-    def excess(self, base: Vector) -> float:
-        """What β costs over plain least squares."""
-        error = self.R @ (base - self.base)
-        return float(error @ error)
+    def residuals(self, base: Vector) -> Vector:
+        """R β - ρ, (n_b,)."""
+        return np.asarray(self.R @ base - self.rho)
+
+    def middle(self, units: Vector) -> Vector:
+        """Base parameters that explain the data nearly as well as β̂ without going far for it, (n_b,).
+
+        Weak excitation puts β̂ far out, where numbers of the size of a robot's parameters are lost to rounding.
+
+        Parameters
+        ----------
+        units : (n_b,)
+            Sizes that are typical of the base parameters; one of each costs `NEARNESS` of the unit of the residual.
+        """
+        count = len(self.base)
+        rows = np.vstack([self.R * (units / np.sqrt(self.scale)), np.sqrt(NEARNESS) * np.eye(count)])
+        right = np.concatenate([self.rho / np.sqrt(self.scale), np.zeros(count)])
+        orthogonal, triangle = np.linalg.qr(rows)
+        return np.asarray(units * scipy.linalg.solve_triangular(triangle, orthogonal.T @ right))
 
     def sizes(self, feasible: FeasibleSet) -> Vector:
         """The value of each standard parameter that alone would explain all torques, (n,); infinite where none does."""
@@ -143,44 +185,48 @@ class ReducedRegression:
         return Units.from_sizes(feasible, self.sizes(feasible))
 
     def objective(
-        self, columns: Vector, shift: Vector | None = None
+        self, columns: Vector, base: Vector, scale: float, apart: bool = False
     ) -> tuple[sparse.csc_array, Vector, tuple[Rows, ...]]:
-        """P, q and further rows of ‖R (β - β̂)‖² / scale, less a constant; β - β̂ = shift + columns x̂ of the first n_b.
+        """P, q and further rows of ‖R β - ρ‖² / scale, less a constant; β = base + columns x̂ of the first n_b.
 
         Parameters
         ----------
         columns : (m,)
             Units of all unknowns.
-        shift : (n_b,), optional
-            Zero where absent.
+        base : (n_b,)
+            β where x̂ = 0.
+        scale : float
+            Unit of the squared residual.
+        apart : bool
+            Whether the residuals are unknowns of their own however well conditioned R is.
         """
         count, size = len(self.base), len(columns)
-        root = np.sqrt(self.scale)
+        root = np.sqrt(scale)
         factor = self.R * (columns[:count] / root)
-        offset = np.zeros(count) if shift is None else self.R @ (shift / root)
-        if self.reciprocal_condition > WELL_CONDITIONED:
+        offset = self.residuals(base) / root
+        if self.reciprocal_condition > WELL_CONDITIONED and not apart:
             P = upper_triangle(2.0 * (factor.T @ factor), size)
             if size > count:
                 P = sparse.csc_array(P + sparse.diags_array(np.full(size, RIDGE), format="csc"))
-            q = np.zeros(size)
-            if shift is not None:
-                q[:count] = 2.0 * (factor.T @ offset)
-            return P, q, ()
-        # y = R (β - β̂) / root, less its offset, as unknowns of their own, so that R is never squared.
+            return P, np.concatenate([2.0 * (factor.T @ offset), np.zeros(size - count)]), ()
+        # y = R columns x̂ / root as unknowns of their own, so that R is never squared.
         weights = np.concatenate([np.full(size, RIDGE), np.full(count, 2.0)])
         P = sparse.csc_array(sparse.diags_array(weights, format="csc"))
         blocks = [sparse.csc_array(factor), sparse.csc_array((count, size - count)), -sparse.eye_array(count)]
         residuals = Rows(sparse.csc_array(sparse.hstack(blocks, format="csc")), np.zeros(count), Cone("zero", count))
         return P, np.concatenate([np.zeros(size), 2.0 * offset]), (residuals,)
 
-    def ball(self, columns: Vector, radius: float) -> Rows:
-        """The rows that keep ‖R columns x̂‖ at most at `radius`, over the first n_b unknowns."""
+    def ball(self, columns: Vector, radius: float, offset: Vector | None = None) -> Rows:
+        """The rows that keep ‖offset + R columns x̂‖ at most at `radius`, over the first n_b unknowns."""
         count, size = len(self.base), len(columns)
         factor = self.R * (columns[:count] / radius)
         rows = np.zeros((count + 1, count))
         rows[1:] = -factor
+        right = np.eye(count + 1)[0]
+        if offset is not None:
+            right[1:] = offset / radius
         matrix = sparse.hstack([sparse.csc_array(rows), sparse.csc_array((count + 1, size - count))], format="csc")
-        return Rows(sparse.csc_array(matrix), np.eye(count + 1)[0], Cone("second-order", count + 1))
+        return Rows(sparse.csc_array(matrix), right, Cone("second-order", count + 1))
 
 
 def _triangular(R: Matrix, rho: Vector) -> tuple[Matrix, Vector, float]:

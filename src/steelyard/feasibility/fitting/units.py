@@ -77,19 +77,20 @@ class Units:
         In kg.
     lengths : (links,)
         In m.
-    term : float
-        Of every other parameter, in its SI unit.
+    term : float or (others,)
+        Of every other parameter, in its SI unit; one for all, or one for each.
     """
 
     feasible: FeasibleSet = field(repr=False)
     masses: Vector
     lengths: Vector
-    term: float
+    term: float | Vector
 
     @cached_property
     def parameters(self) -> Vector:
         """One unit for each standard parameter, (n,)."""
-        units = np.full(self.feasible.parameter_count, self.term)
+        units = np.empty(self.feasible.parameter_count)
+        units[_others(self.feasible)] = self.term
         units[link_columns(self.feasible)] = self.inertial
         return units
 
@@ -118,9 +119,7 @@ class Units:
         inertial = sizes[columns]
         middles = [_middle(inertial[:, power == POWERS]) / length**power for power in (0.0, 1.0, 2.0)]
         masses = [mass for mass in middles if np.isfinite(mass)]
-        others = np.ones(len(sizes), dtype=bool)
-        others[columns] = False
-        term = _middle(sizes[others])
+        term = _middle(sizes[_others(feasible)])
         count = len(columns)
         return cls(
             feasible,
@@ -152,10 +151,26 @@ class Units:
             self.term,
         )
 
+    def around(self, parameters: Vector) -> "Units":
+        """Units of a point that a solver found, where links and terms are far from these, smaller or larger."""
+        inertial = parameters[link_columns(self.feasible)].copy()
+        inertial[:, 9] = np.maximum(inertial[:, 9], self.masses / SPREAD)
+        typical = typical_length(self.feasible)
+        lengths = lengths_of_links(inertial, typical / SPREAD, typical * SPREAD)
+        terms = np.maximum(np.abs(parameters[_others(self.feasible)]), np.asarray(self.term) / SPREAD)
+        return Units(self.feasible, inertial[:, 9], lengths, terms)
+
     def _of(self, inertial: Matrix) -> "Units":
         typical = typical_length(self.feasible)
         lengths = lengths_of_links(inertial, SHORTEST * typical, LONGEST * typical)
         return Units(self.feasible, inertial[:, 9], lengths, self.term)
+
+
+def _others(feasible: FeasibleSet) -> npt.NDArray[np.bool_]:
+    """Which parameters belong to no link, (n,)."""
+    found = np.ones(feasible.parameter_count, dtype=bool)
+    found[link_columns(feasible)] = False
+    return found
 
 
 def _middle(values: Matrix) -> float:
