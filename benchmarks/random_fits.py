@@ -60,11 +60,9 @@ def main() -> None:
     print(f"{count} fits, {refused} refused, {unattained} stopped by the mass bound, which they say")
     print(f"measured gap: {np.sum(np.array(gaps) <= GAP)} at most {GAP:g}, largest {max(gaps):.1e}; untold {untold}")
     print(f"choice among equals: {np.mean(np.array(choices) <= 1e-3):.1%} within 1e-3 of the preferred one")
-    print(
-        f"against {options.solver} through CVXPY ({len(above)} of its answers usable): "
-        f"{np.sum(np.array(above) > ABOVE)} above it by more than {ABOVE:g}, worst {max(above):.1e}; it is above ours by more than that in "
-        f"{np.sum(np.array(above) < -ABOVE)}, worst {-min(above):.1e}"
-    )
+    higher, lower = np.sum(np.array(above) > ABOVE), np.sum(np.array(above) < -ABOVE)
+    print(f"against {options.solver} through CVXPY, {len(above)} of its answers usable, beyond {ABOVE:g}:")
+    print(f"  {higher} above it, worst {max(above):.1e}; {lower} below it, most {-min(above):.1e}")
     print(f"seconds a fit: median {np.median(seconds):.3f}, largest {max(seconds):.2f}")
 
 
