@@ -27,7 +27,7 @@ sensors = sy.Sensors(encoder_resolution=2 * np.pi / 65536, torque_noise=0.2)
 log = sy.play(model, delta, design.trajectory, sensors=sensors, seed=1)
 
 # 3. From the log to a model that is physically possible, with a proof.
-information = sy.Information.from_samples(model, log.process(cutoff="automatic", velocity_threshold=0.05))
+information = sy.Information.from_samples(model, log.process(cutoff="auto", velocity_threshold=0.05))
 feasible = sy.FeasibleSet(model)
 estimate = sy.fit(information, feasible)
 verdict = sy.check(feasible, parameters=estimate.parameters)

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from steelyard.errors import InputError
-from steelyard.recording import Processing, Recording, Samples, chunks, process_chunks, read_chunks
+from steelyard.recording import Processing, Recording, Samples, process_chunks, read_chunks
 
 COUNT, RATE = 6000, 500.0
 
@@ -74,28 +74,21 @@ def test_raw_chunks_tile_the_log(path: Path, recording: Recording) -> None:
 def test_stated_rate_without_stamps(recording: Recording, tmp_path: Path) -> None:
     path = tmp_path / "log.npz"
     np.savez(path, q=recording.q, tau=recording.torque)
-    processing = Processing(cutoff=10.0)
+    processing = Processing(cutoff=10.0, trim=0.0, velocity_threshold=None)
     whole = processing.apply(Recording.read(path, {"rate": RATE}))
     joined = Samples.joined(list(process_chunks(path, {"rate": RATE}, processing, rows=1000)))
     np.testing.assert_allclose(joined.ddq, whole.ddq, rtol=0, atol=1e-9 * np.abs(whole.ddq).max())
     np.testing.assert_array_equal(joined.t, whole.t)
 
 
-def test_automatic_cutoff_is_that_of_the_first_rows(
-    path: Path, recording: Recording, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.setattr(chunks, "CHOICE_ROWS", 4000)
-    parts = list(process_chunks(path, rows=4000))
-    assert "Chosen by the first 4000 rows" in parts[0].remarks[0]
-    assert parts[1].remarks == ()
-    head = Recording(t=recording.t[:4000], q=recording.q[:4000], torque=recording.torque[:4000])
-    cutoff = float(head.process().remarks[0].split(" Hz")[0].split()[-1])
-    whole = recording.process(cutoff=cutoff)
-    np.testing.assert_allclose(Samples.joined(parts).q, whole.q, atol=1e-4)
-    # The same rows, whatever the chunks.
-    other = list(process_chunks(path, rows=1500))
-    assert other[0].remarks == parts[0].remarks
-    np.testing.assert_allclose(Samples.joined(other).ddq, Samples.joined(parts).ddq, rtol=0, atol=1e-9)
+def test_what_the_data_decides_is_that_of_the_whole_log(path: Path, recording: Recording) -> None:
+    whole = recording.process()
+    for rows in (1000, 4000):
+        parts = list(process_chunks(path, rows=rows))
+        assert parts[0].remarks[:2] == whole.remarks[:2]
+        joined = Samples.joined(parts)
+        np.testing.assert_array_equal(joined.t, whole.t)
+        np.testing.assert_allclose(joined.ddq, whole.ddq, rtol=0, atol=1e-8 * np.abs(whole.ddq).max())
 
 
 def test_a_chunk_has_rows(path: Path) -> None:
@@ -109,13 +102,13 @@ def test_errors_name_the_line_of_the_file(tmp_path: Path) -> None:
     lines[2345] = lines[2345].split(",")[0] + ",nan,1"
     path.write_text("\n".join(lines))
     with pytest.raises(InputError, match=r"'q1' in 1 of .* first on line 2346 "):
-        list(process_chunks(path, processing=Processing(cutoff=5.0), rows=500))
+        list(process_chunks(path, processing=Processing(cutoff=5.0, trim=0.0, velocity_threshold=None), rows=500))
 
 
 SCRIPT = """
 import sys
 from steelyard.recording import Processing, process_chunks
-rows = sum(part.count for part in process_chunks(sys.argv[1], processing=Processing(cutoff=5.0), rows=20_000))
+rows = sum(part.count for part in process_chunks(sys.argv[1], processing=Processing(cutoff=5.0, trim=0.0), rows=20_000))
 # Not ru_maxrss, which a child process inherits from its parent.
 peak = next(line for line in open("/proc/self/status") if line.startswith("VmHWM"))
 print(rows, int(peak.split()[1]) / 1024)
@@ -148,6 +141,8 @@ def test_memory_does_not_grow_with_the_log(suffix: str, uneven: bool, tmp_path: 
 def test_write_fixture_is_read_in_chunks(log: dict[str, np.ndarray], write: Callable[..., Path]) -> None:
     motion = write({name: log[name] for name in ("t", "q1", "q2")}, "motion.csv")
     torque = write({name: log[name] for name in ("tau1", "tau2")}, "torque.csv")
-    parts = list(process_chunks([motion, torque], processing=Processing(cutoff=None), rows=70))
+    parts = list(
+        process_chunks([motion, torque], processing=Processing(cutoff=None, trim=0.0, velocity_threshold=None), rows=70)
+    )
     assert [part.count for part in parts] == [70, 70, 70, 70, 20]
     np.testing.assert_array_equal(Samples.joined(parts).torque[:, 1], log["tau2"])

@@ -25,7 +25,7 @@ def sines(*frequencies: float, seconds: float = 20.0, rate: float = RATE) -> np.
 @pytest.mark.parametrize("frequency", [1.0, 4.8, 10.0])
 def test_filter_gain_is_the_squared_butterworth(order: int, frequency: float) -> None:
     # Digital Butterworth by the bilinear transform: |H|^2 = 1 / (1 + (tan(pi f h) / tan(pi fc h))^(2 order)).
-    samples = recording_of(sines(frequency)).process(cutoff=4.8, order=order)
+    samples = recording_of(sines(frequency)).process(cutoff=4.8, order=order, trim=0.0, velocity_threshold=None)
     gain = 1.0 / (1.0 + (np.tan(np.pi * frequency / RATE) / np.tan(np.pi * 4.8 / RATE)) ** (2 * order))
     middle = slice(5000, 15000)
     np.testing.assert_allclose(samples.q[middle], gain * sines(frequency)[middle], atol=1e-9)
@@ -34,7 +34,7 @@ def test_filter_gain_is_the_squared_butterworth(order: int, frequency: float) ->
 def test_filter_equals_filtfilt() -> None:
     rng = np.random.default_rng(7)
     q = sines(0.5, 1.3) + 1e-3 * rng.normal(size=(20000, 2))
-    samples = recording_of(q).process(cutoff=25.0, torque_cutoff=40.0)
+    samples = recording_of(q).process(cutoff=25.0, torque_cutoff=40.0, trim=0.0, velocity_threshold=None)
     b, a = signal.butter(3, 25.0 / (RATE / 2))
     np.testing.assert_allclose(samples.q, signal.filtfilt(b, a, q, axis=0), atol=1e-10)
     b, a = signal.butter(3, 40.0, fs=RATE)
@@ -46,7 +46,7 @@ def test_filter_equals_filtfilt() -> None:
 def test_derivatives_are_of_second_order(rate: float) -> None:
     t = np.arange(round(4 * rate)) / rate
     omega = 2 * np.pi
-    samples = recording_of(np.sin(omega * t)[:, None], rate).process(cutoff=None)
+    samples = recording_of(np.sin(omega * t)[:, None], rate).process(cutoff=None, trim=0.0, velocity_threshold=None)
     step = omega / rate
     # Central differences of a sine: exact up to sin(step)/step, its square for the second derivative.
     inside = slice(2, -2)
@@ -63,7 +63,7 @@ def test_derivatives_are_of_second_order(rate: float) -> None:
 def test_polynomials_of_second_degree_are_exact() -> None:
     t = np.arange(50) / 10.0
     q = (1.0 - 2.0 * t + 3.0 * t**2)[:, None]
-    samples = recording_of(q, rate=10.0).process(cutoff=None)
+    samples = recording_of(q, rate=10.0).process(cutoff=None, trim=0.0, velocity_threshold=None)
     np.testing.assert_allclose(samples.dq[:, 0], -2.0 + 6.0 * t, atol=1e-11)
     np.testing.assert_allclose(samples.ddq[:, 0], 6.0, atol=1e-10)
 
@@ -72,7 +72,9 @@ def test_measured_velocity_is_filtered_and_derived_once() -> None:
     q = sines(1.0)
     t = np.arange(20000) / RATE
     velocity = 2 * np.pi * np.cos(2 * np.pi * t + 0.3)[:, None]
-    samples = recording_of(q, velocity=velocity).process(cutoff=25.0, velocity="measured")
+    samples = recording_of(q, velocity=velocity).process(
+        cutoff=25.0, velocity="measured", trim=0.0, velocity_threshold=None
+    )
     b, a = signal.butter(3, 25.0, fs=RATE)
     dq = signal.filtfilt(b, a, velocity, axis=0)
     np.testing.assert_allclose(samples.dq, dq, atol=1e-10)
@@ -81,8 +83,8 @@ def test_measured_velocity_is_filtered_and_derived_once() -> None:
 
 def test_decimation_equals_scipy_in_two_steps() -> None:
     q = sines(0.5, 1.3)
-    whole = recording_of(q).process(cutoff=None, trim=(0.5, 1.0))
-    samples = recording_of(q).process(cutoff=None, trim=(0.5, 1.0), decimate=[10, 4])
+    whole = recording_of(q).process(cutoff=None, trim=(0.5, 1.0), velocity_threshold=None)
+    samples = recording_of(q).process(cutoff=None, trim=(0.5, 1.0), decimate=[10, 4], velocity_threshold=None)
     for name in ("q", "dq", "ddq", "torque"):
         expected = signal.decimate(signal.decimate(getattr(whole, name), 10, axis=0), 4, axis=0)
         np.testing.assert_allclose(getattr(samples, name), expected, atol=1e-12)
@@ -93,14 +95,14 @@ def test_decimation_equals_scipy_in_two_steps() -> None:
 
 
 def test_trimming_counts_from_both_ends() -> None:
-    samples = recording_of(sines(1.0)).process(cutoff=None, trim=(1.0, 2.5))
+    samples = recording_of(sines(1.0)).process(cutoff=None, trim=(1.0, 2.5), velocity_threshold=None)
     assert samples.t is not None
     assert samples.t[0] == pytest.approx(1.0)
     assert samples.t[-1] == pytest.approx(20.0 - 2.5 - 0.001)
 
 
 def test_slow_rows_are_masked_joint_by_joint() -> None:
-    samples = recording_of(sines(0.5, 1.3)).process(cutoff=None, velocity_threshold=[1.0, 0.0])
+    samples = recording_of(sines(0.5, 1.3)).process(cutoff=None, velocity_threshold=[1.0, 0.0], trim=0.0)
     assert samples.mask is not None
     np.testing.assert_array_equal(samples.mask[:, 0], np.abs(samples.dq[:, 0]) >= 1.0)
     assert samples.mask[:, 1].all()
@@ -111,30 +113,70 @@ def test_slow_rows_are_masked_joint_by_joint() -> None:
 def test_excluded_joints_are_masked() -> None:
     named = recording_of(sines(0.5, 1.3), joint_names=("elbow", "wrist"))
     for joint in (2, "wrist"):
-        samples = named.process(cutoff=None, exclude_joints=[joint])
+        samples = named.process(cutoff=None, exclude_joints=[joint], trim=0.0, velocity_threshold=None)
         assert samples.used.tolist() == [20000, 0]
 
 
-def test_automatic_cutoff_is_ten_times_the_motion() -> None:
+def test_frequency_of_the_motion() -> None:
     t = np.arange(37500) / RATE
     noise = 1e-4 * np.random.default_rng(3).normal(size=t.size)
     q = (np.sin(2 * np.pi * 0.08 * t) + 0.5 * np.sin(2 * np.pi * 0.48 * t) + noise)[:, None]
     # Within the width of the window's main lobe, two lines of 1/37.5 s each way.
     assert motion_frequency(q, RATE) == pytest.approx(0.48, abs=2 / 37.5)
-    samples = recording_of(q).process()
-    assert len(samples.remarks) == 1
-    assert "ten times" in samples.remarks[0]
-    cutoff = 10 * motion_frequency(q, RATE)
-    np.testing.assert_array_equal(samples.ddq, recording_of(q).process(cutoff=cutoff).ddq)
-    with pytest.raises(InputError, match="too little motion"):
-        recording_of(np.ones((2000, 1))).process()
+    choice = recording_of(q).choose_cutoff()
+    assert choice.rule == pytest.approx(10 * motion_frequency(q, RATE))
+
+
+@pytest.mark.parametrize("key", ["cutoff", "trim", "velocity_threshold"])
+def test_what_the_data_decides_has_one_name(key: str) -> None:
+    assert Processing.from_dict({key: "auto"}) == Processing()
+    with pytest.raises(InputError, match=f'{key}.*"automatic".*is called "auto"'):
+        Processing.from_dict({key: "automatic"})
+
+
+@pytest.mark.parametrize(
+    ("options", "seconds"),
+    [
+        # The slowest pole of a Butterworth filter of order 3, at -w/2, and that of order 1, at -w.
+        ({"cutoff": 8.0}, 2.0 * np.log(1e3) / (2 * np.pi * 8.0)),
+        ({"cutoff": 8.0, "order": 1}, np.log(1e3) / (2 * np.pi * 8.0)),
+        ({"cutoff": 20.0, "torque_cutoff": 8.0}, 2.0 * np.log(1e3) / (2 * np.pi * 8.0)),
+        ({"cutoff": None}, 0.0),
+        ({"cutoff": 8.0, "filter": "kalman"}, 2.0 * np.log(1e3) / (2 * np.pi * 8.0)),
+        ({"filter": {"kind": "savitzky_golay", "window": 0.4}}, 0.2),
+        # No more than 15 % of the log.
+        ({"cutoff": 0.5}, 1.5),
+    ],
+)
+def test_spoilt_ends_are_dropped_by_default(options: dict, seconds: float) -> None:
+    t = np.arange(10000) / RATE
+    recording = recording_of(np.sin(2 * np.pi * 0.5 * t + 0.7)[:, None])
+    samples = recording.process(**options, velocity_threshold=None)
+    assert samples.t is not None
+    assert samples.t[0] == pytest.approx(seconds, abs=0.01)
+    assert t[-1] - samples.t[-1] == pytest.approx(seconds, abs=0.01)
+
+
+def test_kept_rows_of_a_log_cut_in_motion_are_right() -> None:
+    """The log ends in motion: what a filter makes of its ends is off by the size of the motion itself."""
+    t = np.arange(10000) / RATE
+    w = 2 * np.pi * 0.5
+    recording = recording_of(np.sin(w * t + 0.7)[:, None])
+    errors = [
+        np.abs(found.ddq[:, 0] + w**2 * np.sin(w * found.t + 0.7)).max() / w**2
+        for found in (recording.process(cutoff=8.0, trim=trim, velocity_threshold=None) for trim in (0.0, "auto"))
+    ]
+    assert errors[0] > 0.5
+    assert errors[1] < 0.02
 
 
 def test_small_jitter_is_accepted_and_said() -> None:
     t = np.arange(1000) / RATE
     even = t.copy()
     t[1::2] += 0.04 / RATE
-    samples = Recording(t=t, q=np.sin(even)[:, None], torque=np.cos(t)[:, None]).process(cutoff=None)
+    samples = Recording(t=t, q=np.sin(even)[:, None], torque=np.cos(t)[:, None]).process(
+        cutoff=None, trim=0.0, velocity_threshold=None
+    )
     assert len(samples.remarks) == 1
     assert "by up to 4 %; even sampling was assumed" in samples.remarks[0]
 
@@ -146,7 +188,7 @@ def test_resampling_restores_an_uneven_log() -> None:
     keep[600:604] = False
     t = t[keep]
     uneven = Recording(t=t, q=np.sin(2 * t)[:, None], torque=np.cos(t)[:, None])
-    samples = uneven.process(cutoff=None, resample=200.0, longest_gap=0.05)
+    samples = uneven.process(cutoff=None, resample=200.0, longest_gap=0.05, trim=0.0, velocity_threshold=None)
     assert samples.t is not None
     np.testing.assert_allclose(np.diff(samples.t), 1 / 200, atol=1e-12)
     inside = slice(5, -5)
@@ -158,7 +200,7 @@ def test_resampling_restores_an_uneven_log() -> None:
     assert inside_gap.sum() == 5
     np.testing.assert_array_equal(samples.mask[:, 0], ~inside_gap)
     with pytest.raises(InputError, match=r"asks for 50 Hz.*decimate"):
-        uneven.process(resample=50.0, longest_gap=0.05)
+        uneven.process(resample=50.0, longest_gap=0.05, trim=0.0, velocity_threshold=None)
 
 
 def test_processing_survives_its_dictionary() -> None:

@@ -47,7 +47,7 @@ def test_choice_is_reasonable(shared_data, robot, log, low, high):
     assert low < choice.cutoff < high
     # The relative error of the identification: at most 0.3 percentage points above the documented processing.
     before = error(model, recording, **documented)
-    after = error(model, recording, **{**documented, "cutoff": "automatic"})
+    after = error(model, recording, **{**documented, "cutoff": "auto"})
     assert after <= before + 0.003
 
 
@@ -64,7 +64,7 @@ def test_quick_runs_of_the_kinova(shared_data, log):
 def test_other_filters_identify_as_well(shared_data, kind):
     model, recording, documented = read(shared_data, "ur10", "ur10_unisa/exciting.csv")
     before = error(model, recording, **documented)
-    assert error(model, recording, **{**documented, "cutoff": "automatic", "filter": kind}) <= before + 0.001
+    assert error(model, recording, **{**documented, "cutoff": "auto", "filter": kind}) <= before + 0.001
 
 
 def test_joints_of_the_tx40_stick(shared_data):

@@ -14,8 +14,20 @@ from steelyard.dynamics import Model
 from steelyard.dynamics.threads import in_one_thread
 from steelyard.errors import InputError
 from steelyard.feasibility import FeasibleSet, check, constraints_from_dict, fit
-from steelyard.recording import CutoffChoice, LogColumns, Processing, Recording, Samples, chunks, process_chunks
+from steelyard.recording import (
+    CutoffChoice,
+    LogColumns,
+    Processing,
+    Recording,
+    Samples,
+    TorqueCutoffChoice,
+    chunks,
+    decide,
+    process_chunks,
+    read_middle,
+)
 from steelyard.recording.checks import LogSurvey
+from steelyard.recording.decision import DECISION_ROWS
 from steelyard.recording.detection import DETECTORS, faulty_rows
 from steelyard.regression import Estimate, Information, least_squares
 from steelyard.regression.blocks import BlockSums
@@ -32,6 +44,8 @@ Array = NDArray[np.float64]
 _TRACE_POINTS = 1200
 _READING_LINES = 20
 _ALL_POINTS = 24_000  # of all the logs of a role together, so that thousands of them do not fill the memory
+_DECIDING_LOGS, _DECIDING_ROWS, _FEWEST_ROWS = 12, 200_000, 10_000
+"""Logs and rows, of all logs together and of each, by which the processing of all is decided: they stand in memory."""
 Progress = Callable[[str], None]
 
 
@@ -94,6 +108,7 @@ def identify(
     feasible = FeasibleSet(model, consistency, list(constraints))
 
     say(f"{model.robot.name}: {model.joint_count} joints, {model.base_parameters().count} base parameters")
+    reader.decide(logs, say)
     parts: list[tuple[str, str, Information, _Thinned]] = []
     sums = BlockSums(empty_factors(model))
     for role, group in (("identification", logs), ("validation", validate)):
@@ -146,7 +161,8 @@ def identify(
             "margin": feasible.margin,
             "chunk_rows": chunk_rows,
             "log": reader.columns.to_dict(),
-            "processing": reader.processing.to_dict(),
+            "processing": reader.stated.to_dict(),
+            "decided": reader.decided,
             "constraints": file.section("constraints"),
         },
         cutoff_choices=tuple(reader.cutoff_choices),
@@ -160,11 +176,33 @@ class _Reader:
         self.model = model
         self.chunk_rows = chunk_rows
         self.columns = LogColumns.from_dict(file.section("log"), f"{file.path}, [log]")
-        self.processing = Processing.from_dict(file.section("processing"), f"{file.path}, [processing]")
+        self.stated = Processing.from_dict(file.section("processing"), f"{file.path}, [processing]")
+        self.processing = self.stated
+        self.decided: dict[str, object] = {}
         self.remarks: list[str] = []
         self.units_are_suspect = False
-        self.cutoff_choices: list[tuple[str, CutoffChoice]] = []
+        self.cutoff_choices: list[tuple[str, CutoffChoice | TorqueCutoffChoice]] = []
         self.description = dict(file.description)
+
+    def decide(self, logs: Sequence[str | Path], say: Progress) -> None:
+        """Decide what [processing] leaves to the data, once and by all logs: filters that differ make logs differ."""
+        if not self.stated.is_open:
+            return
+        count = min(len(logs), _DECIDING_LOGS)
+        chosen = [logs[int(i)] for i in np.linspace(0, len(logs) - 1, count).round()]
+        rows = min(DECISION_ROWS, max(_FEWEST_ROWS, _DECIDING_ROWS // count))
+        say(f"choosing the filter by {count} log{'s' * (count > 1)}")
+        recordings = [
+            read_middle(log, self.columns, list(self.model.robot.joint_names), rows, self.stated) for log in chosen
+        ]
+        decision = decide(self.stated, recordings, self.model)
+        self.processing = decision.processing
+        names = [name for name in ("cutoff", "velocity_threshold") if getattr(self.stated, name) == "auto"]
+        self.decided = {name: getattr(decision.processing, name) for name in names}
+        others = f" ({count} of {len(logs)} logs were looked at.)" if count < len(logs) else ""
+        self.remarks.extend(f"{remark}{others}" for remark in decision.remarks)
+        if decision.cutoff_choice is not None:
+            self.cutoff_choices.append(("all logs", decision.cutoff_choice))
 
     def reduce(self, log: str | Path, points: int, sums: BlockSums | None) -> tuple[Information, _Thinned]:
         """Reduce one log, and keep a copy of its samples, thinned to so many or twice as many points.
@@ -180,8 +218,6 @@ class _Reader:
         survey = LogSurvey()
         for samples in self._samples(log, survey):
             self.remarks.extend(f"{log}: {remark}" for remark in samples.remarks)
-            if samples.cutoff_choice is not None:
-                self.cutoff_choices.append((str(log), samples.cutoff_choice))
             thinned.add(samples)
             yield samples
         self.remarks.extend(f"{log}: {remark}" for remark in self._against_robot(survey))

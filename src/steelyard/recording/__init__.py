@@ -3,9 +3,12 @@
 from steelyard.recording.chunks import Chunk as Chunk
 from steelyard.recording.chunks import process_chunks as process_chunks
 from steelyard.recording.chunks import read_chunks as read_chunks
+from steelyard.recording.chunks import read_middle as read_middle
 from steelyard.recording.columns import LogColumns as LogColumns
 from steelyard.recording.cutoff import CutoffChoice as CutoffChoice
+from steelyard.recording.cutoff import TorqueCutoffChoice as TorqueCutoffChoice
 from steelyard.recording.cutoff import choose_cutoff as choose_cutoff
+from steelyard.recording.decision import decide as decide
 from steelyard.recording.detection import DelayEstimate as DelayEstimate
 from steelyard.recording.detection import Diagnosis as Diagnosis
 from steelyard.recording.detection import Intervals as Intervals
@@ -42,9 +45,11 @@ __all__ = [
     "Recording",
     "Samples",
     "SavitzkyGolay",
+    "TorqueCutoffChoice",
     "average_periods",
     "choose_cutoff",
     "clock_statistics",
+    "decide",
     "estimate_delay",
     "find_period",
     "find_repeated",
@@ -52,4 +57,5 @@ __all__ = [
     "find_stiction",
     "process_chunks",
     "read_chunks",
+    "read_middle",
 ]

@@ -13,6 +13,7 @@ from steelyard.errors import InputError
 from steelyard.recording.checks import LogSurvey
 from steelyard.recording.columns import TIME_UNITS, LogColumns
 from steelyard.recording.conversion import Signals, convert, require_numbers
+from steelyard.recording.decision import DECISION_ROWS, decide
 from steelyard.recording.detection.clock import (
     CLOCK_ROWS,
     FEWEST_ROWS,
@@ -147,6 +148,20 @@ class LogStream:
             assert held is not None
             yield self._recording(held.rows(start - first, stop - first), start)
 
+    def even(self, processing: Processing) -> EvenClock:
+        """Return the clock on which the rows are placed for a processing."""
+        return EvenClock(
+            self.clock, processing.resample, processing.longest_gap, processing.needs_even_rows, self.files.name
+        )
+
+    def middle(self, even: EvenClock, rows: int = DECISION_ROWS) -> Recording:
+        """Read the rows by which the processing is decided: those in the middle of the longest part between gaps."""
+        longest = max(even.parts, key=lambda part: part.count)
+        start = max(0, (longest.count - rows) // 2)
+        stop = min(longest.count, start + rows)
+        span = even.rows(longest, start, stop)
+        return even.placed(next(self.spans([span])), span[0], longest, start, stop)
+
     def _converted(self, block: Any, first: int) -> Signals:
         return convert(block, self.layout, self.columns, self._where(first), self.files.name)
 
@@ -216,6 +231,34 @@ def read_chunks(
         yield Chunk(recording, start - first, stop - first)
 
 
+def read_middle(
+    source: Source,
+    columns: LogColumns | dict[str, Any] | None = None,
+    joints: int | Sequence[str] | None = None,
+    rows: int = DECISION_ROWS,
+    processing: Processing | None = None,
+) -> Recording:
+    """Read the rows in the middle of a log by which its processing is decided (see `decide`).
+
+    Parameters
+    ----------
+    source, columns, joints
+        As in `Recording.read`.
+    rows
+        How many at most.
+    processing
+        How uneven rows are placed on an even clock.
+
+    Raises
+    ------
+    InputError
+        As in `Recording.read`.
+    """
+    stream = LogStream(source, columns, joints)
+    check_period(stream.clock.period, stream.files.name)
+    return stream.middle(stream.even(Processing() if processing is None else processing), _positive_rows(rows))
+
+
 def process_chunks(
     source: Source,
     columns: LogColumns | dict[str, Any] | None = None,
@@ -239,9 +282,9 @@ def process_chunks(
     source, columns, joints
         As in `Recording.read`.
     processing
-        What to do; what the data decides (`cutoff = "automatic"` or "auto", `delay = "automatic"`, the levels of
-        `saturation`, the tolerance of `stiction`) is chosen by the first 200 000 rows of the log (of its longest part,
-        where gaps split it), and said.
+        What to do; what the data decides (`cutoff` and `velocity_threshold`, `delay = "automatic"`, the levels of
+        `saturation`, the tolerance of `stiction`) is chosen by 50 000 rows in the middle of the log (of its longest
+        part, where gaps split it), and said.
     rows
         Rows of the log in a chunk.
     model
@@ -293,23 +336,19 @@ def _processed(
     LogSurvey.of(head).velocity_remarks()  # what is sure to be wrong is refused at once
     if look is not None:
         look(head)
-    even = EvenClock(
-        stream.clock, processing.resample, processing.longest_gap, processing.needs_even_rows, stream.files.name
-    )
+    even = stream.even(processing)
     rate = stream.rate if even.as_is else 1.0 / even.period
-    longest = max(even.parts, key=lambda part: part.count)
-    first = even.rows(longest, 0, min(CHOICE_ROWS, longest.count))
-    raw = head if first == (0, head.count) else next(stream.spans([first]))
-    sample = even.placed(raw, first[0], longest, 0, min(CHOICE_ROWS, longest.count))
-    plan = Plan.settled(processing, sample, model)
+    sample = stream.middle(even)
+    plan = Plan.settled(decide(processing, [sample], model), sample, model)
     if plan.held.mask.any() and sample.count < stream.count:  # they may move in other rows
         starts = range(0, stream.count, CHOICE_ROWS)
         plan = replace(
             plan, held=plan.held.among(stream.spans([(a, min(a + CHOICE_ROWS, stream.count)) for a in starts]))
         )
-    part = "" if sample.count >= stream.count else f" (Chosen by the first {sample.count} rows.)"
-    remarks: tuple[str, ...] = (*even.remarks, *(remark + part for remark in plan.remarks), *plan.held_remarks(sample))
-    del head, raw, sample  # memory stays that of a piece
+    excerpt = any(part.count > sample.count == DECISION_ROWS for part in even.parts)
+    note = f" (Chosen by {sample.count} of {stream.count} rows.)" if excerpt else ""
+    remarks: tuple[str, ...] = (*even.remarks, *(remark + note for remark in plan.remarks), *plan.held_remarks(sample))
+    del head, sample  # memory stays that of a piece
     inner = decimation_padding(processing.decimate)
     inner += -inner % processing.step
     outer = plan.padding(rate)

@@ -13,13 +13,12 @@ from steelyard.errors import InputError
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
-    from steelyard.recording.recording import Recording
-
 __all__ = [
-    "automatic_cutoff",
     "decimate",
     "decimation_padding",
+    "decimation_settling",
     "filter_padding",
+    "filter_settling",
     "first_derivative",
     "low_pass",
     "motion_frequency",
@@ -28,6 +27,11 @@ __all__ = [
 POWER_SHARE = 0.999
 DECAYED = 1e-17
 """What is left of a filter's transient, as a fraction, where it no longer counts."""
+SETTLED = 1e-3
+"""What is left of one pass's transient where rows at the end of a log are good enough for a regression; of both passes
+together a hundredth at worst. A log that is cut off in motion is extended by its point reflection, whose acceleration
+jumps by twice its value. On simulated arms (`benchmarks/defaults.py`, at 6 Hz) nothing trimmed leaves errors of 2 to
+5 %, 1e-1 of 0.1 to 0.3 %, 1e-2, 1e-3 and 1e-4 of 0.03 to 0.07 %."""
 
 
 def low_pass(values: NDArray[np.float64], rate: float, cutoff: float, order: int, source: str) -> NDArray[np.float64]:
@@ -100,20 +104,37 @@ def filter_padding(rate: float, cutoff: float, order: int) -> int:
     return _decay(poles) + edge_rows(order)
 
 
+def filter_settling(rate: float, cutoff: float, order: int) -> float:
+    """Time in s after which the end of a log hardly shows in the output of `low_pass`: a thousandth is left."""
+    from scipy.signal import butter
+
+    _, poles, _ = butter(order, cutoff / (rate / 2.0), output="zpk")
+    return _decay(poles, SETTLED) / rate
+
+
+def decimation_settling(factors: Sequence[int], rate: float) -> float:
+    """Time in s after which the end of a log hardly shows in the output of `decimate`."""
+    return _decimation_rows(factors, SETTLED, edges=False) / rate
+
+
 def decimation_padding(factors: Sequence[int]) -> int:
     """Rows (before decimation) after which what lies beyond them no longer shows in the output of `decimate`."""
+    return _decimation_rows(factors, DECAYED, edges=True)
+
+
+def _decimation_rows(factors: Sequence[int], level: float, edges: bool) -> int:
     from scipy.signal import cheby1
 
     total, step = 0, 1
     for factor in factors:
         _, poles, _ = cheby1(8, 0.05, 0.8 / factor, output="zpk")
-        total += step * (_decay(poles) + edge_rows(8))
+        total += step * (_decay(poles, level) + edges * edge_rows(8))
         step *= factor
     return total
 
 
-def _decay(poles: NDArray[np.complex128]) -> int:
-    return ceil(log(DECAYED) / log(float(np.abs(poles).max())))
+def _decay(poles: NDArray[np.complex128], level: float = DECAYED) -> int:
+    return ceil(log(level) / log(float(np.abs(poles).max())))
 
 
 def motion_frequency(q: NDArray[np.float64], rate: float) -> float:
@@ -137,25 +158,3 @@ def motion_frequency(q: NDArray[np.float64], rate: float) -> float:
         return 0.0
     share = np.cumsum(power) / power.sum()
     return float(np.fft.rfftfreq(padded, 1.0 / rate)[np.argmax(share >= POWER_SHARE)])
-
-
-def automatic_cutoff(recording: Recording) -> tuple[float, str]:
-    """Choose a cutoff in Hz and say so: ten times the motion's dynamic frequency, at most a fifth of the rate.
-
-    Ten times is the rule of Gautier (1997) that the thesis follows (section 4.3.3).
-
-    Raises
-    ------
-    InputError
-        Where no joint moves, so that there is nothing to choose by.
-    """
-    dynamic = motion_frequency(recording.q, recording.rate)
-    if dynamic == 0.0:
-        raise InputError(
-            f"{recording.source} shows too little motion in its {recording.count} rows to choose a cutoff by; "
-            "state `cutoff` in [processing], in Hz."
-        )
-    highest = 0.2 * recording.rate
-    cutoff = min(10.0 * dynamic, highest)
-    rule = f"ten times the motion's frequency of {dynamic:.3g} Hz" if cutoff < highest else "a fifth of the sample rate"
-    return cutoff, f"Positions were filtered at {cutoff:.4g} Hz, {rule}; set `cutoff` in [processing] to choose."

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from math import ceil
 from typing import TYPE_CHECKING, Self
 
 import numpy as np
@@ -15,21 +16,53 @@ from steelyard.recording.detection.held import HeldJoints
 from steelyard.recording.detection.repeated import find_repeated
 from steelyard.recording.detection.saturation import find_saturation, saturation_levels
 from steelyard.recording.detection.stiction import AT_REST, find_stiction, stiction_duration
-from steelyard.recording.filtering import automatic_cutoff, decimate, filter_padding, first_derivative, low_pass
+from steelyard.recording.filtering import (
+    decimate,
+    decimation_settling,
+    filter_padding,
+    filter_settling,
+    first_derivative,
+    low_pass,
+)
 from steelyard.recording.filters import Butterworth, FourierFit, MotionFilter
 from steelyard.recording.samples import Samples
 
 if TYPE_CHECKING:
     from steelyard.dynamics import Model
-    from steelyard.recording.cutoff import CutoffChoice
+    from steelyard.recording.cutoff import CutoffChoice, TorqueCutoffChoice
+    from steelyard.recording.detection.near_rest import VelocityThresholds
     from steelyard.recording.processing import Processing
     from steelyard.recording.recording import Recording
 
-__all__ = ["Plan"]
+__all__ = ["Decision", "Plan"]
 
 Array = NDArray[np.float64]
 Flags = dict[str, NDArray[np.bool_]]
+LARGEST_TRIM = 0.15
+"""Share of a log that is trimmed at either end where the filters ring for longer, and the user did not say how much."""
 LATE = "without a torque once the delay was taken out"
+
+
+@dataclass(frozen=True, eq=False)
+class Decision:
+    """What `decide` returns: a processing without what the data decides for all logs of a robot together.
+
+    Attributes
+    ----------
+    processing : Processing
+        With numbers where "auto" stood for the cutoff and the velocity thresholds.
+    cutoff_choice : TorqueCutoffChoice, CutoffChoice or None
+        The evidence of the cutoff, where it was left open.
+    thresholds : VelocityThresholds or None
+        The evidence of the thresholds, where they were left open.
+    remarks : tuple of str
+        What was decided, a sentence each.
+    """
+
+    processing: Processing
+    cutoff_choice: TorqueCutoffChoice | CutoffChoice | None = None
+    thresholds: VelocityThresholds | None = None
+    remarks: tuple[str, ...] = ()
 
 
 @dataclass(frozen=True, eq=False)
@@ -47,7 +80,7 @@ class Plan:
         Tolerance (N,) in rad or m and duration (N,) in s of a rest.
     levels : ndarray or None
         (N, 2) lowest and highest torque.
-    choice : CutoffChoice or None
+    choice : CutoffChoice, TorqueCutoffChoice or None
     remarks : tuple of str
         What was chosen.
     held : HeldJoints
@@ -59,35 +92,27 @@ class Plan:
     delay: Array
     stiction: tuple[Array, Array] | None
     levels: Array | None
-    choice: CutoffChoice | None
+    choice: CutoffChoice | TorqueCutoffChoice | None
     remarks: tuple[str, ...]
     held: HeldJoints
 
     @classmethod
-    def settled(cls, processing: Processing, recording: Recording, model: Model | None = None) -> Self:
-        """Make every choice that is left open by a recording; a delay is estimated with the model where there is one.
+    def settled(cls, decision: Decision, recording: Recording, model: Model | None = None) -> Self:
+        """Settle the rest by one recording, once `decide` has chosen the cutoff and the velocity thresholds.
+
+        A delay is estimated with the model where there is one.
 
         Raises
         ------
         InputError
             Where the recording does not tell, or an option does not fit it.
         """
-        remarks: list[str] = []
-        choice: CutoffChoice | None = None
+        processing = decision.processing
         cutoff, own = processing.cutoff, processing.filter
         joints = recording.joint_count
-        if isinstance(own, FourierFit) or getattr(own, "window", None) or getattr(own, "density", None):
-            cutoff = None if isinstance(cutoff, str) else cutoff
-        elif getattr(own, "cutoff", None) is not None:
+        if not processing.takes_cutoff:
             cutoff = None
-        elif cutoff == "automatic":
-            choice = recording.choose_cutoff(processing.order)
-            cutoff = choice.cutoff
-            remarks.append(choice.remark())
-        elif cutoff == "auto":
-            cutoff, remark = automatic_cutoff(recording)
-            remarks.append(remark)
-        assert not isinstance(cutoff, str)
+        assert not isinstance(cutoff, str), "`decide` comes first"
         chosen = own.settled(cutoff, processing.order, "[processing]")
         stiction = levels = None
         if processing.stiction is not False:
@@ -106,7 +131,8 @@ class Plan:
                 )
             levels = np.stack(np.broadcast_arrays(-given, given), axis=-1) * np.ones((joints, 1))
         held = HeldJoints.of(recording)
-        plan = cls(processing, chosen, np.zeros(joints), stiction, levels, choice, tuple(remarks), held)
+        choice, remarks = decision.cutoff_choice, decision.remarks
+        plan = cls(processing, chosen, np.zeros(joints), stiction, levels, choice, remarks, held)
         return plan._with_delay(recording, model)
 
     def _with_delay(self, recording: Recording, model: Model | None) -> Self:
@@ -151,6 +177,47 @@ class Plan:
             finite = self.stiction[1][np.isfinite(self.stiction[1])]
             rows.append(2 * int(np.ceil(finite.max(initial=0.0) * rate)) + 4)
         return max(rows) + int(np.ceil(np.abs(self.delay).max() * rate)) + 2
+
+    def settling(self, rate: float) -> float:
+        """Time in s at either end of a log whose rows the filters spoil."""
+        times = [self.filter.settling(rate)]
+        cutoff = self.processing.torque_cutoff
+        if cutoff is not None and cutoff < rate / 2.0:
+            times.append(filter_settling(rate, cutoff, self.processing.order))
+        return max(times) + decimation_settling(self.processing.decimate, rate)
+
+    def trimmed(self, count: int, rate: float) -> tuple[int, int]:
+        """The rows start:stop that trimming leaves of `count`, none where stop is not above start."""
+        trim = self.processing.trim
+        if isinstance(trim, str):
+            rows = min(ceil(self.settling(rate) * rate), int(LARGEST_TRIM * count))
+            return rows, count - rows
+        begin, end = trim if isinstance(trim, tuple) else (trim, trim)
+        return ceil(begin * rate - 1e-6), count - ceil(end * rate - 1e-6)
+
+    def kept_rows(self, count: int, rate: float, source: str) -> tuple[int, int]:
+        """The same, where something is left.
+
+        Raises
+        ------
+        InputError
+            Where nothing is.
+        """
+        start, stop = self.trimmed(count, rate)
+        if stop - start < 1:
+            raise InputError(
+                f"{source} lasts {(count - 1) / rate:.6g} s, of which trimming by {start / rate:g} and "
+                f"{(count - stop) / rate:g} s leaves nothing; shorten `trim` in [processing]."
+            )
+        return start, stop
+
+    def middle(self, recording: Recording, ends: float | None = None) -> Samples:
+        """Process a recording without what stands within `ends` (s) of its own, or within what trimming leaves out."""
+        start, stop = self.kept_rows(recording.count, recording.rate, recording.source)
+        if ends is not None:
+            start = min(ceil(ends * recording.rate), int(LARGEST_TRIM * recording.count))
+            stop = recording.count - start
+        return self.rows(recording, start, stop)[0]
 
     def whole(self, parts: Sequence[Recording], remarks: tuple[str, ...]) -> Samples:
         """Process a log that is there as a whole, in one part or in several."""
@@ -214,9 +281,9 @@ class Plan:
             Where nothing is left.
         """
         if len(counts) == 1:
-            return [self.processing.kept_rows(counts[0], rate, source)]
+            return [self.kept_rows(counts[0], rate, source)]
         least = self._least_rows(rate)
-        trimmed = [self.processing.trimmed(count, rate) for count in counts]
+        trimmed = [self.trimmed(count, rate) for count in counts]
         kept = [
             (start, stop) if count >= least and stop > start else (0, 0)
             for count, (start, stop) in zip(counts, trimmed, strict=True)
@@ -346,7 +413,7 @@ class Plan:
         width, processing = recording.joint_count, self.processing
         mask = np.ones(dq.shape, dtype=bool)
         if processing.velocity_threshold is not None:
-            threshold = np.asarray(processing.velocity_threshold)
+            threshold = np.asarray(processing.velocity_threshold, dtype=np.float64)
             if threshold.ndim == 1 and threshold.size != width:
                 raise InputError(
                     f"{recording.source} has {width} joints but `velocity_threshold` in [processing] has "
@@ -366,7 +433,12 @@ class Plan:
         for flagged in flags.values():
             absent |= flagged
         ready = replace(recording, torque=torque, torque_missing=absent if absent.any() else None, remarks=())
-        average = average_periods(ready, self.filter.period, self.filter.harmonics, self.processing.trim)
+        average = average_periods(
+            ready,
+            self.filter.period,
+            self.filter.harmonics,
+            0.0 if isinstance(self.processing.trim, str) else self.processing.trim,
+        )
         samples = average.samples
         q, dq, ddq = self.held.without_motion(samples.q, samples.dq, samples.ddq)
         samples = replace(samples, q=q, dq=dq, ddq=ddq)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from math import ceil, prod
+from math import prod
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -13,7 +13,7 @@ from steelyard.errors import InputError
 from steelyard.recording.checks import stuck_torques
 from steelyard.recording.columns import number
 from steelyard.recording.even import evened
-from steelyard.recording.filters import Butterworth, MotionFilter, filter_from
+from steelyard.recording.filters import Butterworth, FourierFit, MotionFilter, filter_from
 from steelyard.recording.samples import Samples
 from steelyard.recording.section import Section
 
@@ -26,8 +26,8 @@ if TYPE_CHECKING:
 __all__ = ["Processing"]
 
 BUTTERWORTH = Butterworth()
-CHOSEN = ("auto", "automatic")
-"""Words for a cutoff that the data decides."""
+AUTO = "auto"
+"""The word for what the data, or the filter, decides."""
 
 
 @dataclass(frozen=True)
@@ -41,9 +41,9 @@ class Processing(Section):
     Parameters
     ----------
     cutoff
-        Cutoff of the position filter in Hz; "automatic" chooses it from the data (see `choose_cutoff`), "auto" by a
-        rule of thumb, ten times the motion's dynamic frequency (see `motion_frequency`); None (in TOML: "none") does
-        not filter.
+        Cutoff of the position filter in Hz; "auto" lets the data decide: the torques where there is a model (see
+        `cutoff_by_torques`), otherwise the spectra of the positions (see `choose_cutoff`). `identify` decides once for
+        all logs. None (in TOML: "none") does not filter.
     order
         Order of the Butterworth filter, which is applied forwards and backwards.
     filter
@@ -57,12 +57,15 @@ class Processing(Section):
     torque_cutoff
         Cutoff of the same filter on the torques; None leaves them as they are.
     trim
-        Seconds cut off at both ends, or (start, end).
+        Seconds cut off at both ends, or (start, end). "auto" takes the time over which the filters ring, where they do
+        not know what came before or after: until a thousandth is left, but no more than 15 % of the log at either end.
     decimate
         Keep every n-th row, with an anti-alias filter on positions, derivatives and torques; a list of factors is
         applied one after the other (two steps of 10 rather than one of 100).
     velocity_threshold
-        Rows of a joint slower than this (rad/s or m/s) are masked; one number or one per joint.
+        Rows of a joint slower than this (rad/s or m/s) are masked; one number or one per joint. "auto" chooses them
+        from the noise of the velocities and, with a model, from evidence of stiction in the torques (see
+        `velocity_thresholds`); None (in TOML: "none") masks nothing.
     exclude_joints
         Joints, by number from 1 or by name, whose torque is not used at all.
     delay
@@ -94,13 +97,13 @@ class Processing(Section):
 
     section_name = "[processing]"
 
-    cutoff: float | str | None = "auto"
+    cutoff: float | str | None = AUTO
     order: int = 3
     velocity: str = "derive"
     torque_cutoff: float | None = None
-    trim: float | tuple[float, float] = 0.0
+    trim: float | tuple[float, float] | str = AUTO
     decimate: tuple[int, ...] = ()
-    velocity_threshold: float | tuple[float, ...] | None = None
+    velocity_threshold: float | tuple[float, ...] | str | None = AUTO
     exclude_joints: tuple[int | str, ...] = ()
     resample: bool | float = True
     longest_gap: float | None = None
@@ -122,8 +125,11 @@ class Processing(Section):
         for name in ("cutoff", "torque_cutoff", "velocity_threshold", "longest_gap"):
             if getattr(self, name) == "none":
                 put(name, None)
-        if self.cutoff is not None and self.cutoff not in CHOSEN:
-            what = 'a frequency in Hz, "automatic", "auto" or "none"'
+        for name in ("cutoff", "trim", "velocity_threshold"):
+            if isinstance(getattr(self, name), str) and getattr(self, name) == "automatic":
+                raise InputError(f'{key(name)} is "automatic"; what the data decides is called "auto": write that.')
+        if self.cutoff is not None and self.cutoff != AUTO:
+            what = 'a frequency in Hz, "auto" or "none"'
             put("cutoff", _above(0.0, self.cutoff, key("cutoff"), what))
         if self.torque_cutoff is not None:
             put("torque_cutoff", _above(0.0, self.torque_cutoff, key("torque_cutoff"), 'a frequency in Hz or "none"'))
@@ -135,14 +141,18 @@ class Processing(Section):
                 raise InputError(
                     f"{key(name)} is {getattr(self, name)!r}; it must be {' or '.join(map(repr, options))}."
                 )
-        trim = _each(self.trim, key("trim"), lambda value: _above(-1e-300, value, key("trim"), "seconds, not negative"))
-        if isinstance(trim, tuple) and len(trim) != 2:
-            raise InputError(f"{key('trim')} has {len(trim)} values; it must be one time in s or two, start and end.")
-        put("trim", trim)
+        if not _is_auto(self.trim):
+            what = 'seconds, not negative, or "auto"'
+            trim = _each(self.trim, key("trim"), lambda value: _above(-1e-300, value, key("trim"), what))
+            if isinstance(trim, tuple) and len(trim) != 2:
+                raise InputError(
+                    f"{key('trim')} has {len(trim)} values; it must be one time in s or two, start and end."
+                )
+            put("trim", trim)
         factors = self.decimate if isinstance(self.decimate, (list, tuple)) else (self.decimate,)
         put("decimate", tuple(n for n in (_whole(factor, 1, 1000, key("decimate")) for factor in factors) if n != 1))
-        if self.velocity_threshold is not None:
-            what = "a velocity, not negative"
+        if self.velocity_threshold is not None and not _is_auto(self.velocity_threshold):
+            what = 'a velocity, not negative, "auto" or "none"'
             name = "velocity_threshold"
             put(name, _each(self.velocity_threshold, key(name), lambda value: _above(-1e-300, value, key(name), what)))
         excluded: Any = self.exclude_joints
@@ -198,6 +208,18 @@ class Processing(Section):
         at_any_times = self.filter.takes_uneven_times and self.torque_cutoff is None and not self.decimate
         return not (at_any_times and np.all(np.asarray(self.delay) == 0.0)) or self.resample not in (True, False)
 
+    @property
+    def is_open(self) -> bool:
+        """Whether the data decides the cutoff or the velocity thresholds."""
+        return (self.cutoff == AUTO and self.takes_cutoff) or self.velocity_threshold == AUTO
+
+    @property
+    def takes_cutoff(self) -> bool:
+        """Whether the filter has no width of its own, so that `cutoff` is its cutoff."""
+        own = self.filter
+        widths = (getattr(own, name, None) for name in ("cutoff", "window", "density"))
+        return not isinstance(own, FourierFit) and all(width is None for width in widths)
+
     def apply(self, recording: Recording, model: Model | None = None) -> Samples:
         """Turn a recording into samples; with a model, `delay = "automatic"` is estimated by it.
 
@@ -207,30 +229,16 @@ class Processing(Section):
             Where the recording is too short for the filters, trimming leaves nothing, an option does not fit the number
             of joints, a torque is stuck on a joint that moves, or the sampling is uneven and `resample` is false.
         """
+        from steelyard.recording.decision import decide
         from steelyard.recording.plan import Plan
 
         self.check_torques(
             recording, recording.torque.min(axis=0), recording.torque.max(axis=0), np.ptp(recording.q, axis=0)
         )
         parts, remarks = evened(recording, self.resample, self.longest_gap, self.needs_even_rows)
-        plan = Plan.settled(self, max(parts, key=lambda part: part.count), model)
+        longest = max(parts, key=lambda part: part.count)
+        plan = Plan.settled(decide(self, [longest], model), longest, model)
         return plan.whole(parts, (*recording.remarks, *remarks))
-
-    def kept_rows(self, count: int, rate: float, source: str) -> tuple[int, int]:
-        """The rows start:stop that trimming leaves of `count`."""
-        begin, end = self.trim if isinstance(self.trim, tuple) else (self.trim, self.trim)
-        start, stop = self.trimmed(count, rate)
-        if stop - start < 1:
-            raise InputError(
-                f"{source} lasts {(count - 1) / rate:.6g} s, of which trimming by {begin:g} and {end:g} s leaves "
-                "nothing; shorten `trim` in [processing]."
-            )
-        return start, stop
-
-    def trimmed(self, count: int, rate: float) -> tuple[int, int]:
-        """The rows start:stop that trimming leaves of `count`, none where stop is not above start."""
-        begin, end = self.trim if isinstance(self.trim, tuple) else (self.trim, self.trim)
-        return ceil(begin * rate - 1e-6), count - ceil(end * rate - 1e-6)
 
     def excluded(self, recording: Recording) -> list[int]:
         """Indices of the excluded joints."""
@@ -265,6 +273,10 @@ class Processing(Section):
                 f"joint moves; name another column with `torque` in [log], or leave its rows out with "
                 f"`exclude_joints = [{j + 1}]` in [processing]."
             )
+
+
+def _is_auto(value: Any) -> bool:
+    return isinstance(value, str) and value == AUTO
 
 
 def _above(lowest: float, value: Any, where: str, what: str) -> float:

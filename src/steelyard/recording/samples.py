@@ -14,7 +14,7 @@ from steelyard.errors import InputError
 if TYPE_CHECKING:
     from numpy.typing import ArrayLike, NDArray
 
-    from steelyard.recording.cutoff import CutoffChoice
+    from steelyard.recording.cutoff import CutoffChoice, TorqueCutoffChoice
 
 __all__ = ["Samples", "regrouped"]
 
@@ -66,7 +66,7 @@ class Samples:
     mask: NDArray[np.bool_] | None = None
     t: NDArray[np.float64] | None = None
     remarks: tuple[str, ...] = ()
-    cutoff_choice: CutoffChoice | None = None
+    cutoff_choice: CutoffChoice | TorqueCutoffChoice | None = None
     cutoff: float | None = None
     filtered_torque: bool = False
 

@@ -8,7 +8,7 @@ from scipy import signal
 
 from steelyard.errors import InputError
 from steelyard.laboratory.wam import TRAJECTORIES, simulated_log
-from steelyard.recording import Processing, Recording, Samples, choose_cutoff, chunks, process_chunks
+from steelyard.recording import Processing, Recording, Samples, choose_cutoff, process_chunks
 from steelyard.recording.cutoff import motion_spectra, residual_analysis
 
 RATE = 500.0
@@ -28,7 +28,7 @@ def noisy_motion(seed: int, top: float, noise: float, seconds: float = 30.0, joi
 
 
 def true_error(recording: Recording, ddq: np.ndarray, cutoff: float) -> float:
-    found = recording.process(cutoff=cutoff).ddq
+    found = recording.process(cutoff=cutoff, trim=0.0, velocity_threshold=None).ddq
     inside = slice(1500, -1500)
     share = np.mean((found - ddq)[inside] ** 2, axis=0) / np.mean(ddq[inside] ** 2, axis=0)
     return float(np.sqrt(share.mean()))
@@ -59,7 +59,7 @@ def test_arm_of_the_thesis(wam):
     choice = recording.choose_cutoff()
     assert choice.cutoff == pytest.approx(2.17, rel=0.1)
     assert choice.rule == pytest.approx(4.8, rel=0.1)
-    found = [recording.process(cutoff=c).ddq for c in (choice.cutoff, 4.8)]
+    found = [recording.process(cutoff=c, trim=0.0, velocity_threshold=None).ddq for c in (choice.cutoff, 4.8)]
     errors = [np.abs((f - ddq)[2000:-2000]).std() for f in found]
     assert errors[0] < 0.5 * errors[1]
 
@@ -110,27 +110,32 @@ def test_evidence_can_be_looked_at():
     etree.fromstring(f"<div>{names.choose_cutoff()._repr_html_()}</div>")
 
 
-def test_processing_chooses_and_says_so(tmp_path, monkeypatch):
+def test_processing_chooses_and_says_so(tmp_path):
     recording, _ = noisy_motion(1, 1.0, 1e-4)
     choice = recording.choose_cutoff(order=3)
-    samples = recording.process(cutoff="automatic")
-    np.testing.assert_array_equal(samples.ddq, recording.process(cutoff=choice.cutoff).ddq)
+    samples = recording.process(cutoff="auto", trim=0.0, velocity_threshold=None)
+    np.testing.assert_array_equal(
+        samples.ddq, recording.process(cutoff=choice.cutoff, trim=0.0, velocity_threshold=None).ddq
+    )
     assert samples.remarks == (choice.remark(),)
     assert samples.cutoff_choice is not None
     assert samples.cutoff_choice.cutoff == choice.cutoff
-    assert recording.process(cutoff=3.0).cutoff_choice is None
-    assert Processing.from_dict({"cutoff": "automatic"}).to_dict() == {"cutoff": "automatic"}
-    # Chunk by chunk, the first rows decide.
+    assert recording.process(cutoff=3.0, trim=0.0, velocity_threshold=None).cutoff_choice is None
+    # Chunk by chunk, the same rows decide.
     path = recording.save(tmp_path / "log.npz")
-    monkeypatch.setattr(chunks, "CHOICE_ROWS", 6000)
-    parts = list(process_chunks(path, processing=Processing(cutoff="automatic"), rows=6000))
-    head = Recording(t=recording.t[:6000], q=recording.q[:6000], torque=recording.torque[:6000])
-    assert parts[0].cutoff_choice.cutoff == pytest.approx(head.choose_cutoff().cutoff, rel=1e-6)
-    assert "Chosen by the first 6000 rows" in parts[0].remarks[0]
+    parts = list(
+        process_chunks(path, processing=Processing(cutoff="auto", trim=0.0, velocity_threshold=None), rows=6000)
+    )
+    assert parts[0].cutoff_choice.cutoff == pytest.approx(choice.cutoff, rel=1e-6)
     assert [part.cutoff_choice is None for part in parts] == [False, True, True]
     assert Samples.joined(parts).cutoff_choice is parts[0].cutoff_choice
     # A filter with a width of its own asks for no choice.
-    assert recording.process(cutoff="automatic", filter={"kind": "savitzky_golay", "window": 0.2}).remarks == ()
+    assert (
+        recording.process(
+            cutoff="auto", filter={"kind": "savitzky_golay", "window": 0.2}, trim=0.0, velocity_threshold=None
+        ).remarks
+        == ()
+    )
 
 
 @pytest.mark.parametrize(
@@ -140,4 +145,4 @@ def test_processing_chooses_and_says_so(tmp_path, monkeypatch):
 def test_what_shows_no_cutoff_is_refused(q, phrase):
     t = np.arange(len(q)) / RATE
     with pytest.raises(InputError, match=phrase):
-        Recording(t=t, q=q, torque=np.sin(t)[:, None]).process(cutoff="automatic")
+        Recording(t=t, q=q, torque=np.sin(t)[:, None]).process(cutoff="auto", trim=0.0, velocity_threshold=None)

@@ -59,13 +59,13 @@ def test_stiction_is_found_where_it_is():
     (one,) = found
     # The joint begins and ends at full speed, so that its encoder tells the place to a row.
     assert (one.joint, one.start, one.stop) == (1, pytest.approx(rest.start, abs=3), pytest.approx(rest.stop, abs=3))
-    samples = log.process(cutoff=None, stiction=True)
+    samples = log.process(cutoff=None, stiction=True, trim=0.0, velocity_threshold=None)
     np.testing.assert_array_equal(samples.mask, ~found.flags)
     assert samples.remarks == (
         f"Rows left out because they are at rest while the torque changes: {found.count[1]} of joint 2.",
     )
     # A shorter rest than asked for is none, and a rest at constant torque is no stiction.
-    assert log.process(cutoff=None, stiction=0.8).mask is None
+    assert log.process(cutoff=None, stiction=0.8, trim=0.0, velocity_threshold=None).mask is None
     torque = log.torque.copy()
     torque[rest, 1] = 1.0
     assert not find_stiction(Recording(t=T, q=log.q, torque=torque))
@@ -98,15 +98,15 @@ def test_saturation_is_found_at_its_level():
     widened = beyond | np.roll(beyond, 1) | np.roll(beyond, -1)
     np.testing.assert_array_equal(found.flags[:, 0], widened)
     assert found.count[1] == 0
-    samples = clipped.process(cutoff=None, saturation=True)
+    samples = clipped.process(cutoff=None, saturation=True, trim=0.0, velocity_threshold=None)
     np.testing.assert_array_equal(samples.mask, ~found.flags)
     assert f"{widened.sum()} of joint 1" in samples.remarks[0]
     # A level that is stated counts on both sides.
-    stated = clipped.process(cutoff=None, saturation=[4.0, 100.0])
+    stated = clipped.process(cutoff=None, saturation=[4.0, 100.0], trim=0.0, velocity_threshold=None)
     above = np.abs(torque[:, 0]) >= 4.0
     assert stated.used[0] == np.count_nonzero(~(above | np.roll(above, 1) | np.roll(above, -1)))
     with pytest.raises(InputError, match="3 levels"):
-        clipped.process(cutoff=None, saturation=[4.0, 100.0, 1.0])
+        clipped.process(cutoff=None, saturation=[4.0, 100.0, 1.0], trim=0.0, velocity_threshold=None)
 
 
 @pytest.mark.parametrize("quantum", [1e-3, 0.05])
@@ -127,11 +127,11 @@ def test_repeated_rows_are_found_where_they_are():
     broken = Recording(t=T, q=q, torque=torque)
     found = find_repeated(broken)
     np.testing.assert_array_equal(np.flatnonzero(found.flags[:, 0]), places)
-    samples = broken.process(cutoff=None, repeated=True)
+    samples = broken.process(cutoff=None, repeated=True, trim=0.0, velocity_threshold=None)
     assert samples.used.tolist() == [11995, 11995]
     assert "All joints: 5 rows in 3 intervals" in found.sentences()[0]
     # The smoother goes on without them.
-    smooth = broken.process(cutoff=30.0, filter="kalman", repeated=True)
+    smooth = broken.process(cutoff=30.0, filter="kalman", repeated=True, trim=0.0, velocity_threshold=None)
     np.testing.assert_allclose(smooth.q[100:-100], log.q[100:-100], atol=2e-5)
 
 
@@ -183,8 +183,10 @@ def test_delay_is_found(delay, known):
     assert abs(found.delay - delay) < 4 * found.standard_deviation
     # Processing takes it out again.
     log = Recording(t=T, q=q, torque=torque)
-    corrected = Processing(cutoff=20.0, delay="automatic").apply(log, model if known else None)
-    stated = log.process(cutoff=20.0, delay=delay)
+    corrected = Processing(cutoff=20.0, delay="automatic", trim=0.0, velocity_threshold=None).apply(
+        log, model if known else None
+    )
+    stated = log.process(cutoff=20.0, delay=delay, trim=0.0, velocity_threshold=None)
     exact = model.inverse_dynamics(q, dq, ddq, parameters)
     middle = slice(100, -100)
     for one in (corrected, stated):
@@ -196,12 +198,12 @@ def test_delay_is_found(delay, known):
 
 def test_delay_of_each_joint_and_a_delay_too_long():
     log = smooth_log(2)
-    samples = log.process(cutoff=None, delay=[0.0025, 0.0])
+    samples = log.process(cutoff=None, delay=[0.0025, 0.0], trim=0.0, velocity_threshold=None)
     np.testing.assert_array_equal(samples.torque[:, 1], log.torque[:, 1])
     expected = 6.0 * np.cos((T + 0.0025) * 2.6)
     np.testing.assert_allclose(samples.torque[samples.mask[:, 0], 0], expected[samples.mask[:, 0]], atol=1e-7)
     with pytest.raises(InputError, match="3 values"):
-        log.process(cutoff=None, delay=[0.1, 0.2, 0.3])
+        log.process(cutoff=None, delay=[0.1, 0.2, 0.3], trim=0.0, velocity_threshold=None)
     q, dq, ddq = np.sin(T)[:, None], np.cos(T)[:, None], -np.sin(T)[:, None]
     late = Samples(q=q, dq=dq, ddq=ddq, torque=np.sin(T - 0.2)[:, None] + np.sign(np.cos(T - 0.2))[:, None], t=T)
     model = sy.Model(sy.Robot.from_dh([(0, 1.0, 0, "q")], gravity=(0, 0, -9.81)).with_terms(sy.Coulomb()))
@@ -230,7 +232,7 @@ def test_missing_values_are_filled_and_masked(tmp_path):
     log = Recording.read(path, {"missing": "fill"})
     assert log.remarks == ("5 positions and 2 torques are missing; they were filled in, and are not used.",)
     np.testing.assert_allclose(log.q[:, 0], np.sin(2 * T), atol=1e-5)
-    samples = log.process(cutoff=10.0)
+    samples = log.process(cutoff=10.0, trim=0.0, velocity_threshold=None)
     dropped = [*range(4000, 4005), 8000, 9000]
     np.testing.assert_array_equal(np.flatnonzero(~samples.mask[:, 0]), dropped)
     assert samples.remarks[1:] == (
@@ -241,11 +243,17 @@ def test_missing_values_are_filled_and_masked(tmp_path):
     # Saved, it is missing again; resampled, the rows beside it are masked.
     again = Recording.read(log.save(tmp_path / "again.npz"), {"missing": "fill"})
     np.testing.assert_array_equal(again.missing.flags, log.missing.flags)
-    finer = log.process(cutoff=10.0, resample=2000.0)
+    finer = log.process(cutoff=10.0, resample=2000.0, trim=0.0, velocity_threshold=None)
     absent = np.flatnonzero(~finer.mask[:, 0]) / 2.0
     assert set(dropped) <= set(np.round(absent).astype(int))
     assert len(absent) <= 3 * len(dropped) + 6
-    joined = Samples.joined(list(process_chunks(path, {"missing": "fill"}, Processing(cutoff=10.0), rows=1500)))
+    joined = Samples.joined(
+        list(
+            process_chunks(
+                path, {"missing": "fill"}, Processing(cutoff=10.0, trim=0.0, velocity_threshold=None), rows=1500
+            )
+        )
+    )
     np.testing.assert_array_equal(joined.mask, samples.mask)
     assert LogColumns.from_dict({"missing": "fill"}).to_dict() == {"missing": "fill"}
     with pytest.raises(InputError, match="'refuse' or 'fill'"):
@@ -260,7 +268,7 @@ def test_masks_and_counts_are_the_same_chunk_by_chunk(tmp_path):
         {"stiction": 0.2, "saturation": 5.0, "repeated": True},
         {"stiction": 0.2, "saturation": 5.0, "decimate": 5, "delay": 0.0033, "torque_cutoff": 60.0},
     ):
-        processing = Processing.from_dict({"cutoff": 10.0, **options})
+        processing = Processing.from_dict({"cutoff": 10.0, "velocity_threshold": "none", **options})
         whole = processing.apply(Recording.read(path))
         parts = list(process_chunks(path, processing=processing, rows=12000 if "delay" in options else 4000))
         joined = Samples.joined(parts)
@@ -273,9 +281,9 @@ def test_wrong_torques_spread_with_a_torque_filter_and_decimation():
     log = smooth_log(1)
     torque = np.clip(log.torque, -5.0, 5.0)
     clipped = Recording(t=T, q=log.q, torque=torque)
-    plain = clipped.process(cutoff=None, saturation=True)
-    filtered = clipped.process(cutoff=None, saturation=True, torque_cutoff=10.0)
-    thinned = clipped.process(cutoff=None, saturation=True, decimate=10)
+    plain = clipped.process(cutoff=None, saturation=True, trim=0.0, velocity_threshold=None)
+    filtered = clipped.process(cutoff=None, saturation=True, torque_cutoff=10.0, trim=0.0, velocity_threshold=None)
+    thinned = clipped.process(cutoff=None, saturation=True, decimate=10, trim=0.0, velocity_threshold=None)
     assert filtered.used[0] < plain.used[0]
     assert 0.08 * plain.used[0] < thinned.used[0] < 0.1 * plain.used[0]
 

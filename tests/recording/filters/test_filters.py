@@ -76,13 +76,15 @@ def test_polynomials_pass_savitzky_golay_unchanged():
 def test_processing_takes_filters_by_name_and_by_table(kind, options):
     t, q = sine(1.0)
     recording = Recording(t=t, q=q, torque=q)
-    table = Processing.from_dict({"cutoff": 6.0, "filter": {"kind": kind, **options}})
+    table = Processing.from_dict(
+        {"cutoff": 6.0, "filter": {"kind": kind, **options}, "trim": 0.0, "velocity_threshold": "none"}
+    )
     assert Processing.from_dict(table.to_dict()) == table
     assert table.to_dict()["filter"] == {"kind": kind, **options}
     found = table.apply(recording)
     expected = table.filter.settled(6.0, 3, "").motion(t, q, RATE, "")
     np.testing.assert_array_equal(found.ddq, expected.ddq)
-    assert recording.process(cutoff=6.0, filter=kind).count == recording.count
+    assert recording.process(cutoff=6.0, filter=kind, trim=0.0, velocity_threshold=None).count == recording.count
 
 
 def test_fourier_fit_is_exact_for_periodic_motion_at_any_times(random):

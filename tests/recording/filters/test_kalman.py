@@ -90,14 +90,14 @@ def test_uneven_times_and_gaps_need_no_resampling(random):
     t = np.delete(t, slice(3000, 3040))
     recording = Recording(t=t, q=np.sin(3 * t)[:, None], torque=np.cos(t)[:, None])
     with pytest.raises(InputError, match="resample"):
-        recording.process(cutoff=20.0, resample=False)
-    samples = recording.process(cutoff=20.0, filter="kalman", trim=0.2)
+        recording.process(cutoff=20.0, resample=False, trim=0.0, velocity_threshold=None)
+    samples = recording.process(cutoff=20.0, filter="kalman", trim=0.2, velocity_threshold=None)
     assert samples.t is not None
     np.testing.assert_allclose(samples.ddq[:, 0], -9 * np.sin(3 * samples.t), atol=2e-2)
     # What needs even rows makes them.
     with pytest.raises(InputError, match="resample"):
-        recording.process(cutoff=20.0, filter="kalman", decimate=4, resample=False)
-    fewer = recording.process(cutoff=20.0, filter="kalman", decimate=4)
+        recording.process(cutoff=20.0, filter="kalman", decimate=4, resample=False, trim=0.0, velocity_threshold=None)
+    fewer = recording.process(cutoff=20.0, filter="kalman", decimate=4, trim=0.0, velocity_threshold=None)
     np.testing.assert_allclose(np.median(np.diff(fewer.t)), 4e-3, rtol=0.01)
 
 
@@ -107,7 +107,7 @@ def test_missing_positions_are_bridged_and_not_used():
     absent[1500:1560] = True
     q = np.where(absent, 99.0, np.sin(3 * t)[:, None])
     recording = Recording(t=t, q=q, torque=np.cos(t)[:, None], position_missing=absent)
-    samples = recording.process(cutoff=10.0, filter="kalman")
+    samples = recording.process(cutoff=10.0, filter="kalman", trim=0.0, velocity_threshold=None)
     np.testing.assert_allclose(samples.q[100:-100, 0], np.sin(3 * t)[100:-100], atol=1e-3)
     np.testing.assert_array_equal(samples.mask, ~absent)
     assert samples.remarks == ("Rows left out because they are without a position: 60 of joint 1.",)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import html
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, ClassVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -51,6 +51,18 @@ class CutoffChoice:
     rule : float
         Hz, the third: ten times the frequency of the motion (Gautier 1997).
     """
+
+    titles: ClassVar[tuple[str, ...]] = (
+        "Joint",
+        "Noise dominates from, Hz",
+        "Best cutoff of this joint, Hz",
+        "Residual analysis, Hz",
+    )
+    explanation: ClassVar[str] = (
+        "The cutoff of the position filter was chosen from the data. Left, the spectrum of each joint's acceleration: "
+        "it falls beyond the motion and rises again where noise dominates. Right, what each cutoff is expected to "
+        "cost: what it takes from the motion, and the noise that it leaves. The dotted line is the choice."
+    )
 
     cutoff: float
     order: int
@@ -157,8 +169,7 @@ class CutoffChoice:
         ]
 
     def _repr_html_(self) -> str:
-        titles = ("joint", "noise from, Hz", "own cutoff, Hz", "residual analysis, Hz")
-        head = "".join(f"<th>{title}</th>" for title in titles)
+        head = "".join(f"<th>{title}</th>" for title in self.titles)
         rows = "".join(
             "<tr>" + "".join(f"<td>{html.escape(cell)}</td>" for cell in row) + "</tr>" for row in self.table()
         )

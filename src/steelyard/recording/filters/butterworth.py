@@ -8,7 +8,7 @@ from typing import ClassVar, Self
 import numpy as np
 from numpy.typing import ArrayLike
 
-from steelyard.recording.filtering import filter_padding, first_derivative, low_pass
+from steelyard.recording.filtering import filter_padding, filter_settling, first_derivative, low_pass
 from steelyard.recording.filters.motion_filter import Array, Motion, MotionFilter, Response, positive, whole
 
 __all__ = ["Butterworth"]
@@ -80,3 +80,10 @@ class Butterworth(MotionFilter):
         if self.cutoff is None or self.cutoff >= rate / 2.0:
             return 4
         return filter_padding(rate, self.cutoff, self.order or 3) + 4
+
+    def settling(self, rate: float) -> float:
+        """See `MotionFilter.settling`: until a thousandth of the transient is left, and the one-sided differences."""
+        differences = 2.0 / rate
+        if self.cutoff is None or self.cutoff >= rate / 2.0:
+            return differences
+        return filter_settling(rate, self.cutoff, self.order or 3) + differences

@@ -146,6 +146,10 @@ class FourierFit(MotionFilter):
         known = np.isfinite(q).all(axis=1)
         return self.series(t[known], q[known], source).motion(t)
 
+    def settling(self, rate: float) -> float:
+        """See `MotionFilter.settling`: a series has no ends."""
+        return 0.0
+
     def response(self, frequencies: ArrayLike, rate: float) -> Response:
         """See `MotionFilter.response`: 1 at the harmonics, 0 elsewhere, over a log of infinitely many periods."""
         if self.period is None or self.harmonics is None:

@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from steelyard.errors import InputError
+from steelyard.recording.filtering import SETTLED
 from steelyard.recording.filters.motion_filter import Array, Motion, MotionFilter, Response, positive
 
 __all__ = ["KalmanSmoother", "SmoothedMotion"]
@@ -222,6 +223,10 @@ class KalmanSmoother(MotionFilter):
         """See `MotionFilter.padding`: the slowest pole of the response decides."""
         slowest = float(self.bandwidth(rate, 1).min()) * sin(pi / (2 * self.states))
         return ceil(-log(1e-13) / slowest * rate) + 4
+
+    def settling(self, rate: float) -> float:
+        """See `MotionFilter.settling`: the smoother knows one side only, and its deviations are larger there."""
+        return -log(SETTLED) / float(self.bandwidth(rate, 1).min() * sin(pi / (2 * self.states)))
 
 
 class _Smoother:

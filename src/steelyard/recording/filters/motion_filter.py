@@ -79,6 +79,10 @@ class MotionFilter(Section):
         """Rows after which what lies beyond them no longer shows."""
         raise NotImplementedError(f"{self.kind} needs the whole log")
 
+    @abstractmethod
+    def settling(self, rate: float) -> float:
+        """Time in s at either end of a log whose rows are spoilt, for the filter does not know what lies beyond."""
+
     def described(self) -> dict[str, Any]:
         """As a table of robot.toml."""
         return {"kind": self.kind, **self.to_dict()}

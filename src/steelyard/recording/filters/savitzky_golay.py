@@ -110,6 +110,10 @@ class SavitzkyGolay(MotionFilter):
         """See `MotionFilter.padding`: a whole window, so that the ends of a log are treated as ends only there."""
         return 2 * self.half_window(rate) + ceil(self.degree / 2) + 1
 
+    def settling(self, rate: float) -> float:
+        """See `MotionFilter.settling`: half a window, over which the last polynomial is used off its middle."""
+        return self.half_window(rate) / rate
+
 
 def _gain(half: int, degree: int, derivative: int, frequency: float) -> float:
     """Response at a frequency in cycles a sample, relative to the true derivative of a sine."""

@@ -1,0 +1,136 @@
+"""What the data decides, on arms whose true motion, noise and friction are known."""
+
+import numpy as np
+import pytest
+
+import steelyard as sy
+from steelyard.recording import Processing, Recording, decide
+
+RATE, COULOMB, TURN = 500.0, np.array([3.0, 1.5]), 0.02
+
+
+@pytest.fixture(scope="module")
+def arm() -> tuple[sy.Model, np.ndarray]:
+    robot = sy.Robot.from_dh([(0, 0.4, 0, "q"), (0, 0.3, 0, "q")], gravity=(0, -9.81, 0))
+    model = sy.Model(robot.with_terms(sy.Viscous(), sy.Coulomb()))
+    link = [0.02, 0.0, 0.0, 0.3, 0.0, 0.3, 0.4, 0.0, 0.0, 2.0]
+    return model, np.array([*link, 1.0, COULOMB[0], *link, 0.5, COULOMB[1]])
+
+
+def motion(seed: int, seconds: float, top: float) -> tuple[np.ndarray, ...]:
+    random = np.random.default_rng(seed)
+    t = np.arange(round(seconds * RATE)) / RATE
+    w = 2 * np.pi * top * np.array([[0.3, 0.7, 1.0], [0.45, 0.6, 0.9]]).T
+    size, phase = random.uniform(0.4, 1.0, (2, 3, 2)) * np.array([1.0, 6.28])[:, None, None]
+    size = size / w
+    angle = w * t[:, None, None] + phase
+    return tuple((size * w**n * np.sin(angle + n * np.pi / 2)).sum(axis=1) for n in range(3))
+
+
+def log(arm, seed: int, noise: float, seconds: float = 10.0, top: float = 0.6, turn: float = TURN) -> Recording:
+    """An arm whose friction turns its sign over `turn` rad/s; torques with a noise of 1 %."""
+    model, parameters = arm
+    q, dq, ddq = motion(seed, seconds, top)
+    torque = model.inverse_dynamics(q, dq, ddq, parameters) + COULOMB * (np.tanh(dq / turn) - np.sign(dq))
+    random = np.random.default_rng(100 + seed)
+    torque += 0.01 * torque.std(axis=0) * random.normal(size=q.shape)
+    t = np.arange(len(q)) / RATE
+    return Recording(t=t, q=q + noise * random.normal(size=q.shape), torque=torque)
+
+
+def error(arm, information: sy.Information) -> float:
+    """Of the torque of another motion, against the true model."""
+    model, parameters = arm
+    other = motion(50, 10.0, 0.6)
+    true = model.inverse_dynamics(*other, parameters)
+    found = model.inverse_dynamics(*other, model.base_parameters().Pb @ sy.least_squares(information).base)
+    return float(np.linalg.norm(found - true) / np.linalg.norm(true))
+
+
+def processed(arm, recording: Recording, **options) -> sy.Information:
+    samples = Processing.from_dict(options).apply(recording, arm[0])
+    return sy.Information.from_samples(arm[0], samples)
+
+
+@pytest.mark.parametrize("noise", [1e-5, 1e-4, 1e-3])
+def test_default_is_as_good_as_the_best_by_hand(arm, noise):
+    recording = log(arm, 1, noise)
+    by_hand = min(
+        error(arm, processed(arm, recording, cutoff=cutoff, trim=0.8, velocity_threshold=0.08))
+        for cutoff in (2.0, 4.0, 8.0, 16.0, 32.0)
+    )
+    found = error(arm, processed(arm, recording))
+    assert found < 1.5 * by_hand + 2e-4
+    assert found < 2e-3
+
+
+def test_neither_ends_nor_rows_near_rest_spoil_the_default(arm):
+    recording = log(arm, 2, 1e-4)
+    good = error(arm, processed(arm, recording))
+    assert error(arm, processed(arm, recording, trim=0.0)) > 2.0 * good
+    assert error(arm, processed(arm, recording, velocity_threshold="none")) > 2.0 * good
+
+
+def test_threshold_is_where_friction_turns(arm):
+    recording = log(arm, 3, 1e-5, seconds=30.0)
+    found = decide(Processing(), [recording], arm[0])
+    assert found.thresholds is not None
+    assert found.thresholds.sticking.all()
+    # Within it 2 % of the friction lack at least, and beyond it at most 12 %.
+    assert np.all((found.thresholds.thresholds > TURN) & (found.thresholds.thresholds < 5.0 * TURN))
+    assert "joints 1, 2 show less friction" in found.remarks[1]
+    assert found.processing.velocity_threshold == tuple(found.thresholds.thresholds)
+    sharp = decide(Processing(), [log(arm, 3, 1e-5, seconds=30.0, turn=1e-6)], arm[0])
+    assert sharp.thresholds is not None
+    assert not sharp.thresholds.sticking.any()
+    np.testing.assert_allclose(sharp.thresholds.thresholds, 3.0 * sharp.thresholds.noise)
+
+
+def test_noise_of_the_velocity_is_the_true_one(arm):
+    recording = log(arm, 4, 1e-3)
+    found = decide(Processing(cutoff=8.0), [recording], arm[0])
+    samples = recording.process(cutoff=8.0, velocity_threshold=None)
+    _, dq, _ = motion(4, 10.0, 0.6)
+    rows = np.round(samples.t * RATE).astype(int)
+    assert found.thresholds is not None
+    np.testing.assert_allclose((samples.dq - dq[rows]).std(axis=0), found.thresholds.noise, rtol=0.25)
+
+
+def test_a_joint_that_is_always_slow_keeps_its_rows(arm):
+    model, parameters = arm
+    q, dq, ddq = (part * np.array([1.0, 1e-3]) for part in motion(5, 10.0, 0.6))
+    torque = model.inverse_dynamics(q, dq, ddq, parameters)
+    random = np.random.default_rng(1)
+    recording = Recording(
+        t=np.arange(len(q)) / RATE,
+        q=q + 1e-3 * random.normal(size=q.shape),
+        torque=torque + 0.01 * torque.std(axis=0) * random.normal(size=q.shape),
+    )
+    samples = Processing().apply(recording, model)
+    assert np.all(samples.used > 0.7 * samples.count)
+
+
+def test_one_cutoff_for_all_logs(arm, tmp_path):
+    """A short calm log and a fast one share what all of them show; the order of the logs plays no part."""
+    logs = [log(arm, 6, 1e-4, top=0.3), log(arm, 7, 1e-4, top=1.5)]
+    both = decide(Processing(), logs, arm[0])
+    other = decide(Processing(), logs[::-1], arm[0])
+    assert both.processing.cutoff == pytest.approx(other.processing.cutoff, rel=1e-6)
+    assert both.cutoff_choice is not None
+    # The fast one has motion up to 1.5 Hz, and needs twice that at least.
+    assert both.processing.cutoff > 3.0
+    assert "2 logs" in both.remarks[0]
+
+
+def test_rows_too_few_decide_nothing(arm):
+    few = Recording(t=np.arange(40) / RATE, q=np.sin(np.arange(80.0)).reshape(40, 2), torque=np.ones((40, 2)))
+    assert decide(Processing(cutoff=8.0), [few], arm[0]).processing.velocity_threshold is None
+    with pytest.raises(sy.InputError, match="too few to choose a cutoff"):
+        decide(Processing(), [few], arm[0])
+
+
+def test_evidence_can_be_looked_at(arm):
+    choice = decide(Processing(), [log(arm, 1, 1e-4)], arm[0]).cutoff_choice
+    assert choice is not None
+    assert len(choice.table()[0]) == len(choice.titles)
+    assert f"{choice.cutoff:.4g} Hz" in choice._repr_html_()
