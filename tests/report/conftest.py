@@ -67,7 +67,6 @@ def write_robot(folder: Path) -> Path:
         'name = "arm <script>alert(3)</script>"\n[description]\nurdf = "arm.urdf"\n'
         f'gravity = [0, -{GRAVITY}, 0]\n[[terms]]\nkind = "viscous"\n[[terms]]\nkind = "coulomb"\n'
         '[log]\nposition = "q{}"\ntorque = "tau{}"\n[processing]\ncutoff = "none"\n'
-        'trim = 0\nvelocity_threshold = "none"\n'
     )
     return robot
 
