@@ -48,6 +48,32 @@ def test_limits_and_complement(run, place):
     assert record["limits"]["velocity"] == {"shoulder": 5.0, "elbow": 1.0}
 
 
+def test_a_motion_that_shows_nothing_is_told_in_the_first_line_and_exits_with_3(run, place):
+    (place / "limits.toml").write_text("velocity = 0.002\nacceleration = 0.01\n")
+    code, out, _ = run("excite", place / "robot.toml", "--limits", place / "limits.toml", "-o", place / "out", *QUICK)
+    assert code == 3
+    first = out.splitlines()[0]
+    assert "cannot identify what was asked: torque noise of 1% leaves " in first
+    assert "try wider limits of velocity, which the motion uses up, a period longer than 4 s, or fewer terms" in first
+    record = json.loads((place / "out" / "excite.json").read_text())
+    assert not record["identifies"]
+    assert record["unshown"]
+    assert record["remarks"][0] in first
+
+
+def test_model_lead_and_start_are_told(run, place):
+    code, out, err = run("excite", place / "pair.urdf", "-o", place / "out", *QUICK)
+    assert code == 0, err
+    record = json.loads((place / "out" / "excite.json").read_text())
+    model = sy.Model.load(place / "pair.urdf")
+    assert f"viscous, coulomb, offset; {model.parameter_count} parameters, {record['base_parameters']} base" in out
+    assert (record["terms"], record["lead"], record["duration"]) == (["viscous", "coulomb", "offset"], 2.0, 8.0)
+    assert "motion of 8 s, 2 s of it to start and as much to stop" in out
+    first = np.loadtxt(place / "out" / "trajectory.csv", delimiter=",", skiprows=1, max_rows=1)
+    assert list(record["start"].values()) == pytest.approx(first[1:3])
+    assert f"Start at shoulder {first[1]:.4f}, elbow {first[2]:.4f}" in out
+
+
 @pytest.mark.parametrize(
     ("text", "message"),
     [

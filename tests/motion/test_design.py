@@ -75,6 +75,26 @@ def test_information_of_the_samples_has_the_same_condition_number(arm, arm_limit
     assert information.condition_number == pytest.approx(design.condition_number, rel=1e-9)
 
 
+@pytest.mark.parametrize("family", ["fourier", "spline"])
+def test_motions_that_show_next_to_nothing_are_as_good_as_they_can_be_and_said_to_be_bad(arm, arm_limits, family):
+    """At a thousandth of the speed the condition number is some 1e7; the search used to stop at 4e8, where it began."""
+    slow = arm_limits | {"velocity": 0.01, "acceleration": 0.05}
+    design = sy.design_excitation(arm, slow, family=family, **QUICK)
+    own = condition_number(arm, design.sample(1000.0)[1:])
+    assert own == pytest.approx(design.condition_number, rel=1e-3)
+    assert own < 3e7
+    assert not design.identifies
+    assert len(design.unshown) > 3
+    assert "cannot identify what was asked" in design.remarks[0]
+    assert "limits of velocity, which the motion uses up" in design.remarks[0]
+    quick = sy.design_excitation(arm, arm_limits, family=family, **QUICK)
+    assert quick.identifies
+    assert quick.unshown == ()
+    # Where all else is known, the friction of one joint is shown even so.
+    easy = sy.design_excitation(arm, slow, family=family, subset=["Fcj1"], others="known", **QUICK)
+    assert easy.identifies
+
+
 @pytest.mark.slow
 def test_the_same_arguments_give_the_same_motion_with_any_number_of_workers(arm, arm_limits, tmp_path):
     for name, workers in (("one", 1), ("two", 2)):

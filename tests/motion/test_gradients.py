@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from steelyard.motion import MotionLimits
-from steelyard.motion.criterion import CRITERIA, Criterion, make_subset
+from steelyard.motion.criterion import CRITERIA, Criterion, Spectrum, make_subset
 from steelyard.motion.joint_limits import joint_limits
 from steelyard.motion.pull_back import PullBack, RegressorPullBack
 from steelyard.motion.torque_limits import torque_limits
@@ -66,10 +66,10 @@ def test_criteria_by_finite_differences(arm, kind, subset, others, random):
     criterion = Criterion(kind, make_subset(arm, subset, others))
 
     def value(size):
-        return criterion.evaluate(regressor.information(*(motion + size * steps))[0], 6.0)[0]
+        return criterion.evaluate(Spectrum.of(regressor.information(*(motion + size * steps))[0]), 6.0)[0]
 
     total, parts = regressor.information(*motion)
-    gradients = regressor.pull_back(*motion, parts, criterion.evaluate(total, 6.0)[1])
+    gradients = regressor.pull_back(*motion, parts, criterion.evaluate(Spectrum.of(total), 6.0)[1])
     ours = sum(float((g * s).sum()) for g, s in zip(gradients, steps, strict=True))
     h = 1e-4
     theirs = (8 * (value(h) - value(-h)) - (value(2 * h) - value(-2 * h))) / (12 * h)

@@ -47,7 +47,7 @@ def excite(
         float | None, typer.Option(help="s, after which the best motion so far is taken; so does Ctrl-C.")
     ] = None,
 ) -> None:
-    """Design a motion that shows a robot's parameters, within all its limits."""
+    """Design a motion that shows a robot's parameters, within all its limits: exit 3 where it cannot identify them."""
     from steelyard.identification import excite as run
     from steelyard.report import require_folder
 
@@ -78,3 +78,5 @@ def excite(
         written = design.save_all(output)
     show_excitation(design)
     echo(f"Look at {', '.join(path.name for path in written)} in {output}")
+    if not design.identifies:
+        raise typer.Exit(3)

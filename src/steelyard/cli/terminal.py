@@ -184,25 +184,35 @@ def show_model(model: Model, consistency: Literal["full", "inertia"]) -> None:
 
 
 def show_excitation(design: ExcitationDesign) -> None:
-    """Print how good a motion is and how near it comes to its limits."""
+    """Print what a motion does not do, how good it is, how near it comes to its limits, and where it starts."""
     from rich.console import Console
 
     console = Console(highlight=False)
+
+    def say(words: str) -> None:
+        console.print(_text(words), soft_wrap=True)
+
+    if design.warnings:
+        say(" ".join(design.warnings))
     table = _table("limit", "nearest part", "margin", "at s")
     for margin in design.nearest():
         table.add_row(_text(margin.name), _text(margin.label), f"{margin.clearance:.4g}", f"{margin.time:.3f}")
     _show(console, table)
     if design.criterion != "condition" or design.subset:
         about = f" of {', '.join(design.subset)}" if design.subset else ""
-        console.print(_text(f"Criterion {design.criterion}{about}: {design.figure:.5g}."), soft_wrap=True)
+        say(f"Criterion {design.criterion}{about}: {design.figure:.5g}.")
     together = design.combined_condition_number
     known = "" if together is None else f", {together:.4g} together with what it complements"
-    console.print(
-        _text(
-            f"{design.robot_name}: {design.family} motion of {design.trajectory.duration:.4g} s, condition number "
-            f"{design.condition_number:.4g}{known}; every limit is kept at 1 kHz."
-        ),
-        soft_wrap=True,
+    lead = f", {design.lead:.4g} s of it to start and as much to stop" if design.lead else ""
+    say(
+        f"{design.robot_name}: {design.family} motion of {design.trajectory.duration:.4g} s{lead}; condition number "
+        f"{design.condition_number:.4g}{known}; every limit is kept at 1 kHz."
     )
+    say(
+        f"Model: rigid links with {', '.join(design.terms) or 'no terms'}; {design.parameter_count} parameters, "
+        f"{design.base_count} base parameters."
+    )
+    say("Start at " + ", ".join(f"{joint} {place:.4f}" for joint, place in design.start.items()) + " (rad or m).")
     for remark in design.remarks:
-        console.print(_text(f"Note: {remark}"), soft_wrap=True)
+        if remark not in design.warnings:
+            say(f"Note: {remark}")

@@ -47,8 +47,7 @@ def minimise_with_cobyla(problem: DesignProblem, start: Array, evaluations: int,
             raise Stopped
         motion = problem.motion(x)
         own = [np.ascontiguousarray(part[: problem.judged]) for part in motion]
-        mean, _ = problem.regressor.information(own[0], own[1], own[2])
-        value = problem.criterion.evaluate(problem.prior + problem.count * mean, _SHARP)[0]
+        value = problem.criterion.evaluate(problem.spectrum(own[0], own[1], own[2])[0], _SHARP)[0]
         for fractions in problem.clearances(motion):
             value += _WEIGHT * float(np.square(np.minimum(fractions, 0.0)).sum()) / problem.judged
         if value < best[0]:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Literal
 
@@ -13,11 +13,59 @@ from steelyard.dynamics import Model
 from steelyard.errors import InputError
 from steelyard.robot import INERTIA_SYMBOLS
 
-__all__ = ["CRITERIA", "Criterion", "Subset", "make_subset"]
+__all__ = ["CRITERIA", "Criterion", "Spectrum", "Subset", "make_subset"]
 
 Array = NDArray[np.float64]
 CRITERIA = ("condition", "d", "a")
-_FLOOR = 1e-15
+_SQUARED = 1e-10
+"""Where the least eigenvalue of an information is a smaller part of the largest one, it is taken from a factor.
+
+The information is a square, whose eigenvalues below 1e-16 of the largest one are rounding errors: from a start with a
+condition number of 1e8 the criterion had no gradient, and the search went nowhere. A factor gives condition numbers up
+to 1e15, for some times the cost, which well-conditioned motions need not pay."""
+_FLOOR = 1e-30
+
+
+@dataclass(frozen=True, eq=False)
+class Spectrum:
+    """An information matrix by its eigenvalues and eigenvectors.
+
+    Attributes
+    ----------
+    values : ndarray
+        (n_b,), ascending, all positive: at least 1e-30 of the largest.
+    vectors : ndarray
+        (n_b, n_b), in columns.
+    """
+
+    values: Array
+    vectors: Array
+
+    @classmethod
+    def of(cls, information: Array, factor: Callable[[], Array] | None = None) -> Spectrum:
+        """Return the spectrum of an information.
+
+        Parameters
+        ----------
+        information : ndarray
+            (n_b, n_b).
+        factor : callable, optional
+            Returns a matrix F (rows, n_b) with ``F'F = information`` that was not made from the information. It is
+            asked for where the eigenvalues of the square are not accurate enough.
+        """
+        values, vectors = np.linalg.eigh(information)
+        if factor is not None and values[0] < _SQUARED * values[-1]:
+            _, roots, rows = np.linalg.svd(factor(), full_matrices=False)
+            values, vectors = roots[::-1] ** 2, rows[::-1].T
+        return cls(_positive(values), vectors)
+
+    def root(self, directions: Array) -> Array:
+        """Return a factor (n_b, r) of the information of directions (n_b, r)."""
+        return np.asarray(np.sqrt(self.values)[:, None] * (self.vectors.T @ directions))
+
+    def inverse_root(self, directions: Array) -> Array:
+        """Return a factor (n_b, r) of the covariance of directions (n_b, r)."""
+        return np.asarray((self.vectors.T @ directions) / np.sqrt(self.values)[:, None])
 
 
 @dataclass(frozen=True, eq=False)
@@ -126,13 +174,13 @@ class Criterion:
         if self.kind not in CRITERIA:
             raise InputError(f"criterion must be one of {', '.join(CRITERIA)}, got {self.kind!r}.")
 
-    def evaluate(self, information: Array, sharpness: float = 8.0) -> tuple[float, Array]:
+    def evaluate(self, spectrum: Spectrum, sharpness: float = 8.0) -> tuple[float, Array]:
         """Return a smooth objective to be made small, and its gradient by the information matrix, symmetric.
 
         Parameters
         ----------
-        information : ndarray
-            (n_b, n_b).
+        spectrum : Spectrum
+            Of the information.
         sharpness : float
             The extreme eigenvalues of the condition number are replaced by norms of this exponent of all of them,
             which are smooth where eigenvalues cross: twice the logarithm of the condition number from above, and the
@@ -144,29 +192,38 @@ class Criterion:
         gradient : ndarray
             (n_b, n_b).
         """
-        directions = self.subset.directions
+        values, vectors = self._seen(spectrum)
         if self.subset.others_known:
-            whole = directions.shape[0] == directions.shape[1]  # then they are the identity
-            values, vectors = np.linalg.eigh(information if whole else directions.T @ information @ directions)
-            value, slopes = self._spectral(_positive(values), sharpness, 1.0)
-            gradient = (vectors * slopes) @ vectors.T
-            return value, gradient if whole else directions @ gradient @ directions.T
-        inverse = _inverse(information) @ directions
-        values, vectors = np.linalg.eigh(directions.T @ inverse)  # of the covariance
-        value, slopes = self._spectral(_positive(values), sharpness, -1.0)
-        turned = inverse @ vectors
+            value, slopes = self._spectral(values, sharpness, 1.0)
+            return value, (vectors * slopes) @ vectors.T
+        value, slopes = self._spectral(values, sharpness, -1.0)  # of the covariance
+        turned = (spectrum.vectors / np.sqrt(spectrum.values)) @ (
+            spectrum.inverse_root(self.subset.directions) @ vectors
+        )
         return value, -(turned * slopes) @ turned.T
 
-    def figure(self, information: Array) -> float:
+    def figure(self, spectrum: Spectrum) -> float:
         """Return the criterion itself: condition number, logarithm of the determinant, or trace of the inverse."""
-        directions = self.subset.directions
-        if self.subset.others_known:
-            values = _positive(np.linalg.eigh(directions.T @ information @ directions)[0])
-        else:
-            values = 1.0 / _positive(np.linalg.eigh(directions.T @ _inverse(information) @ directions)[0])
+        values, _ = self._seen(spectrum)
+        if not self.subset.others_known:
+            values = 1.0 / values
         if self.kind == "condition":
             return float(np.sqrt(values.max() / values.min()))
         return float(np.log(values).sum()) if self.kind == "d" else float((1.0 / values).sum())
+
+    def _seen(self, spectrum: Spectrum) -> tuple[Array, Array]:
+        """Return eigenvalues (r,), ascending, and vectors of the information of the subset, or of its covariance.
+
+        The vectors of the information are those by which it changes with the whole information, (n_b, r); those of the
+        covariance are (r, r).
+        """
+        directions, known = self.subset.directions, self.subset.others_known
+        if known and directions.shape[0] == directions.shape[1]:  # the identity
+            return spectrum.values, spectrum.vectors
+        root = spectrum.root(directions) if known else spectrum.inverse_root(directions)
+        _, roots, rows = np.linalg.svd(root, full_matrices=False)
+        values, vectors = _positive(roots[::-1] ** 2), rows[::-1].T
+        return values, directions @ vectors if known else vectors
 
     def better(self, a: float, b: float) -> bool:
         """Tell whether the figure `a` is better than `b`."""
@@ -189,8 +246,3 @@ class Criterion:
 
 def _positive(values: Array) -> Array:
     return np.maximum(values, _FLOOR * max(float(values[-1]), 1e-300))
-
-
-def _inverse(information: Array) -> Array:
-    values, vectors = np.linalg.eigh(information)
-    return np.asarray((vectors / _positive(values)) @ vectors.T)

@@ -16,9 +16,10 @@ from steelyard.recording import Samples
 from steelyard.regression import Information
 
 from .constraint import MotionConstraint
-from .criterion import Criterion, make_subset
+from .criterion import Criterion, Spectrum, make_subset
 from .excitation import ExcitationDesign, nearest_first
 from .family import Family, make_family
+from .identifiability import TORQUE_NOISE, Identifiability, identifiability
 from .joint_limits import joint_limits
 from .limits import MotionLimits
 from .limits_file import limits_from_file
@@ -27,12 +28,15 @@ from .pull_back import RegressorPullBack
 from .search import Search, resting_postures
 from .torque_limits import torque_limits
 from .trajectory import Trajectory
-from .verification import Verifier, keeps_all, margins_of
+from .verification import Margin, Verifier, keeps_all, margins_of
 from .workers import single_threaded
 
 __all__ = ["design_excitation"]
 
 Array = NDArray[np.float64]
+_NAMED = 5  # parameters
+_SHORT = 40  # characters
+_USED_UP = 0.01  # of the scale of a limit: what is nearer to it counts as using it up
 _SMOOTHNESS = 0.02  # of the velocity scale: width of the smooth sign
 METHODS = ("gradient", "cobyla")
 
@@ -171,9 +175,17 @@ def design_excitation(
     judged = _period_times(chosen, rate)
     judged_basis = chosen.basis(judged)
 
+    def spectrum(x: Array) -> Spectrum:
+        """Return that of the whole information, with the exact sign of friction."""
+        motion = problem.motion(x, judged_basis)
+        part = problem.count / len(judged)
+        return Spectrum.of(
+            prior.T @ prior + part * RegressorPullBack.exact(model, *motion, weights),
+            lambda: np.vstack([prior, np.sqrt(part) * RegressorPullBack.exact_factor(model, *motion, weights)]),
+        )
+
     def figure(x: Array) -> float:
-        exact = RegressorPullBack.exact(model, *problem.motion(x, judged_basis), weights)
-        return measure.figure(prior + (problem.count / len(judged)) * exact)
+        return measure.figure(spectrum(x))
 
     search = Search(
         problem,
@@ -199,6 +211,9 @@ def design_excitation(
     if np.abs(motion[1][0]).max() > 1e-6:
         remarks.append("The motion starts and ends at speed, without a lead-in: bring the robot to this speed first.")
     remarks += _notes(result.status, result.finished, starts)
+    shown = identifiability(spectrum(result.best.x), measure.subset, problem.count * model.joint_count)
+    if shown.unshown:
+        remarks.insert(0, _hopeless(shown, len(measure.subset.names), margins, period))
     return ExcitationDesign(
         robot_name=model.robot.name,
         joint_names=tuple(model.robot.joint_names),
@@ -209,12 +224,18 @@ def design_excitation(
         criterion=criterion,
         figure=result.best.figure,
         subset=() if subset is None else measure.subset.names,
+        terms=tuple(term.kind for term in model.robot.terms),
+        parameter_count=model.parameter_count,
+        base_count=model.base_parameters().count,
+        uncertainty=shown.uncertainty,
+        unshown=shown.unshown,
         limits=bounds,
         margins=margins,
         family=family,
         method=method,
         status=result.status,
         rate=rate,
+        lead=chosen.window[0],
         seed=seed,
         starts=starts,
         finished_starts=result.finished,
@@ -341,7 +362,7 @@ def _problem(
 def _prior(
     model: Model, complement: Information | Trajectory | ExcitationDesign | None, weights: Array, rate: float
 ) -> Array:
-    """Return the information matrix (n_b, n_b) of what the design complements."""
+    """Return a factor (n_b, n_b) of the information of what the design complements."""
     if complement is None:
         return np.zeros((model.base_parameters().count,) * 2)
     information = _known(model, complement, rate)
@@ -352,8 +373,7 @@ def _prior(
         raise InputError(
             "noise needs a complement whose joints are known apart; this Information was reduced over all."
         )
-    R = information.reduced(given).R
-    return np.asarray(R.T @ R)
+    return np.asarray(information.reduced(given).R)
 
 
 def _known(model: Model, complement: Information | Trajectory | ExcitationDesign, rate: float) -> Information:
@@ -383,6 +403,25 @@ def _combined(
     both = [information.reduced(None).R for information in (own, _known(model, complement, rate))]
     values = np.linalg.svd(np.vstack(both), compute_uv=False)
     return float(values[0] / values[-1]) if values[-1] > 0.0 else float("inf")
+
+
+def _hopeless(shown: Identifiability, count: int, margins: Sequence[Margin], period: float) -> str:
+    """Say that a motion does not show what was asked, what it does not show, and what to try."""
+    names = ", ".join(map(_short, shown.unshown[:_NAMED]))
+    more = len(shown.unshown) - _NAMED
+    used = dict.fromkeys(m.name for m in margins if m.fraction < _USED_UP)
+    wider = f"wider limits of {' and '.join(used)}, which the motion uses up, " if used else ""
+    return (
+        f"This motion cannot identify what was asked: torque noise of {TORQUE_NOISE:.0%} leaves "
+        f"{len(shown.unshown)} of {count} parameters less certain than all base parameters together are large "
+        f"({names}{f' and {more} more' if more > 0 else ''}); try {wider}a period longer than {period:g} s, or fewer "
+        "terms or parameters."
+    )
+
+
+def _short(expression: str) -> str:
+    """Return the first few parts of the expression of a base parameter."""
+    return expression if len(expression) <= _SHORT else expression[: expression.rindex(" ", 0, _SHORT)] + " ..."
 
 
 def _notes(status: str, finished: int, starts: int) -> list[str]:

@@ -48,6 +48,16 @@ class ExcitationDesign:
         determinant of the information, or trace of its inverse.
     subset : tuple of str
         The parameters that count, where not all do.
+    terms : tuple of str
+        What the model has at the joints besides rigid links, such as ``"viscous"``.
+    parameter_count, base_count : int
+        Of the model.
+    uncertainty : float
+        What torque noise of one percent leaves of the parameters that count (and of what the motion complements): the
+        deviation of their least certain combination in units of the size of all base parameters. Above 1 the motion
+        does not identify what was asked, see `identifies`.
+    unshown : tuple of str
+        In that case the parameters that are at fault, the least certain first.
     limits : MotionLimits
         Less the fraction that was to be left free.
     margins : tuple of Margin
@@ -56,6 +66,8 @@ class ExcitationDesign:
         Status: ``"finished"``, ``"time limit"`` or ``"interrupted"``; the latter two hold the best so far.
     rate : float
         Hz.
+    lead : float
+        Time of the lead-in, and of the lead-out, s.
     seed, starts, finished_starts : int
     remarks : tuple of str
         What the user should know, in sentences.
@@ -70,16 +82,38 @@ class ExcitationDesign:
     criterion: str
     figure: float
     subset: tuple[str, ...]
+    terms: tuple[str, ...]
+    parameter_count: int
+    base_count: int
+    uncertainty: float
+    unshown: tuple[str, ...]
     limits: MotionLimits
     margins: tuple[Margin, ...]
     family: str
     method: str
     status: str
     rate: float
+    lead: float
     seed: int
     starts: int
     finished_starts: int
     remarks: tuple[str, ...] = ()
+
+    @property
+    def identifies(self) -> bool:
+        """Whether the motion can identify what was asked, with torque noise of one percent."""
+        return self.uncertainty <= 1.0
+
+    @property
+    def warnings(self) -> tuple[str, ...]:
+        """Those of the remarks that come before all the rest: what the motion does not show."""
+        return self.remarks[:1] if self.unshown else ()
+
+    @property
+    def start(self) -> dict[str, float]:
+        """Where each joint is when the motion begins, rad or m."""
+        q = self.trajectory.motion([0.0])[0][0]
+        return dict(zip(self.joint_names, q.tolist(), strict=True))
 
     def sample(self, rate: float) -> tuple[Array, Array, Array, Array]:
         """Return t (S,), q, dq and ddq (S, N) of the period that is judged, at `rate` Hz.
@@ -124,12 +158,20 @@ class ExcitationDesign:
             "family": self.family,
             "duration": self.trajectory.duration,
             "period": self.excitation.duration,
+            "lead": self.lead,
+            "start": self.start,
             "rate": self.rate,
             "condition_number": self.condition_number,
             "combined_condition_number": self.combined_condition_number,
             "criterion": self.criterion,
             "figure": self.figure,
             "subset": list(self.subset),
+            "terms": list(self.terms),
+            "parameters": self.parameter_count,
+            "base_parameters": self.base_count,
+            "identifies": self.identifies,
+            "uncertainty": self.uncertainty,
+            "unshown": list(self.unshown),
             "method": self.method,
             "status": self.status,
             "seed": self.seed,

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from .constraint import MotionConstraint
-from .criterion import Criterion
+from .criterion import Criterion, Spectrum
 from .family import Basis, Family
 from .limits import MotionLimits
 from .pull_back import RegressorPullBack
@@ -52,7 +52,7 @@ class DesignProblem:
     scale : ndarray
         (N, P).
     prior : ndarray
-        (n_b, n_b) information that is there already.
+        (n_b, n_b) factor R of the information R'R that is there already.
     count : float
         How many samples the period will give.
     times : ndarray
@@ -110,9 +110,18 @@ class DesignProblem:
     def objective(self, motion: tuple[Array, Array, Array], sharpness: float) -> tuple[float, list[Array]]:
         """Return the criterion, and its gradients (judged, N) by q, dq and ddq."""
         own = [np.ascontiguousarray(part[: self.judged]) for part in motion]
-        mean, parts = self.regressor.information(own[0], own[1], own[2])
-        value, adjoint = self.criterion.evaluate(self.prior + self.count * mean, sharpness)
+        spectrum, parts = self.spectrum(own[0], own[1], own[2])
+        value, adjoint = self.criterion.evaluate(spectrum, sharpness)
         return value, list(self.regressor.pull_back(own[0], own[1], own[2], parts, self.count * adjoint))
+
+    def spectrum(self, q: Array, dq: Array, ddq: Array) -> tuple[Spectrum, list[Array]]:
+        """Return the information of motion (judged, N) and of what is known, and what the regressor needs of it."""
+        mean, parts = self.regressor.information(q, dq, ddq)
+        size = np.sqrt(self.count)
+        known = self.prior.T @ self.prior
+        return Spectrum.of(
+            known + self.count * mean, lambda: np.vstack([self.prior, size * self.regressor.factor(parts)])
+        ), parts
 
     @cached_property
     def looked_at(self) -> list[NDArray[np.intp]]:
@@ -135,5 +144,5 @@ class DesignProblem:
         return replace(self, times=np.concatenate([self.times, fresh]))
 
     def with_prior(self, prior: Array) -> DesignProblem:
-        """Return the same problem with information (n_b, n_b) that is there already."""
+        """Return the same problem with a factor (n_b, n_b) of information that is there already."""
         return replace(self, prior=prior)

@@ -7,7 +7,7 @@ Walther 2008, section 3.2).
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 
 import numpy as np
 from numpy.typing import NDArray
@@ -132,6 +132,14 @@ class RegressorPullBack:
             total[np.ix_(columns, columns)] += (weight / len(q)) * (rows.T @ rows)
         return total, parts
 
+    def factor(self, parts: list[Array]) -> Array:
+        """Return a matrix (n_b, n_b) whose square is the mean of the information, from what `information` returned."""
+        rows = [
+            _spread(values, columns, self._count) * np.sqrt(weight / len(values))
+            for values, (_, columns), weight in zip(parts, self._joints, self._squares, strict=True)
+        ]
+        return np.asarray(np.linalg.qr(np.vstack(rows), mode="r"))
+
     def pull_back(
         self, q: Array, dq: Array, ddq: Array, parts: list[Array], adjoint: Array
     ) -> tuple[Array, Array, Array]:
@@ -147,11 +155,36 @@ class RegressorPullBack:
         """Return the sum, not the mean, of the information of the samples with the exact sign, (n_b, n_b)."""
         count = model.base_parameters().count
         total = np.zeros((count, count))
-        columns = model.base_columns.joints
-        splits = np.cumsum([len(c) for c in columns])[:-1]
-        for start in range(0, len(q), 2048):
-            part = slice(start, start + 2048)
-            values = model.base_columns.kernel(q[part], dq[part], ddq[part])
-            for own, rows, weight in zip(columns, np.split(values, splits, axis=1), joint_weights, strict=True):
-                total[np.ix_(own, own)] += weight**2 * (rows.T @ rows)
+        for parts in _exact_rows(model, q, dq, ddq, joint_weights):
+            for own, rows in parts:
+                total[np.ix_(own, own)] += rows.T @ rows
         return total
+
+    @staticmethod
+    def exact_factor(model: Model, q: Array, dq: Array, ddq: Array, joint_weights: Array) -> Array:
+        """Return a matrix (n_b, n_b) whose square is what `exact` returns, without its rounding errors."""
+        count = model.base_parameters().count
+        total = np.zeros((0, count))
+        for parts in _exact_rows(model, q, dq, ddq, joint_weights):
+            block = [_spread(rows, own, count) for own, rows in parts]
+            total = np.asarray(np.linalg.qr(np.vstack([total, *block]), mode="r"))
+        return total
+
+
+def _exact_rows(
+    model: Model, q: Array, dq: Array, ddq: Array, joint_weights: Array
+) -> Iterator[list[tuple[NDArray[np.intp], Array]]]:
+    """Yield, for some samples at a time, the columns of each joint that are not 0, and its weighted rows in them."""
+    columns = model.base_columns.joints
+    splits = np.cumsum([len(c) for c in columns])[:-1]
+    for start in range(0, len(q), 2048):
+        part = slice(start, start + 2048)
+        values = np.split(model.base_columns.kernel(q[part], dq[part], ddq[part]), splits, axis=1)
+        yield [(own, weight * rows) for own, rows, weight in zip(columns, values, joint_weights, strict=True)]
+
+
+def _spread(rows: Array, columns: NDArray[np.intp], count: int) -> Array:
+    """Return rows with all the columns, zeros where `columns` do not say otherwise."""
+    whole = np.zeros((len(rows), count))
+    whole[:, columns] = rows
+    return whole
