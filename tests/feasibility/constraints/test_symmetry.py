@@ -57,6 +57,8 @@ def test_two_planes_are_both(two_links):
 
 
 @given(seed=seeds, named=st.sampled_from([None, "xy", "xz", "yz"]), shifted=st.booleans())
+@example(seed=2001178363, named=None, shifted=False)  # a plane 0.5 degrees off parallel to the axis x
+@example(seed=2001178363, named=None, shifted=True)
 @settings(max_examples=60, deadline=None)
 def test_reflected_points_satisfy_a_plane(two_links, point_cloud_parameters, seed, named, shifted):
     rng = np.random.default_rng(seed)
