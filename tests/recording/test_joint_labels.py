@@ -39,7 +39,8 @@ def test_columns_are_those_of_the_joints_that_the_log_names(suffix: str, tmp_pat
     expected = np.column_stack([Q[name] for name in JOINTS])
     np.testing.assert_allclose(log.q, expected, atol=1e-15)
     np.testing.assert_allclose(log.torque, 2 * expected, atol=1e-15)
-    joined = Samples.joined(list(process_chunks(path, None, Processing(cutoff=None), 120, JOINTS)))
+    processing = Processing(cutoff=None, trim=0.0, velocity_threshold=None)
+    joined = Samples.joined(list(process_chunks(path, None, processing, 120, JOINTS)))
     np.testing.assert_allclose(joined.q, expected, atol=1e-15)
 
 
