@@ -83,8 +83,15 @@ def test_universal_robots_ur10(shared_data, monkeypatch, tmp_path):
     estimate = identify(monkeypatch, tmp_path, "ur10.toml", log)
     possible(sy.Model.load(EXAMPLES / "ur10.toml"), estimate.parameters)
     result = sy.identify(EXAMPLES / "ur10.toml", [log], weights=None)
-    assert result.unconstrained.relative_error <= 0.068
     assert result.information.base_count == 58
+    # Without the rows near rest, where its joints stick, the error is well below what its README expects.
+    assert result.unconstrained.relative_error <= 0.048
+    assert np.all(100 * result.unconstrained.joint_relative_error < np.array([15, 4, 6, 9, 13, 30]))
+    stated = tmp_path / "stated.toml"
+    everything = '[processing]\ncutoff = 3.66\ntrim = 0\nvelocity_threshold = "none"\n'
+    stated.write_text((EXAMPLES / "ur10.toml").read_text() + everything)
+    result = sy.identify(stated, [log], weights=None)
+    assert result.unconstrained.relative_error <= 0.068
     assert result.information.condition_number == pytest.approx(133, rel=0.1)
     per_joint = 100 * result.unconstrained.joint_relative_error
     assert list(per_joint) == pytest.approx([15, 4, 6, 9, 13, 30], abs=1.5)

@@ -42,7 +42,7 @@ def test_motor_side_equals_the_joint_side_shipped_beside(
 ) -> None:
     motor = Recording.read(motor_files, motor_columns, joints=6)
     joint = Recording.read(shared_data / "staubli_tx40" / "joint_500hz.csv", joints=6)
-    samples = motor.process(cutoff=None, decimate=10)
+    samples = motor.process(cutoff=None, decimate=10, trim=0.0, velocity_threshold=None)
     assert samples.t is not None
     np.testing.assert_allclose(samples.t, joint.t, atol=1e-9)
     # The file has seven decimals of the positions and five of the torques.
@@ -52,7 +52,7 @@ def test_motor_side_equals_the_joint_side_shipped_beside(
 
 def test_published_processing_of_the_motor_side(motor_files: list[Path], motor_columns: LogColumns) -> None:
     thresholds = [0.05009095, 0.05009095, 0.07504916, 0.0715585, 0.05585054, 0.12217305]
-    processing = Processing(cutoff=100.0, order=4, decimate=(10, 10), velocity_threshold=tuple(thresholds))
+    processing = Processing(cutoff=100.0, order=4, decimate=(10, 10), trim=0.0, velocity_threshold=tuple(thresholds))
     motor = Recording.read(motor_files, motor_columns, joints=6)
     samples = processing.apply(motor)
     # Published: 2076 rows; rows at the very threshold depend on how the ends are derived.
@@ -69,7 +69,7 @@ def test_ur10(shared_data: Path) -> None:
     recording = Recording.read(shared_data / "ur10_unisa" / "exciting.csv", joints=6)
     assert recording.remarks == ()
     assert (recording.count, round(recording.rate, 6)) == (3441, 125.0)
-    samples = recording.process(cutoff=4.0, trim=0.5)
+    samples = recording.process(cutoff=4.0, trim=0.5, velocity_threshold=None)
     assert recording.velocity is not None
     # What is derived from the positions is what the robot measured.
     np.testing.assert_allclose(samples.dq, recording.velocity[63:-63][: samples.count], atol=0.05)
@@ -79,7 +79,7 @@ def test_ur10(shared_data: Path) -> None:
 def test_kinova(name: str, shared_data: Path) -> None:
     recording = Recording.read(shared_data / "kinova_gen3" / f"{name}.csv", joints=7)
     assert recording.remarks == ()
-    assert recording.process().count == recording.count
+    assert recording.process(trim=0.0).count == recording.count
     with pytest.raises(InputError, match=r"positions of 7 joints .* the robot has 6"):
         Recording.read(shared_data / "kinova_gen3" / f"{name}.csv", joints=6)
 
@@ -89,5 +89,5 @@ def test_kinova_with_a_dead_sensor(shared_data: Path) -> None:
     assert recording.remarks == ("The torque of joint 1 is 0 throughout: its sensor is stuck or not connected.",)
     with pytest.raises(InputError, match=r"exclude_joints = \[1\]"):
         recording.process()
-    samples = recording.process(exclude_joints=[1])
+    samples = recording.process(exclude_joints=[1], trim=0.0, velocity_threshold=None)
     assert samples.used.tolist() == [0] + [1942] * 6

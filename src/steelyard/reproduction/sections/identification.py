@@ -33,7 +33,10 @@ _NAMES = {
 def _compute(context: Context) -> SectionResult:
     model = wam_model()
     context.say("simulated recordings")
-    logs = {name: simulated_log(model, name, SEED).process(cutoff=4.8, order=3, trim=0.5) for name in ("A", "B")}
+    logs = {
+        name: simulated_log(model, name, SEED).process(cutoff=4.8, order=3, trim=0.5, velocity_threshold=None)
+        for name in ("A", "B")
+    }
     information = {name: Information.from_samples(model, samples) for name, samples in logs.items()}
     data = information["A"]
     ols, wls = least_squares(data, weights=None), least_squares(data)

@@ -72,7 +72,9 @@ def _compute(context: Context) -> SectionResult:
 
 def _simulated(seed: int) -> Information:
     model = wam_model()
-    return Information.from_samples(model, simulated_log(model, "A", seed).process(cutoff=4.8, order=3, trim=0.5))
+    return Information.from_samples(
+        model, simulated_log(model, "A", seed).process(cutoff=4.8, order=3, trim=0.5, velocity_threshold=None)
+    )
 
 
 def _percent(error: float) -> str:

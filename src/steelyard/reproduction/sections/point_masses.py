@@ -59,7 +59,7 @@ def links_alone(information: Information, model: Model) -> Information:
 def _compute(context: Context) -> SectionResult:
     model = Model(Robot.from_dh(DH_ROWS, name="wam"))
     context.say("simulated arm")
-    log = simulated_log(wam_model(), "A", SEED).process(cutoff=4.8, order=3, trim=0.5)
+    log = simulated_log(wam_model(), "A", SEED).process(cutoff=4.8, order=3, trim=0.5, velocity_threshold=None)
     data = {"simulated": Information.from_samples(model, log)}
     if context.data is not None:
         context.say("real arm")
