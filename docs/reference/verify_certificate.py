@@ -12,14 +12,25 @@ def require(truth, otherwise):
         sys.exit(f"Not a proof: {otherwise}.")
 
 
-def table(entries, count, read=Q):
+def number(text):
+    """Read an integer, a decimal or a quotient."""
+    require(isinstance(text, str), f"{text!r} is no text with a number")
+    return Q(text)
+
+
+def table(entries, count, read=number, indices=1):
     """Read [[index, value], ...] or [[row, column, value], ...] with row <= column, each place once and below count."""
-    found = {place[0] if len(place) == 1 else tuple(place): read(value) for *place, value in entries}
+    require(all(len(entry) == indices + 1 for entry in entries), "a place has too many indices, or too few")
+    require(all(type(i) is int and 0 <= i < count for *place, _ in entries for i in place), "a place is outside")
+    require(all(place == sorted(place) for *place, _ in entries), "a place is below the diagonal")
+    found = {place[0] if indices == 1 else tuple(place): read(value) for *place, value in entries}
     require(len(found) == len(entries), "a place is there twice")
-    require(
-        all(0 <= p < count if isinstance(p, int) else 0 <= p[0] <= p[1] < count for p in found), "a place is outside"
-    )
     return found
+
+
+def matrix(entries, size):
+    """Read the upper triangle of a symmetric matrix."""
+    return table(entries, size, indices=2)
 
 
 def definite(place, size, strict):
@@ -42,17 +53,22 @@ def body(L, first, m, consistency):
 
 document = json.loads(Path(sys.argv[1]).read_text(encoding="utf-8"))
 certificate = document.get("certificate", document)
+require(isinstance(certificate, dict), "the file holds no certificate")
+require(certificate.get("format") == "steelyard-certificate-1", "its format is another")
 statement, proof = certificate["statement"], certificate["proof"]
-names, base = statement["parameter_names"], [Q(value) for value in statement["base"]]
+names, base = statement["parameter_names"], [number(value) for value in statement["base"]]
 K, equations = [table(row, len(names)) for row in statement["base_map"]], statement["equations"]
 parts = [  # of each condition: its constant matrix, and that of each parameter
-    (table(c["constant"], c["size"]), table(c["coefficients"], len(names), lambda m, c=c: table(m, c["size"])))
+    (matrix(c["constant"], c["size"]), table(c["coefficients"], len(names), lambda m, c=c: matrix(m, c["size"])))
     for c in statement["conditions"]
 ]
+require(all(type(c[k]) is bool for c in statement["conditions"] for k in ("strict", "physical")), "true or false lack")
+require(all(type(c["size"]) is int and c["size"] > 0 for c in statement["conditions"]), "a size is none")
+require(all(number(e["tolerance"]) >= 0 for e in equations), "a tolerance is negative")
 require(len(set(names)) == len(names), "two parameters share a name")
 require(statement["consistency"] in ("full", "inertia"), "nothing defines its consistency")
 if certificate["verdict"] == "feasible":
-    delta = [Q(value) for value in proof["parameters"]]
+    delta = [number(value) for value in proof["parameters"]]
     dot = lambda row: sum(value * delta[i] for i, value in row.items())  # noqa: E731
     require(len(delta) == len(names) and [dot(row) for row in K] == base, "K δ = β does not hold")
     at, links = dict(zip(names, delta, strict=True)), [name[3:] for name in names if name.startswith("Lxx")]
@@ -62,29 +78,30 @@ if certificate["verdict"] == "feasible":
         require(mass > 0 and definite(J, 3, strict=True), f"body {k} cannot exist")
     require(links, "it is about no body")
     for c, (D, matrices) in zip(statement["conditions"], parts, strict=True):
-        for index, matrix in matrices.items():
-            for place, value in matrix.items():
+        for index, elements in matrices.items():
+            for place, value in elements.items():
                 D[place] = D.get(place, 0) + value * delta[index]
         require(definite(D, c["size"], c["strict"]), f"{c['name']} does not hold")
     for e in equations:
-        row, value, tolerance = table(e["coefficients"], len(names)), Q(e["value"]), Q(e["tolerance"])
+        row, value, tolerance = table(e["coefficients"], len(names)), number(e["value"]), number(e["tolerance"])
         require(tolerance <= Q(1, 10**9) * max(map(abs, [value, *row.values()])), f"{e['name']} is loose")
         require(abs(dot(row) - value) <= tolerance, f"{e['name']} does not hold")
 else:
     require(certificate["verdict"] == "infeasible", "its verdict is neither")
-    y, multipliers, shift = [Q(v) for v in proof["direction"]], [Q(v) for v in proof["multipliers"]], Q(proof["shift"])
+    y, multipliers = [number(v) for v in proof["direction"]], [number(v) for v in proof["multipliers"]]
+    shift = number(proof["shift"])
     total, strict, left = sum(a * b for a, b in zip(y, base, strict=True)), False, [Q(0)] * len(names)
     for index, Z in table(proof["duals"], len(parts), list).items():
         c, (constant, matrices) = statement["conditions"][index], parts[index]
-        Z = table(Z, c["size"])
+        Z = matrix(Z, c["size"])
         product = lambda m, Z=Z: sum(v * Z.get(p, 0) * (1 if p[0] == p[1] else 2) for p, v in m.items())  # noqa: E731
         added = {(i, i): Z.get((i, i), 0) + shift for i in range(c["size"])} if c["physical"] else {}
         require(definite(Z | added, c["size"], strict=False), f"the dual matrix of {c['name']} is not semidefinite")
         strict, total = strict or (c["strict"] and any(Z.values())), total + product(constant)
-        for i, matrix in matrices.items():
-            left[i] += product(matrix)
+        for i, elements in matrices.items():
+            left[i] += product(elements)
     for e, multiplier in zip(equations, multipliers, strict=True):
-        total += abs(multiplier) * Q(e["tolerance"]) - multiplier * Q(e["value"])
+        total += abs(multiplier) * number(e["tolerance"]) - multiplier * number(e["value"])
         for i, value in table(e["coefficients"], len(names)).items():
             left[i] += multiplier * value
     for row, weight in zip(K, y, strict=True):
@@ -96,7 +113,7 @@ else:
 if document is not certificate:  # the numbers of an estimate are the doubles nearest to the exact ones
     require(certificate["verdict"] == "feasible", "it is about no feasible estimate")
     for name, exact in (("parameters", proof["parameters"]), ("base", statement["base"])):
-        require(document[name] == [float(Q(value)) for value in exact], f"the {name} of the estimate are others")
+        require(document[name] == [float(Q(value)) for value in exact], f"the estimate has another {name}")
     for name in ("parameter_names", "base_expressions", "consistency"):
-        require(document[name] == statement[name], f"the {name} of the estimate are others")
+        require(document[name] == statement[name], f"the estimate has another {name}")
 print("Proved:", certificate["verdict"])

@@ -126,7 +126,7 @@ def fit(
     return Estimate(
         method=f"feasible {method_name(info, values is not None)}",
         base_names=info.base_names,
-        base_expressions=info.base_expressions,
+        base_expressions=certificate.base_expressions,  # reduced data may have names of its own
         base=certificate.base,
         standard_deviation=standard_deviations(problem, found.base, undetermined),
         corrected_standard_deviation=corrected_deviations(info, found.base, values),

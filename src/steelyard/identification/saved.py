@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import replace
 from pathlib import Path
-from typing import Literal
+from typing import Any, Literal
 
 import numpy as np
 from numpy.typing import NDArray
@@ -24,6 +25,8 @@ from steelyard.feasibility import (
     verify_certificate,
     verify_document,
 )
+from steelyard.feasibility.proof.exact_set import LAST_DIGITS
+from steelyard.feasibility.proof.rational import nearest_double, parse_number
 from steelyard.regression import Estimate
 from steelyard.robot import RobotFile
 
@@ -120,11 +123,40 @@ def check_certificate(
         _, feasible, loaded = set_and_estimate(robot, estimate, consistency)
         base = loaded.base
     different = speaks_of(document, feasible, base)
+    if different and not speaks_of(document, feasible, base, rounding=LAST_DIGITS):
+        return _proved_anew(document, feasible, verified, robot)
     if different:
         whose = f"{estimate}" if different == "base parameters" else f"{robot} under {consistency!r} consistency"
-        sentence = f"The proof is valid, but it speaks of something else: its {different} are not those of {whose}."
+        sentence = f"The proof is valid, but it speaks of something else: its {different} differ from those of {whose}."
+        if different == "consistency":
+            own = document["statement"]["consistency"]
+            sentence = (
+                f"The proof is valid, but it speaks of something else: of {own!r} consistency and not of "
+                f"{consistency!r}; give --consistency {own} to ask that."
+            )
         return CertificateCheck(False, sentence, 0.0, 0.0)
     return verified
+
+
+def _proved_anew(
+    document: Mapping[str, Any], feasible: FeasibleSet, verified: CertificateCheck, robot: str | Path
+) -> CertificateCheck:
+    """What is proved of a robot whose numbers differ from those of a certificate in their last digits.
+
+    The certificate proves nothing of this robot then, so that its base parameters are judged once more.
+    """
+    numbers = [nearest_double(parse_number(value)) for value in document["statement"]["base"]]
+    certificate = check(feasible, base=numbers).certificate if np.all(np.isfinite(numbers)) else None
+    here = f"{robot} has other last digits here, as processors make them"
+    if certificate is not None and certificate.to_dict()["verdict"] == document["verdict"]:
+        found = certificate.verify()
+        if found:
+            return replace(found, sentence=f"{found.sentence} ({here}; so this was proved anew for its own.)")
+    sentence = (
+        f"The proof is valid, but {here}, and for its own the same is not proved; verify the certificate alone, "
+        "without ROBOT, or make another with: steelyard check ROBOT ESTIMATE --output FILE"
+    )
+    return replace(verified, valid=False, sentence=sentence, gap=0.0, reach=0.0)
 
 
 def correct_estimate(
@@ -174,6 +206,7 @@ def correct_estimate(
         base=found.base,
         parameter_names=model.parameter_names,
         parameters=found.parameters,
+        joint_names=loaded.joint_names or tuple(model.robot.joint_names),  # reduced data does not name them
         consistency=consistency,
         relative_error=loaded.relative_error if found.status == "already feasible" else float("nan"),
         joint_relative_error=loaded.joint_relative_error if found.status == "already feasible" else None,
@@ -181,6 +214,7 @@ def correct_estimate(
         friction=friction,
         certificate=found.certificate.document(),
         remarks=(*loaded.remarks, str(found)),
+        optimality_gap=None,  # it was measured for the parameters before, and for the conditions of their fit
     )
 
 
@@ -256,7 +290,8 @@ def _require_proof(model: Model, loaded: Estimate, where: str) -> None:
     verified = FeasibilityCertificate.of_parameters(feasible, loaded.parameters).verify()
     if verified and loaded.certificate is not None:
         verified = verify_document(loaded.certificate, where)
-        different = speaks_of(loaded.certificate, feasible, loaded.base)
+        # Last digits may be those of another processor: the parameters were proved for this one's above.
+        different = speaks_of(loaded.certificate, feasible, loaded.base, rounding=LAST_DIGITS)
         if verified and different:
             raise InputError(
                 f"{where}: its certificate speaks of another robot than {model.robot.name}: its {different} differ; "

@@ -281,8 +281,13 @@ class Problem:
                 f"parameters: {'; '.join(information.undetermined)}."
             )
         damping, friction = None, None
-        if parameters is not None and isinstance(model, Model):
-            damping, friction = model.joint_friction(parameters)
+        expressions, joint_names = information.base_expressions, information.joint_names
+        if isinstance(model, Model):
+            # Reduced data has names of its own, or none.
+            expressions = model.base_parameters().expressions
+            joint_names = joint_names or tuple(model.robot.joint_names)
+            if parameters is not None:
+                damping, friction = model.joint_friction(parameters)
         certificate = None
         if proved and parameters is not None:
             # Methods that set base parameters to zero mean zero, so that these are given and the parameters follow.
@@ -291,10 +296,10 @@ class Problem:
         return Estimate(
             method=method,
             base_names=information.base_names,
-            base_expressions=information.base_expressions,
+            base_expressions=expressions if certificate is None else certificate.base_expressions,
             base=base,
             standard_deviation=standard_deviations(information.reduced(self.weights), base, undetermined),
-            joint_names=information.joint_names,
+            joint_names=joint_names,
             relative_error=information.relative_error(base),
             row_count=information.count,
             condition_number=information.condition_number,

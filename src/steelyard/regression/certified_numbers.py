@@ -41,8 +41,10 @@ def certified_numbers_differ(estimate: Mapping[str, Any]) -> str:
             return f"its certificate proves it to be {certificate['verdict']}"
         for name in ("consistency", "parameter_names", "base_expressions"):
             given = estimate[name]
-            if statement[name] != (given if isinstance(given, str) else list(given)):
-                return f"its {name.replace('_', ' ')} is not that of its certificate"
+            if statement[name] != (list(given) if isinstance(given, tuple) else given):
+                return f"it differs from its certificate in the {name.replace('_', ' ')}"
+        if estimate["parameters"] is None:
+            return "it has no parameters, while its certificate speaks of some"
         return _difference(estimate["parameters"], proof["parameters"], estimate["parameter_names"]) or _difference(
             estimate["base"], statement["base"], estimate["base_expressions"]
         )

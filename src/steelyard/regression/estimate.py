@@ -236,6 +236,13 @@ class Estimate:
                 raise InputError(
                     f"{where}: {name!r} has no finite number for {labels[missing[0]]}; save the estimate anew."
                 )
+        if estimate.consistency not in (None, "full", "inertia") or (
+            estimate.consistency and estimate.parameters is None
+        ):
+            raise InputError(
+                f"{where}: 'consistency' tells in which sense its parameters are feasible, and must be \"full\" or "
+                f'"inertia", or null where there are none or they are not; got {shown(estimate.consistency)}.'
+            )
         different = certified_numbers_differ(document) if certified else ""
         if different:
             raise InputError(

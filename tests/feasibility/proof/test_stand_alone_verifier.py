@@ -4,6 +4,7 @@ import copy
 import json
 import subprocess
 import sys
+from fractions import Fraction as Q
 from pathlib import Path
 
 import numpy as np
@@ -126,3 +127,51 @@ def test_it_ties_the_numbers_of_an_estimate(tmp_path):
         if index:
             with pytest.raises(InputError, match="while its certificate proves"):
                 sy.Estimate.load(path)
+
+
+def test_both_refuse_what_the_format_does_not_know(certificates, tmp_path):
+    """Places of three indices would count in products, but not in the matrices that must be semidefinite."""
+    witness, refutation = certificates[:2]
+    hidden = copy.deepcopy(witness)
+    hidden["verdict"] = "infeasible"
+    hidden["statement"]["conditions"][0]["constant"] = [[0, 1, 5, "-1"]]
+    hidden["proof"] = {
+        "direction": ["0"] * len(witness["statement"]["base"]),
+        "duals": [[0, [[0, 1, 5, "1"]]]],
+        "multipliers": [],
+        "shift": "0",
+    }
+    documents = [hidden]
+    sizes = [condition["size"] for condition in witness["statement"]["conditions"]]
+    for path, value in (
+        (("proof", "parameters", 0), float(Q(witness["proof"]["parameters"][0]))),
+        (("statement", "conditions", 0, "strict"), "false"),
+        (("statement", "conditions", sizes.index(1), "size"), True),
+        (("statement", "base_map", 0, 0, 0), float(witness["statement"]["base_map"][0][0][0])),
+        (("format",), "steelyard-certificate-0"),
+    ):
+        changed = copy.deepcopy(witness)
+        holder = changed
+        for key in path[:-1]:
+            holder = holder[key]
+        holder[path[-1]] = value
+        documents.append(changed)
+    documents.append({"format": "steelyard-estimate-1", "certificate": None})
+    assert verdicts(tmp_path, [*documents, witness, refutation]) == [False] * len(documents) + [True, True]
+    for index, _ in enumerate(documents):
+        with pytest.raises(InputError):
+            verify_certificate(tmp_path / f"{index}.json")
+
+
+def test_numbers_beyond_the_largest_double_are_judged(certificates, tmp_path):
+    """Exact numbers have no largest: what proves a contradiction of 1e400 proves it."""
+    huge = copy.deepcopy(certificates[1])
+    proof = huge["proof"]
+    proof["direction"] = [str(Q(v) * 10**400) for v in proof["direction"]]
+    proof["duals"] = [[b, [[i, j, str(Q(v) * 10**400)] for i, j, v in Z]] for b, Z in proof["duals"]]
+    assert verify_document(huge)
+    assert verify_document(huge).gap == float("inf")
+    loose = copy.deepcopy(next(c for c in certificates if c["statement"]["equations"] and c["verdict"] == "feasible"))
+    loose["statement"]["equations"][0]["tolerance"] = "1e400"
+    assert "be missed by inf" in verify_document(loose).sentence
+    assert verdicts(tmp_path, [huge, loose]) == [True, False]

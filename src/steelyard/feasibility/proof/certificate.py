@@ -59,6 +59,11 @@ class FeasibilityCertificate:
         exact = _products(exact_conditions(feasible).base_map, exact_vector(parameters))
         return cls(feasible, np.array([float(value) for value in exact]), parameters, "parameters")
 
+    @property
+    def base_expressions(self) -> tuple[str, ...]:
+        """The base parameters in words, as the statement names them."""
+        return exact_conditions(self.feasible_set).base_expressions
+
     @cached_property
     def exact_base(self) -> tuple[Fraction, ...]:
         """β in rational numbers."""

@@ -61,6 +61,10 @@ def _certificate_of(document: Any, source: str | Path) -> dict[str, Any]:
     if _is_estimate(document):
         document = document["certificate"]
     if not isinstance(document, dict) or document.get("format") != FORMAT:
+        if isinstance(document, dict) and "certificate" in document and document["certificate"] is None:
+            raise InputError(
+                f"{source}: is an estimate without a proof; make one with: steelyard check ROBOT {source} --output FILE"
+            )
         found = document.get("format") if isinstance(document, dict) else type(document).__name__
         raise InputError(f"{source}: is not a certificate (format {shown(found)}); expected {FORMAT!r}.")
     return document

@@ -11,10 +11,15 @@ import numpy.typing as npt
 
 from ..feasible_set import FeasibleSet
 from ..lmi import AffineBlock
-from .rational import exact_number
+from .rational import exact_number, nearest_double
 from .statement import EQUATION_TOLERANCE, Equation, MatrixCondition, Statement
 
-__all__ = ["exact_conditions", "exact_statement", "exact_vector", "speaks_of"]
+__all__ = ["LAST_DIGITS", "exact_conditions", "exact_doubles", "exact_statement", "exact_vector", "speaks_of"]
+
+LAST_DIGITS = Fraction(1, 10**12)
+"""What numbers of one robot may differ by between processors: base parameters of joints that mimic others, facets of
+flat hulls and the like are found in floating point. 4e-15 was seen for the fingers of a Panda; lengths that anybody
+measured anew differ by more."""
 
 _cache: WeakKeyDictionary[FeasibleSet, Statement] = WeakKeyDictionary()
 
@@ -72,7 +77,13 @@ def exact_conditions(feasible: FeasibleSet) -> Statement:
     return found
 
 
-def speaks_of(document: Mapping[str, Any], feasible: FeasibleSet, base: npt.NDArray[np.float64] | None = None) -> str:
+def speaks_of(
+    document: Mapping[str, Any],
+    feasible: FeasibleSet,
+    base: npt.NDArray[np.float64] | None = None,
+    *,
+    rounding: Fraction = Fraction(0),
+) -> str:
     """What of a certificate's statement differs from a feasible set (and base parameters); empty where nothing does.
 
     A certificate proves its own statement. That the statement is about a certain robot is seen by making it anew. A
@@ -86,22 +97,62 @@ def speaks_of(document: Mapping[str, Any], feasible: FeasibleSet, base: npt.NDAr
     feasible : FeasibleSet
     base : (n_b,), optional
         Each must be the double that is nearest to the certificate's exact number.
+    rounding : Fraction
+        How far numbers of the robot may be off, relative to 1 and to their size. With 0 the certificate proves the
+        robot's own statement; otherwise it shows alone that it was made for the same robot, see `LAST_DIGITS`.
     """
     found = Statement.from_dict(document["statement"])
     expected = exact_conditions(feasible)
-    for name in ("consistency", "parameter_names", "base_map"):
+    for name in ("consistency", "parameter_names"):
         if getattr(found, name) != getattr(expected, name):
             return name.replace("_", " ")
+    if len(found.base_map) != len(expected.base_map) or not all(
+        _near(a, b, rounding) for a, b in zip(found.base_map, expected.base_map, strict=True)
+    ):
+        return "base map"
     more, less = (found, expected) if document["verdict"] == "feasible" else (expected, found)
-    for name in ("conditions", "equations"):
+    for name, alike in (("conditions", _same_condition), ("equations", _same_equation)):
         stated: dict[str, list[Any]] = {}
         for item in getattr(more, name):
             stated.setdefault(item.name, []).append(item)
-        if any(item not in stated.get(item.name, ()) for item in getattr(less, name)):
+        if not all(
+            any(alike(item, other, rounding) for other in stated.get(item.name, ())) for item in getattr(less, name)
+        ):
             return name
-    if base is not None and [float(value) for value in found.base] != base.tolist():
+    if base is not None and exact_doubles(found.base) != base.tolist():
         return "base parameters"
     return ""
+
+
+def exact_doubles(values: Sequence[Fraction]) -> list[float]:
+    """The doubles that are nearest to exact numbers; infinite beyond the largest."""
+    return [nearest_double(value) for value in values]
+
+
+def _near(a: Mapping[Any, Fraction], b: Mapping[Any, Fraction], rounding: Fraction) -> bool:
+    if not rounding:
+        return a == b
+    nothing, one = Fraction(0), Fraction(1)
+    return all(
+        abs(a.get(k, nothing) - b.get(k, nothing)) <= rounding * max(one, abs(a.get(k, nothing))) for k in {*a, *b}
+    )
+
+
+def _same_condition(a: MatrixCondition, b: MatrixCondition, rounding: Fraction) -> bool:
+    return (
+        (a.size, a.strict, a.physical) == (b.size, b.strict, b.physical)
+        and _near(a.constant, b.constant, rounding)
+        and all(
+            _near(a.coefficients.get(k, {}), b.coefficients.get(k, {}), rounding)
+            for k in {*a.coefficients, *b.coefficients}
+        )
+    )
+
+
+def _same_equation(a: Equation, b: Equation, rounding: Fraction) -> bool:
+    return _near(a.coefficients, b.coefficients, rounding) and _near(
+        {"value": a.value, "tolerance": a.tolerance}, {"value": b.value, "tolerance": b.tolerance}, rounding
+    )
 
 
 def exact_statement(feasible: FeasibleSet, base: Sequence[Fraction]) -> Statement:

@@ -5,7 +5,15 @@ from collections.abc import Mapping, Sequence
 from fractions import Fraction
 from math import lcm
 
-__all__ = ["SparseRows", "exact_number", "is_definite", "parse_number", "written", "zero_combination_basis"]
+__all__ = [
+    "SparseRows",
+    "exact_number",
+    "is_definite",
+    "nearest_double",
+    "parse_number",
+    "written",
+    "zero_combination_basis",
+]
 
 SparseRows = list[dict[int, Fraction]]
 """Rows of a sparse matrix: from column to value."""
@@ -27,6 +35,20 @@ def exact_number(value: float) -> Fraction:
     (Fraction(1, 10), Fraction(-3, 1))
     """
     return Fraction(repr(float(value)))
+
+
+def nearest_double(value: Fraction) -> float:
+    """Return the double that is nearest to a number, infinite beyond the largest.
+
+    Examples
+    --------
+    >>> nearest_double(Fraction(1, 3)), nearest_double(Fraction(-(10**400)))
+    (0.3333333333333333, -inf)
+    """
+    try:
+        return float(value)
+    except OverflowError:
+        return float("-inf") if value < 0 else float("inf")
 
 
 def written(value: Fraction) -> str:

@@ -5,7 +5,7 @@ from dataclasses import dataclass
 from fractions import Fraction
 
 from .bodies import CONSISTENCIES, bodies, body_matrix
-from .rational import is_definite
+from .rational import is_definite, nearest_double
 from .statement import EQUATION_TOLERANCE, Matrix, Statement
 
 __all__ = ["CertificateCheck", "refused", "verify_dual_point", "verify_witness"]
@@ -57,7 +57,7 @@ def verify_witness(statement: Statement, parameters: Sequence[Fraction]) -> Cert
             return refused(f"its parameters do not have the base parameter {expression}")
     for equation in statement.equations:
         if equation.tolerance > EQUATION_TOLERANCE * equation.scale:
-            return refused(f"its statement lets {equation.name} be missed by {float(equation.tolerance):.3g}")
+            return refused(f"its statement lets {equation.name} be missed by {nearest_double(equation.tolerance):.3g}")
         if abs(_dot(equation.coefficients, parameters) - equation.value) > equation.tolerance:
             return refused(f"its parameters do not satisfy {equation.name}")
     for condition in statement.conditions:
@@ -133,9 +133,9 @@ def verify_dual_point(
             return refused(f"its dual point is not orthogonal to changes of {statement.parameter_names[parameter]}")
     if value > 0 or (value == 0 and (shift or not touches_strict)):
         return refused("its dual point does not contradict feasibility")
-    gap = float(-value)
+    gap = nearest_double(-value)
     if shift:
-        reach = _quotient(-value, shift)
+        reach = nearest_double(-value / shift)
         bound = f"the traces of their matrices add to less than {reach:.3g} (kg and kg m²)"
         largest = max((abs(number) for number in statement.base), default=Fraction(0))
         if -value < shift * max(Fraction(LEAST_REACH), LEAST_RELATIVE_REACH * largest):
@@ -160,13 +160,6 @@ def verify_dual_point(
 def _stated(statement: Statement) -> str:
     count = len(statement.conditions) + len(statement.equations)
     return "the one condition stated" if count == 1 else f"all {count} conditions stated"
-
-
-def _quotient(value: Fraction, shift: Fraction) -> float:
-    try:
-        return float(value / shift)
-    except OverflowError:
-        return float("inf")
 
 
 def _dot(row: Mapping[int, Fraction], parameters: Sequence[Fraction]) -> Fraction:
