@@ -117,13 +117,13 @@ def test_names_read_well(wam):
 
 
 def test_nearly_aligned_axes_count_as_aligned():
-    """Angles such as 1.5708 stand for a right angle; what they leak is below what any log could show."""
+    """Angles such as 1.5708 show no more parameters than right ones; what they leak no log could show."""
     exact = [("pi/2", 0.0, 0.3, "q"), ("-pi/2", 0.0, 0.0, "q"), (0.0, 0.2, 0.0, "q")]
     rounded = [(1.5708, 0.0, 0.3, "q"), (-1.5708, 0.0, 0.0, "q"), (0.0, 0.2, 0.0, "q")]
     a, b = (sy.Model(sy.Robot.from_dh(rows)).base_parameters() for rows in (exact, rounded))
     assert a.names == b.names
     np.testing.assert_allclose(a.K, b.K, atol=1e-4)
-    assert 100 < b.gap < 1e9 < a.gap
+    assert min(a.gap, b.gap) > 1e9
 
 
 def test_a_matrix_of_known_rank(random):

@@ -11,6 +11,8 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from steelyard.robot import Robot
+
 from .drive_effects import TermColumns, term_columns
 from .exact_placement import ExactMatrix, robot_with_right_angles
 from .layout import ParameterLayout
@@ -155,13 +157,27 @@ def model_base_parameters(layout: ParameterLayout, sampled: Callable[[ParameterL
     joints that mimic others add to that, or terms that are neither constant torques nor inertias nor friction, is
     found from the regressor at random motions, among the columns that are left.
 
+    Angles such as 1.5708 count as right ones only where the rank depends on it: nobody means parameters that show by
+    such a rounding. Elsewhere the robot is taken as it is written, so that K is right to rounding.
+
     Parameters
     ----------
     layout : ParameterLayout
     sampled : callable
         Returns the regressor (rows, n) at random motions, stacked; rows well above n.
     """
-    robot, names = robot_with_right_angles(layout.robot), layout.names
+    written = _base_parameters(layout, layout.robot, sampled)
+    meant = robot_with_right_angles(layout.robot)
+    if meant is layout.robot:
+        return written
+    found = _base_parameters(layout, meant, sampled)
+    return written if found.count == written.count else found
+
+
+def _base_parameters(
+    layout: ParameterLayout, robot: Robot, sampled: Callable[[ParameterLayout], Matrix]
+) -> BaseParameters:
+    names = layout.names
     columns = term_columns(layout, np.random.default_rng(20140101))
     exact = unidentifiable(robot, columns.effects, len(columns.regular))
     with localcontext() as context:

@@ -130,7 +130,7 @@ def test_nothing_described_is_nothing(folder):
 @pytest.mark.parametrize(
     ("text", "message"),
     [
-        ("[colision]", r'limits.toml: "colision" is no table of geometry; did you mean "collision"\?'),
+        ("[colision]", r"limits.toml: 'colision' is no table of geometry; did you mean \"collision\"\?"),
         ("collision = 3", r"limits.toml, \[collision\]: a table is expected, got 3"),
         ("[collision]\nmargn = 1", r"limits.toml, \[collision\]: 'margn' is not known here; did you mean \"margin\"\?"),
         ("[collision]\nself = 1", r"\[collision\]: self must be true or false, got 1"),
