@@ -81,7 +81,7 @@ class Correction:
     def __str__(self) -> str:
         kind = self.certificate.feasible_set.consistency
         if self.status == "already feasible":
-            return f'Already feasible under "{kind}" consistency; nothing changed.'
+            return f'Already feasible under "{kind}" consistency; what was given stays as it is.'
         text = f'Corrected to be feasible under "{kind}" consistency; squared distance {self.squared_distance:.6g}'
         if self.metric != "Euclidean":
             text += f" in {_METRICS[self.metric]} (Euclidean: {self.squared_euclidean_distance:.6g})"

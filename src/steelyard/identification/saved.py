@@ -192,6 +192,18 @@ def correct_estimate(
         If no parameters satisfy the constraints.
     """
     model, feasible, loaded = set_and_estimate(robot, estimate, consistency)
+    if loaded.parameters is not None:
+        own = FeasibilityCertificate.of_parameters(feasible, loaded.parameters)
+        if own.verify():
+            # Others have these base parameters, too, but who has found these has reasons for them.
+            return replace(
+                loaded,
+                base=own.base,
+                consistency=consistency,
+                certificate=own.document(),
+                remarks=(*loaded.remarks, f'Already feasible under "{consistency}" consistency; nothing changed.'),
+                optimality_gap=None,  # it was measured for the conditions of the fit
+            )
     weights = None
     if metric == "deviation":
         with np.errstate(divide="ignore"):
@@ -200,6 +212,12 @@ def correct_estimate(
         weights[exact, exact] = max(1.0, float(weights.max(initial=0.0)))
     found = correct(feasible, base=loaded.base, metric=weights)
     damping, friction = model.joint_friction(found.parameters)
+    told = str(found)
+    if loaded.parameters is not None and found.status == "already feasible":
+        told = (
+            f'The base parameters are feasible under "{consistency}" consistency and stay as they are; the standard '
+            "parameters were not, and were found anew."
+        )
     return replace(
         loaded,
         method=loaded.method if found.status == "already feasible" else f"{loaded.method}, corrected",
@@ -213,7 +231,7 @@ def correct_estimate(
         damping=damping,
         friction=friction,
         certificate=found.certificate.document(),
-        remarks=(*loaded.remarks, str(found)),
+        remarks=(*loaded.remarks, told),
         optimality_gap=None,  # it was measured for the parameters before, and for the conditions of their fit
     )
 

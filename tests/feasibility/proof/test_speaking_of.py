@@ -2,6 +2,7 @@
 
 import copy
 import json
+from dataclasses import replace
 from fractions import Fraction
 
 import numpy as np
@@ -162,3 +163,23 @@ def test_what_an_estimate_may_say_of_its_feasibility(saved):
         verify_certificate(folder / "changed.json")
     other = check_certificate(folder / "estimate.json", folder / "arm.toml", None, "inertia")
     assert "give --consistency full" in other.sentence
+
+
+def test_correct_leaves_parameters_alone_that_are_possible(saved):
+    """Many robots have the same base parameters; those that were found for a reason stay."""
+    folder, model, _ = saved
+    robot, path = folder / "arm.toml", folder / "estimate.json"
+    before, after = sy.Estimate.load(path), correct_estimate(robot, path)
+    assert after.parameters.tolist() == before.parameters.tolist()
+    assert "nothing changed" in after.remarks[-1]
+    # Inertias that violate the triangle inequality alone.
+    odd = before.parameters.copy()
+    names = list(model.parameter_names)
+    odd[names.index("Lxx1")] += 100.0  # which the motion does not show
+    np.testing.assert_allclose(model.base_parameters().values(odd), before.base, rtol=0, atol=1e-13)
+    replace(before, parameters=odd, consistency=None, certificate=None).save(path)
+    after = correct_estimate(robot, path)
+    assert abs(after.base - before.base).max() < 1e-12
+    assert after.parameters.tolist() != odd.tolist()
+    assert "were found anew" in after.remarks[-1]
+    assert correct_estimate(robot, path, "inertia").parameters.tolist() == odd.tolist()
