@@ -51,7 +51,13 @@ def body(L, first, m, consistency):
     return J if consistency == "inertia" else {(i, j): half * (i == j) - value for (i, j), value in J.items()}
 
 
-document = json.loads(Path(sys.argv[1]).read_text(encoding="utf-8"))
+def once(pairs):
+    """Make an object in which no key is there twice."""
+    require(len(dict(pairs)) == len(pairs), "a key is there twice")
+    return dict(pairs)
+
+
+document = json.loads(Path(sys.argv[1]).read_text(encoding="utf-8"), object_pairs_hook=once)
 certificate = document.get("certificate", document)
 require(isinstance(certificate, dict), "the file holds no certificate")
 require(certificate.get("format") == "steelyard-certificate-1", "its format is another")

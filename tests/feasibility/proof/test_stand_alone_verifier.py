@@ -175,3 +175,13 @@ def test_numbers_beyond_the_largest_double_are_judged(certificates, tmp_path):
     loose["statement"]["equations"][0]["tolerance"] = "1e400"
     assert "be missed by inf" in verify_document(loose).sentence
     assert verdicts(tmp_path, [huge, loose]) == [True, False]
+
+
+def test_both_refuse_two_verdicts(certificates, tmp_path):
+    """Readers of JSON differ in which one of two they take."""
+    path = tmp_path / "two.json"
+    path.write_text(json.dumps(certificates[0]).replace('"verdict":', '"verdict": "infeasible", "verdict":', 1))
+    done = subprocess.run([sys.executable, "-I", str(SCRIPT), str(path)], capture_output=True, text=True, check=False)
+    assert (done.returncode, done.stderr) == (1, "Not a proof: a key is there twice.\n")
+    with pytest.raises(InputError, match="twice"):
+        verify_certificate(path)
