@@ -9,7 +9,7 @@ __all__ = ["certified_numbers_differ"]
 
 
 def certified_numbers_differ(estimate: Mapping[str, Any]) -> str:
-    """Say what of an estimate is not what its certificate speaks of; empty where everything is, or nothing is proved.
+    """Say what of an estimate is not what its certificate speaks of; empty where everything is, or nothing is claimed.
 
     The certificate holds exact numbers and the estimate holds doubles, so that each number of the estimate must be
     the double that is nearest to the exact one. That the exact numbers prove anything is another question, which
@@ -34,7 +34,8 @@ def certified_numbers_differ(estimate: Mapping[str, Any]) -> str:
     """
     certificate = estimate.get("certificate")
     if certificate is None:
-        return ""
+        claim = estimate.get("consistency")
+        return f"it says that its parameters are feasible ({claim!r}), but holds no certificate" if claim else ""
     try:
         statement, proof = certificate["statement"], certificate["proof"]
         if certificate["verdict"] != "feasible":

@@ -183,3 +183,19 @@ def test_correct_leaves_parameters_alone_that_are_possible(saved):
     assert after.parameters.tolist() != odd.tolist()
     assert "were found anew" in after.remarks[-1]
     assert correct_estimate(robot, path, "inertia").parameters.tolist() == odd.tolist()
+
+
+def test_a_claim_without_a_proof_is_not_believed(tmp_path):
+    """Without its certificate an estimate may hold any numbers, but not the word that they are feasible."""
+    model = sy.Model(sy.Robot.from_dh([("0", 0.0, 0.0, "q")], name="pendulum", gravity=(0, -9.81, 0)))
+    info = sy.Information.from_factor(10 * np.eye(3), [-0.1, 5.0, 0.0], 0.02, 100, model.base_parameters().names)
+    sy.fit(info, sy.FeasibleSet(model)).save(tmp_path / "estimate.json")
+    document = json.loads((tmp_path / "estimate.json").read_text())
+    document["certificate"] = None
+    document["parameters"][9] = -1.0
+    (tmp_path / "claim.json").write_text(json.dumps(document))
+    with pytest.raises(sy.InputError, match="holds no certificate"):
+        sy.Estimate.load(tmp_path / "claim.json")
+    document["consistency"] = None
+    (tmp_path / "numbers.json").write_text(json.dumps(document))
+    assert "feasible (" not in repr(sy.Estimate.load(tmp_path / "numbers.json"))
