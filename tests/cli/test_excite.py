@@ -16,12 +16,16 @@ def test_a_robot_file_is_enough(run, place):
     assert sorted(p.name for p in (place / "out").iterdir()) == [
         "excite.json", "trajectory.csv", "trajectory.json", "trajectory.parquet", "trajectory.yaml",
     ]  # fmt: skip
-    assert "every limit is kept at 1 kHz" in out
+    assert "every limit above is kept at 1 kHz" in out
     assert "torque" in out
     record = json.loads((place / "out" / "excite.json").read_text())
     assert (record["format"], record["criterion"], record["seed"], record["starts"]) == (
         "steelyard-excitation-1", "condition", 0, 2,
     )  # fmt: skip
+    assert out.splitlines()[0] == " ".join(record["unchecked"])
+    assert out.startswith("Self-collision was NOT checked: the description has no collision geometry; add <collision>")
+    assert "Floor and table were NOT checked: " in out.splitlines()[0]
+    assert out.count("NOT checked") == 2
     assert min(margin["margin"] for margin in record["margins"]) >= 0.0
     _, q, dq, ddq = sy.load_trajectory(place / "out" / "trajectory.json").sample(1000.0)
     assert np.abs(q).max() <= 3.0

@@ -171,7 +171,7 @@ def test_ctrl_c_keeps_the_best_so_far(arm, arm_limits):
     design = sy.design_excitation(arm, arm_limits, progress=impatient, **(QUICK | {"starts": 50}))
     assert design.status == "interrupted"
     assert 2 <= design.finished_starts < 50
-    assert "interrupted after" in design.remarks[0]
+    assert any("interrupted after" in remark for remark in design.remarks)
     assert design.margins[0].clearance >= 0.0
 
 

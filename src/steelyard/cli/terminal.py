@@ -206,7 +206,7 @@ def show_excitation(design: ExcitationDesign) -> None:
     lead = f", {design.lead:.4g} s of it to start and as much to stop" if design.lead else ""
     say(
         f"{design.robot_name}: {design.family} motion of {design.trajectory.duration:.4g} s{lead}; condition number "
-        f"{design.condition_number:.4g}{known}; every limit is kept at 1 kHz."
+        f"{design.condition_number:.4g}{known}; every limit above is kept at 1 kHz."
     )
     say(
         f"Model: rigid links with {', '.join(design.terms) or 'no terms'}; {design.parameter_count} parameters, "

@@ -5,7 +5,7 @@ from __future__ import annotations
 import os
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
-from typing import Any, Literal
+from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -31,9 +31,16 @@ from .trajectory import Trajectory
 from .verification import Margin, Verifier, keeps_all, margins_of
 from .workers import single_threaded
 
+if TYPE_CHECKING:
+    from .geometry.surroundings import Surroundings
+
 __all__ = ["design_excitation"]
 
 Array = NDArray[np.float64]
+_WATCHED = (
+    "; self-collision is watched by default, and [collision] in the limits file has `exclude` for pairs of links and "
+    "`self = false` for none"
+)
 _NAMED = 5  # parameters
 _SHORT = 40  # characters
 _USED_UP = 0.01  # of the scale of a limit: what is nearer to it counts as using it up
@@ -58,6 +65,7 @@ def design_excitation(
     noise: ArrayLike | None = None,
     complement: Information | Trajectory | ExcitationDesign | None = None,
     constraints: Sequence[MotionConstraint] = (),
+    self_collision: bool = True,
     parameters: ArrayLike | None = None,
     margin: float = 0.0,
     rate: float = 1000.0,
@@ -110,6 +118,10 @@ def design_excitation(
         from `noise`, too.
     constraints : sequence of MotionConstraint
         Further ones, such as clearances from a table or of bodies from each other.
+    self_collision : bool
+        Keep the links 0.01 m from each other, where the description has collision geometry and neither `constraints`
+        nor the limits file have a say in it. What could not be watched is told in the remarks, and so is what was not
+        checked of floor and table.
     parameters : array_like, optional
         (n,) with which torques are predicted; those of the description by default.
     margin : float
@@ -151,10 +163,15 @@ def design_excitation(
     chosen = make_family(family, period=period, harmonics=harmonics, points=points, lead=lead, periods=periods)
     remarks: list[str] = []
     where = "limits"
+    sections: dict[str, Any] = {}
     if isinstance(limits, str | Path):
         where, folder = str(limits), Path(limits).parent
         limits, sections = limits_from_file(limits)
         constraints = (*constraints, *_geometry(model, sections, folder, where))
+    around = _surroundings(model, constraints, sections, self_collision)
+    remarks += around.remarks
+    if around.own is not None:
+        constraints = (*constraints, around.own)
     for constraint in constraints:
         remarks += getattr(constraint, "remarks", ())
     bounds = _limits(model, limits, where, remarks, parameters).reduced(margin)
@@ -167,7 +184,7 @@ def design_excitation(
     if not postures:
         raise SolverError(
             f"The robot cannot even rest within its limits: no posture was found that keeps {obstacle}; widen this "
-            "limit or take it out."
+            f"limit or take it out{_WATCHED if around.own is not None else ''}."
         )
     if len(problem.constraints) == len(joint_limits(bounds)):
         postures = postures[:1]  # the middle of the ranges is as good a start as any
@@ -212,6 +229,8 @@ def design_excitation(
         remarks.append("The motion starts and ends at speed, without a lead-in: bring the robot to this speed first.")
     remarks += _notes(result.status, result.finished, starts)
     shown = identifiability(spectrum(result.best.x), measure.subset, problem.count * model.joint_count)
+    unchecked = around.missing(motion[0])
+    remarks = [*unchecked, *remarks]
     if shown.unshown:
         remarks.insert(0, _hopeless(shown, len(measure.subset.names), margins, period))
     return ExcitationDesign(
@@ -229,6 +248,7 @@ def design_excitation(
         base_count=model.base_parameters().count,
         uncertainty=shown.uncertainty,
         unshown=shown.unshown,
+        unchecked=unchecked,
         limits=bounds,
         margins=margins,
         family=family,
@@ -263,6 +283,14 @@ def _geometry(model: Model, sections: Mapping[str, Any], folder: Path, where: st
     from .geometry import geometry_from_dict
 
     return geometry_from_dict(sections, model.robot, folder, where=where)
+
+
+def _surroundings(
+    model: Model, constraints: Sequence[MotionConstraint], sections: Mapping[str, Any], self_collision: bool
+) -> Surroundings:
+    from .geometry.surroundings import Surroundings
+
+    return Surroundings.of(model.robot, constraints, sections, self_collision)
 
 
 def _limits(

@@ -58,6 +58,8 @@ class ExcitationDesign:
         does not identify what was asked, see `identifies`.
     unshown : tuple of str
         In that case the parameters that are at fault, the least certain first.
+    unchecked : tuple of str
+        What the motion may run into because it was not looked at, in sentences that say why, and what to do.
     limits : MotionLimits
         Less the fraction that was to be left free.
     margins : tuple of Margin
@@ -87,6 +89,7 @@ class ExcitationDesign:
     base_count: int
     uncertainty: float
     unshown: tuple[str, ...]
+    unchecked: tuple[str, ...]
     limits: MotionLimits
     margins: tuple[Margin, ...]
     family: str
@@ -106,8 +109,8 @@ class ExcitationDesign:
 
     @property
     def warnings(self) -> tuple[str, ...]:
-        """Those of the remarks that come before all the rest: what the motion does not show."""
-        return self.remarks[:1] if self.unshown else ()
+        """Those of the remarks that come before all the rest: what the motion does not show, what was not checked."""
+        return self.remarks[: bool(self.unshown) + len(self.unchecked)]
 
     @property
     def start(self) -> dict[str, float]:
@@ -172,6 +175,7 @@ class ExcitationDesign:
             "identifies": self.identifies,
             "uncertainty": self.uncertainty,
             "unshown": list(self.unshown),
+            "unchecked": list(self.unchecked),
             "method": self.method,
             "status": self.status,
             "seed": self.seed,

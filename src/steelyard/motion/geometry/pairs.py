@@ -76,6 +76,7 @@ def watched_pairs(
     disabled: DisabledPairs,
     posture: Array,
     margin: float,
+    shapeless: Iterable[str] = (),
 ) -> WatchedPairs:
     """Choose the pairs of links that can collide; see `SelfCollision`."""
     excluded = _excluded(geometry, exclude)
@@ -87,7 +88,7 @@ def watched_pairs(
     left_out: list[LeftOut] = []
     open_pairs: list[LinkPair] = []
     carrier = {one.link: one.body for one in geometry.shapes}
-    solid = set(carrier)
+    solid = {*carrier, *shapeless}
     for first, second in combinations(geometry.links, 2):
         if carrier[first] == carrier[second]:
             continue  # They do not move against each other.

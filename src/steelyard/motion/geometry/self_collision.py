@@ -48,6 +48,9 @@ class SelfCollision(DistanceConstraint):
         Pairs of links of the source, or single links.
     srdf : str or Path, optional
         An SRDF file whose disabled pairs are left out.
+    shapeless : sequence of str
+        Links of the source that are solid although nothing is known of their shape: what lies on either side of one
+        is not adjacent.
     posture : (N,) array, optional
         The neutral posture; by default zeros, or the middle of the limits of joints that exclude 0.
 
@@ -85,6 +88,7 @@ class SelfCollision(DistanceConstraint):
         exclude: Iterable[str | Sequence[str]] = (),
         srdf: str | Path | None = None,
         posture: ArrayLike | None = None,
+        shapeless: Iterable[str] = (),
     ) -> None:
         if not geometry.shapes:
             raise InputError(
@@ -98,7 +102,7 @@ class SelfCollision(DistanceConstraint):
                 f"{self.name}: the neutral posture must be {geometry.robot.dof} finite numbers, got {posture!r}"
             )
         disabled = DisabledPairs() if srdf is None else read_srdf(srdf)
-        watched = watched_pairs(geometry, exclude, disabled, neutral, least)
+        watched = watched_pairs(geometry, exclude, disabled, neutral, least, shapeless)
         pairs = PairDistances(geometry.shapes, watched.groups)
         super().__init__(geometry, pairs, watched.labels, np.array(watched.margins), least, horizon)
         self._left_out = watched.left_out

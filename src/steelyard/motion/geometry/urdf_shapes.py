@@ -30,9 +30,16 @@ KINDS = ("box", "sphere", "cylinder", "capsule", "mesh")
 
 
 def shapes_from_urdf(
-    robot: Robot, path: Path, meshes: MeshKind, packages: Sequence[str | Path]
+    robot: Robot,
+    path: Path,
+    meshes: MeshKind,
+    packages: Sequence[str | Path],
+    skipped: list[tuple[str, str]] | None = None,
 ) -> tuple[list[PlacedShape], dict[str, str]]:
-    """Return the shapes of the collision elements, and for each link its parent; see `RobotGeometry.from_urdf`."""
+    """Return the shapes of the collision elements, and for each link its parent; see `RobotGeometry.from_urdf`.
+
+    Elements that cannot be read are left out and added to `skipped`, by link and reason, where this is given.
+    """
     root = parse_urdf(path)
     reader = _ShapeReader(path, meshes, packages)
     document = reader.document(root)
@@ -45,7 +52,13 @@ def shapes_from_urdf(
         except InputError:
             continue
         for collision in reader.children(element, "collision"):
-            shape, placement = reader.collision(collision, f'link "{link}"')
+            try:
+                shape, placement = reader.collision(collision, f'link "{link}"')
+            except InputError as error:
+                if skipped is None:
+                    raise
+                skipped.append((link, str(error)))
+                continue
             shapes.append(PlacedShape.on(robot, link, shape, placement))
     return shapes, {joint.child: joint.parent for joint in document.joints.values()}
 

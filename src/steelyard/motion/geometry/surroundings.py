@@ -1,0 +1,175 @@
+"""What a motion is checked against in space where nobody asked, and what it is not."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from steelyard.errors import InputError, MissingExtraError
+from steelyard.robot import Robot
+
+from .engine import coal_or_none
+from .placements import place_links
+from .posture_constraint import SAMPLES_AT_ONCE
+from .robot_geometry import RobotGeometry
+from .self_collision import SelfCollision
+from .table import TablePlane
+from .urdf_shapes import shapes_from_urdf
+
+__all__ = ["MARGIN", "Surroundings"]
+
+Array = NDArray[np.float64]
+
+MARGIN = 0.01
+"""m, between the links of a robot where nothing else is said: several times what 2 m/s move between two samples at
+1 kHz, and about what controllers of arms err on fast motions."""
+
+
+@dataclass(frozen=True, eq=False)
+class Surroundings:
+    """What a motion keeps clear of by default.
+
+    Use `Surroundings.of`.
+
+    Attributes
+    ----------
+    robot : Robot
+    own : SelfCollision or None
+        Watched because nobody said anything of self-collision; None where somebody did, or where it cannot be watched.
+    geometry : RobotGeometry or None
+    unchecked : tuple of str
+        What about self-collision is not checked, in sentences with the reason and the remedy.
+    remarks : tuple of str
+    has_table : bool
+        Whether a plane is given that the links stay above.
+    shapeless : tuple of str
+        Links whose shapes cannot be read.
+    """
+
+    robot: Robot
+    own: SelfCollision | None
+    geometry: RobotGeometry | None
+    unchecked: tuple[str, ...]
+    remarks: tuple[str, ...]
+    has_table: bool
+    shapeless: tuple[str, ...] = ()
+
+    @classmethod
+    def of(
+        cls, robot: Robot, constraints: Sequence[object], sections: Mapping[str, Any], self_collision: bool
+    ) -> Surroundings:
+        """Watch self-collision where the description has collision geometry and nothing is said of it.
+
+        Parameters
+        ----------
+        robot : Robot
+        constraints : sequence
+            Those that are given.
+        sections : mapping
+            Tables of the limits file.
+        self_collision : bool
+            Whether it is wanted at all.
+        """
+        has_table = any(isinstance(one, TablePlane) for one in constraints)
+        given = next((one.geometry for one in constraints if isinstance(one, SelfCollision | TablePlane)), None)
+        asked = "collision" in sections and sections["collision"].get("self", True)
+        if asked or any(isinstance(one, SelfCollision) for one in constraints):
+            return cls(robot, None, given, (), (), has_table)
+        problems: list[str] = []
+        skipped: list[tuple[str, str]] = []
+        geometry = _geometry(robot, problems, skipped) if given is None else given
+        own = None
+        remarks: tuple[str, ...] = ()
+        if not self_collision or "collision" in sections:
+            problems = [_unchecked("it is turned off")]
+        elif geometry is not None and coal_or_none() is None:
+            problems = [_unchecked("the package coal is not installed; pip install 'steelyard[collision]'")]
+        elif geometry is not None:
+            try:
+                own = SelfCollision(geometry, MARGIN, shapeless=[link for link, _ in skipped])
+            except InputError as error:
+                problems = [_unchecked(str(error))]
+        if own is not None and not own.labels:
+            remarks = own.remarks if problems else (*own.remarks, "No two links are left that could hit each other.")
+            own = None
+        shapeless = tuple(dict.fromkeys(link for link, _ in skipped))
+        return cls(robot, own, geometry, tuple(problems), remarks, has_table, shapeless)
+
+    def missing(self, q: Array) -> tuple[str, ...]:
+        """Return what was not checked of a motion (S, N), in sentences; how low it reaches where no table is given."""
+        if self.has_table:
+            return self.unchecked
+        gravity = np.asarray(self.robot.gravity, dtype=np.float64)
+        size = float(np.linalg.norm(gravity))
+        up = -gravity / size if size > 0.0 else np.array([0.0, 0.0, 1.0])
+        up = np.round(up, 12) + 0.0
+        what, height = self._lowest(q, up)
+        normal = "" if up.tolist() == [0.0, 0.0, 1.0] else f" and normal = {[round(x, 6) for x in up.tolist()]}"
+        side = "below" if height < 0.0 else "above"
+        return (
+            *self.unchecked,
+            f"Floor and table were NOT checked: {what} comes down to {abs(height):.3f} m {side} the origin of the "
+            f"base; the lines [table] and offset = HEIGHT (in m){normal} in the limits file keep all links above it.",
+        )
+
+    def _lowest(self, q: Array, up: Array) -> tuple[str, float]:
+        """Return what comes lowest, and its height above the origin of the base, m."""
+        shapes = [] if self.geometry is None else [one for one in self.geometry.shapes if one.body >= 0]
+        # Links without bodies: where their frames are is all that is known.
+        frames = self.shapeless
+        if not shapes:
+            frames = tuple(
+                name for link in self.robot.links for name in (link.name, *(part.name for part in link.attachments))
+            )
+        best = ("", np.inf)
+        for start in range(0, len(q), SAMPLES_AT_ONCE):
+            places = place_links(self.robot, q[start : start + SAMPLES_AT_ONCE])
+            for one in shapes:
+                rotation, position = places.of(one.body, one.placement)
+                inside = one.shape.lowest(up @ rotation)
+                height = float(((position + np.einsum("sij,sj->si", rotation, inside)) @ up).min())
+                best = min(best, (one.link, height), key=lambda found: found[1])
+            for name in frames:
+                body, placement = self.robot.frame(name)
+                if body >= 0:
+                    height = float((places.of(body, placement)[1] @ up).min())
+                    best = min(best, (f"the origin of {name}", height), key=lambda found: found[1])
+        return best
+
+
+def _geometry(robot: Robot, problems: list[str], skipped: list[tuple[str, str]]) -> RobotGeometry | None:
+    """Return the shapes of the description, those that can be read, and say why others, or all, cannot.
+
+    Links whose shapes are left out are added to `skipped`, with the reason.
+    """
+    if robot.source is None:
+        problems.append(
+            _unchecked("the robot comes without collision geometry; add [[collision.shapes]] to the limits file")
+        )
+        return None
+    try:
+        shapes, parents = shapes_from_urdf(robot, robot.source, "hull", (), skipped)
+    except (InputError, MissingExtraError) as error:
+        problems.append(_unchecked(str(error)))
+        return None
+    if skipped:
+        links = ", ".join(dict.fromkeys(link for link, _ in skipped))
+        problems.append(_unchecked(skipped[0][1], f" of {links}"))
+    if not shapes:
+        if not skipped:
+            problems.append(
+                _unchecked(
+                    "the description has no collision geometry; add <collision> elements to the URDF, or "
+                    "[[collision.shapes]] to the limits file"
+                )
+            )
+        return None
+    return RobotGeometry(robot, shapes, parents)
+
+
+def _unchecked(reason: str, of: str = "") -> str:
+    return f"Self-collision{of} was NOT checked: {reason.rstrip('.')}."
