@@ -75,8 +75,9 @@ def decide(processing: Processing, recordings: Sequence[Recording], model: Model
         plans = [Plan.settled(settled, one) for one in recordings]
         pairs = list(zip(plans, recordings, strict=True))
         measured = processing.velocity == "measured"
+        moved = [plan.middle(one) for plan, one in pairs]
         noise = np.max([velocity_noise(one, plan.filter, measured) for plan, one in pairs], axis=0)
-        found = velocity_thresholds([plan.middle(one) for plan, one in pairs], noise, model)
+        found = velocity_thresholds(moved, noise, model)
         decided = replace(decision.processing, velocity_threshold=tuple(found.thresholds.tolist()))
         said = (found.remark(),) if found.share.any() else ()
         decision = Decision(decided, decision.cutoff_choice, found, (*decision.remarks, *said))

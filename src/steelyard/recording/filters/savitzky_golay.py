@@ -74,13 +74,13 @@ class SavitzkyGolay(MotionFilter):
             return max(least, round(0.5 * self.window * rate))
         assert self.cutoff is not None
         # A first guess (Schafer 2011, eq. 12, at -3 dB), then the integer nearest to half the amplitude.
-        f = self.cutoff / rate
-        guess = max(least, round((self.degree + 1.0) / (6.4 * f)))
+        f = np.array([self.cutoff / rate])
+        guess = max(least, round((self.degree + 1.0) / (6.4 * float(f[0]))))
         low, high = least, max(4 * guess, least + 8)
         while high - low > 1:
             middle = (low + high) // 2
-            low, high = (middle, high) if _gain(middle, self.degree, 0, f) > 0.5 else (low, middle)
-        errors = [abs(_gain(m, self.degree, 0, f) - 0.5) for m in (low, high)]
+            low, high = (middle, high) if _gain(middle, self.degree, 0, f)[0] > 0.5 else (low, middle)
+        errors = [abs(_gain(m, self.degree, 0, f)[0] - 0.5) for m in (low, high)]
         return (low, high)[int(np.argmin(errors))]
 
     def motion(self, t: Array, q: Array, rate: float, source: str) -> Motion:
@@ -104,7 +104,7 @@ class SavitzkyGolay(MotionFilter):
         """See `MotionFilter.response`."""
         f = np.asarray(frequencies, dtype=np.float64) / rate
         half = self.half_window(rate)
-        return Response(*(np.array([_gain(half, self.degree, order, x) for x in f]) for order in range(3)))
+        return Response(*(_gain(half, self.degree, order, f) for order in range(3)))
 
     def padding(self, rate: float) -> int:
         """See `MotionFilter.padding`: a whole window, so that the ends of a log are treated as ends only there."""
@@ -115,15 +115,15 @@ class SavitzkyGolay(MotionFilter):
         return self.half_window(rate) / rate
 
 
-def _gain(half: int, degree: int, derivative: int, frequency: float) -> float:
-    """Response at a frequency in cycles a sample, relative to the true derivative of a sine."""
+def _gain(half: int, degree: int, derivative: int, frequencies: Array) -> Array:
+    """Response at frequencies in cycles a sample, relative to the true derivative of a sine."""
     from scipy.signal import savgol_coeffs
 
-    w = 2.0 * np.pi * frequency
-    if w == 0.0:
-        return 1.0
     k = np.arange(-half, half + 1)
     coefficients = savgol_coeffs(2 * half + 1, degree, deriv=derivative, use="dot")
-    if derivative == 1:
-        return float(coefficients @ np.sin(w * k) / w)
-    return float(coefficients @ np.cos(w * k) / (1.0 if derivative == 0 else -(w**2)))
+    gain = np.ones_like(frequencies)
+    for place in np.flatnonzero(frequencies):  # one at a time, because windows may be long
+        w = 2.0 * np.pi * frequencies[place]
+        wave, scale = (np.sin(w * k), w) if derivative == 1 else (np.cos(w * k), 1.0 if derivative == 0 else -(w**2))
+        gain[place] = coefficients @ wave / scale
+    return gain
