@@ -78,6 +78,15 @@ def test_links_keep_clear_where_nothing_is_said(path):
     assert np.abs(ddq).max() <= 8.0
 
 
+def test_limits_that_fold_the_arm_into_itself_are_refused_with_the_way_out(path):
+    pytest.importorskip("coal", reason="coal (the collision library) is not installed")
+    with pytest.raises(
+        sy.SolverError, match=r"keeps self-collision, fore to base; .* `self = false` for none"
+    ) as caught:
+        design_of(path, LIMITS | {"lower": [1.5, 2.8], "upper": [1.55, 2.9]})
+    assert "\n" not in str(caught.value)
+
+
 def test_what_was_given_is_not_watched_twice(path):
     own = SelfCollision(RobotGeometry.from_urdf(sy.Robot.from_urdf(path)), 0.03)
     design = design_of(path, constraints=[own], starts=1)
