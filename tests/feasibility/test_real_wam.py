@@ -103,7 +103,7 @@ def test_mass_bound_gives_the_exact_optimum(real_wam, cvxpy_optimum, consistency
     assert all(fit.attained and fit.exact and fit.growing_links == () for fit in fits)
     residuals = [fit.squared_residual for fit in fits]
     assert residuals == pytest.approx([cvxpy_optimum(consistency, terms)] * 3, rel=1e-5)
-    assert set(fits[0].statuses) | set(fits[1].statuses) == {"Solved"}
+    assert max(fit.optimality_gap for fit in fits) <= 1e-6  # measured; a solver's own word is no measure
     np.testing.assert_allclose(fits[0].base, fits[1].base, atol=1e-6)
     assert fits[0].total_mass <= 27.0
 

@@ -27,7 +27,7 @@ def test_published_figures_stand_beside_ours(result):
 
 def test_errors_are_those_of_least_squares_on_fewer_columns(result):
     model = wam_model()
-    samples = simulated_log(model, "A", SEED).process(cutoff=4.8, order=3, trim=0.5)
+    samples = simulated_log(model, "A", SEED).process(cutoff=4.8, order=3, trim=0.5, velocity_threshold=None)
     information = sy.Information.from_samples(model, samples)
     reduced = information.reduced(information.joint_weights("joint"))
     names = model.base_parameters().expressions
