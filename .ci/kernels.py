@@ -32,8 +32,8 @@ def told() -> set[str]:
 
 
 def told_when_asked(name: str | None) -> set[str]:
-    """What a process tells that starts with these kernels, or with those that OpenBLAS takes by itself."""
-    environment = {key: value for key, value in os.environ.items() if key != "OPENBLAS_CORETYPE"}
+    """What a process tells that starts with these kernels, or with those of this environment."""
+    environment = dict(os.environ)
     if name is not None:
         environment["OPENBLAS_CORETYPE"] = name
     command = [sys.executable, __file__, "--told"]
