@@ -37,6 +37,10 @@ def path(tmp_path):
     return place
 
 
+def need_coal():
+    pytest.importorskip("coal", reason="coal (the collision library) is not installed")
+
+
 def design_of(path, limits=LIMITS, **options):
     return sy.design_excitation(sy.Model(sy.Robot.from_urdf(path)), limits, **(QUICK | options))
 
@@ -50,7 +54,7 @@ def tip_heights(q):
 
 def pinocchio_clearance(path, q):
     """Return the least distance of forearm and base, m."""
-    pytest.importorskip("coal", reason="coal (the collision library) is not installed")
+    need_coal()
     pinocchio = pytest.importorskip("pinocchio", reason="the extra oracles (pin) is not installed")
     model = pinocchio.buildModelFromUrdf(str(path))
     shapes = pinocchio.buildGeomFromUrdf(model, str(path), pinocchio.GeometryType.COLLISION)
@@ -79,7 +83,7 @@ def test_links_keep_clear_where_nothing_is_said(path):
 
 
 def test_limits_that_fold_the_arm_into_itself_are_refused_with_the_way_out(path):
-    pytest.importorskip("coal", reason="coal (the collision library) is not installed")
+    need_coal()
     with pytest.raises(
         sy.SolverError, match=r"keeps self-collision, fore to base; .* `self = false` for none"
     ) as caught:
@@ -88,13 +92,14 @@ def test_limits_that_fold_the_arm_into_itself_are_refused_with_the_way_out(path)
 
 
 def test_what_was_given_is_not_watched_twice(path):
+    need_coal()
     own = SelfCollision(RobotGeometry.from_urdf(sy.Robot.from_urdf(path)), 0.03)
     design = design_of(path, constraints=[own], starts=1)
     assert sum(margin.name == "self-collision" for margin in design.margins) == len(own.labels)
 
 
 def test_without_a_table_the_lowest_point_is_told_with_the_remedy(path):
-    pytest.importorskip("coal", reason="coal (the collision library) is not installed")
+    need_coal()
     design = design_of(path, starts=1)
     lowest = tip_heights(design.trajectory.sample(1000.0)[1]).min()
     assert lowest < -0.1
@@ -135,6 +140,8 @@ def test_down_is_where_gravity_pulls(path):
     ],
 )
 def test_what_cannot_be_watched_is_a_remark_and_no_refusal(path, monkeypatch, change, message):
+    if change == "mesh":  # what else is watched needs the library
+        need_coal()
     model = sy.Model(sy.Robot.from_urdf(path))
     limits = LIMITS
     if change == "coal":
