@@ -2,7 +2,7 @@
 
 import difflib
 import math
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 from functools import cached_property
 from typing import Literal
 
@@ -73,7 +73,7 @@ class FeasibleSet:
         if not isinstance(constraints, (list, tuple)):
             raise InputError(f"constraints must be a list, got {constraints!r}; write constraints=[...].")
         self.model = model
-        self.consistency: str = consistency
+        self.consistency: Literal["full", "inertia"] = consistency
         self.constraints = tuple(constraints)
         self.margin = float(margin)
         self.terms = bool(terms)
@@ -213,6 +213,24 @@ class FeasibleSet:
         names = {name: index for index, name in enumerate(self.model.parameter_names)}
         links = range(len(self.model.robot.link_names))
         return np.array([names[f"m{link + 1}"] for link in links], dtype=np.intp)
+
+    @cached_property
+    def conditioned_masses(self) -> npt.NDArray[np.intp]:
+        """Indices of the masses that belong to a link with a condition: all, unless `without` took some away."""
+        links = [block.indices for block in self.blocks if block.kind == "link"]
+        return np.intersect1d(self.mass_indices, np.concatenate([np.zeros(0, dtype=np.intp), *links]))
+
+    def without(self, blocks: Collection[int]) -> "FeasibleSet":
+        """The set with some of its blocks left out, so that it allows more.
+
+        Parameters
+        ----------
+        blocks : collection of int
+            Indices in `blocks`.
+        """
+        found = FeasibleSet(self.model, self.consistency, self.constraints, self.margin, self.terms)
+        found.blocks = tuple(block for index, block in enumerate(self.blocks) if index not in blocks)
+        return found
 
     @cached_property
     def trace_row(self) -> Vector:

@@ -95,7 +95,8 @@ def test_unattained_optimum_is_told(stand_in, reduced_regression):
     reduced = reduced_regression(np.eye(2), np.array([0.0, 1.0]), 0.01, 100, 1.01)
     found = constraint_prices(reduced, FeasibleSet(model))
     assert found.stopped_by_bound
-    assert "at its bound of 1000 kg" in str(found)
+    assert f"at its bound of {found.mass_bound:g} kg" in str(found)
+    assert found.optimality_gap < 2e-6
     lower = constraint_prices(reduced, FeasibleSet(model), mass_bound=10.0)
     assert lower.mass_bound == 10.0
     # Lzz1 m1 ≥ lx1²: minimise (lx1²/10)² + (lx1 - 1)².
@@ -144,6 +145,43 @@ def test_bad_arguments_are_told(two_links, reduced_regression):
     contradiction = FeasibleSet(two_links, constraints=[TotalMass(maximum=1.0), TotalMass(minimum=2.0)])
     with pytest.raises(SolverError, match="loosen the constraints"):
         constraint_prices(data_of(reduced_regression, POSSIBLE), contradiction)
+
+
+def test_weak_excitation_does_not_decide_the_prices(two_links, reduced_regression):
+    """Plain least squares lies far out along what the data hardly shows; CVXPY tells every optimum."""
+    cvxpy = pytest.importorskip("cvxpy", reason="CVXPY (the oracle) is not installed")
+    rng = np.random.default_rng(7)
+    left, right = (np.linalg.qr(rng.normal(size=(6, 6)))[0] for _ in range(2))
+    R = left @ np.diag(np.logspace(2, -4, 6)) @ right
+    rho = R @ POSSIBLE + 0.03 * rng.normal(size=6)
+    reduced = reduced_regression(np.linalg.qr(R)[1], np.linalg.qr(R)[0].T @ rho, 1e-3, 1000, 1e-3 + float(rho @ rho))
+    feasible = FeasibleSet(two_links, "inertia", margin=1e-9)
+    found = constraint_prices(reduced, feasible, mass_bound=50.0)
+
+    def optimum(without):
+        """δ scaled by nothing, every block as it stands in the set."""
+        delta = cvxpy.Variable(feasible.parameter_count)
+        rules = [cvxpy.sum(delta[feasible.mass_indices]) <= 50.0]
+        if without is not None:
+            others = [i for i in feasible.mass_indices if i not in feasible.blocks[without].indices]
+            rules = [cvxpy.sum(delta[others]) <= 50.0]
+        for index, block in enumerate(feasible.blocks):
+            if index != without:
+                matrix = sum(
+                    (delta[i] * c for i, c in zip(block.indices, block.coefficients, strict=True)), start=block.constant
+                )
+                rules.append(matrix >> 0 if block.size > 1 else matrix[0, 0] >= 0)
+        problem = cvxpy.Problem(cvxpy.Minimize(cvxpy.sum_squares(R @ (feasible.K @ delta) - rho)), rules)
+        problem.solve(solver="CLARABEL", tol_gap_abs=1e-11, tol_gap_rel=1e-11, tol_feas=1e-11)
+        return problem.value + 1e-3
+
+    whole = optimum(None)
+    assert found.squared_residual == pytest.approx(whole, rel=1e-5)
+    assert found.optimality_gap < 2e-6
+    assert found.active
+    for price in found.active:
+        index = [block.name for block in feasible.blocks].index(price.name)
+        assert price.squared_saving == pytest.approx(whole - optimum(index), abs=1e-5 * whole)
 
 
 @pytest.mark.data

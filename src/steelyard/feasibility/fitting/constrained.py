@@ -8,10 +8,9 @@ import numpy.typing as npt
 
 from steelyard.errors import InputError, SolverError
 
-from ..constraints import TotalMass
 from ..feasible_set import FeasibleSet
 from ..protocols import ReducedLike
-from .growth import growing_links
+from .growth import growing_links, mass_bound_of
 from .interior import MARGIN_FACTORS, least_eigenvalue, pull_inside
 from .lower_bound import REACH
 from .preference import Preference, closest_to_cad, lightest
@@ -24,15 +23,6 @@ from .units import Units
 __all__ = ["FeasibleFit", "fit_reduced"]
 
 Vector = npt.NDArray[np.float64]
-
-MASS_BOUND = 1000.0
-"""Bound on the total mass, in kg, where masses may grow without end and none is known."""
-
-BOUND_FACTORS = (10.0, 50.0)
-"""That bound is at least and at most so many times the mass of which the torques speak."""
-
-KNOWN_FACTOR, SPOKEN_FACTOR = 20.0, 2.0
-"""Where a mass is known, the bound is so many times that, and at least so many times what the torques speak of."""
 
 TIE_TOLERANCES = (1e-8, 1e-6)
 """What the preferred answer may cost, relative to the squared residual, where the base parameters are decided but the
@@ -175,7 +165,7 @@ def fit_reduced(
             raise InputError("prior_weight must be positive, got 0; leave the prior out instead.")
         fitting.prior, fitting.prior_weight = prior.prepare(feasible), float(prior_weight)
     growing = () if prior is not None else growing_links(feasible, regression.undetermined)
-    bound = _mass_bound(feasible, scale) if growing else np.inf
+    bound = mass_bound_of(feasible, scale) if growing else np.inf
 
     outside: Vector | None = None
     for factor in MARGIN_FACTORS:
@@ -259,19 +249,6 @@ def _price(regression: ReducedRegression, best: Optimum) -> float:
     """What the conditions cost in squared residual, relative to that of plain least squares."""
     excess = max(best.squared_residual - regression.residual2 - regression.noise_floor, 0.0)
     return excess / max(regression.residual2, regression.noise_floor)
-
-
-def _mass_bound(feasible: FeasibleSet, scale: Units) -> float:
-    """The mass bound, in kg; well above what CAD, the constraints and the torques say of the mass."""
-    cad = np.asarray(feasible.model.robot.parameters, dtype=float)[feasible.mass_indices]
-    known = [float(cad.sum())] if np.all(np.isfinite(cad)) and np.all(cad > 0) else []
-    for constraint in feasible.constraints:
-        if isinstance(constraint, TotalMass):
-            known += [value for value in (constraint.minimum, constraint.equal) if value is not None]
-    if known:
-        return max(KNOWN_FACTOR * max(known), SPOKEN_FACTOR * scale.total_mass)
-    least, most = (factor * scale.total_mass for factor in BOUND_FACTORS)
-    return float(np.clip(MASS_BOUND, least, most))
 
 
 def _preference(

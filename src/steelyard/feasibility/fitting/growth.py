@@ -7,17 +7,27 @@ import numpy.typing as npt
 import scipy.sparse as sparse
 
 from ..conic import Cone, ConicProblem, solve
+from ..constraints import TotalMass
 from ..feasible_set import FeasibleSet
 from .program import Conditions
 from .units import Units
 
-__all__ = ["growing_links"]
+__all__ = ["growing_links", "mass_bound_of"]
 
 Vector = npt.NDArray[np.float64]
 Matrix = npt.NDArray[np.float64]
 
 REACH = 1e3
 """Directions are looked for with elements up to this many units, so that errors of rounding do not count as growth."""
+
+MASS_BOUND = 1000.0
+"""Bound on the total mass, in kg, where masses may grow without end and none is known."""
+
+BOUND_FACTORS = (10.0, 50.0)
+"""That bound is at least and at most so many times the mass of which the torques speak."""
+
+KNOWN_FACTOR, SPOKEN_FACTOR = 20.0, 2.0
+"""Where a mass is known, the bound is so many times that, and at least so many times what the torques speak of."""
 
 _FOUND: "WeakKeyDictionary[FeasibleSet, tuple[int, ...]]" = WeakKeyDictionary()
 
@@ -47,6 +57,19 @@ def growing_links(feasible: FeasibleSet, undetermined: Matrix | None = None) -> 
         found = _analyse(feasible, feasible.unidentifiable)
         _FOUND[feasible] = found
     return found
+
+
+def mass_bound_of(feasible: FeasibleSet, scale: Units) -> float:
+    """The mass bound, in kg; well above what CAD, the constraints and the torques say of the mass."""
+    cad = np.asarray(feasible.model.robot.parameters, dtype=float)[feasible.mass_indices]
+    known = [float(cad.sum())] if np.all(np.isfinite(cad)) and np.all(cad > 0) else []
+    for constraint in feasible.constraints:
+        if isinstance(constraint, TotalMass):
+            known += [value for value in (constraint.minimum, constraint.equal) if value is not None]
+    if known:
+        return max(KNOWN_FACTOR * max(known), SPOKEN_FACTOR * scale.total_mass)
+    least, most = (factor * scale.total_mass for factor in BOUND_FACTORS)
+    return float(np.clip(MASS_BOUND, least, most))
 
 
 def _analyse(feasible: FeasibleSet, directions: Matrix) -> tuple[int, ...]:

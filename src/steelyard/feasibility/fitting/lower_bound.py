@@ -144,7 +144,7 @@ class ConvexProblem:
     def _inner(self) -> Vector:
         """φ D(δ°)⁻¹, stacked, which costs `ROOM` and gives mending room wherever the point is not on the boundary."""
         _, values = self._conditions
-        found, order = np.zeros_like(values), float(self.feasible.stack.identity.sum())
+        found, order = np.zeros_like(values), max(float(self.feasible.stack.identity.sum()), 1.0)
         for rows in self._groups:
             eigenvalues, vectors = np.linalg.eigh(vector_to_symmetric(values[rows]))
             largest = eigenvalues[:, -1:]

@@ -68,6 +68,8 @@ class Optimum:
         Links whose parameters lie beyond the reach.
     margin : float
         With which it was found.
+    multipliers : (rows,)
+        Of the stacked blocks of the set, in SI; the solver's own, from which the lower bound was made.
     """
 
     parameters: Vector = field(repr=False)
@@ -79,6 +81,7 @@ class Optimum:
     price_of_margin: float = 0.0
     beyond: tuple[int, ...] = ()
     margin: float = 0.0
+    multipliers: Vector = field(default_factory=lambda: np.zeros(0), repr=False)
 
 
 @dataclass(frozen=True)
@@ -341,7 +344,18 @@ class Fitting:
         squared = self.regression.squared_residual(base)
         links = self._reach_rows[: len(link_columns(self.feasible))]
         beyond = tuple(np.flatnonzero(links @ best.parameters > 1.0).tolist())
-        return Optimum(best.parameters, base, squared, not best.stopped, bound, lower, best.price, beyond, best.margin)
+        return Optimum(
+            best.parameters,
+            base,
+            squared,
+            not best.stopped,
+            bound,
+            lower,
+            best.price,
+            beyond,
+            best.margin,
+            best.multipliers,
+        )
 
     def _found(self, margin: float, bound: float, before: "_Found | None") -> "_Found | None":
         """One attempt; None where it failed after another one had found something."""
@@ -376,7 +390,7 @@ class Fitting:
         lower = bounded.lower_bound(Multipliers(blocks, prices), enough)
         cost = program.price_of_margin(solution.dual) * unit / self.size(value)
         inside = self.feasible.contains(parameters)
-        return _Found(parameters, value, lower, stopped, cost, inside, self.units, margin, solution.status)
+        return _Found(parameters, value, lower, stopped, cost, inside, self.units, margin, solution.status, blocks)
 
     def _limits(self, bound: float) -> tuple[Matrix, Vector]:
         """Rows over δ, and what they may be at most: the mass bound where there is one, then the reach."""
@@ -384,7 +398,7 @@ class Fitting:
         rows = [np.zeros((0, count))]
         if np.isfinite(bound):
             mass = np.zeros((1, count))
-            mass[0, self.feasible.mass_indices] = 1.0 / bound
+            mass[0, self.feasible.conditioned_masses] = 1.0 / bound
             rows.append(mass)
         if self._attempt.bounded:
             rows.append(self._reach_rows)
@@ -535,6 +549,7 @@ class _Found:
     units: Units
     margin: float
     status: str
+    multipliers: Vector
 
     @property
     def order(self) -> tuple[bool, float]:

@@ -11,7 +11,10 @@ from steelyard.dynamics.threads import one_thread
 from steelyard.errors import InputError
 
 from ..feasible_set import FeasibleSet
-from .priced_fit import PricedFit, mass_bound_of, priced_fit
+from ..fitting.growth import mass_bound_of
+from ..fitting.reduced import ReducedRegression
+from ..fitting.stages import GAP, Fitting, Optimum
+from ..lmi import vector_to_symmetric
 from .region import reduced_regression
 from .table import html_table, percent, text_table
 
@@ -75,6 +78,9 @@ class ConstraintPrices:
         In kg, on the total mass.
     stopped_by_bound : bool
         Whether the residual would fall further with more mass.
+    optimality_gap : float
+        Measured: no squared residual from which savings were taken could be less by more than this part of the one
+        under all conditions.
     consistency : str
     """
 
@@ -86,6 +92,7 @@ class ConstraintPrices:
     parameters: Vector = field(repr=False)
     mass_bound: float
     stopped_by_bound: bool
+    optimality_gap: float
     consistency: str
 
     @property
@@ -114,6 +121,11 @@ class ConstraintPrices:
             found.append(
                 f"The total mass is at its bound of {self.mass_bound:g} kg; with more the residual would fall a little "
                 "further."
+            )
+        if not self.optimality_gap <= 2 * GAP:
+            found.append(
+                f"Squared residuals are proved to be the least to within {self.optimality_gap:.1g} of the one under "
+                "all conditions, so that savings below that mean nothing."
             )
         return tuple(found)
 
@@ -151,6 +163,7 @@ class ConstraintPrices:
             "least_squares_error": self.least_squares_error,
             "mass_bound": self.mass_bound,
             "stopped_by_bound": self.stopped_by_bound,
+            "optimality_gap": self.optimality_gap,
             "groups": [entry(price) for price in self.groups],
             "prices": [entry(price) for price in self.prices],
             "parameters": self.parameters.tolist(),
@@ -178,8 +191,9 @@ def constraint_prices(
     weights : "joint", None or (N,)
         Of the joints, as in `fit`; errors then are those of the weighted regression.
     mass_bound : float, optional
-        Bound on the total mass in kg while fits are compared, since residuals may fall for ever as masses grow; 1000
-        kg, or 20 times the mass that CAD or a `TotalMass` tells.
+        Bound on the total mass in kg while fits are compared, since residuals may fall for ever as masses grow; where
+        absent, the one of `fit`: 20 times the mass that CAD or a `TotalMass` tells, else 1000 kg, or what the torques
+        speak of. A link whose condition is dropped does not count.
     solver : str
         As in `solve`.
 
@@ -214,28 +228,40 @@ def constraint_prices(
     >>> [(price.name, round(price.squared_saving, 3)) for price in prices.active]
     [('body of link1', 0.01)]
     """
-    reduced = reduced_regression(information, weights, feasible)
-    bound = mass_bound_of(feasible) if mass_bound is None else mass_bound
-    if isinstance(bound, bool) or not isinstance(bound, (int, float)) or not 0 < bound < math.inf:
+    if mass_bound is not None and (
+        isinstance(mass_bound, bool) or not isinstance(mass_bound, (int, float)) or not 0 < mass_bound < math.inf
+    ):
         raise InputError(f"mass_bound must be a positive number of kg, got {mass_bound!r}.")
+    reduced = reduced_regression(information, weights, feasible)
     norm2 = float(reduced.norm2)
     with one_thread():
-        whole = priced_fit(reduced, feasible, (), bound, solver)
+        regression = ReducedRegression.of(reduced, feasible)
+        scale = regression.units(feasible)
+        bound = mass_bound_of(feasible, scale) if mass_bound is None else float(mass_bound)
+        gaps = []
 
-        size = max(whole.squared_residual, 1e-12 * norm2)
+        def least(allowed: FeasibleSet) -> Optimum:
+            fitting = Fitting(allowed, regression, regression.units(allowed).with_cad(), solver)
+            found = fitting.least(allowed.margin, bound)
+            gaps.append(found.squared_residual - found.lower_bound)
+            return found
+
+        whole = least(feasible)
+        size = max(whole.squared_residual, regression.noise_floor)
+
+        def saving(allowed: FeasibleSet) -> float:
+            return max(whole.squared_residual - least(allowed).squared_residual, 0.0)
 
         def price(name: str, kind: str, saved: float, active: bool, marginal: float, unit: str) -> ConstraintPrice:
             left = max(size - saved, 0.0) / size
             return ConstraintPrice(name, kind, active, saved, 1.0 - math.sqrt(left), marginal, unit)
 
-        def saving(fit: PricedFit) -> float:
-            return max(whole.squared_residual - fit.squared_residual, 0.0)
-
         prices = []
-        for index, block in enumerate(feasible.blocks):
-            slope = -whole.prices[index]
+        for index, (block, place) in enumerate(zip(feasible.blocks, feasible.stack.slices, strict=True)):
+            # d(squared residual) / dr of D - r 1, from the multipliers (weak duality).
+            slope = float(np.trace(vector_to_symmetric(whole.multipliers[place])))
             active = slope > ACTIVE * max(size, 1e-6 * norm2)
-            saved = saving(priced_fit(reduced, feasible, (index,), bound, solver)) if active else 0.0
+            saved = saving(feasible.without((index,))) if active else 0.0
             relative = slope / (2.0 * size) if active else 0.0
             unit = (block.unit or "SI unit") if block.size == 1 else "SI unit"
             prices.append(price(block.name, block.kind, saved, active, relative, unit))
@@ -243,12 +269,11 @@ def constraint_prices(
         for kind, name in (("link", "all links"), ("term", "all terms"), ("constraint", "all constraints")):
             members = [i for i, block in enumerate(feasible.blocks) if block.kind == kind]
             if members:
-                fit = priced_fit(reduced, feasible, members, bound, solver)
                 active = any(prices[i].active for i in members)
-                groups.append(price(name, "group", saving(fit), active, math.nan, ""))
+                groups.append(price(name, "group", saving(feasible.without(members)), active, math.nan, ""))
         if feasible.consistency == "full":
             weaker = FeasibleSet(feasible.model, "inertia", feasible.constraints, feasible.margin, feasible.terms)
-            saved = saving(priced_fit(reduced, weaker, (), bound, solver))
+            saved = saving(weaker)
             groups.append(price("triangle inequality", "group", saved, saved > ACTIVE * norm2, math.nan, ""))
     return ConstraintPrices(
         prices=tuple(sorted(prices, key=lambda p: (-p.squared_saving, -p.marginal))),
@@ -257,7 +282,8 @@ def constraint_prices(
         relative_error=math.sqrt(whole.squared_residual / norm2),
         least_squares_error=math.sqrt(float(reduced.residual2) / norm2),
         parameters=whole.parameters,
-        mass_bound=float(bound),
-        stopped_by_bound=whole.stopped_by_bound,
+        mass_bound=bound,
+        stopped_by_bound=not whole.attained,
+        optimality_gap=max(gaps) / size,
         consistency=feasible.consistency,
     )
