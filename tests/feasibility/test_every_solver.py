@@ -19,7 +19,9 @@ def solver(request) -> str:
     return request.param
 
 
-@pytest.mark.parametrize(("consistency", "published"), [("inertia", 0.00774), ("full", 0.01345)])
+@pytest.mark.parametrize(
+    ("consistency", "published"), [pytest.param("inertia", 0.00774, marks=pytest.mark.slow), ("full", 0.01345)]
+)
 def test_corrected_wls_of_table_4_9(solver, thesis_wam, table_4_9, consistency, published):
     """The distance that the thesis gives (4.5.3), and that of full consistency, to one unit of their last digit."""
     feasible = FeasibleSet(thesis_wam, consistency)

@@ -70,6 +70,8 @@ KINDS = {
     "wandering": ("stamps", 1.0),
     "wandering, gaps": ("stamps", 1.0),
 }
+# What is read in chunks unasked: each kind of clock, and each of the two ways to new rows.
+CHUNKED = {("gaps", 1500.0), ("late, gaps", None), ("uneven, gaps", 1500.0), ("wandering, gaps", None)}
 
 
 @pytest.mark.parametrize("kind", KINDS)
@@ -85,7 +87,7 @@ def test_the_positions_tell_which_clock_is_right(kind: str) -> None:
         assert found.missing == (601 if "gaps" in kind else 0)
 
 
-@pytest.mark.parametrize("kind", KINDS)
+@pytest.mark.parametrize("kind", [pytest.param(k, marks=() if "gaps" in k else pytest.mark.slow) for k in KINDS])
 def test_samples_are_those_of_a_perfect_log(kind: str) -> None:
     """The torques are the true accelerations, so that samples in step show none but the filter's difference."""
     perfect = recording("perfect").process(cutoff=15.0, trim=0.5)
@@ -107,15 +109,22 @@ def test_samples_are_those_of_a_perfect_log(kind: str) -> None:
         assert 0 <= left_out < (100 if "late" in kind else 1)
 
 
-@pytest.mark.parametrize("kind", KINDS)
-@pytest.mark.parametrize("options", [{"cutoff": 15.0}, {"cutoff": 15.0, "resample": 1500.0}])
-def test_chunks_equal_the_whole(kind: str, options: dict, tmp_path: Path) -> None:
+@pytest.mark.parametrize(
+    ("kind", "resample"),
+    [
+        pytest.param(kind, resample, marks=() if (kind, resample) in CHUNKED else pytest.mark.slow)
+        for kind in KINDS
+        for resample in (None, 1500.0)
+    ],
+)
+def test_chunks_equal_the_whole(kind: str, resample: float | None, tmp_path: Path) -> None:
     log = recording(kind)
     # A pause in the middle, where the log is split.
     t = log.t + 0.5 * (np.arange(log.count) > 5000)
     log = Recording(t=t, q=log.q, torque=log.torque, source="log.npz")
     path = log.save(tmp_path / "log.npz")
-    processing = Processing.from_dict({**options, "trim": 0.1})
+    options = {} if resample is None else {"resample": resample}
+    processing = Processing.from_dict({"cutoff": 15.0, "trim": 0.1, **options})
     whole = processing.apply(Recording.read(path))
     for rows in (1700, 100_000):
         joined = Samples.joined(list(process_chunks(path, processing=processing, rows=rows)))

@@ -19,7 +19,7 @@ def growth(t, q, dq):
     return 8.0 * q
 
 
-@pytest.mark.parametrize("method", QUICK)
+@pytest.mark.parametrize("method", [*QUICK[:5], *(pytest.param(m, marks=pytest.mark.slow) for m in METHODS[5:])])
 def test_a_joint_that_is_driven_away_ends_at_an_absurd_speed(method):
     # 2 kg on a slide: q = q0 cosh(2 t), so that the speed 2 q0 sinh(2 t) is 5e3 m/s at asinh(2500 / q0) / 2.
     model = sy.Model(sy.Robot.from_dh([(0, 0, "q", 0)], name="slide", gravity=(0, 0, 0)))
@@ -92,7 +92,7 @@ def test_a_torque_that_is_not_a_number_is_named(two_links, method):
     )
 
 
-@pytest.mark.parametrize("method", ["automatic", "rosenbrock"])
+@pytest.mark.parametrize("method", [pytest.param("automatic", marks=pytest.mark.slow), "rosenbrock"])
 def test_parameters_of_no_robot_are_told_even_where_the_run_finishes(wam, method):
     from steelyard.laboratory.wam import true_parameters
 

@@ -60,7 +60,7 @@ def test_two_joints_against_a_derivation_by_hand() -> None:
     assert model.base_parameters().names == ("Lzz1", "lx1", "ly1", "Lzz2", "lx2", "ly2")
     condition = closed_form_conditions(model)
     verdicts = []
-    for base in around_feasible(model, 300, 1):
+    for base in around_feasible(model, 120, 1):
         zz1, x1, _, zz2, x2, y2 = base
         # β: zz1 = Lzz1 - a1² (m1 + m2), x1 = lx1 + a1 (m1 + m2), zz2 = Lzz2 - a2² m2, x2 = lx2 + a2 m2.
         first = zz1 + 2 * a1 * x1  # J₁ + a₁² m₂ of link 1 with that mass
@@ -68,7 +68,7 @@ def test_two_joints_against_a_derivation_by_hand() -> None:
         expected = first > 0 and second > 0 and first / a1**2 * second > x2**2 + y2**2
         assert evaluated(condition, base) == expected
         verdicts.append(expected)
-    assert 50 < sum(verdicts) < 250
+    assert 20 < sum(verdicts) < 100
 
 
 @needs_qepcad
@@ -78,7 +78,7 @@ def test_two_joints_against_a_derivation_by_hand() -> None:
         ([0.4], (sy.Viscous(),), GRAVITY, "inertia"),
         ([0.55, 0.3], (sy.RotorInertia(), sy.Coulomb()), GRAVITY, "inertia"),
         ([0.55, 0.3], (), GRAVITY, "full"),
-        ([0.5, 0.5, 0.5], (), GRAVITY, "inertia"),
+        pytest.param([0.5, 0.5, 0.5], (), GRAVITY, "inertia", marks=pytest.mark.slow),
         pytest.param([0.55, 0.3, 0.2], (), (0, 0, -9.81), "full", marks=pytest.mark.slow),
     ],
     ids=["one", "two-with-terms", "two-full", "three", "three-lying"],
@@ -91,11 +91,11 @@ def test_agrees_with_the_solver(lengths: list[float], terms: Any, gravity: Any, 
     }
     feasible = sy.FeasibleSet(model, consistency=consistency)
     verdicts = []
-    for base in around_feasible(model, 25, 2):
+    for base in around_feasible(model, 15, 2):
         verdict = sy.check(feasible, base=base).feasible
         assert evaluated(condition, base) == verdict
         verdicts.append(verdict)
-    assert 3 < sum(verdicts) < 23
+    assert 2 < sum(verdicts) < 13
 
 
 SLIDING = {
@@ -106,7 +106,13 @@ SLIDING = {
 
 
 @needs_qepcad
-@pytest.mark.parametrize("rows", SLIDING.values(), ids=SLIDING)
+@pytest.mark.parametrize(
+    "rows",
+    [
+        pytest.param(rows, id=place, marks=() if place == "first" else pytest.mark.slow)
+        for place, rows in SLIDING.items()
+    ],
+)
 def test_joints_that_slide_in_the_plane(rows: Any) -> None:
     """Links of mass points, disturbed; frames that slide are turned, so that they show other parameters."""
     model = sy.Model(sy.Robot.from_dh(rows, gravity=GRAVITY))
@@ -144,7 +150,7 @@ def test_lengths_that_do_not_cancel_are_refused() -> None:
 def test_what_is_too_hard_ends_in_time() -> None:
     start = time.monotonic()
     with pytest.raises(InputError, match="doubly exponential"):
-        closed_form_conditions(planar([0.5] * 4), timeout=1.5)
+        closed_form_conditions(planar([0.5] * 4), timeout=0.5)
     assert time.monotonic() - start < 20.0
 
 
@@ -202,6 +208,7 @@ def test_failures_are_explained(code: str, message: str, monkeypatch: pytest.Mon
         quantifier_elimination.eliminate(z, [x + z > 0], 1.0)
 
 
+@pytest.mark.slow
 def test_what_the_program_started_ends_with_it(monkeypatch: pytest.MonkeyPatch, tmp_path: Any) -> None:
     """A child in a session of its own, as Singular is, holds a lock, which the system frees when it ends."""
     fcntl = pytest.importorskip("fcntl", reason="locks of files are those of POSIX")

@@ -20,8 +20,19 @@ def jittery(jitter: float, missing: tuple[int, ...] = (), pause: float = 0.0, st
     return Recording(t=t, q=np.sin(2 * moved)[:, None], torque=np.cos(3 * moved)[:, None], source="jittery")
 
 
-@pytest.mark.parametrize("jitter", [0.2, 0.3, 0.4, 0.45])
-@pytest.mark.parametrize("missing", [(), (4000,), (4000, 7000, 7001), tuple(range(3000, 3037))])
+JITTERS = [0.2, 0.3, 0.4, 0.45]
+MISSING = [(), (4000,), (4000, 7000, 7001), tuple(range(3000, 3037))]
+
+
+# Unasked, each jitter and each set of missing rows once, the hardest of either together.
+@pytest.mark.parametrize(
+    ("jitter", "missing"),
+    [
+        pytest.param(jitter, missing, marks=() if k == m else pytest.mark.slow)
+        for k, jitter in enumerate(JITTERS)
+        for m, missing in enumerate(MISSING)
+    ],
+)
 def test_rate_and_missing_rows_of_a_jittery_clock(jitter, missing):
     log = jittery(jitter, missing)
     found = clock_statistics(log)

@@ -18,7 +18,7 @@ def model() -> sy.Model:
     return wam_model()
 
 
-@pytest.fixture(scope="module", params=[0.0, 0.004])
+@pytest.fixture(scope="module", params=[pytest.param(0.0, marks=pytest.mark.slow), 0.004])
 def played(request, model) -> tuple[float, Recording]:
     # The zero-order hold of the controller logs the torque half a period before the motion's mean.
     sensors = Sensors(encoder_resolution=2 * np.pi / 172032, torque_noise=0.1, torque_delay=request.param)
@@ -49,7 +49,9 @@ def test_unsure_delay_is_not_applied(played, model):
     )
 
 
-@pytest.mark.parametrize("cutoff", [2.2, 4.8, 10.0])
+@pytest.mark.parametrize(
+    "cutoff", [pytest.param(2.2, marks=pytest.mark.slow), 4.8, pytest.param(10.0, marks=pytest.mark.slow)]
+)
 def test_delay_of_an_undisturbed_motion_stays_sure(model, cutoff):
     log = simulated_log(model, "A", seed=1)
     late = replace(log, torque=advanced(log.torque, -3.7)[0])
