@@ -6,7 +6,7 @@ import sys
 import tempfile
 from pathlib import Path
 
-from steelyard.laboratory.wam import robot_toml, simulated_log, wam_model
+from steelyard.identification.wam import robot_toml, simulated_log, wam_model
 
 ROUNDS = 5
 IMPORT = "import time; t = time.perf_counter(); import steelyard; print(time.perf_counter() - t)"

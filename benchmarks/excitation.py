@@ -11,8 +11,8 @@ import time
 import numpy as np
 
 import steelyard as sy
-from steelyard.laboratory.wam import TRAJECTORIES, wam_model
-from steelyard.motion import ExcitationDesign, MotionLimits
+from steelyard.excitation import ExcitationDesign, MotionLimits
+from steelyard.identification.wam import TRAJECTORIES, wam_model
 
 
 def condition_number(model: sy.Model, motion: tuple[np.ndarray, ...]) -> float:

@@ -13,9 +13,10 @@ import time
 
 import numpy as np
 
-import steelyard.feasibility.fitting.program as program
+import steelyard.feasibility.cone_program as program
 from steelyard.dynamics.threads import one_thread
-from steelyard.feasibility import FeasibleSet, fit
+from steelyard.estimators.fit import fit
+from steelyard.feasibility import FeasibleSet
 from steelyard.regression import Information
 from steelyard.reproduction.free_links import ROWS, free_links, random_regression
 

@@ -19,7 +19,8 @@ from pathlib import Path
 
 import numpy as np
 
-from steelyard.feasibility import FeasibleSet, fit
+from steelyard.estimators.fit import fit
+from steelyard.feasibility import FeasibleSet
 from steelyard.methods import METHODS
 from steelyard.regression import least_squares
 from steelyard.reproduction.free_links import free_links_problem

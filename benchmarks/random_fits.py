@@ -19,7 +19,7 @@ sys.path.insert(0, str(Path(__file__).resolve().parent.parent / "tests" / "oracl
 from random_fits import least_by_cvxpy, random_fit, squared_residual
 
 from steelyard.errors import SteelyardError
-from steelyard.feasibility import fit_reduced
+from steelyard.estimators import fit_reduced
 
 GAP, ABOVE = 1e-6, 1e-5
 

@@ -14,7 +14,7 @@ import numpy as np
 
 import steelyard as sy
 from steelyard.dynamics.threads import one_thread
-from steelyard.laboratory.wam import TRAJECTORIES, true_parameters, wam_model
+from steelyard.identification.wam import TRAJECTORIES, true_parameters, wam_model
 from steelyard.simulation import Measurement, simulate
 
 SECONDS = 10.0

@@ -19,9 +19,11 @@ os.environ.setdefault("OMP_NUM_THREADS", "1")
 import numpy as np
 
 import steelyard as sy
+from steelyard.conic import solver_table
 from steelyard.errors import SteelyardError
-from steelyard.feasibility import TotalMass, fit_reduced, solver_table
-from steelyard.laboratory.wam import wam_model
+from steelyard.estimators import fit_reduced
+from steelyard.feasibility import TotalMass
+from steelyard.identification.wam import wam_model
 
 Run = Callable[[str], tuple[float, str]]
 

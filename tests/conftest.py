@@ -10,6 +10,16 @@ from pathlib import Path
 import numpy as np
 import pytest
 from hypothesis import settings
+from stand_ins import factored as factored
+from stand_ins import inertial_symbols as inertial_symbols
+from stand_ins import least_by_descent as least_by_descent
+from stand_ins import point_cloud_parameters as point_cloud_parameters
+from stand_ins import real_wam as real_wam
+from stand_ins import reduced_regression as reduced_regression
+from stand_ins import stand_in as stand_in
+from stand_ins import table_4_9 as table_4_9
+from stand_ins import thesis_wam as thesis_wam
+from stand_ins import two_links as two_links
 
 SHARED = Path(__file__).resolve().parent.parent.parent / "shared"
 
@@ -63,7 +73,7 @@ def table(path: Path) -> list[dict[str, str]]:
 @pytest.fixture(scope="session")
 def wam():
     """The WAM of thesis section 4.2, built from the thesis's own tables where they are here."""
-    from steelyard.laboratory.wam import wam_model
+    from steelyard.identification.wam import wam_model
 
     return wam_model()
 

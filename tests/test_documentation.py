@@ -12,8 +12,9 @@ import numpy as np
 import pytest
 
 import steelyard as sy
+from steelyard import collision as geometry
 from steelyard.cli import main
-from steelyard.motion import MotionLimits, geometry, limits_from_file
+from steelyard.excitation import MotionLimits, limits_from_file
 from steelyard.recording import LogColumns, Processing
 
 ROOT = Path(__file__).resolve().parent.parent

@@ -1,6 +1,6 @@
 """Runs the command line: ``python -m steelyard``."""
 
-from .cli import main
+from steelyard.cli import main
 
 if __name__ == "__main__":
     main()

@@ -7,7 +7,7 @@ from scipy.linalg import solve_discrete_are
 import steelyard as sy
 from steelyard.control import ActiveObserver, AdaptiveForceControl, MeasuredVelocity, StiffnessEstimator, Tool
 from steelyard.control.force_loop import force_loop
-from steelyard.laboratory.wam import true_parameters
+from steelyard.identification.wam import true_parameters
 from steelyard.simulation import ElasticContact, Measurement, Sensors, Status, simulate
 
 Q = np.array([0.0, 0.6, 0.0, 1.8, 0.0, 0.5, 0.0])

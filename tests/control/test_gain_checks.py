@@ -22,7 +22,7 @@ from steelyard.control import (
     Tool,
 )
 from steelyard.control.sampled_loop import Feedback, SampledLoop
-from steelyard.laboratory.wam import COUPLING, DH_ROWS, true_parameters
+from steelyard.identification.wam import COUPLING, DH_ROWS, true_parameters
 from steelyard.simulation import Measurement
 
 GUIDE = Path(__file__).resolve().parents[2] / "docs" / "how-to" / "control.md"

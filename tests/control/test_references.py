@@ -19,7 +19,7 @@ from steelyard.control import (
     rotation_matrix,
     rotation_vector,
 )
-from steelyard.laboratory.wam import TRAJECTORIES
+from steelyard.identification.wam import TRAJECTORIES
 from steelyard.simulation import Measurement
 
 B = TRAJECTORIES["B"]

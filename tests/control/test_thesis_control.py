@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from steelyard.control import PositionTracking
-from steelyard.laboratory.wam import TRAJECTORIES
+from steelyard.identification.wam import TRAJECTORIES
 from steelyard.reproduction.published import column as published
 from steelyard.simulation import Safety, Sensors, Status, simulate
 

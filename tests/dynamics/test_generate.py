@@ -63,7 +63,7 @@ def test_an_estimate_in_the_code_leaves_no_argument_and_fewer_operations(arm):
 
 
 def test_every_function_stands_in_every_language(arm, tmp_path):
-    from steelyard.generation import languages
+    from steelyard.codegen import languages
 
     names = [*arm.functions, "pose(link1)"]
     for language in languages():

@@ -125,7 +125,7 @@ def test_coriolis_matrix_is_the_christoffel_one(wam, random):
 
 def test_forward_dynamics_undoes_inverse_dynamics(wam, random):
     """Rotors, coupled ones too, belong to the inertia that torques accelerate."""
-    from steelyard.laboratory.wam import true_parameters
+    from steelyard.identification.wam import true_parameters
 
     q, dq, ddq = random.normal(size=(3, 20, 7))
     torque = wam.inverse_dynamics(q, dq, ddq, true_parameters())

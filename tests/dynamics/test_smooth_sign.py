@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 import steelyard as sy
-from steelyard.laboratory.wam import true_parameters, wam_model
+from steelyard.identification.wam import true_parameters, wam_model
 
 WIDTH = np.array([0.05])
 

@@ -9,7 +9,7 @@ from steelyard.dynamics import term_from_dict
 
 def test_motor_side_is_equation_4_9(wam, random):
     """Evaluate h = f_j + T (f_m(T' dq) + I T' ddq) with plain matrices, and compare."""
-    from steelyard.laboratory.wam import COUPLING
+    from steelyard.identification.wam import COUPLING
 
     T = np.array(COUPLING)
     dq, ddq = random.normal(size=(2, 7))

@@ -1,9 +1,10 @@
 import numpy as np
 import pytest
 
+from steelyard.conic import Outcome
 from steelyard.dynamics import Model, Viscous
 from steelyard.errors import InputError, SolverError
-from steelyard.feasibility import CenterOfMassBox, FeasibleSet, Outcome, TotalMass, check, correct
+from steelyard.feasibility import CenterOfMassBox, FeasibleSet, TotalMass, check, correct
 from steelyard.robot import Robot
 
 IMPOSSIBLE = np.array([0.5, 0.1, 0.25, 0.3, 0.4, -0.1])

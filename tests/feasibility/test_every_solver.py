@@ -3,9 +3,10 @@
 import numpy as np
 import pytest
 
+from steelyard.conic import Outcome, find_solver
 from steelyard.errors import InputError, SolverError
-from steelyard.feasibility import FeasibleSet, Outcome, TotalMass, correct, fit_reduced
-from steelyard.feasibility.conic import find_solver
+from steelyard.estimators import fit_reduced
+from steelyard.feasibility import FeasibleSet, TotalMass, correct
 
 # Relative differences of the squared distance from Clarabel's; a first-order method is not more accurate.
 TOLERANCE = {"clarabel": 0.0, "scs": 1e-4, "csdp": 2e-5, "dsdp": 2e-5, "sdpa": 2e-5}

@@ -3,17 +3,9 @@ import pytest
 
 from steelyard.dynamics import Coulomb, Model, Viscous
 from steelyard.errors import InputError
-from steelyard.feasibility import (
-    ConstantPullbackPrior,
-    EntropicPrior,
-    EuclideanPrior,
-    FeasibleSet,
-    TotalMass,
-    check,
-    fit,
-    l_curve,
-    verify_document,
-)
+from steelyard.estimators import ConstantPullbackPrior, EntropicPrior, EuclideanPrior, l_curve
+from steelyard.estimators.fit import fit
+from steelyard.feasibility import FeasibleSet, TotalMass, check, verify_document
 from steelyard.recording import Samples
 from steelyard.regression import Estimate, Information, least_squares
 from steelyard.robot import Inertia, Robot

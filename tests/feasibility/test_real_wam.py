@@ -6,19 +6,10 @@ import json
 import numpy as np
 import pytest
 
-from steelyard.feasibility import (
-    EntropicPrior,
-    FeasibleSet,
-    Preference,
-    TotalMass,
-    check,
-    fit,
-    fit_reduced,
-    l_curve,
-    smallest_total_mass,
-    verify_document,
-)
-from steelyard.feasibility.conic import find_solver
+from steelyard.conic import find_solver
+from steelyard.estimators import EntropicPrior, fit_reduced, l_curve, smallest_total_mass
+from steelyard.estimators.fit import fit
+from steelyard.feasibility import FeasibleSet, Preference, TotalMass, check, verify_document
 from steelyard.regression import Information
 from steelyard.robot import Inertia
 

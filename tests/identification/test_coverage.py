@@ -5,7 +5,7 @@ import pytest
 
 import steelyard as sy
 from steelyard.dynamics.threads import one_thread
-from steelyard.laboratory.wam import simulated_log, true_parameters
+from steelyard.identification.wam import simulated_log, true_parameters
 
 RUNS = 200
 

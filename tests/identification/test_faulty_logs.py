@@ -8,7 +8,7 @@ import pytest
 import steelyard as sy
 from steelyard.errors import InputError
 from steelyard.recording import Recording, chunks
-from steelyard.recording.detection import faulty_rows, find_stiction
+from steelyard.recording.diagnosis import faulty_rows, find_stiction
 
 ROBOT = """
 terms = []

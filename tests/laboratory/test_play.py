@@ -5,9 +5,9 @@ import pytest
 
 import steelyard as sy
 from steelyard.control import ComputedTorque
-from steelyard.laboratory import play
-from steelyard.laboratory.wam import TRAJECTORIES, true_parameters, wam_model
-from steelyard.motion import QuinticTrajectory
+from steelyard.excitation import QuinticTrajectory
+from steelyard.identification.play import play
+from steelyard.identification.wam import TRAJECTORIES, true_parameters, wam_model
 from steelyard.simulation import Actuators, Sensors
 
 SYMBOLS = (
@@ -182,7 +182,7 @@ def test_the_default_controller_holds_the_robot_of_pinocchio(file, rate, exact):
     motion = lively(model.joint_count)
     reference = TrajectoryReference(motion, period=1.0 / rate)
     velocity = MeasuredVelocity() if exact else FilteredDifference(30.0)
-    default = import_module("steelyard.laboratory.play")._default_controller
+    default = import_module("steelyard.identification.play")._default_controller
     controller, frequency = default(model, delta, delta, reference, False, 1.0 / rate, velocity)
     assert frequency > 10.0
     q, dq, _ = reference.at(0.0)

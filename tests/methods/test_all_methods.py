@@ -6,7 +6,8 @@ import numpy as np
 import pytest
 
 from steelyard.errors import InputError
-from steelyard.feasibility import FeasibleSet, TotalMass, check, fit
+from steelyard.estimators.fit import fit
+from steelyard.feasibility import FeasibleSet, TotalMass, check
 from steelyard.methods import (
     METHODS,
     Farhat2008,

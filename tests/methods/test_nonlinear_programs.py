@@ -6,7 +6,8 @@ import numpy as np
 import pytest
 
 from steelyard.errors import InputError, MissingExtraError
-from steelyard.feasibility import CenterOfMassSphere, FeasibleSet, LinearBound, TotalMass, fit
+from steelyard.estimators.fit import fit
+from steelyard.feasibility import CenterOfMassSphere, FeasibleSet, LinearBound, TotalMass
 from steelyard.methods import Farhat2008, Mata2005, Problem
 from steelyard.methods.link_conditions import Eigenvalues
 from steelyard.methods.nonlinear_program import NonlinearProgram

@@ -10,7 +10,7 @@ import pytest
 import steelyard as sy
 from steelyard.errors import InputError
 from steelyard.feasibility import MeasuredMass
-from steelyard.feasibility.lmi import AffineBlock
+from steelyard.lmi import AffineBlock
 from steelyard.methods import Yoshida2000
 from steelyard.methods.link_regions import regions_of_links
 

@@ -15,15 +15,15 @@ from typing import Any
 import numpy as np
 
 import steelyard as sy
+from steelyard.collision import geometry_from_dict
+from steelyard.collision.mesh_files import read_meshes
+from steelyard.collision.srdf import read_srdf
 from steelyard.dynamics.terms import term_from_dict
 from steelyard.errors import InputError
+from steelyard.excitation import MotionLimits, QuinticTrajectory, load_trajectory, save_trajectory
+from steelyard.excitation.limits_file import limits_from_file
 from steelyard.feasibility import constraints_from_dict, load_certificate, verify_document
 from steelyard.feasibility.constraints.points import read_points
-from steelyard.motion import MotionLimits, QuinticTrajectory, load_trajectory, save_trajectory
-from steelyard.motion.geometry import geometry_from_dict
-from steelyard.motion.geometry.mesh_files import read_meshes
-from steelyard.motion.geometry.srdf import read_srdf
-from steelyard.motion.limits_file import limits_from_file
 from steelyard.recording import LogColumns, Processing, process_chunks
 from steelyard.regression.least_squares import least_squares
 from steelyard.robot import RobotFile
@@ -312,7 +312,7 @@ def _read_torque(path: Path) -> None:
 
 
 def _read_shapes(path: Path) -> None:
-    from steelyard.motion.geometry import RobotGeometry
+    from steelyard.collision import RobotGeometry
 
     RobotGeometry.from_urdf(sy.Robot.from_urdf(path))
 

@@ -12,7 +12,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 import steelyard as sy
-from steelyard.laboratory.wam import TRAJECTORIES
+from steelyard.identification.wam import TRAJECTORIES
 from steelyard.methods import METHODS
 from steelyard.regression import residual_correlation
 

@@ -3,7 +3,8 @@
 import numpy as np
 import pytest
 
-from steelyard.feasibility import FeasibleSet, fit
+from steelyard.estimators.fit import fit
+from steelyard.feasibility import FeasibleSet
 from steelyard.methods import Mata2005
 from steelyard.regression import least_squares
 from steelyard.reproduction.free_links import ROWS, free_links, free_links_problem, random_regression

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 import steelyard as sy
-from steelyard.laboratory.wam import simulated_log, wam_model
+from steelyard.identification.wam import simulated_log, wam_model
 from steelyard.reproduction.section import Context
 from steelyard.reproduction.sections.identification import SEED
 from steelyard.reproduction.sections.model_reduction import SECTION

@@ -80,7 +80,7 @@ def test_figure_6_1_rises_to_one(tmp_path):
     assert shares[0] == pytest.approx(0.13, abs=0.01)
     assert shares[-1] == 1.0
     q = np.random.default_rng(1).uniform(-np.pi, np.pi, (2000, 7))
-    from steelyard.laboratory.wam import wam_model
+    from steelyard.identification.wam import wam_model
 
     model, beta = wam_model(), column("4.9", "WLS")
     zero = np.zeros_like(q)

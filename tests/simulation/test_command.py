@@ -9,8 +9,8 @@ import pytest
 
 import steelyard as sy
 from steelyard.cli import main
-from steelyard.laboratory.wam import robot_toml
-from steelyard.motion import FourierTrajectory
+from steelyard.excitation import FourierTrajectory
+from steelyard.identification.wam import robot_toml
 
 URDF = """\
 <robot name="pair">

@@ -5,7 +5,7 @@ import pytest
 
 import steelyard as sy
 from steelyard.errors import InputError
-from steelyard.motion import FourierTrajectory
+from steelyard.excitation import FourierTrajectory
 from steelyard.simulation import Actuators, Measurement, Safety, Sensors, simulate
 
 

@@ -94,7 +94,7 @@ def test_a_torque_that_is_not_a_number_is_named(two_links, method):
 
 @pytest.mark.parametrize("method", [pytest.param("automatic", marks=pytest.mark.slow), "rosenbrock"])
 def test_parameters_of_no_robot_are_told_even_where_the_run_finishes(wam, method):
-    from steelyard.laboratory.wam import true_parameters
+    from steelyard.identification.wam import true_parameters
 
     q0 = np.random.default_rng(0).uniform(-1, 1, (16, 7))[2:5]
     delta = true_parameters()

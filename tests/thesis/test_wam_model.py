@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 import steelyard as sy
-from steelyard.laboratory.wam import TRAJECTORIES
+from steelyard.identification.wam import TRAJECTORIES
 
 pytestmark = pytest.mark.data
 

@@ -17,8 +17,8 @@ if TYPE_CHECKING:
     from rich.text import Text
 
     from steelyard.dynamics import Model
+    from steelyard.excitation import ExcitationDesign
     from steelyard.identification import Identification
-    from steelyard.motion import ExcitationDesign
 
 # A chain of 44 joints. Beyond, the graph of the regressor takes seconds, for 300 joints minutes and gigabytes.
 _MOST_BLOCKS = 1000

@@ -108,7 +108,7 @@ class TrajectoryReference:
 
     Examples
     --------
-    >>> from steelyard.motion import FourierTrajectory
+    >>> from steelyard.excitation import FourierTrajectory
     >>> wave = FourierTrajectory(a=[[1.0]], b=[[0.0]], center=[0.5], frequency=1.0)
     >>> reference = TrajectoryReference(wave, start=2.0)
     >>> [float(x[0]) for x in reference.at(1.0)], float(reference.at(2.0)[1][0])
@@ -119,7 +119,7 @@ class TrajectoryReference:
         duration = getattr(trajectory, "duration", None) or getattr(trajectory, "period", None)
         if not callable(getattr(trajectory, "motion", None)) or duration is None:
             raise InputError(
-                "A trajectory must have motion(t) and a duration, as those of steelyard.motion do, got "
+                "A trajectory must have motion(t) and a duration, as those of steelyard.excitation do, got "
                 f"{type(trajectory).__name__}."
             )
         self.trajectory = trajectory

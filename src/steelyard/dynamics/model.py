@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from steelyard.generation import generate
+from steelyard.codegen import generate
 from steelyard.graph import Function, Kernel
 from steelyard.robot import Robot, RobotFile
 
@@ -28,7 +28,7 @@ from .terms import term_from_dict
 from .threads import one_thread
 
 if TYPE_CHECKING:
-    from steelyard.export import SymbolicFunction
+    from steelyard.codegen import SymbolicFunction
 
 __all__ = ["Model"]
 
@@ -251,7 +251,7 @@ class Model(NumericFunctions):
         MissingExtraError
             If SymPy is not installed.
         """
-        from steelyard.export import sympy_function
+        from steelyard.codegen import sympy_function
 
         return sympy_function(
             self.function(name, base=base, gravity=gravity), closed=closed, substitute=substitute or {}
@@ -259,13 +259,13 @@ class Model(NumericFunctions):
 
     def casadi(self, name: str, *, base: bool = False, gravity: str = "fixed", sign: str = "exact") -> Any:
         """Return a function of the model as a ``casadi.Function``, which CasADi differentiates; see `function`."""
-        from steelyard.export import casadi_function
+        from steelyard.codegen import casadi_function
 
         return casadi_function(self.function(name, base=base, gravity=gravity, sign=sign))
 
     def jax(self, name: str, *, base: bool = False, gravity: str = "fixed", sign: str = "exact") -> Any:
         """Return a function of the model for JAX, to compile, map and differentiate; see `function`."""
-        from steelyard.export import jax_function
+        from steelyard.codegen import jax_function
 
         return jax_function(self.function(name, base=base, gravity=gravity, sign=sign))
 

@@ -10,8 +10,8 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from steelyard import __version__
+from steelyard.codegen import Constant, Project
 from steelyard.errors import InputError
-from steelyard.generation import Constant, Project
 from steelyard.graph import Function
 from steelyard.robot import Inertia
 

@@ -7,12 +7,12 @@ import numpy.typing as npt
 
 from steelyard.dynamics.threads import one_thread
 from steelyard.errors import InputError
+from steelyard.lmi import is_positive_definite
 
+from .certificates import FeasibilityCertificate, InfeasibilityCertificate
 from .checking import MARGIN_CAP, decide, largest_margin, least_violations
 from .feasible_set import FeasibleSet
-from .fitting import lightest_witness
-from .lmi import is_positive_definite
-from .proof import FeasibilityCertificate, InfeasibilityCertificate
+from .lightest_witness import lightest_witness
 
 __all__ = ["Verdict", "Violation", "check"]
 

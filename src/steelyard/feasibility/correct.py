@@ -7,13 +7,13 @@ import numpy as np
 import numpy.typing as npt
 import scipy.sparse as sparse
 
+from steelyard.conic import Cone, ConicProblem, ConicSolution, Outcome, find_solver, solve
 from steelyard.errors import InputError, SolverError
 
-from .conic import Cone, ConicProblem, ConicSolution, Outcome, find_solver, solve
+from .certificates import FeasibilityCertificate
 from .feasible_set import FeasibleSet
-from .fitting import MARGIN_FACTORS, pull_inside
+from .interior import MARGIN_FACTORS, pull_inside
 from .metric import Metric
-from .proof import FeasibilityCertificate
 
 __all__ = ["Correction", "correct"]
 

@@ -11,10 +11,10 @@ import numpy.typing as npt
 import scipy.sparse as sparse
 
 from steelyard.errors import InputError
+from steelyard.lmi import AffineBlock, AffineStack, LinearMatrixInequality
 
 from .constraints import Constraint, Equality
 from .constraints.equations import distinct_blocks, independent_equalities, solved_for_some
-from .lmi import AffineBlock, AffineStack, LinearMatrixInequality
 from .protocols import ModelLike
 
 __all__ = ["FeasibleSet"]

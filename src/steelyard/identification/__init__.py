@@ -5,6 +5,7 @@ from .excite import excite as excite
 from .explained import EstimateExplanation as EstimateExplanation
 from .explained import explain_estimate as explain_estimate
 from .identify import identify as identify
+from .play import play as play
 from .result import Identification as Identification
 from .result import Prediction as Prediction
 from .result import Trace as Trace
@@ -30,4 +31,5 @@ __all__ = [
     "parameters_for_source",
     "parameters_of_description",
     "parameters_of_estimate",
+    "play",
 ]

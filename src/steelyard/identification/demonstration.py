@@ -6,10 +6,10 @@ from collections.abc import Callable
 from pathlib import Path
 
 from steelyard.files import write_text
-from steelyard.laboratory.wam import robot_toml, simulated_log, wam_model
 
 from .identify import identify
 from .result import Identification
+from .wam import robot_toml, simulated_log, wam_model
 
 __all__ = ["demonstrate"]
 

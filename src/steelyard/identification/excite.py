@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import Any
 
 from steelyard.dynamics import Model
-from steelyard.motion import ExcitationDesign, Trajectory, design_excitation, load_trajectory
+from steelyard.excitation import ExcitationDesign, Trajectory, design_excitation, load_trajectory
 from steelyard.regression import Information
 from steelyard.robot import RobotFile
 

@@ -13,7 +13,8 @@ from numpy.typing import NDArray
 from steelyard.dynamics import Model
 from steelyard.dynamics.threads import in_one_thread
 from steelyard.errors import InputError
-from steelyard.feasibility import FeasibleSet, check, constraints_from_dict, fit
+from steelyard.estimators.fit import fit
+from steelyard.feasibility import FeasibleSet, check, constraints_from_dict
 from steelyard.recording import (
     CutoffChoice,
     LogColumns,
@@ -28,7 +29,7 @@ from steelyard.recording import (
 )
 from steelyard.recording.checks import LogSurvey
 from steelyard.recording.decision import DECISION_ROWS
-from steelyard.recording.detection import DETECTORS, faulty_rows
+from steelyard.recording.diagnosis import DETECTORS, faulty_rows
 from steelyard.regression import Estimate, Information, least_squares
 from steelyard.regression.blocks import BlockSums
 from steelyard.regression.reduction import empty_factors

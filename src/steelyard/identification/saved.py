@@ -25,8 +25,8 @@ from steelyard.feasibility import (
     verify_certificate,
     verify_document,
 )
-from steelyard.feasibility.proof.exact_set import LAST_DIGITS
-from steelyard.feasibility.proof.rational import nearest_double, parse_number
+from steelyard.feasibility.certificates.exact_set import LAST_DIGITS
+from steelyard.feasibility.certificates.rational import nearest_double, parse_number
 from steelyard.regression import Estimate
 from steelyard.robot import RobotFile
 

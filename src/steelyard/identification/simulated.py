@@ -120,7 +120,7 @@ def simulate_files(
         notes = motors.notes(duration)
     if follow is not None:
         from steelyard.control import ComputedTorque
-        from steelyard.motion import load_trajectory
+        from steelyard.excitation import load_trajectory
 
         trajectory = load_trajectory(follow)
         if trajectory.joint_count != model.joint_count:

@@ -7,7 +7,7 @@ from dataclasses import dataclass, field
 import numpy as np
 import numpy.typing as npt
 
-from steelyard.feasibility import AffineBlock
+from steelyard.lmi import AffineBlock
 
 from .method import Problem, Progress
 

@@ -12,9 +12,9 @@ import numpy.typing as npt
 from steelyard.dynamics.threads import one_thread
 from steelyard.errors import InputError
 from steelyard.feasibility import FeasibleSet, check, correct
+from steelyard.feasibility.certificates import FeasibilityCertificate, InfeasibilityCertificate
 from steelyard.feasibility.checking import decide
-from steelyard.feasibility.lmi.affine import is_positive_definite
-from steelyard.feasibility.proof import FeasibilityCertificate, InfeasibilityCertificate
+from steelyard.lmi.affine import is_positive_definite
 from steelyard.regression import Estimate, Information
 
 from .brute_force import GridSearch, search_grid

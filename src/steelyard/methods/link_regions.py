@@ -8,9 +8,11 @@ import numpy as np
 import numpy.typing as npt
 import scipy.sparse as sparse
 
-from steelyard.feasibility import AffineBlock, Cone, ConicProblem, FeasibleSet, solve
-from steelyard.feasibility.fitting.units import link_columns
-from steelyard.feasibility.lmi.affine import symmetric_to_vector, vector_to_symmetric
+from steelyard.conic import Cone, ConicProblem, solve
+from steelyard.feasibility import FeasibleSet
+from steelyard.feasibility.units import link_columns
+from steelyard.lmi import AffineBlock
+from steelyard.lmi.affine import symmetric_to_vector, vector_to_symmetric
 
 __all__ = ["Demand", "LinkRegion", "regions_of_links"]
 

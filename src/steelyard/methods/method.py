@@ -12,9 +12,9 @@ import numpy.typing as npt
 
 from steelyard.dynamics import Model
 from steelyard.errors import InputError
+from steelyard.estimators.reduced import ReducedRegression
 from steelyard.feasibility import FeasibilityCertificate, FeasibleSet
-from steelyard.feasibility.fitting.reduced import ReducedRegression
-from steelyard.feasibility.fitting.units import Units, link_columns
+from steelyard.feasibility.units import Units, link_columns
 from steelyard.regression import Estimate, Information, standard_deviations
 
 __all__ = ["Method", "Problem", "Progress", "Weights", "require_choice", "require_positive"]

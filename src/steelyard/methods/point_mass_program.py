@@ -9,9 +9,10 @@ import numpy as np
 import numpy.typing as npt
 import scipy.sparse as sparse
 
+from steelyard.conic import Cone, ConicProblem
 from steelyard.errors import InputError
-from steelyard.feasibility import AffineBlock, Cone, ConicProblem
 from steelyard.feasibility.constraints.moments import PSEUDO_INERTIA
+from steelyard.lmi import AffineBlock
 
 from .method import Problem
 

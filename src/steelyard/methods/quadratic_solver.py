@@ -11,9 +11,8 @@ import numpy as np
 import numpy.typing as npt
 import scipy.sparse as sparse
 
+from steelyard.conic import ConicProblem, Outcome, find_solver, solve
 from steelyard.errors import InputError, MissingExtraError
-from steelyard.feasibility import ConicProblem, Outcome, solve
-from steelyard.feasibility.conic import find_solver
 
 from .point_mass_program import PointMassProgram
 

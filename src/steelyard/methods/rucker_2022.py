@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from typing import ClassVar
 
 from steelyard.feasibility import FeasibleSet
-from steelyard.feasibility.fitting.interior import pull_inside
+from steelyard.feasibility.interior import pull_inside
 
 from .factored_fit import FactoredFit
 from .factored_method import FactoredMethod, Vector

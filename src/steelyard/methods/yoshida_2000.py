@@ -11,8 +11,8 @@ import numpy.typing as npt
 from steelyard.dynamics.threads import one_thread
 from steelyard.errors import InputError
 from steelyard.feasibility import FeasibilityCertificate, FeasibleSet
-from steelyard.feasibility.fitting.units import link_columns
-from steelyard.feasibility.lmi.affine import is_positive_definite
+from steelyard.feasibility.units import link_columns
+from steelyard.lmi.affine import is_positive_definite
 
 from .link_regions import SMALL_MARGIN, Demand, regions_of_links
 from .method import Progress

@@ -13,7 +13,7 @@ from steelyard.errors import InputError
 if TYPE_CHECKING:
     from numpy.typing import ArrayLike
 
-    from steelyard.recording.recording import Recording
+    from .recording import Recording
 
 __all__ = ["LogSurvey", "stuck_torques"]
 

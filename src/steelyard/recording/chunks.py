@@ -10,11 +10,12 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from steelyard.errors import InputError
-from steelyard.recording.checks import LogSurvey
-from steelyard.recording.columns import TIME_UNITS, LogColumns
-from steelyard.recording.conversion import Signals, convert, require_numbers
-from steelyard.recording.decision import DECISION_ROWS, decide
-from steelyard.recording.detection.clock import (
+
+from .checks import LogSurvey
+from .columns import TIME_UNITS, LogColumns
+from .conversion import Signals, convert, require_numbers
+from .decision import DECISION_ROWS, decide
+from .diagnosis.clock import (
     CLOCK_ROWS,
     FEWEST_ROWS,
     ClockStatistics,
@@ -22,15 +23,15 @@ from steelyard.recording.detection.clock import (
     steady_clock,
     with_evidence,
 )
-from steelyard.recording.even import EvenClock, Part
-from steelyard.recording.filtering import decimation_padding
-from steelyard.recording.header import resolve
-from steelyard.recording.log_file import BLOCK_ROWS, LogFiles
-from steelyard.recording.plan import Plan, said
-from steelyard.recording.processing import Processing
-from steelyard.recording.recording import Recording, Source, clock_at, log_columns, names_of, signals_fields, times
-from steelyard.recording.samples import Samples, regrouped
-from steelyard.recording.timing import check_order, check_period
+from .even import EvenClock, Part
+from .filtering import decimation_padding
+from .formats.log_file import BLOCK_ROWS, LogFiles
+from .header import resolve
+from .plan import Plan, said
+from .processing import Processing
+from .recording import Recording, Source, clock_at, log_columns, names_of, signals_fields, times
+from .samples import Samples, regrouped
+from .timing import check_order, check_period
 
 if TYPE_CHECKING:
     from steelyard.dynamics import Model

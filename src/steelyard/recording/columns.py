@@ -9,7 +9,8 @@ from math import pi
 from typing import Any
 
 from steelyard.errors import InputError
-from steelyard.recording.section import Section
+
+from .section import Section
 
 __all__ = ["LogColumns"]
 

@@ -9,8 +9,9 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from steelyard.errors import InputError
-from steelyard.recording.columns import POSITION_UNITS, TIME_UNITS, TORQUE_UNITS, VELOCITY_UNITS, LogColumns
-from steelyard.recording.header import Layout
+
+from .columns import POSITION_UNITS, TIME_UNITS, TORQUE_UNITS, VELOCITY_UNITS, LogColumns
+from .header import Layout
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray

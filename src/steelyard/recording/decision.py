@@ -8,16 +8,17 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from steelyard.recording.cutoff import CutoffChoice, TorqueCutoffChoice, choose_cutoff, cutoff_by_torques
-from steelyard.recording.detection.near_rest import velocity_noise, velocity_thresholds
-from steelyard.recording.filters import Butterworth
-from steelyard.recording.plan import Decision, Plan
-from steelyard.recording.samples import Samples
+from .cutoff import CutoffChoice, TorqueCutoffChoice, choose_cutoff, cutoff_by_torques
+from .diagnosis.near_rest import velocity_noise, velocity_thresholds
+from .filters import Butterworth
+from .plan import Decision, Plan
+from .samples import Samples
 
 if TYPE_CHECKING:
     from steelyard.dynamics import Model
-    from steelyard.recording.processing import Processing
-    from steelyard.recording.recording import Recording
+
+    from .processing import Processing
+    from .recording import Recording
 
 __all__ = ["DECISION_ROWS", "decide"]
 

@@ -9,13 +9,14 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from steelyard.errors import InputError
-from steelyard.recording.detection.clock import FEWEST_ROWS, TICK, ClockStatistics, clock_statistics
-from steelyard.recording.timing import JITTER_SILENT
+
+from .diagnosis.clock import FEWEST_ROWS, TICK, ClockStatistics, clock_statistics
+from .timing import JITTER_SILENT
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
-    from steelyard.recording.recording import Recording
+    from .recording import Recording
 
 __all__ = ["EvenClock", "Part", "evened"]
 

@@ -6,8 +6,9 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 from steelyard.errors import InputError
-from steelyard.recording.columns import LogColumns
-from steelyard.recording.section import suggestion
+
+from .columns import LogColumns
+from .section import suggestion
 
 __all__ = ["LABELS", "Layout", "label_columns", "resolve"]
 

@@ -11,12 +11,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from steelyard.errors import InputError
-from steelyard.recording.detection.delay import advanced, estimate_delay
-from steelyard.recording.detection.held import HeldJoints
-from steelyard.recording.detection.repeated import find_repeated
-from steelyard.recording.detection.saturation import find_saturation, saturation_levels
-from steelyard.recording.detection.stiction import AT_REST, find_stiction, stiction_duration
-from steelyard.recording.filtering import (
+
+from .diagnosis.delay import advanced, estimate_delay
+from .diagnosis.held import HeldJoints
+from .diagnosis.repeated import find_repeated
+from .diagnosis.saturation import find_saturation, saturation_levels
+from .diagnosis.stiction import AT_REST, find_stiction, stiction_duration
+from .filtering import (
     decimate,
     decimation_settling,
     filter_padding,
@@ -24,15 +25,16 @@ from steelyard.recording.filtering import (
     first_derivative,
     low_pass,
 )
-from steelyard.recording.filters import Butterworth, FourierFit, MotionFilter
-from steelyard.recording.samples import Samples
+from .filters import Butterworth, FourierFit, MotionFilter
+from .samples import Samples
 
 if TYPE_CHECKING:
     from steelyard.dynamics import Model
-    from steelyard.recording.cutoff import CutoffChoice, TorqueCutoffChoice
-    from steelyard.recording.detection.near_rest import VelocityThresholds
-    from steelyard.recording.processing import Processing
-    from steelyard.recording.recording import Recording
+
+    from .cutoff import CutoffChoice, TorqueCutoffChoice
+    from .diagnosis.near_rest import VelocityThresholds
+    from .processing import Processing
+    from .recording import Recording
 
 __all__ = ["Decision", "Plan"]
 
@@ -424,7 +426,7 @@ class Plan:
         return mask
 
     def _averaged(self, recording: Recording, notes: tuple[str, ...]) -> Samples:
-        from steelyard.recording.periodic import average_periods
+        from .periodic import average_periods
 
         assert isinstance(self.filter, FourierFit)
         flags = self.flags(recording)

@@ -10,18 +10,20 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from steelyard.errors import InputError
-from steelyard.recording.checks import stuck_torques
-from steelyard.recording.columns import number
-from steelyard.recording.even import evened
-from steelyard.recording.filters import Butterworth, FourierFit, MotionFilter, filter_from
-from steelyard.recording.samples import Samples
-from steelyard.recording.section import Section
+
+from .checks import stuck_torques
+from .columns import number
+from .even import evened
+from .filters import Butterworth, FourierFit, MotionFilter, filter_from
+from .samples import Samples
+from .section import Section
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from steelyard.dynamics import Model
-    from steelyard.recording.recording import Recording
+
+    from .recording import Recording
 
 __all__ = ["Processing"]
 
@@ -229,8 +231,8 @@ class Processing(Section):
             Where the recording is too short for the filters, trimming leaves nothing, an option does not fit the number
             of joints, a torque is stuck on a joint that moves, or the sampling is uneven and `resample` is false.
         """
-        from steelyard.recording.decision import decide
-        from steelyard.recording.plan import Plan
+        from .decision import decide
+        from .plan import Plan
 
         self.check_torques(
             recording, recording.torque.min(axis=0), recording.torque.max(axis=0), np.ptp(recording.q, axis=0)

@@ -12,22 +12,23 @@ from typing import TYPE_CHECKING, Any, Self
 import numpy as np
 
 from steelyard.errors import InputError
-from steelyard.recording.checks import LogSurvey
-from steelyard.recording.columns import LogColumns
-from steelyard.recording.conversion import Signals, convert
-from steelyard.recording.detection.clock import CLOCK_ROWS, FEWEST_ROWS, ClockStatistics, clock_of
-from steelyard.recording.filling import filled
-from steelyard.recording.header import resolve
-from steelyard.recording.log_file import LogFiles
-from steelyard.recording.samples import Samples, read_only_matrix, read_only_vector, require_finite
-from steelyard.recording.timing import check_order, check_period
+
+from .checks import LogSurvey
+from .columns import LogColumns
+from .conversion import Signals, convert
+from .diagnosis.clock import CLOCK_ROWS, FEWEST_ROWS, ClockStatistics, clock_of
+from .filling import filled
+from .formats.log_file import LogFiles
+from .header import resolve
+from .samples import Samples, read_only_matrix, read_only_vector, require_finite
+from .timing import check_order, check_period
 
 if TYPE_CHECKING:
     from numpy.typing import ArrayLike, NDArray
 
-    from steelyard.recording.cutoff import CutoffChoice
-    from steelyard.recording.detection import Diagnosis, Intervals
-    from steelyard.recording.periodic import PeriodicAverage
+    from .cutoff import CutoffChoice
+    from .diagnosis import Diagnosis, Intervals
+    from .periodic import PeriodicAverage
 
 __all__ = ["Recording", "Source"]
 
@@ -260,14 +261,14 @@ class Recording:
         InputError
             For an unknown option or one that does not fit the recording.
         """
-        from steelyard.recording.processing import Processing
+        from .processing import Processing
 
         return Processing.from_dict(options, "process()").apply(self)
 
     @property
     def missing(self) -> Intervals | None:
         """Where the log had no position or no torque; None where all are there."""
-        from steelyard.recording.detection import Intervals
+        from .diagnosis import Intervals
 
         parts = [part for part in (self.position_missing, self.torque_missing) if part is not None]
         return Intervals("missing in the log", np.logical_or.reduce(parts), self.t) if parts else None
@@ -286,13 +287,13 @@ class Recording:
         Diagnosis('sine': 1 findings)
         Joint 1: ... rows in ... intervals are at a level where the torque is clipped, ...
         """
-        from steelyard.recording.detection import diagnose
+        from .diagnosis import diagnose
 
         return diagnose(self)
 
     def choose_cutoff(self, order: int = 3) -> CutoffChoice:
         """Choose the cutoff of the position filter from the data; see :func:`steelyard.recording.choose_cutoff`."""
-        from steelyard.recording.cutoff import choose_cutoff
+        from .cutoff import choose_cutoff
 
         return choose_cutoff(self, order)
 
@@ -303,7 +304,7 @@ class Recording:
         trim: float | tuple[float, float] = 0.0,
     ) -> PeriodicAverage:
         """Average a periodic recording over its periods; see :func:`steelyard.recording.average_periods`."""
-        from steelyard.recording.periodic import average_periods
+        from .periodic import average_periods
 
         return average_periods(self, period, harmonics, trim)
 
@@ -315,7 +316,7 @@ class Recording:
         InputError
             For another suffix.
         """
-        from steelyard.recording.saving import save_recording
+        from .saving import save_recording
 
         return save_recording(self, Path(path))
 

@@ -14,7 +14,7 @@ from steelyard.errors import InputError
 if TYPE_CHECKING:
     from numpy.typing import ArrayLike, NDArray
 
-    from steelyard.recording.cutoff import CutoffChoice, TorqueCutoffChoice
+    from .cutoff import CutoffChoice, TorqueCutoffChoice
 
 __all__ = ["Samples", "regrouped"]
 

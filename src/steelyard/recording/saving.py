@@ -11,7 +11,7 @@ from steelyard.errors import InputError
 from steelyard.files import replaced_file
 
 if TYPE_CHECKING:
-    from steelyard.recording.recording import Recording
+    from .recording import Recording
 
 __all__ = ["save_recording"]
 

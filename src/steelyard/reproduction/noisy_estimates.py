@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from steelyard.dynamics import Model, Viscous
 from steelyard.feasibility import FeasibleSet, check, correct
-from steelyard.laboratory.wam import TRAJECTORIES, true_parameters, wam_model
+from steelyard.identification.wam import TRAJECTORIES, true_parameters, wam_model
 from steelyard.recording import Samples
 from steelyard.regression import Information, least_squares
 from steelyard.robot import Robot

@@ -13,9 +13,10 @@ from numpy.typing import ArrayLike
 
 from steelyard.errors import InputError
 from steelyard.files import shown
-from steelyard.robot.joint import Joint, JointKind, Link
-from steelyard.robot.placement import rotation_x, rotation_z, translation
-from steelyard.robot.robot import Robot
+
+from .joint import Joint, JointKind, Link
+from .placement import rotation_x, rotation_z, translation
+from .robot import Robot
 
 __all__ = ["robot_from_dh"]
 

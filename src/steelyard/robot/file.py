@@ -10,10 +10,11 @@ from typing import Any
 
 from steelyard.errors import InputError
 from steelyard.files import read_toml, shown
-from steelyard.robot.dh import robot_from_dh
-from steelyard.robot.limits import with_limits
-from steelyard.robot.names import suggestion
-from steelyard.robot.robot import Robot
+
+from .dh import robot_from_dh
+from .limits import with_limits
+from .names import suggestion
+from .robot import Robot
 
 __all__ = ["RobotFile"]
 

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from steelyard.robot.placement import frozen
+from .placement import frozen
 
 __all__ = ["INERTIA_SYMBOLS", "Inertia"]
 

@@ -9,8 +9,8 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from steelyard.robot.inertia import Inertia
-from steelyard.robot.placement import frozen, motion_z
+from .inertia import Inertia
+from .placement import frozen, motion_z
 
 __all__ = ["Attachment", "Joint", "JointKind", "Link"]
 

@@ -9,8 +9,9 @@ from typing import Any
 
 from steelyard.errors import InputError
 from steelyard.files import shown
-from steelyard.robot.names import suggestion
-from steelyard.robot.robot import Robot
+
+from .names import suggestion
+from .robot import Robot
 
 __all__ = ["with_limits"]
 

@@ -13,13 +13,14 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from steelyard.errors import InputError
-from steelyard.robot.inertia import INERTIA_SYMBOLS
-from steelyard.robot.joint import Attachment, Joint, Link
-from steelyard.robot.names import suggestion
-from steelyard.robot.placement import frozen
+
+from .inertia import INERTIA_SYMBOLS
+from .joint import Attachment, Joint, Link
+from .names import suggestion
+from .placement import frozen
 
 if TYPE_CHECKING:
-    from steelyard.robot.term import Term
+    from .term import Term
 
 __all__ = ["Robot"]
 
@@ -167,7 +168,7 @@ class Robot:
         >>> Robot.from_dh([("-pi/2", 0, 0, "q1"), (0, 0, "q2", "pi/2")]).joints[1].kind
         'prismatic'
         """
-        from steelyard.robot.dh import robot_from_dh
+        from .dh import robot_from_dh
 
         return robot_from_dh(rows, convention, name, gravity)
 
@@ -215,7 +216,7 @@ class Robot:
         >>> robot.joint_names, robot.link_names, robot.base_link
         (('hinge',), ('leaf',), 'frame')
         """
-        from steelyard.robot.urdf import robot_from_urdf
+        from .urdf import robot_from_urdf
 
         return robot_from_urdf(path, tip, locked, gravity)
 

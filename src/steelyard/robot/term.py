@@ -11,8 +11,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 if TYPE_CHECKING:
-    from steelyard.robot.joint import Joint
-    from steelyard.robot.robot import Robot
+    from .joint import Joint
+    from .robot import Robot
 
 __all__ = ["Condition", "Term", "TermParameter"]
 

@@ -13,12 +13,13 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from steelyard.errors import InputError
-from steelyard.robot.inertia import Inertia
-from steelyard.robot.joint import Attachment, Joint, JointKind, Link
-from steelyard.robot.names import suggestion
-from steelyard.robot.placement import axis_frame, inverse, motion_z
-from steelyard.robot.robot import Robot
-from steelyard.robot.urdf_document import ONE_DOF, UrdfDocument, UrdfJoint, read_document
+
+from .inertia import Inertia
+from .joint import Attachment, Joint, JointKind, Link
+from .names import suggestion
+from .placement import axis_frame, inverse, motion_z
+from .robot import Robot
+from .urdf_document import ONE_DOF, UrdfDocument, UrdfJoint, read_document
 
 __all__ = ["robot_from_urdf"]
 

@@ -14,9 +14,10 @@ from numpy.typing import NDArray
 
 from steelyard.errors import InputError
 from steelyard.files import read_bytes, shown
-from steelyard.robot.inertia import Inertia
-from steelyard.robot.names import suggestion
-from steelyard.robot.placement import rpy_rotation
+
+from .inertia import Inertia
+from .names import suggestion
+from .placement import rpy_rotation
 
 if TYPE_CHECKING:
     from lxml import etree

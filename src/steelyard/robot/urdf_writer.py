@@ -9,11 +9,12 @@ from numpy.typing import ArrayLike, NDArray
 
 from steelyard.errors import InputError
 from steelyard.files import read_bytes, write_bytes
-from steelyard.robot.inertia import Inertia
-from steelyard.robot.joint import Link
-from steelyard.robot.robot import Robot
-from steelyard.robot.urdf_document import read_document
-from steelyard.robot.xml_edit import XmlEdit, XmlElement
+
+from .inertia import Inertia
+from .joint import Link
+from .robot import Robot
+from .urdf_document import read_document
+from .xml_edit import XmlEdit, XmlElement
 
 __all__ = ["write_urdf"]
 

@@ -11,10 +11,10 @@ from weakref import WeakKeyDictionary, ref
 import numpy as np
 from numpy.typing import NDArray
 
+from steelyard.codegen.evaluation import evaluate_over
 from steelyard.dynamics import Model
 from steelyard.dynamics.catalogue import forward_dynamics_function
 from steelyard.dynamics.forward_dynamics import solve_inertia
-from steelyard.export.evaluation import evaluate_over
 from steelyard.graph import Argument, Function, Graph, Kernel, Node, Output, cos, jacobian, sign, sin, sqrt
 
 from .steps import DAMPING, rosenbrock, runge_kutta_4

@@ -5,14 +5,8 @@ import pytest
 
 from steelyard.dynamics import Model, Viscous
 from steelyard.errors import InputError
-from steelyard.feasibility import (
-    ConfidenceInterval,
-    FeasibleSet,
-    LinearBound,
-    check,
-    confidence_intervals,
-    variables,
-)
+from steelyard.feasibility import ConfidenceInterval, FeasibleSet, LinearBound, check, confidence_intervals
+from steelyard.lmi import variables
 from steelyard.regression import Information, least_squares
 from steelyard.robot import Robot
 

@@ -4,7 +4,8 @@ import numpy as np
 import pytest
 
 from steelyard.errors import InputError
-from steelyard.feasibility import FeasibleSet, TotalMass, correct, fit_reduced
+from steelyard.estimators import fit_reduced
+from steelyard.feasibility import FeasibleSet, TotalMass, correct
 from steelyard.feasibility.insight import lightest_robot, parameter_intervals
 
 pytestmark = pytest.mark.data

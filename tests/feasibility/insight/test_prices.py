@@ -7,8 +7,8 @@ import pytest
 import scipy.optimize
 
 from steelyard.errors import InputError, SolverError
+from steelyard.estimators.shadow_prices import constraint_prices
 from steelyard.feasibility import FeasibleSet, TotalMass
-from steelyard.feasibility.insight import constraint_prices
 from steelyard.regression import Information
 
 # a = Lzz1 + m2, friction, b = Lzz2, lx2, ly2, friction of an arm of two parallel axes; see test_intervals.py.

@@ -7,7 +7,7 @@ from lxml import etree
 from scipy import signal
 
 from steelyard.errors import InputError
-from steelyard.laboratory.wam import TRAJECTORIES, simulated_log
+from steelyard.identification.wam import TRAJECTORIES, simulated_log
 from steelyard.recording import Processing, Recording, Samples, choose_cutoff, process_chunks
 from steelyard.recording.cutoff import motion_spectra, residual_analysis
 

@@ -5,7 +5,7 @@ import pytest
 
 import steelyard as sy
 from steelyard.errors import InputError
-from steelyard.laboratory.wam import simulated_log
+from steelyard.identification.wam import simulated_log
 from steelyard.recording import Recording, average_periods, find_period
 
 RATE = 1000.0

@@ -7,9 +7,10 @@ import numpy as np
 import numpy.typing as npt
 import scipy.sparse as sparse
 
-from ..conic import Cone, ConicProblem
+from steelyard.conic import Cone, ConicProblem
+from steelyard.lmi import AffineBlock, AffineStack
+
 from ..feasible_set import FeasibleSet
-from ..lmi import AffineBlock, AffineStack
 
 __all__ = ["BlockProblem"]
 

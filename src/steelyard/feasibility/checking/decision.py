@@ -5,8 +5,8 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
+from ..certificates import FeasibilityCertificate, InfeasibilityCertificate
 from ..feasible_set import FeasibleSet
-from ..proof import FeasibilityCertificate, InfeasibilityCertificate
 from .centering import centre
 from .dual_point import DualPoint, least_reach, prove_infeasible, prove_infeasible_up_to_a_size
 from .face import dual_face

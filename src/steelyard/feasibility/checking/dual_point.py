@@ -8,13 +8,14 @@ from weakref import WeakKeyDictionary
 import numpy as np
 import numpy.typing as npt
 
+from steelyard.lmi import symmetric_to_vector
+
+from ..certificates import InfeasibilityCertificate
+from ..certificates.exact_set import exact_conditions, exact_vector
+from ..certificates.rational import SparseRows, exact_number, zero_combination_basis
+from ..certificates.statement import Matrix as ExactMatrix
+from ..certificates.verification import LEAST_REACH, LEAST_RELATIVE_REACH
 from ..feasible_set import FeasibleSet
-from ..lmi import symmetric_to_vector
-from ..proof import InfeasibilityCertificate
-from ..proof.exact_set import exact_conditions, exact_vector
-from ..proof.rational import SparseRows, exact_number, zero_combination_basis
-from ..proof.statement import Matrix as ExactMatrix
-from ..proof.verification import LEAST_REACH, LEAST_RELATIVE_REACH
 from .face import DualFace, dual_face, orthogonal
 
 __all__ = ["DualPoint", "least_reach", "prove_infeasible", "prove_infeasible_up_to_a_size"]

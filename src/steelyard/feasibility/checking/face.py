@@ -16,10 +16,11 @@ import numpy.typing as npt
 import scipy.linalg as linalg
 import scipy.sparse as sparse
 
-from ..conic import Cone, ConicProblem, solve
+from steelyard.conic import Cone, ConicProblem, solve
+from steelyard.lmi import AffineStack, symmetric_to_vector
+
+from ..certificates.rational import exact_number
 from ..feasible_set import FeasibleSet
-from ..lmi import AffineStack, symmetric_to_vector
-from ..proof.rational import exact_number
 from .block_problem import BlockProblem
 from .null_space import polished_pair
 

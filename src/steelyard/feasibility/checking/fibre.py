@@ -8,9 +8,10 @@ import numpy.typing as npt
 import scipy.linalg as linalg
 import scipy.sparse as sparse
 
-from ..conic import Cone, ConicProblem, Outcome, solve
+from steelyard.conic import Cone, ConicProblem, Outcome, solve
+from steelyard.lmi import AffineStack, symmetric_to_vector, vector_to_symmetric
+
 from ..feasible_set import FeasibleSet
-from ..lmi import AffineStack, symmetric_to_vector, vector_to_symmetric
 from .block_problem import BlockProblem
 from .dual_point import DualPoint
 

@@ -7,7 +7,8 @@ import numpy as np
 import numpy.typing as npt
 import scipy.sparse as sparse
 
-from ..conic import Outcome, solve
+from steelyard.conic import Outcome, solve
+
 from ..feasible_set import FeasibleSet
 from .block_problem import BlockProblem
 from .dual_point import DualPoint

@@ -4,7 +4,7 @@ import numpy as np
 import numpy.typing as npt
 import scipy.linalg as linalg
 
-from ..lmi import AffineStack, symmetric_to_vector, vector_to_symmetric
+from steelyard.lmi import AffineStack, symmetric_to_vector, vector_to_symmetric
 
 __all__ = ["polished_pair"]
 

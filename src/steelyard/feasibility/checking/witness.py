@@ -6,9 +6,9 @@ from weakref import WeakKeyDictionary
 import numpy as np
 import numpy.typing as npt
 
+from ..certificates import FeasibilityCertificate
+from ..certificates.rational import exact_number
 from ..feasible_set import FeasibleSet
-from ..proof import FeasibilityCertificate
-from ..proof.rational import exact_number
 from .face import dual_face
 from .margin import largest_margin
 

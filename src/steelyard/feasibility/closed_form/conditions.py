@@ -8,8 +8,8 @@ from typing import Any, Literal
 
 import numpy as np
 
+from steelyard.codegen.symbols import import_sympy
 from steelyard.errors import InputError
-from steelyard.export.symbols import import_sympy
 
 from ..protocols import ModelLike
 from .polynomials import feasibility_polynomials, standard_by_base

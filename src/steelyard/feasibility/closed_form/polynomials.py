@@ -10,8 +10,8 @@ from typing import Any, Literal
 
 import numpy as np
 
+from steelyard.codegen.symbols import exact_number, import_sympy, latex_name
 from steelyard.errors import InputError
-from steelyard.export.symbols import exact_number, import_sympy, latex_name
 
 from ..protocols import ModelLike
 

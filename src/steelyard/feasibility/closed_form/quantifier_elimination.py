@@ -14,8 +14,8 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
+from steelyard.codegen.symbols import import_sympy
 from steelyard.errors import InputError, MissingExtraError
-from steelyard.export.symbols import import_sympy
 
 __all__ = ["eliminate", "qepcad_program"]
 

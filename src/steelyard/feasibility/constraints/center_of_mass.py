@@ -11,8 +11,8 @@ from typing import Any
 import numpy as np
 
 from steelyard.errors import InputError
+from steelyard.lmi import AffineBlock
 
-from ..lmi import AffineBlock
 from ..protocols import ModelLike
 from .entries import read_number, read_vector, table
 from .links import LinkParameters, equation, scalar_block

@@ -9,8 +9,8 @@ import numpy as np
 import numpy.typing as npt
 
 from steelyard.errors import InputError
+from steelyard.lmi import AffineBlock
 
-from ..lmi import AffineBlock
 from .protocol import Equality
 
 __all__ = ["distinct_blocks", "independent_equalities", "solved_for_some"]

@@ -12,8 +12,8 @@ import numpy as np
 import numpy.typing as npt
 
 from steelyard.errors import InputError
+from steelyard.lmi import AffineBlock
 
-from ..lmi import AffineBlock
 from ..protocols import ModelLike
 from .convex_hull import ConvexHullForm, convex_hull
 from .entries import read_number, read_placement, table

@@ -13,10 +13,10 @@ import numpy as np
 import numpy.typing as npt
 
 from steelyard.errors import InputError
+from steelyard.lmi import AffineBlock, LinearExpression, as_expression
 from steelyard.regression import Estimate
 from steelyard.robot.names import suggestion
 
-from ..lmi import AffineBlock, LinearExpression, as_expression
 from ..protocols import ModelLike
 from .entries import is_number, read_number, table
 from .links import scalar_block

@@ -12,9 +12,9 @@ import numpy.typing as npt
 import scipy.linalg as linalg
 
 from steelyard.errors import InputError
+from steelyard.lmi import AffineBlock, LinearExpression
 from steelyard.robot import INERTIA_SYMBOLS
 
-from ..lmi import AffineBlock, LinearExpression
 from ..protocols import ModelLike
 from .protocol import Equality
 

@@ -8,10 +8,10 @@ from pathlib import Path
 import numpy as np
 import numpy.typing as npt
 
+from steelyard.collision.mesh_files import read_mesh
 from steelyard.errors import InputError
 from steelyard.files import read_bytes, read_text, require_file, shown
 from steelyard.files.npy import read_array
-from steelyard.motion.geometry.mesh_files import read_mesh
 
 __all__ = ["read_points"]
 

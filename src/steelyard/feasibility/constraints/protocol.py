@@ -8,7 +8,8 @@ from typing import Protocol
 import numpy as np
 import numpy.typing as npt
 
-from ..lmi import AffineBlock
+from steelyard.lmi import AffineBlock
+
 from ..protocols import ModelLike
 
 __all__ = ["Constraint", "Equality"]

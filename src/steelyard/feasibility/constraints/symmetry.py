@@ -11,9 +11,9 @@ import numpy as np
 import numpy.typing as npt
 
 from steelyard.errors import InputError
+from steelyard.lmi import AffineBlock
 from steelyard.robot.placement import axis_frame
 
-from ..lmi import AffineBlock
 from ..protocols import ModelLike
 from .entries import is_number, read_placement, read_vector, table
 from .links import LinkParameters, equation, independent_rows

@@ -10,21 +10,15 @@ from .intervals import parameter_intervals as parameter_intervals
 from .lightest import LeastMass as LeastMass
 from .lightest import LightestRobot as LightestRobot
 from .lightest import lightest_robot as lightest_robot
-from .prices import ConstraintPrice as ConstraintPrice
-from .prices import ConstraintPrices as ConstraintPrices
-from .prices import constraint_prices as constraint_prices
 
 __all__ = [
     "BaseParameterDegree",
     "Conflict",
-    "ConstraintPrice",
-    "ConstraintPrices",
     "InfeasibilityExplanation",
     "LeastMass",
     "LightestRobot",
     "ParameterInterval",
     "ParameterIntervals",
-    "constraint_prices",
     "explain_infeasibility",
     "lightest_robot",
     "parameter_intervals",

@@ -14,7 +14,8 @@ import numpy as np
 import numpy.typing as npt
 import scipy.sparse as sparse
 
-from ..conic import Cone, ConicProblem
+from steelyard.conic import Cone, ConicProblem
+
 from .repeated import RepeatedProblem
 from .round_problem import ACCURACY, Ball, DualPoint, RoundProblem
 from .section import BlockGroup, null_space

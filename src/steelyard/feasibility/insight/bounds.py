@@ -64,7 +64,7 @@ class BoundFinder:
     ----------
     middle : Middle
     solver : str
-        As in `steelyard.feasibility.solve`.
+        As in `steelyard.conic.solve`.
     """
 
     def __init__(self, middle: Middle, solver: str = "clarabel") -> None:

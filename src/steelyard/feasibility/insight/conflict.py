@@ -6,9 +6,10 @@ import numpy as np
 import numpy.typing as npt
 import scipy.sparse as sparse
 
-from ..conic import Cone, ConicProblem, Outcome, solve
+from steelyard.conic import Cone, ConicProblem, Outcome, solve
+from steelyard.lmi import AffineStack, symmetric_to_vector
+
 from ..feasible_set import FeasibleSet
-from ..lmi import AffineStack, symmetric_to_vector
 
 __all__ = ["Conflict", "find_conflicts", "separation"]
 

@@ -6,7 +6,8 @@ import numpy as np
 import numpy.typing as npt
 import scipy.sparse as sparse
 
-from ..conic import Cone, ConicProblem, Outcome, solve
+from steelyard.conic import Cone, ConicProblem, Outcome, solve
+
 from ..feasible_set import FeasibleSet
 from .conflict import Conflict
 

@@ -6,11 +6,11 @@ import numpy as np
 import numpy.typing as npt
 import scipy.sparse as sparse
 
+from steelyard.conic import Cone, ConicProblem, ConicSolution, Outcome, solve
 from steelyard.errors import SolverError
 
-from ..conic import Cone, ConicProblem, ConicSolution, Outcome, solve
 from ..feasible_set import FeasibleSet
-from ..fitting import MARGIN_FACTORS
+from ..interior import MARGIN_FACTORS
 
 __all__ = ["Nearest", "light_point", "nearest_feasible"]
 

@@ -7,7 +7,7 @@ import numpy as np
 import numpy.typing as npt
 import scipy.sparse as sparse
 
-from ..conic import ConicProblem, Outcome, solve
+from steelyard.conic import ConicProblem, Outcome, solve
 
 __all__ = ["RepeatedProblem"]
 
@@ -22,10 +22,10 @@ class RepeatedProblem:
     problem : ConicProblem
         Without a quadratic objective; its linear objective is ignored.
     solver : str
-        As in `steelyard.feasibility.solve`. Clarabel is kept with the problem in it, and tries once; others are
+        As in `steelyard.conic.solve`. Clarabel is kept with the problem in it, and tries once; others are
         handed the whole problem each time.
     accuracy : float
-        As in `steelyard.feasibility.solve`.
+        As in `steelyard.conic.solve`.
     """
 
     def __init__(self, problem: ConicProblem, solver: str, accuracy: float) -> None:

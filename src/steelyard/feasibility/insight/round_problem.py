@@ -7,8 +7,9 @@ import numpy as np
 import numpy.typing as npt
 import scipy.sparse as sparse
 
-from ..conic import Cone, ConicProblem, Outcome
-from ..lmi import symmetric_to_vector, vector_to_symmetric
+from steelyard.conic import Cone, ConicProblem, Outcome
+from steelyard.lmi import symmetric_to_vector, vector_to_symmetric
+
 from .repeated import RepeatedProblem
 from .section import BlockGroup
 
@@ -98,7 +99,7 @@ class RoundProblem:
     unknowns : int
         q.
     solver : str
-        As in `steelyard.feasibility.solve`.
+        As in `steelyard.conic.solve`.
     """
 
     def __init__(self, groups: tuple[BlockGroup, ...], ball: Ball | None, unknowns: int, solver: str) -> None:

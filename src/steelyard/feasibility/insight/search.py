@@ -7,7 +7,8 @@ from functools import cached_property
 import numpy as np
 import numpy.typing as npt
 
-from ..conic import Outcome
+from steelyard.conic import Outcome
+
 from .bounded_face import BoundedFace, bounded_face
 from .round_problem import DualPoint, RoundProblem
 

@@ -12,8 +12,9 @@ from functools import cached_property
 import numpy as np
 import numpy.typing as npt
 
+from steelyard.lmi import AffineBlock
+
 from ..feasible_set import FeasibleSet
-from ..lmi import AffineBlock
 
 __all__ = ["BlockGroup", "Section"]
 

@@ -10,13 +10,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from steelyard.errors import InputError
-from steelyard.recording.cutoff.drawing import Curve, picture
-from steelyard.recording.cutoff.residuals import ResidualAnalysis, residual_analysis
-from steelyard.recording.cutoff.spectra import HIGHEST, Spectra, motion_spectra
-from steelyard.recording.filtering import edge_rows, motion_frequency
+
+from ..filtering import edge_rows, motion_frequency
+from .drawing import Curve, picture
+from .residuals import ResidualAnalysis, residual_analysis
+from .spectra import HIGHEST, Spectra, motion_spectra
 
 if TYPE_CHECKING:
-    from steelyard.recording.recording import Recording
+    from ..recording import Recording
 
 __all__ = ["CutoffChoice", "choose_cutoff"]
 

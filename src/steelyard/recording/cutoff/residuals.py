@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from steelyard.recording.filtering import low_pass
+from ..filtering import low_pass
 
 __all__ = ["ResidualAnalysis", "residual_analysis"]
 

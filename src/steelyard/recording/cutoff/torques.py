@@ -12,13 +12,15 @@ from numpy.typing import NDArray
 
 from steelyard.dynamics.threads import one_thread
 from steelyard.errors import InputError
-from steelyard.recording.cutoff.drawing import Curve, picture
-from steelyard.recording.filtering import motion_frequency
+
+from ..filtering import motion_frequency
+from .drawing import Curve, picture
 
 if TYPE_CHECKING:
     from steelyard.dynamics import Model
-    from steelyard.recording.recording import Recording
-    from steelyard.recording.samples import Samples
+
+    from ..recording import Recording
+    from ..samples import Samples
 
 __all__ = ["TorqueCutoffChoice", "Torques", "cutoff_by_torques"]
 

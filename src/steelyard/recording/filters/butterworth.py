@@ -8,8 +8,8 @@ from typing import ClassVar, Self
 import numpy as np
 from numpy.typing import ArrayLike
 
-from steelyard.recording.filtering import filter_padding, filter_settling, first_derivative, low_pass
-from steelyard.recording.filters.motion_filter import Array, Motion, MotionFilter, Response, positive, whole
+from ..filtering import filter_padding, filter_settling, first_derivative, low_pass
+from .motion_filter import Array, Motion, MotionFilter, Response, positive, whole
 
 __all__ = ["Butterworth"]
 

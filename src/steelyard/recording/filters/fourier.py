@@ -9,7 +9,8 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from steelyard.errors import InputError
-from steelyard.recording.filters.motion_filter import Array, Motion, MotionFilter, Response, positive, whole
+
+from .motion_filter import Array, Motion, MotionFilter, Response, positive, whole
 
 __all__ = ["FourierFit", "FourierSeries"]
 
@@ -111,7 +112,7 @@ class FourierFit(MotionFilter):
         InputError
             Where the log is shorter than a period, no period is found, or the rate is too low for the harmonics.
         """
-        from steelyard.recording.periodic.period import find_period
+        from ..periodic.period import find_period
 
         times, values = np.asarray(t, dtype=np.float64), np.asarray(q, dtype=np.float64)
         period = find_period(times, values, source).period if self.period is None else self.period

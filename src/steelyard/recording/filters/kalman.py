@@ -10,8 +10,9 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from steelyard.errors import InputError
-from steelyard.recording.filtering import SETTLED
-from steelyard.recording.filters.motion_filter import Array, Motion, MotionFilter, Response, positive
+
+from ..filtering import SETTLED
+from .motion_filter import Array, Motion, MotionFilter, Response, positive
 
 __all__ = ["KalmanSmoother", "SmoothedMotion"]
 

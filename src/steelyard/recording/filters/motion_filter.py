@@ -10,8 +10,9 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from steelyard.errors import InputError
-from steelyard.recording.columns import number
-from steelyard.recording.section import Section
+
+from ..columns import number
+from ..section import Section
 
 __all__ = ["Motion", "MotionFilter", "Response", "positive", "whole"]
 

@@ -10,7 +10,8 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from steelyard.errors import InputError
-from steelyard.recording.filters.motion_filter import Array, Motion, MotionFilter, Response, positive, whole
+
+from .motion_filter import Array, Motion, MotionFilter, Response, positive, whole
 
 __all__ = ["SavitzkyGolay"]
 

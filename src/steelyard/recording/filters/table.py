@@ -6,12 +6,13 @@ from collections.abc import Mapping
 from typing import Any
 
 from steelyard.errors import InputError
-from steelyard.recording.filters.butterworth import Butterworth
-from steelyard.recording.filters.fourier import FourierFit
-from steelyard.recording.filters.kalman import KalmanSmoother
-from steelyard.recording.filters.motion_filter import MotionFilter
-from steelyard.recording.filters.savitzky_golay import SavitzkyGolay
-from steelyard.recording.section import suggestion
+
+from ..section import suggestion
+from .butterworth import Butterworth
+from .fourier import FourierFit
+from .kalman import KalmanSmoother
+from .motion_filter import MotionFilter
+from .savitzky_golay import SavitzkyGolay
 
 __all__ = ["FILTERS", "filter_from"]
 

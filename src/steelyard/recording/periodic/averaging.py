@@ -10,11 +10,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from steelyard.errors import InputError
-from steelyard.recording.filters.fourier import FourierFit, FourierSeries
-from steelyard.recording.samples import Samples
+
+from ..filters.fourier import FourierFit, FourierSeries
+from ..samples import Samples
 
 if TYPE_CHECKING:
-    from steelyard.recording.recording import Recording
+    from ..recording import Recording
 
 __all__ = ["PeriodicAverage", "average_periods"]
 

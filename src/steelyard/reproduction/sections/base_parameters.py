@@ -7,7 +7,7 @@ from collections.abc import Mapping
 
 import numpy as np
 
-from steelyard.laboratory.wam import wam_model
+from steelyard.identification.wam import wam_model
 
 from ..comparison import Comparison
 from ..published import rows

@@ -6,7 +6,8 @@ from collections.abc import Callable, Sequence
 
 import numpy as np
 
-from steelyard.feasibility import FeasibleSet, check, fit
+from steelyard.estimators.fit import fit
+from steelyard.feasibility import FeasibleSet, check
 from steelyard.methods import (
     Ayusawa2010,
     DiazRodriguez2010,

@@ -6,7 +6,7 @@ import numpy as np
 
 from steelyard.dynamics import Model
 from steelyard.feasibility import CenterOfMassBox, FeasibleSet, TotalMass, check, correct
-from steelyard.laboratory.wam import wam_model
+from steelyard.identification.wam import wam_model
 
 from ..comparison import Comparison, printed_precision
 from ..published import column, rows

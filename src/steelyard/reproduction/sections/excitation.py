@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from steelyard.laboratory.wam import TRAJECTORIES, wam_model
+from steelyard.identification.wam import TRAJECTORIES, wam_model
 from steelyard.recording import Samples
 from steelyard.regression import Information
 from steelyard.report import Chart, Curve

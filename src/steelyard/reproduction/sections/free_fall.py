@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from steelyard.laboratory.wam import wam_model
+from steelyard.identification.wam import wam_model
 from steelyard.report import Chart, Curve
 from steelyard.simulation import SimulationResult, Status, simulate
 

@@ -13,7 +13,7 @@ from pathlib import Path
 import numpy as np
 
 from steelyard.dynamics import Model
-from steelyard.laboratory.wam import DH_ROWS
+from steelyard.identification.wam import DH_ROWS
 from steelyard.robot import Robot
 
 from ..comparison import Comparison

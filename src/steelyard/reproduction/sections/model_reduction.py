@@ -4,8 +4,9 @@ from __future__ import annotations
 
 import numpy as np
 
-from steelyard.feasibility import FeasibleSet, check, correct, fit
-from steelyard.laboratory.wam import simulated_log, true_parameters, wam_model
+from steelyard.estimators.fit import fit
+from steelyard.feasibility import FeasibleSet, check, correct
+from steelyard.identification.wam import simulated_log, true_parameters, wam_model
 from steelyard.methods import DiazRodriguez2010, ReductionStep
 from steelyard.regression import Information, least_squares
 from steelyard.report import Chart, Curve

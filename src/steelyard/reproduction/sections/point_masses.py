@@ -7,8 +7,9 @@ from typing import Literal
 import numpy as np
 
 from steelyard.dynamics import Model
-from steelyard.feasibility import FeasibleSet, check, fit
-from steelyard.laboratory.wam import DH_ROWS, simulated_log, wam_model
+from steelyard.estimators.fit import fit
+from steelyard.feasibility import FeasibleSet, check
+from steelyard.identification.wam import DH_ROWS, simulated_log, wam_model
 from steelyard.methods import Ayusawa2010
 from steelyard.regression import Estimate, Information, least_squares
 from steelyard.robot import Robot

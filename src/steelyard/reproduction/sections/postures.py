@@ -6,7 +6,7 @@ from itertools import pairwise
 
 import numpy as np
 
-from steelyard.laboratory.wam import wam_model
+from steelyard.identification.wam import wam_model
 from steelyard.report import Chart, Curve
 
 from ..published import column

@@ -16,7 +16,8 @@ from numpy.typing import NDArray
 from steelyard.dynamics import Model
 from steelyard.dynamics.threads import one_thread
 from steelyard.errors import SteelyardError
-from steelyard.feasibility import FeasibleSet, check, fit
+from steelyard.estimators.fit import fit
+from steelyard.feasibility import FeasibleSet, check
 from steelyard.methods import METHODS, Method
 from steelyard.regression import Estimate, Information, least_squares
 

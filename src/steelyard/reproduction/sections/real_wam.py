@@ -8,7 +8,8 @@ import json
 import numpy as np
 
 from steelyard.dynamics import Coulomb, Model, Viscous
-from steelyard.feasibility import FeasibleSet, check, fit
+from steelyard.estimators.fit import fit
+from steelyard.feasibility import FeasibleSet, check
 from steelyard.regression import Information, least_squares
 from steelyard.robot import Robot
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from steelyard.control import PositionTracking
-from steelyard.laboratory.wam import ENCODER_COUNTS, TRAJECTORIES, wam_model
+from steelyard.identification.wam import ENCODER_COUNTS, TRAJECTORIES, wam_model
 from steelyard.report import Chart, Curve
 from steelyard.simulation import Safety, Sensors, Status, simulate
 

@@ -1,0 +1,250 @@
+"""What a function's arguments and outputs are, as lines for comments, plain or in Markdown."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+from steelyard.graph import Argument, Function, Output
+
+from .text import comment_text, markdown_text
+
+if TYPE_CHECKING:
+    from .naming import NamedFunction
+    from .project import Project
+
+__all__ = [
+    "MARKDOWN",
+    "PLAIN",
+    "Prose",
+    "argument_lines",
+    "counted",
+    "elements_lines",
+    "function_lines",
+    "operations_line",
+    "output_lines",
+    "shape_text",
+    "shared_arguments",
+]
+
+Element = Callable[[str, int], str]
+
+
+@dataclass(frozen=True)
+class Prose:
+    """How documentation is written.
+
+    Attributes
+    ----------
+    text : callable
+        Makes any text harmless.
+    code : str
+        Stands before and behind a name.
+    bullet : str
+        Stands before an entry of a list.
+    """
+
+    text: Callable[[str], str]
+    code: str
+    bullet: str
+
+    def quoted(self, name: str) -> str:
+        """Return a name of the language."""
+        return f"{self.code}{name}{self.code}"
+
+
+PLAIN = Prose(comment_text, "", "")
+MARKDOWN = Prose(markdown_text, "`", "* ")
+
+
+def counted(count: int, what: str = "number") -> str:
+    """Return a count with its noun.
+
+    Examples
+    --------
+    >>> counted(1), counted(7)
+    ('1 number', '7 numbers')
+    """
+    return f"{count} {what}" if count == 1 else f"{count} {what}s"
+
+
+def shape_text(output: Output) -> str:
+    """Return the shape of an output in words: ``1 number``, ``7 numbers``, ``7 x 7 numbers``."""
+    return " x ".join(map(str, output.shape)) + " numbers" if len(output.shape) > 1 else counted(output.size)
+
+
+def operations_line(function: Function) -> str:
+    """Return one line with the number of operations.
+
+    Examples
+    --------
+    >>> from steelyard.graph import Graph
+    >>> x = Graph().inputs("x", 2)
+    >>> operations_line(Function("f", (Argument("x", 2),), (Output("y", (), (x[0] * x[1],)),)))
+    'Operations: 1 multiplication.'
+    """
+    words = {
+        "mul": ("multiplication", "multiplications"),
+        "add": ("addition or subtraction", "additions and subtractions"),
+        "div": ("division", "divisions"),
+        "neg": ("negation", "negations"),
+        "sin": ("sine", "sines"),
+        "cos": ("cosine", "cosines"),
+        "sign": ("sign", "signs"),
+        "sqrt": ("square root", "square roots"),
+    }
+    count = function.operation_count
+    parts = [f"{count[kind]} {word[count[kind] > 1]}" for kind, word in words.items() if count[kind]]
+    return f"Operations: {', '.join(parts) or 'none'}."
+
+
+def shared_arguments(project: Project) -> tuple[Argument, ...]:
+    """Return the arguments that mean the same in all the functions that have them: documented once for all.
+
+    Parameters
+    ----------
+    project : Project
+
+    Returns
+    -------
+    tuple of Argument
+        In order of appearance.
+    """
+    found: dict[str, Argument] = {}
+    different: set[str] = set()
+    for function in project.functions:
+        for argument in function.arguments:
+            if _meaning(found.setdefault(argument.name, argument)) != _meaning(argument):
+                different.add(argument.name)
+    return tuple(argument for name, argument in found.items() if name not in different)
+
+
+def _meaning(argument: Argument) -> tuple[object, ...]:
+    return (argument.width, argument.description, argument.elements)
+
+
+def argument_lines(
+    argument: Argument, name: str, element: Element, *, elements: bool = True, prose: Prose = PLAIN
+) -> list[str]:
+    """Return lines that say what an argument is, element by element.
+
+    Parameters
+    ----------
+    argument : Argument
+    name : str
+        What the language calls it.
+    element : callable
+        As in :class:`~steelyard.codegen.Syntax`.
+    elements : bool
+        Whether to list the elements.
+    prose : Prose
+
+    Examples
+    --------
+    >>> argument = Argument("q", 2, description="joint positions", elements=("shoulder, rad", "elbow, rad"))
+    >>> argument_lines(argument, "q", lambda name, k: f"{name}[{k}]")
+    ['q: 2 numbers; joint positions', '  q[0]: shoulder, rad', '  q[1]: elbow, rad']
+    """
+    lines = [_entry(name, counted(argument.width), argument.description, prose)]
+    if elements:
+        for k, text in enumerate(argument.elements):
+            lines.append(f"  {prose.bullet}{prose.quoted(element(name, k))}: {prose.text(text)}")
+    return lines
+
+
+def output_lines(
+    output: Output, name: str, element: Element, *, row_major: bool = True, prose: Prose = PLAIN
+) -> list[str]:
+    """Return lines that say what an output is and, where `row_major`, how its elements lie in memory.
+
+    Parameters
+    ----------
+    output : Output
+    name : str
+        What the language calls it.
+    element : callable
+        As in :class:`~steelyard.codegen.Syntax`.
+    row_major : bool
+        False for languages with arrays of several dimensions.
+    prose : Prose
+    """
+    lines = [_entry(name, shape_text(output), output.description, prose)]
+    if row_major and len(output.shape) == 2:
+        text = f"row by row: row 0 begins at {prose.quoted(element(name, 0))}"
+        if output.shape[0] > 1:
+            text += f", row 1 at {prose.quoted(element(name, output.shape[1]))}"
+        lines.append(f"  {prose.bullet}{text}")
+    elif row_major and len(output.shape) > 2:
+        strides = [math.prod(output.shape[k + 1 :]) for k in range(len(output.shape))]
+        lines.append(f"  {prose.bullet}strides of the indices: {', '.join(map(str, strides))}")
+    return lines
+
+
+def _entry(name: str, size: str, description: str, prose: Prose) -> str:
+    text = prose.text(description)
+    return f"{prose.bullet}{prose.quoted(name)}: {size}{'; ' if text else ''}{text}"
+
+
+def function_lines(
+    function: Function,
+    names: Mapping[str, str],
+    element: Element,
+    shared: Sequence[Argument] = (),
+    *,
+    row_major: bool = True,
+    prose: Prose = PLAIN,
+) -> list[str]:
+    """Return the whole documentation of a function as lines; an empty one separates paragraphs.
+
+    Parameters
+    ----------
+    function : Function
+    names : mapping
+        What the language calls each argument and output.
+    element : callable
+        As in :class:`~steelyard.codegen.Syntax`.
+    shared : sequence of Argument
+        Their elements are documented elsewhere.
+    row_major : bool
+        See :func:`output_lines`.
+    prose : Prose
+    """
+    known = {argument.name for argument in shared}
+    lines = []
+    text = prose.text(function.description)
+    if text:
+        lines += [text, ""]
+    gap = [""] if prose.bullet else []
+    lines += ["Arguments:", *gap] if function.arguments else ["No arguments."]
+    for argument in function.arguments:
+        elements = argument.name not in known
+        found = argument_lines(argument, names[argument.name], element, elements=elements, prose=prose)
+        lines += [f"  {line}" for line in found]
+    lines += [*gap, "Outputs:", *gap]
+    for output in function.outputs:
+        found = output_lines(output, names[output.name], element, row_major=row_major, prose=prose)
+        lines += [f"  {line}" for line in found]
+    return [*lines, "", operations_line(function)]
+
+
+def elements_lines(
+    project: Project, functions: Sequence[NamedFunction], element: Element, *, prose: Prose = PLAIN
+) -> list[str]:
+    """Return lines on the elements of the arguments that mean the same in all the functions; none where there are none.
+
+    Parameters
+    ----------
+    project : Project
+    functions : sequence of NamedFunction
+    element : callable
+        As in :class:`~steelyard.codegen.Syntax`.
+    prose : Prose
+    """
+    lines = []
+    for argument in shared_arguments(project):
+        if argument.elements:
+            name = next(f.names[argument.name] for f in functions if argument.name in f.names)
+            lines += ["", *argument_lines(argument, name, element, prose=prose)]
+    return ["Elements of the arguments, which are the same in all the functions:", *lines] if lines else []

@@ -1,0 +1,149 @@
+"""What a language calls the functions of a project, their arguments and outputs, and the sizes of these."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+from steelyard.graph import Function
+
+from .documentation import shared_arguments
+from .text import Names, identifier
+
+if TYPE_CHECKING:
+    from .project import Project
+
+__all__ = ["NamedFunction", "Naming", "Size", "Sizes", "naming", "project_name"]
+
+
+@dataclass(frozen=True)
+class NamedFunction:
+    """A function and its names in a language.
+
+    Attributes
+    ----------
+    function : Function
+    name : str
+    names : dict
+        From the names of arguments and outputs to those in the language.
+    scope : Names
+        The names that are visible inside the function.
+    """
+
+    function: Function
+    name: str
+    names: dict[str, str]
+    scope: Names
+
+
+def project_name(project: Project, reserved: frozenset[str]) -> str:
+    """Return the name of a project in lower case, as the prefix, namespace or package that holds all the others.
+
+    Parameters
+    ----------
+    project : Project
+    reserved : frozenset of str
+        Names that get ``_robot`` behind them.
+    """
+    name = identifier(project.name).lower()
+    return f"{name}_robot" if name in reserved else name
+
+
+@dataclass(frozen=True)
+class Size:
+    """A named number in the generated source."""
+
+    name: str
+    value: int | float
+    description: str
+
+
+@dataclass(frozen=True)
+class Sizes:
+    """The named numbers of a project.
+
+    Attributes
+    ----------
+    declared : tuple of Size
+        The project's constants, then the sizes of arguments and outputs, with rows and columns of matrices.
+    of : dict
+        The name of the size, by the name of the function and of its argument or output.
+    """
+
+    declared: tuple[Size, ...]
+    of: dict[tuple[str, str], str]
+
+
+@dataclass(frozen=True)
+class Naming:
+    """All the names of a project in a language."""
+
+    functions: tuple[NamedFunction, ...]
+    sizes: Sizes
+
+
+def naming(project: Project, scope: Names, *, prefix: str = "", style: Callable[[str], str] = str.lower) -> Naming:
+    """Name functions, then constants and sizes, then the arguments and outputs inside each function.
+
+    Parameters
+    ----------
+    project : Project
+    scope : Names
+        Holds what the language reserves; takes the names of functions and sizes.
+    prefix : str
+        Stands before the name of each function and, in `style`, of each size.
+    style : callable
+        From words joined by underscores to a constant's name, such as ``str.upper``.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from steelyard.codegen import Project
+    >>> from steelyard.graph import Argument, Function, Graph, Output
+    >>> x = Graph().inputs("int", 2)
+    >>> f = Function("f", (Argument("int", 2),), (Output("y", (), (x[0],)),))
+    >>> found = naming(Project("r", (f,), "", (), {}, ""), Names({"int"}), prefix="r_", style=str.upper)
+    >>> found.functions[0].name, found.functions[0].names
+    ('r_f', {'int': 'int_', 'y': 'y'})
+    >>> [(size.name, size.value) for size in found.sizes.declared]
+    [('R_INT_SIZE', 2), ('R_F_Y_SIZE', 1)]
+    """
+    names = [scope.take(prefix + function.name) for function in project.functions]
+    found = _sizes(project, scope, lambda words: style(prefix + words))
+    functions = []
+    for function, name in zip(project.functions, names, strict=True):
+        inner = scope.inner()
+        wanted = [argument.name for argument in function.arguments] + [output.name for output in function.outputs]
+        taken = {item: inner.take(item) for item in wanted}
+        functions.append(NamedFunction(function, name, taken, inner))
+    return Naming(tuple(functions), found)
+
+
+def _sizes(project: Project, scope: Names, style: Callable[[str], str]) -> Sizes:
+    """Name constants and sizes; an argument that means the same in all the functions has one size for all."""
+    declared = [Size(scope.take(style(c.name)), c.value, c.description) for c in project.constants]
+    of: dict[tuple[str, str], str] = {}
+    shared = {argument.name: "" for argument in shared_arguments(project)}
+
+    def declare(words: str, value: int) -> str:
+        name = scope.take(style(words))
+        declared.append(Size(name, value, "" if of else "Numbers of elements, rows and columns."))
+        return name
+
+    for function in project.functions:
+        for argument in function.arguments:
+            if argument.name not in shared:
+                words = f"{function.name}_{argument.name}_size"
+                of[function.name, argument.name] = declare(words, argument.width)
+                continue
+            if not shared[argument.name]:
+                shared[argument.name] = declare(f"{argument.name}_size", argument.width)
+            of[function.name, argument.name] = shared[argument.name]
+        for output in function.outputs:
+            words = output.name if output.name == function.name else f"{function.name}_{output.name}"
+            of[function.name, output.name] = declare(f"{words}_size", output.size)
+            if len(output.shape) == 2:
+                declare(f"{words}_rows", output.shape[0])
+                declare(f"{words}_columns", output.shape[1])
+    return Sizes(tuple(declared), of)

@@ -1,0 +1,226 @@
+"""The solid shapes of a robot, each fixed to one of its moving links or to the base."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Literal
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from steelyard.errors import InputError
+from steelyard.robot import Robot
+from steelyard.robot.names import suggestion
+from steelyard.robot.placement import frozen
+
+from .shapes import Shape
+
+__all__ = ["MeshKind", "PlacedShape", "RobotGeometry"]
+
+Array = NDArray[np.float64]
+MeshKind = Literal["hull", "exact"]
+
+
+@dataclass(frozen=True, eq=False)
+class PlacedShape:
+    """A shape that is fixed to a link.
+
+    Use `PlacedShape.on` to place one on a link by name.
+
+    Parameters
+    ----------
+    shape : Shape
+    link : str
+        Link of the source that it belongs to, merged ones included.
+    body : int
+        Index of the moving link that carries it, -1 for the base.
+    placement : (4, 4) array
+        Its frame in the frame of that moving link.
+
+    Examples
+    --------
+    >>> from steelyard.collision import Capsule
+    >>> arm = Robot.from_dh([(0, 0.5, 0, "q"), (0, 0.4, 0, "q")])
+    >>> PlacedShape.on(arm, "link2", Capsule(radius=0.05, length=0.4))
+    PlacedShape(Capsule(radius=0.05, length=0.4) on 'link2')
+    """
+
+    shape: Shape
+    link: str
+    body: int
+    placement: Array
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "placement", frozen(self.placement, (4, 4)))
+
+    def __repr__(self) -> str:
+        return f"PlacedShape({self.shape} on {self.link!r})"
+
+    @classmethod
+    def on(cls, robot: Robot, link: str, shape: Shape, placement: ArrayLike | None = None) -> PlacedShape:
+        """Place a shape on a link.
+
+        Parameters
+        ----------
+        robot : Robot
+        link : str
+            A moving link, the base, or a link that was merged into one of them.
+        shape : Shape
+        placement : (4, 4) array, optional
+            Its frame in the frame of the link; the frame of the link itself by default.
+
+        Raises
+        ------
+        InputError
+            When the robot has no such link.
+        """
+        body, of_link = robot.frame(link)
+        own = np.eye(4) if placement is None else np.asarray(placement, dtype=np.float64)
+        return cls(shape, link, body, of_link @ own)
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class RobotGeometry:
+    """The solid shapes of a robot: what can collide.
+
+    Use `RobotGeometry.from_urdf`, or give shapes of your own to a robot that has no URDF.
+
+    Parameters
+    ----------
+    robot : Robot
+    shapes : sequence of PlacedShape
+    parents : mapping, optional
+        For each link of the source its parent link; the moving links alone by default.
+
+    Examples
+    --------
+    >>> from steelyard.collision import Sphere
+    >>> arm = Robot.from_dh([(0, 0.5, 0, "q"), (0, 0.4, 0, "q")], name="arm")
+    >>> RobotGeometry(arm, [PlacedShape.on(arm, "link2", Sphere(0.1))])
+    RobotGeometry 'arm': 1 shape on 1 link
+      link2: Sphere(radius=0.1)
+    """
+
+    robot: Robot
+    shapes: tuple[PlacedShape, ...]
+    parents: Mapping[str, str] = field(default_factory=dict)
+
+    def __init__(self, robot: Robot, shapes: Iterable[PlacedShape], parents: Mapping[str, str] | None = None) -> None:
+        object.__setattr__(self, "robot", robot)
+        object.__setattr__(self, "shapes", tuple(shapes))
+        names = (*robot.link_names, robot.base_link)
+        of_joints = {names[index]: names[joint.parent] for index, joint in enumerate(robot.joints)}
+        of_joints |= {one.name: robot.base_link for one in robot.base_attachments}
+        of_joints |= {one.name: link.name for link in robot.links for one in link.attachments}
+        object.__setattr__(self, "parents", of_joints if parents is None else dict(parents))
+
+    @classmethod
+    def from_urdf(
+        cls,
+        robot: Robot,
+        path: str | Path | None = None,
+        *,
+        meshes: MeshKind = "hull",
+        packages: Sequence[str | Path] = (),
+    ) -> RobotGeometry:
+        """The shapes of the ``<collision>`` elements of a URDF.
+
+        Boxes, spheres, cylinders, capsules and meshes, in the frames of the moving links of the robot: fixed and
+        locked joints are merged as the robot has them. Links that the robot does not have (side branches beyond its
+        tip) are left out.
+
+        Parameters
+        ----------
+        robot : Robot
+        path : str or Path, optional
+            The URDF; the one that the robot was read from by default.
+        meshes : {"hull", "exact"}
+            Meshes as their convex hulls, or as their surfaces. Hulls are fast, and contain the meshes: what keeps
+            clear of the hull keeps clear of the mesh.
+        packages : sequence of path
+            Folders of packages, or folders that hold packages, for ``package://``; ``ROS_PACKAGE_PATH``,
+            ``AMENT_PREFIX_PATH`` and the folders above the URDF are looked through after them.
+
+        Raises
+        ------
+        InputError
+            When the robot has no URDF, an element is wrong, or a mesh is missing or broken.
+        MissingExtraError
+            When a mesh cannot be read for want of a package (extra ``collision``).
+        """
+        from .urdf_shapes import shapes_from_urdf
+
+        if meshes not in ("hull", "exact"):
+            raise InputError(f'meshes must be "hull" or "exact", got {meshes!r}')
+        source = robot.source if path is None else Path(path)
+        if source is None:
+            raise InputError(
+                f'robot "{robot.name}" was not read from a URDF, so it has no collision geometry; name a URDF or give '
+                "shapes (RobotGeometry(robot, shapes), or [[collision.shapes]] in the limits file)"
+            )
+        shapes, parents = shapes_from_urdf(robot, source, meshes, packages)
+        return cls(robot, shapes, parents)
+
+    def with_shapes(self, shapes: Iterable[PlacedShape]) -> RobotGeometry:
+        """The same geometry with more shapes."""
+        return RobotGeometry(self.robot, (*self.shapes, *shapes), self.parents)
+
+    def without(self, links: Iterable[str]) -> RobotGeometry:
+        """The same geometry without the shapes of these links of the source.
+
+        Raises
+        ------
+        InputError
+            When the robot has no such link.
+        """
+        dropped = set(links)
+        for link in dropped:
+            self.robot.frame(link)
+        return RobotGeometry(self.robot, (one for one in self.shapes if one.link not in dropped), self.parents)
+
+    @property
+    def links(self) -> tuple[str, ...]:
+        """The links of the source that have shapes."""
+        return tuple(dict.fromkeys(one.link for one in self.shapes))
+
+    @property
+    def bodies(self) -> tuple[int, ...]:
+        """The moving links that carry shapes, by index, the base as -1 first where it has any."""
+        return tuple(sorted({one.body for one in self.shapes}))
+
+    def body_name(self, body: int) -> str:
+        """Name of a moving link, or of the base for -1."""
+        return self.robot.base_link if body < 0 else self.robot.links[body].name
+
+    def check_links(self, links: Iterable[str], where: str) -> frozenset[str]:
+        """Return links as a set, or raise InputError where one of them has no shape."""
+        for link in links:
+            if link not in self.links:
+                self.robot.frame(link)
+                raise InputError(f'{where}: link "{link}" has no collision geometry; {suggestion(link, self.links)}')
+        return frozenset(links)
+
+    def between(self, first: str, second: str) -> tuple[str, ...]:
+        """Links of the source that lie strictly between two links in the tree."""
+        ways = []
+        for link in (first, second):
+            way = [link]
+            while way[-1] in self.parents:
+                way.append(self.parents[way[-1]])
+            ways.append(way)
+        other = set(ways[1])
+        meeting = next((link for link in ways[0] if link in other), None)
+        parts = [way[: way.index(meeting)] if meeting in way else way for way in ways]
+        inner = [*parts[0], *([] if meeting is None else [meeting]), *reversed(parts[1])]
+        return tuple(link for link in inner if link not in (first, second))
+
+    def __repr__(self) -> str:
+        count, links = len(self.shapes), len(self.links)
+        lines = [
+            f"RobotGeometry {self.robot.name!r}: {count} shape{'s' * (count != 1)} on {links} link{'s' * (links != 1)}"
+        ]
+        for link in self.links:
+            lines.append(f"  {link}: {', '.join(str(one.shape) for one in self.shapes if one.link == link)}")
+        return "\n".join(lines)

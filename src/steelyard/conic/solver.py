@@ -1,0 +1,214 @@
+"""The solvers by name, what each can do, and `solve`, which hands a problem to one of them."""
+
+import difflib
+from collections.abc import Callable
+from dataclasses import dataclass, field
+
+from steelyard.errors import InputError, MissingExtraError, SolverError
+
+from .problem import CONE_KINDS, ConicProblem, ConicSolution
+
+__all__ = ["FEATURES", "Solver", "find_solver", "register_solver", "registered_solvers", "solve", "unregister_solver"]
+
+FEATURES = ("quadratic", *CONE_KINDS)
+"""What a problem may hold that a solver must know: a quadratic objective, and the kinds of cones."""
+
+_REGISTERED: dict[str, "Solver"] = {}
+
+
+@dataclass(frozen=True)
+class Solver:
+    """A program or package that solves conic problems, and what it can do.
+
+    Attributes
+    ----------
+    name : str
+        As given to `solve`, in lower case.
+    title : str
+        As in sentences.
+    description : str
+        The method, in a few words.
+    run : callable
+        ``run(problem, accuracy, iterations)`` returns a `ConicSolution`.
+    native : frozenset of str
+        Which of `FEATURES` it takes as they are.
+    rewritten : frozenset of str
+        Which it takes after they have been rewritten as semidefinite blocks.
+    access : str
+        ``"in memory"`` or ``"SDPA file"``.
+    certificates : bool
+        Whether an infeasible problem comes back with a direction that proves it.
+    installed : callable
+        ``installed()`` says whether it can be used on this machine.
+    version : callable
+        ``version()`` returns the version as text, empty where it cannot be had.
+    remedy : str
+        What to install where it is absent, e.g. ``"pip install 'steelyard[scs]'"``.
+    is_package : bool
+        Whether it is a Python package, rather than a program.
+
+    Examples
+    --------
+    A solver of one's own, registered under a name:
+
+    >>> from steelyard.conic.clarabel_solver import solve_with_clarabel
+    >>> careful = Solver(
+    ...     name="careful",
+    ...     title="Careful",
+    ...     description="Clarabel with a tenth of the tolerance",
+    ...     run=lambda problem, accuracy, iterations: solve_with_clarabel(problem, accuracy / 10, iterations),
+    ...     native=frozenset(FEATURES),
+    ... )
+    >>> register_solver(careful)
+    >>> find_solver("careful").description
+    'Clarabel with a tenth of the tolerance'
+    >>> unregister_solver("careful")
+    """
+
+    name: str
+    title: str
+    description: str
+    run: Callable[[ConicProblem, float, int], ConicSolution] = field(repr=False)
+    native: frozenset[str]
+    rewritten: frozenset[str] = frozenset()
+    access: str = "in memory"
+    certificates: bool = True
+    installed: Callable[[], bool] = field(default=lambda: True, repr=False)
+    version: Callable[[], str] = field(default=lambda: "", repr=False)
+    remedy: str = ""
+    is_package: bool = True
+
+    def refuse(self, problem: ConicProblem) -> None:
+        """Raise where the problem holds what this solver does not take.
+
+        Raises
+        ------
+        InputError
+            Names what it does not take, and solvers that do.
+        """
+        needed = {cone.kind for cone in problem.cones if cone.size}
+        if problem.P.count_nonzero():
+            needed.add("quadratic")
+        for feature in FEATURES:
+            if feature in needed and feature not in self.native | self.rewritten:
+                others = [s.name for s in _REGISTERED.values() if feature in s.native | s.rewritten]
+                what = "a quadratic objective" if feature == "quadratic" else f"the {feature} cone"
+                raise InputError(f"{self.title} does not take {what}; use {_either(others)}.")
+
+
+def _either(names: list[str]) -> str:
+    quoted = [f'solver="{name}"' for name in names]
+    return " or ".join(quoted) if quoted else "another solver"
+
+
+def register_solver(solver: Solver) -> None:
+    """Make a solver known by its name to `solve`, `correct` and `fit`; an earlier one of that name is replaced.
+
+    Parameters
+    ----------
+    solver : Solver
+
+    Raises
+    ------
+    InputError
+        If its name is not one lower-case word, or it claims features that do not exist.
+    """
+    if not solver.name.isidentifier() or solver.name != solver.name.lower():
+        raise InputError(f"the name of a solver must be one word in lower case, got {solver.name!r}.")
+    unknown = sorted((solver.native | solver.rewritten).difference(FEATURES))
+    if unknown:
+        raise InputError(
+            f"solver {solver.name!r} claims {unknown[0]!r}, which is no feature of a problem; these are "
+            f"{', '.join(FEATURES)}."
+        )
+    _REGISTERED[solver.name] = solver
+
+
+def unregister_solver(name: str) -> None:
+    """Forget a solver.
+
+    Raises
+    ------
+    InputError
+        If there is none of that name.
+    """
+    del _REGISTERED[find_solver(name).name]
+
+
+def registered_solvers() -> tuple[Solver, ...]:
+    """All solvers, in the order in which they were registered."""
+    return tuple(_REGISTERED.values())
+
+
+def find_solver(name: str) -> Solver:
+    """The solver of that name.
+
+    Raises
+    ------
+    InputError
+        If there is none; names the closest one.
+    """
+    if isinstance(name, str) and name.lower() in _REGISTERED:
+        return _REGISTERED[name.lower()]
+    known = list(_REGISTERED)
+    close = difflib.get_close_matches(str(name).lower(), known, n=1, cutoff=0.0)
+    raise InputError(
+        f'there is no solver {name!r}; did you mean "{close[0]}"? The solvers are {", ".join(known)} (see '
+        "solver_table())."
+    )
+
+
+def solve(
+    problem: ConicProblem, accuracy: float = 1e-8, iterations: int = 200, solver: str = "clarabel"
+) -> ConicSolution:
+    """Solve a conic problem.
+
+    Parameters
+    ----------
+    problem : ConicProblem
+    accuracy : float
+        Tolerance on the duality gap (absolute and relative) and on both feasibilities, in units in which the problem
+        is well scaled.
+    iterations : int
+        Most iterations of an interior-point method to take; SCS takes up to a thousand of its own for each.
+    solver : str
+        One of the names in `solver_table`.
+
+    Returns
+    -------
+    ConicSolution
+        Also when nothing was found: look at its `outcome`, or call its `require`.
+
+    Raises
+    ------
+    InputError
+        For an unknown solver, or a problem that the solver does not take.
+    MissingExtraError
+        If the solver is a Python package that is not installed.
+    SolverError
+        If it is a program that is not installed, crashes or takes too long.
+
+    Examples
+    --------
+    The smallest x with [[x, 1], [1, x]] positive semidefinite:
+
+    >>> import numpy as np
+    >>> import scipy.sparse as sparse
+    >>> from steelyard.feasibility import Cone
+    >>> A = sparse.csc_array(np.array([[-1.0], [0.0], [-1.0]]))
+    >>> b = np.array([0.0, 2**0.5, 0.0])
+    >>> problem = ConicProblem(sparse.csc_array((1, 1)), np.ones(1), A, b, (Cone("semidefinite", 2),))
+    >>> solution = solve(problem)
+    >>> solution.outcome, round(solution.objective, 6)
+    (<Outcome.SOLVED: 'solved'>, 1.0)
+    """
+    chosen = find_solver(solver)
+    chosen.refuse(problem)
+    if not (0 < accuracy < 1) or iterations < 1:
+        raise InputError(
+            f"accuracy must lie between 0 and 1 and iterations be at least 1, got {accuracy!r} and {iterations!r}."
+        )
+    if not chosen.installed():
+        error = MissingExtraError if chosen.is_package else SolverError
+        raise error(f"{chosen.title} is not installed; install it with: {chosen.remedy}")
+    return chosen.run(problem, accuracy, iterations)

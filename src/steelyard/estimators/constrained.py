@@ -1,0 +1,382 @@
+"""Least squares within the feasible set, on a reduced regression."""
+
+from dataclasses import dataclass, field
+from typing import Literal
+
+import numpy as np
+import numpy.typing as npt
+
+from steelyard.errors import InputError, SolverError
+from steelyard.feasibility.feasible_set import FeasibleSet
+from steelyard.feasibility.growth import growing_links, mass_bound_of
+from steelyard.feasibility.interior import MARGIN_FACTORS, least_eigenvalue, pull_inside
+from steelyard.feasibility.protocols import ReducedLike
+from steelyard.feasibility.tie_break import Preference, closest_to_cad, lightest
+from steelyard.feasibility.units import Units
+
+from .lower_bound import REACH
+from .prior import PreparedPrior, Prior
+from .reduced import ReducedRegression
+from .settled import settled
+from .stages import CLOSE_CHOICE, GAP, Choice, Fitting, Optimum
+
+__all__ = ["FeasibleFit", "fit_reduced"]
+
+Vector = npt.NDArray[np.float64]
+
+TIE_TOLERANCES = (1e-8, 1e-6)
+"""What the preferred answer may cost, relative to the squared residual, where the base parameters are decided but the
+solver finds no other parameters for exactly them; the second where plain least squares is feasible and it finds none
+within the first, either."""
+
+PRICE_FRACTION = 0.008
+"""Part of the price of feasibility that the preferred answer may cost: what the model misses anyway says how near is
+near."""
+
+DEAREST = 0.02
+"""That part is at most this, relative to the squared residual."""
+
+
+LOOSE_CHOICE = 0.5
+"""Relative gap of a choice up to which it is told how near it comes to the preferred one."""
+
+
+@dataclass(frozen=True, eq=False)
+class FeasibleFit:
+    """Constrained least squares of a reduced regression.
+
+    Attributes
+    ----------
+    base : (n_b,)
+    parameters : (n,)
+        Every block is proved positive definite there.
+    squared_residual : float
+        ‖W β - ω‖² of the (weighted) regression.
+    best_squared_residual : float
+        Lowest that was found, with the mass bound.
+    unconstrained_squared_residual : float
+    total_mass : float
+        In kg.
+    attained : bool
+        Whether an optimum exists below the mass bound.
+    exact : bool
+        Whether the base parameters are those of the optimum, so that nothing was spent on the preference.
+    mass_bound : float
+        In kg; infinite where conditions, constraints or a prior bound the mass anyway.
+    growing_links : tuple of str
+        Links whose masses could grow without end as far as the motion and the conditions go.
+    prior_weight, prior_distance : float or None
+    optimality_gap : float
+        Measured: no feasible parameters (within the mass bound and the reach) have a squared residual that is smaller
+        than `best_squared_residual`, or than `squared_residual` where the answer is `exact`, by more than this part of
+        it; parts of less than 1e-10 ‖ω‖² are not told. With a prior, of what is minimised.
+    preference_gap : float or None
+        Measured: no others among which the preference chose are better by more than this part of what it weighs; None
+        where nothing was chosen.
+    statuses : tuple of str
+        The solver's own words, one for each problem that was solved.
+    iterations : int
+        Of the solver, in all problems.
+    seconds : float
+        That the solver itself took.
+    remarks : tuple of str
+        What the user should know, in sentences.
+    """
+
+    base: Vector = field(repr=False)
+    parameters: Vector = field(repr=False)
+    squared_residual: float
+    best_squared_residual: float
+    unconstrained_squared_residual: float
+    total_mass: float
+    attained: bool
+    exact: bool
+    mass_bound: float
+    growing_links: tuple[str, ...]
+    prior_weight: float | None
+    prior_distance: float | None
+    optimality_gap: float
+    preference_gap: float | None
+    statuses: tuple[str, ...]
+    iterations: int
+    seconds: float
+    remarks: tuple[str, ...]
+
+
+def fit_reduced(
+    reduced: ReducedLike,
+    feasible: FeasibleSet,
+    prefer: Literal["lightest", "cad"] | Preference | Prior | None = "lightest",
+    tolerance: float = 5e-4,
+    prior: Prior | None = None,
+    prior_weight: float = 1.0,
+    solver: str = "clarabel",
+) -> FeasibleFit:
+    """Minimise ‖R K δ - ρ‖² + residual2 over the feasible set (thesis 3.53, 3.58).
+
+    Where no mass can grow without end, or plain least squares is feasible, the base parameters are the optimum, and the
+    preference chooses among the standard parameters that have them. Else the residual of a robot's data often keeps
+    falling as masses grow, and the answer is the preferred one among all whose squared residual is at most
+    (1 + tolerance) times the least one below a mass bound.
+
+    Parameters
+    ----------
+    reduced : Reduced
+        R (n_b, n_b), rho (n_b,), residual2, count, norm2.
+    feasible : FeasibleSet
+    prefer : {"lightest", "cad", None}, Preference or Prior
+        ``None`` returns the least residual as it is found.
+    tolerance : float
+        Fraction of the squared residual that may be spent where masses can grow without end and plain least squares is
+        infeasible; 0.008 of what feasibility itself costs, where that is more. 0 spends nothing.
+    prior : Prior, optional
+        Minimise ½ (squared residual) / (its variance) + prior_weight · (distance from the prior), instead; it decides
+        everything, so that `prefer` and `tolerance` play no part.
+    prior_weight : float
+        1 / τ² for a prior that is believed to be right to a relative deviation τ.
+    solver : str
+        A name of the table of solvers.
+
+    Returns
+    -------
+    FeasibleFit
+
+    Raises
+    ------
+    InputError
+        For an unknown preference or solver, a negative tolerance or weight, ``"cad"`` without CAD, a prior that is
+        impossible, or data of another model.
+    SolverError
+        If the set is empty or no point of it was found.
+    """
+    _check_number(tolerance, "tolerance", "5e-4", least=0.0)
+    regression = ReducedRegression.of(reduced, feasible)
+    scale = regression.units(feasible)
+    units = scale.with_cad()
+    fitting = Fitting(feasible, regression, units, solver)
+    preference = None
+    if prior is None:
+        preference = _preference(prefer, feasible, units)
+    else:
+        if not isinstance(prior, Prior):
+            raise InputError(f"prior must be a prior such as EntropicPrior(), got {prior!r}.")
+        _check_number(prior_weight, "prior_weight", "1.0", least=0.0)
+        if prior_weight == 0:
+            raise InputError("prior_weight must be positive, got 0; leave the prior out instead.")
+        fitting.prior, fitting.prior_weight = prior.prepare(feasible), float(prior_weight)
+    growing = () if prior is not None else growing_links(feasible, regression.undetermined)
+    bound = mass_bound_of(feasible, scale) if growing else np.inf
+
+    outside: Vector | None = None
+    for factor in MARGIN_FACTORS:
+        margin = factor * feasible.margin
+        answer = _answer(fitting, preference, growing, margin, bound, tolerance)
+        answer.parameters = settled(feasible, regression.R, answer.parameters, fitting.prior or preference)
+        if feasible.contains(answer.parameters):
+            if outside is not None:
+                answer.parameters = pull_inside(feasible, outside, answer.parameters)
+            return _report(fitting, preference, growing, answer)
+        outside = answer.parameters if outside is None else outside
+    raise SolverError(
+        f"the solver ({solver}) ended outside the feasible set with every margin tried; check that the constraints "
+        f"leave room and that units are SI, or give FeasibleSet a larger margin than {feasible.margin:g}."
+    )
+
+
+@dataclass
+class _Answer:
+    """Parameters, and how they were chosen."""
+
+    parameters: Vector
+    best: Optimum
+    exact: bool
+    spent: float = 0.0
+    choice: Choice | None = None
+
+
+def _answer(
+    fitting: Fitting,
+    preference: Preference | PreparedPrior | None,
+    growing: tuple[int, ...],
+    margin: float,
+    bound: float,
+    tolerance: float,
+) -> _Answer:
+    """The optimum, then the choice."""
+    feasible, regression = fitting.feasible, fitting.regression
+    plain = _plain(fitting, margin)
+    if plain is not None:
+        return _Answer(plain.parameters, plain, True)
+    best = fitting.least(margin, bound)
+    margin = best.margin
+    if fitting.prior is not None or fitting.is_determined or preference is None:
+        return _Answer(best.parameters, best, best.attained)
+    as_it_is = _price(regression, best) <= 1e-7
+    if as_it_is or not growing:
+        found = fitting.same_base(preference, regression.base, margin, best.parameters) if as_it_is else None
+        if found is None:
+            found = fitting.same_base(preference, best.base, margin, best.parameters)
+        if found is not None and found.parameters[feasible.mass_indices].sum() <= 2 * bound:
+            return _Answer(found.parameters, best, True, choice=found)
+    ties = as_it_is or not growing or tolerance < TIE_TOLERANCES[0]
+    spent = max(tolerance, min(PRICE_FRACTION * _price(regression, best), DEAREST))
+    allowances = TIE_TOLERANCES if as_it_is else TIE_TOLERANCES[:1] if ties else (spent,)
+    for allowed in allowances:
+        limit = best.squared_residual * (1 + allowed)
+        found = fitting.near(preference, margin, limit, bound)
+        if found is None or not feasible.contains(found.parameters):
+            continue
+        most = best.squared_residual * (1 + 1.01 * allowed) + 2 * regression.tiny
+        if regression.squared_residual(feasible.K @ found.parameters) <= most:
+            return _Answer(found.parameters, best, ties, 0.0 if ties else allowed, found)
+    return _Answer(best.parameters, best, best.attained)
+
+
+def _plain(fitting: Fitting, margin: float) -> Optimum | None:
+    """Plain least squares, where it tells all parameters and keeps the margin."""
+    feasible, regression = fitting.feasible, fitting.regression
+    if fitting.prior is not None or not fitting.is_determined:
+        return None
+    parameters = feasible.lift @ regression.base
+    if not feasible.satisfies_equations(parameters):
+        return None
+    if least_eigenvalue(feasible.stack, parameters) < margin or not feasible.contains(parameters):
+        return None
+    return Optimum(parameters, regression.base, regression.residual2, True, np.inf, regression.residual2)
+
+
+def _price(regression: ReducedRegression, best: Optimum) -> float:
+    """What the conditions cost in squared residual, relative to that of plain least squares."""
+    excess = max(best.squared_residual - regression.residual2 - regression.noise_floor, 0.0)
+    return excess / max(regression.residual2, regression.noise_floor)
+
+
+def _preference(
+    prefer: str | Preference | Prior | None, feasible: FeasibleSet, units: Units
+) -> Preference | PreparedPrior | None:
+    if isinstance(prefer, Preference):
+        prefer.check(feasible.parameter_count)
+        return prefer
+    if isinstance(prefer, Prior):
+        return prefer.prepare(feasible)
+    if prefer is None:
+        return None
+    if prefer == "lightest":
+        return lightest(feasible, units)
+    if prefer == "cad":
+        return closest_to_cad(feasible)
+    raise InputError(f'prefer must be "lightest", "cad" or None, a Preference or a prior, got {prefer!r}.')
+
+
+def _told_of_the_optimum(feasible: FeasibleSet, best: Optimum, gap: float, with_prior: bool) -> list[str]:
+    """What the measured gap leaves open, in words."""
+    told = []
+    if best.beyond:
+        names = feasible.model.robot.link_names
+        links = ", ".join(names[link] for link in best.beyond)
+        told.append(
+            f"The motion hardly shows some parameters of {links}: the least residual pulls them beyond {REACH:.0f} "
+            "times what is typical of this robot, and may fall further beyond that."
+        )
+    if not gap <= GAP:
+        what = "objective" if with_prior else "squared residual"
+        told.append(
+            f"The {what} is not proved to be the least: the bound that the solver's answer gives lies "
+            f"{gap:.2g} of it lower"
+            + (
+                f", of which {best.price_of_margin:.2g} is the price of a margin of {best.margin:.2g} from the "
+                "boundary of what is feasible."
+                if best.price_of_margin > 0.1 * gap
+                else "."
+            )
+        )
+    return told
+
+
+def _within(gap: float) -> str:
+    """How near the choice is to the best one, where that is not near enough to go without saying."""
+    if not np.isfinite(gap) or gap > LOOSE_CHOICE:
+        return ", as far as the solver could tell"
+    return f" to within {100 * gap:.1g} %" if gap > CLOSE_CHOICE else ""
+
+
+def _rounded_down(value: float) -> float:
+    """The largest number of three digits that is not more; zero for what is not positive."""
+    if not (np.isfinite(value) and value > 0):
+        return 0.0
+    unit = 10.0 ** (np.floor(np.log10(value)) - 2)
+    return float(np.floor(value / unit * (1 + 1e-9)) * unit)
+
+
+def _check_number(value: float, name: str, example: str, least: float) -> None:
+    if isinstance(value, bool) or not isinstance(value, (int, float)) or not least <= value < np.inf:
+        raise InputError(f"{name} must be a number of at least {least:g}, such as {example}, got {value!r}.")
+
+
+def _report(
+    fitting: Fitting, preference: Preference | PreparedPrior | None, growing: tuple[int, ...], answer: _Answer
+) -> FeasibleFit:
+    """Pack the answer, with remarks in words."""
+    feasible, regression, best = fitting.feasible, fitting.regression, answer.best
+    parameters = answer.parameters
+    base = feasible.K @ parameters
+    mass = float(parameters[feasible.mass_indices].sum())
+    value = regression.squared_residual(base)
+    objective = fitting.value(parameters if answer.exact else best.parameters)
+    gap = max((objective - best.lower_bound) / fitting.size(objective), 0.0)
+    remarks = []
+    if not best.attained:
+        remarks.append(
+            f"No optimum below {best.bound:.4g} kg: the residual still falls there as masses that the motion does not "
+            "show grow."
+        )
+        if preference is None:
+            remarks.append(f"The answer lies at that bound, with a total mass of {mass:.4g} kg.")
+    remarks += _told_of_the_optimum(feasible, best, gap, fitting.prior is not None)
+    distance = None
+    if fitting.prior is not None:
+        distance = fitting.prior.distance(parameters)
+        cost = 100 * max(0.0, value / max(regression.residual2, regression.noise_floor) - 1.0)
+        remarks.append(
+            f"With a prior: {fitting.prior.label} distance {distance:.4g}, at a weight of {fitting.prior_weight:.4g}; "
+            f"{cost:.2g} % above the squared residual of plain least squares."
+        )
+    elif preference is not None and answer.choice is None and not fitting.is_determined:
+        remarks.append(
+            f"The solver found no parameters that fit as well and are {preference.name}; these are the ones of the "
+            f"least residual that it ended at, with a total mass of {mass:.4g} kg."
+        )
+    elif preference is not None and answer.choice is not None:
+        among, at_a_price = "standard parameters of these base parameters", ""
+        if not answer.exact:
+            among = f"answers within {100 * answer.spent:.2g} % of the least squared residual"
+            paid = 100 * max(0.0, value / best.squared_residual - 1)
+            at_a_price = f", at a price of {paid:.2g} % in squared residual"
+        remarks.append(
+            f"Among all {among} this is {preference.name}{_within(answer.choice.gap)}: total mass {mass:.4g} "
+            f"kg{at_a_price}."
+        )
+        least = _rounded_down(answer.choice.least_mass)
+        if preference.name == "the lightest" and answer.exact and least > 0.5 * mass:
+            remarks.append(f"No robot lighter than {least:.3g} kg has these base parameters.")
+    names = feasible.model.robot.link_names
+    return FeasibleFit(
+        base=base,
+        parameters=parameters,
+        squared_residual=value,
+        best_squared_residual=best.squared_residual,
+        unconstrained_squared_residual=regression.residual2,
+        total_mass=mass,
+        attained=best.attained,
+        exact=answer.exact,
+        mass_bound=best.bound,
+        growing_links=tuple(names[link] for link in growing),
+        prior_weight=fitting.prior_weight if fitting.prior is not None else None,
+        prior_distance=distance,
+        optimality_gap=gap,
+        preference_gap=None if answer.choice is None else answer.choice.gap,
+        statuses=tuple(fitting.statuses),
+        iterations=fitting.iterations,
+        seconds=fitting.seconds,
+        remarks=tuple(remarks),
+    )

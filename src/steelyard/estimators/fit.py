@@ -1,0 +1,150 @@
+"""Identification: least squares within the feasible set, from an Information to an Estimate."""
+
+from typing import Literal
+
+import numpy as np
+import numpy.typing as npt
+
+from steelyard.dynamics import Model
+from steelyard.errors import InputError
+from steelyard.feasibility import Preference
+from steelyard.feasibility.certificates import FeasibilityCertificate
+from steelyard.feasibility.feasible_set import FeasibleSet
+from steelyard.regression import Estimate, Information, corrected_deviations, method_name, standard_deviations
+
+from .constrained import fit_reduced
+from .l_curve import l_curve
+from .prior import Prior
+
+__all__ = ["fit"]
+
+
+def fit(
+    info: Information,
+    feasible: FeasibleSet,
+    weights: Literal["joint"] | npt.ArrayLike | None = "joint",
+    prefer: Literal["lightest", "cad"] | Preference | Prior | None = "lightest",
+    tolerance: float = 5e-4,
+    prior: Prior | None = None,
+    prior_weight: float | Literal["corner"] = 1.0,
+    solver: str = "clarabel",
+) -> Estimate:
+    """Fit the data among physically possible parameters alone (thesis 3.53, 3.58).
+
+    Where the conditions, the constraints or a prior bound all masses, or plain least squares is possible, the base
+    parameters are those of the least residual, and the preference chooses among the standard parameters that share
+    them. Else the residual often keeps falling as masses that the motion does not show grow without end, so that the
+    best of all does not exist, and many answers fit nearly as well. The answer is then the preferred one among all
+    whose squared residual is at most (1 + tolerance) times the least one below a mass bound. The remarks say what was
+    done.
+
+    Parameters
+    ----------
+    info : Information
+        Of the same model as `feasible`. Its kind makes the kind of fit: from samples ordinary or joint-weighted, with a
+        `covariance` generalised, from `robust_information` robust.
+    feasible : FeasibleSet
+    weights : "joint", None or (N,)
+        As in `least_squares`. ``"joint"`` is ordinary least squares where the rows of the joints are not known apart.
+    prefer : {"lightest", "cad", None}, Preference or Prior
+        Least total mass; closest to the inertial parameters of CAD; closest in a given metric; closest to a prior; or
+        what the solver returns within the mass bound.
+    tolerance : float
+        Fraction of the squared residual that may be spent on the preference where masses can grow without end and plain
+        least squares is infeasible; 0.008 of what feasibility itself costs, where that is more. 0 spends nothing.
+    prior : Prior, optional
+        `EuclideanPrior`, `EntropicPrior` or `ConstantPullbackPrior`: minimise ½ (squared residual) / (variance of the
+        noise) + prior_weight · (distance from the prior). The prior then decides everything that `prefer` would.
+    prior_weight : float or "corner"
+        1 / τ² where the prior is believed to be right to a relative deviation τ, if all rows have independent noise;
+        as samples of a log have not, more is usual. ``"corner"`` takes the corner of `l_curve`.
+    solver : str
+        Name of a solver.
+
+    Returns
+    -------
+    Estimate
+        Its `parameters` are proved feasible, and K times them is its `base`; `certificate` holds the proof. Its
+        `optimality_gap` is measured, from a lower bound of the residual that holds whatever the solver did.
+
+    Raises
+    ------
+    InputError
+        For unknown options, ``"cad"`` without CAD, an impossible prior, or data of another model.
+    SolverError
+        If no parameters satisfy all conditions, or the solver finds none.
+
+    See Also
+    --------
+    steelyard.least_squares : The same without regard to physics.
+    steelyard.correct : The nearest feasible parameters, without data.
+    steelyard.l_curve : Residual against distance from the prior, for all weights.
+    steelyard.smallest_total_mass : The least mass with which an estimate is possible at all.
+
+    References
+    ----------
+    C. D. Sousa, PhD thesis, University of Coimbra, 2014, section 3.5.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from steelyard.dynamics import Model
+    >>> from steelyard.robot import Robot
+    >>> model = Model(Robot.from_dh([("0", 0.0, 0.0, "q")], name="pendulum", gravity=(0, -9.81, 0)))
+    >>> names = model.base_parameters().names
+    >>> names
+    ('Lzz1', 'lx1', 'ly1')
+    >>> info = Information.from_factor(10 * np.eye(3), [-0.1, 5.0, 0.0], 0.02, 100, names)
+    >>> estimate = fit(info, FeasibleSet(model))
+    >>> bool(estimate.base[0] > 0), estimate.consistency
+    (True, 'full')
+    """
+    values = info.joint_weights(weights) if info.is_weighted(weights) else None
+    problem = info.reduced(values)
+    remarks = list(info.remarks)
+    weight = prior_weight
+    if isinstance(weight, str):
+        if weight != "corner" or prior is None:
+            expected = 'a positive number or "corner", and needs a prior' if prior is None else 'a number or "corner"'
+            raise InputError(f"prior_weight must be {expected}; got {weight!r}.")
+        weight = l_curve(info, feasible, prior, weights=values, solver=solver).corner
+    found = fit_reduced(problem, feasible, prefer, tolerance, prior, weight, solver)
+
+    model = feasible.model
+    joint_names = info.joint_names
+    damping, friction = None, None
+    if isinstance(model, Model):
+        damping, friction = model.joint_friction(found.parameters)
+        joint_names = joint_names or tuple(model.robot.joint_names)  # reduced data does not name them
+    remarks += found.remarks
+    undetermined = np.asarray(info.undetermined_mask)
+    if undetermined.any():
+        decides = "preference" if prior is None else "prior"
+        remarks.append(
+            f"The data does not determine {len(info.undetermined)} of {info.base_count} base parameters, which the "
+            f"{decides} decides: {'; '.join(info.undetermined)}."
+        )
+    # What is proved is the parameters that users take; their base parameters follow.
+    certificate = FeasibilityCertificate.of_parameters(feasible, found.parameters)
+    return Estimate(
+        method=f"feasible {method_name(info, values is not None)}",
+        base_names=info.base_names,
+        base_expressions=certificate.base_expressions,  # reduced data may have names of its own
+        base=certificate.base,
+        standard_deviation=standard_deviations(problem, found.base, undetermined),
+        corrected_standard_deviation=corrected_deviations(info, found.base, values),
+        joint_names=joint_names,
+        relative_error=info.relative_error(found.base),
+        row_count=info.count,
+        condition_number=info.condition_number,
+        joint_relative_error=info.joint_relative_error(found.base) if info.has_joint_errors else None,
+        weights=values,
+        parameter_names=tuple(model.parameter_names),
+        parameters=found.parameters,
+        consistency=feasible.consistency,
+        damping=damping,
+        friction=friction,
+        certificate=certificate.document(),
+        remarks=tuple(remarks),
+        optimality_gap=found.optimality_gap if np.isfinite(found.optimality_gap) else None,
+    )

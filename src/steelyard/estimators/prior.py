@@ -1,0 +1,389 @@
+"""What is known of a robot before it moves, as a distance from parameters that it might have."""
+
+from abc import ABC, abstractmethod
+from dataclasses import dataclass, field
+from typing import ClassVar
+
+import numpy as np
+import numpy.typing as npt
+import scipy.linalg
+import scipy.sparse as sparse
+
+from steelyard.conic import Cone
+from steelyard.errors import InputError
+from steelyard.feasibility.cone_program import Program, Rows
+from steelyard.feasibility.feasible_set import FeasibleSet
+from steelyard.feasibility.objective import Part
+from steelyard.feasibility.units import Units, lengths_of_links, link_columns
+
+__all__ = ["PSEUDO_INERTIAS", "ConstantPullbackPrior", "EntropicPrior", "EuclideanPrior", "PreparedPrior", "Prior"]
+
+Vector = npt.NDArray[np.float64]
+Matrix = npt.NDArray[np.float64]
+
+LEAST_RADIUS = 0.01
+"""Radius, in m, below which the Euclidean prior measures links as if they had it."""
+
+SINGULAR = 1e-9
+"""A pseudo-inertia with an eigenvalue below this, in units of its own diagonal, is too flat to measure with."""
+
+
+def _pseudo_inertias() -> npt.NDArray[np.float64]:
+    found = np.zeros((10, 4, 4))
+    for index, (i, j) in enumerate([(0, 0), (0, 1), (0, 2), (1, 1), (1, 2), (2, 2)]):
+        tensor = np.zeros((3, 3))
+        tensor[i, j] = tensor[j, i] = 1.0
+        found[index, :3, :3] = np.trace(tensor) / 2 * np.eye(3) - tensor
+    for index in range(3):
+        found[6 + index, index, 3] = found[6 + index, 3, index] = 1.0
+    found[9, 3, 3] = 1.0
+    return found
+
+
+PSEUDO_INERTIAS = _pseudo_inertias()
+"""Pseudo-inertia matrix of each unit inertial parameter, (10, 4, 4) (Wensing et al. 2018)."""
+
+
+@dataclass(frozen=True, eq=False)
+class Prior(ABC):
+    """What is known of a robot beforehand; see `EuclideanPrior`, `EntropicPrior` and `ConstantPullbackPrior`.
+
+    Parameters
+    ----------
+    parameters : (n,), optional
+        δ₀; the robot's own, from CAD, where absent. NaN for terms (friction, rotor inertia) that are not known.
+    """
+
+    parameters: npt.ArrayLike | None = field(default=None, repr=False)
+
+    label: ClassVar[str] = ""
+    needs_density: ClassVar[bool] = True
+
+    def prepare(self, feasible: FeasibleSet) -> "PreparedPrior":
+        """Check it against a model.
+
+        Raises
+        ------
+        InputError
+            If parameters are missing, or impossible; names the link.
+        """
+        values = self._values(feasible)
+        bodies = values[link_columns(feasible)]
+        others = np.ones(len(values), dtype=bool)
+        others[link_columns(feasible)] = False
+        known = others & np.isfinite(values) & (values != 0)
+        diagonal = np.zeros(len(values))
+        diagonal[known] = 1.0 / values[known] ** 2
+        reference = np.where(np.isfinite(values), values, 0.0)
+        return PreparedPrior(self.label, feasible, reference, self._metric(feasible, bodies), diagonal)
+
+    def distance(self, feasible: FeasibleSet, parameters: npt.ArrayLike) -> float:
+        """Distance of parameters δ from δ₀, without unit.
+
+        Parameters
+        ----------
+        feasible : FeasibleSet
+        parameters : (n,)
+        """
+        return self.prepare(feasible).distance(feasible.as_parameters(parameters))
+
+    @abstractmethod
+    def _metric(self, feasible: FeasibleSet, bodies: Matrix) -> "npt.NDArray[np.float64] | None":
+        """Curvature of the distance in the inertial parameters of each link, (links, 10, 10); None for entropy."""
+
+    def _values(self, feasible: FeasibleSet) -> Vector:
+        source = feasible.model.robot.parameters if self.parameters is None else self.parameters
+        values = np.asarray(source, dtype=float)
+        if values.shape != (feasible.parameter_count,):
+            raise InputError(
+                f"the prior must hold the model's {feasible.parameter_count} standard parameters, got an array of "
+                f"shape {values.shape}."
+            )
+        names = feasible.model.robot.link_names
+        remedy = "give parameters=... with a value for every link" if self.parameters is None else "give one"
+        for link, body in enumerate(values[link_columns(feasible)]):
+            where = f"link {link + 1} ({names[link]})"
+            if not np.all(np.isfinite(body)):
+                source_name = "the robot description" if self.parameters is None else "the prior"
+                raise InputError(f"{source_name} has no inertial parameters for {where}; {remedy}.")
+            if not body[9] > 0:
+                raise InputError(f"the prior's {where} has a mass of {body[9]:g} kg; give a positive mass.")
+            if self.needs_density:
+                _require_density(body, where)
+        return values
+
+
+def _require_density(body: Vector, where: str) -> None:
+    matrix = np.tensordot(body, PSEUDO_INERTIAS, axes=1)
+    sizes = np.sqrt(np.abs(np.diagonal(matrix)))
+    sizes[sizes <= 1e-9 * sizes.max()] = 1.0
+    least = float(np.linalg.eigvalsh(matrix / np.outer(sizes, sizes))[0])
+    if least < SINGULAR:
+        kind = "is flat" if least > -SINGULAR else "belongs to no body with positive density"
+        raise InputError(
+            f'the prior\'s {where} {kind} (it is not feasible under "full" consistency), so that this prior cannot '
+            "measure distances from it; give possible parameters, such as those of steelyard.correct, or use "
+            "EuclideanPrior."
+        )
+
+
+@dataclass(frozen=True, eq=False)
+class EuclideanPrior(Prior):
+    """Squared distance from δ₀, each link measured in its own mass and size: ½ Σ ((δ - δ₀) / unit)².
+
+    The mass counts in units of the link's mass m, first moments in m r, moments of inertia in m r², where r is the
+    largest of its radius of gyration about its frame's origin and 1 cm. Terms count relative to their known values.
+
+    Examples
+    --------
+    >>> from steelyard.dynamics import Model
+    >>> from steelyard.feasibility import FeasibleSet
+    >>> from steelyard.robot import Robot
+    >>> feasible = FeasibleSet(Model(Robot.from_dh([("0", 0.0, 0.0, "q")])))
+    >>> body = [0.2, 0.0, 0.0, 0.2, 0.0, 0.2, 0.0, 0.0, 0.0, 5.0]
+    >>> EuclideanPrior(body).distance(feasible, [0.2, 0.0, 0.0, 0.2, 0.0, 0.2, 0.0, 0.0, 0.0, 10.0])
+    0.5
+    """
+
+    label: ClassVar[str] = "Euclidean"
+    needs_density: ClassVar[bool] = False
+
+    def _metric(self, feasible: FeasibleSet, bodies: Matrix) -> Matrix:
+        sizes = Units(feasible, bodies[:, 9], lengths_of_links(bodies, LEAST_RADIUS), 1.0).inertial
+        return np.asarray([np.diag(1.0 / row**2) for row in sizes])
+
+
+@dataclass(frozen=True, eq=False)
+class EntropicPrior(Prior):
+    """Log-determinant divergence between pseudo-inertias: Σ tr(P₀⁻¹ P) - log det(P₀⁻¹ P) - 4 over the links.
+
+    It does not depend on the choice of link frames or units, and grows without bound where a link loses its mass or its
+    extent, so that answers stay away from the boundary. Only for ``"full"`` consistency. Terms count as
+    ½ ((δ - δ₀) / δ₀)².
+
+    References
+    ----------
+    T. Lee, P. M. Wensing and F. C. Park, Geometric robot dynamic identification: a convex programming approach, IEEE
+    Transactions on Robotics 36, 2020.
+
+    Examples
+    --------
+    >>> from steelyard.dynamics import Model
+    >>> from steelyard.feasibility import FeasibleSet
+    >>> from steelyard.robot import Robot
+    >>> feasible = FeasibleSet(Model(Robot.from_dh([("0", 0.0, 0.0, "q")])))
+    >>> body = np.array([0.2, 0.0, 0.0, 0.2, 0.0, 0.2, 0.0, 0.0, 0.0, 5.0])
+    >>> round(EntropicPrior(body).distance(feasible, 2 * body), 6)  # 4 (2 - log 2 - 1)
+    1.227411
+    """
+
+    label: ClassVar[str] = "entropic"
+
+    def _metric(self, feasible: FeasibleSet, bodies: Matrix) -> None:
+        if feasible.consistency != "full":
+            raise InputError(
+                f'EntropicPrior needs a FeasibleSet with consistency="full", got {feasible.consistency!r}, under which '
+                "pseudo-inertias may be indefinite; use ConstantPullbackPrior, or full consistency."
+            )
+
+
+@dataclass(frozen=True, eq=False)
+class ConstantPullbackPrior(Prior):
+    """Second-order approximation of the entropic distance: Σ ½ tr(P₀⁻¹ (P - P₀) P₀⁻¹ (P - P₀)) over the links.
+
+    It does not depend on the choice of link frames or units. Terms count as ½ ((δ - δ₀) / δ₀)².
+
+    References
+    ----------
+    T. Lee, P. M. Wensing and F. C. Park, Geometric robot dynamic identification: a convex programming approach, IEEE
+    Transactions on Robotics 36, 2020.
+
+    Examples
+    --------
+    >>> from steelyard.dynamics import Model
+    >>> from steelyard.feasibility import FeasibleSet
+    >>> from steelyard.robot import Robot
+    >>> feasible = FeasibleSet(Model(Robot.from_dh([("0", 0.0, 0.0, "q")])))
+    >>> body = np.array([0.2, 0.0, 0.0, 0.2, 0.0, 0.2, 0.0, 0.0, 0.0, 5.0])
+    >>> round(ConstantPullbackPrior(body).distance(feasible, 1.1 * body), 6)  # 4 · 0.1² / 2
+    0.02
+    """
+
+    label: ClassVar[str] = "constant-pullback"
+
+    def _metric(self, feasible: FeasibleSet, bodies: Matrix) -> Matrix:
+        inverses = np.linalg.inv(np.tensordot(bodies, PSEUDO_INERTIAS, axes=1))
+        products = np.einsum("bij,kjl->bkil", inverses, PSEUDO_INERTIAS)
+        return np.asarray(np.einsum("bkij,blji->bkl", products, products))
+
+
+@dataclass(frozen=True, eq=False)
+class PreparedPrior:
+    """A prior of one model.
+
+    Attributes
+    ----------
+    label : str
+    feasible : FeasibleSet
+    reference : (n,)
+        δ₀, zero where unknown.
+    metric : (links, 10, 10) or None
+        Curvature of the distance in the inertial parameters; None for the log-determinant divergence.
+    diagonal : (n,)
+        Curvature in the terms, zero where unknown.
+    """
+
+    label: str
+    feasible: FeasibleSet = field(repr=False)
+    reference: Vector = field(repr=False)
+    metric: Matrix | None = field(repr=False)
+    diagonal: Vector = field(repr=False)
+
+    @property
+    def name(self) -> str:
+        """As in "this is the closest"."""
+        return f"the closest to the {self.label} prior"
+
+    @property
+    def bodies(self) -> Matrix:
+        """Inertial parameters of every link, (links, 10)."""
+        return np.asarray(self.reference[link_columns(self.feasible)])
+
+    def distance(self, parameters: Vector) -> float:
+        """Distance of δ from δ₀; infinite where a pseudo-inertia is not positive definite and the prior needs it."""
+        error = parameters - self.reference
+        value = 0.5 * float(self.diagonal @ error**2)
+        columns = link_columns(self.feasible)
+        if self.metric is not None:
+            inertial = error[columns]
+            return value + 0.5 * float(np.einsum("bi,bij,bj->", inertial, self.metric, inertial))
+        for body, matrix in zip(parameters[columns], np.tensordot(self.bodies, PSEUDO_INERTIAS, axes=1), strict=True):
+            eigenvalues = scipy.linalg.eigh(
+                np.tensordot(body, PSEUDO_INERTIAS, axes=1), matrix, eigvals_only=True, check_finite=False
+            )
+            if eigenvalues[0] <= 0:
+                return np.inf
+            value += float(np.sum(eigenvalues - np.log(eigenvalues) - 1.0))
+        return value
+
+    def value(self, parameters: Vector) -> float:
+        """The distance."""
+        return self.distance(parameters)
+
+    def slope(self, parameters: Vector) -> Vector:
+        """Gradient of the distance at δ, less that of its log-determinants (see `entropy`), (n,)."""
+        error = parameters - self.reference
+        found = self.diagonal * error
+        columns = link_columns(self.feasible)
+        if self.metric is not None:
+            found[columns] += np.einsum("bij,bj->bi", self.metric, error[columns])
+        else:
+            inverses = np.linalg.inv(np.tensordot(self.bodies, PSEUDO_INERTIAS, axes=1))
+            found[columns] += np.einsum("bij,kij->bk", inverses, PSEUDO_INERTIAS)
+        return found
+
+    @property
+    def entropy(self) -> float:
+        """Factor of -Σ log det P in the distance."""
+        return 1.0 if self.metric is None else 0.0
+
+    def root(self) -> Matrix:
+        """G whose GᵀG is half the curvature of the distance, less that of its log-determinants, (r, n)."""
+        rows = [np.diag(np.sqrt(0.5 * self.diagonal))[self.diagonal > 0]]
+        if self.metric is not None:
+            for body, metric in zip(link_columns(self.feasible), self.metric, strict=True):
+                values, vectors = np.linalg.eigh(metric)
+                own = np.zeros((10, len(self.diagonal)))
+                own[:, body] = np.sqrt(0.5 * np.maximum(values, 0.0))[:, None] * vectors.T
+                rows.append(own)
+        return np.vstack(rows)
+
+    def size(self, parameters: Vector) -> float:
+        """What differences between distances are relative to: a deviation by one hundredth counts, at least."""
+        return max(self.distance(parameters), 1e-4 * len(link_columns(self.feasible)))
+
+    def curvature(self) -> sparse.csc_array:
+        """Curvature of the distance at δ₀, (n, n)."""
+        metric = self.metric
+        if metric is None:
+            metric = ConstantPullbackPrior()._metric(self.feasible, self.bodies)
+        columns = link_columns(self.feasible)
+        rows = np.repeat(columns[:, :, None], 10, axis=2).ravel()
+        across = np.repeat(columns[:, None, :], 10, axis=1).ravel()
+        count = len(self.reference)
+        bodies = sparse.coo_array((metric.ravel(), (rows, across)), shape=(count, count))
+        return sparse.csc_array(bodies + sparse.diags_array(self.diagonal))
+
+    def part(self, program: Program) -> Part:
+        """As an objective of a program, less constants."""
+        matrix = sparse.csc_array(program.scaled_matrix)
+        offset = program.origin - self.reference
+        if self.metric is not None:
+            curvature = self.curvature()
+            return _quadratic(matrix, curvature, curvature @ offset)
+        terms = _quadratic(matrix, sparse.csc_array(sparse.diags_array(self.diagonal)), self.diagonal * offset)
+        return self._divergence(program, terms)
+
+    def _divergence(self, program: Program, terms: Part) -> Part:
+        """Σ tr P̃ - log det P̃ with P̃ = L⁻¹ P L⁻ᵀ, P₀ = L Lᵀ, beside the quadratic of the terms.
+
+        log det P̃ is the largest Σ log Z_ii over lower triangular Z with [[P̃, Z], [Zᵀ, diag Z]] positive semidefinite,
+        and t ≤ log Z_ii is an exponential cone (Ben-Tal and Nemirovski, Lectures on modern convex optimization, 4.2).
+        """
+        shared = program.scaled_matrix.shape[1]
+        columns = link_columns(self.feasible)
+        links = len(columns)
+        own = 14 * links
+        q = np.concatenate([terms.q, np.zeros(own)])
+        factors = np.linalg.cholesky(np.tensordot(self.bodies, PSEUDO_INERTIAS, axes=1))
+        rows = []
+        for link, (body, factor) in enumerate(zip(columns, factors, strict=True)):
+            inverse = scipy.linalg.solve_triangular(factor, np.eye(4), lower=True)
+            basis = inverse @ PSEUDO_INERTIAS @ inverse.T
+            matrices = np.tensordot(basis, program.scaled_matrix[body], axes=(0, 0))  # (4, 4, m)
+            constant = np.tensordot(program.origin[body], basis, axes=1)
+            q[:shared] += np.trace(matrices)
+            start = shared + 14 * link
+            q[start + 10 : start + 14] = -1.0
+            rows.append(_triangular_rows(matrices, constant, start, shared + own))
+            rows.append(_logarithm_rows(start, shared + own))
+        P = sparse.csc_array(
+            (terms.P.data, terms.P.indices, np.append(terms.P.indptr, np.full(own, terms.P.indptr[-1]))),
+            shape=(shared + own, shared + own),
+        )
+        return Part(P, q, tuple(row for group in rows for row in group), own)
+
+
+def _quadratic(matrix: sparse.csc_array, curvature: sparse.csc_array, gradient: Vector) -> Part:
+    P = sparse.csc_array(sparse.triu(matrix.T @ (curvature @ matrix), format="csc"))
+    return Part(P, np.asarray(matrix.T @ gradient))
+
+
+_ROW, _COLUMN = np.tril_indices(4)
+
+
+def _triangular_rows(matrices: npt.NDArray[np.float64], constant: Matrix, start: int, size: int) -> tuple[Rows, ...]:
+    """[[P̃, Z], [Zᵀ, diag Z]] ⪰ 0, where the ten elements of the lower triangle of Z begin at `start`."""
+    shared = matrices.shape[2]
+    coefficients = np.zeros((8, 8, size))
+    coefficients[:4, :4, :shared] = matrices
+    for element, (i, j) in enumerate(zip(_ROW, _COLUMN, strict=True)):
+        coefficients[i, 4 + j, start + element] = coefficients[4 + j, i, start + element] = 1.0
+        if i == j:
+            coefficients[4 + i, 4 + i, start + element] = 1.0
+    whole = np.zeros((8, 8))
+    whole[:4, :4] = constant
+    column, row = np.tril_indices(8)
+    scale = np.where(row == column, 1.0, np.sqrt(2.0))
+    left = sparse.csc_array(-coefficients[row, column] * scale[:, None])
+    return (Rows(left, whole[row, column] * scale, Cone("semidefinite", 8)),)
+
+
+def _logarithm_rows(start: int, size: int) -> tuple[Rows, ...]:
+    """t_i ≤ log Z_ii, where the four t follow the ten elements of Z."""
+    found = []
+    for element, i in enumerate(np.flatnonzero(_ROW == _COLUMN)):
+        left = np.zeros((3, size))
+        left[0, start + 10 + element] = left[2, start + i] = -1.0
+        found.append(Rows(sparse.csc_array(left), np.array([0.0, 1.0, 0.0]), Cone("exponential", 3)))
+    return tuple(found)

@@ -1,0 +1,226 @@
+"""Robust regression: rows that no parameters explain count less, by iterated re-weighting."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field, replace
+from typing import Any, Literal
+
+import numpy as np
+import numpy.typing as npt
+
+from steelyard.dynamics import Model
+from steelyard.errors import InputError
+from steelyard.feasibility.feasible_set import FeasibleSet
+from steelyard.recording import Samples
+from steelyard.regression import Factor, Information, least_squares
+from steelyard.regression.information import FILTERED
+from steelyard.regression.reduction import reduce_by_joint, residuals
+
+from .constrained import fit_reduced
+
+__all__ = ["HuberWeights", "RobustInformation", "robust_information"]
+
+Vector = npt.NDArray[np.float64]
+Matrix = npt.NDArray[np.float64]
+
+NORMAL_DEVIATION = 1.482602218505602
+"""Standard deviation of a normal distribution over its median absolute deviation."""
+
+LEAST_SCALE = 1e-9
+"""Scales are at least this part of the root mean square torque of all joints, where residuals are mostly zero."""
+
+
+@dataclass(frozen=True, eq=False)
+class HuberWeights:
+    """How the rows were weighted.
+
+    Attributes
+    ----------
+    threshold : float
+        In units of the scale; rows with smaller residuals have weight 1.
+    scales : (N,)
+        Standard deviation of the undisturbed residuals of each joint, in N·m or N.
+    share : float
+        Of the rows that were weighted down.
+    joint_share : (N,)
+    least_weight : float
+        Of any row.
+    iterations : int
+    converged : bool
+    """
+
+    threshold: float
+    scales: Vector
+    share: float
+    joint_share: Vector
+    least_weight: float
+    iterations: int
+    converged: bool
+
+    def __str__(self) -> str:
+        state = "" if self.converged else f", not converged after {self.iterations} iterations"
+        worst = int(np.argmax(self.joint_share))
+        return (
+            f"Huber weights: {self.share:.2%} of the rows count less (most of joint {worst + 1}: "
+            f"{self.joint_share[worst]:.2%}), the least with weight {self.least_weight:.2g}{state}."
+        )
+
+
+@dataclass(frozen=True, eq=False)
+class RobustInformation(Information):
+    """An Information with weighted rows, and how they were weighted.
+
+    Attributes
+    ----------
+    huber : HuberWeights
+    """
+
+    huber: HuberWeights | None = field(default=None, repr=False)
+
+
+def robust_information(
+    model: Model,
+    samples: Samples | Sequence[Samples],
+    feasible: FeasibleSet | None = None,
+    threshold: float = 1.345,
+    weights: Literal["joint"] | npt.ArrayLike | None = "joint",
+    iterations: int = 50,
+    accuracy: float = 1e-3,
+    **options: Any,
+) -> RobustInformation:
+    """Reduce samples with Huber weights: rows beyond `threshold` standard deviations count in proportion less.
+
+    Wrong samples (a spike, a collision, a joint that stuck) pull least squares towards them. Huber's estimator
+    minimises Σ ρ(r / s), quadratic for small residuals and linear for large ones. It is found by fits in turn: each
+    gives residuals, their median absolute deviation gives the scale s of each joint, and a row with |r| > threshold · s
+    gets the weight threshold · s / |r|. With weights that no longer change, the fit of the returned Information is the
+    estimate.
+
+    Parameters
+    ----------
+    model : Model
+    samples : Samples or sequence of Samples
+        They are gone through once in each iteration, a few thousand rows at a time.
+    feasible : FeasibleSet, optional
+        Where given, each fit is among feasible parameters; else it is plain least squares.
+    threshold : float
+        1.345 loses 5 % of efficiency where all noise is normal (Huber 1981).
+    weights : "joint", None or (N,)
+        Of the joints, in each fit; use the same afterwards.
+    iterations : int
+        Most fits to make.
+    accuracy : float
+        Largest change of a prediction, in units of the scale and in the root mean square, at which they end.
+    **options
+        For the feasible fits, see `fit_reduced`: `prefer`, `tolerance`, `prior`, `prior_weight`, `solver`.
+
+    Returns
+    -------
+    RobustInformation
+        Its `huber` tells what was done; errors (`relative_error`) are of the unweighted rows. Two of them add, to a
+        plain Information.
+
+    Raises
+    ------
+    InputError
+        For a threshold or number of iterations that is not positive, or samples of another robot.
+
+    References
+    ----------
+    P. J. Huber, Robust Statistics, Wiley, 1981.
+
+    Examples
+    --------
+    >>> import steelyard as sy
+    >>> model = sy.Model(sy.Robot.from_dh([(0, 1.0, 0, "q")], gravity=(0, -9.81, 0)))
+    >>> random = np.random.default_rng(1)
+    >>> q, dq, ddq = random.normal(size=(3, 500, 1))
+    >>> torque = model.inverse_dynamics(q, dq, ddq, np.ones(10)) + 0.1 * random.normal(size=(500, 1))
+    >>> torque[::50] += 30.0
+    >>> samples = sy.Samples(q=q, dq=dq, ddq=ddq, torque=torque)
+    >>> truth = model.base_parameters().values(np.ones(10))
+    >>> plain = least_squares(sy.Information.from_samples(model, samples)).base
+    >>> robust = robust_information(model, samples)
+    >>> bool(np.abs(least_squares(robust).base - truth).max() < 0.1 * np.abs(plain - truth).max())
+    True
+    >>> robust.huber.converged
+    True
+    """
+    _check_positive(threshold, "threshold", "1.345")
+    _check_positive(iterations, "iterations", "50")
+    _check_positive(accuracy, "accuracy", "1e-3")
+    if options and feasible is None:
+        raise InputError(f"robust_information takes {', '.join(options)} only with feasible=...; give a FeasibleSet.")
+    chunks = [samples] if isinstance(samples, Samples) else list(samples)
+    if not chunks:
+        raise InputError("there are no samples to reduce; give at least one Samples.")
+    measured = _reduced(model, chunks, None)
+    plain = Information.empty(model)
+    information = replace(plain, factors=measured)
+    base = _fitted(information, feasible, weights, options)
+    record: HuberWeights | None = None
+    for iteration in range(1, int(iterations) + 1):
+        scales, factors, record = _weighted(model, chunks, base, float(threshold), iteration)
+        information = replace(plain, factors=factors, torque_factors=measured)
+        before, base = base, _fitted(information, feasible, weights, options)
+        step = base - before
+        moved = [np.sqrt(f.prediction2(step) / max(f.count, 1)) for f in measured]
+        if np.all(np.array(moved) <= accuracy * scales):
+            record = replace(record, converged=True)
+            break
+    assert record is not None
+    filtered = any(chunk.filtered_torque for chunk in chunks)
+    remarks = (*((FILTERED,) if filtered else ()), str(record))
+    return RobustInformation(
+        plain.base_names,
+        plain.base_expressions,
+        plain.joint_names,
+        information.factors,
+        measured,
+        None,
+        remarks,
+        record,
+        filtered_torque=filtered,
+    )
+
+
+def _fitted(information: Information, feasible: FeasibleSet | None, weights: Any, options: dict[str, Any]) -> Vector:
+    if feasible is None:
+        return least_squares(information, weights).base
+    return fit_reduced(information.reduced(weights), feasible, **options).base
+
+
+def _reduced(model: Model, chunks: Sequence[Samples], scales: list[Matrix] | None) -> tuple[Factor, ...]:
+    total: tuple[Factor, ...] | None = None
+    for index, chunk in enumerate(chunks):
+        factors = reduce_by_joint(model, chunk, None if scales is None else scales[index])
+        total = factors if total is None else tuple(a + b for a, b in zip(total, factors, strict=True))
+    assert total is not None
+    return total
+
+
+def _weighted(
+    model: Model, chunks: Sequence[Samples], base: Vector, threshold: float, iteration: int
+) -> tuple[Vector, tuple[Factor, ...], HuberWeights]:
+    """Scales, weighted factors and the record, from the residuals of a fit."""
+    errors = [np.vstack([part for _, part in residuals(model, chunk, base)]) for chunk in chunks]
+    used = [np.ones(e.shape, dtype=bool) if c.mask is None else c.mask for c, e in zip(chunks, errors, strict=True)]
+    torque = np.sqrt(np.mean([np.mean(chunk.torque**2) for chunk in chunks]))
+    scales = np.full(model.joint_count, max(LEAST_SCALE * torque, np.finfo(float).tiny))
+    for k in range(model.joint_count):
+        own = np.concatenate([e[u[:, k], k] for e, u in zip(errors, used, strict=True)])
+        if len(own):
+            scales[k] = max(scales[k], NORMAL_DEVIATION * float(np.median(np.abs(own - np.median(own)))))
+    limits = threshold * scales
+    weights = [np.where(np.abs(e) > limits, limits / np.maximum(np.abs(e), limits), 1.0) for e in errors]
+    lower = sum(np.sum((w < 1.0) & u, axis=0) for w, u in zip(weights, used, strict=True))
+    counts = np.maximum(sum(np.sum(u, axis=0) for u in used), 1)
+    least = min(float(w[u].min(initial=1.0)) for w, u in zip(weights, used, strict=True))
+    record = HuberWeights(
+        threshold, scales, float(np.sum(lower) / np.sum(counts)), lower / counts, least, iteration, False
+    )
+    return scales, _reduced(model, chunks, [np.sqrt(w) for w in weights]), record
+
+
+def _check_positive(value: Any, name: str, example: str) -> None:
+    if isinstance(value, bool) or not isinstance(value, (int, float)) or not 0 < value < np.inf:
+        raise InputError(f"{name} must be a positive number, such as {example}, got {value!r}.")

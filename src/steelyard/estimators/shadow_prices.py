@@ -1,0 +1,289 @@
+"""What each condition costs in regression error."""
+
+import math
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from steelyard.dynamics.threads import one_thread
+from steelyard.errors import InputError
+from steelyard.feasibility.feasible_set import FeasibleSet
+from steelyard.feasibility.growth import mass_bound_of
+from steelyard.feasibility.insight.region import reduced_regression
+from steelyard.feasibility.insight.table import html_table, percent, text_table
+from steelyard.lmi import vector_to_symmetric
+
+from .reduced import ReducedRegression
+from .stages import GAP, Fitting, Optimum
+
+__all__ = ["ConstraintPrice", "ConstraintPrices", "constraint_prices"]
+
+Vector = npt.NDArray[np.float64]
+
+ACTIVE = 1e-7
+"""A condition is active where a unit more on its diagonal gains more than this part of the squared residual."""
+
+
+@dataclass(frozen=True, eq=False)
+class ConstraintPrice:
+    """What one condition, or a group of them, costs.
+
+    Attributes
+    ----------
+    name : str
+    kind : str
+        ``"link"``, ``"term"``, ``"constraint"`` or ``"group"``.
+    active : bool
+        Whether the condition stops the residual from falling.
+    squared_saving : float
+        By how much the squared residual falls when it is dropped.
+    saving : float
+        The same of the relative error, as a part of it: 0.01 means that an error of 5 % falls to 4.95 %.
+    marginal : float
+        By which part the relative error falls for each unit that is added to the diagonal of the condition, at first;
+        it is what a margin costs. nan for groups.
+    unit : str
+        ``"SI unit"`` where the diagonal has several.
+    """
+
+    name: str
+    kind: str
+    active: bool
+    squared_saving: float
+    saving: float
+    marginal: float
+    unit: str
+
+
+@dataclass(frozen=True, eq=False)
+class ConstraintPrices:
+    """Answer of `constraint_prices`, dearest first.
+
+    Attributes
+    ----------
+    prices : tuple of ConstraintPrice
+        Of the single conditions.
+    groups : tuple of ConstraintPrice
+        Of the links together, the terms, the constraints, and of the triangle inequality.
+    squared_residual : float
+        Under all conditions.
+    relative_error : float
+    least_squares_error : float
+        Relative error without any condition.
+    parameters : (n,)
+        Under all conditions.
+    mass_bound : float
+        In kg, on the total mass.
+    stopped_by_bound : bool
+        Whether the residual would fall further with more mass.
+    optimality_gap : float
+        Measured: no squared residual from which savings were taken could be less by more than this part of the one
+        under all conditions.
+    consistency : str
+    """
+
+    prices: tuple[ConstraintPrice, ...]
+    groups: tuple[ConstraintPrice, ...]
+    squared_residual: float
+    relative_error: float
+    least_squares_error: float
+    parameters: Vector = field(repr=False)
+    mass_bound: float
+    stopped_by_bound: bool
+    optimality_gap: float
+    consistency: str
+
+    @property
+    def active(self) -> tuple[ConstraintPrice, ...]:
+        """The conditions that stop the residual from falling."""
+        return tuple(price for price in self.prices if price.active)
+
+    def __getitem__(self, name: str) -> ConstraintPrice:
+        for price in (*self.groups, *self.prices):
+            if price.name == name:
+                return price
+        known = ", ".join(price.name for price in (*self.groups, *self.prices))
+        raise InputError(f"there is no price of {name!r}; these are {known}.")
+
+    def sentences(self) -> tuple[str, ...]:
+        """The answer in words."""
+        cost = ""
+        if self.least_squares_error > 1e-9:
+            cost = f", by {percent(self.relative_error / self.least_squares_error - 1.0)} of itself"
+        found = [
+            f'Feasibility under "{self.consistency}" consistency raises the relative error from '
+            f"{percent(self.least_squares_error, 4)} to {percent(self.relative_error, 4)}{cost}.",
+            f"{len(self.active)} of {len(self.prices)} conditions are active.",
+        ]
+        if self.stopped_by_bound:
+            found.append(
+                f"The total mass is at its bound of {self.mass_bound:g} kg; with more the residual would fall a little "
+                "further."
+            )
+        if not self.optimality_gap <= 2 * GAP:
+            found.append(
+                f"Squared residuals are proved to be the least to within {self.optimality_gap:.1g} of the one under "
+                "all conditions, so that savings below that mean nothing."
+            )
+        return tuple(found)
+
+    def _rows(self) -> list[tuple[str, ...]]:
+        rows: list[tuple[str, ...]] = []
+        for price in (*self.groups, *(p for p in self.prices if p.active)):
+            marginal = "" if math.isnan(price.marginal) else percent(price.marginal)
+            rows.append((percent(price.saving), f"{price.squared_saving:.5g}", marginal, price.unit, price.name))
+        return rows
+
+    def __str__(self) -> str:
+        return "\n".join((*self.sentences(), text_table(HEADS, self._rows(), numbers=(0, 1, 2))))
+
+    def _repr_html_(self) -> str:
+        return html_table(" ".join(self.sentences()), HEADS, self._rows())
+
+    def to_dict(self) -> dict[str, Any]:
+        """As plain data, for JSON."""
+
+        def entry(price: ConstraintPrice) -> dict[str, Any]:
+            return {
+                "name": price.name,
+                "kind": price.kind,
+                "active": price.active,
+                "squared_saving": price.squared_saving,
+                "saving": price.saving,
+                "marginal": None if math.isnan(price.marginal) else price.marginal,
+                "unit": price.unit,
+            }
+
+        return {
+            "consistency": self.consistency,
+            "squared_residual": self.squared_residual,
+            "relative_error": self.relative_error,
+            "least_squares_error": self.least_squares_error,
+            "mass_bound": self.mass_bound,
+            "stopped_by_bound": self.stopped_by_bound,
+            "optimality_gap": self.optimality_gap,
+            "groups": [entry(price) for price in self.groups],
+            "prices": [entry(price) for price in self.prices],
+            "parameters": self.parameters.tolist(),
+        }
+
+
+HEADS = ("saved", "squared", "marginal", "per", "condition")
+
+
+def constraint_prices(
+    information: Any,
+    feasible: FeasibleSet,
+    *,
+    weights: Any = "joint",
+    mass_bound: float | None = None,
+    solver: str = "clarabel",
+) -> ConstraintPrices:
+    """What each condition costs in regression error: at the margin, and when it is dropped.
+
+    Parameters
+    ----------
+    information : Information
+        Or its reduced form.
+    feasible : FeasibleSet
+    weights : "joint", None or (N,)
+        Of the joints, as in `fit`; errors then are those of the weighted regression.
+    mass_bound : float, optional
+        Bound on the total mass in kg while fits are compared, since residuals may fall for ever as masses grow; where
+        absent, the one of `fit`: 20 times the mass that CAD or a `TotalMass` tells, else 1000 kg, or what the torques
+        speak of. A link whose condition is dropped does not count.
+    solver : str
+        As in `solve`.
+
+    Returns
+    -------
+    ConstraintPrices
+        Savings of single conditions need not add to that of their group: where two conditions stand in the way of the
+        same gain, neither saves anything by itself.
+
+    Raises
+    ------
+    InputError
+        For data of another model, or a bad argument.
+    SolverError
+        If no parameters satisfy all conditions.
+
+    See Also
+    --------
+    explain_infeasibility : Which conditions an estimate violates.
+
+    Examples
+    --------
+    Data of a pendulum whose moment of inertia comes out as -0.1 kg m², with nothing else to be gained:
+
+    >>> import numpy as np
+    >>> import steelyard as sy
+    >>> from steelyard.feasibility import FeasibleSet
+    >>> model = sy.Model(sy.Robot.from_dh([("0", 0.0, 0.0, "q")], gravity=(0, -9.81, 0)))
+    >>> names = model.base_parameters().names
+    >>> information = sy.Information.from_factor(np.eye(3), [-0.1, 0.0, 0.0], 0.01, 100, names)
+    >>> prices = constraint_prices(information, FeasibleSet(model))
+    >>> [(price.name, round(price.squared_saving, 3)) for price in prices.active]
+    [('body of link1', 0.01)]
+    """
+    if mass_bound is not None and (
+        isinstance(mass_bound, bool) or not isinstance(mass_bound, (int, float)) or not 0 < mass_bound < math.inf
+    ):
+        raise InputError(f"mass_bound must be a positive number of kg, got {mass_bound!r}.")
+    reduced = reduced_regression(information, weights, feasible)
+    norm2 = float(reduced.norm2)
+    with one_thread():
+        regression = ReducedRegression.of(reduced, feasible)
+        scale = regression.units(feasible)
+        bound = mass_bound_of(feasible, scale) if mass_bound is None else float(mass_bound)
+        gaps = []
+
+        def least(allowed: FeasibleSet) -> Optimum:
+            fitting = Fitting(allowed, regression, regression.units(allowed).with_cad(), solver)
+            found = fitting.least(allowed.margin, bound)
+            gaps.append(found.squared_residual - found.lower_bound)
+            return found
+
+        whole = least(feasible)
+        size = max(whole.squared_residual, regression.noise_floor)
+
+        def saving(allowed: FeasibleSet) -> float:
+            return max(whole.squared_residual - least(allowed).squared_residual, 0.0)
+
+        def price(name: str, kind: str, saved: float, active: bool, marginal: float, unit: str) -> ConstraintPrice:
+            left = max(size - saved, 0.0) / size
+            return ConstraintPrice(name, kind, active, saved, 1.0 - math.sqrt(left), marginal, unit)
+
+        prices = []
+        for index, (block, place) in enumerate(zip(feasible.blocks, feasible.stack.slices, strict=True)):
+            # d(squared residual) / dr of D - r 1, from the multipliers (weak duality).
+            slope = float(np.trace(vector_to_symmetric(whole.multipliers[place])))
+            active = slope > ACTIVE * max(size, 1e-6 * norm2)
+            saved = saving(feasible.without((index,))) if active else 0.0
+            relative = slope / (2.0 * size) if active else 0.0
+            unit = (block.unit or "SI unit") if block.size == 1 else "SI unit"
+            prices.append(price(block.name, block.kind, saved, active, relative, unit))
+        groups = []
+        for kind, name in (("link", "all links"), ("term", "all terms"), ("constraint", "all constraints")):
+            members = [i for i, block in enumerate(feasible.blocks) if block.kind == kind]
+            if members:
+                active = any(prices[i].active for i in members)
+                groups.append(price(name, "group", saving(feasible.without(members)), active, math.nan, ""))
+        if feasible.consistency == "full":
+            weaker = FeasibleSet(feasible.model, "inertia", feasible.constraints, feasible.margin, feasible.terms)
+            saved = saving(weaker)
+            groups.append(price("triangle inequality", "group", saved, saved > ACTIVE * norm2, math.nan, ""))
+    return ConstraintPrices(
+        prices=tuple(sorted(prices, key=lambda p: (-p.squared_saving, -p.marginal))),
+        groups=tuple(sorted(groups, key=lambda p: -p.squared_saving)),
+        squared_residual=whole.squared_residual,
+        relative_error=math.sqrt(whole.squared_residual / norm2),
+        least_squares_error=math.sqrt(float(reduced.residual2) / norm2),
+        parameters=whole.parameters,
+        mass_bound=bound,
+        stopped_by_bound=not whole.attained,
+        optimality_gap=max(gaps) / size,
+        consistency=feasible.consistency,
+    )

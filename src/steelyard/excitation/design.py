@@ -1,0 +1,467 @@
+"""Excitation design: the motion that shows a robot's parameters best, under all its limits."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Callable, Mapping, Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, Literal
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from steelyard.dynamics import Model
+from steelyard.errors import InputError, SolverError
+from steelyard.recording import Samples
+from steelyard.regression import Information
+
+from .constraint import MotionConstraint
+from .criterion import Criterion, Spectrum, make_subset
+from .excitation import ExcitationDesign, nearest_first
+from .family import Family, make_family
+from .identifiability import TORQUE_NOISE, Identifiability, identifiability
+from .joint_limits import joint_limits
+from .limits import MotionLimits
+from .limits_file import limits_from_file
+from .problem import DesignProblem, coefficient_scale
+from .pull_back import RegressorPullBack
+from .search import Search, resting_postures
+from .torque_limits import torque_limits
+from .trajectory import Trajectory
+from .verification import Margin, Verifier, keeps_all, margins_of
+from .workers import single_threaded
+
+if TYPE_CHECKING:
+    from steelyard.collision.surroundings import Surroundings
+
+__all__ = ["design_excitation"]
+
+Array = NDArray[np.float64]
+_WATCHED = (
+    "; self-collision is watched by default, and [collision] in the limits file has `exclude` for pairs of links and "
+    "`self = false` for none"
+)
+_NAMED = 5  # parameters
+_SHORT = 40  # characters
+_USED_UP = 0.01  # of the scale of a limit: what is nearer to it counts as using it up
+_SMOOTHNESS = 0.02  # of the velocity scale: width of the smooth sign
+METHODS = ("gradient", "cobyla")
+
+
+@single_threaded
+def design_excitation(
+    model: Model,
+    limits: MotionLimits | Mapping[str, Any] | str | Path | None = None,
+    *,
+    family: Literal["fourier", "spline", "quintic"] = "fourier",
+    period: float = 12.5,
+    harmonics: int = 6,
+    points: int | None = None,
+    lead: float | None = None,
+    periods: int = 1,
+    criterion: Literal["condition", "d", "a"] = "condition",
+    subset: str | Sequence[str] | None = None,
+    others: Literal["unknown", "known"] = "unknown",
+    noise: ArrayLike | None = None,
+    complement: Information | Trajectory | ExcitationDesign | None = None,
+    constraints: Sequence[MotionConstraint] = (),
+    self_collision: bool = True,
+    parameters: ArrayLike | None = None,
+    margin: float = 0.0,
+    rate: float = 1000.0,
+    method: Literal["gradient", "cobyla"] = "gradient",
+    starts: int = 8,
+    seed: int = 0,
+    workers: int | None = None,
+    time_limit: float | None = None,
+    progress: Callable[[str], None] | None = None,
+) -> ExcitationDesign:
+    """Design a motion that shows a robot's parameters (thesis section 4.3.2).
+
+    From each of several random starts the criterion is minimised with its gradient, which comes from the expression
+    graph in reverse, and the best results are refined. Every limit is then looked at over the whole motion at 1 kHz,
+    lead-in and lead-out too, and what is not kept is repaired. The same arguments give the same motion, unless the
+    work is cut short by a time limit or by Ctrl-C; then the best motion so far is returned, with its `status`.
+
+    Parameters
+    ----------
+    model : Model
+    limits : MotionLimits, mapping, str, Path or None
+        Of positions, velocities, accelerations, torques and power: as such, as the arguments of
+        :meth:`MotionLimits.of`, or as a limits file (TOML). What a mapping or a file does not name, and all of it for
+        None, is taken from the robot's description.
+    family : {"fourier", "spline", "quintic"}
+        Fourier series; B-splines of degree five that start and end at rest; moves of degree five from point to point
+        with a rest at each. The latter two end where they began.
+    period : float
+        s.
+    harmonics : int
+        Of the Fourier series.
+    points : int, optional
+        Control points of a spline, or points of the moves; ``2 harmonics + 1`` by default.
+    lead : float, optional
+        Time of the lead-in from rest and of the lead-out to rest of a Fourier series, s; 0 for none. By default one
+        oscillation of the highest harmonic.
+    periods : int
+        How many periods of a Fourier series are played.
+    criterion : {"condition", "d", "a"}
+        Condition number of the base regressor (Gautier and Khalil 1992), determinant of its information matrix
+        (D-optimality) or trace of the inverse of that, the sum of variances (A-optimality; Pukelsheim 2006).
+    subset : str or sequence of str, optional
+        Which parameters the motion is to show: names of joints, links or parameters, or ``"payload"``, the last link.
+    others : {"unknown", "known"}
+        Whether those beyond the subset are estimated too, or known already.
+    noise : array_like, optional
+        (N,) standard deviation of each joint's torque, by whose inverse its rows are weighted.
+    complement : Information, Trajectory or ExcitationDesign, optional
+        What is known or planned already: the criterion counts both together. The noise of an Information is taken
+        from `noise`, too.
+    constraints : sequence of MotionConstraint
+        Further ones, such as clearances from a table or of bodies from each other.
+    self_collision : bool
+        Keep the links 0.01 m from each other, where the description has collision geometry and neither `constraints`
+        nor the limits file have a say in it. What could not be watched is told in the remarks, and so is what was not
+        checked of floor and table.
+    parameters : array_like, optional
+        (n,) with which torques are predicted; those of the description by default.
+    margin : float
+        Fraction of each limit that is left free.
+    rate : float
+        At which the motion will be recorded, Hz.
+    method : {"gradient", "cobyla"}
+        ``"cobyla"`` is the scheme of the thesis, for comparison: no gradients, and a penalty on the limits.
+    starts, seed : int
+    workers : int, optional
+        How many starts run side by side; as many as there are processors by default.
+    time_limit : float, optional
+        s, after which the best so far is taken.
+    progress : callable, optional
+        Called with a few words after each step.
+
+    Returns
+    -------
+    ExcitationDesign
+
+    Raises
+    ------
+    InputError
+        If an argument cannot be used.
+    SolverError
+        If no motion keeps every limit; the message names the limit.
+
+    Examples
+    --------
+    >>> import steelyard as sy
+    >>> model = sy.Model(sy.Robot.from_dh([(0, 0.5, 0, "q"), (0, 0.4, 0, "q")], gravity=(0, -9.81, 0)))
+    >>> limits = {"lower": -1.5, "upper": 1.5, "velocity": 2.0, "acceleration": 6.0}
+    >>> design = design_excitation(model, limits, period=5.0, harmonics=3, starts=2, workers=1)
+    >>> design.condition_number < 10, design.margins[0].clearance >= 0
+    (True, True)
+    """
+    say = progress or (lambda _: None)
+    _check_options(method, starts, workers, time_limit, rate, seed)
+    chosen = make_family(family, period=period, harmonics=harmonics, points=points, lead=lead, periods=periods)
+    remarks: list[str] = []
+    where = "limits"
+    sections: dict[str, Any] = {}
+    if isinstance(limits, str | Path):
+        where, folder = str(limits), Path(limits).parent
+        limits, sections = limits_from_file(limits)
+        constraints = (*constraints, *_geometry(model, sections, folder, where))
+    around = _surroundings(model, constraints, sections, self_collision)
+    remarks += around.remarks
+    if around.own is not None:
+        constraints = (*constraints, around.own)
+    for constraint in constraints:
+        remarks += getattr(constraint, "remarks", ())
+    bounds = _limits(model, limits, where, remarks, parameters).reduced(margin)
+    measure = Criterion(criterion, make_subset(model, subset, others))
+    weights = _weights(model, noise)
+    problem = _problem(model, chosen, bounds, measure, weights, rate, (*constraints,), parameters)
+    prior = _prior(model, complement, weights, rate)
+    problem = problem.with_prior(prior)
+    postures, obstacle = resting_postures(problem, bounds, seed, starts)
+    if not postures:
+        raise SolverError(
+            f"The robot cannot even rest within its limits: no posture was found that keeps {obstacle}; widen this "
+            f"limit or take it out{_WATCHED if around.own is not None else ''}."
+        )
+    if len(problem.constraints) == len(joint_limits(bounds)):
+        postures = postures[:1]  # the middle of the ranges is as good a start as any
+
+    judged = _period_times(chosen, rate)
+    judged_basis = chosen.basis(judged)
+
+    def spectrum(x: Array) -> Spectrum:
+        """Return that of the whole information, with the exact sign of friction."""
+        motion = problem.motion(x, judged_basis)
+        part = problem.count / len(judged)
+        return Spectrum.of(
+            prior.T @ prior + part * RegressorPullBack.exact(model, *motion, weights),
+            lambda: np.vstack([prior, np.sqrt(part) * RegressorPullBack.exact_factor(model, *motion, weights)]),
+        )
+
+    def figure(x: Array) -> float:
+        return measure.figure(spectrum(x))
+
+    search = Search(
+        problem,
+        Verifier(chosen),
+        figure,
+        bounds,
+        method,
+        starts,
+        seed,
+        workers or _processors(),
+        time_limit,
+        say,
+    )
+    result = search.run(postures)
+    assert result.best.x is not None
+    coefficients = problem.coefficients(result.best.x)
+    excitation, trajectory = chosen.excitation(coefficients), chosen.trajectory(coefficients)
+    t, *motion = trajectory.sample(1000.0)
+    margins = nearest_first(margins_of(problem.constraints, t, (motion[0], motion[1], motion[2])))
+    if not keeps_all(margins):  # the trajectory itself is looked at, not what the search made of it
+        raise SolverError(f"The motion that was found does not keep its limits after all ({margins[0]}).")
+    own = _information(model, excitation, rate)
+    if np.abs(motion[1][0]).max() > 1e-6:
+        remarks.append("The motion starts and ends at speed, without a lead-in: bring the robot to this speed first.")
+    remarks += _notes(result.status, result.finished, starts)
+    shown = identifiability(spectrum(result.best.x), measure.subset, problem.count * model.joint_count)
+    unchecked = around.missing(motion[0])
+    remarks = [*unchecked, *remarks]
+    if shown.unshown:
+        remarks.insert(0, _hopeless(shown, len(measure.subset.names), margins, period))
+    return ExcitationDesign(
+        robot_name=model.robot.name,
+        joint_names=tuple(model.robot.joint_names),
+        trajectory=trajectory,
+        excitation=excitation,
+        condition_number=own.condition_number,
+        combined_condition_number=_combined(model, own, complement, rate),
+        criterion=criterion,
+        figure=result.best.figure,
+        subset=() if subset is None else measure.subset.names,
+        terms=tuple(term.kind for term in model.robot.terms),
+        parameter_count=model.parameter_count,
+        base_count=model.base_parameters().count,
+        uncertainty=shown.uncertainty,
+        unshown=shown.unshown,
+        unchecked=unchecked,
+        limits=bounds,
+        margins=margins,
+        family=family,
+        method=method,
+        status=result.status,
+        rate=rate,
+        lead=chosen.window[0],
+        seed=seed,
+        starts=starts,
+        finished_starts=result.finished,
+        remarks=tuple(remarks),
+    )
+
+
+def _check_options(
+    method: str, starts: int, workers: int | None, time_limit: float | None, rate: float, seed: int
+) -> None:
+    if method not in METHODS:
+        raise InputError(f"method must be one of {', '.join(METHODS)}, got {method!r}.")
+    for name, number, least in (("starts", starts, 1), ("workers", workers, 1), ("seed", seed, 0)):
+        if number is not None and (isinstance(number, bool) or int(number) != number or number < least):
+            raise InputError(f"{name} must be a whole number of at least {least}, got {number!r}.")
+    for name, value in (("time_limit", time_limit), ("rate", rate)):
+        if value is not None and not (np.isfinite(value) and value > 0.0):
+            raise InputError(f"{name} must be positive, got {value!r}.")
+
+
+def _geometry(model: Model, sections: Mapping[str, Any], folder: Path, where: str) -> Sequence[MotionConstraint]:
+    """Return the constraints of the tables of a limits file that are about space."""
+    if not sections:
+        return ()
+    from steelyard.collision import geometry_from_dict
+
+    return geometry_from_dict(sections, model.robot, folder, where=where)
+
+
+def _surroundings(
+    model: Model, constraints: Sequence[MotionConstraint], sections: Mapping[str, Any], self_collision: bool
+) -> Surroundings:
+    from steelyard.collision.surroundings import Surroundings
+
+    return Surroundings.of(model.robot, constraints, sections, self_collision)
+
+
+def _limits(
+    model: Model,
+    limits: MotionLimits | Mapping[str, Any] | None,
+    where: str,
+    remarks: list[str],
+    parameters: ArrayLike | None,
+) -> MotionLimits:
+    names = tuple(model.robot.joint_names)
+    if isinstance(limits, MotionLimits):
+        if len(limits.joint_names) != len(names):
+            raise InputError(
+                f"The limits are of {len(limits.joint_names)} joints, but {model.robot.name} has {len(names)}: "
+                f"{', '.join(names)}."
+            )
+        bounds = limits
+    else:
+        own = MotionLimits.from_robot(model.robot)
+        asked = dict(limits or {})
+        bounds = own.updated(asked, where)
+        torques = {"torque", "effort", "power", "total_power"} & set(asked)
+        if not torques and parameters is None and np.isnan(model.robot.parameters[_link_columns(model)]).any():
+            if np.isfinite(bounds.torque).any():
+                remarks.append(
+                    "The effort limits of the description were not looked at, because it has no inertia for some link."
+                )
+            bounds = bounds.updated({"torque": float("inf")})
+    for k, name in enumerate(names):
+        if not np.isfinite([bounds.upper[k] - bounds.lower[k], bounds.velocity[k], bounds.acceleration[k]]).any():
+            raise InputError(
+                f"{name} has neither limits of position nor of velocity nor of acceleration, so that its motion would "
+                "grow without end; give limits for it."
+            )
+    return bounds
+
+
+def _link_columns(model: Model) -> NDArray[np.intp]:
+    return np.concatenate([np.asarray(c, dtype=np.intp) for c in model.link_columns])
+
+
+def _weights(model: Model, noise: ArrayLike | None) -> Array:
+    if noise is None:
+        return np.ones(model.joint_count)
+    values = np.asarray(noise, dtype=np.float64)
+    if values.shape != (model.joint_count,) or not np.isfinite(values).all() or (values <= 0.0).any():
+        raise InputError(
+            f"noise must be {model.joint_count} positive numbers, one standard deviation for each joint, got {noise!r}."
+        )
+    return np.asarray(1.0 / values)
+
+
+def _period_times(family: Family, rate: float) -> Array:
+    begin, end = family.window
+    return np.asarray(begin + np.arange(round((end - begin) * rate)) / rate)
+
+
+def _problem(
+    model: Model,
+    family: Family,
+    limits: MotionLimits,
+    criterion: Criterion,
+    weights: Array,
+    rate: float,
+    constraints: tuple[MotionConstraint, ...],
+    parameters: ArrayLike | None,
+) -> DesignProblem:
+    begin, end = family.window
+    count = int(np.ceil((end - begin) / family.step))
+    judged = begin + (end - begin) * np.arange(count) / count
+    leads = np.concatenate([np.arange(0.0, begin, family.step), [end]])
+    if begin > 0.0:
+        leads = np.concatenate([leads, np.arange(family.duration, family.duration - begin, -family.step)])
+    # Joints that are not bounded on both sides move about 0, but not at the very bound.
+    lower = np.where(np.isfinite(limits.lower), limits.lower, np.minimum(limits.upper - 2.0, -1.0))
+    upper = np.where(np.isfinite(limits.upper), limits.upper, np.maximum(lower + 2.0, 1.0))
+    scale = coefficient_scale(limits, family.basis(judged))
+    # How fast a joint goes in a motion within its limits.
+    fast = np.sqrt(np.mean(scale**2)) * float(np.abs(family.basis(judged)[1]).max())
+    width = _SMOOTHNESS * min(fast, float(np.min(limits.velocity)))
+    return DesignProblem(
+        family=family,
+        regressor=RegressorPullBack(model, width, weights),
+        criterion=criterion,
+        constraints=(*joint_limits(limits), *torque_limits(model, limits, parameters), *constraints),
+        center=0.5 * (lower + upper),
+        scale=scale,
+        prior=np.zeros((model.base_parameters().count,) * 2),
+        count=(end - begin) * rate * getattr(family, "periods", 1),
+        times=np.concatenate([judged, leads]),
+        judged=count,
+        given=len(constraints),
+        regular=count + len(leads),
+    )
+
+
+def _prior(
+    model: Model, complement: Information | Trajectory | ExcitationDesign | None, weights: Array, rate: float
+) -> Array:
+    """Return a factor (n_b, n_b) of the information of what the design complements."""
+    if complement is None:
+        return np.zeros((model.base_parameters().count,) * 2)
+    information = _known(model, complement, rate)
+    if information.base_expressions != model.base_parameters().expressions:
+        raise InputError("The complement is an Information of another robot: its base parameters are different.")
+    given = weights if information.by_joint else None
+    if given is None and np.ptp(weights) > 0.0:
+        raise InputError(
+            "noise needs a complement whose joints are known apart; this Information was reduced over all."
+        )
+    return np.asarray(information.reduced(given).R)
+
+
+def _known(model: Model, complement: Information | Trajectory | ExcitationDesign, rate: float) -> Information:
+    if isinstance(complement, Information):
+        return complement
+    motion = complement.excitation if isinstance(complement, ExcitationDesign) else complement
+    if motion.joint_count != model.joint_count:
+        raise InputError(
+            f"The complement moves {motion.joint_count} joints, but {model.robot.name} has {model.joint_count}."
+        )
+    return _information(model, motion, rate)
+
+
+def _information(model: Model, motion: Trajectory, rate: float) -> Information:
+    _, q, dq, ddq = motion.sample(rate)
+    return Information.from_samples(model, Samples(q=q, dq=dq, ddq=ddq, torque=np.zeros_like(q)))
+
+
+def _combined(
+    model: Model,
+    own: Information,
+    complement: Information | Trajectory | ExcitationDesign | None,
+    rate: float,
+) -> float | None:
+    if complement is None:
+        return None
+    both = [information.reduced(None).R for information in (own, _known(model, complement, rate))]
+    values = np.linalg.svd(np.vstack(both), compute_uv=False)
+    return float(values[0] / values[-1]) if values[-1] > 0.0 else float("inf")
+
+
+def _hopeless(shown: Identifiability, count: int, margins: Sequence[Margin], period: float) -> str:
+    """Say that a motion does not show what was asked, what it does not show, and what to try."""
+    names = ", ".join(map(_short, shown.unshown[:_NAMED]))
+    more = len(shown.unshown) - _NAMED
+    used = dict.fromkeys(m.name for m in margins if m.fraction < _USED_UP)
+    wider = f"wider limits of {' and '.join(used)}, which the motion uses up, " if used else ""
+    return (
+        f"This motion cannot identify what was asked: torque noise of {TORQUE_NOISE:.0%} leaves "
+        f"{len(shown.unshown)} of {count} parameters less certain than all base parameters together are large "
+        f"({names}{f' and {more} more' if more > 0 else ''}); try {wider}a period longer than {period:g} s, or fewer "
+        "terms or parameters."
+    )
+
+
+def _short(expression: str) -> str:
+    """Return the first few parts of the expression of a base parameter."""
+    return expression if len(expression) <= _SHORT else expression[: expression.rindex(" ", 0, _SHORT)] + " ..."
+
+
+def _notes(status: str, finished: int, starts: int) -> list[str]:
+    if status == "interrupted":
+        return [f"The search was interrupted after {finished} of {starts} starts; this is the best motion so far."]
+    if status == "time limit":
+        return [f"The time limit came after {finished} of {starts} starts; this is the best motion so far."]
+    return []
+
+
+def _processors() -> int:
+    try:
+        return len(os.sched_getaffinity(0))
+    except AttributeError:  # not on every system
+        return os.cpu_count() or 1

@@ -1,0 +1,213 @@
+"""Periodic excitation trajectories as finite Fourier series, and their start from rest and stop to rest."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from steelyard.errors import InputError
+
+from .trajectory import sample_times, times_of
+
+__all__ = ["FourierTrajectory", "RestToRestTrajectory", "lead_phase"]
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True, eq=False)
+class FourierTrajectory:
+    """Joint positions as Fourier series of their velocities (thesis eq. 4.19, 4.20; Swevers et al. 1997).
+
+    ``dq_k(t) = sum_i a_ki cos(w i t) + b_ki sin(w i t)`` with ``w = 2 pi frequency`` and i from 1 to H.
+
+    Attributes
+    ----------
+    a, b : ndarray
+        (N, H) coefficients, rad/s or m/s.
+    center : ndarray
+        (N,) constant of each series, rad or m.
+    frequency : float
+        Hz, of the fundamental.
+
+    Examples
+    --------
+    >>> one = np.ones((1, 1))
+    >>> trajectory = FourierTrajectory(a=one, b=0 * one, center=np.array([0.5]), frequency=1.0)
+    >>> q, dq, ddq = trajectory.motion([0.0])
+    >>> q.tolist(), dq.tolist()
+    ([[0.5]], [[1.0]])
+    """
+
+    a: Array
+    b: Array
+    center: Array
+    frequency: float
+
+    def __post_init__(self) -> None:
+        for name in ("a", "b", "center"):
+            object.__setattr__(self, name, np.array(getattr(self, name), dtype=np.float64))
+        if self.a.ndim != 2 or self.a.shape != self.b.shape or self.center.shape != self.a.shape[:1]:
+            raise InputError(
+                f"A Fourier trajectory needs a and b of one shape (N, H) and center of shape (N,), got {self.a.shape}, "
+                f"{self.b.shape} and {self.center.shape}."
+            )
+        if not self.frequency > 0.0:
+            raise InputError(f"frequency must be positive, in Hz, got {self.frequency}.")
+
+    def __repr__(self) -> str:
+        return f"FourierTrajectory({self.joint_count} joints, {self.harmonics} harmonics, period {self.period:g} s)"
+
+    @property
+    def period(self) -> float:
+        """Duration of one period, s."""
+        return 1.0 / self.frequency
+
+    @property
+    def duration(self) -> float:
+        """Duration of one period, s; the motion goes on before and after it."""
+        return self.period
+
+    @property
+    def joint_count(self) -> int:
+        """Number N of joints."""
+        return len(self.center)
+
+    @property
+    def harmonics(self) -> int:
+        """Number H of harmonics."""
+        return int(self.a.shape[1])
+
+    def motion(self, t: ArrayLike) -> tuple[Array, Array, Array]:
+        """Return q, dq and ddq, (S, N) each, at times (S,)."""
+        times = np.asarray(t, dtype=np.float64)
+        w = 2.0 * np.pi * self.frequency * np.arange(1, self.a.shape[1] + 1)
+        phase = times[:, None] * w
+        sine, cosine = np.sin(phase), np.cos(phase)
+        q = sine @ (self.a / w).T - cosine @ (self.b / w).T + self.center
+        return q, cosine @ self.a.T + sine @ self.b.T, cosine @ (self.b * w).T - sine @ (self.a * w).T
+
+    def sample(self, rate: float, periods: float = 1.0) -> tuple[Array, Array, Array, Array]:
+        """Return t (S,), q, dq and ddq (S, N) of whole periods at `rate` Hz, without the end point."""
+        t = np.arange(round(periods * self.period * rate)) / rate
+        return (t, *self.motion(t))
+
+    def save(self, path: str | Path) -> None:
+        """Write one period, see :func:`steelyard.excitation.save_trajectory`."""
+        from .saving import save_trajectory
+
+        save_trajectory(self, path)
+
+
+def lead_phase(u: Array) -> tuple[Array, Array, Array]:
+    """Return the phase of a lead-in from rest, and its first and second derivative, all per lead time.
+
+    The speed rises as ``6 u^5 - 15 u^4 + 10 u^3``, so that it and its rate are continuous at both ends.
+
+    Parameters
+    ----------
+    u : ndarray
+        Time over lead time, 0 to 1.
+
+    Returns
+    -------
+    tuple of ndarray
+        The phase, 0 to 1/2; its rate, 0 to 1; and the rate of that.
+    """
+    return (
+        u**4 * (u * (u - 3.0) + 2.5),
+        u**3 * (u * (6.0 * u - 15.0) + 10.0),
+        30.0 * u**2 * (1.0 - u) ** 2,
+    )
+
+
+@dataclass(frozen=True, eq=False)
+class RestToRestTrajectory:
+    """Whole periods of a Fourier series, with a start from rest and a stop to rest (thesis section 4.3.3).
+
+    During the lead-in time the joints run along the path of the series with a speed that rises from nothing, and
+    during the lead-out time it falls in the same way. So they meet no positions that the series does not, and are
+    never faster; positions, velocities and accelerations are continuous.
+
+    Attributes
+    ----------
+    series : FourierTrajectory
+    lead : float
+        Duration of the lead-in, and of the lead-out, s.
+    periods : int
+        How many whole periods lie between.
+
+    Examples
+    --------
+    >>> one = np.ones((1, 1))
+    >>> series = FourierTrajectory(a=one, b=0 * one, center=np.zeros(1), frequency=0.5)
+    >>> trajectory = RestToRestTrajectory(series, lead=1.0, periods=3)
+    >>> trajectory.duration
+    8.0
+    >>> q, dq, ddq = trajectory.motion([0.0, 1.0, 8.0])
+    >>> abs(dq).ravel().tolist(), bool(abs(ddq).max() < 1e-12)
+    ([0.0, 1.0, 0.0], True)
+    """
+
+    series: FourierTrajectory
+    lead: float
+    periods: int = 1
+
+    def __post_init__(self) -> None:
+        if not (np.isfinite(self.lead) and self.lead > 0.0):
+            raise InputError(f"lead must be positive, in s, got {self.lead!r}.")
+        if self.periods != int(self.periods) or self.periods < 1:
+            raise InputError(f"periods must be a positive whole number, got {self.periods!r}.")
+        object.__setattr__(self, "periods", int(self.periods))
+
+    def __repr__(self) -> str:
+        return f"RestToRestTrajectory({self.series!r}, lead {self.lead:g} s, {self.periods} periods)"
+
+    @property
+    def period(self) -> float:
+        """Duration of one period, s."""
+        return self.series.period
+
+    @property
+    def duration(self) -> float:
+        """Lead-in, periods and lead-out, s."""
+        return 2.0 * self.lead + self.periods * self.series.period
+
+    @property
+    def joint_count(self) -> int:
+        """Number N of joints."""
+        return self.series.joint_count
+
+    def phase(self, t: ArrayLike) -> tuple[Array, Array, Array]:
+        """Return the time of the series at times (S,), s, and its first and second derivative."""
+        times = times_of(t)
+        end = self.periods * self.series.period
+        phase, rate, change = times - self.lead, np.ones_like(times), np.zeros_like(times)
+        for inside, origin, sign in (
+            (times < self.lead, times, 1.0),
+            (times > self.lead + end, self.duration - times, -1.0),
+        ):
+            p, r, c = lead_phase(np.clip(origin[inside] / self.lead, 0.0, 1.0))
+            before = (p - 0.5) * self.lead
+            phase[inside] = before if sign > 0 else end - before
+            rate[inside], change[inside] = r, sign * c / self.lead
+        return phase, rate, change
+
+    def motion(self, t: ArrayLike) -> tuple[Array, Array, Array]:
+        """Return q, dq and ddq, (S, N) each, at times (S,); at rest before the start and after the end."""
+        phase, rate, change = (x[:, None] for x in self.phase(t))
+        q, dq, ddq = self.series.motion(phase[:, 0])
+        return q, dq * rate, ddq * rate**2 + dq * change
+
+    def sample(self, rate: float) -> tuple[Array, Array, Array, Array]:
+        """Return t (S,), q, dq and ddq (S, N) from rest to rest at `rate` Hz."""
+        t = sample_times(self.duration, rate)
+        return (t, *self.motion(t))
+
+    def save(self, path: str | Path) -> None:
+        """Write it, see :func:`steelyard.excitation.save_trajectory`."""
+        from .saving import save_trajectory
+
+        save_trajectory(self, path)

@@ -1,0 +1,97 @@
+"""Trajectories as B-splines of degree five, from rest to rest."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from steelyard.errors import InputError
+
+from .trajectory import sample_times, times_of
+
+__all__ = ["DEGREE", "SplineTrajectory", "clamped_knots"]
+
+Array = NDArray[np.float64]
+DEGREE = 5
+
+
+def clamped_knots(count: int, duration: float) -> Array:
+    """Return the knots of `count` B-splines of degree five, evenly spread, that end at their last control points."""
+    inner = np.linspace(0.0, duration, count - DEGREE + 1)
+    return np.concatenate([np.zeros(DEGREE), inner, np.full(DEGREE, duration)])
+
+
+@dataclass(frozen=True, eq=False)
+class SplineTrajectory:
+    """Joint positions as B-splines of degree five with evenly spread knots: four continuous derivatives.
+
+    The first and the last control point of each joint are each taken three times, so that the motion starts from rest
+    and stops at rest, without a step of acceleration.
+
+    Attributes
+    ----------
+    points : ndarray
+        (N, P) control points, rad or m, without the repetitions; P at least 2.
+    duration : float
+        s.
+
+    Examples
+    --------
+    >>> trajectory = SplineTrajectory(points=np.array([[0.0, 1.0, 0.0]]), duration=4.0)
+    >>> q, dq, ddq = trajectory.motion([0.0, 2.0, 4.0])
+    >>> q[[0, 2]].ravel().tolist(), bool(abs(dq).max() < 1e-12), bool(abs(ddq[[0, 2]]).max() < 1e-12)
+    ([0.0, 0.0], True, True)
+    """
+
+    points: Array
+    duration: float
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "points", np.array(self.points, dtype=np.float64))
+        if self.points.ndim != 2 or self.points.shape[1] < 2 or not np.isfinite(self.points).all():
+            raise InputError(
+                "A spline trajectory needs finite control points of shape (N, P) with P at least 2, "
+                f"got shape {self.points.shape}."
+            )
+        if not (np.isfinite(self.duration) and self.duration > 0.0):
+            raise InputError(f"duration must be positive, in s, got {self.duration!r}.")
+
+    def __repr__(self) -> str:
+        return f"SplineTrajectory({self.joint_count} joints, {self.points.shape[1]} points, {self.duration:g} s)"
+
+    @property
+    def joint_count(self) -> int:
+        """Number N of joints."""
+        return len(self.points)
+
+    @cached_property
+    def _splines(self) -> tuple[Any, Any, Any]:
+        from scipy.interpolate import BSpline
+
+        whole = np.concatenate([self.points[:, [0, 0]], self.points, self.points[:, [-1, -1]]], axis=1)
+        spline = BSpline(clamped_knots(whole.shape[1], self.duration), whole.T, DEGREE)
+        return spline, spline.derivative(1), spline.derivative(2)
+
+    def motion(self, t: ArrayLike) -> tuple[Array, Array, Array]:
+        """Return q, dq and ddq, (S, N) each, at times (S,); at rest before the start and after the end."""
+        times = times_of(t)
+        inside = ((times > 0.0) & (times < self.duration))[:, None]
+        clipped = np.clip(times, 0.0, self.duration)
+        q, dq, ddq = (np.asarray(s(clipped), dtype=np.float64) for s in self._splines)
+        return q, np.where(inside, dq, 0.0), np.where(inside, ddq, 0.0)
+
+    def sample(self, rate: float) -> tuple[Array, Array, Array, Array]:
+        """Return t (S,), q, dq and ddq (S, N) from rest to rest at `rate` Hz."""
+        t = sample_times(self.duration, rate)
+        return (t, *self.motion(t))
+
+    def save(self, path: str | Path) -> None:
+        """Write it, see :func:`steelyard.excitation.save_trajectory`."""
+        from .saving import save_trajectory
+
+        save_trajectory(self, path)

@@ -1,0 +1,228 @@
+"""Conic programs over a feasible set, in units of the robot, from arrays that are made once for each set."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from functools import cached_property, lru_cache
+
+import numpy as np
+import numpy.typing as npt
+import scipy.sparse as sparse
+
+from steelyard.conic import Cone, ConicProblem, ConicSolution, solve
+
+from .feasible_set import FeasibleSet
+
+__all__ = ["Conditions", "Program", "Rows", "upper_triangle", "widened"]
+
+Vector = npt.NDArray[np.float64]
+Matrix = npt.NDArray[np.float64]
+Indices = npt.NDArray[np.intp]
+
+GREATEST_UNIT = 10.0
+"""Where a block's unit is greater, in SI, the margin grows with a tenth of it: solvers are accurate in units."""
+
+
+@lru_cache(maxsize=64)
+def _triangle(size: int) -> tuple[Indices, Indices]:
+    """Columns and rows of an upper triangle, stacked by columns."""
+    column, row = np.tril_indices(size)
+    return column, row
+
+
+def upper_triangle(matrix: Matrix, size: int) -> sparse.csc_array:
+    """The upper triangle of a dense symmetric matrix, as the corner of a sparse one of the given size."""
+    count = len(matrix)
+    column, row = _triangle(count)
+    starts = np.full(size + 1, count * (count + 1) // 2)
+    starts[: count + 1] = np.arange(count + 1) * np.arange(1, count + 2) // 2
+    return sparse.csc_array((matrix[column, row], row, starts), shape=(size, size))
+
+
+class Conditions:
+    """Equations and blocks over unknowns x, where δ = origin + matrix x, as arrays that only need be scaled.
+
+    Parameters
+    ----------
+    feasible : FeasibleSet
+    matrix : (n, m)
+
+    Attributes
+    ----------
+    rows : (rows, m) sparse
+        Left sides of the equations, then the stacked blocks with opposite sign.
+    cones : tuple of Cone
+    """
+
+    def __init__(self, feasible: FeasibleSet, matrix: Matrix) -> None:
+        # Not the set itself: this is kept for as long as the set lives, and must not keep it alive.
+        self.stack, self.matrix = feasible.stack, matrix
+        self.equation_matrix, self.equation_values = feasible.equation_matrix, feasible.equation_values
+        stack = feasible.stack
+        if matrix is feasible.base_dependent:
+            coefficients = feasible.stacked_base_dependent
+        else:
+            coefficients = sparse.csc_array(stack.coefficients @ sparse.csc_array(matrix))
+        equations = feasible.equation_matrix @ matrix
+        self.rows = -coefficients
+        if len(equations):
+            self.rows = sparse.csc_array(sparse.vstack([sparse.csc_array(equations), -coefficients], format="csc"))
+        self.rows.sort_indices()
+        self.counts = np.diff(self.rows.indptr)
+        self.cones = (
+            Cone("zero", len(equations)),
+            Cone("nonnegative", stack.scalar_count),
+            *(Cone("semidefinite", size) for size in stack.matrix_sizes),
+        )
+        self._prepare_diagonals()
+
+    def _prepare_diagonals(self) -> None:
+        """Which two diagonal elements scale each stacked element, and how units of parameters give their sizes."""
+        stack = self.stack
+        blocks = [stack.blocks[index] for index in stack.order]
+        starts = np.cumsum([0, *(block.size for block in blocks)])
+        pairs = [(start + np.array(_triangle(block.size))) for start, block in zip(starts, blocks, strict=False)]
+        both: Indices = np.hstack(pairs) if pairs else np.zeros((2, 0), dtype=np.intp)
+        self.first, self.second = both
+        self.diagonal = self.first == self.second
+        self.constant_sizes = np.zeros(starts[-1])
+        rows, columns, values = [np.zeros(0, dtype=np.intp)], [np.zeros(0, dtype=np.intp)], [np.zeros(0)]
+        for start, block in zip(starts, blocks, strict=False):
+            self.constant_sizes[start : start + block.size] = np.abs(np.diagonal(block.constant))
+            sizes = np.abs(np.diagonal(block.coefficients, axis1=1, axis2=2))
+            which, element = np.nonzero(sizes)
+            rows.append(start + element)
+            columns.append(block.indices[which])
+            values.append(sizes[which, element])
+        shape = (int(starts[-1]), stack.parameter_count)
+        places = (np.concatenate(rows), np.concatenate(columns))
+        self.sizes = sparse.csr_array(sparse.coo_array((np.concatenate(values), places), shape=shape))
+
+    def block_units(self, units: Vector) -> Vector:
+        """The size of every diagonal element where the parameters have the sizes of their units."""
+        sizes = self.constant_sizes + self.sizes @ units
+        sizes[sizes <= 0] = 1.0
+        return np.asarray(sizes)
+
+    def row_factors(self, units: Vector) -> Vector:
+        """Factors of the rows that bring equations and blocks near 1; blocks by a congruence S D S, S diagonal."""
+        scales = 1.0 / np.sqrt(self.block_units(units))
+        products = scales[self.first] * scales[self.second]
+        if not len(self.equation_values):
+            return np.asarray(products)
+        sizes = np.abs(self.equation_matrix) @ units + np.abs(self.equation_values)
+        return np.concatenate([1.0 / np.where(sizes > 0, sizes, 1.0), products])
+
+    def margins(self, margin: float, units: Vector) -> Vector:
+        """What is taken from the stacked blocks: the margin in SI, or in units of the link where those are smaller."""
+        sizes = self.block_units(units)
+        found = margin * np.minimum(sizes, np.maximum(1.0, sizes / GREATEST_UNIT))
+        return np.where(self.diagonal, found[self.first], 0.0)
+
+
+@dataclass(frozen=True, eq=False)
+class Rows:
+    """Further rows of a program, already in its units: matrix x̂ + s = right, s in a cone."""
+
+    matrix: sparse.csc_array
+    right: Vector
+    cone: Cone
+
+
+@dataclass(frozen=True, eq=False)
+class Program:
+    """Conditions around an origin, in units of the robot: δ = origin + matrix (columns x̂).
+
+    Attributes
+    ----------
+    feasible : FeasibleSet
+    conditions : Conditions
+    units : (n,)
+        Of the standard parameters.
+    columns : (m,)
+        Of the unknowns.
+    origin : (n,)
+    margin : float
+        Distance from the boundary.
+    typical : (n,), optional
+        Units in which the margin is measured; those of the parameters where absent.
+    """
+
+    feasible: FeasibleSet
+    conditions: Conditions
+    units: Vector = field(repr=False)
+    columns: Vector = field(repr=False)
+    origin: Vector = field(repr=False)
+    margin: float
+    typical: Vector | None = field(default=None, repr=False)
+
+    @cached_property
+    def _scaling(self) -> tuple[Vector, Vector]:
+        """Factors of all rows, and the margins of the stacked blocks."""
+        typical = self.units if self.typical is None else self.typical
+        return self.conditions.row_factors(self.units), self.conditions.margins(self.margin, typical)
+
+    @cached_property
+    def _rows(self) -> tuple[sparse.csc_array, Vector]:
+        conditions = self.conditions
+        rows, stack = conditions.rows, conditions.stack
+        factors, margins = self._scaling
+        data = rows.data * factors[rows.indices] * np.repeat(self.columns, conditions.counts)
+        right = stack.constant + stack.coefficients @ self.origin - margins
+        if len(conditions.equation_values):
+            error = conditions.equation_values - conditions.equation_matrix @ self.origin
+            right = np.concatenate([error, right])
+        return sparse.csc_array((data, rows.indices, rows.indptr), shape=rows.shape), factors * right
+
+    def stacked_dual(self, dual: Vector) -> Vector:
+        """The multipliers of the stacked blocks, in SI, for an objective in its own units."""
+        factors, margins = self._scaling
+        count = len(factors) - len(margins)
+        return np.asarray(factors[count:] * dual[count : len(factors)])
+
+    def price_of_margin(self, dual: Vector) -> float:
+        """What the margin costs in the objective, to first order."""
+        factors, margins = self._scaling
+        count = len(factors) - len(margins)
+        return float((factors[count:] * margins) @ dual[count : len(factors)])
+
+    @cached_property
+    def scaled_matrix(self) -> Matrix:
+        """δ - origin from x̂, (n, m)."""
+        return np.asarray(self.conditions.matrix * self.columns)
+
+    def parameters(self, unknowns: Vector) -> Vector:
+        """δ of x̂."""
+        found = self.origin + self.conditions.matrix @ (self.columns * unknowns[: len(self.columns)])
+        return self.feasible.project_on_equations(found)
+
+    def solve(
+        self,
+        P: sparse.csc_array,
+        q: Vector,
+        further: Sequence[Rows] = (),
+        solver: str = "clarabel",
+        balanced: bool = False,
+        accuracy: float = 1e-8,
+    ) -> ConicSolution:
+        """Minimise ½ x̂ᵀP x̂ + q · x̂, of P the upper triangle; unknowns may be added after those of the conditions.
+
+        Where the unknowns are few and all of them are shown, the robot's units leave nothing for a solver to scale:
+        `balanced`.
+        """
+        A, b = self._rows
+        cones = self.conditions.cones
+        A = widened(A, len(q))
+        if further:
+            A = sparse.csc_array(sparse.vstack([A, *(rows.matrix for rows in further)], format="csc"))
+            b = np.concatenate([b, *(rows.right for rows in further)])
+            cones = (*cones, *(rows.cone for rows in further))
+        return solve(ConicProblem(P, q, A, b, cones, balanced and solver == "clarabel"), accuracy, solver=solver)
+
+
+def widened(matrix: sparse.csc_array, columns: int) -> sparse.csc_array:
+    """The same rows over more unknowns."""
+    more = columns - matrix.shape[1]
+    if not more:
+        return matrix
+    indptr = np.append(matrix.indptr, np.full(more, matrix.indptr[-1]))
+    return sparse.csc_array((matrix.data, matrix.indices, indptr), shape=(matrix.shape[0], columns))

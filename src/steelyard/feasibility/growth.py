@@ -1,0 +1,111 @@
+"""Whether masses may grow without end while the base parameters stay: directions of recession."""
+
+from weakref import WeakKeyDictionary
+
+import numpy as np
+import numpy.typing as npt
+import scipy.sparse as sparse
+
+from steelyard.conic import Cone, ConicProblem, solve
+
+from .cone_program import Conditions
+from .constraints import TotalMass
+from .feasible_set import FeasibleSet
+from .units import Units
+
+__all__ = ["growing_links", "mass_bound_of"]
+
+Vector = npt.NDArray[np.float64]
+Matrix = npt.NDArray[np.float64]
+
+REACH = 1e3
+"""Directions are looked for with elements up to this many units, so that errors of rounding do not count as growth."""
+
+MASS_BOUND = 1000.0
+"""Bound on the total mass, in kg, where masses may grow without end and none is known."""
+
+BOUND_FACTORS = (10.0, 50.0)
+"""That bound is at least and at most so many times the mass of which the torques speak."""
+
+KNOWN_FACTOR, SPOKEN_FACTOR = 20.0, 2.0
+"""Where a mass is known, the bound is so many times that, and at least so many times what the torques speak of."""
+
+_FOUND: "WeakKeyDictionary[FeasibleSet, tuple[int, ...]]" = WeakKeyDictionary()
+
+
+def growing_links(feasible: FeasibleSet, undetermined: Matrix | None = None) -> tuple[int, ...]:
+    """Links whose masses may grow without end while base parameters, conditions and equations stay as they are.
+
+    A direction d with K d = 0 and E d = 0 whose homogeneous matrices D_b(d) are all positive semidefinite leads from
+    every feasible point to feasible points, however far. Such directions form a cone, so that of those with masses of
+    at most 1 the one with the largest sum of masses has mass wherever any has.
+
+    Parameters
+    ----------
+    feasible : FeasibleSet
+    undetermined : (n_b, u), optional
+        Directions of the base parameters that the data does not show; they count as unidentifiable, too.
+
+    Returns
+    -------
+    tuple of int
+        Indices of links; empty where no mass may. Kept for each set where `undetermined` is absent.
+    """
+    if undetermined is not None and undetermined.shape[1]:
+        return _analyse(feasible, np.hstack([feasible.lift @ undetermined, feasible.unidentifiable]))
+    found = _FOUND.get(feasible)
+    if found is None:
+        found = _analyse(feasible, feasible.unidentifiable)
+        _FOUND[feasible] = found
+    return found
+
+
+def mass_bound_of(feasible: FeasibleSet, scale: Units) -> float:
+    """The mass bound, in kg; well above what CAD, the constraints and the torques say of the mass."""
+    cad = np.asarray(feasible.model.robot.parameters, dtype=float)[feasible.mass_indices]
+    known = [float(cad.sum())] if np.all(np.isfinite(cad)) and np.all(cad > 0) else []
+    for constraint in feasible.constraints:
+        if isinstance(constraint, TotalMass):
+            known += [value for value in (constraint.minimum, constraint.equal) if value is not None]
+    if known:
+        return max(KNOWN_FACTOR * max(known), SPOKEN_FACTOR * scale.total_mass)
+    least, most = (factor * scale.total_mass for factor in BOUND_FACTORS)
+    return float(np.clip(MASS_BOUND, least, most))
+
+
+def _analyse(feasible: FeasibleSet, directions: Matrix) -> tuple[int, ...]:
+    masses = feasible.mass_indices
+    if not np.any(directions[masses]):
+        return ()
+    units = Units.from_sizes(feasible, np.full(feasible.parameter_count, np.inf)).with_cad().parameters
+    sizes = np.abs(directions / units[:, None]).max(axis=0)
+    directions = directions / np.where(sizes > 0, sizes, 1.0)
+    conditions = Conditions(feasible, directions)
+    cones, links, count = conditions.cones, len(masses), directions.shape[1]
+    rows = directions[masses] / units[masses, None]
+    scaled = sparse.csc_array(conditions.rows.multiply(conditions.row_factors(units)[:, None]))
+    none = sparse.csc_array((scaled.shape[0], links))
+    one = sparse.eye_array(links)
+    box = sparse.csc_array(directions / units[:, None])
+    beside = sparse.csc_array((box.shape[0], links))
+    A = sparse.vstack(
+        [
+            sparse.hstack([scaled, none]),
+            sparse.hstack([sparse.csc_array(-rows), one]),
+            sparse.hstack([sparse.csc_array((links, count)), one]),
+            sparse.hstack([box, beside]),
+            sparse.hstack([-box, beside]),
+        ],
+        format="csc",
+    )
+    reach = np.full(box.shape[0], REACH)
+    solution = solve(
+        ConicProblem(
+            P=sparse.csc_array((count + links, count + links)),
+            q=np.concatenate([np.zeros(count), -np.ones(links)]),
+            A=sparse.csc_array(A),
+            b=np.concatenate([np.zeros(scaled.shape[0] + links), np.ones(links), reach, reach]),
+            cones=(*cones, Cone("nonnegative", 2 * links + 2 * box.shape[0])),
+        )
+    ).require("find which masses may grow without end")
+    return tuple(np.flatnonzero(solution.primal[count:] > 0.1).tolist())

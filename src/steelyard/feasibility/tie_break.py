@@ -1,0 +1,196 @@
+"""Which of many equally good answers to return: objectives over the standard parameters."""
+
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+import scipy.sparse as sparse
+
+from steelyard.errors import InputError
+
+from .cone_program import Program
+from .feasible_set import FeasibleSet
+from .objective import Part
+from .units import Units, lengths_of_links, link_columns
+
+__all__ = ["Preference", "closest_to_cad", "lightest"]
+
+Vector = npt.NDArray[np.float64]
+Matrix = npt.NDArray[np.float64]
+
+SPREAD_WEIGHT = 1e-3
+"""Weight, against the total mass in kg, of the traces of the blocks (moments in kg m², friction): keeps them small."""
+
+FREE_WEIGHT = 1e-6
+"""Weight of the squares of all parameters, which settles those that neither data nor conditions tell."""
+
+LEAST_RADIUS = 0.01
+"""Radius, in m, below which links are measured as if they had it."""
+
+
+@dataclass(frozen=True, eq=False)
+class Preference:
+    """An objective ½ δᵀC δ + g · δ over the standard parameters, and its name.
+
+    Attributes
+    ----------
+    name : str
+        As in "this is the lightest".
+    curvature : (n,) or (n, n)
+        C, or its diagonal; positive semidefinite.
+    gradient : (n,)
+
+    Examples
+    --------
+    The answer closest to given parameters in a given metric, to be handed to ``fit(..., prefer=...)``:
+
+    >>> prefer = Preference.closest([1.0, 2.0], [[2.0, 0.0], [0.0, 8.0]])
+    >>> prefer.value(np.array([1.0, 3.0])) - prefer.value(np.array([1.0, 2.0]))
+    4.0
+    """
+
+    name: str
+    curvature: Any = field(repr=False)
+    gradient: Vector = field(repr=False)
+
+    @classmethod
+    def closest(cls, parameters: npt.ArrayLike, metric: npt.ArrayLike, name: str = "the closest") -> "Preference":
+        """½ (δ - δ₀)ᵀ C (δ - δ₀), less its constant.
+
+        Parameters
+        ----------
+        parameters : (n,)
+            δ₀.
+        metric : (n,) or (n, n)
+            C, or its diagonal, such as the inverse covariance of what is known beforehand.
+        name : str
+            As in "this is the closest".
+
+        Raises
+        ------
+        InputError
+            If the sizes do not fit, or the metric is not symmetric and positive semidefinite.
+        """
+        point, curvature = np.asarray(parameters, dtype=float), np.asarray(metric, dtype=float)
+        if point.ndim != 1 or curvature.shape not in (point.shape, point.shape * 2):
+            raise InputError(
+                f"a preference needs parameters (n,) and a metric (n,) or (n, n), got shapes {point.shape} and "
+                f"{curvature.shape}."
+            )
+        if not (np.all(np.isfinite(point)) and np.all(np.isfinite(curvature))):
+            raise InputError("a preference needs finite parameters and a finite metric; replace what is not a number.")
+        _require_semidefinite(curvature)
+        return cls(name, curvature, -(curvature * point if curvature.ndim == 1 else curvature @ point))
+
+    def value(self, parameters: Vector) -> float:
+        """Value of the objective at δ, with ½ δ₀ᵀC δ₀ left out."""
+        return float((0.5 * self._times(parameters) + self.gradient) @ parameters)
+
+    def alone(self, index: int, parameters: Vector) -> float:
+        """The preferred value of one parameter while the others stay: perhaps infinite, 0 where all are alike."""
+        row = self.curvature[index]
+        own = float(row if np.ndim(row) == 0 else row[index])
+        slope = float(self._times(parameters)[index] + self.gradient[index]) - own * float(parameters[index])
+        if own == 0.0:
+            return 0.0 if slope == 0.0 else -np.sign(slope) * np.inf
+        return -slope / own
+
+    def _times(self, parameters: Vector) -> Vector:
+        diagonal = getattr(self.curvature, "ndim", 2) == 1
+        return np.asarray(self.curvature * parameters if diagonal else self.curvature @ parameters)
+
+    def check(self, count: int) -> None:
+        """Raise InputError unless it is of n parameters."""
+        if np.shape(self.gradient) != (count,) or np.shape(self.curvature) not in ((count,), (count, count)):
+            raise InputError(
+                f"the preference {self.name!r} is of {np.size(self.gradient)} parameters, but the model has {count}."
+            )
+
+    def slope(self, parameters: Vector) -> Vector:
+        """Gradient of the objective at δ, (n,)."""
+        return self._times(parameters) + self.gradient
+
+    @property
+    def entropy(self) -> float:
+        """Factor of -Σ log det P in the objective: none."""
+        return 0.0
+
+    def root(self) -> Matrix:
+        """G with GᵀG = ½ C, (r, n)."""
+        if np.ndim(self.curvature) == 1:
+            used = np.flatnonzero(self.curvature)
+            found = np.zeros((len(used), len(self.curvature)))
+            found[np.arange(len(used)), used] = np.sqrt(0.5 * self.curvature[used])
+            return found
+        values, vectors = np.linalg.eigh(self.curvature)
+        return np.asarray(np.sqrt(0.5 * np.maximum(values, 0.0))[:, None] * vectors.T)
+
+    def size(self, parameters: Vector) -> float:
+        """Sum of the sizes of its terms at δ, to which differences between values are relative; positive."""
+        return float(0.5 * parameters @ self._times(parameters) + np.abs(self.gradient) @ np.abs(parameters)) or 1.0
+
+    def part(self, program: Program) -> Part:
+        """As an objective of a program, less a constant."""
+        matrix = sparse.csc_array(program.scaled_matrix)
+        if getattr(self.curvature, "ndim", 2) == 1:
+            P = matrix.T @ matrix.multiply(self.curvature[:, None])
+        else:
+            P = matrix.T @ (sparse.csc_array(self.curvature) @ matrix)
+        P = sparse.csc_array(sparse.triu(P, format="csc"))
+        return Part(P, np.asarray(matrix.T @ (self.gradient + self._times(program.origin))))
+
+
+def _require_semidefinite(curvature: Matrix) -> None:
+    if curvature.ndim == 1:
+        least, symmetric = float(curvature.min(initial=0.0)), True
+    else:
+        symmetric = bool(np.allclose(curvature, curvature.T, rtol=1e-9, atol=0.0))
+        least = float(np.linalg.eigvalsh(curvature)[0]) if symmetric and len(curvature) else 0.0
+    if not symmetric or least < -1e-9 * float(np.abs(curvature).max(initial=0.0)):
+        raise InputError(
+            "the metric of a preference must be symmetric and positive semidefinite; give the inverse of a covariance."
+        )
+
+
+def lightest(feasible: FeasibleSet, units: Units | None = None) -> Preference:
+    """Least total mass; among equals the most compact (thousandths of kg m² and friction count), then the smallest.
+
+    Parameters
+    ----------
+    feasible : FeasibleSet
+    units : Units, optional
+        In which small and large are told apart; SI where absent.
+    """
+    gradient = SPREAD_WEIGHT * feasible.trace_row
+    gradient[feasible.mass_indices] = 1.0
+    sizes = np.ones(feasible.parameter_count) if units is None else units.parameters
+    total = 1.0 if units is None else units.total_mass
+    return Preference("the lightest", FREE_WEIGHT * total / sizes**2, gradient)
+
+
+def closest_to_cad(feasible: FeasibleSet) -> Preference:
+    """Least squared distance from the inertial parameters of CAD, each link measured in its own mass and size.
+
+    The mass counts in units of the CAD mass m, first moments in m r, moments of inertia in m r², where r is the largest
+    of the link's radius of gyration about its frame's origin and 1 cm.
+
+    Raises
+    ------
+    InputError
+        If the robot's description has no inertial parameters.
+    """
+    cad = np.asarray(feasible.model.robot.parameters, dtype=float)
+    columns = link_columns(feasible)
+    known = np.all(np.isfinite(cad[columns]), axis=1) & (cad[columns[:, 9]] > 0)
+    if not np.any(known):
+        raise InputError(
+            'prefer="cad" needs inertial parameters in the robot description, which has none; use prefer="lightest".'
+        )
+    curvature = np.full(feasible.parameter_count, FREE_WEIGHT)
+    gradient = np.zeros(feasible.parameter_count)
+    values = cad[columns[known]]
+    sizes = Units(feasible, values[:, 9], lengths_of_links(values, LEAST_RADIUS), 1.0).inertial
+    curvature[columns[known]] = 2.0 / sizes**2
+    gradient[columns[known]] = -2.0 / sizes**2 * values
+    return Preference("the closest to CAD", curvature, gradient)

@@ -1,0 +1,179 @@
+"""Units of mass and length for each link, in which parameters and blocks are near 1."""
+
+from dataclasses import dataclass, field
+from functools import cached_property
+from weakref import WeakKeyDictionary
+
+import numpy as np
+import numpy.typing as npt
+
+from .feasible_set import FeasibleSet
+
+__all__ = ["LINK_SYMBOLS", "Units", "lengths_of_links", "link_columns"]
+
+Vector = npt.NDArray[np.float64]
+Matrix = npt.NDArray[np.float64]
+Indices = npt.NDArray[np.intp]
+
+LINK_SYMBOLS = ("Lxx", "Lxy", "Lxz", "Lyy", "Lyz", "Lzz", "lx", "ly", "lz", "m")
+"""Inertial parameters of a link, in their order."""
+
+POWERS = np.array([2.0] * 6 + [1.0] * 3 + [0.0])
+"""Powers of length in the units of those parameters."""
+
+LENGTH = 0.3
+"""Length of a link where nothing tells it, in m."""
+
+SHORTEST, LONGEST = 0.1, 10.0
+"""Lengths of links are taken to be within these multiples of the typical length."""
+
+SPREAD = 1e3
+"""A link is not taken to be lighter than the middle one by more than this factor."""
+
+_COLUMNS: "WeakKeyDictionary[FeasibleSet, Indices]" = WeakKeyDictionary()
+_LENGTHS: "WeakKeyDictionary[FeasibleSet, float]" = WeakKeyDictionary()
+
+
+def link_columns(feasible: FeasibleSet) -> Indices:
+    """Indices of the inertial parameters of every link, (links, 10)."""
+    found = _COLUMNS.get(feasible)
+    if found is None:
+        names = {name: index for index, name in enumerate(feasible.model.parameter_names)}
+        links = range(len(feasible.model.robot.link_names))
+        rows = [[names[f"{symbol}{link + 1}"] for symbol in LINK_SYMBOLS] for link in links]
+        found = np.array(rows, dtype=np.intp).reshape(-1, 10)
+        _COLUMNS[feasible] = found
+    return found
+
+
+def typical_length(feasible: FeasibleSet) -> float:
+    """Typical distance between joints, in m: how much first moment a mass adds to the base parameters."""
+    found = _LENGTHS.get(feasible)
+    if found is None:
+        columns = link_columns(feasible)
+        independent = np.asarray(feasible.model.base_parameters().independent, dtype=np.intp)
+        rows = np.isin(independent, columns[:, 6:9])
+        factors = np.abs(feasible.K[np.ix_(rows, columns[:, 9])])
+        factors = factors[factors > 1e-6]
+        found = float(np.exp(np.mean(np.log(factors)))) if len(factors) else LENGTH
+        _LENGTHS[feasible] = found
+    return found
+
+
+def lengths_of_links(inertial: Matrix, least: float, most: float = np.inf) -> Vector:
+    """Radii of gyration about the origins of the links' frames, within bounds, from (links, 10), in m."""
+    trace = np.maximum(inertial[:, 0] + inertial[:, 3] + inertial[:, 5], 0.0)
+    return np.asarray(np.clip(np.sqrt(trace / (2 * inertial[:, 9])), least, most))
+
+
+@dataclass(frozen=True, eq=False)
+class Units:
+    """Sizes that are typical of each standard parameter.
+
+    Attributes
+    ----------
+    feasible : FeasibleSet
+    masses : (links,)
+        In kg.
+    lengths : (links,)
+        In m.
+    term : float or (others,)
+        Of every other parameter, in its SI unit; one for all, or one for each.
+    """
+
+    feasible: FeasibleSet = field(repr=False)
+    masses: Vector
+    lengths: Vector
+    term: float | Vector
+
+    @cached_property
+    def parameters(self) -> Vector:
+        """One unit for each standard parameter, (n,)."""
+        units = np.empty(self.feasible.parameter_count)
+        units[_others(self.feasible)] = self.term
+        units[link_columns(self.feasible)] = self.inertial
+        return units
+
+    @property
+    def inertial(self) -> Matrix:
+        """One unit for each inertial parameter, (links, 10)."""
+        return np.asarray(self.masses[:, None] * self.lengths[:, None] ** POWERS)
+
+    @cached_property
+    def total_mass(self) -> float:
+        """Of all links, in kg."""
+        return float(self.masses.sum())
+
+    @classmethod
+    def from_sizes(cls, feasible: FeasibleSet, sizes: Vector) -> "Units":
+        """The same mass and length for all links.
+
+        Parameters
+        ----------
+        feasible : FeasibleSet
+        sizes : (n,)
+            The value of each parameter that alone would explain all torques; infinite where none does.
+        """
+        columns = link_columns(feasible)
+        length = typical_length(feasible)
+        inertial = sizes[columns]
+        middles = [_middle(inertial[:, power == POWERS]) / length**power for power in (0.0, 1.0, 2.0)]
+        masses = [mass for mass in middles if np.isfinite(mass)]
+        term = _middle(sizes[_others(feasible)])
+        count = len(columns)
+        return cls(
+            feasible,
+            np.full(count, min(masses, default=1.0)),
+            np.full(count, length),
+            term if np.isfinite(term) else 1.0,
+        )
+
+    def with_cad(self) -> "Units":
+        """The description's masses and lengths where it has a positive mass for every link, else these."""
+        values = np.asarray(self.feasible.model.robot.parameters, dtype=float)
+        inertial = values[link_columns(self.feasible)]
+        if not (np.all(np.isfinite(inertial)) and np.all(inertial[:, 9] > 0)):
+            return self
+        return self._of(inertial.copy())
+
+    def refined(self, parameters: Vector) -> "Units":
+        """Units of a point that a solver found, where links are smaller there."""
+        inertial = parameters[link_columns(self.feasible)].copy()
+        positive = inertial[inertial[:, 9] > 0, 9]
+        if not len(positive):
+            return self
+        inertial[:, 9] = np.maximum(inertial[:, 9], _middle(positive) / SPREAD)
+        found = self._of(inertial)
+        return Units(
+            self.feasible,
+            np.minimum(self.masses, found.masses),
+            np.minimum(self.lengths, found.lengths),
+            self.term,
+        )
+
+    def around(self, parameters: Vector) -> "Units":
+        """Units of a point that a solver found, where links and terms are far from these, smaller or larger."""
+        inertial = parameters[link_columns(self.feasible)].copy()
+        inertial[:, 9] = np.maximum(inertial[:, 9], self.masses / SPREAD)
+        typical = typical_length(self.feasible)
+        lengths = lengths_of_links(inertial, typical / SPREAD, typical * SPREAD)
+        terms = np.maximum(np.abs(parameters[_others(self.feasible)]), np.asarray(self.term) / SPREAD)
+        return Units(self.feasible, inertial[:, 9], lengths, terms)
+
+    def _of(self, inertial: Matrix) -> "Units":
+        typical = typical_length(self.feasible)
+        lengths = lengths_of_links(inertial, SHORTEST * typical, LONGEST * typical)
+        return Units(self.feasible, inertial[:, 9], lengths, self.term)
+
+
+def _others(feasible: FeasibleSet) -> npt.NDArray[np.bool_]:
+    """Which parameters belong to no link, (n,)."""
+    found = np.ones(feasible.parameter_count, dtype=bool)
+    found[link_columns(feasible)] = False
+    return found
+
+
+def _middle(values: Matrix) -> float:
+    """The middle one of what is finite and positive, infinite where nothing is."""
+    good = np.sort(values[np.isfinite(values) & (values > 0)])
+    return float(good[len(good) // 2]) if good.size else np.inf

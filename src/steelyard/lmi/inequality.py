@@ -1,0 +1,398 @@
+"""Linear matrix inequalities in named variables."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+import numpy.typing as npt
+
+from steelyard.errors import InputError
+from steelyard.robot.names import suggestion
+
+from .affine import AffineBlock, is_positive_definite
+from .expression import distinct_names
+from .matrices import (
+    block_from_coefficients,
+    block_of_expressions,
+    expressions_of_block,
+    names_of_matrices,
+    read_matrix,
+    rearranged,
+    same_matrices,
+)
+from .printing import inequality_html, inequality_latex, inequality_text, summary
+from .values import linear_map, values_as_vector
+
+if TYPE_CHECKING:
+    from steelyard.conic import SemidefiniteProgram
+
+__all__ = ["LinearMatrixInequality"]
+
+Vector = npt.NDArray[np.float64]
+Matrix = npt.NDArray[np.float64]
+ExpressionMatrix = npt.NDArray[Any]
+Values = Mapping[str, Any] | npt.ArrayLike
+
+_SHOWN = 12
+
+
+@dataclass(frozen=True, eq=False)
+class LinearMatrixInequality:
+    """A block-diagonal symmetric matrix, affine in named variables, that must be positive: D(x) = D₀ + Σ Dᵢ xᵢ ⪰ 0.
+
+    Thesis (3.22) to (3.30). Build one with `from_matrices` or `from_coefficients`, put several together with ``&``, or
+    take that of a feasible set: `FeasibleSet.inequality`.
+
+    Parameters
+    ----------
+    names : sequence of str
+        The variables x, in the order of vectors.
+    blocks : sequence of AffineBlock
+        The diagonal; their `indices` point into `names`.
+    strict : bool
+        Whether D(x) ≻ 0 is meant (3.26) rather than D(x) ⪰ 0 (3.28); `with_margin` goes from the one to the other.
+
+    Raises
+    ------
+    InputError
+        If a name is given twice or a block uses a variable that does not exist.
+
+    Examples
+    --------
+    Mass and first moment of a body whose density lies on the line between 0 and 1:
+
+    >>> lmi = LinearMatrixInequality.from_matrices([["Sxx", "lx"], ["lx", "m"]], labels=["body"])
+    >>> lmi = lmi & LinearMatrixInequality.from_matrices("lx - Sxx", labels=["between 0 and 1"])
+    >>> lmi
+    LinearMatrixInequality(2 blocks, of orders 2 and 1, in Sxx, lx, m)
+    >>> print(lmi)
+    body:
+    ⎡ Sxx  lx ⎤
+    ⎣ lx   m  ⎦ ⪰ 0
+    between 0 and 1:
+    [ -Sxx + lx ] ⪰ 0
+    >>> lmi.smallest_eigenvalue({"Sxx": 0.5, "lx": 0.5, "m": 1.0})
+    0.0
+    """
+
+    names: tuple[str, ...]
+    blocks: tuple[AffineBlock, ...]
+    strict: bool = False
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "names", distinct_names(self.names))
+        object.__setattr__(self, "blocks", tuple(self.blocks))
+        for block in self.blocks:
+            if len(block.indices) and not 0 <= block.indices.min() <= block.indices.max() < len(self.names):
+                raise InputError(
+                    f"block {block.name!r} uses variable number {block.indices.max() + 1}, but there are "
+                    f"{len(self.names)} names; name every variable."
+                )
+
+    @classmethod
+    def from_matrices(
+        cls, *matrices: Any, names: Iterable[str] | None = None, labels: Sequence[str] = (), strict: bool = False
+    ) -> LinearMatrixInequality:
+        """From one or more symmetric matrices of expressions, the blocks of the diagonal.
+
+        Parameters
+        ----------
+        *matrices : nested sequences, arrays or SymPy matrices
+            Elements are numbers, texts such as ``"Lyy1 - 2*m3"``, `LinearExpression` or SymPy expressions; a single
+            element is a 1 x 1 matrix.
+        names : iterable of str, optional
+            The variables and their order; that of their appearance where absent.
+        labels : sequence of str
+            Names of the blocks.
+        strict : bool
+            See the class.
+
+        Raises
+        ------
+        InputError
+            If a matrix is not square and symmetric, or an element is not affine or holds an unknown name.
+
+        Examples
+        --------
+        >>> LinearMatrixInequality.from_matrices([[1, "x"], ["x", "y"]]).names
+        ('x', 'y')
+        """
+        if not matrices:
+            raise InputError("from_matrices needs at least one matrix; give each block of the diagonal.")
+        titles = tuple(labels) or tuple(f"block {i + 1}" for i in range(len(matrices)))
+        if len(titles) != len(matrices):
+            raise InputError(f"from_matrices got {len(titles)} labels for {len(matrices)} matrices; give one for each.")
+        known = None if names is None else distinct_names(names)
+        read = [read_matrix(matrix, known, title) for matrix, title in zip(matrices, titles, strict=True)]
+        found = known if known is not None else names_of_matrices(read)
+        blocks = (block_of_expressions(m, found, title, "constraint") for m, title in zip(read, titles, strict=True))
+        return cls(found, tuple(blocks), strict)
+
+    @classmethod
+    def from_coefficients(
+        cls,
+        names: Sequence[str],
+        constant: npt.ArrayLike | None,
+        coefficients: npt.ArrayLike | Mapping[str, npt.ArrayLike],
+        label: str = "block 1",
+        strict: bool = False,
+    ) -> LinearMatrixInequality:
+        """From D₀ and the Dᵢ; one block.
+
+        Parameters
+        ----------
+        names : sequence of str
+        constant : (d, d), optional
+            D₀; zero where absent.
+        coefficients : (c, d, d), or mapping from name to (d, d)
+            Dᵢ, in the order of `names`.
+        label : str
+        strict : bool
+
+        Raises
+        ------
+        InputError
+            If the matrices do not fit together, are not symmetric, or hold values that are not finite.
+
+        Examples
+        --------
+        >>> lmi = LinearMatrixInequality.from_coefficients(["x"], [[0, 1], [1, 0]], {"x": [[1, 0], [0, 1]]})
+        >>> print(lmi.pretty())
+        block 1:
+        ⎡ x  1 ⎤
+        ⎣ 1  x ⎦ ⪰ 0
+        """
+        known = distinct_names(names)
+        return cls(known, (block_from_coefficients(known, constant, coefficients, label, "constraint"),), strict)
+
+    def __and__(self, other: object) -> LinearMatrixInequality:
+        if not isinstance(other, LinearMatrixInequality):
+            return NotImplemented
+        from .composition import block_diagonal
+
+        return block_diagonal(self, other)
+
+    def __eq__(self, other: object) -> bool:
+        """Whether both consist of the same matrices, whatever the order of the variables; labels do not count."""
+        if not isinstance(other, LinearMatrixInequality):
+            return NotImplemented
+        if set(self.names) != set(other.names) or self.strict != other.strict or len(self.blocks) != len(other.blocks):
+            return False
+        return all(map(same_matrices, self.blocks, other.with_names(self.names).blocks))
+
+    def __hash__(self) -> int:
+        return hash((frozenset(self.names), self.strict, tuple(block.size for block in self.blocks)))
+
+    # What it consists of
+
+    @property
+    def size(self) -> int:
+        """Rows of the whole block-diagonal matrix."""
+        return sum(block.size for block in self.blocks)
+
+    @property
+    def constants(self) -> tuple[Matrix, ...]:
+        """D₀ of each block."""
+        return tuple(block.constant for block in self.blocks)
+
+    def coefficients(self, name: str) -> tuple[Matrix, ...]:
+        """Dᵢ of each block for one variable.
+
+        Raises
+        ------
+        InputError
+            If there is no such variable.
+
+        Examples
+        --------
+        >>> lmi = LinearMatrixInequality.from_matrices([["x", 2], [2, "3*x + y"]])
+        >>> lmi.coefficients("x")[0].tolist()
+        [[1.0, 0.0], [0.0, 3.0]]
+        """
+        index = self._index(name)
+        return tuple(
+            block.coefficients[np.flatnonzero(block.indices == index)].sum(axis=0) + 0.0 for block in self.blocks
+        )
+
+    @property
+    def expressions(self) -> tuple[ExpressionMatrix, ...]:
+        """The matrices of `LinearExpression`; `from_matrices` takes them back."""
+        return tuple(expressions_of_block(block, self.names) for block in self.blocks)
+
+    def _index(self, name: str) -> int:
+        if name not in self.names:
+            raise InputError(f"the inequality has no variable {name!r}; {suggestion(str(name), self.names)}")
+        return self.names.index(name)
+
+    # Values
+
+    def vector(self, values: Values) -> Vector:
+        """Values of the variables as a vector in the order of `names`; InputError where one is missing."""
+        return values_as_vector(values, self.names)
+
+    def evaluate(self, values: Values) -> tuple[Matrix, ...]:
+        """Each block of D(x).
+
+        Parameters
+        ----------
+        values : mapping from name to float, or (c,) in the order of `names`
+
+        Raises
+        ------
+        InputError
+            As `vector`.
+        """
+        vector = self.vector(values)
+        return tuple(block.evaluate(vector) for block in self.blocks)
+
+    def matrix(self, values: Values) -> Matrix:
+        """The whole block-diagonal D(x), (size, size) (thesis 3.25)."""
+        found = np.zeros((self.size, self.size))
+        start = 0
+        for block in self.evaluate(values):
+            stop = start + len(block)
+            found[start:stop, start:stop] = block
+            start = stop
+        return found
+
+    def eigenvalues(self, values: Values) -> Vector:
+        """All eigenvalues of D(x), ascending."""
+        found = [np.linalg.eigvalsh(block) for block in self.evaluate(values)]
+        return np.sort(np.concatenate([np.zeros(0), *found]))
+
+    def smallest_eigenvalue(self, values: Values) -> float:
+        """Smallest eigenvalue of D(x); infinite without blocks."""
+        return float(self.eigenvalues(values).min(initial=np.inf))
+
+    def is_positive_definite(self, values: Values) -> bool:
+        """Whether every block is proved positive definite, by `is_positive_definite` of single matrices."""
+        return all(is_positive_definite(block) for block in self.evaluate(values))
+
+    # Others made from it
+
+    def with_margin(self, margin: float) -> LinearMatrixInequality:
+        """D(x) - margin 1 ⪰ 0: a non-strict inequality that keeps its points inside the strict one (thesis 3.29).
+
+        Raises
+        ------
+        InputError
+            If the margin is not a finite number.
+
+        Examples
+        --------
+        >>> print(LinearMatrixInequality.from_matrices("m1", strict=True).with_margin(0.5))
+        block 1:
+        [ m1 - 0.5 ] ⪰ 0
+        """
+        if isinstance(margin, bool) or not isinstance(margin, (int, float)) or not np.isfinite(margin):
+            raise InputError(f"margin must be a finite number such as 1e-6, got {margin!r}.")
+        blocks = (replace(block, constant=block.constant - margin * np.eye(block.size)) for block in self.blocks)
+        return replace(self, blocks=tuple(blocks), strict=False)
+
+    def with_names(self, names: Sequence[str]) -> LinearMatrixInequality:
+        """The same inequality with its variables in another order, or with more variables, which do not matter.
+
+        Raises
+        ------
+        InputError
+            If a variable of the inequality is left out.
+        """
+        order = distinct_names(names)
+        return replace(self, names=order, blocks=tuple(rearranged(block, self.names, order) for block in self.blocks))
+
+    def substitute(self, values: Mapping[str, Any]) -> LinearMatrixInequality:
+        """The same inequality with expressions or numbers for some variables, all at once.
+
+        Parameters
+        ----------
+        values : mapping from name to number, text, LinearExpression or SymPy expression
+
+        The variables of the result stand where those stood that they replace.
+
+        Raises
+        ------
+        InputError
+            If a variable does not exist or a value is not affine.
+
+        Examples
+        --------
+        >>> lmi = LinearMatrixInequality.from_matrices([["a", "b"], ["b", 1]])
+        >>> print(lmi.substitute({"a": "u - 2*b", "b": 3}))
+        block 1:
+        ⎡ u - 2*b  3 ⎤
+        ⎣ 3        1 ⎦ ⪰ 0
+        """
+        for name in values:
+            self._index(name)
+        names, matrix, offset = linear_map(self.names, values)
+        return self.change_variables(matrix, names, offset)
+
+    def change_variables(
+        self, matrix: npt.ArrayLike, names: Sequence[str], offset: npt.ArrayLike | None = None
+    ) -> LinearMatrixInequality:
+        """The same inequality in variables y, where x = matrix y + offset.
+
+        Parameters
+        ----------
+        matrix : (c, k)
+        names : sequence of k str
+        offset : (c,), optional
+
+        Raises
+        ------
+        InputError
+            If the shapes do not fit.
+
+        """
+        into, order = np.asarray(matrix, dtype=float), distinct_names(names)
+        shift = np.zeros(len(self.names)) if offset is None else np.asarray(offset, dtype=float)
+        if into.shape != (len(self.names), len(order)) or shift.shape != (len(self.names),):
+            raise InputError(
+                f"a change to {len(order)} variables needs a matrix of shape ({len(self.names)}, {len(order)}) and an "
+                f"offset of shape ({len(self.names)},), got {into.shape} and {shift.shape}."
+            )
+        return replace(self, names=order, blocks=tuple(block.substitute(into, shift) for block in self.blocks))
+
+    def program(self, objective: Any) -> SemidefiniteProgram:
+        """The problem of minimising a linear expression subject to this inequality, for solvers and SDPA files.
+
+        Parameters
+        ----------
+        objective : str, LinearExpression, mapping from name to float, or (c,)
+            A constant in it does not count.
+
+        Returns
+        -------
+        SemidefiniteProgram
+            Strict inequalities are taken as they stand, as non-strict ones; see `with_margin`.
+
+        Raises
+        ------
+        InputError
+            If the objective is not affine in the variables of the inequality.
+        """
+        from .sdpa import program_of_inequality
+
+        return program_of_inequality(self, objective)
+
+    # How it is shown
+
+    def pretty(self, most: int = _SHOWN) -> str:
+        """The matrices with their expressions; rows and columns beyond `most` become dots."""
+        return inequality_text(self, most)
+
+    def latex(self, most: int = _SHOWN) -> str:
+        """The matrices in LaTeX, one a line, to stand in a ``gather`` or ``aligned``."""
+        return inequality_latex(self, most)
+
+    def __str__(self) -> str:
+        return self.pretty()
+
+    def __repr__(self) -> str:
+        return summary(self)
+
+    def _repr_html_(self) -> str:
+        return inequality_html(self, _SHOWN)

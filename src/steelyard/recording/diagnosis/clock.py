@@ -1,0 +1,329 @@
+"""The clock of a log: its period, jitter and gaps, and whether stamps or an even clock tell the truth."""
+
+from __future__ import annotations
+
+import html
+from collections.abc import Iterable, Iterator
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy.typing import NDArray
+
+from steelyard.errors import InputError
+
+from ..timing import JITTER_SILENT, row_numbers
+
+if TYPE_CHECKING:
+    from ..recording import Recording
+
+__all__ = [
+    "CLOCK_ROWS",
+    "FEWEST_ROWS",
+    "ClockStatistics",
+    "clock_of",
+    "clock_statistics",
+    "steady_clock",
+    "with_evidence",
+]
+
+Array = NDArray[np.float64]
+CLOCK_ROWS = 50_000
+"""Rows that are looked at together; the same for a log in memory and one that is read in pieces, so that both agree."""
+FEWEST_ROWS = 8
+"""Rows below which a log has no clock to speak of."""
+MARGIN = 200
+"""Rows on either side of an interval that tell whether rows are missing there: several windows of `row_numbers`."""
+TICK = 256
+"""Every so many rows one stamp is kept, by which rows are found again."""
+LOCAL = 41
+"""Rows beyond which a clock may wander: what a stamp is off its neighbours is evidence, its drift is none."""
+VELOCITY_REACH = 3
+"""Rows on either side from which the velocity comes that turns time into travel; nearer ones carry more noise."""
+COLOUR = 1.5
+"""Third differences of white noise are correlated, so that evidence is worth less than as many independent rows."""
+SURE = 0.2
+"""Standard deviation of the share up to which it decides; beyond, neither clock makes a visible difference."""
+
+
+@dataclass(frozen=True, eq=False)
+class ClockStatistics:
+    """What `clock_statistics` returns.
+
+    Attributes
+    ----------
+    count : int
+        Rows of the log.
+    period : float
+        s: slope of the line through stamps and row numbers, missing rows counted.
+    jitter : float
+        s: root mean square deviation of the stamps from that line.
+    interval_deviation, shortest, longest : float
+        s: standard deviation of the intervals without gaps, least and greatest interval.
+    largest : float
+        Greatest deviation of an interval from the period (in gaps: from a whole number of periods), as a fraction of
+        the period.
+    gap_rows, skipped : ndarray
+        (G,) the last row (from 0) before each gap, and how many are missing there.
+    gaps : ndarray
+        (G, 2) s, begin and end of each gap.
+    doubtful : ndarray
+        Rows that are stamped so late beside missing ones that nothing tells their numbers.
+    ticks : ndarray
+        Every 256th stamp in s, and the last.
+    share, share_deviation : float
+        How much of what the stamps are off an even clock shows in the positions, with its standard deviation: 1 where
+        the stamps are right, 0 where the rows were taken evenly and only the stamps are not. NaN where not looked for.
+    """
+
+    count: int
+    period: float
+    jitter: float
+    interval_deviation: float
+    shortest: float
+    longest: float
+    largest: float
+    gap_rows: NDArray[np.int64]
+    skipped: NDArray[np.int64]
+    gaps: Array
+    doubtful: NDArray[np.int64]
+    ticks: Array
+    share: float = float("nan")
+    share_deviation: float = float("nan")
+
+    @property
+    def missing(self) -> int:
+        """Rows that gaps leave out."""
+        return int(self.skipped.sum())
+
+    @property
+    def verdict(self) -> str:
+        """ "even", "stamps" (they are right), "even clock" (the rows were taken evenly) or "unclear"."""
+        if not self.largest > JITTER_SILENT:
+            return "even"
+        if not self.share_deviation < SURE:
+            return "unclear"
+        return "stamps" if self.share > 0.5 else "even clock"
+
+    def numbers(self, start: int, stop: int) -> NDArray[np.int64]:
+        """Number the rows start:stop on the even clock, missing rows counted."""
+        rows = np.arange(start, stop)
+        before = np.concatenate([[0], np.cumsum(self.skipped)])
+        return np.asarray(rows + before[np.searchsorted(self.gap_rows, rows, side="left")])
+
+    def sentences(self) -> tuple[str, ...]:
+        """What there is to say."""
+        found = []
+        if self.missing:
+            longest = np.ptp(self.gaps, axis=1).max()
+            found.append(
+                f"{self.missing} rows are missing in {len(self.gaps)} gaps of up to {longest:.4g} s, the first "
+                f"{self.gaps[0, 0] - self.ticks[0]:.6g} s after the first row."
+            )
+        if self.verdict != "even":
+            share = f"{100 * self.share:.0f} ± {100 * self.share_deviation:.0f} %"
+            reason = {
+                "stamps": f"the positions follow the stamps ({share} of the deviations show in them), so that the rows "
+                "were taken at uneven times",
+                "even clock": f"the positions follow the even clock ({share} of the deviations show in them), so that "
+                "the rows were taken evenly and only the stamps are unsteady",
+                "unclear": "the positions do not tell which is right, so that it makes no visible difference",
+            }[self.verdict]
+            found.append(
+                f"Intervals between stamps are off an even clock of {1.0 / self.period:.6g} Hz by up to "
+                f"{100 * self.largest:.3g} % of the period; {reason}."
+            )
+        return tuple(found)
+
+    def __repr__(self) -> str:
+        return (
+            f"ClockStatistics({1.0 / self.period:.6g} Hz, jitter {100 * self.jitter / self.period:.2g} % of the "
+            "period, "
+            f"{self.missing} rows missing, {self.verdict})"
+        )
+
+    def _repr_html_(self) -> str:
+        items = "".join(f"<li>{html.escape(sentence)}</li>" for sentence in self.sentences())
+        return f"<p>{html.escape(repr(self))}</p>" + (f"<ul>{items}</ul>" if items else "")
+
+
+def clock_statistics(recording: Recording) -> ClockStatistics:
+    """Measure the clock of a recording from its stamps, and judge it by the positions where they are unsteady.
+
+    Where a row was taken off an even clock by δ, its position is off the course of its neighbours by the velocity
+    times δ. The share is the regression of the one on the other, both in third differences, which the motion itself
+    hardly passes; joints weigh by their noise.
+
+    Raises
+    ------
+    InputError
+        For fewer than 8 rows.
+
+    Examples
+    --------
+    >>> from steelyard.recording import Recording
+    >>> t = np.delete(np.arange(1000), [400, 401]) / 100
+    >>> clock_statistics(Recording(t=t, q=np.sin(t)[:, None], torque=np.cos(t)[:, None]))
+    ClockStatistics(100 Hz, jitter ... % of the period, 2 rows missing, even)
+    """
+    t, q = recording.t, recording.q
+    if len(t) < FEWEST_ROWS:
+        raise InputError(f"{recording.source} has {len(t)} rows, too few to judge its clock by.")
+    pieces = [slice(start, start + CLOCK_ROWS) for start in range(0, len(t), CLOCK_ROWS)]
+    clock = clock_of(t[piece] for piece in pieces)
+    return with_evidence(clock, ((t[piece], q[piece]) for piece in pieces))
+
+
+def steady_clock(count: int, period: float) -> ClockStatistics:
+    """Return the clock of `count` rows without stamps, a period in s apart."""
+    none = np.empty(0, dtype=np.int64)
+    ends = np.array([0.0, (count - 1) * period])
+    return ClockStatistics(count, period, 0.0, 0.0, period, period, 0.0, none, none, np.empty((0, 2)), none, ends)
+
+
+def clock_of(blocks: Iterable[Array]) -> ClockStatistics:
+    """Measure the clock of a log whose stamps come in blocks of `CLOCK_ROWS`, the last one shorter."""
+    count = 0
+    rows: list[NDArray[np.int64]] = []
+    skips: list[NDArray[np.int64]] = []
+    gaps: list[Array] = []
+    doubtful: list[NDArray[np.int64]] = []
+    ticks: list[Array] = []
+    periods: list[float] = []
+    number, origin, guess = 0, 0.0, float("nan")
+    # Of numbers n and of what the stamps are off a first guess of the line: count, n, n², r, n r, r².
+    sums = np.zeros(6)
+    intervals = np.zeros(3)
+    low, high, shortest, longest = np.inf, -np.inf, np.inf, 0.0
+    last = 0.0
+    for first, t, start, stop in _windows(blocks):
+        period, numbers = row_numbers(t, periods[-1] if periods else None)
+        periods.append(period)
+        if not count:
+            origin, guess = float(t[0]), period
+        steps, spans = np.diff(t), np.diff(numbers)
+        own = slice(start, stop)  # intervals that this window decides
+        wide = np.flatnonzero(spans[own] > 1.0) + start
+        rows.append(wide + first)
+        skips.append(np.asarray(spans[wide] - 1.0, dtype=np.int64))
+        gaps.append(np.column_stack([t[wide], t[wide + 1]]))
+        found = _doubtful(t, numbers, period) + first
+        doubtful.append(found[(found > first + start) & (found <= first + stop)])
+        off = steps[own] - guess * spans[own]
+        low, high = min(low, off.min(initial=np.inf)), max(high, off.max(initial=-np.inf))
+        shortest, longest = min(shortest, steps[own].min(initial=np.inf)), max(longest, steps[own].max(initial=0.0))
+        regular = steps[own][spans[own] == 1.0] - guess
+        intervals += [regular.size, regular.sum(), (regular**2).sum()]
+        # Rows behind the intervals, and the very first one.
+        behind = np.arange(start + 1 if count else 0, stop + 1)
+        n = number + numbers[behind] - numbers[start]
+        r = (t[behind] - origin) - guess * n
+        sums += [n.size, n.sum(), (n**2).sum(), r.sum(), (n * r).sum(), (r**2).sum()]
+        ticks.append(t[behind][(first + behind) % TICK == 0])
+        number, count, last = int(n[-1]), first + stop + 1, float(t[stop])
+    size, sum_n, sum_nn, sum_r, sum_nr, sum_rr = sums
+    spread = sum_nn - sum_n**2 / size
+    slope = (sum_nr - sum_n * sum_r / size) / spread
+    variance = (sum_rr - sum_r**2 / size - slope**2 * spread) / size
+    period, typical = guess + slope, float(np.median(periods))
+    if abs(period - typical) > 2e-3 * typical:
+        # Where so many rows are missing that their places are lost in the jitter, the stamps still tell the period.
+        period = typical
+    # Differences of stamps are no better than the stamps' own resolution.
+    rounding = 4.0 * np.finfo(float).eps * max(abs(origin), abs(last))
+    mean = intervals[1] / max(intervals[0], 1.0)
+    return ClockStatistics(
+        count=count,
+        period=period,
+        jitter=float(np.sqrt(max(variance, 0.0))),
+        interval_deviation=float(np.sqrt(max(intervals[2] / max(intervals[0], 1.0) - mean**2, 0.0))),
+        shortest=float(shortest),
+        longest=float(longest),
+        largest=max(float(max(high, -low)) - rounding, 0.0) / period,
+        gap_rows=np.concatenate(rows).astype(np.int64),
+        skipped=np.concatenate(skips),
+        gaps=np.concatenate(gaps),
+        doubtful=np.concatenate(doubtful),
+        ticks=np.append(np.concatenate(ticks), last),
+    )
+
+
+def _doubtful(t: Array, numbers: Array, period: float) -> NDArray[np.int64]:
+    """Rows in runs, beside missing rows, whose stamps are nearer to another place of the even clock than to theirs."""
+    skipped = np.diff(numbers) > 1.0
+    off = (t - t[0]) / period - numbers
+    if not skipped.any() or np.ptp(off) < 0.5:
+        return np.empty(0, dtype=np.int64)
+    from scipy.ndimage import median_filter
+
+    late = np.abs(off - median_filter(off, LOCAL, mode="nearest")) > 0.5
+    edges = np.flatnonzero(np.diff(np.concatenate([[False], late, [False]]).astype(np.int8)))
+    begins, ends = edges[::2], edges[1::2]
+    before = np.concatenate([[0], np.cumsum(skipped), [np.count_nonzero(skipped)]])
+    # From the interval before the run to the one behind it.
+    beside = before[ends] > before[np.maximum(begins - 1, 0)]
+    # A row in front or behind may be as late, and seem in time at the place of a missing one.
+    spans = [np.arange(max(a - 2, 0), min(b + 2, len(t))) for a, b in zip(begins[beside], ends[beside], strict=True)]
+    return np.unique(np.concatenate(spans)) if spans else np.empty(0, dtype=np.int64)
+
+
+def _windows(blocks: Iterable[Array]) -> Iterator[tuple[int, Array, int, int]]:
+    """Overlapping stretches of stamps: first row, stamps, and the intervals start:stop that each decides."""
+    held, first, decided = np.empty(0), 0, 0
+    pending: Array | None = None
+    for block in blocks:
+        if pending is not None:
+            held = np.concatenate([held, pending])
+            stop = first + len(held) - 1 - MARGIN
+            if stop - decided > MARGIN:
+                yield first, held, decided - first, stop - first
+                decided = stop
+                keep = decided - MARGIN - first
+                held, first = held[keep:], first + keep
+        pending = block
+    if pending is not None:
+        held = np.concatenate([held, pending])
+        yield first, held, decided - first, len(held) - 1
+
+
+def with_evidence(clock: ClockStatistics, blocks: Iterable[tuple[Array, Array]]) -> ClockStatistics:
+    """Judge unsteady stamps by the positions: blocks of stamps (S,) and positions (S, N), `CLOCK_ROWS` at a time."""
+    if not clock.largest > JITTER_SILENT:
+        return clock
+    total = np.zeros((1, 4))
+    first = 0
+    for t, q in blocks:
+        numbers = clock.numbers(first, first + len(t)).astype(np.float64)
+        total = total + _evidence(t, q, numbers - numbers[:1], clock.period)
+        first += len(t)
+    xx, xy, yy, size = total.T
+    moving = xx > 1e-20 * np.maximum(yy, 1e-300)
+    xx, xy, yy, size = (a[moving] for a in (xx, xy, yy, size))
+    if not len(xx):
+        return clock
+    noise = np.maximum(yy - xy**2 / xx, 1e-12 * yy) / np.maximum(size, 1.0)
+    noise = np.maximum(noise, 1e-300)
+    weight = float(np.sum(xx / noise))
+    share, deviation = float(np.sum(xy / noise)) / weight, COLOUR / np.sqrt(weight)
+    return replace(clock, share=share, share_deviation=float(deviation))
+
+
+def _evidence(t: Array, q: Array, numbers: Array, period: float) -> Array:
+    """(N, 4) sums over rows: travel that the stamps imply squared, times and squared what the positions show, count."""
+    from scipy.ndimage import uniform_filter1d
+
+    reach = VELOCITY_REACH
+    if len(t) < 2 * LOCAL:
+        return np.zeros((q.shape[1], 4))
+    off = (t - t[0]) / period - numbers
+    off = off - uniform_filter1d(off, LOCAL, mode="nearest")
+    spans = numbers[2 * reach :] - numbers[: -2 * reach]
+    speed = (q[2 * reach :] - q[: -2 * reach]) / spans[:, None]  # per row
+    x = speed * off[reach:-reach, None]
+    y = q[reach:-reach]
+    whole = np.diff(numbers)[reach:-reach] == 1
+    usable = whole[:-2] & whole[1:-1] & whole[2:]
+    edge = LOCAL // 2
+    usable[:edge] = usable[len(usable) - edge :] = False
+    x, y = np.diff(x, n=3, axis=0)[usable], np.diff(y, n=3, axis=0)[usable]
+    return np.stack([(x * x).sum(axis=0), (x * y).sum(axis=0), (y * y).sum(axis=0), np.full(q.shape[1], len(x))], -1)

@@ -1,0 +1,135 @@
+"""Everything that the numbers of a log say about its quality."""
+
+from __future__ import annotations
+
+import html
+from collections.abc import Collection
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy.typing import NDArray
+
+from .clock import ClockStatistics, clock_statistics
+from .intervals import Intervals
+from .repeated import find_repeated
+from .resolution import noise_deviation, resolution
+from .saturation import find_saturation
+from .stiction import stuck_while_others_move
+
+if TYPE_CHECKING:
+    from ..recording import Recording
+
+__all__ = ["Diagnosis", "diagnose", "faulty_rows"]
+
+Array = NDArray[np.float64]
+DETECTORS = {"stiction": stuck_while_others_move, "saturation": find_saturation, "repeated": find_repeated}
+"""By the option of [processing] that leaves out what they find."""
+FEW = {"stiction": 0.1, "saturation": 1e-3, "repeated": 1e-3}
+"""Shares of a joint's rows below which they are not worth a word: every robot stands a while where it turns around."""
+
+
+@dataclass(frozen=True, eq=False)
+class Diagnosis:
+    """What `Recording.diagnose` finds.
+
+    Attributes
+    ----------
+    source : str
+    clock : ClockStatistics
+    position_resolution, position_noise, torque_resolution, torque_noise : ndarray
+        (N,) step of the values, 0 where none is seen, and standard deviation of white noise on them.
+    stiction : Intervals
+        What `find_stiction` finds, without rests at the begin and the end of the log and those of all joints together.
+    saturation, repeated : Intervals
+    missing : Intervals or None
+        Values that the log did not hold and that were filled.
+    """
+
+    source: str
+    clock: ClockStatistics
+    position_resolution: Array
+    position_noise: Array
+    torque_resolution: Array
+    torque_noise: Array
+    stiction: Intervals
+    saturation: Intervals
+    repeated: Intervals
+    missing: Intervals | None
+
+    def sentences(self) -> tuple[str, ...]:
+        """What was found, with the option of [processing] that leaves it out; empty where all is well."""
+        found = list(self.clock.sentences())
+        for option in DETECTORS:
+            found += _with_remedy(getattr(self, option), option)
+        if self.missing is not None:
+            found += list(self.missing.sentences())
+        return tuple(found)
+
+    def __repr__(self) -> str:
+        found = len(self.sentences())
+        return f"Diagnosis({self.source!r}: {f'{found} findings' if found else 'nothing found'})"
+
+    def __str__(self) -> str:
+        return "\n".join((repr(self), *self.sentences()))
+
+    def _repr_html_(self) -> str:
+        items = "".join(f"<li>{html.escape(sentence)}</li>" for sentence in self.sentences())
+        head = "<tr><th>joint</th><th>position: step</th><th>noise</th><th>torque: step</th><th>noise</th></tr>"
+        rows = "".join(
+            f"<tr><td>{j + 1}</td>" + "".join(f"<td>{value:.3g}</td>" for value in values) + "</tr>"
+            for j, values in enumerate(
+                zip(
+                    self.position_resolution,
+                    self.position_noise,
+                    self.torque_resolution,
+                    self.torque_noise,
+                    strict=True,
+                )
+            )
+        )
+        return (
+            f"<table><caption>{html.escape(repr(self))}; {html.escape(repr(self.clock))}</caption>{head}{rows}</table>"
+            + (f"<ul>{items}</ul>" if items else "")
+        )
+
+
+def diagnose(recording: Recording) -> Diagnosis:
+    """Look for everything at once; see `Recording.diagnose`."""
+    return Diagnosis(
+        recording.source,
+        clock_statistics(recording),
+        resolution(recording.q),
+        noise_deviation(recording.q),
+        resolution(recording.torque),
+        noise_deviation(recording.torque),
+        stuck_while_others_move(recording),
+        find_saturation(recording),
+        find_repeated(recording),
+        recording.missing,
+    )
+
+
+def faulty_rows(recording: Recording, handled: Collection[str] = ()) -> tuple[str, ...]:
+    """Return the sentences on rows that would harm a regression, and on none of the `handled` options of [processing].
+
+    Examples
+    --------
+    >>> from steelyard.recording import Recording
+    >>> t = np.arange(3000) / 1000
+    >>> torque = np.clip(8 * np.sin(5 * t), -6.0, 6.0)
+    >>> log = Recording(t=t, q=np.sin(2 * t)[:, None], torque=torque[:, None])
+    >>> len(faulty_rows(log)), len(faulty_rows(log, ["saturation"]))
+    (1, 0)
+    """
+    found: list[str] = []
+    for option, detector in DETECTORS.items():
+        if option not in handled:
+            rows = detector(recording)
+            flags = rows.flags & (rows.flags.mean(axis=0) >= FEW[option])
+            found += _with_remedy(replace(rows, flags=flags), option)
+    return tuple(found)
+
+
+def _with_remedy(found: Intervals, option: str) -> list[str]:
+    return [f"{sentence[:-1]} (`{option} = true` leaves them out)." for sentence in found.sentences()]

@@ -1,0 +1,3 @@
+"""Formats of log files, one a file."""
+
+__all__: list[str] = []

@@ -1,0 +1,176 @@
+"""Logs as NPZ, the archive of NumPy arrays."""
+
+from __future__ import annotations
+
+import contextlib
+import math
+import zipfile
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import IO, TYPE_CHECKING, Any
+
+import numpy as np
+
+from steelyard.errors import InputError
+from steelyard.files import shown
+from steelyard.files.npy import read_array_header
+
+from ..header import LABELS
+from .log_file import LogFile
+
+if TYPE_CHECKING:
+    from numpy.typing import NDArray
+
+__all__ = ["NpzFile"]
+
+LARGEST_COUNT = 5000  # of arrays, and of columns of an array
+MOST_COMPRESSED = 1100  # deflate makes at most 1032 bytes of one; bzip2 and LZMA, which NumPy does not write, make more
+
+
+@dataclass(frozen=True)
+class Member:
+    """One array of the archive."""
+
+    file: str
+    shape: tuple[int, ...]
+    column_major: bool
+    kind: np.dtype[Any]
+
+
+class NpzFile(LogFile):
+    """An NPZ file: arrays (S,) are columns, arrays (S, M) are M columns named by the array and 1 to M.
+
+    Other arrays are passed over. Nothing pickled is read.
+    """
+
+    def __init__(self, path: Path) -> None:
+        super().__init__(path)
+        self._members: dict[str, Member] = {}
+        with self._archive() as archive:
+            entries = [entry for entry in archive.infolist() if entry.filename.endswith(".npy")]
+            if len(entries) > LARGEST_COUNT:
+                raise InputError(f"{path} holds {len(entries)} arrays; a log has a few, such as t, q and torque.")
+            for entry in entries:
+                with archive.open(entry.filename) as stream:
+                    member = Member(entry.filename, *read_array_header(stream))
+                self._check(member, entry)
+                self._members[entry.filename.removesuffix(".npy")] = member
+        self._columns = {
+            name: place for key, member in self._members.items() for name, place in _column_names(key, member)
+        }
+        self.names = tuple(self._columns)
+        if not self.names:
+            raise InputError(f"{path} holds no arrays of numbers (S,) or (S, N); expected t, q and torque.")
+
+    @contextlib.contextmanager
+    def _archive(self) -> Iterator[zipfile.ZipFile]:
+        """Open the archive; what is wrong with it is said in one sentence."""
+        try:
+            with zipfile.ZipFile(self.path) as archive:
+                yield archive
+        except (InputError, GeneratorExit):
+            raise
+        except Exception as error:  # the libraries of the compressions raise whatever they meet
+            reason = " ".join(str(error).split())[:200] or type(error).__name__
+            raise InputError(f"{self.path} cannot be read as NPZ: {reason}; save it again.") from None
+
+    def _check(self, member: Member, entry: zipfile.ZipInfo) -> None:
+        """Refuse an array that claims more than the file can hold, before anything is done for each of its columns."""
+        if entry.file_size > MOST_COMPRESSED * entry.compress_size + 1000:
+            raise InputError(
+                f"{self.path}: its array {member.file} claims {entry.file_size} bytes, from {entry.compress_size} "
+                "compressed ones, which no compression reaches; save it again."
+            )
+        if not _column_names("", member, 1):
+            return
+        if math.prod(member.shape) * member.kind.itemsize > entry.file_size:
+            raise InputError(
+                f"{self.path}: its array {member.file} claims to have the shape {shown(member.shape)}, for which "
+                f"its {entry.file_size} bytes are too few; save it again."
+            )
+        rows, columns = (*member.shape, 1)[:2]
+        if columns > LARGEST_COUNT or (columns > 100 and columns > rows):
+            raise InputError(
+                f"{self.path}: its array {member.file} has the shape {member.shape}; expected one row per sample and "
+                "one column per joint: transpose it."
+            )
+
+    def joint_labels(self) -> tuple[str, ...]:
+        """Return the texts of an array (N,) of joint names."""
+        for key in LABELS:
+            member = self._members.get(key)
+            if member is None or member.kind.kind != "U" or len(member.shape) != 1 or member.shape[0] > LARGEST_COUNT:
+                continue
+            with self._archive() as archive, archive.open(member.file) as stream:
+                return tuple(map(str, np.lib.format.read_array(stream, allow_pickle=False)))
+        return ()
+
+    def count(self) -> int:
+        """Number of rows, the length of the longest array."""
+        return max(member.shape[0] for key, member in self._members.items() if _column_names(key, member))
+
+    def read(self, names: Sequence[str]) -> dict[str, NDArray[np.float64]]:
+        """Read whole columns."""
+        return next(self.blocks(names, self._rows(names)), {}) if names else {}
+
+    def blocks(self, names: Sequence[str], rows: int) -> Iterator[dict[str, NDArray[np.float64]]]:
+        """Read columns in blocks of `rows` rows, also from compressed archives.
+
+        Memory stays that of a block unless an array is stored in Fortran order, which is read whole.
+        """
+        keys = dict.fromkeys(self._columns[name][0] for name in names)
+        total = self._rows(names)
+        with contextlib.ExitStack() as stack:
+            archive = stack.enter_context(self._archive())
+            streams, whole = {}, {}
+            for key in keys:
+                member = self._members[key]
+                stream = stack.enter_context(archive.open(member.file))
+                read_array_header(stream)
+                if member.column_major and len(member.shape) == 2:
+                    flat = self._take(stream, member, member.shape[0] * member.shape[1])
+                    whole[key] = flat.reshape(member.shape, order="F")
+                else:
+                    streams[key] = stream
+            for start in range(0, total, rows):
+                taken = min(rows, total - start)
+                block = {key: array[start : start + taken] for key, array in whole.items()}
+                for key, stream in streams.items():
+                    member = self._members[key]
+                    width = member.shape[1] if len(member.shape) == 2 else 1
+                    block[key] = self._take(stream, member, taken * width).reshape(taken, *member.shape[1:])
+                yield {name: self._column(block, name) for name in names}
+
+    def _rows(self, names: Sequence[str]) -> int:
+        lengths = {key: self._members[key].shape[0] for key in dict.fromkeys(self._columns[name][0] for name in names)}
+        if len(set(lengths.values())) > 1:
+            raise InputError(
+                f"{self.path} has arrays of different lengths ({', '.join(f'{k}: {n}' for k, n in lengths.items())}); "
+                "each needs one row per sample."
+            )
+        return next(iter(lengths.values()), 0)
+
+    def _take(self, stream: IO[bytes], member: Member, count: int) -> NDArray[np.float64]:
+        wanted = count * member.kind.itemsize
+        data = stream.read(wanted)
+        if len(data) != wanted:
+            raise InputError(
+                f"{self.path} is damaged: the array {member.file} ends before its last row; save it again."
+            )
+        return np.frombuffer(data, dtype=member.kind).astype(np.float64)
+
+    def _column(self, block: dict[str, NDArray[np.float64]], name: str) -> NDArray[np.float64]:
+        key, index = self._columns[name]
+        array = block[key]
+        return array if array.ndim == 1 else np.ascontiguousarray(array[:, index])
+
+
+def _column_names(key: str, member: Member, most: int = LARGEST_COUNT) -> list[tuple[str, tuple[str, int]]]:
+    if member.kind.kind not in "fiu" or 0 in member.shape:
+        return []
+    if len(member.shape) == 1:
+        return [(key, (key, 0))]
+    if len(member.shape) == 2:
+        return [(f"{key}{index + 1}", (key, index)) for index in range(min(member.shape[1], most))]
+    return []

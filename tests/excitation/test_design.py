@@ -1,0 +1,327 @@
+"""Designs: better than chance, within every limit, the same again, and clear about what cannot be."""
+
+import numpy as np
+import pytest
+
+import steelyard as sy
+from steelyard.excitation import MotionLimits
+
+QUICK = {"period": 5.0, "harmonics": 3, "starts": 2, "workers": 1}
+
+
+def condition_number(model, motion):
+    base = model.base_parameters()
+    return np.linalg.cond(model.regressor(*motion)[:, :, base.independent].reshape(-1, base.count))
+
+
+def motions_of(design, rate):
+    return design.trajectory.sample(rate)[1:]
+
+
+@pytest.mark.parametrize("family", ["fourier", "spline", "quintic"])
+def test_every_limit_is_kept_between_the_samples_too(arm, arm_limits, arm_parameters, family):
+    limits = arm_limits | {"torque": [30.0, 60.0, 14.0], "power": 60.0, "total_power": 70.0}
+    design = sy.design_excitation(arm, limits, family=family, parameters=arm_parameters, **QUICK)
+    q, dq, ddq = motions_of(design, 3700.0)
+    assert np.all(q >= arm_limits["lower"])
+    assert np.all(q <= arm_limits["upper"])
+    assert np.abs(dq).max() <= 2.5
+    assert np.all(np.abs(ddq) <= arm_limits["acceleration"])
+    q, dq, ddq = motions_of(design, 1000.0)
+    torque = arm.inverse_dynamics(q, dq, ddq, arm_parameters)
+    assert np.all(np.abs(torque) <= limits["torque"])
+    assert np.abs(torque * dq).max() <= 60.0
+    assert np.abs((torque * dq).sum(axis=1)).max() <= 70.0
+    # The margins are what is left.
+    told = {(m.name, m.label.split()[0]): m.clearance for m in design.margins if m.name == "torque"}
+    for joint, limit, column in zip(arm.robot.joint_names, limits["torque"], np.abs(torque).T, strict=True):
+        assert told["torque", joint] == pytest.approx(limit - column.max(), abs=1e-9)
+    assert [m.fraction for m in design.margins] == sorted(m.fraction for m in design.margins)
+    assert design.margins[0].clearance >= 0.0
+    # Much of the limits is used.
+    assert design.margins[0].fraction < 0.01
+    assert design.condition_number == pytest.approx(condition_number(arm, design.sample(1000.0)[1:]), rel=1e-6)
+
+
+def test_a_design_is_far_better_than_chance(arm, arm_limits):
+    design = sy.design_excitation(arm, arm_limits, **QUICK)
+    assert design.condition_number < 0.7 * best_of_chance(arm, arm_limits)
+
+
+def best_of_chance(model, limits):
+    """Return the best condition number of 60 random Fourier series that are scaled into the limits of motion."""
+    random = np.random.default_rng(3)
+    middle = 0.5 * (np.array(limits["lower"]) + limits["upper"])
+    best = np.inf
+    for _ in range(60):
+        series = sy.FourierTrajectory(random.normal(size=(3, 3)), random.normal(size=(3, 3)), np.zeros(3), 0.2)
+        _, q, dq, ddq = series.sample(100.0)
+        size = np.max(
+            [
+                np.abs(q).max(axis=0) / (np.array(limits["upper"]) - middle),
+                np.abs(dq).max(axis=0) / limits["velocity"],
+                np.abs(ddq).max(axis=0) / limits["acceleration"],
+            ],
+            axis=0,
+        )
+        best = min(best, condition_number(model, (middle + q / size, dq / size, ddq / size)))
+    return best
+
+
+def test_information_of_the_samples_has_the_same_condition_number(arm, arm_limits):
+    design = sy.design_excitation(arm, arm_limits, rate=500.0, **QUICK)
+    _, q, dq, ddq = design.sample(500.0)
+    information = sy.Information.from_samples(arm, sy.Samples(q=q, dq=dq, ddq=ddq, torque=np.ones_like(q)))
+    assert information.condition_number == pytest.approx(design.condition_number, rel=1e-9)
+
+
+@pytest.mark.parametrize("family", ["fourier", "spline"])
+def test_motions_that_show_next_to_nothing_are_as_good_as_they_can_be_and_said_to_be_bad(arm, arm_limits, family):
+    """At a thousandth of the speed the condition number is some 1e7; the search used to stop at 4e8, where it began."""
+    slow = arm_limits | {"velocity": 0.01, "acceleration": 0.05}
+    design = sy.design_excitation(arm, slow, family=family, **QUICK)
+    own = condition_number(arm, design.sample(1000.0)[1:])
+    assert own == pytest.approx(design.condition_number, rel=1e-3)
+    assert own < 3e7
+    assert not design.identifies
+    assert len(design.unshown) > 3
+    assert "cannot identify what was asked" in design.remarks[0]
+    assert "limits of velocity, which the motion uses up" in design.remarks[0]
+    quick = sy.design_excitation(arm, arm_limits, family=family, **QUICK)
+    assert quick.identifies
+    assert quick.unshown == ()
+    # Where all else is known, the friction of one joint is shown even so.
+    easy = sy.design_excitation(arm, slow, family=family, subset=["Fcj1"], others="known", **QUICK)
+    assert easy.identifies
+
+
+@pytest.mark.slow
+def test_the_same_arguments_give_the_same_motion_with_any_number_of_workers(arm, arm_limits, tmp_path):
+    for name, workers in (("one", 1), ("two", 2)):
+        design = sy.design_excitation(arm, arm_limits, **(QUICK | {"workers": workers, "starts": 3}))
+        design.save_all(tmp_path / name)
+    for file in sorted((tmp_path / "one").iterdir()):
+        assert file.read_bytes() == (tmp_path / "two" / file.name).read_bytes(), file.name
+    other = sy.design_excitation(arm, arm_limits, seed=1, **QUICK)
+    assert other.condition_number != design.condition_number
+
+
+@pytest.mark.slow
+def test_a_criterion_is_best_where_it_was_asked_for(arm, arm_limits):
+    designs = {kind: sy.design_excitation(arm, arm_limits, criterion=kind, **QUICK) for kind in ("condition", "d", "a")}
+    covariances = {}
+    for kind, design in designs.items():
+        base = arm.base_parameters()
+        matrix = arm.regressor(*design.sample(1000.0)[1:])[:, :, base.independent].reshape(-1, base.count)
+        covariances[kind] = np.linalg.inv(matrix.T @ matrix)
+    assert min(designs, key=lambda k: designs[k].condition_number) == "condition"
+    assert min(designs, key=lambda k: np.linalg.slogdet(covariances[k])[1]) == "d"
+    assert min(designs, key=lambda k: np.trace(covariances[k])) == "a"
+    assert designs["a"].figure == pytest.approx(np.trace(covariances["a"]), rel=1e-6)
+
+
+@pytest.mark.slow
+def test_a_subset_is_shown_better_where_it_was_asked_for(arm, arm_limits):
+    def variance(design):
+        base = arm.base_parameters()
+        matrix = arm.regressor(*design.sample(1000.0)[1:])[:, :, base.independent].reshape(-1, base.count)
+        rows = np.abs(base.K[:, arm.link_columns[2]]).max(axis=1) > 0
+        return np.trace(np.linalg.inv(matrix.T @ matrix)[np.ix_(rows, rows)])
+
+    whole = sy.design_excitation(arm, arm_limits, criterion="a", **QUICK)
+    payload = sy.design_excitation(arm, arm_limits, criterion="a", subset="payload", **QUICK)
+    assert variance(payload) < variance(whole)
+    assert payload.figure == pytest.approx(variance(payload), rel=1e-6)
+
+
+@pytest.mark.slow
+def test_noise_weights_the_rows(arm, arm_limits):
+    noise = np.array([0.1, 1.0, 4.0])
+    design = sy.design_excitation(arm, arm_limits, noise=noise, **QUICK)
+    base = arm.base_parameters()
+    matrix = arm.regressor(*design.sample(1000.0)[1:])[:, :, base.independent] / noise[:, None]
+    assert design.figure == pytest.approx(np.linalg.cond(matrix.reshape(-1, base.count)), rel=1e-6)
+    plain = sy.design_excitation(arm, arm_limits, **QUICK)
+    assert design.condition_number > plain.condition_number
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("kind", ["trajectory", "design", "information"])
+def test_a_second_motion_complements_the_first(arm, arm_limits, kind):
+    narrow = arm_limits | {"velocity": [2.5, 0.3, 0.3]}  # joints 2 and 3 hardly move
+    first = sy.design_excitation(arm, narrow, **QUICK)
+    _, q, dq, ddq = first.sample(1000.0)
+    information = sy.Information.from_samples(arm, sy.Samples(q=q, dq=dq, ddq=ddq, torque=np.zeros_like(q)))
+    known = {"trajectory": first.excitation, "design": first, "information": information}[kind]
+    second = sy.design_excitation(arm, arm_limits, complement=known, **QUICK)
+    both = [np.vstack(pair) for pair in zip((q, dq, ddq), second.sample(1000.0)[1:], strict=True)]
+    assert second.combined_condition_number == pytest.approx(condition_number(arm, both), rel=1e-6)
+    assert second.figure == pytest.approx(second.combined_condition_number, rel=1e-6)
+    assert second.combined_condition_number < first.condition_number
+
+
+def test_ctrl_c_keeps_the_best_so_far(arm, arm_limits):
+    said = []
+
+    def impatient(text):
+        said.append(text)
+        if len(said) == 2:
+            raise KeyboardInterrupt
+
+    design = sy.design_excitation(arm, arm_limits, progress=impatient, **(QUICK | {"starts": 50}))
+    assert design.status == "interrupted"
+    assert 2 <= design.finished_starts < 50
+    assert any("interrupted after" in remark for remark in design.remarks)
+    assert design.margins[0].clearance >= 0.0
+
+
+def test_a_time_limit_ends_with_the_best_so_far(arm, arm_limits):
+    design = sy.design_excitation(arm, arm_limits, time_limit=0.3, **(QUICK | {"starts": 500}))
+    assert design.status == "time limit"
+    assert design.finished_starts < 500
+    assert design.margins[0].clearance >= 0.0
+
+
+@pytest.mark.slow
+def test_cobyla_designs_too_but_not_as_well(arm, arm_limits):
+    limits = arm_limits | {"velocity": 1.5}
+    ours = sy.design_excitation(arm, limits, **QUICK)
+    theirs = sy.design_excitation(arm, limits, method="cobyla", time_limit=2.0, **QUICK)
+    assert theirs.margins[0].clearance >= 0.0
+    assert ours.condition_number < theirs.condition_number
+
+
+def test_a_constraint_of_ones_own_is_kept(arm, arm_limits):
+    class Coupled:
+        """Joints 2 and 3 must bend together by at least 0.5 rad."""
+
+        name = "cable"
+        labels = ("both",)
+        scale = 0.5
+
+        def clearance(self, q, dq, ddq):
+            return -0.5 - (q[:, 1:2] + q[:, 2:3])
+
+        def pull_back(self, q, dq, ddq, weights):
+            slope = np.zeros_like(q)
+            slope[:, 1:] = -weights
+            return slope, np.zeros_like(q), np.zeros_like(q)
+
+    free = sy.design_excitation(arm, arm_limits, **QUICK)
+    assert (motions_of(free, 1000.0)[0][:, 1:].sum(axis=1)).max() > -0.4
+    kept = sy.design_excitation(arm, arm_limits, constraints=[Coupled()], **QUICK)
+    assert (motions_of(kept, 1000.0)[0][:, 1:].sum(axis=1)).max() <= -0.5
+    assert any(m.name == "cable" for m in kept.margins)
+
+
+@pytest.mark.slow
+def test_margin_periods_and_lead(arm, arm_limits):
+    design = sy.design_excitation(arm, arm_limits, margin=0.2, periods=3, lead=1.5, **QUICK)
+    assert design.trajectory.duration == pytest.approx(3 * 5.0 + 2 * 1.5)
+    assert np.abs(motions_of(design, 1000.0)[1]).max() <= 0.8 * 2.5
+    assert design.excitation.duration == pytest.approx(5.0)
+    plain = sy.design_excitation(arm, arm_limits, lead=0.0, **QUICK)
+    assert isinstance(plain.trajectory, sy.FourierTrajectory)
+
+
+def test_designs_show_themselves(arm, arm_limits):
+    design = sy.design_excitation(arm, arm_limits, **QUICK)
+    assert repr(design).startswith("ExcitationDesign(arm: fourier, ")
+    assert "nearest limit: " in repr(design)
+    assert "<table>" in design._repr_html_()
+
+
+def test_limits_that_cannot_be_kept_are_named(arm, arm_limits, arm_parameters):
+    with pytest.raises(sy.SolverError, match=r"cannot even rest .* torque, joint2 within 0\.5") as caught:
+        sy.design_excitation(arm, arm_limits | {"torque": {"joint2": 0.5}}, parameters=arm_parameters, **QUICK)
+    assert "\n" not in str(caught.value)
+
+    class Stillness:
+        """Where the robot moves at all, it is too fast."""
+
+        name = "stillness"
+        labels = ("a",)
+        scale = 1.0
+
+        def clearance(self, q, dq, ddq):
+            return -1.0 * np.any(dq != 0.0, axis=1, keepdims=True)
+
+        def pull_back(self, q, dq, ddq, weights):
+            return np.zeros_like(q), np.zeros_like(q), np.zeros_like(q)
+
+    with pytest.raises(sy.SolverError, match=r"No motion was found .* stillness, a, is passed by 1"):
+        sy.design_excitation(arm, arm_limits, constraints=[Stillness()], **QUICK)
+
+
+def test_joints_without_limits_of_position(arm):
+    limits = MotionLimits.of(arm.robot.joint_names, lower={"joint2": 0.5}, velocity=2.0, acceleration=6.0)
+    design = sy.design_excitation(arm, limits, **QUICK)
+    q, dq, ddq = motions_of(design, 1000.0)
+    assert q[:, 1].min() >= 0.5
+    assert np.abs(dq).max() <= 2.0
+    assert np.abs(ddq).max() <= 6.0
+    assert design.condition_number < 40.0
+
+
+@pytest.mark.parametrize(
+    ("options", "message"),
+    [
+        ({"limits": None}, "joint1 has neither limits of position nor of velocity nor of acceleration"),
+        ({"limits": {"velocity": 1, "torque": 5}}, "no inertia for link1: give parameters"),
+        ({"limits": MotionLimits.of(["a"], velocity=1)}, "of 1 joints, but arm has 3"),
+        ({"parameters": np.ones(4)}, "parameters must be 39 finite numbers"),
+        ({"method": "simplex"}, "method must be one of"),
+        ({"starts": 0}, "starts must be a whole number of at least 1"),
+        ({"seed": -1}, "seed must be"),
+        ({"time_limit": 0.0}, "time_limit must be positive"),
+        ({"rate": float("nan")}, "rate must be positive"),
+        ({"margin": 1.0}, "margin must be a fraction"),
+        ({"noise": [1.0, 2.0]}, "noise must be 3 positive numbers"),
+        ({"criterion": "e"}, "criterion must be one of"),
+        ({"complement": sy.FourierTrajectory([[1.0]], [[1.0]], [0.0], 1.0)}, "moves 1 joints, but arm has 3"),
+    ],
+)
+def test_bad_arguments_are_refused_in_one_sentence(arm, arm_limits, options, message):
+    if "parameters" in options:
+        options = options | {"limits": arm_limits | {"torque": 50.0}}
+    with pytest.raises(sy.InputError, match=message) as caught:
+        sy.design_excitation(arm, **({"limits": arm_limits} | QUICK | options))
+    assert "\n" not in str(caught.value)
+
+
+def test_a_limits_file_may_hold_a_workspace(arm, tmp_path):
+    """The tables about space count in Python as they do on the command line; the pose says that they are kept."""
+    path = tmp_path / "limits.toml"
+    path.write_text(
+        "lower = -1.5\nupper = 1.5\nvelocity = 2.0\nacceleration = 6.0\n"
+        f'[workspace]\nlink = "{arm.robot.link_names[-1]}"\nlower = [-inf, -inf, 0.2]\nupper = [inf, inf, inf]\n'
+    )
+    design = sy.design_excitation(arm, path, **QUICK)
+    q = motions_of(design, 1000.0)[0]
+    assert arm.pose(q, arm.robot.link_names[-1])[:, 2, 3].min() >= 0.2 - 1e-9
+    assert any("workspace" in margin.name for margin in design.margins)
+
+
+def test_what_a_constraint_has_to_say_is_passed_on(arm, arm_limits):
+    class Talkative:
+        name, labels, scale, remarks = "talk", ("nothing",), 1.0, ("Something was left out.",)
+
+        def clearance(self, q, dq, ddq):
+            return np.ones((len(q), 1))
+
+        def pull_back(self, q, dq, ddq, weights):
+            return np.zeros_like(q), np.zeros_like(q), np.zeros_like(q)
+
+    design = sy.design_excitation(arm, arm_limits, constraints=[Talkative()], lead=0.0, **QUICK)
+    assert "Something was left out." in design.remarks
+    assert any("starts and ends at speed" in remark for remark in design.remarks)
+    with pytest.raises(sy.InputError, match="several periods need a start and a stop"):
+        sy.design_excitation(arm, arm_limits, lead=0.0, periods=2, **QUICK)
+
+
+def test_processes_are_not_branched_off_beside_jax(arm, arm_limits):
+    """JAX warns of it, and with reason; the answer is the same with threads."""
+    pytest.importorskip("jax", reason="JAX is not installed")
+    options = QUICK | {"workers": 2}
+    design = sy.design_excitation(arm, arm_limits, **options)
+    assert design.condition_number == sy.design_excitation(arm, arm_limits, **QUICK).condition_number
