@@ -9,7 +9,7 @@ import pytest
 import steelyard as sy
 from steelyard.collision import GEOMETRY_KEYS, geometry_from_dict
 
-GUIDE = Path(__file__).resolve().parents[3] / "docs" / "how-to" / "collision-free-motion.md"
+GUIDE = Path(__file__).resolve().parents[2] / "docs" / "how-to" / "collision-free-motion.md"
 
 
 @pytest.mark.slow

@@ -302,7 +302,7 @@ def _read_mesh(path: Path) -> None:
     found = read_meshes([path])[path]
     if isinstance(found, InputError):
         raise found
-    sy.motion.geometry.Mesh(*found)
+    sy.collision.Mesh(*found)
 
 
 def _read_torque(path: Path) -> None:

@@ -245,5 +245,5 @@ def _digest() -> str:
     """Return a digest of the code that composes functions, for the names in the object cache."""
     folder = Path(__file__).resolve().parent
     content = b"".join((folder / name).read_bytes() for name in ("steps.py", "compiled.py"))
-    content += (folder.parent / "export" / "evaluation.py").read_bytes()
+    content += (folder.parent / "codegen" / "evaluation.py").read_bytes()
     return hashlib.sha256(content).hexdigest()
