@@ -55,7 +55,6 @@ SLOW = {
     ("docs/how-to/process-a-log.md", "python"): "a log of a minute and its spectra",
     ("docs/explanation/what-infeasibility-tells.md", "python"): "intervals of all the parameters",
     ("docs/how-to/control.md", "python"): "controllers in a loop",
-    ("docs/how-to/experiment-in-software.md", "python"): "a robot that is played at 1 kHz",
     ("docs/how-to/simulate.md", "console"): "many simulations",
     ("docs/how-to/excite.md", "python"): "designs of motions",
     ("docs/how-to/excite.md", "console"): "a design with the default number of starts",

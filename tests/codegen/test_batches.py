@@ -93,7 +93,7 @@ def test_numpy_source(model: sy.Model, project: Project, tmp_path: Path) -> None
         compare(function, getattr(module, function.name), leading_shapes(function.arguments))
 
 
-@pytest.mark.parametrize("vectors", [False, True])
+@pytest.mark.parametrize("vectors", [False, pytest.param(True, marks=pytest.mark.slow)])
 @pytest.mark.parametrize("cases", CASES)
 def test_jax_source_of_a_little_function(
     cases: int | None, vectors: bool, double_precision: None, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
@@ -120,7 +120,7 @@ def test_jax_source_of_all_functions(
         compare(function, getattr(module, function.name), few_shapes(function))
 
 
-@pytest.mark.parametrize("lowering", ["scalars", "vectors"])
+@pytest.mark.parametrize("lowering", [pytest.param("scalars", marks=pytest.mark.slow), "vectors"])
 @pytest.mark.parametrize("cases", CASES)
 def test_jax_function(cases: int | None, lowering: str, double_precision: None) -> None:
     function = little_function()

@@ -87,7 +87,7 @@ def test_reserved_names(name: str) -> None:
 
 
 def test_deep_graph() -> None:
-    function = deep_chain(30_000)
+    function = deep_chain(10_000)
     exported = casadi_function(function)
     expected = function.evaluate({"x": [1.0, 0.5]})["y"]
     assert float(exported([1.0, 0.5])) == pytest.approx(float(expected), rel=1e-14)

@@ -2,6 +2,7 @@
 
 import ast
 import importlib.util
+import os
 import re
 import subprocess
 import sys
@@ -132,7 +133,8 @@ def test_self_test_notices_what_is_not_a_number(tmp_path: Path) -> None:
 def test_pytest_runs_the_self_test(tmp_path: Path) -> None:
     generate(plain_project(), "python", tmp_path)
     command = [sys.executable, "-m", "pytest", "-q", "-p", "no:cacheprovider", "."]
-    done = subprocess.run(command, cwd=tmp_path, capture_output=True, text=True, check=False)
+    alone = {**os.environ, "PYTEST_DISABLE_PLUGIN_AUTOLOAD": "1"}
+    done = subprocess.run(command, cwd=tmp_path, env=alone, capture_output=True, text=True, check=False)
     assert "2 passed" in done.stdout
 
 

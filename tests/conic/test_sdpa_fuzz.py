@@ -92,8 +92,8 @@ def survive(path, seed, count):
     return problems
 
 
-def test_10000_mutated_files(path):
-    assert survive(path, 1, 10_000) > 300
+def test_2000_mutated_files(path):
+    assert survive(path, 1, 2_000) > 60
 
 
 @pytest.mark.slow

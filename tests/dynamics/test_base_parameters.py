@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from hypothesis import example, given
+from hypothesis import example, given, settings
 from hypothesis import strategies as st
 from random_questions import mimicking
 
@@ -38,6 +38,7 @@ def test_general_revolute_arm_has_the_number_of_theory(joints, random):
     assert base.gap > 1e6
 
 
+@settings(max_examples=settings.default.max_examples // 4)
 @given(
     st.lists(
         st.tuples(
@@ -82,6 +83,7 @@ ROWS = st.lists(
 )
 
 
+@settings(max_examples=settings.default.max_examples // 4)
 @given(
     ROWS, st.sampled_from([(0, 0, -9.81), (0, 0, 0), (3.0, -4.0, 5.0)]), st.integers(0, 999), st.sampled_from("ncmw")
 )

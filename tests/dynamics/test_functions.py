@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
 
 import steelyard as sy
@@ -92,6 +92,7 @@ def robot_of(rows, **options):
     return sy.Robot.from_dh(cells, **options)
 
 
+@settings(max_examples=settings.default.max_examples // 4)
 @given(ROWS, st.sampled_from(["standard", "modified"]), st.integers(0, 10_000))
 def test_moving_mass_between_links_changes_no_torque(rows, convention, seed):
     """Inverse dynamics and regressor take other ways: mass moved towards the base, columns read from the parent's."""
@@ -111,6 +112,7 @@ def test_moving_mass_between_links_changes_no_torque(rows, convention, seed):
     np.testing.assert_allclose(inertia, np.transpose(columns), atol=1e-13 * np.abs(delta).sum())
 
 
+@settings(max_examples=settings.default.max_examples // 4)
 @given(ROWS, st.integers(0, 10_000))
 def test_both_methods_of_forward_dynamics_undo_inverse_dynamics(rows, seed):
     model = sy.Model(robot_of(rows).with_terms(sy.Viscous(), sy.Coulomb(), sy.Offset(), sy.RotorInertia()))

@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
 
 import steelyard as sy
@@ -59,6 +59,7 @@ def lagrangian(rows, kinds, convention, parameters, gravity):
     return mass_matrix, potential
 
 
+@settings(max_examples=settings.default.max_examples // 4)
 @given(
     st.lists(
         st.tuples(

@@ -53,10 +53,18 @@ def record(simulation, model, kind, folder):
     return log.save(folder / f"{kind}.npz")
 
 
-@pytest.mark.parametrize("kind", ["gaps", "late", "late, gaps", "uneven", "uneven, gaps"])
-def test_the_answer_is_that_of_the_perfect_log(kind, arm, simulation, tmp_path):
+@pytest.fixture(scope="module")
+def perfect(arm, simulation, tmp_path_factory):
+    model, path, _ = arm
+    return sy.identify(path, [record(simulation, model, "perfect", tmp_path_factory.mktemp("perfect"))])
+
+
+@pytest.mark.parametrize(
+    "kind",
+    [*(pytest.param(k, marks=pytest.mark.slow) for k in ("gaps", "late", "uneven")), "late, gaps", "uneven, gaps"],
+)
+def test_the_answer_is_that_of_the_perfect_log(kind, arm, perfect, simulation, tmp_path):
     model, path, error = arm
-    perfect = sy.identify(path, [record(simulation, model, "perfect", tmp_path)])
     found = sy.identify(path, [record(simulation, model, kind, tmp_path)])
     # Interpolated torques are less noisy.
     assert found.estimate.relative_error < 1.03 * perfect.estimate.relative_error

@@ -8,7 +8,13 @@ import pytest
 EXAMPLES = Path(__file__).resolve().parents[2] / "examples"
 
 
-@pytest.mark.parametrize("script", sorted(EXAMPLES.glob("*.py")), ids=lambda p: p.stem)
+@pytest.mark.parametrize(
+    "script",
+    [
+        pytest.param(path, id=path.stem, marks=pytest.mark.slow if path.stem == "experiment_in_software" else ())
+        for path in sorted(EXAMPLES.glob("*.py"))
+    ],
+)
 def test_script_ends_with_a_feasible_robot(script, capsys):
     names = runpy.run_path(str(script))
     out = capsys.readouterr().out

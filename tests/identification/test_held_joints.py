@@ -77,7 +77,12 @@ def error_on(model, parameters, held=(), seed=77):
 
 @pytest.mark.parametrize(
     "kind",
-    [{}, {"position_noise": 1e-6}, {"position_noise": 1e-4}, {"step": 1e-4, "position_noise": 3e-5}, {"drift": 1e-6}],
+    [
+        {},
+        *(pytest.param({"position_noise": noise}, marks=pytest.mark.slow) for noise in (1e-6, 1e-4)),
+        {"step": 1e-4, "position_noise": 3e-5},
+        pytest.param({"drift": 1e-6}, marks=pytest.mark.slow),
+    ],
     ids=str,
 )
 def test_a_joint_at_rest_spoils_nothing(tmp_path, kind):
@@ -100,7 +105,7 @@ def test_a_joint_at_rest_spoils_nothing(tmp_path, kind):
     assert result.information.condition_number == np.inf
 
 
-@pytest.mark.parametrize("excluded", [[1], [3], [5, 6]])
+@pytest.mark.parametrize("excluded", [[1], pytest.param([3], marks=pytest.mark.slow), [5, 6]])
 def test_parameters_of_excluded_joints_are_zero(tmp_path, excluded):
     path = robot_file(tmp_path, exclude_joints=excluded)
     model = sy.Model.load(path)

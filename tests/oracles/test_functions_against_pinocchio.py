@@ -224,7 +224,7 @@ def test_compiled_functions_are_those_of_the_graph():
     given = {"q": q, "dq": dq, "ddq": ddq, "tau": tau, "parameters": parameters, "point": point, "gravity": gravity}
     given["sign_width"] = np.array([0.1])
     for name in model.functions:
-        for options in ({}, {"gravity": "argument"}, {"sign": "smooth"}):
+        for options in ({}, {"gravity": "argument", "sign": "smooth"}):
             function = model.function(name, **options)
             expected = function.evaluate({a.name: given[a.name] for a in function.arguments})
             flat = np.concatenate([np.reshape(v, (11, -1)) for v in expected.values()], axis=1)

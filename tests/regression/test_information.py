@@ -8,7 +8,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
 
 import steelyard as sy
@@ -100,6 +100,7 @@ def test_masked_rows_count_for_nothing(arm):
         np.testing.assert_allclose(gram(factor), whole.T @ whole, rtol=1e-10, atol=1e-9)
 
 
+@settings(max_examples=settings.default.max_examples // 4)
 @given(st.lists(st.integers(1, 2999), min_size=1, max_size=6, unique=True), st.randoms(use_true_random=False))
 def test_any_chunking_in_any_order_is_the_whole(arm, cuts, shuffler):
     samples = samples_of(arm, 3000)

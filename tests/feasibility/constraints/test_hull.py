@@ -177,8 +177,8 @@ def test_files_of_points(tmp_path):
         ("a.npy", b"no array", "is no array of numbers"),
         ("a.npy", b"", "is no array of numbers"),
         ("a.stl", b"", "the mesh cannot be read|has no vertices"),
-        ("a.obj", b"# nothing", "the mesh cannot be read|has no vertices"),
-        ("a.step", b"", "the mesh cannot be read|has no vertices"),
+        pytest.param("a.obj", b"# nothing", "the mesh cannot be read|has no vertices", marks=pytest.mark.slow),
+        pytest.param("a.step", b"", "the mesh cannot be read|has no vertices", marks=pytest.mark.slow),
         ("a", b"", "the mesh cannot be read|has no vertices"),
     ],
 )

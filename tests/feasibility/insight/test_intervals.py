@@ -92,7 +92,7 @@ ARM = np.array([1.5, 0.1, 0.25, 0.3, 0.4, 0.1])
 
 
 @pytest.mark.parametrize("consistency", ["full", "inertia"])
-@pytest.mark.parametrize("scale", [1e-3, 1.0, 1e3])
+@pytest.mark.parametrize("scale", [1e-3, *(pytest.param(s, marks=pytest.mark.slow) for s in (1.0, 1e3))])
 def test_mass_of_a_forearm(two_links, consistency, scale):
     a, _, b, lx, ly, _ = ARM
     found = parameter_intervals(FeasibleSet(two_links, consistency), scale * ARM)

@@ -35,7 +35,7 @@ def true_error(recording: Recording, ddq: np.ndarray, cutoff: float) -> float:
 
 
 @pytest.mark.parametrize(("top", "noise"), [(0.5, 1e-5), (1.0, 1e-3), (2.0, 1e-4), (5.0, 1e-4), (3.0, 1e-2)])
-@pytest.mark.parametrize("seed", [1, 2])
+@pytest.mark.parametrize("seed", [1, pytest.param(2, marks=pytest.mark.slow)])
 def test_choice_is_close_to_the_best(top, noise, seed):
     recording, ddq = noisy_motion(seed, top, noise)
     choice = choose_cutoff(recording)

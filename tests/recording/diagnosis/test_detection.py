@@ -157,8 +157,17 @@ def test_clock_is_measured(random):
     assert clock_statistics(noisy).verdict == "unclear"
 
 
-@pytest.mark.parametrize("delay", [0.0037, -0.0021, 0.0])
-@pytest.mark.parametrize("known", [True, False])
+@pytest.mark.parametrize(
+    ("delay", "known"),
+    [
+        (0.0037, True),
+        (-0.0021, True),
+        (0.0, True),
+        (0.0037, False),
+        pytest.param(-0.0021, False, marks=pytest.mark.slow),
+        pytest.param(0.0, False, marks=pytest.mark.slow),
+    ],
+)
 def test_delay_is_found(delay, known):
     robot = sy.Robot.from_dh([("pi/2", 0, 0.3, "q"), (0, 0.4, 0, "q")]).with_terms(sy.Viscous(), sy.Coulomb())
     model = sy.Model(robot)
