@@ -26,7 +26,7 @@ URDF = """<robot name="arm">
     <axis xyz="0 1 0"/><limit lower="-2.9" upper="2.9" velocity="3" effort="50"/></joint>
   <joint name="mount" type="fixed"><parent link="fore"/><child link="tool0"/><origin xyz="0.32 0 0"/></joint>
 </robot>"""
-QUICK = {"period": 5.0, "harmonics": 3, "starts": 2, "workers": 1}
+QUICK = {"period": 5.0, "harmonics": 2, "starts": 1, "workers": 1}
 LIMITS = {"velocity": 3.0, "acceleration": 8.0}
 
 
@@ -70,10 +70,10 @@ def pinocchio_clearance(path, q):
 def test_links_keep_clear_where_nothing_is_said(path):
     # A motion that folds the forearm into the base, if it is let to.
     limits = LIMITS | {"lower": [0.6, 0.9], "upper": [1.9, 2.8]}
-    careless = design_of(path, limits, self_collision=False, starts=1)
+    careless = design_of(path, limits, self_collision=False)
     assert pinocchio_clearance(path, careless.trajectory.sample(200.0)[1]) < 0.0
     assert careless.unchecked[0] == "Self-collision was NOT checked: it is turned off."
-    design = design_of(path, limits, starts=1)
+    design = design_of(path, limits)
     assert pinocchio_clearance(path, design.trajectory.sample(2000.0)[1]) >= surroundings.MARGIN - 1e-5
     assert any(margin.name == "self-collision" for margin in design.margins)
     assert not any("Self-collision" in sentence for sentence in design.unchecked)
@@ -94,20 +94,20 @@ def test_limits_that_fold_the_arm_into_itself_are_refused_with_the_way_out(path)
 def test_what_was_given_is_not_watched_twice(path):
     need_coal()
     own = SelfCollision(RobotGeometry.from_urdf(sy.Robot.from_urdf(path)), 0.03)
-    design = design_of(path, constraints=[own], starts=1)
+    design = design_of(path, constraints=[own])
     assert sum(margin.name == "self-collision" for margin in design.margins) == len(own.labels)
 
 
 def test_without_a_table_the_lowest_point_is_told_with_the_remedy(path):
     need_coal()
-    design = design_of(path, starts=1)
+    design = design_of(path)
     lowest = tip_heights(design.trajectory.sample(1000.0)[1]).min()
     assert lowest < -0.1
     assert design.unchecked == design.warnings
     assert f"fore comes down to {-lowest:.3f} m below the origin of the base" in design.unchecked[-1]
     limits = path.parent / "limits.toml"
     limits.write_text("velocity = 3.0\nacceleration = 8.0\n[table]\noffset = 0.0\n")
-    kept = design_of(path, limits, starts=1)
+    kept = design_of(path, limits)
     assert kept.unchecked == kept.warnings == ()
     assert {"table plane", "self-collision"} <= {margin.name for margin in kept.margins}
     assert tip_heights(kept.trajectory.sample(2000.0)[1]).min() >= -1e-9

@@ -71,6 +71,7 @@ def survive(path, seed, count):
     problems = 0
     for _ in range(count):
         data = mutated(generator)
+        path.unlink(missing_ok=True)  # a file that is written over goes to the disk before the next
         path.write_bytes(data)
         try:
             program = read_program(path)

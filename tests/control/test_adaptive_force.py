@@ -205,7 +205,7 @@ def test_a_steady_force_is_reached_despite_a_wrong_model(wam):
     wrong = true_parameters()
     wrong[[k for k, name in enumerate(wam.parameter_names) if name[0] in "Llm"]] *= 1.05
     controller = controller_of(wam, wrong, 8.0)
-    result = simulate(wam, true_parameters(), Q, 0 * Q, 2.5, controller, environment=wall(wam, 4000.0))
+    result = simulate(wam, true_parameters(), Q, 0 * Q, 1.6, controller, environment=wall(wam, 4000.0))
     assert np.abs(result.force[-500:, 2] - 8.0).max() < 0.2
 
 

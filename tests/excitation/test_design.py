@@ -18,6 +18,12 @@ def motions_of(design, rate):
     return design.trajectory.sample(rate)[1:]
 
 
+@pytest.fixture(scope="module")
+def plain(arm, arm_limits):
+    """The design that several tests look at."""
+    return sy.design_excitation(arm, arm_limits, **QUICK)
+
+
 @pytest.mark.parametrize("family", ["fourier", "spline", "quintic"])
 def test_every_limit_is_kept_between_the_samples_too(arm, arm_limits, arm_parameters, family):
     limits = arm_limits | {"torque": [30.0, 60.0, 14.0], "power": 60.0, "total_power": 70.0}
@@ -43,9 +49,8 @@ def test_every_limit_is_kept_between_the_samples_too(arm, arm_limits, arm_parame
     assert design.condition_number == pytest.approx(condition_number(arm, design.sample(1000.0)[1:]), rel=1e-6)
 
 
-def test_a_design_is_far_better_than_chance(arm, arm_limits):
-    design = sy.design_excitation(arm, arm_limits, **QUICK)
-    assert design.condition_number < 0.7 * best_of_chance(arm, arm_limits)
+def test_a_design_is_far_better_than_chance(arm, arm_limits, plain):
+    assert plain.condition_number < 0.7 * best_of_chance(arm, arm_limits)
 
 
 def best_of_chance(model, limits):
@@ -75,7 +80,7 @@ def test_information_of_the_samples_has_the_same_condition_number(arm, arm_limit
     assert information.condition_number == pytest.approx(design.condition_number, rel=1e-9)
 
 
-@pytest.mark.parametrize("family", ["fourier", "spline"])
+@pytest.mark.parametrize("family", ["fourier", pytest.param("spline", marks=pytest.mark.slow)])
 def test_motions_that_show_next_to_nothing_are_as_good_as_they_can_be_and_said_to_be_bad(arm, arm_limits, family):
     """At a thousandth of the speed the condition number is some 1e7; the search used to stop at 4e8, where it began."""
     slow = arm_limits | {"velocity": 0.01, "acceleration": 0.05}
@@ -191,7 +196,7 @@ def test_cobyla_designs_too_but_not_as_well(arm, arm_limits):
     assert ours.condition_number < theirs.condition_number
 
 
-def test_a_constraint_of_ones_own_is_kept(arm, arm_limits):
+def test_a_constraint_of_ones_own_is_kept(arm, arm_limits, plain):
     class Coupled:
         """Joints 2 and 3 must bend together by at least 0.5 rad."""
 
@@ -207,8 +212,7 @@ def test_a_constraint_of_ones_own_is_kept(arm, arm_limits):
             slope[:, 1:] = -weights
             return slope, np.zeros_like(q), np.zeros_like(q)
 
-    free = sy.design_excitation(arm, arm_limits, **QUICK)
-    assert (motions_of(free, 1000.0)[0][:, 1:].sum(axis=1)).max() > -0.4
+    assert (motions_of(plain, 1000.0)[0][:, 1:].sum(axis=1)).max() > -0.4
     kept = sy.design_excitation(arm, arm_limits, constraints=[Coupled()], **QUICK)
     assert (motions_of(kept, 1000.0)[0][:, 1:].sum(axis=1)).max() <= -0.5
     assert any(m.name == "cable" for m in kept.margins)
@@ -224,11 +228,10 @@ def test_margin_periods_and_lead(arm, arm_limits):
     assert isinstance(plain.trajectory, sy.FourierTrajectory)
 
 
-def test_designs_show_themselves(arm, arm_limits):
-    design = sy.design_excitation(arm, arm_limits, **QUICK)
-    assert repr(design).startswith("ExcitationDesign(arm: fourier, ")
-    assert "nearest limit: " in repr(design)
-    assert "<table>" in design._repr_html_()
+def test_designs_show_themselves(plain):
+    assert repr(plain).startswith("ExcitationDesign(arm: fourier, ")
+    assert "nearest limit: " in repr(plain)
+    assert "<table>" in plain._repr_html_()
 
 
 def test_limits_that_cannot_be_kept_are_named(arm, arm_limits, arm_parameters):
@@ -319,9 +322,9 @@ def test_what_a_constraint_has_to_say_is_passed_on(arm, arm_limits):
         sy.design_excitation(arm, arm_limits, lead=0.0, periods=2, **QUICK)
 
 
-def test_processes_are_not_branched_off_beside_jax(arm, arm_limits):
+def test_processes_are_not_branched_off_beside_jax(arm, arm_limits, plain):
     """JAX warns of it, and with reason; the answer is the same with threads."""
     pytest.importorskip("jax", reason="JAX is not installed")
     options = QUICK | {"workers": 2}
     design = sy.design_excitation(arm, arm_limits, **options)
-    assert design.condition_number == sy.design_excitation(arm, arm_limits, **QUICK).condition_number
+    assert design.condition_number == plain.condition_number
