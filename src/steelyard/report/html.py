@@ -45,10 +45,22 @@ def report_html(identification: Identification) -> str:
 
     Examples
     --------
+    A pendulum without a mass, driven by the torque of a spring:
+
     >>> import tempfile
-    >>> from steelyard.identification import demonstrate
+    >>> from pathlib import Path
+    >>> import numpy as np
+    >>> import steelyard as sy
+    >>> urdf = (
+    ...     '<robot name="pendulum"><link name="base"/><link name="rod"/><joint name="pivot" type="continuous">'
+    ...     '<parent link="base"/><child link="rod"/><axis xyz="0 1 0"/></joint></robot>'
+    ... )
+    >>> t = np.arange(500) / 50
     >>> with tempfile.TemporaryDirectory() as folder:
-    ...     text = report_html(demonstrate(folder))
+    ...     robot, log = Path(folder, "pendulum.urdf"), Path(folder, "log.csv")
+    ...     _ = robot.write_text(urdf)
+    ...     _ = sy.Recording(t=t, q=np.sin(t)[:, None], torque=np.sin(t)[:, None], source="log").save(log)
+    ...     text = report_html(sy.identify(robot, [log]))
     >>> "Plain least squares describes a robot that cannot exist" in text
     True
     """
