@@ -22,7 +22,7 @@ from stand_ins import two_links as two_links
 
 SHARED = Path(__file__).resolve().parent.parent.parent / "shared"
 
-# There are as many processes as cores: threads of each only wait for those of the others, which took a third of the time.
+# There are as many processes as cores: threads of each only wait for those of the others, a third of the time.
 # NumPy reads this when it is imported, so that nothing may import it before.
 if "PYTEST_XDIST_WORKER" in os.environ:
     os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
