@@ -7,6 +7,11 @@ import os
 import tempfile
 from pathlib import Path
 
+# There are as many processes as cores: threads of each only wait for those of the others, a third of the time.
+# NumPy reads this when it is imported, so that nothing may import it before.
+if "PYTEST_XDIST_WORKER" in os.environ:
+    os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
+
 import pytest
 from hypothesis import settings
 from stand_ins import factored as factored
@@ -21,11 +26,6 @@ from stand_ins import thesis_wam as thesis_wam
 from stand_ins import two_links as two_links
 
 SHARED = Path(__file__).resolve().parent.parent.parent / "shared"
-
-# There are as many processes as cores: threads of each only wait for those of the others, a third of the time.
-# NumPy reads this when it is imported, so that nothing may import it before.
-if "PYTEST_XDIST_WORKER" in os.environ:
-    os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 
 # Property tests try the same examples every time; `--hypothesis-profile=random` looks for new ones.
 settings.register_profile("steelyard", deadline=None, derandomize=True, database=None, max_examples=50)
