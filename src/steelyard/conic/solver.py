@@ -194,7 +194,7 @@ def solve(
 
     >>> import numpy as np
     >>> import scipy.sparse as sparse
-    >>> from steelyard.feasibility import Cone
+    >>> from steelyard.conic import Cone
     >>> A = sparse.csc_array(np.array([[-1.0], [0.0], [-1.0]]))
     >>> b = np.array([0.0, 2**0.5, 0.0])
     >>> problem = ConicProblem(sparse.csc_array((1, 1)), np.ones(1), A, b, (Cone("semidefinite", 2),))

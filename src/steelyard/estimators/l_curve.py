@@ -141,7 +141,7 @@ def l_curve(
     Examples
     --------
     >>> from steelyard.dynamics import Model
-    >>> from steelyard.feasibility import EntropicPrior
+    >>> from steelyard.estimators import EntropicPrior
     >>> from steelyard.robot import Robot
     >>> model = Model(Robot.from_dh([("0", 0.0, 0.0, "q")], name="pendulum", gravity=(0, -9.81, 0)))
     >>> names = model.base_parameters().names

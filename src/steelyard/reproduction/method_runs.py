@@ -72,7 +72,7 @@ def run_method(
 
     Examples
     --------
-    >>> from steelyard.feasibility import fit
+    >>> from steelyard.estimators import fit
     >>> from steelyard.reproduction.free_links import free_links_problem
     >>> information, model = free_links_problem(1)
     >>> run_method(fit, information, FeasibleSet(model)).feasible

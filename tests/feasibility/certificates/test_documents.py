@@ -43,7 +43,7 @@ def test_a_saved_certificate_is_verified_by_a_process_without_numpy(two_links, t
         "import sys, types, importlib.util, pathlib, json\n"
         "import steelyard\n"
         "root = pathlib.Path(steelyard.__file__).parent\n"
-        "for name in ('regression', 'feasibility', 'feasibility.proof'):\n"
+        "for name in ('regression', 'feasibility', 'feasibility.certificates'):\n"
         "    package = types.ModuleType('steelyard.' + name)\n"
         "    package.__path__ = [str(root / name.replace('.', '/'))]\n"
         "    sys.modules['steelyard.' + name] = package\n"
