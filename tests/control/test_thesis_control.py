@@ -64,6 +64,7 @@ def test_feasible_parameters_track_trajectory_b(run, column):
     assert (rms[:2] < 1.4 * lag[:2]).all()
 
 
+@pytest.mark.slow
 def test_higher_gains_track_better(run):
     found = []
     for gains in ("5.1", "5.2"):

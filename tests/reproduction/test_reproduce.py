@@ -72,6 +72,7 @@ def test_sections_are_told_apart():
     assert len(set(numbers)) == len(numbers)
 
 
+@pytest.mark.slow
 def test_figure_6_1_rises_to_one(tmp_path):
     """The figure as the thesis describes it; the share at WLS is known from an independent trial (0.13)."""
     ((_, result),) = reproduce(tmp_path, ["6.1"]).results
