@@ -30,7 +30,7 @@ ROOMS = (
     "reproduction",
     "cli",
 )
-ANYWHERE = {"errors", "__version__"}  # what every room may take from the package itself
+ANYWHERE = {"errors", "first_use", "__version__"}  # what every room may take from the package itself
 EMPTY_NAMES = {"utils", "util", "helpers", "helper", "common", "misc", "manager", "managers"}
 FILES = sorted(PACKAGE.rglob("*.py"))
 ENTRY_POINT = PACKAGE / "__main__.py"  # runs when it is imported
@@ -124,7 +124,7 @@ def test_careless_writing_is_found() -> None:
 def test_every_folder_is_a_room() -> None:
     folders = {p.name for p in PACKAGE.iterdir() if p.is_dir() and p.name != "__pycache__"}
     assert folders <= set(ROOMS)
-    assert {p.name for p in PACKAGE.glob("*.py")} == {"__init__.py", "__main__.py", "errors.py"}
+    assert {p.name for p in PACKAGE.glob("*.py")} == {"__init__.py", "__main__.py", "errors.py", "first_use.py"}
 
 
 @pytest.mark.parametrize("place", [place for place in PLACES if place != ENTRY_POINT.name])

@@ -1,39 +1,26 @@
 """From functions of a graph to source code of many languages, and to objects of SymPy, CasADi and JAX."""
 
-from .assignments import Assignment as Assignment
-from .assignments import Listing as Listing
-from .assignments import OutputListing as OutputListing
-from .assignments import Syntax as Syntax
-from .assignments import listing as listing
-from .casadi_function import casadi_function as casadi_function
-from .evaluation import evaluate_over as evaluate_over
-from .jax_function import jax_function as jax_function
-from .project import Constant as Constant
-from .project import Project as Project
-from .project import files as files
-from .project import generate as generate
-from .project import languages as languages
-from .reference import Reference as Reference
-from .symbolic_function import SymbolicFunction as SymbolicFunction
-from .sympy_function import sympy_function as sympy_function
-from .text import Names as Names
+from typing import TYPE_CHECKING
 
-__all__ = [
-    "Assignment",
-    "Constant",
-    "Listing",
-    "Names",
-    "OutputListing",
-    "Project",
-    "Reference",
-    "SymbolicFunction",
-    "Syntax",
-    "casadi_function",
-    "evaluate_over",
-    "files",
-    "generate",
-    "jax_function",
-    "languages",
-    "listing",
-    "sympy_function",
-]
+from steelyard.first_use import import_at_first_use
+
+if TYPE_CHECKING:
+    from .assignments import Assignment as Assignment
+    from .assignments import Listing as Listing
+    from .assignments import OutputListing as OutputListing
+    from .assignments import Syntax as Syntax
+    from .assignments import listing as listing
+    from .casadi_function import casadi_function as casadi_function
+    from .evaluation import evaluate_over as evaluate_over
+    from .jax_function import jax_function as jax_function
+    from .project import Constant as Constant
+    from .project import Project as Project
+    from .project import files as files
+    from .project import generate as generate
+    from .project import languages as languages
+    from .reference import Reference as Reference
+    from .symbolic_function import SymbolicFunction as SymbolicFunction
+    from .sympy_function import sympy_function as sympy_function
+    from .text import Names as Names
+
+__all__ = import_at_first_use(__name__, __file__)

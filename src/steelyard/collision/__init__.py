@@ -1,37 +1,25 @@
 """Constraints on where a robot is: collisions of its links, obstacles, a table, a workspace."""
 
-from .obstacles import Obstacle as Obstacle
-from .obstacles import ObstacleClearance as ObstacleClearance
-from .pairs import LeftOut as LeftOut
-from .robot_geometry import PlacedShape as PlacedShape
-from .robot_geometry import RobotGeometry as RobotGeometry
-from .section import GEOMETRY_KEYS as GEOMETRY_KEYS
-from .section import geometry_from_dict as geometry_from_dict
-from .self_collision import SelfCollision as SelfCollision
-from .shapes import Box as Box
-from .shapes import Capsule as Capsule
-from .shapes import Cylinder as Cylinder
-from .shapes import Mesh as Mesh
-from .shapes import Shape as Shape
-from .shapes import Sphere as Sphere
-from .table import TablePlane as TablePlane
-from .workspace import WorkspaceBox as WorkspaceBox
+from typing import TYPE_CHECKING
 
-__all__ = [
-    "GEOMETRY_KEYS",
-    "Box",
-    "Capsule",
-    "Cylinder",
-    "LeftOut",
-    "Mesh",
-    "Obstacle",
-    "ObstacleClearance",
-    "PlacedShape",
-    "RobotGeometry",
-    "SelfCollision",
-    "Shape",
-    "Sphere",
-    "TablePlane",
-    "WorkspaceBox",
-    "geometry_from_dict",
-]
+from steelyard.first_use import import_at_first_use
+
+if TYPE_CHECKING:
+    from .obstacles import Obstacle as Obstacle
+    from .obstacles import ObstacleClearance as ObstacleClearance
+    from .pairs import LeftOut as LeftOut
+    from .robot_geometry import PlacedShape as PlacedShape
+    from .robot_geometry import RobotGeometry as RobotGeometry
+    from .section import GEOMETRY_KEYS as GEOMETRY_KEYS
+    from .section import geometry_from_dict as geometry_from_dict
+    from .self_collision import SelfCollision as SelfCollision
+    from .shapes import Box as Box
+    from .shapes import Capsule as Capsule
+    from .shapes import Cylinder as Cylinder
+    from .shapes import Mesh as Mesh
+    from .shapes import Shape as Shape
+    from .shapes import Sphere as Sphere
+    from .table import TablePlane as TablePlane
+    from .workspace import WorkspaceBox as WorkspaceBox
+
+__all__ = import_at_first_use(__name__, __file__)

@@ -1,59 +1,36 @@
 """Model-based controllers: blocks that run in the simulator, and whose model part is generated as source."""
 
-from .active_observer import ActiveObserver as ActiveObserver
-from .adaptive_force import AdaptiveForceControl as AdaptiveForceControl
-from .block import ControlBlock as ControlBlock
-from .computed_torque import ComputedTorque as ComputedTorque
-from .feedforward_tracking import FeedforwardTracking as FeedforwardTracking
-from .gravity_compensation import GravityCompensation as GravityCompensation
-from .impedance import ImpedanceControl as ImpedanceControl
-from .pose_references import ConstantPose as ConstantPose
-from .pose_references import PoseFunction as PoseFunction
-from .pose_references import PoseReference as PoseReference
-from .pose_references import PoseTarget as PoseTarget
-from .pose_references import PoseTrajectory as PoseTrajectory
-from .position_tracking import PositionTracking as PositionTracking
-from .posture import Posture as Posture
-from .references import ConstantReference as ConstantReference
-from .references import FunctionReference as FunctionReference
-from .references import JointReference as JointReference
-from .references import TrajectoryReference as TrajectoryReference
-from .rotations import rotation_matrix as rotation_matrix
-from .rotations import rotation_vector as rotation_vector
-from .stiffness import StiffnessEstimator as StiffnessEstimator
-from .task_space import TaskSpaceControl as TaskSpaceControl
-from .tool import Tool as Tool
-from .velocities import FilteredDifference as FilteredDifference
-from .velocities import MeasuredVelocity as MeasuredVelocity
-from .velocities import NumericalDifference as NumericalDifference
-from .velocities import VelocityEstimator as VelocityEstimator
+from typing import TYPE_CHECKING
 
-__all__ = [
-    "ActiveObserver",
-    "AdaptiveForceControl",
-    "ComputedTorque",
-    "ConstantPose",
-    "ConstantReference",
-    "ControlBlock",
-    "FeedforwardTracking",
-    "FilteredDifference",
-    "FunctionReference",
-    "GravityCompensation",
-    "ImpedanceControl",
-    "JointReference",
-    "MeasuredVelocity",
-    "NumericalDifference",
-    "PoseFunction",
-    "PoseReference",
-    "PoseTarget",
-    "PoseTrajectory",
-    "PositionTracking",
-    "Posture",
-    "StiffnessEstimator",
-    "TaskSpaceControl",
-    "Tool",
-    "TrajectoryReference",
-    "VelocityEstimator",
-    "rotation_matrix",
-    "rotation_vector",
-]
+from steelyard.first_use import import_at_first_use
+
+if TYPE_CHECKING:
+    from .active_observer import ActiveObserver as ActiveObserver
+    from .adaptive_force import AdaptiveForceControl as AdaptiveForceControl
+    from .block import ControlBlock as ControlBlock
+    from .computed_torque import ComputedTorque as ComputedTorque
+    from .feedforward_tracking import FeedforwardTracking as FeedforwardTracking
+    from .gravity_compensation import GravityCompensation as GravityCompensation
+    from .impedance import ImpedanceControl as ImpedanceControl
+    from .pose_references import ConstantPose as ConstantPose
+    from .pose_references import PoseFunction as PoseFunction
+    from .pose_references import PoseReference as PoseReference
+    from .pose_references import PoseTarget as PoseTarget
+    from .pose_references import PoseTrajectory as PoseTrajectory
+    from .position_tracking import PositionTracking as PositionTracking
+    from .posture import Posture as Posture
+    from .references import ConstantReference as ConstantReference
+    from .references import FunctionReference as FunctionReference
+    from .references import JointReference as JointReference
+    from .references import TrajectoryReference as TrajectoryReference
+    from .rotations import rotation_matrix as rotation_matrix
+    from .rotations import rotation_vector as rotation_vector
+    from .stiffness import StiffnessEstimator as StiffnessEstimator
+    from .task_space import TaskSpaceControl as TaskSpaceControl
+    from .tool import Tool as Tool
+    from .velocities import FilteredDifference as FilteredDifference
+    from .velocities import MeasuredVelocity as MeasuredVelocity
+    from .velocities import NumericalDifference as NumericalDifference
+    from .velocities import VelocityEstimator as VelocityEstimator
+
+__all__ = import_at_first_use(__name__, __file__)

@@ -1,25 +1,19 @@
 """The physics: kinematics, Newton-Euler dynamics, regressor, drive terms, base parameters, and the model."""
 
-from .base_parameters import BaseParameters as BaseParameters
-from .conditions import ModelCondition as ModelCondition
-from .model import Model as Model
-from .project import DEFAULT_FUNCTIONS as DEFAULT_FUNCTIONS
-from .terms import Coulomb as Coulomb
-from .terms import MotorSide as MotorSide
-from .terms import Offset as Offset
-from .terms import RotorInertia as RotorInertia
-from .terms import Viscous as Viscous
-from .terms import term_from_dict as term_from_dict
+from typing import TYPE_CHECKING
 
-__all__ = [
-    "DEFAULT_FUNCTIONS",
-    "BaseParameters",
-    "Coulomb",
-    "Model",
-    "ModelCondition",
-    "MotorSide",
-    "Offset",
-    "RotorInertia",
-    "Viscous",
-    "term_from_dict",
-]
+from steelyard.first_use import import_at_first_use
+
+if TYPE_CHECKING:
+    from .base_parameters import BaseParameters as BaseParameters
+    from .conditions import ModelCondition as ModelCondition
+    from .model import Model as Model
+    from .project import DEFAULT_FUNCTIONS as DEFAULT_FUNCTIONS
+    from .terms import Coulomb as Coulomb
+    from .terms import MotorSide as MotorSide
+    from .terms import Offset as Offset
+    from .terms import RotorInertia as RotorInertia
+    from .terms import Viscous as Viscous
+    from .terms import term_from_dict as term_from_dict
+
+__all__ = import_at_first_use(__name__, __file__)

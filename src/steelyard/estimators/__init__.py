@@ -1,39 +1,26 @@
 """Least squares within the feasible set: the optimum, the choice among near-equal answers, and the way inside."""
 
-from .constrained import FeasibleFit as FeasibleFit
-from .constrained import fit_reduced as fit_reduced
-from .fit import fit as fit
-from .l_curve import LCurve as LCurve
-from .l_curve import l_curve as l_curve
-from .prior import ConstantPullbackPrior as ConstantPullbackPrior
-from .prior import EntropicPrior as EntropicPrior
-from .prior import EuclideanPrior as EuclideanPrior
-from .prior import Prior as Prior
-from .robust import HuberWeights as HuberWeights
-from .robust import RobustInformation as RobustInformation
-from .robust import robust_information as robust_information
-from .shadow_prices import ConstraintPrice as ConstraintPrice
-from .shadow_prices import ConstraintPrices as ConstraintPrices
-from .shadow_prices import constraint_prices as constraint_prices
-from .smallest_mass import SmallestMass as SmallestMass
-from .smallest_mass import smallest_total_mass as smallest_total_mass
+from typing import TYPE_CHECKING
 
-__all__ = [
-    "ConstantPullbackPrior",
-    "ConstraintPrice",
-    "ConstraintPrices",
-    "EntropicPrior",
-    "EuclideanPrior",
-    "FeasibleFit",
-    "HuberWeights",
-    "LCurve",
-    "Prior",
-    "RobustInformation",
-    "SmallestMass",
-    "constraint_prices",
-    "fit",
-    "fit_reduced",
-    "l_curve",
-    "robust_information",
-    "smallest_total_mass",
-]
+from steelyard.first_use import import_at_first_use
+
+if TYPE_CHECKING:
+    from .constrained import FeasibleFit as FeasibleFit
+    from .constrained import fit_reduced as fit_reduced
+    from .fit import fit as fit
+    from .l_curve import LCurve as LCurve
+    from .l_curve import l_curve as l_curve
+    from .prior import ConstantPullbackPrior as ConstantPullbackPrior
+    from .prior import EntropicPrior as EntropicPrior
+    from .prior import EuclideanPrior as EuclideanPrior
+    from .prior import Prior as Prior
+    from .robust import HuberWeights as HuberWeights
+    from .robust import RobustInformation as RobustInformation
+    from .robust import robust_information as robust_information
+    from .shadow_prices import ConstraintPrice as ConstraintPrice
+    from .shadow_prices import ConstraintPrices as ConstraintPrices
+    from .shadow_prices import constraint_prices as constraint_prices
+    from .smallest_mass import SmallestMass as SmallestMass
+    from .smallest_mass import smallest_total_mass as smallest_total_mass
+
+__all__ = import_at_first_use(__name__, __file__)

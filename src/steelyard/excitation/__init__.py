@@ -1,33 +1,23 @@
 """Trajectories, and the design of those that show a robot's parameters."""
 
-from .constraint import MotionConstraint as MotionConstraint
-from .design import design_excitation as design_excitation
-from .excitation import ExcitationDesign as ExcitationDesign
-from .fourier import FourierTrajectory as FourierTrajectory
-from .fourier import RestToRestTrajectory as RestToRestTrajectory
-from .joint_limits import JointLimit as JointLimit
-from .limits import MotionLimits as MotionLimits
-from .limits_file import limits_from_file as limits_from_file
-from .quintic import QuinticTrajectory as QuinticTrajectory
-from .saving import load_trajectory as load_trajectory
-from .saving import save_trajectory as save_trajectory
-from .spline import SplineTrajectory as SplineTrajectory
-from .trajectory import Trajectory as Trajectory
-from .verification import Margin as Margin
+from typing import TYPE_CHECKING
 
-__all__ = [
-    "ExcitationDesign",
-    "FourierTrajectory",
-    "JointLimit",
-    "Margin",
-    "MotionConstraint",
-    "MotionLimits",
-    "QuinticTrajectory",
-    "RestToRestTrajectory",
-    "SplineTrajectory",
-    "Trajectory",
-    "design_excitation",
-    "limits_from_file",
-    "load_trajectory",
-    "save_trajectory",
-]
+from steelyard.first_use import import_at_first_use
+
+if TYPE_CHECKING:
+    from .constraint import MotionConstraint as MotionConstraint
+    from .design import design_excitation as design_excitation
+    from .excitation import ExcitationDesign as ExcitationDesign
+    from .fourier import FourierTrajectory as FourierTrajectory
+    from .fourier import RestToRestTrajectory as RestToRestTrajectory
+    from .joint_limits import JointLimit as JointLimit
+    from .limits import MotionLimits as MotionLimits
+    from .limits_file import limits_from_file as limits_from_file
+    from .quintic import QuinticTrajectory as QuinticTrajectory
+    from .saving import load_trajectory as load_trajectory
+    from .saving import save_trajectory as save_trajectory
+    from .spline import SplineTrajectory as SplineTrajectory
+    from .trajectory import Trajectory as Trajectory
+    from .verification import Margin as Margin
+
+__all__ = import_at_first_use(__name__, __file__)

@@ -1,89 +1,51 @@
 """Physical feasibility: linear matrix inequalities, the feasible set, and check, correct and fit."""
 
-from .certificates import CertificateCheck as CertificateCheck
-from .certificates import FeasibilityCertificate as FeasibilityCertificate
-from .certificates import InfeasibilityCertificate as InfeasibilityCertificate
-from .certificates import load_certificate as load_certificate
-from .certificates import speaks_of as speaks_of
-from .certificates import verify_certificate as verify_certificate
-from .certificates import verify_document as verify_document
-from .check import Verdict as Verdict
-from .check import Violation as Violation
-from .check import check as check
-from .closed_form import PolynomialCondition as PolynomialCondition
-from .closed_form import closed_form_conditions as closed_form_conditions
-from .closed_form import feasibility_polynomials as feasibility_polynomials
-from .constraints import CenterOfMassBox as CenterOfMassBox
-from .constraints import CenterOfMassHull as CenterOfMassHull
-from .constraints import CenterOfMassSphere as CenterOfMassSphere
-from .constraints import ConfidenceInterval as ConfidenceInterval
-from .constraints import Constraint as Constraint
-from .constraints import DensityInBox as DensityInBox
-from .constraints import DensityInEllipsoid as DensityInEllipsoid
-from .constraints import Equality as Equality
-from .constraints import EqualLinks as EqualLinks
-from .constraints import LinearBound as LinearBound
-from .constraints import MeasuredMass as MeasuredMass
-from .constraints import SymmetricLink as SymmetricLink
-from .constraints import TotalMass as TotalMass
-from .constraints import confidence_intervals as confidence_intervals
-from .constraints import constraints_from_dict as constraints_from_dict
-from .correct import Correction as Correction
-from .correct import correct as correct
-from .feasible_set import FeasibleSet as FeasibleSet
-from .insight import BaseParameterDegree as BaseParameterDegree
-from .insight import Conflict as Conflict
-from .insight import InfeasibilityExplanation as InfeasibilityExplanation
-from .insight import LeastMass as LeastMass
-from .insight import LightestRobot as LightestRobot
-from .insight import ParameterInterval as ParameterInterval
-from .insight import ParameterIntervals as ParameterIntervals
-from .insight import explain_infeasibility as explain_infeasibility
-from .insight import lightest_robot as lightest_robot
-from .insight import parameter_intervals as parameter_intervals
-from .tie_break import Preference as Preference
+from typing import TYPE_CHECKING
 
-__all__ = [
-    "BaseParameterDegree",
-    "CenterOfMassBox",
-    "CenterOfMassHull",
-    "CenterOfMassSphere",
-    "CertificateCheck",
-    "ConfidenceInterval",
-    "Conflict",
-    "Constraint",
-    "Correction",
-    "DensityInBox",
-    "DensityInEllipsoid",
-    "EqualLinks",
-    "Equality",
-    "FeasibilityCertificate",
-    "FeasibleSet",
-    "InfeasibilityCertificate",
-    "InfeasibilityExplanation",
-    "LeastMass",
-    "LightestRobot",
-    "LinearBound",
-    "MeasuredMass",
-    "ParameterInterval",
-    "ParameterIntervals",
-    "PolynomialCondition",
-    "Preference",
-    "SymmetricLink",
-    "TotalMass",
-    "Verdict",
-    "Violation",
-    "check",
-    "closed_form_conditions",
-    "confidence_intervals",
-    "constraints_from_dict",
-    "correct",
-    "explain_infeasibility",
-    "feasibility_polynomials",
-    "lightest_robot",
-    "load_certificate",
-    "parameter_intervals",
-    "speaks_of",
-    "verify_certificate",
-    "verify_document",
-]
+from steelyard.first_use import import_at_first_use
+
+if TYPE_CHECKING:
+    from .certificates import CertificateCheck as CertificateCheck
+    from .certificates import FeasibilityCertificate as FeasibilityCertificate
+    from .certificates import InfeasibilityCertificate as InfeasibilityCertificate
+    from .certificates import load_certificate as load_certificate
+    from .certificates import speaks_of as speaks_of
+    from .certificates import verify_certificate as verify_certificate
+    from .certificates import verify_document as verify_document
+    from .check import Verdict as Verdict
+    from .check import Violation as Violation
+    from .check import check as check
+    from .closed_form import PolynomialCondition as PolynomialCondition
+    from .closed_form import closed_form_conditions as closed_form_conditions
+    from .closed_form import feasibility_polynomials as feasibility_polynomials
+    from .constraints import CenterOfMassBox as CenterOfMassBox
+    from .constraints import CenterOfMassHull as CenterOfMassHull
+    from .constraints import CenterOfMassSphere as CenterOfMassSphere
+    from .constraints import ConfidenceInterval as ConfidenceInterval
+    from .constraints import Constraint as Constraint
+    from .constraints import DensityInBox as DensityInBox
+    from .constraints import DensityInEllipsoid as DensityInEllipsoid
+    from .constraints import Equality as Equality
+    from .constraints import EqualLinks as EqualLinks
+    from .constraints import LinearBound as LinearBound
+    from .constraints import MeasuredMass as MeasuredMass
+    from .constraints import SymmetricLink as SymmetricLink
+    from .constraints import TotalMass as TotalMass
+    from .constraints import confidence_intervals as confidence_intervals
+    from .constraints import constraints_from_dict as constraints_from_dict
+    from .correct import Correction as Correction
+    from .correct import correct as correct
+    from .feasible_set import FeasibleSet as FeasibleSet
+    from .insight import BaseParameterDegree as BaseParameterDegree
+    from .insight import Conflict as Conflict
+    from .insight import InfeasibilityExplanation as InfeasibilityExplanation
+    from .insight import LeastMass as LeastMass
+    from .insight import LightestRobot as LightestRobot
+    from .insight import ParameterInterval as ParameterInterval
+    from .insight import ParameterIntervals as ParameterIntervals
+    from .insight import explain_infeasibility as explain_infeasibility
+    from .insight import lightest_robot as lightest_robot
+    from .insight import parameter_intervals as parameter_intervals
+    from .tie_break import Preference as Preference
+
+__all__ = import_at_first_use(__name__, __file__)

@@ -1,34 +1,24 @@
 """Files: reading that is bounded, and writing that leaves a file or a folder whole or as it was."""
 
-from .folder import replaced_folder
-from .reading import (
-    LARGEST_JSON,
-    LARGEST_TEXT,
-    parse_json,
-    read_bytes,
-    read_json,
-    read_text,
-    read_toml,
-    require_file,
-    shown,
-)
-from .tables import reading_table
-from .writing import replaced_file, write_bytes, write_json, write_text
+from typing import TYPE_CHECKING
 
-__all__ = [
-    "LARGEST_JSON",
-    "LARGEST_TEXT",
-    "parse_json",
-    "read_bytes",
-    "read_json",
-    "read_text",
-    "read_toml",
-    "reading_table",
-    "replaced_file",
-    "replaced_folder",
-    "require_file",
-    "shown",
-    "write_bytes",
-    "write_json",
-    "write_text",
-]
+from steelyard.first_use import import_at_first_use
+
+if TYPE_CHECKING:
+    from .folder import replaced_folder as replaced_folder
+    from .reading import LARGEST_JSON as LARGEST_JSON
+    from .reading import LARGEST_TEXT as LARGEST_TEXT
+    from .reading import parse_json as parse_json
+    from .reading import read_bytes as read_bytes
+    from .reading import read_json as read_json
+    from .reading import read_text as read_text
+    from .reading import read_toml as read_toml
+    from .reading import require_file as require_file
+    from .reading import shown as shown
+    from .tables import reading_table as reading_table
+    from .writing import replaced_file as replaced_file
+    from .writing import write_bytes as write_bytes
+    from .writing import write_json as write_json
+    from .writing import write_text as write_text
+
+__all__ = import_at_first_use(__name__, __file__)

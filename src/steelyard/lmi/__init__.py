@@ -1,39 +1,26 @@
 """Linear matrix inequalities as objects: expressions, affine symmetric matrices and stacks of them."""
 
-from .affine import AffineBlock as AffineBlock
-from .affine import AffineStack as AffineStack
-from .affine import is_positive_definite as is_positive_definite
-from .affine import symmetric_to_vector as symmetric_to_vector
-from .affine import vector_to_symmetric as vector_to_symmetric
-from .base_dependent import base_variable_names as base_variable_names
-from .base_dependent import to_base_dependent as to_base_dependent
-from .base_dependent import to_standard as to_standard
-from .composition import block_diagonal as block_diagonal
-from .expression import LinearExpression as LinearExpression
-from .expression import variables as variables
-from .expression_reader import as_expression as as_expression
-from .expression_reader import parse_expression as parse_expression
-from .inequality import LinearMatrixInequality as LinearMatrixInequality
-from .least_squares import distance_inequality as distance_inequality
-from .least_squares import residual_inequality as residual_inequality
-from .sdpa import inequality_of_program as inequality_of_program
+from typing import TYPE_CHECKING
 
-__all__ = [
-    "AffineBlock",
-    "AffineStack",
-    "LinearExpression",
-    "LinearMatrixInequality",
-    "as_expression",
-    "base_variable_names",
-    "block_diagonal",
-    "distance_inequality",
-    "inequality_of_program",
-    "is_positive_definite",
-    "parse_expression",
-    "residual_inequality",
-    "symmetric_to_vector",
-    "to_base_dependent",
-    "to_standard",
-    "variables",
-    "vector_to_symmetric",
-]
+from steelyard.first_use import import_at_first_use
+
+if TYPE_CHECKING:
+    from .affine import AffineBlock as AffineBlock
+    from .affine import AffineStack as AffineStack
+    from .affine import is_positive_definite as is_positive_definite
+    from .affine import symmetric_to_vector as symmetric_to_vector
+    from .affine import vector_to_symmetric as vector_to_symmetric
+    from .base_dependent import base_variable_names as base_variable_names
+    from .base_dependent import to_base_dependent as to_base_dependent
+    from .base_dependent import to_standard as to_standard
+    from .composition import block_diagonal as block_diagonal
+    from .expression import LinearExpression as LinearExpression
+    from .expression import variables as variables
+    from .expression_reader import as_expression as as_expression
+    from .expression_reader import parse_expression as parse_expression
+    from .inequality import LinearMatrixInequality as LinearMatrixInequality
+    from .least_squares import distance_inequality as distance_inequality
+    from .least_squares import residual_inequality as residual_inequality
+    from .sdpa import inequality_of_program as inequality_of_program
+
+__all__ = import_at_first_use(__name__, __file__)

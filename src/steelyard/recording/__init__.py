@@ -1,61 +1,37 @@
 """Logs in, signal processing, samples out."""
 
-from .chunks import Chunk as Chunk
-from .chunks import process_chunks as process_chunks
-from .chunks import read_chunks as read_chunks
-from .chunks import read_middle as read_middle
-from .columns import LogColumns as LogColumns
-from .cutoff import CutoffChoice as CutoffChoice
-from .cutoff import TorqueCutoffChoice as TorqueCutoffChoice
-from .cutoff import choose_cutoff as choose_cutoff
-from .decision import decide as decide
-from .diagnosis import DelayEstimate as DelayEstimate
-from .diagnosis import Diagnosis as Diagnosis
-from .diagnosis import Intervals as Intervals
-from .diagnosis import clock_statistics as clock_statistics
-from .diagnosis import estimate_delay as estimate_delay
-from .diagnosis import find_repeated as find_repeated
-from .diagnosis import find_saturation as find_saturation
-from .diagnosis import find_stiction as find_stiction
-from .filters import Butterworth as Butterworth
-from .filters import FourierFit as FourierFit
-from .filters import KalmanSmoother as KalmanSmoother
-from .filters import MotionFilter as MotionFilter
-from .filters import SavitzkyGolay as SavitzkyGolay
-from .periodic import PeriodicAverage as PeriodicAverage
-from .periodic import average_periods as average_periods
-from .periodic import find_period as find_period
-from .processing import Processing as Processing
-from .recording import Recording as Recording
-from .samples import Samples as Samples
+from typing import TYPE_CHECKING
 
-__all__ = [
-    "Butterworth",
-    "Chunk",
-    "CutoffChoice",
-    "DelayEstimate",
-    "Diagnosis",
-    "FourierFit",
-    "Intervals",
-    "KalmanSmoother",
-    "LogColumns",
-    "MotionFilter",
-    "PeriodicAverage",
-    "Processing",
-    "Recording",
-    "Samples",
-    "SavitzkyGolay",
-    "TorqueCutoffChoice",
-    "average_periods",
-    "choose_cutoff",
-    "clock_statistics",
-    "decide",
-    "estimate_delay",
-    "find_period",
-    "find_repeated",
-    "find_saturation",
-    "find_stiction",
-    "process_chunks",
-    "read_chunks",
-    "read_middle",
-]
+from steelyard.first_use import import_at_first_use
+
+if TYPE_CHECKING:
+    from .chunks import Chunk as Chunk
+    from .chunks import process_chunks as process_chunks
+    from .chunks import read_chunks as read_chunks
+    from .chunks import read_middle as read_middle
+    from .columns import LogColumns as LogColumns
+    from .cutoff import CutoffChoice as CutoffChoice
+    from .cutoff import TorqueCutoffChoice as TorqueCutoffChoice
+    from .cutoff import choose_cutoff as choose_cutoff
+    from .decision import decide as decide
+    from .diagnosis import DelayEstimate as DelayEstimate
+    from .diagnosis import Diagnosis as Diagnosis
+    from .diagnosis import Intervals as Intervals
+    from .diagnosis import clock_statistics as clock_statistics
+    from .diagnosis import estimate_delay as estimate_delay
+    from .diagnosis import find_repeated as find_repeated
+    from .diagnosis import find_saturation as find_saturation
+    from .diagnosis import find_stiction as find_stiction
+    from .filters import Butterworth as Butterworth
+    from .filters import FourierFit as FourierFit
+    from .filters import KalmanSmoother as KalmanSmoother
+    from .filters import MotionFilter as MotionFilter
+    from .filters import SavitzkyGolay as SavitzkyGolay
+    from .periodic import PeriodicAverage as PeriodicAverage
+    from .periodic import average_periods as average_periods
+    from .periodic import find_period as find_period
+    from .processing import Processing as Processing
+    from .recording import Recording as Recording
+    from .samples import Samples as Samples
+
+__all__ = import_at_first_use(__name__, __file__)

@@ -1,31 +1,22 @@
 """Regression: Information, weights, least squares, uncertainty, and the estimate that comes of it."""
 
-from .correlation import ResidualCorrelation as ResidualCorrelation
-from .correlation import corrected_deviations as corrected_deviations
-from .correlation import residual_correlation as residual_correlation
-from .covariance import residual_covariance as residual_covariance
-from .estimate import Estimate as Estimate
-from .factor import Factor as Factor
-from .factor import Reduced as Reduced
-from .factor import column_lengths as column_lengths
-from .factor import triangular as triangular
-from .information import Information as Information
-from .least_squares import least_squares as least_squares
-from .least_squares import method_name as method_name
-from .least_squares import standard_deviations as standard_deviations
+from typing import TYPE_CHECKING
 
-__all__ = [
-    "Estimate",
-    "Factor",
-    "Information",
-    "Reduced",
-    "ResidualCorrelation",
-    "column_lengths",
-    "corrected_deviations",
-    "least_squares",
-    "method_name",
-    "residual_correlation",
-    "residual_covariance",
-    "standard_deviations",
-    "triangular",
-]
+from steelyard.first_use import import_at_first_use
+
+if TYPE_CHECKING:
+    from .correlation import ResidualCorrelation as ResidualCorrelation
+    from .correlation import corrected_deviations as corrected_deviations
+    from .correlation import residual_correlation as residual_correlation
+    from .covariance import residual_covariance as residual_covariance
+    from .estimate import Estimate as Estimate
+    from .factor import Factor as Factor
+    from .factor import Reduced as Reduced
+    from .factor import column_lengths as column_lengths
+    from .factor import triangular as triangular
+    from .information import Information as Information
+    from .least_squares import least_squares as least_squares
+    from .least_squares import method_name as method_name
+    from .least_squares import standard_deviations as standard_deviations
+
+__all__ = import_at_first_use(__name__, __file__)

@@ -1,29 +1,21 @@
 """The report: a folder of results, an HTML page, a picture."""
 
-from .charts import Chart as Chart
-from .charts import Curve as Curve
-from .charts import charts_markup as charts_markup
-from .document import Section as Section
-from .document import html_document as html_document
-from .html import report_html as report_html
-from .html import write_report as write_report
-from .picture import torque_picture as torque_picture
-from .picture import torque_svg as torque_svg
-from .results import require_apart as require_apart
-from .results import require_folder as require_folder
-from .results import save_results as save_results
+from typing import TYPE_CHECKING
 
-__all__ = [
-    "Chart",
-    "Curve",
-    "Section",
-    "charts_markup",
-    "html_document",
-    "report_html",
-    "require_apart",
-    "require_folder",
-    "save_results",
-    "torque_picture",
-    "torque_svg",
-    "write_report",
-]
+from steelyard.first_use import import_at_first_use
+
+if TYPE_CHECKING:
+    from .charts import Chart as Chart
+    from .charts import Curve as Curve
+    from .charts import charts_markup as charts_markup
+    from .document import Section as Section
+    from .document import html_document as html_document
+    from .html import report_html as report_html
+    from .html import write_report as write_report
+    from .picture import torque_picture as torque_picture
+    from .picture import torque_svg as torque_svg
+    from .results import require_apart as require_apart
+    from .results import require_folder as require_folder
+    from .results import save_results as save_results
+
+__all__ = import_at_first_use(__name__, __file__)

@@ -1,29 +1,21 @@
 """What is weighed: the tree of joints and links, its drives, and the files it is read from and written to."""
 
-from .file import RobotFile as RobotFile
-from .inertia import INERTIA_SYMBOLS as INERTIA_SYMBOLS
-from .inertia import Inertia as Inertia
-from .joint import Attachment as Attachment
-from .joint import Joint as Joint
-from .joint import JointKind as JointKind
-from .joint import Link as Link
-from .robot import Robot as Robot
-from .term import Condition as Condition
-from .term import Term as Term
-from .term import TermParameter as TermParameter
-from .urdf_writer import write_urdf as write_urdf
+from typing import TYPE_CHECKING
 
-__all__ = [
-    "INERTIA_SYMBOLS",
-    "Attachment",
-    "Condition",
-    "Inertia",
-    "Joint",
-    "JointKind",
-    "Link",
-    "Robot",
-    "RobotFile",
-    "Term",
-    "TermParameter",
-    "write_urdf",
-]
+from steelyard.first_use import import_at_first_use
+
+if TYPE_CHECKING:
+    from .file import RobotFile as RobotFile
+    from .inertia import INERTIA_SYMBOLS as INERTIA_SYMBOLS
+    from .inertia import Inertia as Inertia
+    from .joint import Attachment as Attachment
+    from .joint import Joint as Joint
+    from .joint import JointKind as JointKind
+    from .joint import Link as Link
+    from .robot import Robot as Robot
+    from .term import Condition as Condition
+    from .term import Term as Term
+    from .term import TermParameter as TermParameter
+    from .urdf_writer import write_urdf as write_urdf
+
+__all__ = import_at_first_use(__name__, __file__)

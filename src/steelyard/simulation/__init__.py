@@ -1,30 +1,24 @@
 """Forward dynamics in time: integrators, sampled control loops, sensors, actuators, contact."""
 
-from .actuators import Actuators
-from .contact import ElasticContact, Environment
-from .controller import Controller
-from .events import Event, Occurrence, at_time, joint_limits
-from .measurement import Measurement
-from .result import Measured, SimulationResult
-from .safety import Safety
-from .sensors import Sensors
-from .simulate import simulate
-from .status import Status
+from typing import TYPE_CHECKING
 
-__all__ = [
-    "Actuators",
-    "Controller",
-    "ElasticContact",
-    "Environment",
-    "Event",
-    "Measured",
-    "Measurement",
-    "Occurrence",
-    "Safety",
-    "Sensors",
-    "SimulationResult",
-    "Status",
-    "at_time",
-    "joint_limits",
-    "simulate",
-]
+from steelyard.first_use import import_at_first_use
+
+if TYPE_CHECKING:
+    from .actuators import Actuators as Actuators
+    from .contact import ElasticContact as ElasticContact
+    from .contact import Environment as Environment
+    from .controller import Controller as Controller
+    from .events import Event as Event
+    from .events import Occurrence as Occurrence
+    from .events import at_time as at_time
+    from .events import joint_limits as joint_limits
+    from .measurement import Measurement as Measurement
+    from .result import Measured as Measured
+    from .result import SimulationResult as SimulationResult
+    from .safety import Safety as Safety
+    from .sensors import Sensors as Sensors
+    from .simulate import simulate as simulate
+    from .status import Status as Status
+
+__all__ = import_at_first_use(__name__, __file__)

@@ -1,9 +1,14 @@
 """How a verdict is reached: largest margins, the face of the dual points, and exact proofs from solvers' answers."""
 
-from .decision import Decision as Decision
-from .decision import decide as decide
-from .margin import MARGIN_CAP as MARGIN_CAP
-from .margin import largest_margin as largest_margin
-from .margin import least_violations as least_violations
+from typing import TYPE_CHECKING
 
-__all__ = ["MARGIN_CAP", "Decision", "decide", "largest_margin", "least_violations"]
+from steelyard.first_use import import_at_first_use
+
+if TYPE_CHECKING:
+    from .decision import Decision as Decision
+    from .decision import decide as decide
+    from .margin import MARGIN_CAP as MARGIN_CAP
+    from .margin import largest_margin as largest_margin
+    from .margin import least_violations as least_violations
+
+__all__ = import_at_first_use(__name__, __file__)

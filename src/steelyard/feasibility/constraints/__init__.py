@@ -1,35 +1,24 @@
 """Constraints beyond the physics of single bodies: what else is known of the robot."""
 
-from .center_of_mass import CenterOfMassBox as CenterOfMassBox
-from .center_of_mass import CenterOfMassSphere as CenterOfMassSphere
-from .density import DensityInBox as DensityInBox
-from .density import DensityInEllipsoid as DensityInEllipsoid
-from .hull import CenterOfMassHull as CenterOfMassHull
-from .linear import ConfidenceInterval as ConfidenceInterval
-from .linear import LinearBound as LinearBound
-from .linear import confidence_intervals as confidence_intervals
-from .masses import MeasuredMass as MeasuredMass
-from .masses import TotalMass as TotalMass
-from .protocol import Constraint as Constraint
-from .protocol import Equality as Equality
-from .section import constraints_from_dict as constraints_from_dict
-from .symmetry import EqualLinks as EqualLinks
-from .symmetry import SymmetricLink as SymmetricLink
+from typing import TYPE_CHECKING
 
-__all__ = [
-    "CenterOfMassBox",
-    "CenterOfMassHull",
-    "CenterOfMassSphere",
-    "ConfidenceInterval",
-    "Constraint",
-    "DensityInBox",
-    "DensityInEllipsoid",
-    "EqualLinks",
-    "Equality",
-    "LinearBound",
-    "MeasuredMass",
-    "SymmetricLink",
-    "TotalMass",
-    "confidence_intervals",
-    "constraints_from_dict",
-]
+from steelyard.first_use import import_at_first_use
+
+if TYPE_CHECKING:
+    from .center_of_mass import CenterOfMassBox as CenterOfMassBox
+    from .center_of_mass import CenterOfMassSphere as CenterOfMassSphere
+    from .density import DensityInBox as DensityInBox
+    from .density import DensityInEllipsoid as DensityInEllipsoid
+    from .hull import CenterOfMassHull as CenterOfMassHull
+    from .linear import ConfidenceInterval as ConfidenceInterval
+    from .linear import LinearBound as LinearBound
+    from .linear import confidence_intervals as confidence_intervals
+    from .masses import MeasuredMass as MeasuredMass
+    from .masses import TotalMass as TotalMass
+    from .protocol import Constraint as Constraint
+    from .protocol import Equality as Equality
+    from .section import constraints_from_dict as constraints_from_dict
+    from .symmetry import EqualLinks as EqualLinks
+    from .symmetry import SymmetricLink as SymmetricLink
+
+__all__ = import_at_first_use(__name__, __file__)

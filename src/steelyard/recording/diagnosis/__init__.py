@@ -1,41 +1,27 @@
 """Faults of a log that can be found in its numbers, and where they are."""
 
-from .clock import ClockStatistics as ClockStatistics
-from .clock import clock_statistics as clock_statistics
-from .delay import DelayEstimate as DelayEstimate
-from .delay import advanced as advanced
-from .delay import estimate_delay as estimate_delay
-from .diagnosis import DETECTORS as DETECTORS
-from .diagnosis import Diagnosis as Diagnosis
-from .diagnosis import diagnose as diagnose
-from .diagnosis import faulty_rows as faulty_rows
-from .intervals import Interval as Interval
-from .intervals import Intervals as Intervals
-from .repeated import find_repeated as find_repeated
-from .resolution import noise_deviation as noise_deviation
-from .resolution import resolution as resolution
-from .saturation import find_saturation as find_saturation
-from .saturation import saturation_levels as saturation_levels
-from .stiction import find_stiction as find_stiction
-from .stiction import stiction_duration as stiction_duration
+from typing import TYPE_CHECKING
 
-__all__ = [
-    "DETECTORS",
-    "ClockStatistics",
-    "DelayEstimate",
-    "Diagnosis",
-    "Interval",
-    "Intervals",
-    "advanced",
-    "clock_statistics",
-    "diagnose",
-    "estimate_delay",
-    "faulty_rows",
-    "find_repeated",
-    "find_saturation",
-    "find_stiction",
-    "noise_deviation",
-    "resolution",
-    "saturation_levels",
-    "stiction_duration",
-]
+from steelyard.first_use import import_at_first_use
+
+if TYPE_CHECKING:
+    from .clock import ClockStatistics as ClockStatistics
+    from .clock import clock_statistics as clock_statistics
+    from .delay import DelayEstimate as DelayEstimate
+    from .delay import advanced as advanced
+    from .delay import estimate_delay as estimate_delay
+    from .diagnosis import DETECTORS as DETECTORS
+    from .diagnosis import Diagnosis as Diagnosis
+    from .diagnosis import diagnose as diagnose
+    from .diagnosis import faulty_rows as faulty_rows
+    from .intervals import Interval as Interval
+    from .intervals import Intervals as Intervals
+    from .repeated import find_repeated as find_repeated
+    from .resolution import noise_deviation as noise_deviation
+    from .resolution import resolution as resolution
+    from .saturation import find_saturation as find_saturation
+    from .saturation import saturation_levels as saturation_levels
+    from .stiction import find_stiction as find_stiction
+    from .stiction import stiction_duration as stiction_duration
+
+__all__ = import_at_first_use(__name__, __file__)
