@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from steelyard.errors import InputError
 from steelyard.robot import Robot
+from steelyard.robot.inertia import PSEUDO_INERTIA
 
 __all__ = ["CONSISTENCIES", "ModelCondition", "body_conditions", "model_conditions"]
 
@@ -69,29 +70,11 @@ def _inertia_coefficients() -> NDArray[np.float64]:
     return np.array([_symmetric(6, entries) for entries in tensor + first + mass])
 
 
-def _pseudo_inertia_coefficients() -> NDArray[np.float64]:
-    """Coefficients of the 4x4 pseudo-inertia ``[[tr(L)/2 - L, l], [l', m]]`` (Wensing et al. 2018, eq. 5)."""
-    h = 0.5
-    entries = [
-        [(0, 0, -h), (1, 1, h), (2, 2, h)],
-        [(0, 1, -1.0)],
-        [(0, 2, -1.0)],
-        [(0, 0, h), (1, 1, -h), (2, 2, h)],
-        [(1, 2, -1.0)],
-        [(0, 0, h), (1, 1, h), (2, 2, -h)],
-        [(0, 3, 1.0)],
-        [(1, 3, 1.0)],
-        [(2, 3, 1.0)],
-        [(3, 3, 1.0)],
-    ]
-    return np.array([_symmetric(4, e) for e in entries])
-
-
 @cache
 def _body_coefficients(consistency: str) -> NDArray[np.float64]:
     if consistency not in CONSISTENCIES:
         raise InputError(f"consistency must be 'full' or 'inertia', got {consistency!r}.")
-    return _inertia_coefficients() if consistency == "inertia" else _pseudo_inertia_coefficients()
+    return _inertia_coefficients() if consistency == "inertia" else PSEUDO_INERTIA.copy()
 
 
 def body_conditions(link_names: Sequence[str], columns: Sequence[int], consistency: str) -> tuple[ModelCondition, ...]:

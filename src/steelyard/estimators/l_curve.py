@@ -11,7 +11,6 @@ import scipy.linalg
 from steelyard.errors import InputError, SolverError
 from steelyard.feasibility.feasible_set import FeasibleSet
 from steelyard.feasibility.protocols import ReducedLike
-from steelyard.feasibility.units import link_columns
 from steelyard.regression import Information
 
 from .constrained import fit_reduced
@@ -181,7 +180,7 @@ def _default_weights(reduced: ReducedLike, feasible: FeasibleSet, prior: Prepare
     """From the smallest to the largest eigenvalue of what the data says in units of what the prior says."""
     regression = ReducedRegression.of(reduced, feasible)
     known = np.zeros(feasible.parameter_count, dtype=bool)
-    known[link_columns(feasible)] = True
+    known[feasible.link_columns] = True
     known |= prior.diagonal > 0
     metric = prior.curvature().toarray()[np.ix_(known, known)]
     factor = np.linalg.cholesky(metric)

@@ -14,9 +14,10 @@ from steelyard.errors import InputError
 from steelyard.feasibility.cone_program import Program, Rows
 from steelyard.feasibility.feasible_set import FeasibleSet
 from steelyard.feasibility.objective import Part
-from steelyard.feasibility.units import Units, lengths_of_links, link_columns
+from steelyard.feasibility.units import Units, lengths_of_links
+from steelyard.robot.inertia import PSEUDO_INERTIA, pseudo_inertia
 
-__all__ = ["PSEUDO_INERTIAS", "ConstantPullbackPrior", "EntropicPrior", "EuclideanPrior", "PreparedPrior", "Prior"]
+__all__ = ["ConstantPullbackPrior", "EntropicPrior", "EuclideanPrior", "PreparedPrior", "Prior"]
 
 Vector = npt.NDArray[np.float64]
 Matrix = npt.NDArray[np.float64]
@@ -26,22 +27,6 @@ LEAST_RADIUS = 0.01
 
 SINGULAR = 1e-9
 """A pseudo-inertia with an eigenvalue below this, in units of its own diagonal, is too flat to measure with."""
-
-
-def _pseudo_inertias() -> npt.NDArray[np.float64]:
-    found = np.zeros((10, 4, 4))
-    for index, (i, j) in enumerate([(0, 0), (0, 1), (0, 2), (1, 1), (1, 2), (2, 2)]):
-        tensor = np.zeros((3, 3))
-        tensor[i, j] = tensor[j, i] = 1.0
-        found[index, :3, :3] = np.trace(tensor) / 2 * np.eye(3) - tensor
-    for index in range(3):
-        found[6 + index, index, 3] = found[6 + index, 3, index] = 1.0
-    found[9, 3, 3] = 1.0
-    return found
-
-
-PSEUDO_INERTIAS = _pseudo_inertias()
-"""Pseudo-inertia matrix of each unit inertial parameter, (10, 4, 4) (Wensing et al. 2018)."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -68,9 +53,9 @@ class Prior(ABC):
             If parameters are missing, or impossible; names the link.
         """
         values = self._values(feasible)
-        bodies = values[link_columns(feasible)]
+        bodies = values[feasible.link_columns]
         others = np.ones(len(values), dtype=bool)
-        others[link_columns(feasible)] = False
+        others[feasible.link_columns] = False
         known = others & np.isfinite(values) & (values != 0)
         diagonal = np.zeros(len(values))
         diagonal[known] = 1.0 / values[known] ** 2
@@ -101,7 +86,7 @@ class Prior(ABC):
             )
         names = feasible.model.robot.link_names
         remedy = "give parameters=... with a value for every link" if self.parameters is None else "give one"
-        for link, body in enumerate(values[link_columns(feasible)]):
+        for link, body in enumerate(values[feasible.link_columns]):
             where = f"link {link + 1} ({names[link]})"
             if not np.all(np.isfinite(body)):
                 source_name = "the robot description" if self.parameters is None else "the prior"
@@ -114,7 +99,7 @@ class Prior(ABC):
 
 
 def _require_density(body: Vector, where: str) -> None:
-    matrix = np.tensordot(body, PSEUDO_INERTIAS, axes=1)
+    matrix = pseudo_inertia(body)
     sizes = np.sqrt(np.abs(np.diagonal(matrix)))
     sizes[sizes <= 1e-9 * sizes.max()] = 1.0
     least = float(np.linalg.eigvalsh(matrix / np.outer(sizes, sizes))[0])
@@ -212,8 +197,8 @@ class ConstantPullbackPrior(Prior):
     label: ClassVar[str] = "constant-pullback"
 
     def _metric(self, feasible: FeasibleSet, bodies: Matrix) -> Matrix:
-        inverses = np.linalg.inv(np.tensordot(bodies, PSEUDO_INERTIAS, axes=1))
-        products = np.einsum("bij,kjl->bkil", inverses, PSEUDO_INERTIAS)
+        inverses = np.linalg.inv(pseudo_inertia(bodies))
+        products = np.einsum("bij,kjl->bkil", inverses, PSEUDO_INERTIA)
         return np.asarray(np.einsum("bkij,blji->bkl", products, products))
 
 
@@ -247,20 +232,18 @@ class PreparedPrior:
     @property
     def bodies(self) -> Matrix:
         """Inertial parameters of every link, (links, 10)."""
-        return np.asarray(self.reference[link_columns(self.feasible)])
+        return np.asarray(self.reference[self.feasible.link_columns])
 
     def distance(self, parameters: Vector) -> float:
         """Distance of δ from δ₀; infinite where a pseudo-inertia is not positive definite and the prior needs it."""
         error = parameters - self.reference
         value = 0.5 * float(self.diagonal @ error**2)
-        columns = link_columns(self.feasible)
+        columns = self.feasible.link_columns
         if self.metric is not None:
             inertial = error[columns]
             return value + 0.5 * float(np.einsum("bi,bij,bj->", inertial, self.metric, inertial))
-        for body, matrix in zip(parameters[columns], np.tensordot(self.bodies, PSEUDO_INERTIAS, axes=1), strict=True):
-            eigenvalues = scipy.linalg.eigh(
-                np.tensordot(body, PSEUDO_INERTIAS, axes=1), matrix, eigvals_only=True, check_finite=False
-            )
+        for body, matrix in zip(parameters[columns], pseudo_inertia(self.bodies), strict=True):
+            eigenvalues = scipy.linalg.eigh(pseudo_inertia(body), matrix, eigvals_only=True, check_finite=False)
             if eigenvalues[0] <= 0:
                 return np.inf
             value += float(np.sum(eigenvalues - np.log(eigenvalues) - 1.0))
@@ -274,12 +257,12 @@ class PreparedPrior:
         """Gradient of the distance at δ, less that of its log-determinants (see `entropy`), (n,)."""
         error = parameters - self.reference
         found = self.diagonal * error
-        columns = link_columns(self.feasible)
+        columns = self.feasible.link_columns
         if self.metric is not None:
             found[columns] += np.einsum("bij,bj->bi", self.metric, error[columns])
         else:
-            inverses = np.linalg.inv(np.tensordot(self.bodies, PSEUDO_INERTIAS, axes=1))
-            found[columns] += np.einsum("bij,kij->bk", inverses, PSEUDO_INERTIAS)
+            inverses = np.linalg.inv(pseudo_inertia(self.bodies))
+            found[columns] += np.einsum("bij,kij->bk", inverses, PSEUDO_INERTIA)
         return found
 
     @property
@@ -291,7 +274,7 @@ class PreparedPrior:
         """G whose GᵀG is half the curvature of the distance, less that of its log-determinants, (r, n)."""
         rows = [np.diag(np.sqrt(0.5 * self.diagonal))[self.diagonal > 0]]
         if self.metric is not None:
-            for body, metric in zip(link_columns(self.feasible), self.metric, strict=True):
+            for body, metric in zip(self.feasible.link_columns, self.metric, strict=True):
                 values, vectors = np.linalg.eigh(metric)
                 own = np.zeros((10, len(self.diagonal)))
                 own[:, body] = np.sqrt(0.5 * np.maximum(values, 0.0))[:, None] * vectors.T
@@ -300,14 +283,14 @@ class PreparedPrior:
 
     def size(self, parameters: Vector) -> float:
         """What differences between distances are relative to: a deviation by one hundredth counts, at least."""
-        return max(self.distance(parameters), 1e-4 * len(link_columns(self.feasible)))
+        return max(self.distance(parameters), 1e-4 * len(self.feasible.link_columns))
 
     def curvature(self) -> sparse.csc_array:
         """Curvature of the distance at δ₀, (n, n)."""
         metric = self.metric
         if metric is None:
             metric = ConstantPullbackPrior()._metric(self.feasible, self.bodies)
-        columns = link_columns(self.feasible)
+        columns = self.feasible.link_columns
         rows = np.repeat(columns[:, :, None], 10, axis=2).ravel()
         across = np.repeat(columns[:, None, :], 10, axis=1).ravel()
         count = len(self.reference)
@@ -331,15 +314,15 @@ class PreparedPrior:
         and t ≤ log Z_ii is an exponential cone (Ben-Tal and Nemirovski, Lectures on modern convex optimization, 4.2).
         """
         shared = program.scaled_matrix.shape[1]
-        columns = link_columns(self.feasible)
+        columns = self.feasible.link_columns
         links = len(columns)
         own = 14 * links
         q = np.concatenate([terms.q, np.zeros(own)])
-        factors = np.linalg.cholesky(np.tensordot(self.bodies, PSEUDO_INERTIAS, axes=1))
+        factors = np.linalg.cholesky(pseudo_inertia(self.bodies))
         rows = []
         for link, (body, factor) in enumerate(zip(columns, factors, strict=True)):
             inverse = scipy.linalg.solve_triangular(factor, np.eye(4), lower=True)
-            basis = inverse @ PSEUDO_INERTIAS @ inverse.T
+            basis = inverse @ PSEUDO_INERTIA @ inverse.T
             matrices = np.tensordot(basis, program.scaled_matrix[body], axes=(0, 0))  # (4, 4, m)
             constant = np.tensordot(program.origin[body], basis, axes=1)
             q[:shared] += np.trace(matrices)

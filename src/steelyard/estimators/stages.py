@@ -3,7 +3,6 @@
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
-from weakref import WeakKeyDictionary
 
 import numpy as np
 import numpy.typing as npt
@@ -17,7 +16,7 @@ from steelyard.feasibility.feasible_set import FeasibleSet
 from steelyard.feasibility.interior import pull_inside
 from steelyard.feasibility.objective import Part, total
 from steelyard.feasibility.tie_break import Preference
-from steelyard.feasibility.units import Units, link_columns
+from steelyard.feasibility.units import Units
 
 from .lower_bound import REACH, ConvexProblem, Multipliers
 from .prior import PreparedPrior
@@ -42,8 +41,15 @@ lies on the boundary of those with the whole margin."""
 PRICE = 1e-6
 """A mass bound stops the residual where its multiplier is more than this part of the squared residual."""
 
-_BASE_CONDITIONS: "WeakKeyDictionary[FeasibleSet, Conditions]" = WeakKeyDictionary()
-_FREE_CONDITIONS: "WeakKeyDictionary[FeasibleSet, Conditions]" = WeakKeyDictionary()
+
+def base_dependent_conditions(feasible: FeasibleSet) -> Conditions:
+    """Over (β, δ_d)."""
+    return Conditions(feasible, feasible.base_dependent)
+
+
+def unidentifiable_conditions(feasible: FeasibleSet) -> Conditions:
+    """Over what the motion does not show."""
+    return Conditions(feasible, feasible.unidentifiable)
 
 
 @dataclass(frozen=True, eq=False)
@@ -184,7 +190,7 @@ class Fitting:
     @cached_property
     def _reach_rows(self) -> Matrix:
         """Rows over δ that are at most 1 for robots within the reach, (k, n): one a link, two for every other."""
-        columns = link_columns(self.feasible)
+        columns = self.feasible.link_columns
         links = np.zeros((len(columns), len(self._typical)))
         for row, own in zip(links, columns, strict=True):
             moments, mass = own[[0, 3, 5]], own[9]
@@ -203,9 +209,7 @@ class Fitting:
     def _base_program(self, margin: float) -> Program:
         """Over (β, δ_d)."""
         feasible = self.feasible
-        conditions = _BASE_CONDITIONS.get(feasible)
-        if conditions is None:
-            conditions = _BASE_CONDITIONS[feasible] = Conditions(feasible, feasible.base_dependent)
+        conditions = feasible.kept(base_dependent_conditions)
         base = feasible.model.base_parameters()
         order = np.concatenate([np.asarray(base.independent, np.intp), np.asarray(base.dependent, np.intp)])
         typical = self.units.parameters
@@ -253,9 +257,7 @@ class Fitting:
         if undetermined.shape[1]:
             conditions = Conditions(feasible, np.hstack([feasible.lift @ undetermined, feasible.unidentifiable]))
         else:
-            known = _FREE_CONDITIONS.get(feasible)
-            conditions = known if known is not None else Conditions(feasible, feasible.unidentifiable)
-            _FREE_CONDITIONS[feasible] = conditions
+            conditions = feasible.kept(unidentifiable_conditions)
         typical = self.units.parameters
         # Links of a thousandth stand beside others; the point found tells their sizes.
         units = self.units.around(self._origin).parameters if around else typical
@@ -342,7 +344,7 @@ class Fitting:
         self._around(best.parameters)
         base = self.feasible.K @ best.parameters
         squared = self.regression.squared_residual(base)
-        links = self._reach_rows[: len(link_columns(self.feasible))]
+        links = self._reach_rows[: len(self.feasible.link_columns)]
         beyond = tuple(np.flatnonzero(links @ best.parameters > 1.0).tolist())
         return Optimum(
             best.parameters,

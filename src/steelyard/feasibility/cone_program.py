@@ -54,7 +54,6 @@ class Conditions:
     """
 
     def __init__(self, feasible: FeasibleSet, matrix: Matrix) -> None:
-        # Not the set itself: this is kept for as long as the set lives, and must not keep it alive.
         self.stack, self.matrix = feasible.stack, matrix
         self.equation_matrix, self.equation_values = feasible.equation_matrix, feasible.equation_values
         stack = feasible.stack

@@ -2,9 +2,9 @@
 
 import difflib
 import math
-from collections.abc import Collection, Sequence
+from collections.abc import Callable, Collection, Sequence
 from functools import cached_property
-from typing import Literal
+from typing import Any, Literal, TypeVar
 
 import numpy as np
 import numpy.typing as npt
@@ -12,6 +12,7 @@ import scipy.sparse as sparse
 
 from steelyard.errors import InputError
 from steelyard.lmi import AffineBlock, AffineStack, LinearMatrixInequality
+from steelyard.robot.inertia import INERTIA_SYMBOLS
 
 from .constraints import Constraint, Equality
 from .constraints.equations import distinct_blocks, independent_equalities, solved_for_some
@@ -21,6 +22,9 @@ __all__ = ["FeasibleSet"]
 
 Vector = npt.NDArray[np.float64]
 Matrix = npt.NDArray[np.float64]
+
+
+Kept = TypeVar("Kept")
 
 
 class FeasibleSet:
@@ -77,6 +81,7 @@ class FeasibleSet:
         self.constraints = tuple(constraints)
         self.margin = float(margin)
         self.terms = bool(terms)
+        self._kept: dict[Callable[[FeasibleSet], Any], Any] = {}
         for constraint in self.constraints:
             if not (hasattr(constraint, "blocks") and hasattr(constraint, "equalities")):
                 raise InputError(f"constraints must hold objects such as TotalMass(maximum=27.0), got {constraint!r}.")
@@ -207,12 +212,30 @@ class FeasibleSet:
         combinations = left[:, int(np.sum(sizes > 1e-9 * scale)) :].T
         return combinations @ self.equation_matrix @ self.lift, combinations @ self.equation_values
 
+    def kept(self, build: Callable[["FeasibleSet"], Kept]) -> Kept:
+        """What a function makes of this set: made at the first call, and kept for as long as the set lives.
+
+        Parameters
+        ----------
+        build : callable
+            A function of a module, by which it is found again; called with the set.
+        """
+        if build not in self._kept:
+            self._kept[build] = build(self)
+        return self._kept[build]  # type: ignore[no-any-return]
+
     @cached_property
+    def link_columns(self) -> npt.NDArray[np.intp]:
+        """Indices of the ten inertial parameters of every link, (links, 10)."""
+        names = {name: index for index, name in enumerate(self.model.parameter_names)}
+        links = range(1, len(self.model.robot.link_names) + 1)
+        rows = [[names[f"{symbol}{link}"] for symbol in INERTIA_SYMBOLS] for link in links]
+        return np.array(rows, dtype=np.intp).reshape(-1, 10)
+
+    @property
     def mass_indices(self) -> npt.NDArray[np.intp]:
         """Indices of the masses of the links, in the order of the links."""
-        names = {name: index for index, name in enumerate(self.model.parameter_names)}
-        links = range(len(self.model.robot.link_names))
-        return np.array([names[f"m{link + 1}"] for link in links], dtype=np.intp)
+        return np.asarray(self.link_columns[:, 9])
 
     @cached_property
     def conditioned_masses(self) -> npt.NDArray[np.intp]:

@@ -1,7 +1,5 @@
 """Whether masses may grow without end while the base parameters stay: directions of recession."""
 
-from weakref import WeakKeyDictionary
-
 import numpy as np
 import numpy.typing as npt
 import scipy.sparse as sparse
@@ -30,8 +28,6 @@ BOUND_FACTORS = (10.0, 50.0)
 KNOWN_FACTOR, SPOKEN_FACTOR = 20.0, 2.0
 """Where a mass is known, the bound is so many times that, and at least so many times what the torques speak of."""
 
-_FOUND: "WeakKeyDictionary[FeasibleSet, tuple[int, ...]]" = WeakKeyDictionary()
-
 
 def growing_links(feasible: FeasibleSet, undetermined: Matrix | None = None) -> tuple[int, ...]:
     """Links whose masses may grow without end while base parameters, conditions and equations stay as they are.
@@ -53,11 +49,7 @@ def growing_links(feasible: FeasibleSet, undetermined: Matrix | None = None) -> 
     """
     if undetermined is not None and undetermined.shape[1]:
         return _analyse(feasible, np.hstack([feasible.lift @ undetermined, feasible.unidentifiable]))
-    found = _FOUND.get(feasible)
-    if found is None:
-        found = _analyse(feasible, feasible.unidentifiable)
-        _FOUND[feasible] = found
-    return found
+    return feasible.kept(_growing_whatever_the_data)
 
 
 def mass_bound_of(feasible: FeasibleSet, scale: Units) -> float:
@@ -71,6 +63,10 @@ def mass_bound_of(feasible: FeasibleSet, scale: Units) -> float:
         return max(KNOWN_FACTOR * max(known), SPOKEN_FACTOR * scale.total_mass)
     least, most = (factor * scale.total_mass for factor in BOUND_FACTORS)
     return float(np.clip(MASS_BOUND, least, most))
+
+
+def _growing_whatever_the_data(feasible: FeasibleSet) -> tuple[int, ...]:
+    return _analyse(feasible, feasible.unidentifiable)
 
 
 def _analyse(feasible: FeasibleSet, directions: Matrix) -> tuple[int, ...]:

@@ -12,7 +12,7 @@ from steelyard.errors import InputError
 from .cone_program import Program
 from .feasible_set import FeasibleSet
 from .objective import Part
-from .units import Units, lengths_of_links, link_columns
+from .units import Units, lengths_of_links
 
 __all__ = ["Preference", "closest_to_cad", "lightest"]
 
@@ -181,7 +181,7 @@ def closest_to_cad(feasible: FeasibleSet) -> Preference:
         If the robot's description has no inertial parameters.
     """
     cad = np.asarray(feasible.model.robot.parameters, dtype=float)
-    columns = link_columns(feasible)
+    columns = feasible.link_columns
     known = np.all(np.isfinite(cad[columns]), axis=1) & (cad[columns[:, 9]] > 0)
     if not np.any(known):
         raise InputError(

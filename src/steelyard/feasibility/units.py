@@ -2,24 +2,19 @@
 
 from dataclasses import dataclass, field
 from functools import cached_property
-from weakref import WeakKeyDictionary
 
 import numpy as np
 import numpy.typing as npt
 
 from .feasible_set import FeasibleSet
 
-__all__ = ["LINK_SYMBOLS", "Units", "lengths_of_links", "link_columns"]
+__all__ = ["Units", "lengths_of_links"]
 
 Vector = npt.NDArray[np.float64]
 Matrix = npt.NDArray[np.float64]
-Indices = npt.NDArray[np.intp]
-
-LINK_SYMBOLS = ("Lxx", "Lxy", "Lxz", "Lyy", "Lyz", "Lzz", "lx", "ly", "lz", "m")
-"""Inertial parameters of a link, in their order."""
 
 POWERS = np.array([2.0] * 6 + [1.0] * 3 + [0.0])
-"""Powers of length in the units of those parameters."""
+"""Powers of length in the units of the inertial parameters of a link, in their order."""
 
 LENGTH = 0.3
 """Length of a link where nothing tells it, in m."""
@@ -30,34 +25,15 @@ SHORTEST, LONGEST = 0.1, 10.0
 SPREAD = 1e3
 """A link is not taken to be lighter than the middle one by more than this factor."""
 
-_COLUMNS: "WeakKeyDictionary[FeasibleSet, Indices]" = WeakKeyDictionary()
-_LENGTHS: "WeakKeyDictionary[FeasibleSet, float]" = WeakKeyDictionary()
-
-
-def link_columns(feasible: FeasibleSet) -> Indices:
-    """Indices of the inertial parameters of every link, (links, 10)."""
-    found = _COLUMNS.get(feasible)
-    if found is None:
-        names = {name: index for index, name in enumerate(feasible.model.parameter_names)}
-        links = range(len(feasible.model.robot.link_names))
-        rows = [[names[f"{symbol}{link + 1}"] for symbol in LINK_SYMBOLS] for link in links]
-        found = np.array(rows, dtype=np.intp).reshape(-1, 10)
-        _COLUMNS[feasible] = found
-    return found
-
 
 def typical_length(feasible: FeasibleSet) -> float:
     """Typical distance between joints, in m: how much first moment a mass adds to the base parameters."""
-    found = _LENGTHS.get(feasible)
-    if found is None:
-        columns = link_columns(feasible)
-        independent = np.asarray(feasible.model.base_parameters().independent, dtype=np.intp)
-        rows = np.isin(independent, columns[:, 6:9])
-        factors = np.abs(feasible.K[np.ix_(rows, columns[:, 9])])
-        factors = factors[factors > 1e-6]
-        found = float(np.exp(np.mean(np.log(factors)))) if len(factors) else LENGTH
-        _LENGTHS[feasible] = found
-    return found
+    columns = feasible.link_columns
+    independent = np.asarray(feasible.model.base_parameters().independent, dtype=np.intp)
+    rows = np.isin(independent, columns[:, 6:9])
+    factors = np.abs(feasible.K[np.ix_(rows, columns[:, 9])])
+    factors = factors[factors > 1e-6]
+    return float(np.exp(np.mean(np.log(factors)))) if len(factors) else LENGTH
 
 
 def lengths_of_links(inertial: Matrix, least: float, most: float = np.inf) -> Vector:
@@ -91,7 +67,7 @@ class Units:
         """One unit for each standard parameter, (n,)."""
         units = np.empty(self.feasible.parameter_count)
         units[_others(self.feasible)] = self.term
-        units[link_columns(self.feasible)] = self.inertial
+        units[self.feasible.link_columns] = self.inertial
         return units
 
     @property
@@ -114,8 +90,8 @@ class Units:
         sizes : (n,)
             The value of each parameter that alone would explain all torques; infinite where none does.
         """
-        columns = link_columns(feasible)
-        length = typical_length(feasible)
+        columns = feasible.link_columns
+        length = feasible.kept(typical_length)
         inertial = sizes[columns]
         middles = [_middle(inertial[:, power == POWERS]) / length**power for power in (0.0, 1.0, 2.0)]
         masses = [mass for mass in middles if np.isfinite(mass)]
@@ -131,14 +107,14 @@ class Units:
     def with_cad(self) -> "Units":
         """The description's masses and lengths where it has a positive mass for every link, else these."""
         values = np.asarray(self.feasible.model.robot.parameters, dtype=float)
-        inertial = values[link_columns(self.feasible)]
+        inertial = values[self.feasible.link_columns]
         if not (np.all(np.isfinite(inertial)) and np.all(inertial[:, 9] > 0)):
             return self
         return self._of(inertial.copy())
 
     def refined(self, parameters: Vector) -> "Units":
         """Units of a point that a solver found, where links are smaller there."""
-        inertial = parameters[link_columns(self.feasible)].copy()
+        inertial = parameters[self.feasible.link_columns].copy()
         positive = inertial[inertial[:, 9] > 0, 9]
         if not len(positive):
             return self
@@ -153,15 +129,15 @@ class Units:
 
     def around(self, parameters: Vector) -> "Units":
         """Units of a point that a solver found, where links and terms are far from these, smaller or larger."""
-        inertial = parameters[link_columns(self.feasible)].copy()
+        inertial = parameters[self.feasible.link_columns].copy()
         inertial[:, 9] = np.maximum(inertial[:, 9], self.masses / SPREAD)
-        typical = typical_length(self.feasible)
+        typical = self.feasible.kept(typical_length)
         lengths = lengths_of_links(inertial, typical / SPREAD, typical * SPREAD)
         terms = np.maximum(np.abs(parameters[_others(self.feasible)]), np.asarray(self.term) / SPREAD)
         return Units(self.feasible, inertial[:, 9], lengths, terms)
 
     def _of(self, inertial: Matrix) -> "Units":
-        typical = typical_length(self.feasible)
+        typical = self.feasible.kept(typical_length)
         lengths = lengths_of_links(inertial, SHORTEST * typical, LONGEST * typical)
         return Units(self.feasible, inertial[:, 9], lengths, self.term)
 
@@ -169,7 +145,7 @@ class Units:
 def _others(feasible: FeasibleSet) -> npt.NDArray[np.bool_]:
     """Which parameters belong to no link, (n,)."""
     found = np.ones(feasible.parameter_count, dtype=bool)
-    found[link_columns(feasible)] = False
+    found[feasible.link_columns] = False
     return found
 
 

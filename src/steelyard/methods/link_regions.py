@@ -10,7 +10,6 @@ import scipy.sparse as sparse
 
 from steelyard.conic import Cone, ConicProblem, solve
 from steelyard.feasibility import FeasibleSet
-from steelyard.feasibility.units import link_columns
 from steelyard.lmi import AffineBlock
 from steelyard.lmi.affine import symmetric_to_vector, vector_to_symmetric
 
@@ -172,7 +171,7 @@ def regions_of_links(feasible: FeasibleSet) -> tuple[list[LinkRegion], list[Affi
     """
     names = [str(name) for name in feasible.model.robot.link_names]
     dependent = np.asarray(feasible.model.base_parameters().dependent, dtype=np.intp)
-    starts = link_columns(feasible)[:, 0]
+    starts = feasible.link_columns[:, 0]
     order = np.argsort(starts)
     owner = order[np.maximum(np.searchsorted(starts[order], dependent, side="right") - 1, 0)]
     hidden = feasible.unidentifiable

@@ -14,7 +14,7 @@ from steelyard.dynamics import Model
 from steelyard.errors import InputError
 from steelyard.estimators.reduced import ReducedRegression
 from steelyard.feasibility import FeasibilityCertificate, FeasibleSet
-from steelyard.feasibility.units import Units, link_columns
+from steelyard.feasibility.units import Units
 from steelyard.regression import Estimate, Information, standard_deviations
 
 __all__ = ["Method", "Problem", "Progress", "Weights", "require_choice", "require_positive"]
@@ -145,7 +145,7 @@ class Problem:
     @cached_property
     def links(self) -> Indices:
         """Columns of ``Lxx Lxy Lxz Lyy Lyz Lzz lx ly lz m`` of every link in δ, (links, 10)."""
-        return link_columns(self.feasible)
+        return self.feasible.link_columns
 
     @cached_property
     def others(self) -> Indices:

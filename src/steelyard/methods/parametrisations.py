@@ -11,7 +11,7 @@ from typing import Protocol
 import numpy as np
 import numpy.typing as npt
 
-from .starting_point import inertial_of_pseudo_inertia, pseudo_inertia
+from steelyard.robot.inertia import parameters_of_pseudo_inertia, pseudo_inertia
 
 __all__ = ["CholeskyOfBody", "LogCholesky", "Parametrisation"]
 
@@ -150,7 +150,7 @@ def _orthonormal_basis() -> Array:
 
 
 BASIS = _orthonormal_basis()
-BASIS_INERTIAL = inertial_of_pseudo_inertia(BASIS)
+BASIS_INERTIAL = parameters_of_pseudo_inertia(BASIS)
 
 # Elements of U that belong to d1 d2 d3 s12 s23 s13 t1 t2 t3, in the order of the paper.
 U_ROWS = np.array([0, 1, 2, 0, 1, 0, 0, 1, 2])
@@ -168,14 +168,14 @@ class LogCholesky:
     def inertial(self, theta: Array) -> Array:
         """Inertial parameters, (links, 10), of θ (links, 10)."""
         U = self._factor(theta)
-        return inertial_of_pseudo_inertia(U @ U.swapaxes(1, 2))
+        return parameters_of_pseudo_inertia(U @ U.swapaxes(1, 2))
 
     def jacobian(self, theta: Array) -> Array:
         """Their derivatives by θ, (links, 10, 10)."""
         U, slopes = self._factor(theta), self._factor_slopes(theta)
         half = np.einsum("kaij,klj->kail", slopes, U)
         whole = half + half.swapaxes(2, 3)
-        flat = inertial_of_pseudo_inertia(whole.reshape(-1, 4, 4)).reshape(len(theta), 10, 10)
+        flat = parameters_of_pseudo_inertia(whole.reshape(-1, 4, 4)).reshape(len(theta), 10, 10)
         return np.asarray(flat.swapaxes(1, 2))
 
     def curvature(self, theta: Array, slopes: Array) -> Array:

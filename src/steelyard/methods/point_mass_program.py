@@ -11,8 +11,8 @@ import scipy.sparse as sparse
 
 from steelyard.conic import Cone, ConicProblem
 from steelyard.errors import InputError
-from steelyard.feasibility.constraints.moments import PSEUDO_INERTIA
 from steelyard.lmi import AffineBlock
+from steelyard.robot.inertia import PSEUDO_INERTIA
 
 from .method import Problem
 

@@ -6,36 +6,19 @@ import numpy as np
 import numpy.typing as npt
 import scipy.linalg
 
+from steelyard.robot.inertia import parameters_of_pseudo_inertia, pseudo_inertia
+
 from .method import Problem
 
-__all__ = ["inertial_of_pseudo_inertia", "pseudo_inertia", "starting_point"]
+__all__ = ["starting_point"]
 
 Array = npt.NDArray[np.float64]
 
-ROWS, COLUMNS = np.triu_indices(3)
-PLACES = np.array([[0, 1, 2], [1, 3, 4], [2, 4, 5]])
 INSIDE = 1e-2
 """Eigenvalues of the starting pseudo-inertias are at least this part of their mean, in units of the link."""
 
 GYRATION2 = 0.1
 """Second moment of the default body in each direction, in units of the link's mass and squared length."""
-
-
-def pseudo_inertia(inertial: Array) -> Array:
-    """``[[½ tr(L) 1 - L, l], [lᵀ, m]]`` of every link, (links, 4, 4), of (links, 10) (Wensing et al. 2018)."""
-    tensor = inertial[:, PLACES]
-    found = np.empty((len(inertial), 4, 4))
-    found[:, :3, :3] = 0.5 * np.trace(tensor, axis1=1, axis2=2)[:, None, None] * np.eye(3) - tensor
-    found[:, :3, 3] = found[:, 3, :3] = inertial[:, 6:9]
-    found[:, 3, 3] = inertial[:, 9]
-    return found
-
-
-def inertial_of_pseudo_inertia(matrices: Array) -> Array:
-    """The inverse of `pseudo_inertia`: (links, 10) of (links, 4, 4)."""
-    second = matrices[:, :3, :3]
-    tensor = np.trace(second, axis1=1, axis2=2)[:, None, None] * np.eye(3) - second
-    return np.concatenate([tensor[:, ROWS, COLUMNS], matrices[:, :3, 3], matrices[:, 3, 3:]], axis=1)
 
 
 def starting_point(problem: Problem, prior: Array | None = None) -> Array:
@@ -53,7 +36,7 @@ def starting_point(problem: Problem, prior: Array | None = None) -> Array:
     """
     units = problem.units.parameters
     typical = np.zeros(problem.feasible.parameter_count)
-    body = inertial_of_pseudo_inertia(np.diag([GYRATION2, GYRATION2, GYRATION2, 1.0])[None])[0]
+    body = parameters_of_pseudo_inertia(np.diag([GYRATION2, GYRATION2, GYRATION2, 1.0]))
     typical[problem.links] = problem.units.inertial * body
     typical[problem.others] = np.where(np.isfinite(problem.lower_bounds[problem.others]), units[problem.others], 0.0)
     start = _with_base(problem, typical, units) if prior is None else np.where(np.isnan(prior), typical, prior)
@@ -62,7 +45,7 @@ def starting_point(problem: Problem, prior: Array | None = None) -> Array:
     least = INSIDE * np.maximum(np.abs(values).mean(axis=1, keepdims=True), INSIDE)
     raised = np.einsum("kij,kj,klj->kil", vectors, np.maximum(values, least), vectors)
     outside = values[:, 0] < least[:, 0]
-    scaled[outside] = inertial_of_pseudo_inertia(raised)[outside]
+    scaled[outside] = parameters_of_pseudo_inertia(raised)[outside]
     start[problem.links] = scaled * problem.units.inertial
     bounds = problem.lower_bounds
     floor = np.where(np.isfinite(bounds), bounds + INSIDE * units, -np.inf)

@@ -11,7 +11,6 @@ import numpy.typing as npt
 from steelyard.dynamics.threads import one_thread
 from steelyard.errors import InputError
 from steelyard.feasibility import FeasibilityCertificate, FeasibleSet
-from steelyard.feasibility.units import link_columns
 from steelyard.lmi.affine import is_positive_definite
 
 from .link_regions import SMALL_MARGIN, Demand, regions_of_links
@@ -251,7 +250,7 @@ class _Search:
         if choice == 1 or not region.dimension or not region.blocks:
             return middle
         dependent = np.asarray(self.feasible.model.base_parameters().dependent, dtype=np.intp)[region.columns]
-        objective = np.isin(dependent, link_columns(self.feasible)[:, [0, 3, 5, 9]]).astype(float)
+        objective = np.isin(dependent, self.feasible.link_columns[:, [0, 3, 5, 9]]).astype(float)
         if choice > 1:
             objective = objective + self.random.normal(size=region.dimension) * 0.5
         kept = min(0.5 * margin, SMALL_MARGIN * self.size)

@@ -9,11 +9,111 @@ from numpy.typing import ArrayLike, NDArray
 
 from .placement import frozen
 
-__all__ = ["INERTIA_SYMBOLS", "Inertia"]
+__all__ = [
+    "INERTIA_SYMBOLS",
+    "PSEUDO_INERTIA",
+    "Inertia",
+    "moment_row",
+    "parameters_of_pseudo_inertia",
+    "pseudo_inertia",
+    "transformation",
+]
 
 Matrix = NDArray[np.float64]
 
 INERTIA_SYMBOLS = ("Lxx", "Lxy", "Lxz", "Lyy", "Lyz", "Lzz", "lx", "ly", "lz", "m")
+
+
+_TENSOR = np.array([[0, 1, 2], [1, 3, 4], [2, 4, 5]])
+"""Where the elements of the inertia about the origin stand among the ten parameters."""
+
+
+def pseudo_inertia(parameters: ArrayLike) -> Matrix:
+    """P = ∫ (r, 1)(r, 1)ᵀ dm = [[tr(L)/2 1 - L, l], [lᵀ, m]]: positive definite for a body of positive density.
+
+    Parameters
+    ----------
+    parameters : (..., 10)
+        Lxx Lxy Lxz Lyy Lyz Lzz lx ly lz m of each body.
+
+    Returns
+    -------
+    (..., 4, 4)
+
+    References
+    ----------
+    P. M. Wensing, S. Kim and J.-J. E. Slotine, Linear matrix inequalities for physically consistent inertial parameter
+    identification, IEEE Robotics and Automation Letters 3, 2018, equation 5.
+
+    Examples
+    --------
+    A point of 2 kg at x = 3:
+
+    >>> pseudo_inertia([0, 0, 0, 18, 0, 18, 6, 0, 0, 2])[[0, 0, 3], [0, 3, 3]].tolist()
+    [18.0, 6.0, 2.0]
+    """
+    values = np.asarray(parameters, dtype=float)
+    half = 0.5 * (values[..., 0] + values[..., 3] + values[..., 5])
+    found = np.empty((*values.shape[:-1], 4, 4))
+    found[..., :3, :3] = half[..., None, None] * np.eye(3) - values[..., _TENSOR]
+    found[..., :3, 3] = found[..., 3, :3] = values[..., 6:9]
+    found[..., 3, 3] = values[..., 9]
+    return found + 0.0
+
+
+def parameters_of_pseudo_inertia(matrices: ArrayLike) -> Matrix:
+    """Undo `pseudo_inertia`: (..., 10) from (..., 4, 4)."""
+    given = np.asarray(matrices, dtype=float)
+    second = given[..., :3, :3]
+    tensor = np.trace(second, axis1=-2, axis2=-1)[..., None, None] * np.eye(3) - second
+    row, column = np.triu_indices(3)
+    return np.concatenate([tensor[..., row, column], given[..., :3, 3], given[..., 3, 3:]], axis=-1)
+
+
+PSEUDO_INERTIA = pseudo_inertia(np.eye(10))
+"""Coefficients of the pseudo-inertia in the ten parameters, (10, 4, 4)."""
+PSEUDO_INERTIA.setflags(write=False)
+
+
+def moment_row(quadratic: Matrix) -> Matrix:
+    """The moment ∫ (r, 1)ᵀ Q (r, 1) dm = tr(P Q) as a row over the ten parameters.
+
+    Parameters
+    ----------
+    quadratic : (4, 4)
+        Q, symmetric: a quadratic function of the place r.
+
+    Returns
+    -------
+    (10,)
+
+    Examples
+    --------
+    >>> moment_row(np.diag([0.0, 0.0, 0.0, 1.0])).tolist()[-1]
+    1.0
+    """
+    return np.asarray(np.einsum("kij,ij->k", PSEUDO_INERTIA, quadratic)) + 0.0
+
+
+def transformation(placement: Matrix) -> Matrix:
+    """How the ten parameters change where every point r of the body goes to T (r, 1): P becomes T P Tᵀ.
+
+    Parameters
+    ----------
+    placement : (4, 4)
+        T: a rigid motion, or one with a reflection.
+
+    Returns
+    -------
+    (10, 10)
+
+    Examples
+    --------
+    >>> reflection = np.diag([-1.0, 1.0, 1.0, 1.0])
+    >>> np.diag(transformation(reflection)).astype(int).tolist()
+    [1, -1, -1, 1, 1, 1, -1, 1, 1, 1]
+    """
+    return parameters_of_pseudo_inertia(placement @ PSEUDO_INERTIA @ placement.T).T + 0.0
 
 
 def _cross(vector: Matrix) -> Matrix:
@@ -106,11 +206,7 @@ class Inertia:
     @property
     def pseudo_inertia(self) -> Matrix:
         """Pseudo-inertia (4, 4), [[tr(L)/2 I - L, l], [l', m]]: positive definite for a body of positive density."""
-        matrix = np.empty((4, 4))
-        matrix[:3, :3] = np.trace(self.about_origin) / 2 * np.eye(3) - self.about_origin
-        matrix[:3, 3] = matrix[3, :3] = self.first_moment
-        matrix[3, 3] = self.mass
-        return matrix
+        return pseudo_inertia(self.parameters)
 
     def moved(self, placement: ArrayLike) -> Inertia:
         """The same body seen from another frame.

@@ -10,8 +10,8 @@ from hypothesis import strategies as st
 from steelyard.dynamics import Model
 from steelyard.errors import InputError
 from steelyard.feasibility import CenterOfMassBox, DensityInBox, DensityInEllipsoid, FeasibleSet, TotalMass, check
-from steelyard.feasibility.constraints.moments import moment_row, pseudo_inertia, transformation
 from steelyard.robot import Inertia, Robot
+from steelyard.robot.inertia import moment_row, pseudo_inertia, transformation
 
 seeds = st.integers(0, 2**32 - 1)
 

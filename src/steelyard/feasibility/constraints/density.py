@@ -13,11 +13,11 @@ import numpy.typing as npt
 
 from steelyard.errors import InputError
 from steelyard.lmi import AffineBlock
+from steelyard.robot.inertia import PSEUDO_INERTIA, moment_row
 
 from ..protocols import ModelLike
 from .entries import read_rotation, read_vector, table
 from .links import LinkParameters
-from .moments import PSEUDO_INERTIA, moment_row
 from .protocol import Equality
 
 __all__ = ["DensityInBox", "DensityInEllipsoid"]

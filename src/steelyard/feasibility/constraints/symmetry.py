@@ -12,12 +12,12 @@ import numpy.typing as npt
 
 from steelyard.errors import InputError
 from steelyard.lmi import AffineBlock
+from steelyard.robot.inertia import transformation
 from steelyard.robot.placement import axis_frame
 
 from ..protocols import ModelLike
 from .entries import is_number, read_placement, read_vector, table
 from .links import LinkParameters, equation, independent_rows
-from .moments import transformation
 from .protocol import Equality
 
 __all__ = ["EqualLinks", "SymmetricLink"]
