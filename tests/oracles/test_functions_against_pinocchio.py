@@ -213,7 +213,17 @@ def test_computed_torque_is_that_of_the_links(case):
     assert close(case.values("computed_torque"), case.tau)
 
 
-def test_compiled_functions_are_those_of_the_graph():
+@pytest.mark.parametrize(
+    "options",
+    [
+        {},
+        {"gravity": "argument", "sign": "smooth"},
+        pytest.param({"gravity": "argument"}, marks=pytest.mark.slow),
+        pytest.param({"sign": "smooth"}, marks=pytest.mark.slow),
+    ],
+    ids=["plain", "both", "gravity", "sign"],
+)
+def test_compiled_functions_are_those_of_the_graph(options):
     """The kernels, one robot for all: numbers of the interpreter above."""
     robot = sy.Robot.from_dh([("pi/2", 0, 0.3, "q"), (0, 0.5, 0, "q"), ("-pi/2", 0.1, 0.1, "q"), (0, 0, "q", 0)])
     model = sy.Model(robot.with_terms(sy.Viscous(), sy.Coulomb(), sy.RotorInertia()))
@@ -224,9 +234,8 @@ def test_compiled_functions_are_those_of_the_graph():
     given = {"q": q, "dq": dq, "ddq": ddq, "tau": tau, "parameters": parameters, "point": point, "gravity": gravity}
     given["sign_width"] = np.array([0.1])
     for name in model.functions:
-        for options in ({}, {"gravity": "argument", "sign": "smooth"}):
-            function = model.function(name, **options)
-            expected = function.evaluate({a.name: given[a.name] for a in function.arguments})
-            flat = np.concatenate([np.reshape(v, (11, -1)) for v in expected.values()], axis=1)
-            ours = model.kernel(name, **options)(*(given[a.name] for a in function.arguments))
-            assert np.abs(ours - flat).max() <= 1e-12 * np.abs(flat).max(), name
+        function = model.function(name, **options)
+        expected = function.evaluate({a.name: given[a.name] for a in function.arguments})
+        flat = np.concatenate([np.reshape(v, (11, -1)) for v in expected.values()], axis=1)
+        ours = model.kernel(name, **options)(*(given[a.name] for a in function.arguments))
+        assert np.abs(ours - flat).max() <= 1e-12 * np.abs(flat).max(), name
