@@ -28,7 +28,7 @@ from .estimators.smallest_mass import smallest_total_mass as smallest_total_mass
 from .excitation.design import design_excitation as design_excitation
 from .excitation.excitation import ExcitationDesign as ExcitationDesign
 from .excitation.fourier import FourierTrajectory as FourierTrajectory
-from .excitation.limits import MotionLimits as MotionLimits
+from .excitation.motion_limits import MotionLimits as MotionLimits
 from .excitation.saving import load_trajectory as load_trajectory
 from .feasibility.certificates.document import verify_certificate as verify_certificate
 from .feasibility.check import Verdict as Verdict
@@ -74,9 +74,9 @@ from .robot.term import Term as Term
 from .robot.term import TermParameter as TermParameter
 from .simulation.actuators import Actuators as Actuators
 from .simulation.contact import ElasticContact as ElasticContact
-from .simulation.result import SimulationResult as SimulationResult
 from .simulation.safety import Safety as Safety
 from .simulation.sensors import Sensors as Sensors
 from .simulation.simulate import simulate as simulate
+from .simulation.simulation_result import SimulationResult as SimulationResult
 
 __version__: str

@@ -11,8 +11,8 @@ from pinocchio_distances import PinocchioDistances, pinocchio, urdf  # noqa: E40
 
 from steelyard import Robot  # noqa: E402
 from steelyard.collision import RobotGeometry, SelfCollision, TablePlane, WorkspaceBox  # noqa: E402
+from steelyard.collision.configurations import place_links  # noqa: E402
 from steelyard.collision.distances import PairDistances  # noqa: E402
-from steelyard.collision.placements import place_links  # noqa: E402
 
 FAST = ["ur5_robot", "panda", "panda_collision", "xarm7"]
 SLOW = ["kinova", "z1", "anymal-kinova", "a1", "romeo", "tiago_no_hand"]

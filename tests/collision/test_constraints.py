@@ -16,7 +16,7 @@ from steelyard.collision import (
     TablePlane,
     WorkspaceBox,
 )
-from steelyard.collision.postures import neutral_posture, random_postures
+from steelyard.collision.configurations import neutral_posture, random_postures
 from steelyard.errors import InputError
 from steelyard.robot.placement import rotation_y, translation
 

@@ -10,8 +10,8 @@ from scipy.spatial import ConvexHull
 
 import steelyard as sy
 from steelyard.collision import Box, Capsule, Cylinder, Mesh, PlacedShape, RobotGeometry, SelfCollision, Sphere
+from steelyard.collision.configurations import place_links
 from steelyard.collision.distances import PairDistances
-from steelyard.collision.placements import place_links
 from steelyard.robot.placement import rotation_y, rpy_rotation
 
 pytest.importorskip("coal", reason="coal (extra `collision`) is not installed")

@@ -18,7 +18,7 @@ from steelyard.collision import (
     TablePlane,
     WorkspaceBox,
 )
-from steelyard.excitation.constraint import MotionConstraint
+from steelyard.excitation.motion_constraints import MotionConstraint
 from steelyard.robot.placement import rotation_y, translation
 
 ROBOT = """<robot name="crane">

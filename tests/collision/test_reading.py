@@ -9,7 +9,7 @@ import pytest
 from steelyard import Robot
 from steelyard.collision import Box, Capsule, Cylinder, Mesh, PlacedShape, RobotGeometry, Sphere, engine
 from steelyard.collision.mesh_files import find_mesh, read_mesh
-from steelyard.collision.srdf import read_srdf
+from steelyard.collision.pairs import read_srdf
 from steelyard.errors import InputError, MissingExtraError
 
 LINKS = """

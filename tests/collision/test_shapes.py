@@ -5,8 +5,8 @@ import pytest
 from scipy.spatial import ConvexHull
 
 from steelyard.collision import Box, Capsule, Cylinder, Mesh, Sphere
-from steelyard.collision.convex_hull import most_neighbours
-from steelyard.collision.segments import segment_distance_bound
+from steelyard.collision.distances import segment_distance_bound
+from steelyard.collision.shapes import most_neighbours
 from steelyard.errors import InputError
 from steelyard.robot.placement import rpy_rotation
 

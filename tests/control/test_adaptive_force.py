@@ -6,7 +6,7 @@ from scipy.linalg import solve_discrete_are
 
 import steelyard as sy
 from steelyard.control import ActiveObserver, AdaptiveForceControl, MeasuredVelocity, StiffnessEstimator, Tool
-from steelyard.control.force_loop import force_loop
+from steelyard.control.adaptive_force import force_loop
 from steelyard.identification.wam import true_parameters
 from steelyard.simulation import ElasticContact, Measurement, Sensors, Status, simulate
 

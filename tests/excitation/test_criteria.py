@@ -4,9 +4,8 @@ import numpy as np
 import pytest
 
 import steelyard as sy
-from steelyard.excitation.criterion import Criterion, Spectrum, Subset, make_subset
-from steelyard.excitation.identifiability import identifiability
-from steelyard.excitation.pull_back import RegressorPullBack
+from steelyard.excitation.criterion import Criterion, Spectrum, Subset, identifiability, make_subset
+from steelyard.excitation.vjp import RegressorPullBack
 
 
 @pytest.fixture

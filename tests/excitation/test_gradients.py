@@ -5,9 +5,8 @@ import pytest
 
 from steelyard.excitation import MotionLimits
 from steelyard.excitation.criterion import CRITERIA, Criterion, Spectrum, make_subset
-from steelyard.excitation.joint_limits import joint_limits
-from steelyard.excitation.pull_back import PullBack, RegressorPullBack
-from steelyard.excitation.torque_limits import torque_limits
+from steelyard.excitation.motion_constraints import joint_limits, torque_limits
+from steelyard.excitation.vjp import PullBack, RegressorPullBack
 
 
 @pytest.fixture

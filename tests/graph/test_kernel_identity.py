@@ -8,7 +8,7 @@ import pytest
 from steelyard.errors import InputError
 from steelyard.graph import Argument, Function, Graph, Kernel, ObjectCache, Output, kernel, sin
 from steelyard.graph.cache import pack, unpack
-from steelyard.graph.signature import Signature
+from steelyard.graph.kernel import Signature
 
 X = np.random.default_rng(4).normal(size=(20, 2))
 SCALE = np.array([3.0])

@@ -17,11 +17,11 @@ import numpy as np
 import steelyard as sy
 from steelyard.collision import geometry_from_dict
 from steelyard.collision.mesh_files import read_meshes
-from steelyard.collision.srdf import read_srdf
+from steelyard.collision.pairs import read_srdf
 from steelyard.dynamics.terms import term_from_dict
 from steelyard.errors import InputError
 from steelyard.excitation import MotionLimits, QuinticTrajectory, load_trajectory, save_trajectory
-from steelyard.excitation.limits_file import limits_from_file
+from steelyard.excitation.motion_limits import limits_from_file
 from steelyard.feasibility import constraints_from_dict, load_certificate, verify_document
 from steelyard.feasibility.constraints.points import read_points
 from steelyard.recording import LogColumns, Processing, process_chunks

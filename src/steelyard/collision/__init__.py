@@ -19,7 +19,7 @@ if TYPE_CHECKING:
     from .shapes import Mesh as Mesh
     from .shapes import Shape as Shape
     from .shapes import Sphere as Sphere
-    from .table import TablePlane as TablePlane
+    from .workspace import TablePlane as TablePlane
     from .workspace import WorkspaceBox as WorkspaceBox
 
 __all__ = import_at_first_use(__name__, __file__)

@@ -11,9 +11,8 @@ from numpy.typing import NDArray
 from steelyard.errors import InputError
 from steelyard.robot.placement import frozen
 
-from .distance_constraint import DistanceConstraint, checked_margin
+from .configuration_constraint import DistanceConstraint, check_possible, checked_margin
 from .distances import PairDistances
-from .posture_constraint import check_possible
 from .robot_geometry import PlacedShape, RobotGeometry
 from .shapes import Shape
 

@@ -17,14 +17,13 @@ from steelyard.robot import Robot
 from steelyard.robot.names import suggestion
 from steelyard.robot.placement import rpy_rotation
 
+from .configuration_constraint import PostureConstraint
 from .mesh_files import read_mesh
 from .obstacles import Obstacle, ObstacleClearance
-from .posture_constraint import PostureConstraint
 from .robot_geometry import PlacedShape, RobotGeometry
 from .self_collision import SelfCollision
 from .shapes import Box, Capsule, Cylinder, Mesh, Shape, Sphere
-from .table import TablePlane
-from .workspace import WorkspaceBox
+from .workspace import TablePlane, WorkspaceBox
 
 __all__ = ["GEOMETRY_KEYS", "geometry_from_dict"]
 

@@ -10,12 +10,11 @@ from numpy.typing import ArrayLike, NDArray
 
 from steelyard.errors import InputError
 
-from .distance_constraint import DistanceConstraint, checked_margin
+from .configuration_constraint import DistanceConstraint, checked_margin
+from .configurations import neutral_posture
 from .distances import PairDistances
-from .pairs import LeftOut, watched_pairs
-from .postures import neutral_posture
+from .pairs import DisabledPairs, LeftOut, read_srdf, watched_pairs
 from .robot_geometry import RobotGeometry
-from .srdf import DisabledPairs, read_srdf
 
 __all__ = ["SelfCollision"]
 

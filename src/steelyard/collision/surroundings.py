@@ -12,13 +12,12 @@ from numpy.typing import NDArray
 from steelyard.errors import InputError, MissingExtraError
 from steelyard.robot import Robot
 
+from .configuration_constraint import SAMPLES_AT_ONCE
+from .configurations import place_links
 from .engine import coal_or_none
-from .placements import place_links
-from .posture_constraint import SAMPLES_AT_ONCE
-from .robot_geometry import RobotGeometry
+from .robot_geometry import RobotGeometry, shapes_from_urdf
 from .self_collision import SelfCollision
-from .table import TablePlane
-from .urdf_shapes import shapes_from_urdf
+from .workspace import TablePlane
 
 __all__ = ["MARGIN", "Surroundings"]
 

@@ -12,20 +12,20 @@ if TYPE_CHECKING:
     from .feedforward_tracking import FeedforwardTracking as FeedforwardTracking
     from .gravity_compensation import GravityCompensation as GravityCompensation
     from .impedance import ImpedanceControl as ImpedanceControl
-    from .pose_references import ConstantPose as ConstantPose
-    from .pose_references import PoseFunction as PoseFunction
-    from .pose_references import PoseReference as PoseReference
-    from .pose_references import PoseTarget as PoseTarget
-    from .pose_references import PoseTrajectory as PoseTrajectory
+    from .poses import ConstantPose as ConstantPose
+    from .poses import PoseFunction as PoseFunction
+    from .poses import PoseReference as PoseReference
+    from .poses import PoseTarget as PoseTarget
+    from .poses import PoseTrajectory as PoseTrajectory
+    from .poses import rotation_matrix as rotation_matrix
+    from .poses import rotation_vector as rotation_vector
     from .position_tracking import PositionTracking as PositionTracking
-    from .posture import Posture as Posture
     from .references import ConstantReference as ConstantReference
     from .references import FunctionReference as FunctionReference
     from .references import JointReference as JointReference
     from .references import TrajectoryReference as TrajectoryReference
-    from .rotations import rotation_matrix as rotation_matrix
-    from .rotations import rotation_vector as rotation_vector
     from .stiffness import StiffnessEstimator as StiffnessEstimator
+    from .task_dynamics import Posture as Posture
     from .task_space import TaskSpaceControl as TaskSpaceControl
     from .tool import Tool as Tool
     from .velocities import FilteredDifference as FilteredDifference

@@ -15,8 +15,7 @@ from .gains import joint_gains, joint_limits
 from .model_part import ModelPart
 from .references import configurations_of, joint_reference
 from .sampled_loop import Feedback
-from .sensing import ForceSensing
-from .tool import Tool
+from .tool import ForceSensing, Tool
 from .velocities import VelocityEstimator
 
 __all__ = ["ComputedTorque"]

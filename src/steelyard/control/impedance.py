@@ -15,12 +15,10 @@ from steelyard.simulation import Measurement
 from .block import ControlBlock
 from .gains import symmetric_gains
 from .model_part import ModelPart
-from .pose_references import PoseTarget, pose_reference
-from .posture import Posture
+from .poses import PoseTarget, pose_reference
 from .sampled_loop import Feedback
-from .sensing import ForceSensing
-from .task_dynamics import TaskDynamics, applied
-from .tool import Tool
+from .task_dynamics import Posture, TaskDynamics, applied
+from .tool import ForceSensing, Tool
 from .velocities import VelocityEstimator
 
 __all__ = ["ImpedanceControl"]

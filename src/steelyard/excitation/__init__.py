@@ -5,14 +5,14 @@ from typing import TYPE_CHECKING
 from steelyard.first_use import import_at_first_use
 
 if TYPE_CHECKING:
-    from .constraint import MotionConstraint as MotionConstraint
     from .design import design_excitation as design_excitation
     from .excitation import ExcitationDesign as ExcitationDesign
     from .fourier import FourierTrajectory as FourierTrajectory
     from .fourier import RestToRestTrajectory as RestToRestTrajectory
-    from .joint_limits import JointLimit as JointLimit
-    from .limits import MotionLimits as MotionLimits
-    from .limits_file import limits_from_file as limits_from_file
+    from .motion_constraints import JointLimit as JointLimit
+    from .motion_constraints import MotionConstraint as MotionConstraint
+    from .motion_limits import MotionLimits as MotionLimits
+    from .motion_limits import limits_from_file as limits_from_file
     from .quintic import QuinticTrajectory as QuinticTrajectory
     from .saving import load_trajectory as load_trajectory
     from .saving import save_trajectory as save_trajectory

@@ -15,20 +15,16 @@ from steelyard.errors import InputError, SolverError
 from steelyard.recording import Samples
 from steelyard.regression import Information
 
-from .constraint import MotionConstraint
-from .criterion import Criterion, Spectrum, make_subset
+from .criterion import TORQUE_NOISE, Criterion, Identifiability, Spectrum, identifiability, make_subset
 from .excitation import ExcitationDesign, nearest_first
 from .family import Family, make_family
-from .identifiability import TORQUE_NOISE, Identifiability, identifiability
-from .joint_limits import joint_limits
-from .limits import MotionLimits
-from .limits_file import limits_from_file
+from .motion_constraints import MotionConstraint, joint_limits, torque_limits
+from .motion_limits import MotionLimits, limits_from_file
 from .problem import DesignProblem, coefficient_scale
-from .pull_back import RegressorPullBack
 from .search import Search, resting_postures
-from .torque_limits import torque_limits
 from .trajectory import Trajectory
 from .verification import Margin, Verifier, keeps_all, margins_of
+from .vjp import RegressorPullBack
 from .workers import single_threaded
 
 if TYPE_CHECKING:

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from steelyard.files import replaced_folder, write_json
 
-from .limits import MotionLimits
+from .motion_limits import MotionLimits
 from .saving import save_trajectory
 from .trajectory import Trajectory
 from .verification import Margin

@@ -9,11 +9,11 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
-from .constraint import MotionConstraint
 from .criterion import Criterion, Spectrum
 from .family import Basis, Family
-from .limits import MotionLimits
-from .pull_back import RegressorPullBack
+from .motion_constraints import MotionConstraint
+from .motion_limits import MotionLimits
+from .vjp import RegressorPullBack
 
 __all__ = ["DesignProblem", "coefficient_scale"]
 

@@ -15,7 +15,7 @@ from steelyard.errors import SolverError
 
 from .augmented_lagrangian import COARSE, FINE, Iterate, minimise
 from .cobyla import minimise_with_cobyla
-from .limits import MotionLimits
+from .motion_limits import MotionLimits
 from .problem import DesignProblem
 from .verification import Margin, Verifier, keeps_all
 from .workers import Flag, Pool, pool_of

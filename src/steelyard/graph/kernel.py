@@ -1,17 +1,21 @@
-"""Compiled functions: batches of samples in vector registers, on one thread or several, and single samples."""
+"""Compiled functions: kernels that are called with arrays, their signatures, and the digest of what made them."""
 
 from __future__ import annotations
 
 import ctypes
 import gc
 import hashlib
+import json
+import math
 import os
 import threading
 from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor, wait
 from contextlib import contextmanager
+from dataclasses import dataclass
 from functools import cache, cached_property
 from itertools import pairwise
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -25,11 +29,121 @@ from .expression import operation_count
 from .function import Argument, Function
 from .llvm import kernel_source
 from .machine import LoadedCode, batch_lanes, host_machine
-from .signature import Signature
-from .sources import source_digest
 from .support import support_source
 
-__all__ = ["Kernel"]
+__all__ = ["Kernel", "Signature", "source_digest"]
+
+_ROOMS = ("robot", "graph", "dynamics")
+
+
+@cache
+def source_digest() -> str | None:
+    """Return a digest of the rooms that turn a description into machine code, or None where they cannot be read."""
+    package = Path(__file__).resolve().parent.parent
+    digest = hashlib.sha256()
+    try:
+        for room in _ROOMS:
+            files = sorted((package / room).rglob("*.py"))
+            if not files:
+                return None
+            for path in files:
+                content = path.read_bytes()
+                digest.update(f"{path.relative_to(package).as_posix()} {len(content)}\n".encode() + content)
+    except OSError:
+        return None
+    return digest.hexdigest()
+
+
+# What a kernel must know of its function: sizes of arguments and outputs, and which elements are computed.
+
+
+@dataclass(frozen=True)
+class Signature:
+    """The sizes of a compiled function, which stand beside its machine code in the object cache.
+
+    Attributes
+    ----------
+    arguments : tuple of Argument
+        Names and widths, without descriptions.
+    outputs : tuple of (str, tuple of int)
+        Name and shape of each output.
+    computed : tuple of int or None
+        Flat indices of the computed elements in the concatenated outputs, ascending; None where all are.
+
+    Examples
+    --------
+    >>> signature = Signature((Argument("q", 2),), (("M", (2, 2)),), (0, 3))
+    >>> signature.size, signature.places.tolist()
+    (4, [0, 3])
+    """
+
+    arguments: tuple[Argument, ...]
+    outputs: tuple[tuple[str, tuple[int, ...]], ...]
+    computed: tuple[int, ...] | None = None
+
+    @classmethod
+    def of(cls, function: Function, *, compact: bool) -> Signature:
+        """Return the signature of a function, without the elements that are the constant 0 where it is compact."""
+        arguments = tuple(Argument(a.name, a.width, a.uniform) for a in function.arguments)
+        outputs = tuple((o.name, o.shape) for o in function.outputs)
+        if not compact:
+            return cls(arguments, outputs)
+        zero = [node.operation == "constant" and node.value == 0.0 for node in function.nodes]
+        return cls(arguments, outputs, tuple(k for k, flag in enumerate(zero) if not flag))
+
+    @property
+    def size(self) -> int:
+        """Number of elements of all the outputs."""
+        return sum(math.prod(shape) for _, shape in self.outputs)
+
+    @cached_property
+    def width(self) -> int:
+        """Number of computed elements."""
+        return self.size if self.computed is None else len(self.computed)
+
+    @cached_property
+    def places(self) -> NDArray[np.intp]:
+        """Flat indices (width,) of the computed elements in the concatenated outputs."""
+        indices = np.arange(self.size) if self.computed is None else np.array(self.computed, dtype=np.intp)
+        indices.flags.writeable = False
+        return indices
+
+    def to_json(self) -> str:
+        """Return the signature as JSON text."""
+        return json.dumps(
+            {
+                "arguments": [[a.name, a.width, a.uniform] for a in self.arguments],
+                "outputs": [[name, list(shape)] for name, shape in self.outputs],
+                "computed": None if self.computed is None else list(self.computed),
+            },
+            separators=(",", ":"),
+        )
+
+    @classmethod
+    def from_json(cls, text: str | bytes) -> Signature | None:
+        """Return the signature that the text describes, or None where the text is not one."""
+        try:
+            data = json.loads(text)
+            arguments = tuple(Argument(name, _size(width), bool(uniform)) for name, width, uniform in data["arguments"])
+            outputs = tuple((str(name), tuple(map(_size, shape))) for name, shape in data["outputs"])
+            computed = None if data["computed"] is None else tuple(map(_size, data["computed"]))
+        except (ValueError, TypeError, KeyError):  # InputError is a ValueError
+            return None
+        signature = cls(arguments, outputs, computed)
+        if computed is not None:
+            ascending = all(a < b for a, b in pairwise(computed))
+            if not ascending or (computed and computed[-1] >= signature.size):
+                return None
+        return signature
+
+
+def _size(value: Any) -> int:
+    if type(value) is not int or not 0 <= value < 2**31:
+        raise ValueError("a size is a non-negative integer")
+    return value
+
+
+# Compiled functions: batches of samples in vector registers, on one thread or several, and single samples.
 
 Array = NDArray[np.float64]
 

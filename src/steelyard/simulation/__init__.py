@@ -9,16 +9,16 @@ if TYPE_CHECKING:
     from .contact import ElasticContact as ElasticContact
     from .contact import Environment as Environment
     from .controller import Controller as Controller
+    from .controller import Measurement as Measurement
     from .events import Event as Event
     from .events import Occurrence as Occurrence
     from .events import at_time as at_time
     from .events import joint_limits as joint_limits
-    from .measurement import Measurement as Measurement
-    from .result import Measured as Measured
-    from .result import SimulationResult as SimulationResult
     from .safety import Safety as Safety
     from .sensors import Sensors as Sensors
     from .simulate import simulate as simulate
+    from .simulation_result import Measured as Measured
+    from .simulation_result import SimulationResult as SimulationResult
     from .status import Status as Status
 
 __all__ = import_at_first_use(__name__, __file__)

@@ -17,8 +17,7 @@ from .checks import positive
 from .contact import Contact, Environment
 from .controller import Controller
 from .events import Event
-from .fixed_step import FIXED_STEP_METHODS
-from .library_methods import LIBRARY_METHODS
+from .integrators import FIXED_STEP_METHODS, LIBRARY_METHODS
 from .safety import Safety
 from .sensors import Sensors
 

@@ -11,7 +11,7 @@ from numpy.typing import ArrayLike, NDArray
 from steelyard.errors import InputError
 
 from .checks import per_joint, positive
-from .measurement import Measurement
+from .controller import Measurement
 
 __all__ = ["SensorReadings", "Sensors"]
 

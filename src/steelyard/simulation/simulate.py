@@ -20,9 +20,9 @@ from .events import Event
 from .experiment import Experiment
 from .plant import TorqueFunction
 from .request import Request
-from .result import SimulationResult
 from .safety import Safety
 from .sensors import Sensors
+from .simulation_result import SimulationResult
 
 __all__ = ["simulate"]
 

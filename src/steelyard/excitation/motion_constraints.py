@@ -1,9 +1,10 @@
-"""Limits of joint torques and of power, predicted with given parameters, as constraints on a motion."""
+"""What a motion must keep to, as the design of excitation sees it: limits of joints, torques and power among it."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import cached_property
+from typing import Protocol, runtime_checkable
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -11,13 +12,155 @@ from numpy.typing import ArrayLike, NDArray
 from steelyard.dynamics import Model
 from steelyard.errors import InputError
 
-from .constraint import MotionConstraint
-from .limits import MotionLimits
-from .pull_back import PullBack
+from .motion_limits import MotionLimits
+from .vjp import PullBack
 
-__all__ = ["PowerLimit", "TorqueLimit", "TotalPowerLimit", "predicted_parameters", "torque_limits"]
+__all__ = [
+    "JointLimit",
+    "MotionConstraint",
+    "PowerLimit",
+    "TorqueLimit",
+    "TotalPowerLimit",
+    "joint_limits",
+    "predicted_parameters",
+    "torque_limits",
+]
 
 Array = NDArray[np.float64]
+
+
+@runtime_checkable
+class MotionConstraint(Protocol):
+    """A limit on a motion, sample by sample: a clearance that must not be negative, and its gradient.
+
+    Everything that is not linear in position, velocity and acceleration comes in this form: torque, power, distances
+    of bodies, the workspace of a tool. A class of one's own that has these members can be given to
+    :func:`steelyard.design_excitation`. Several threads may call it at once.
+
+    Attributes
+    ----------
+    name : str
+        For messages: ``"table plane"``, ``"torque"``. A constraint that has something to say of itself may also have
+        `remarks`, a tuple of sentences, which the design passes on.
+    labels : tuple of str
+        What each of the m columns is, such as ``"forearm_link to shoulder_link"``.
+    scale : float or ndarray
+        What counts as one unit of violation, in the unit of the clearances: a number, or one for each column, (m,).
+    """
+
+    @property
+    def name(self) -> str:
+        """What it is called in messages."""
+        ...
+
+    @property
+    def labels(self) -> tuple[str, ...]:
+        """What each column of the clearance is, (m,)."""
+        ...
+
+    @property
+    def scale(self) -> float | Array:
+        """What counts as one unit of violation: a number, or one for each column (m,)."""
+        ...
+
+    def clearance(self, q: Array, dq: Array, ddq: Array) -> Array:
+        """Return (S, m): at least 0 where the limit is kept, in its own unit.
+
+        Parameters
+        ----------
+        q, dq, ddq : ndarray
+            (S, N) samples of the motion.
+        """
+        ...
+
+    def pull_back(self, q: Array, dq: Array, ddq: Array, weights: Array) -> tuple[Array, Array, Array]:
+        """Return the gradients (S, N) by q, dq and ddq of ``sum(weights * clearance)``.
+
+        Parameters
+        ----------
+        q, dq, ddq : ndarray
+            (S, N) samples of the motion.
+        weights : ndarray
+            (S, m); samples whose weights are all 0 need no work.
+
+        Returns
+        -------
+        tuple of ndarray
+            Zeros where the clearance does not depend on one of them.
+        """
+        ...
+
+
+# Limits of joint positions, velocities and accelerations, as constraints on a motion.
+
+_ORDERS = {"position": 0, "velocity": 1, "acceleration": 2}
+
+
+@dataclass(frozen=True, eq=False)
+class JointLimit:
+    """An upper and a lower limit of the position, velocity or acceleration of each joint.
+
+    Attributes
+    ----------
+    name : {"position", "velocity", "acceleration"}
+    joint_names : tuple of str
+    lower, upper : ndarray
+        (N,); infinite where there is none.
+    """
+
+    name: str
+    joint_names: tuple[str, ...]
+    lower: Array
+    upper: Array
+
+    @cached_property
+    def _columns(self) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
+        return np.flatnonzero(np.isfinite(self.lower)), np.flatnonzero(np.isfinite(self.upper))
+
+    @cached_property
+    def labels(self) -> tuple[str, ...]:
+        """Joint and side of each column."""
+        low, high = self._columns
+        below = [f"{self.joint_names[k]} from {self.lower[k]:.6g}" for k in low]
+        return (*below, *(f"{self.joint_names[k]} to {self.upper[k]:.6g}" for k in high))
+
+    @cached_property
+    def scale(self) -> Array:
+        """Half the range of each joint; a half turn or half a metre where it is not bounded on both sides."""
+        half = 0.5 * (self.upper - self.lower)
+        half = np.where(np.isfinite(half), half, 1.0)
+        low, high = self._columns
+        return np.concatenate([half[low], half[high]])
+
+    def clearance(self, q: Array, dq: Array, ddq: Array) -> Array:
+        """Return how far each sample is from the limits, (S, m), in rad or m and per s."""
+        values = (q, dq, ddq)[_ORDERS[self.name]]
+        low, high = self._columns
+        return np.hstack([values[:, low] - self.lower[low], self.upper[high] - values[:, high]])
+
+    def pull_back(self, q: Array, dq: Array, ddq: Array, weights: Array) -> tuple[Array, Array, Array]:
+        """Return the gradients (S, N) of ``sum(weights * clearance)``."""
+        low, high = self._columns
+        slope = np.zeros_like(q)
+        slope[:, low] = weights[:, : len(low)]
+        slope[:, high] -= weights[:, len(low) :]
+        result = [np.zeros_like(q)] * 3
+        result[_ORDERS[self.name]] = slope
+        return result[0], result[1], result[2]
+
+
+def joint_limits(limits: MotionLimits) -> tuple[JointLimit, ...]:
+    """Return the constraints on positions, velocities and accelerations, those that are finite."""
+    names = limits.joint_names
+    every = (
+        JointLimit("position", names, limits.lower, limits.upper),
+        JointLimit("velocity", names, -limits.velocity, limits.velocity),
+        JointLimit("acceleration", names, -limits.acceleration, limits.acceleration),
+    )
+    return tuple(limit for limit in every if limit.labels)
+
+
+# Limits of joint torques and of power, predicted with given parameters, as constraints on a motion.
 
 
 def predicted_parameters(model: Model, parameters: ArrayLike | None) -> Array:

@@ -1,4 +1,4 @@
-"""What a simulation returns."""
+"""What a simulation returns, and how it is saved."""
 
 from __future__ import annotations
 
@@ -13,13 +13,14 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from steelyard.errors import InputError
+from steelyard.files import replaced_file
 from steelyard.recording import Recording
 
 from .events import Occurrence
 from .status import Status
 from .watch import Interpolant
 
-__all__ = ["Measured", "SimulationResult"]
+__all__ = ["Measured", "SimulationResult", "save_result"]
 
 Array = NDArray[np.float64]
 _ALONG_TIME = ("q", "dq", "ddq", "torque", "kinetic_energy", "potential_energy", "dissipated")
@@ -239,8 +240,6 @@ class SimulationResult:
         InputError
             For another suffix, or where the file cannot be written.
         """
-        from .saving import save_result
-
         return save_result(self, Path(path))
 
     def __repr__(self) -> str:
@@ -270,3 +269,64 @@ def _range(values: Array) -> str:
 def _most(values: Array) -> str:
     known = values[np.isfinite(values)]
     return f"{np.abs(known).max():.4g}" if known.size else "unknown"
+
+
+# Writes the result of a simulation as CSV, Parquet or NPZ.
+
+SUFFIXES = (".csv", ".parquet", ".npz")
+
+
+def save_result(result: SimulationResult, path: Path) -> Path:
+    """Write a result; the file appears whole or not at all.
+
+    Parameters
+    ----------
+    result : SimulationResult
+    path : Path
+        With the suffix .csv, .parquet or .npz.
+
+    Returns
+    -------
+    Path
+
+    Raises
+    ------
+    InputError
+        For another suffix, or where the file cannot be written.
+    """
+    if path.suffix not in SUFFIXES:
+        raise InputError(f"{path}: a simulation is saved as {', '.join(SUFFIXES)}, got {path.suffix or 'no suffix'!r}.")
+    with replaced_file(path) as file:
+        if path.suffix == ".npz":
+            np.savez(file, **_arrays(result))  # type: ignore[arg-type]
+        else:
+            import polars
+
+            frame = polars.DataFrame(_columns(result))
+            if path.suffix == ".csv":
+                frame.write_csv(file)
+            else:
+                frame.write_parquet(file)
+    return path
+
+
+def _columns(result: SimulationResult) -> dict[str, NDArray[np.float64] | NDArray[np.intp]]:
+    runs, samples = (len(result.q), len(result.t)) if result.is_batch else (1, len(result.t))
+    columns: dict[str, NDArray[np.float64] | NDArray[np.intp]] = {}
+    if result.is_batch:
+        columns["run"] = np.repeat(np.arange(runs), samples)
+    columns["t"] = np.tile(result.t, runs)
+    for name, values in (("q", result.q), ("dq", result.dq), ("ddq", result.ddq), ("tau", result.torque)):
+        flat = values.reshape(-1, result.joint_count)
+        columns |= {f"{name}{k + 1}": flat[:, k] for k in range(result.joint_count)}
+    for name in ("kinetic_energy", "potential_energy", "dissipated"):
+        columns[name] = getattr(result, name).reshape(-1)
+    return columns
+
+
+def _arrays(result: SimulationResult) -> dict[str, NDArray[np.float64] | NDArray[np.str_]]:
+    if not result.is_batch:  # the columns of a log, which Recording.read takes
+        return {**_columns(result), "joint_names": np.array(result.joint_names)}  # type: ignore[dict-item]
+    names = ("t", "q", "dq", "ddq", "torque", "kinetic_energy", "potential_energy", "dissipated", "end_time")
+    status = np.array([s.value for s in result.status])  # type: ignore[attr-defined]
+    return {**{name: getattr(result, name) for name in names}, "status": status}
