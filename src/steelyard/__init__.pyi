@@ -30,6 +30,8 @@ from .excitation.excitation import ExcitationDesign as ExcitationDesign
 from .excitation.fourier import FourierTrajectory as FourierTrajectory
 from .excitation.motion_limits import MotionLimits as MotionLimits
 from .excitation.saving import load_trajectory as load_trajectory
+from .feasibility.bounds.intervals import parameter_intervals as parameter_intervals
+from .feasibility.bounds.lightest_robot import lightest_robot as lightest_robot
 from .feasibility.certificates.document import verify_certificate as verify_certificate
 from .feasibility.check import Verdict as Verdict
 from .feasibility.check import check as check
@@ -46,10 +48,8 @@ from .feasibility.constraints.masses import TotalMass as TotalMass
 from .feasibility.constraints.symmetry import EqualLinks as EqualLinks
 from .feasibility.constraints.symmetry import SymmetricLink as SymmetricLink
 from .feasibility.correct import correct as correct
+from .feasibility.diagnosis.explanation import explain_infeasibility as explain_infeasibility
 from .feasibility.feasible_set import FeasibleSet as FeasibleSet
-from .feasibility.insight.explanation import explain_infeasibility as explain_infeasibility
-from .feasibility.insight.intervals import parameter_intervals as parameter_intervals
-from .feasibility.insight.lightest import lightest_robot as lightest_robot
 from .feasibility.tie_break import Preference as Preference
 from .graph.expression import Graph as Graph
 from .graph.kernel import Kernel as Kernel

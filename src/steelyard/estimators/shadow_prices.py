@@ -9,10 +9,10 @@ import numpy.typing as npt
 
 from steelyard.dynamics.threads import one_thread
 from steelyard.errors import InputError
+from steelyard.feasibility.bounds.confidence_region import reduced_regression
 from steelyard.feasibility.feasible_set import FeasibleSet
 from steelyard.feasibility.growth import mass_bound_of
-from steelyard.feasibility.insight.region import reduced_regression
-from steelyard.feasibility.insight.table import html_table, percent, text_table
+from steelyard.feasibility.wording import html_table, percent, text_table
 from steelyard.lmi import vector_to_symmetric
 
 from .reduced import ReducedRegression

@@ -5,6 +5,12 @@ from typing import TYPE_CHECKING
 from steelyard.first_use import import_at_first_use
 
 if TYPE_CHECKING:
+    from .bounds import LeastMass as LeastMass
+    from .bounds import LightestRobot as LightestRobot
+    from .bounds import ParameterInterval as ParameterInterval
+    from .bounds import ParameterIntervals as ParameterIntervals
+    from .bounds import lightest_robot as lightest_robot
+    from .bounds import parameter_intervals as parameter_intervals
     from .certificates import CertificateCheck as CertificateCheck
     from .certificates import FeasibilityCertificate as FeasibilityCertificate
     from .certificates import InfeasibilityCertificate as InfeasibilityCertificate
@@ -35,17 +41,11 @@ if TYPE_CHECKING:
     from .constraints import constraints_from_dict as constraints_from_dict
     from .correct import Correction as Correction
     from .correct import correct as correct
+    from .diagnosis import BaseParameterDegree as BaseParameterDegree
+    from .diagnosis import Conflict as Conflict
+    from .diagnosis import InfeasibilityExplanation as InfeasibilityExplanation
+    from .diagnosis import explain_infeasibility as explain_infeasibility
     from .feasible_set import FeasibleSet as FeasibleSet
-    from .insight import BaseParameterDegree as BaseParameterDegree
-    from .insight import Conflict as Conflict
-    from .insight import InfeasibilityExplanation as InfeasibilityExplanation
-    from .insight import LeastMass as LeastMass
-    from .insight import LightestRobot as LightestRobot
-    from .insight import ParameterInterval as ParameterInterval
-    from .insight import ParameterIntervals as ParameterIntervals
-    from .insight import explain_infeasibility as explain_infeasibility
-    from .insight import lightest_robot as lightest_robot
-    from .insight import parameter_intervals as parameter_intervals
     from .tie_break import Preference as Preference
 
 __all__ = import_at_first_use(__name__, __file__)

@@ -5,10 +5,10 @@ from typing import TYPE_CHECKING
 from steelyard.first_use import import_at_first_use
 
 if TYPE_CHECKING:
-    from .decision import Decision as Decision
-    from .decision import decide as decide
     from .margin import MARGIN_CAP as MARGIN_CAP
     from .margin import largest_margin as largest_margin
     from .margin import least_violations as least_violations
+    from .proof_search import Decision as Decision
+    from .proof_search import decide as decide
 
 __all__ = import_at_first_use(__name__, __file__)

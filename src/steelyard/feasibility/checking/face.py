@@ -21,7 +21,7 @@ from steelyard.lmi import AffineStack, symmetric_to_vector
 
 from ..certificates.rational import exact_number
 from ..feasible_set import FeasibleSet
-from .block_problem import BlockProblem
+from .margin import BlockProblem
 from .null_space import polished_pair
 
 __all__ = ["DualFace", "dual_face", "orthogonal"]

@@ -9,8 +9,8 @@ import scipy.sparse as sparse
 from steelyard.conic import Cone, ConicProblem, ConicSolution, Outcome, solve
 from steelyard.errors import SolverError
 
-from ..feasible_set import FeasibleSet
-from ..interior import MARGIN_FACTORS
+from .feasible_set import FeasibleSet
+from .interior import MARGIN_FACTORS
 
 __all__ = ["Nearest", "light_point", "nearest_feasible"]
 

@@ -1,11 +1,18 @@
-"""Tables as text and as HTML, and numbers rounded outward."""
+"""Tables as text and as HTML, numbers rounded outward, and combinations of parameters in words."""
 
 import html
 import math
 from collections.abc import Sequence
 from decimal import ROUND_CEILING, ROUND_FLOOR, Decimal
 
-__all__ = ["html_table", "outward", "percent", "plain", "text_table"]
+import numpy as np
+import numpy.typing as npt
+
+from steelyard.feasible_set import FeasibleSet
+
+__all__ = ["base_expressions", "base_names", "combination", "html_table", "outward", "percent", "plain", "text_table"]
+
+Vector = npt.NDArray[np.float64]
 
 
 def text_table(heads: Sequence[str], rows: Sequence[Sequence[str]], numbers: Sequence[int] = ()) -> str:
@@ -98,3 +105,44 @@ def _rounded(value: float, step: Decimal, direction: str) -> str:
     if len(text.lstrip("-0.")) > 0 and abs(value) < 1e-4:
         return f"{number.normalize():e}".replace("e-0", "e-")
     return text if text not in ("-0", "") else "0"
+
+
+def base_expressions(feasible: FeasibleSet) -> tuple[str, ...]:
+    """Each base parameter as a combination of standard ones, e.g. ``"Lzz1 + m2"``."""
+    base = feasible.model.base_parameters()
+    expressions = getattr(base, "expressions", None)
+    if expressions is not None:
+        return tuple(expressions)
+    names = feasible.model.parameter_names
+    return tuple(combination(row, names, digits=6) for row in feasible.K)
+
+
+def base_names(feasible: FeasibleSet) -> tuple[str, ...]:
+    """Short names: the parameter that leads the combination, with an R (regrouped) where it is not alone."""
+    names = feasible.model.parameter_names
+    leading = np.asarray(feasible.model.base_parameters().independent, dtype=np.intp)
+    alone = np.count_nonzero(feasible.K, axis=1) == 1
+    return tuple(f"{names[i]}{'' if single else 'R'}" for i, single in zip(leading, alone, strict=True))
+
+
+def combination(weights: Vector, names: Sequence[str], most: int | None = None, digits: int = 3) -> str:
+    """A weighted sum in words, terms in the order given; those left out are told by "...".
+
+    Examples
+    --------
+    >>> combination(np.array([1.0, -0.25, 0.0]), ["Lzz1", "lx1 + m2", "ly1"])
+    'Lzz1 - 0.25 (lx1 + m2)'
+    """
+    text = ""
+    shown = 0
+    for weight, name in zip(weights, names, strict=True):
+        if weight == 0.0:
+            continue
+        if most is not None and shown == most:
+            return text + " ..."
+        size = plain(abs(float(weight)), digits)
+        single = f"({name})" if " " in name and (size != "1" or weight < 0) else name
+        term = single if size == "1" else f"{size} {single}"
+        text += f"{'-' if weight < 0 else ''}{term}" if not text else f" {'-' if weight < 0 else '+'} {term}"
+        shown += 1
+    return text or "0"

@@ -6,8 +6,7 @@ import scipy.optimize
 import scipy.stats
 
 from steelyard.errors import InputError
-from steelyard.feasibility import FeasibleSet
-from steelyard.feasibility.insight import lightest_robot, parameter_intervals
+from steelyard.feasibility import FeasibleSet, lightest_robot, parameter_intervals
 from steelyard.regression import Information
 
 # The arm of two parallel axes shows a = Lzz1 + m2 and b = Lzz2, lx2, ly2: (lx2² + ly2²) / b ≤ m2 ≤ a.

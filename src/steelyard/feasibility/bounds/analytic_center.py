@@ -12,7 +12,7 @@ from functools import cached_property
 import numpy as np
 import numpy.typing as npt
 
-from .section import BlockGroup, Section
+from .slice import BlockGroup, Section
 
 __all__ = ["Middle", "middle_of"]
 

@@ -4,8 +4,7 @@ import numpy as np
 import pytest
 
 from steelyard.dynamics import Coulomb, Model, Offset, Viscous
-from steelyard.feasibility import FeasibleSet, TotalMass
-from steelyard.feasibility.insight import parameter_intervals
+from steelyard.feasibility import FeasibleSet, TotalMass, parameter_intervals
 from steelyard.robot import Robot
 
 

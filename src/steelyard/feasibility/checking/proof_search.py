@@ -7,10 +7,9 @@ import numpy.typing as npt
 
 from ..certificates import FeasibilityCertificate, InfeasibilityCertificate
 from ..feasible_set import FeasibleSet
-from .centering import centre
-from .dual_point import DualPoint, least_reach, prove_infeasible, prove_infeasible_up_to_a_size
+from .dual_center import Fibre, centre
+from .exact_dual_point import DualPoint, least_reach, prove_infeasible, prove_infeasible_up_to_a_size
 from .face import dual_face
-from .fibre import Fibre
 from .margin import MARGIN_CAP, TRACE_BOUND, largest_margin
 from .witness import SCALED_ACCURACY, proved_witness, raised_witness, scaled_witness
 

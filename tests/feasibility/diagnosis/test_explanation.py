@@ -6,8 +6,7 @@ import scipy.optimize
 import scipy.stats
 
 from steelyard.errors import InputError
-from steelyard.feasibility import FeasibleSet, TotalMass, check, correct
-from steelyard.feasibility.insight import explain_infeasibility
+from steelyard.feasibility import FeasibleSet, TotalMass, check, correct, explain_infeasibility
 
 # The arm of two parallel axes shows a = Lzz1 + m2 and b = Lzz2, lx2, ly2: (lx2² + ly2²) / b ≤ m2 ≤ a. Here the body
 # of the forearm needs 1 kg, but that of the upper arm leaves 0.5 kg.

@@ -12,11 +12,11 @@ from steelyard.dynamics.threads import one_thread
 from steelyard.errors import InputError
 
 from ..feasible_set import FeasibleSet
-from .bounds import Bound, BoundFinder
+from ..wording import html_table, outward, percent, plain, text_table
+from .bound_finder import Bound, BoundFinder
+from .confidence_region import region_of
 from .given import given_base, given_region
 from .quantities import Combination, Quantity, quantities
-from .region import region_of
-from .table import html_table, outward, percent, plain, text_table
 
 __all__ = ["ParameterInterval", "ParameterIntervals", "interval_of", "parameter_intervals"]
 

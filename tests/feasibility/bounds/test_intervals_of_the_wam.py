@@ -5,8 +5,7 @@ import pytest
 
 from steelyard.errors import InputError
 from steelyard.estimators import fit_reduced
-from steelyard.feasibility import FeasibleSet, TotalMass, correct
-from steelyard.feasibility.insight import lightest_robot, parameter_intervals
+from steelyard.feasibility import FeasibleSet, TotalMass, correct, lightest_robot, parameter_intervals
 
 pytestmark = pytest.mark.data
 

@@ -10,10 +10,10 @@ import numpy.typing as npt
 from steelyard.dynamics.threads import one_thread
 
 from ..feasible_set import FeasibleSet
+from ..wording import html_table, plain, text_table
+from .confidence_region import region_of
 from .given import given_base, given_region
 from .quantities import Quantity, quantities
-from .region import region_of
-from .table import html_table, plain, text_table
 
 __all__ = ["LeastMass", "LightestRobot", "lightest_robot"]
 

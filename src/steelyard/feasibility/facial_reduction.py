@@ -16,9 +16,8 @@ import scipy.sparse as sparse
 
 from steelyard.conic import Cone, ConicProblem
 
-from .repeated import RepeatedProblem
-from .round_problem import ACCURACY, Ball, DualPoint, RoundProblem
-from .section import BlockGroup, null_space
+from .bounds.normalised_problem import ACCURACY, Ball, DualPoint, RepeatedProblem, RoundProblem
+from .bounds.slice import BlockGroup, null_space
 
 __all__ = ["BoundedFace", "bounded_face"]
 

@@ -5,8 +5,7 @@ import pytest
 
 from steelyard.dynamics import Model
 from steelyard.errors import InputError
-from steelyard.feasibility import CenterOfMassBox, DensityInBox, FeasibleSet, TotalMass
-from steelyard.feasibility.insight import parameter_intervals
+from steelyard.feasibility import CenterOfMassBox, DensityInBox, FeasibleSet, TotalMass, parameter_intervals
 from steelyard.robot import Robot
 
 INFINITE = float("inf")

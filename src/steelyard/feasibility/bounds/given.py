@@ -10,11 +10,11 @@ from steelyard.errors import InputError, SolverError
 
 from ..check import check
 from ..feasible_set import FeasibleSet
-from .bounds import BoundFinder
-from .center import middle_of
-from .nearest import light_point, nearest_feasible
-from .region import ConfidenceRegion
-from .section import Section
+from ..nearest_point import light_point, nearest_feasible
+from .analytic_center import middle_of
+from .bound_finder import BoundFinder
+from .confidence_region import ConfidenceRegion
+from .slice import Section
 
 __all__ = ["Given", "given_base", "given_region"]
 

@@ -5,7 +5,7 @@ from collections.abc import Iterator
 import numpy as np
 import numpy.typing as npt
 
-from .center import Middle
+from .analytic_center import Middle
 
 __all__ = ["DualBound"]
 

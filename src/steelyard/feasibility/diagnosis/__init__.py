@@ -1,0 +1,13 @@
+"""What infeasibility tells: conditions that contradict each other, and the base parameters at fault (thesis 8.1)."""
+
+from typing import TYPE_CHECKING
+
+from steelyard.first_use import import_at_first_use
+
+if TYPE_CHECKING:
+    from .explanation import BaseParameterDegree as BaseParameterDegree
+    from .explanation import InfeasibilityExplanation as InfeasibilityExplanation
+    from .explanation import explain_infeasibility as explain_infeasibility
+    from .irreducible_subsystem import Conflict as Conflict
+
+__all__ = import_at_first_use(__name__, __file__)
