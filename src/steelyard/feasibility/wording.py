@@ -8,7 +8,7 @@ from decimal import ROUND_CEILING, ROUND_FLOOR, Decimal
 import numpy as np
 import numpy.typing as npt
 
-from steelyard.feasible_set import FeasibleSet
+from .feasible_set import FeasibleSet
 
 __all__ = ["base_expressions", "base_names", "combination", "html_table", "outward", "percent", "plain", "text_table"]
 

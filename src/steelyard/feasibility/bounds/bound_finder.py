@@ -1,7 +1,8 @@
 """Least values of a combination of parameters, or of a ratio of two, over a section of the feasible set.
 
 Every answer has two values: the proved one, below which nothing is (`DualBound`), and the attained one, at parameters
-that were found inside the set. The truth lies between the two."""
+that were found inside the set. The truth lies between the two.
+"""
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
@@ -116,7 +117,7 @@ class Search:
         return inside and lowest > -1e-8 and float(unit @ ray) < -1e-6
 
 
-WIDE = 1e-4
+WIDE_RATIO = 1e-4
 """Gap between the two values of a ratio, relative to it, that is worth another attempt."""
 
 SMALLEST_MASS = 1e-3
@@ -237,7 +238,7 @@ class BoundFinder:
             # Where the mass may vanish, nothing is proved by a bound for masses above the floor.
             proved = -np.inf
         proved += ratio
-        if not ratio + attained - proved <= WIDE * abs(ratio + attained):
+        if not ratio + attained - proved <= WIDE_RATIO * abs(ratio + attained):
             proved = max(proved, self._plain_ratio(row, mass, moments))
         if proved == -np.inf:
             return UNBOUNDED

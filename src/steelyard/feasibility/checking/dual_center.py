@@ -3,7 +3,8 @@
 The function v(W) - Σ log det W_b, with v(W) = Σ <D_b(δ), W_b> for dual points W, has a minimum exactly where the base
 parameters are strictly feasible: there W_b⁻¹ = D_b(δ) for a δ in the middle of its fibre. Otherwise it falls without
 end, and v becomes negative. The function is self-concordant, so that steps do not depend on units, however much
-smaller some links are than others (Nesterov and Nemirovskii 1994; on such dual steps, Benson, Ye and Zhang 2000)."""
+smaller some links are than others (Nesterov and Nemirovskii 1994; on such dual steps, Benson, Ye and Zhang 2000).
+"""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -17,8 +18,7 @@ from steelyard.conic import Cone, ConicProblem, Outcome, solve
 from steelyard.lmi import AffineStack, symmetric_to_vector, vector_to_symmetric
 
 from ..feasible_set import FeasibleSet
-from .exact_dual_point import DualPoint
-from .margin import BlockProblem
+from .margin import BlockProblem, DualPoint
 
 __all__ = ["Centre", "Fibre", "Metric", "centre"]
 

@@ -17,19 +17,12 @@ from ..certificates.statement import Matrix as ExactMatrix
 from ..certificates.verification import LEAST_REACH, LEAST_RELATIVE_REACH
 from ..feasible_set import FeasibleSet
 from .face import DualFace, dual_face, orthogonal
+from .margin import DualPoint
 
-__all__ = ["DualPoint", "least_reach", "prove_infeasible", "prove_infeasible_up_to_a_size"]
+__all__ = ["least_reach", "prove_infeasible", "prove_infeasible_up_to_a_size"]
 
 Vector = npt.NDArray[np.float64]
 Matrix = npt.NDArray[np.float64]
-
-
-@dataclass(frozen=True, eq=False)
-class DualPoint:
-    """W of every block (r, r) on the face, and the multipliers of the equations, in floating point."""
-
-    matrices: tuple[Matrix, ...]
-    multipliers: Vector
 
 
 @dataclass(frozen=True, eq=False)

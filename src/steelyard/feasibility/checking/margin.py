@@ -11,9 +11,8 @@ from steelyard.conic import Cone, ConicProblem, Outcome, solve
 from steelyard.lmi import AffineBlock, AffineStack
 
 from ..feasible_set import FeasibleSet
-from .exact_dual_point import DualPoint
 
-__all__ = ["MARGIN_CAP", "TRACE_BOUND", "BlockProblem", "Margin", "largest_margin", "least_violations"]
+__all__ = ["MARGIN_CAP", "TRACE_BOUND", "BlockProblem", "DualPoint", "Margin", "largest_margin", "least_violations"]
 
 Vector = npt.NDArray[np.float64]
 Matrix = npt.NDArray[np.float64]
@@ -128,6 +127,14 @@ MARGIN_CAP = 1.0
 
 TRACE_BOUND = 1e5
 """Bound on the sum of the traces of all blocks, times the largest |β| (at least 1): keeps the solver's set compact."""
+
+
+@dataclass(frozen=True, eq=False)
+class DualPoint:
+    """W of every block (r, r) on the face, and the multipliers of the equations, in floating point."""
+
+    matrices: tuple[Matrix, ...]
+    multipliers: Vector
 
 
 @dataclass(frozen=True, eq=False)

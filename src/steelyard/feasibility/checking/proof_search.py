@@ -8,9 +8,9 @@ import numpy.typing as npt
 from ..certificates import FeasibilityCertificate, InfeasibilityCertificate
 from ..feasible_set import FeasibleSet
 from .dual_center import Fibre, centre
-from .exact_dual_point import DualPoint, least_reach, prove_infeasible, prove_infeasible_up_to_a_size
+from .exact_dual_point import least_reach, prove_infeasible, prove_infeasible_up_to_a_size
 from .face import dual_face
-from .margin import MARGIN_CAP, TRACE_BOUND, largest_margin
+from .margin import MARGIN_CAP, TRACE_BOUND, DualPoint, largest_margin
 from .witness import SCALED_ACCURACY, proved_witness, raised_witness, scaled_witness
 
 __all__ = ["Decision", "decide"]
