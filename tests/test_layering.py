@@ -95,7 +95,7 @@ def test_files_keep_to_the_plan(place: str) -> None:
 
 WRITERS = {"write_text", "write_bytes", "replace", "rename", "mkstemp", "mkdtemp", "NamedTemporaryFile"}
 # These write into a temporary folder that one program reads, and the trace of a fault.
-SCRATCH = {"csdp.py", "sdpa.py", "generated_code.py", "cli/main.py"}
+SCRATCH = {"external_solver.py", "generated_code.py", "cli/main.py"}
 
 
 def written_without_care(source: str) -> list[str]:

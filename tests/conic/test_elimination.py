@@ -4,7 +4,7 @@ import scipy.linalg
 import scipy.sparse as sparse
 
 from steelyard.conic.elimination import Contradiction, Elimination, eliminate
-from steelyard.conic.quadratic import square_root, squares_of
+from steelyard.conic.rewriting import square_root, squares_of
 
 
 def random_equations(seed):

@@ -11,8 +11,8 @@ from steelyard.conic import (
     Cone,
     Outcome,
     Solver,
+    external_solver,
     find_solver,
-    program,
     register_solver,
     registered_solvers,
     solve,
@@ -169,7 +169,7 @@ def test_missing_program_names_the_package(interval, monkeypatch, tmp_path, name
 )
 def test_programs_that_misbehave(interval, impostor, monkeypatch, name, source, words):
     impostor(source)
-    monkeypatch.setattr(program, "TIME_LIMIT", 0.2 if "sleep" in source else 20.0)
+    monkeypatch.setattr(external_solver, "TIME_LIMIT", 0.2 if "sleep" in source else 20.0)
     with pytest.raises(SolverError, match=words) as caught:
         solve(interval, solver=name)
     assert "\n" not in str(caught.value)

@@ -65,8 +65,6 @@ def path(tmp_path, monkeypatch):
 
 def survive(path, seed, count):
     """Read that many mutated files; the number that still were problems."""
-    from steelyard.conic.sdpa_file import read_program
-
     generator = random.Random(seed)
     problems = 0
     for _ in range(count):
@@ -74,7 +72,7 @@ def survive(path, seed, count):
         path.unlink(missing_ok=True)  # a file that is written over goes to the disk before the next
         path.write_bytes(data)
         try:
-            program = read_program(path)
+            program = SemidefiniteProgram.read(path)
         except InputError as error:
             text = str(error)
             assert text.startswith("mutated.dat-s, line "), data
@@ -104,14 +102,12 @@ def test_100000_mutated_files(path, seed):
 
 
 def test_what_was_read_is_written_and_read_again(path):
-    from steelyard.conic.sdpa_file import read_program
-
     generator = random.Random(99)
     again = 0
     while again < 20:
         path.write_bytes(mutated(generator))
         try:
-            program = read_program(path)
+            program = SemidefiniteProgram.read(path)
         except InputError:
             continue
         twin = SemidefiniteProgram.read(program.write("again.dat-s"))

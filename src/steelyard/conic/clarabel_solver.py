@@ -9,8 +9,9 @@ import scipy.sparse as sparse
 from .accuracy import infeasibility_error, optimality_error
 from .problem import Cone, ConicProblem, ConicSolution, Outcome
 from .scaling import Scaling, equilibrate, scaling_around
+from .solver import FEATURES, Solver
 
-__all__ = ["solve_with_clarabel"]
+__all__ = ["CLARABEL", "solve_with_clarabel"]
 
 _OUTCOMES = {
     "Solved": Outcome.SOLVED,
@@ -197,3 +198,20 @@ def _run(
         solver="Clarabel",
     )
     return solution if scaling is None else scaling.undo(solution)
+
+
+def _version() -> str:
+    import clarabel
+
+    return str(clarabel.__version__)
+
+
+CLARABEL = Solver(
+    name="clarabel",
+    title="Clarabel",
+    description="interior point, default",
+    run=solve_with_clarabel,
+    native=frozenset(FEATURES),
+    version=_version,
+    remedy="pip install clarabel",
+)

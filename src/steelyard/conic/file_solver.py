@@ -2,21 +2,23 @@
 
 from collections.abc import Callable
 from dataclasses import replace
+from functools import partial
 
 import numpy as np
 import numpy.typing as npt
+import scipy.sparse as sparse
 
 from steelyard.errors import SolverError
 
 from .accuracy import dual_error, gap_error, infeasibility_error, least_distance, primal_error, recession_error
-from .phases import infeasibility_problem, recession_problem
-from .problem import ConicProblem, ConicSolution, Outcome
-from .program import Answer, Program, run_program
+from .external_solver import CSDP, DSDP, SDPA, Answer, ExternalSolver, run_program
+from .problem import Cone, ConicProblem, ConicSolution, Outcome
 from .rewriting import Decided, Rewritten, rewrite
 from .scaling import Scaling, equilibrate, scaling_around
 from .semidefinite_program import SemidefiniteProgram
+from .solver import Solver
 
-__all__ = ["solve_with_program"]
+__all__ = ["EXTERNAL_SOLVERS", "infeasibility_problem", "recession_problem", "solve_with_program"]
 
 Vector = npt.NDArray[np.float64]
 
@@ -35,7 +37,9 @@ ATTEMPTS: tuple[tuple[float, float | None], ...] = ((1.0, None), (10.0, 1e-4), (
 second, in units of the point found."""
 
 
-def solve_with_program(program: Program, problem: ConicProblem, accuracy: float, iterations: int) -> ConicSolution:
+def solve_with_program(
+    program: ExternalSolver, problem: ConicProblem, accuracy: float, iterations: int
+) -> ConicSolution:
     """Solve a conic problem through an SDPA file.
 
     The outcome rests on errors measured here, not on the program's word alone: where neither a solution nor a proof of
@@ -44,7 +48,7 @@ def solve_with_program(program: Program, problem: ConicProblem, accuracy: float,
 
     Parameters
     ----------
-    program : Program
+    program : ExternalSolver
     problem : ConicProblem
         Without exponential cones.
     accuracy : float
@@ -68,7 +72,7 @@ def solve_with_program(program: Program, problem: ConicProblem, accuracy: float,
     return balance.undo(found)
 
 
-def _solve_balanced(program: Program, problem: ConicProblem, accuracy: float, iterations: int) -> ConicSolution:
+def _solve_balanced(program: ExternalSolver, problem: ConicProblem, accuracy: float, iterations: int) -> ConicSolution:
     """Rewrite and run."""
     rewritten = rewrite(problem)
     if isinstance(rewritten, Decided):
@@ -116,7 +120,7 @@ def _error(problem: ConicProblem, x: Vector, slack: Vector, z: Vector) -> float:
 
 
 def _solution(
-    program: Program, problem: ConicProblem, x: Vector, slack: Vector, z: Vector, error: float, answer: Answer
+    program: ExternalSolver, problem: ConicProblem, x: Vector, slack: Vector, z: Vector, error: float, answer: Answer
 ) -> ConicSolution:
     """A point, with the outcome that its error deserves."""
     outcome = Outcome.ALMOST_SOLVED if error <= ALMOST_ERROR else Outcome.STOPPED
@@ -125,19 +129,19 @@ def _solution(
     return ConicSolution(outcome, answer.status, x, slack, z, objective, 0, 0.0, program.title)
 
 
-def _no_point(program: Program, problem: ConicProblem, z: Vector, status: str) -> ConicSolution:
+def _no_point(program: ExternalSolver, problem: ConicProblem, z: Vector, status: str) -> ConicSolution:
     nothing = np.full(problem.A.shape[1], np.nan)
     slack = np.full(len(problem.b), np.nan)
     return ConicSolution(Outcome.INFEASIBLE, status, nothing, slack, z, float("nan"), 0, 0.0, program.title)
 
 
-def _no_bound(program: Program, problem: ConicProblem, x: Vector, status: str) -> ConicSolution:
+def _no_bound(program: ExternalSolver, problem: ConicProblem, x: Vector, status: str) -> ConicSolution:
     nothing = np.full(len(problem.b), np.nan)
     slack = -(problem.A @ x)
     return ConicSolution(Outcome.UNBOUNDED, status, x, slack, nothing, -float("inf"), 0, 0.0, program.title)
 
 
-def _decided(program: Program, problem: ConicProblem, decided: Decided) -> ConicSolution:
+def _decided(program: ExternalSolver, problem: ConicProblem, decided: Decided) -> ConicSolution:
     """What needed no program."""
     status = "decided without the program"
     if decided.dual is not None:
@@ -151,7 +155,7 @@ def _decided(program: Program, problem: ConicProblem, decided: Decided) -> Conic
 
 
 def _proof(
-    program: Program, problem: ConicProblem, rewritten: Rewritten, answer: Answer, primal: Vector, dual: Vector
+    program: ExternalSolver, problem: ConicProblem, rewritten: Rewritten, answer: Answer, primal: Vector, dual: Vector
 ) -> ConicSolution | None:
     """The program's proof that there is no point, or no least value, where it holds."""
     if answer.outcome is Outcome.INFEASIBLE:
@@ -166,7 +170,7 @@ def _proof(
 
 
 def _explain(
-    program: Program, problem: ConicProblem, accuracy: float, iterations: int, found: ConicSolution
+    program: ExternalSolver, problem: ConicProblem, accuracy: float, iterations: int, found: ConicSolution
 ) -> ConicSolution:
     """Look for the reason why no solution was found; without one, what was found stands."""
     steps: tuple[tuple[Callable[[ConicProblem], ConicProblem], bool], ...] = (
@@ -191,3 +195,72 @@ def _explain(
             x = answer.primal
             found = _no_bound(program, problem, x / -float(problem.q @ x), found.status)
     return replace(found, iterations=taken, seconds=seconds)
+
+
+def _interior_element(cones: tuple[Cone, ...]) -> Vector:
+    """A vector inside every cone but the zero ones, where it is zero: ones, first unit vectors, unit matrices."""
+    parts = [np.zeros(0)]
+    for cone in cones:
+        part = np.zeros(cone.rows)
+        if cone.kind == "nonnegative":
+            part[:] = 1.0
+        elif cone.kind == "second-order":
+            part[:1] = 1.0
+        elif cone.kind == "semidefinite":
+            part[np.cumsum(np.arange(1, cone.size + 1)) - 1] = 1.0
+        parts.append(part)
+    return np.concatenate(parts)
+
+
+def infeasibility_problem(problem: ConicProblem) -> ConicProblem:
+    """Minimise t subject to A x + s = b + t e, s in K, t ≥ -1, with e inside K.
+
+    It always has points. Where its least value is positive, its dual point proves that the problem has none.
+    """
+    count = problem.A.shape[1]
+    inside = _interior_element(problem.cones)
+    last = sparse.csc_array(np.concatenate([-inside, [-1.0]])[:, None])
+    above = sparse.vstack([problem.A, sparse.csc_array((1, count))])
+    return ConicProblem(
+        P=sparse.csc_array((count + 1, count + 1)),
+        q=np.concatenate([np.zeros(count), [1.0]]),
+        A=sparse.csc_array(sparse.hstack([above, last])),
+        b=np.concatenate([problem.b, [1.0]]),
+        cones=(*problem.cones, Cone("nonnegative", 1)),
+    )
+
+
+def recession_problem(problem: ConicProblem) -> ConicProblem:
+    """Minimise qᵀd subject to -A d in K, P d = 0, qᵀd ≥ -1.
+
+    Zero is a point of it. Where its least value is -1, the problem's objective falls without end along d.
+    """
+    rows, count = problem.A.shape
+    curved = sparse.csc_array(problem.P)
+    A = sparse.vstack([problem.A, curved, sparse.csc_array(-problem.q[None])])
+    return ConicProblem(
+        P=sparse.csc_array((count, count)),
+        q=problem.q,
+        A=sparse.csc_array(A),
+        b=np.concatenate([np.zeros(rows + count), [1.0]]),
+        cones=(*problem.cones, Cone("zero", count), Cone("nonnegative", 1)),
+    )
+
+
+EXTERNAL_SOLVERS = tuple(
+    Solver(
+        name=program.title.lower(),
+        title=program.title,
+        description=program.method,
+        run=partial(solve_with_program, program),
+        native=frozenset({"nonnegative", "semidefinite"}),
+        rewritten=frozenset({"quadratic", "zero", "second-order"}),
+        access="SDPA file",
+        installed=program.installed,
+        version=program.version,
+        remedy=program.remedy,
+        is_package=False,
+    )
+    for program in (CSDP, DSDP, SDPA)
+)
+"""The external programs as solvers by name."""

@@ -12,8 +12,9 @@ import scipy.sparse as sparse
 from .accuracy import infeasibility_error, optimality_error, recession_error
 from .problem import Cone, ConicProblem, ConicSolution, Outcome
 from .scaling import Scaling, equilibrate, scaling_around
+from .solver import FEATURES, Solver
 
-__all__ = ["scs_is_installed", "scs_version", "solve_with_scs"]
+__all__ = ["SCS", "solve_with_scs"]
 
 Indices = npt.NDArray[np.intp]
 Vector = npt.NDArray[np.float64]
@@ -38,18 +39,6 @@ _OUTCOMES = {
     "unbounded": Outcome.UNBOUNDED,
     "unbounded (inaccurate": Outcome.UNBOUNDED,
 }
-
-
-def scs_is_installed() -> bool:
-    """Whether the package can be imported."""
-    return find_spec("scs") is not None
-
-
-def scs_version() -> str:
-    """The package's version."""
-    import scs
-
-    return str(scs.__version__)
 
 
 def solve_with_scs(problem: ConicProblem, accuracy: float = 1e-8, iterations: int = 200) -> ConicSolution:
@@ -206,3 +195,21 @@ def _arrangement(cones: tuple[Cone, ...]) -> tuple[Indices, dict[str, Any]]:
 
 _KINDS = ("zero", "nonnegative", "second-order", "semidefinite", "exponential")
 """The order in which SCS wants the cones."""
+
+
+def _version() -> str:
+    import scs
+
+    return str(scs.__version__)
+
+
+SCS = Solver(
+    name="scs",
+    title="SCS",
+    description="first order",
+    run=solve_with_scs,
+    native=frozenset(FEATURES),
+    installed=lambda: find_spec("scs") is not None,
+    version=_version,
+    remedy="pip install 'steelyard[scs]'",
+)
