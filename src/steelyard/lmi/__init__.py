@@ -13,14 +13,14 @@ if TYPE_CHECKING:
     from .base_dependent import base_variable_names as base_variable_names
     from .base_dependent import to_base_dependent as to_base_dependent
     from .base_dependent import to_standard as to_standard
-    from .composition import block_diagonal as block_diagonal
     from .expression import LinearExpression as LinearExpression
+    from .expression import as_expression as as_expression
+    from .expression import parse_expression as parse_expression
     from .expression import variables as variables
-    from .expression_reader import as_expression as as_expression
-    from .expression_reader import parse_expression as parse_expression
     from .inequality import LinearMatrixInequality as LinearMatrixInequality
+    from .inequality import block_diagonal as block_diagonal
+    from .inequality import inequality_of_program as inequality_of_program
     from .least_squares import distance_inequality as distance_inequality
     from .least_squares import residual_inequality as residual_inequality
-    from .sdpa import inequality_of_program as inequality_of_program
 
 __all__ = import_at_first_use(__name__, __file__)

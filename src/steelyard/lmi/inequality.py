@@ -1,35 +1,35 @@
-"""Linear matrix inequalities in named variables."""
+"""Linear matrix inequalities in named variables, and the semidefinite programs that they make."""
 
 from __future__ import annotations
 
+import html
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 
+from steelyard.conic import SemidefiniteProgram
 from steelyard.errors import InputError
 from steelyard.robot.names import suggestion
 
 from .affine import AffineBlock, is_positive_definite
-from .expression import distinct_names
+from .expression import LinearExpression, as_expression, distinct_names
 from .matrices import (
     block_from_coefficients,
     block_of_expressions,
     expressions_of_block,
+    linear_map,
     names_of_matrices,
     read_matrix,
     rearranged,
     same_matrices,
+    values_as_vector,
 )
-from .printing import inequality_html, inequality_latex, inequality_text, summary
-from .values import linear_map, values_as_vector
+from .printing import latex_matrix, matrix_html, matrix_text
 
-if TYPE_CHECKING:
-    from steelyard.conic import SemidefiniteProgram
-
-__all__ = ["LinearMatrixInequality"]
+__all__ = ["LinearMatrixInequality", "block_diagonal", "inequality_of_program"]
 
 Vector = npt.NDArray[np.float64]
 Matrix = npt.NDArray[np.float64]
@@ -37,6 +37,9 @@ ExpressionMatrix = npt.NDArray[Any]
 Values = Mapping[str, Any] | npt.ArrayLike
 
 _SHOWN = 12
+
+_MOST_NUMBERS = 50_000_000
+"""The coefficient matrices of a block may hold this many numbers (400 MB)."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -171,8 +174,6 @@ class LinearMatrixInequality:
     def __and__(self, other: object) -> LinearMatrixInequality:
         if not isinstance(other, LinearMatrixInequality):
             return NotImplemented
-        from .composition import block_diagonal
-
         return block_diagonal(self, other)
 
     def __eq__(self, other: object) -> bool:
@@ -367,6 +368,7 @@ class LinearMatrixInequality:
         Returns
         -------
         SemidefiniteProgram
+            Its matrices are F₀ = -D₀ and Fᵢ = Dᵢ; names of variables and blocks are kept.
             Strict inequalities are taken as they stand, as non-strict ones; see `with_margin`.
 
         Raises
@@ -374,25 +376,165 @@ class LinearMatrixInequality:
         InputError
             If the objective is not affine in the variables of the inequality.
         """
-        from .sdpa import program_of_inequality
-
-        return program_of_inequality(self, objective)
+        if not self.names or not self.blocks:
+            raise InputError(f"{self!r} has no variable or no block; there is nothing to minimise.")
+        parts: list[tuple[npt.NDArray[np.intp], ...]] = []
+        values: list[Vector] = []
+        for place, block in enumerate(self.blocks):
+            # Element (0, 0, 0) of `stacked` belongs to F₀, whose sign is the other one.
+            stacked = np.concatenate([-block.constant[None], block.coefficients])
+            which, row, column = np.nonzero(np.triu(stacked))
+            matrices = np.concatenate([[0], block.indices + 1]).astype(np.intp)[which]
+            parts.append((matrices, np.full(len(row), place, dtype=np.intp), row, column))
+            values.append(stacked[which, row, column])
+        joined = [np.concatenate(part) for part in zip(*parts, strict=True)]
+        value = np.concatenate(values)
+        order = np.lexsort((joined[3], joined[2], joined[1], joined[0]))
+        matrix, where, row, column = (part[order] for part in joined)
+        return SemidefiniteProgram(
+            cost=_cost(objective, self.names),
+            block_sizes=tuple(block.size for block in self.blocks),
+            matrix=matrix,
+            block=where,
+            row=row,
+            column=column,
+            value=value[order],
+            variable_names=self.names,
+            block_names=tuple(block.name for block in self.blocks),
+        )
 
     # How it is shown
 
     def pretty(self, most: int = _SHOWN) -> str:
         """The matrices with their expressions; rows and columns beyond `most` become dots."""
-        return inequality_text(self, most)
+        sign = "≻ 0" if self.strict else "⪰ 0"
+        matrices = zip(self.blocks, self.expressions, strict=True)
+        return "\n".join(f"{block.name}:\n{matrix_text(matrix, most)} {sign}" for block, matrix in matrices)
 
     def latex(self, most: int = _SHOWN) -> str:
         """The matrices in LaTeX, one a line, to stand in a ``gather`` or ``aligned``."""
-        return inequality_latex(self, most)
+        sign = r"\succ 0" if self.strict else r"\succeq 0"
+        return " \\\\\n".join(f"{latex_matrix(matrix, most)} {sign}" for matrix in self.expressions)
 
     def __str__(self) -> str:
         return self.pretty()
 
     def __repr__(self) -> str:
-        return summary(self)
+        sizes = [block.size for block in self.blocks]
+        if len(sizes) > 6 or not sizes:
+            orders = f"of {self.size} rows in all"
+        else:
+            *first, last = map(str, sizes)
+            orders = f"of orders {', '.join(first)} and {last}" if first else f"of order {last}"
+        plural = "" if len(sizes) == 1 else "s"
+        shown = f"{len(self.names)} variables" if len(self.names) > 8 else ", ".join(self.names) or "no variables"
+        strict = ", strict" if self.strict else ""
+        return f"LinearMatrixInequality({len(sizes)} block{plural}, {orders}, in {shown}{strict})"
 
     def _repr_html_(self) -> str:
-        return inequality_html(self, _SHOWN)
+        sign = "≻ 0" if self.strict else "⪰ 0"
+        parts = "".join(
+            f"<p>{html.escape(block.name)} {sign}</p>{matrix_html(matrix, _SHOWN)}"
+            for block, matrix in zip(self.blocks, self.expressions, strict=True)
+        )
+        return f"<p>{html.escape(repr(self))}</p>{parts}"
+
+
+def block_diagonal(*inequalities: LinearMatrixInequality) -> LinearMatrixInequality:
+    """All of several inequalities as one, block-diagonal; ``a & b`` is the same for two (thesis 3.25).
+
+    Parameters
+    ----------
+    *inequalities : LinearMatrixInequality
+        The variables are all of theirs, by name, in the order of their first appearance. Strict where all are.
+
+    Raises
+    ------
+    InputError
+        Without any, or where strict and non-strict ones are mixed.
+    """
+    if not inequalities:
+        raise InputError("block_diagonal needs at least one inequality.")
+    if len({inequality.strict for inequality in inequalities}) > 1:
+        raise InputError(
+            "strict and non-strict inequalities cannot be put together; give the strict ones a margin with with_margin."
+        )
+    names = tuple(dict.fromkeys(name for inequality in inequalities for name in inequality.names))
+    blocks = tuple(block for inequality in inequalities for block in inequality.with_names(names).blocks)
+    return LinearMatrixInequality(names, blocks, inequalities[0].strict)
+
+
+def _cost(objective: Any, names: tuple[str, ...]) -> Vector:
+    if not isinstance(objective, str | Mapping | LinearExpression) and np.ndim(objective) == 1:
+        return values_as_vector(objective, names)
+    expression = as_expression(objective, names, "objective")
+    return np.array([expression.coefficient(name) for name in names])
+
+
+def inequality_of_program(program: SemidefiniteProgram, names: Sequence[str] | None = None) -> LinearMatrixInequality:
+    """The inequality Σ xᵢ Fᵢ - F₀ ⪰ 0 of a semidefinite program, such as one that was read from an SDPA file.
+
+    Parameters
+    ----------
+    program : SemidefiniteProgram
+    names : sequence of str, optional
+        Of the variables; those of the program where absent, or x1, x2, ... where it has none.
+
+    Returns
+    -------
+    LinearMatrixInequality
+        Each element of a diagonal block is a 1 x 1 block of its own.
+
+    Raises
+    ------
+    InputError
+        If the number of names does not fit, or a block is too large.
+
+    Examples
+    --------
+    >>> program = LinearMatrixInequality.from_matrices([["x", 1], [1, "y"]]).program("x + y")
+    >>> print(inequality_of_program(program))
+    block 1:
+    ⎡ x  1 ⎤
+    ⎣ 1  y ⎦ ⪰ 0
+    """
+    count = len(program.cost)
+    given = names if names is not None else program.variable_names or [f"x{i + 1}" for i in range(count)]
+    variables = distinct_names(given)
+    if len(variables) != count:
+        raise InputError(f"the program has {count} variables, got {len(variables)} names; name each of them.")
+    titles = program.block_names or tuple(f"block {i + 1}" for i in range(len(program.block_sizes)))
+    order = np.argsort(program.block, kind="stable")
+    ends = np.searchsorted(program.block[order], np.arange(len(titles) + 1))
+    blocks: list[AffineBlock] = []
+    for place, (title, size) in enumerate(zip(titles, program.block_sizes, strict=True)):
+        own = order[ends[place] : ends[place + 1]]
+        if size > 0:
+            blocks.append(_block(program, own, np.zeros(len(own), dtype=np.intp), size, title))
+            continue
+        for element in range(-size):
+            chosen = own[program.row[own] == element]
+            label = title if size == -1 else f"{title}, element {element + 1}"
+            blocks.append(_block(program, chosen, np.full(len(chosen), element, dtype=np.intp), 1, label))
+    return LinearMatrixInequality(variables, tuple(blocks))
+
+
+def _block(
+    program: SemidefiniteProgram,
+    entries: npt.NDArray[np.intp],
+    offset: npt.NDArray[np.intp],
+    size: int,
+    label: str,
+) -> AffineBlock:
+    matrix, value = program.matrix[entries], program.value[entries]
+    row, column = program.row[entries] - offset, program.column[entries] - offset
+    used = np.unique(matrix[matrix > 0])
+    if (len(used) + 1) * size**2 > _MOST_NUMBERS:
+        raise InputError(f"{label!r} is of order {size} and depends on {len(used)} variables, which is too large.")
+    constant = np.zeros((size, size))
+    coefficients = np.zeros((len(used), size, size))
+    fixed, free = matrix == 0, matrix > 0
+    constant[row[fixed], column[fixed]] = constant[column[fixed], row[fixed]] = -value[fixed]
+    which = np.searchsorted(used, matrix[free])
+    coefficients[which, row[free], column[free]] = coefficients[which, column[free], row[free]] = value[free]
+    return AffineBlock(label, constant, (used - 1).astype(np.intp), coefficients, "constraint")

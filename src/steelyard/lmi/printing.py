@@ -5,22 +5,11 @@ from __future__ import annotations
 import html
 import re
 from collections.abc import Sequence
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from .expression import LinearExpression, number_text
 
-if TYPE_CHECKING:
-    from .inequality import LinearMatrixInequality
-
-__all__ = [
-    "inequality_html",
-    "inequality_latex",
-    "inequality_text",
-    "latex_matrix",
-    "latex_name",
-    "matrix_text",
-    "summary",
-]
+__all__ = ["latex_matrix", "latex_name", "matrix_html", "matrix_text"]
 
 Matrix = Sequence[Sequence[Any]] | Any
 
@@ -28,44 +17,6 @@ _GREEK = {
     *("alpha", "beta", "gamma", "delta", "epsilon", "zeta", "eta", "theta", "iota", "kappa", "lambda", "mu", "nu"),
     *("xi", "pi", "rho", "sigma", "tau", "upsilon", "phi", "chi", "psi", "omega"),
 }
-
-
-def summary(inequality: LinearMatrixInequality) -> str:
-    """Orders of the blocks and names of the variables, in a line."""
-    sizes = [block.size for block in inequality.blocks]
-    if len(sizes) > 6 or not sizes:
-        orders = f"of {inequality.size} rows in all"
-    else:
-        *first, last = map(str, sizes)
-        orders = f"of orders {', '.join(first)} and {last}" if first else f"of order {last}"
-    plural = "" if len(sizes) == 1 else "s"
-    names = inequality.names
-    shown = f"{len(names)} variables" if len(names) > 8 else ", ".join(names) or "no variables"
-    strict = ", strict" if inequality.strict else ""
-    return f"LinearMatrixInequality({len(sizes)} block{plural}, {orders}, in {shown}{strict})"
-
-
-def inequality_text(inequality: LinearMatrixInequality, most: int) -> str:
-    """Name and matrix of each block."""
-    sign = "≻ 0" if inequality.strict else "⪰ 0"
-    matrices = zip(inequality.blocks, inequality.expressions, strict=True)
-    return "\n".join(f"{block.name}:\n{matrix_text(matrix, most)} {sign}" for block, matrix in matrices)
-
-
-def inequality_latex(inequality: LinearMatrixInequality, most: int) -> str:
-    """The matrices, one a line."""
-    sign = r"\succ 0" if inequality.strict else r"\succeq 0"
-    return " \\\\\n".join(f"{latex_matrix(matrix, most)} {sign}" for matrix in inequality.expressions)
-
-
-def inequality_html(inequality: LinearMatrixInequality, most: int) -> str:
-    """Summary, then name and matrix of each block."""
-    sign = "≻ 0" if inequality.strict else "⪰ 0"
-    parts = "".join(
-        f"<p>{html.escape(block.name)} {sign}</p>{_matrix_html(matrix, most)}"
-        for block, matrix in zip(inequality.blocks, inequality.expressions, strict=True)
-    )
-    return f"<p>{html.escape(summary(inequality))}</p>{parts}"
 
 
 def matrix_text(matrix: Matrix, most: int) -> str:
@@ -118,7 +69,7 @@ def latex_name(name: str) -> str:
     return f"{head}_{{{_escaped(index)}}}" if index else head
 
 
-def _matrix_html(matrix: Matrix, most: int) -> str:
+def matrix_html(matrix: Matrix, most: int) -> str:
     """An HTML table."""
     rows = _shortened(matrix, most, "⋯", "⋮", "⋱")
     body = "".join(f"<tr>{''.join(f'<td>{html.escape(str(x))}</td>' for x in row)}</tr>" for row in rows)
