@@ -12,7 +12,7 @@ from batches import Shapes, drawn, leading_shapes, one_by_one, single_beside, sm
 
 import steelyard as sy
 from steelyard.codegen import Project, casadi_function, generate, jax_function
-from steelyard.dynamics.project import model_project
+from steelyard.dynamics.model_source import model_project
 from steelyard.graph import Argument, Function, Graph, Output
 
 from .conftest import project_of
@@ -30,7 +30,7 @@ def model() -> sy.Model:
 @pytest.fixture(scope="module")
 def project(model: sy.Model) -> Project:
     """All the functions, gravity an argument as well."""
-    return model_project(model, FUNCTIONS, gravity="argument")
+    return model_project(model._functions, FUNCTIONS, gravity="argument")
 
 
 @pytest.fixture

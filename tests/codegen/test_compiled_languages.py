@@ -10,7 +10,7 @@ import pytest
 
 import steelyard as sy
 from steelyard.codegen import Project, generate
-from steelyard.codegen.rust_square_root import SQUARE_ROOT
+from steelyard.codegen.rust import SQUARE_ROOT
 from steelyard.graph import Argument, Function, Graph, Kernel, Output, cos, sin
 
 from .conftest import (

@@ -63,9 +63,9 @@ def test_the_same_bytes_in_another_process() -> None:
     code = (
         "import hashlib, numpy as np, steelyard as sy\n"
         "from steelyard.codegen import files\n"
-        "from steelyard.dynamics.project import model_project\n"
+        "from steelyard.dynamics.model_source import model_project\n"
         "model = sy.Model(sy.Robot.from_dh([(0, 1, 0, 'q'), ('pi/2', 0, 0, 'q')]).with_terms(sy.Viscous()))\n"
-        "project = model_project(model, ['inverse_dynamics', 'regressor'])\n"
+        "project = model_project(model._functions, ['inverse_dynamics', 'regressor'])\n"
         f"for language in {SCRIPTS!r}:\n"
         "    texts = files(project, language)\n"
         "    print(language, hashlib.sha256(repr(sorted(texts.items())).encode()).hexdigest())"

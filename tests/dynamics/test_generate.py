@@ -7,7 +7,8 @@ import numpy as np
 import pytest
 
 import steelyard as sy
-from steelyard.dynamics.project import possible_parameters
+from steelyard.dynamics.layout import ParameterLayout
+from steelyard.dynamics.model_source import possible_parameters
 
 
 @pytest.fixture
@@ -31,7 +32,7 @@ def test_generated_python_computes_what_the_model_does(arm, tmp_path):
     module = module_of(arm.generate("python", names, directory=tmp_path, gravity="argument"))
     random = np.random.default_rng(0)
     q, dq, ddq = random.normal(size=(3, 3))
-    delta, down = possible_parameters(arm, 3), np.array([1.0, -2.0, 3.0])
+    delta, down = possible_parameters(ParameterLayout(arm.robot), 3), np.array([1.0, -2.0, 3.0])
     code = (
         f"import numpy as np, sys; sys.path.insert(0, {str(module.parent)!r}); import {module.stem} as m\n"
         f"q, dq, ddq = np.array({q.tolist()}), np.array({dq.tolist()}), np.array({ddq.tolist()})\n"
@@ -44,7 +45,7 @@ def test_generated_python_computes_what_the_model_does(arm, tmp_path):
 
 
 def test_an_estimate_in_the_code_leaves_no_argument_and_fewer_operations(arm):
-    delta = possible_parameters(arm)
+    delta = possible_parameters(ParameterLayout(arm.robot))
     free, fixed = arm.function("inverse_dynamics"), arm.function("inverse_dynamics", parameters=delta)
     assert [a.name for a in fixed.arguments] == ["q", "dq", "ddq"]
     assert fixed.operation_count["mul"] < free.operation_count["mul"]

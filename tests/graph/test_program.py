@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from steelyard.graph import Argument, Function, Graph, Kernel, ObjectCache, Output, cos, sign, sin
-from steelyard.graph.program import Program
+from steelyard.graph.llvm import Program
 
 NO_CACHE = ObjectCache(None)
 ARGUMENTS = (Argument("x", 5), Argument("p", 4, uniform=True), Argument("y", 9))

@@ -1,4 +1,4 @@
-"""What a function's arguments and outputs are, as lines for comments, plain or in Markdown."""
+"""What a project's functions, arguments and outputs are: lines for comments, and the README."""
 
 from __future__ import annotations
 
@@ -9,10 +9,10 @@ from typing import TYPE_CHECKING
 
 from steelyard.graph import Argument, Function, Output
 
-from .text import comment_text, markdown_text
+from .naming import NamedFunction, shared_arguments
+from .text import comment_text, markdown_text, marker
 
 if TYPE_CHECKING:
-    from .naming import NamedFunction
     from .project import Project
 
 __all__ = [
@@ -25,8 +25,8 @@ __all__ = [
     "function_lines",
     "operations_line",
     "output_lines",
+    "readme",
     "shape_text",
-    "shared_arguments",
 ]
 
 Element = Callable[[str, int], str]
@@ -98,31 +98,6 @@ def operations_line(function: Function) -> str:
     count = function.operation_count
     parts = [f"{count[kind]} {word[count[kind] > 1]}" for kind, word in words.items() if count[kind]]
     return f"Operations: {', '.join(parts) or 'none'}."
-
-
-def shared_arguments(project: Project) -> tuple[Argument, ...]:
-    """Return the arguments that mean the same in all the functions that have them: documented once for all.
-
-    Parameters
-    ----------
-    project : Project
-
-    Returns
-    -------
-    tuple of Argument
-        In order of appearance.
-    """
-    found: dict[str, Argument] = {}
-    different: set[str] = set()
-    for function in project.functions:
-        for argument in function.arguments:
-            if _meaning(found.setdefault(argument.name, argument)) != _meaning(argument):
-                different.add(argument.name)
-    return tuple(argument for name, argument in found.items() if name not in different)
-
-
-def _meaning(argument: Argument) -> tuple[object, ...]:
-    return (argument.width, argument.description, argument.elements)
 
 
 def argument_lines(
@@ -248,3 +223,97 @@ def elements_lines(
             name = next(f.names[argument.name] for f in functions if argument.name in f.names)
             lines += ["", *argument_lines(argument, name, element, prose=prose)]
     return ["Elements of the arguments, which are the same in all the functions:", *lines] if lines else []
+
+
+# The README of a generated project.
+
+
+def readme(
+    project: Project,
+    language: str,
+    files: Mapping[str, str],
+    use: Sequence[str],
+    functions: Sequence[NamedFunction],
+    element: Callable[[str, int], str],
+    layout: str = "Matrices are stored row by row: element (i, j) of `M` with n columns is `M[n * i + j]`.",
+) -> str:
+    """Return the README.md of a project.
+
+    Parameters
+    ----------
+    project : Project
+    language : str
+        Its name for people.
+    files : mapping
+        What each file is, by path.
+    use : sequence of str
+        Markdown lines: how to build, test and call.
+    functions : sequence of NamedFunction
+    element : callable
+        As in :class:`~steelyard.codegen.Syntax`.
+    layout : str
+        How an output of several dimensions is stored.
+    """
+    lines = [
+        f"<!-- {marker(project.version)} -->",
+        "",
+        f"# {markdown_text(project.name) or 'Robot'}, in {language}",
+        "",
+    ]
+    if markdown_text(project.description):
+        lines += [markdown_text(project.description), ""]
+    lines += ["| File | What it is |", "|---|---|"]
+    lines += [f"| `{name}` | {what} |" for name, what in files.items()]
+    lines += ["", "## Use", "", *use, ""]
+    lines += [
+        "## Accuracy",
+        "",
+        "The self-test holds reference inputs and outputs. Each output must come within 1e-12 of its largest",
+        "reference value; where an output is the small difference of large numbers, within what their rounding",
+        "amounts to. The operations and their order are the same in every language. Compilers that contract",
+        "`a * b + c` into one fused operation, and libraries with another sine, change results by rounding alone,",
+        "within the same tolerance.",
+        "",
+        "## Functions",
+        "",
+        layout,
+        "",
+    ]
+    shared = shared_arguments(project)
+    known = {argument.name for argument in shared}
+    for named in functions:
+        lines += _function(named, known, element)
+    tables = [table for argument in shared for table in _elements(argument, _called(argument, functions), element)]
+    if tables:
+        lines += ["## Elements of the arguments", "", *tables]
+    return "\n".join(lines).rstrip("\n") + "\n"
+
+
+def _called(argument: Argument, functions: Sequence[NamedFunction]) -> str:
+    return next(named.names[argument.name] for named in functions if argument in named.function.arguments)
+
+
+def _function(named: NamedFunction, known: set[str], element: Callable[[str, int], str]) -> list[str]:
+    function = named.function
+    lines = [f"### `{named.name}`", ""]
+    if markdown_text(function.description):
+        lines += [markdown_text(function.description), ""]
+    lines += ["| | Name | Size | What it is |", "|---|---|---|---|"]
+    for argument in function.arguments:
+        name, text = named.names[argument.name], markdown_text(argument.description)
+        lines.append(f"| in | `{name}` | {counted(argument.width)} | {text} |")
+    for output in function.outputs:
+        name, text = named.names[output.name], markdown_text(output.description)
+        lines.append(f"| out | `{name}` | {shape_text(output)} | {text} |")
+    lines += ["", operations_line(function), ""]
+    for argument in function.arguments:
+        if argument.name not in known:
+            lines += _elements(argument, named.names[argument.name], element)
+    return lines
+
+
+def _elements(argument: Argument, name: str, element: Callable[[str, int], str]) -> list[str]:
+    if not argument.elements:
+        return []
+    rows = [f"| `{element(name, k)}` | {markdown_text(text)} |" for k, text in enumerate(argument.elements)]
+    return [f"| Element of `{name}` | What it is |", "|---|---|", *rows, ""]

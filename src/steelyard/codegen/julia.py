@@ -10,10 +10,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from .assignments import Syntax, listing
-from .documentation import MARKDOWN, elements_lines, function_lines, shared_arguments
-from .naming import NamedFunction, naming, project_name
-from .readme import readme
-from .shadowing import shadowing
+from .documentation import MARKDOWN, elements_lines, function_lines, readme
+from .naming import NamedFunction, naming, project_name, shadowing, shared_arguments
 from .text import Names, comment_lines, marker, number, number_lines, wrapped_lines
 
 if TYPE_CHECKING:

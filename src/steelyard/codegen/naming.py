@@ -2,19 +2,18 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
-from steelyard.graph import Function
+from steelyard.graph import Argument, Function
 
-from .documentation import shared_arguments
 from .text import Names, identifier
 
 if TYPE_CHECKING:
     from .project import Project
 
-__all__ = ["NamedFunction", "Naming", "Size", "Sizes", "naming", "project_name"]
+__all__ = ["NamedFunction", "Naming", "Size", "Sizes", "naming", "project_name", "shadowing", "shared_arguments"]
 
 
 @dataclass(frozen=True)
@@ -147,3 +146,68 @@ def _sizes(project: Project, scope: Names, style: Callable[[str], str]) -> Sizes
                 declare(f"{words}_rows", output.shape[0])
                 declare(f"{words}_columns", output.shape[1])
     return Sizes(tuple(declared), of)
+
+
+def shared_arguments(project: Project) -> tuple[Argument, ...]:
+    """Return the arguments that mean the same in all the functions that have them: documented once for all.
+
+    Parameters
+    ----------
+    project : Project
+
+    Returns
+    -------
+    tuple of Argument
+        In order of appearance.
+    """
+    found: dict[str, Argument] = {}
+    different: set[str] = set()
+    for function in project.functions:
+        for argument in function.arguments:
+            if _meaning(found.setdefault(argument.name, argument)) != _meaning(argument):
+                different.add(argument.name)
+    return tuple(argument for name, argument in found.items() if name not in different)
+
+
+def _meaning(argument: Argument) -> tuple[object, ...]:
+    return (argument.width, argument.description, argument.elements)
+
+
+# Names inside functions for languages where an argument may hide a function of the same name.
+
+
+def shadowing(found: Naming, reserved: Iterable[str]) -> tuple[NamedFunction, ...]:
+    """Name arguments and outputs anew: they may be called like functions, but not like sizes and reserved words.
+
+    So ``gravity`` is the argument of ``inverse_dynamics`` also where there is a function ``gravity``.
+
+    Parameters
+    ----------
+    found : Naming
+    reserved : iterable of str
+        What the bodies of the functions use.
+
+    Returns
+    -------
+    tuple of NamedFunction
+
+    Examples
+    --------
+    >>> from steelyard.codegen import Project
+    >>> from steelyard.codegen.naming import naming
+    >>> from steelyard.graph import Argument, Function, Graph, Output
+    >>> g = Graph().inputs("gravity", 3)
+    >>> gravity = Function("gravity", (Argument("gravity", 3),), (Output("class", (), (g[0],)),))
+    >>> found = naming(Project("r", (gravity,), "", (), {}, ""), Names({"class"}), style=str.upper)
+    >>> found.functions[0].names, shadowing(found, {"class"})[0].names
+    ({'gravity': 'gravity_2', 'class': 'class_'}, {'gravity': 'gravity', 'class': 'class_'})
+    """
+    words = {*reserved, *(size.name for size in found.sizes.declared)}
+    functions = []
+    for named in found.functions:
+        scope = Names(words)
+        function = named.function
+        wanted = [a.name for a in function.arguments] + [o.name for o in function.outputs]
+        names = {item: scope.take(item) for item in wanted}
+        functions.append(NamedFunction(function, named.name, names, scope))
+    return tuple(functions)

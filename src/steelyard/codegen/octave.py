@@ -9,9 +9,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from .assignments import Syntax, listing
-from .documentation import elements_lines, function_lines
+from .documentation import elements_lines, function_lines, readme
 from .naming import NamedFunction, naming, project_name
-from .readme import readme
 from .text import Names, comment_lines, marker, number, number_lines
 
 if TYPE_CHECKING:

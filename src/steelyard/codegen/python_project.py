@@ -5,24 +5,82 @@ from __future__ import annotations
 import keyword
 import sys
 from abc import ABC, abstractmethod
+from collections.abc import Sequence
 from typing import TYPE_CHECKING, ClassVar
 
+import numpy as np
+from numpy.typing import NDArray
+
 from .assignments import Listing, Syntax, listing
-from .documentation import elements_lines, operations_line, shape_text, shared_arguments
-from .naming import NamedFunction, naming, project_name
-from .python_self_test import python_self_test
-from .readme import readme
-from .shadowing import shadowing
-from .text import Names, comment_lines, comment_text, marker, number
+from .documentation import elements_lines, operations_line, readme, shape_text
+from .naming import NamedFunction, naming, project_name, shadowing, shared_arguments
+from .text import Names, comment_lines, comment_text, marker, number, number_lines
 
 if TYPE_CHECKING:
-    from collections.abc import Sequence
-
     from steelyard.graph import Argument, Output
 
     from .project import Project
 
-__all__ = ["PythonProject", "shape_literal"]
+__all__ = ["PythonProject", "python_self_test", "shape_literal"]
+
+_CHECK = '''
+class ReferenceValues(unittest.TestCase):
+    """Each function must give its reference values."""
+
+    def check(self, function, samples, expected, tolerances):
+        for arrays, values in zip(samples, expected):
+            results = evaluated(function, arrays)
+            self.assertEqual(len(results), len(values))
+            for result, value, tolerance in zip(results, values, tolerances):
+                self.assertEqual(len(result), len(value))
+                for k, (x, y) in enumerate(zip(result, value)):
+                    message = f"element {k} is {x!r}, expected {y!r} within {tolerance}"
+                    self.assertTrue(abs(x - y) <= tolerance, message)
+'''
+
+
+def python_self_test(project: Project, module: str, functions: Sequence[NamedFunction], comparison: list[str]) -> str:
+    """Return the file that compares the functions of a module with their reference values.
+
+    Parameters
+    ----------
+    project : Project
+    module : str
+    functions : sequence of NamedFunction
+    comparison : list of str
+        Imports ``module`` and defines ``evaluated``.
+    """
+    lines = [
+        f"# {marker(project.version)}",
+        f'"""Compare the functions of {module} with reference values: python -m unittest."""',
+        "",
+        "import unittest",
+        "",
+        *comparison,
+        "",
+        *_CHECK.rstrip("\n").split("\n"),
+    ]
+    for k, named in enumerate(functions):
+        reference = project.references[named.function.name]
+        lines += ["", f"    def test_{k + 1}_{named.name}(self):"]
+        for name, arrays in (("samples", reference.inputs), ("expected", reference.outputs)):
+            lines.append(f"        {name} = [")
+            for sample in range(reference.samples):
+                lines += ["            [", *_rows([array[sample] for array in arrays]), "            ],"]
+            lines.append("        ]")
+        tolerances = ", ".join(map(number, reference.tolerances))
+        lines.append(f"        self.check(module.{named.name}, samples, expected, [{tolerances}])")
+    return "\n".join([*lines, "", "", 'if __name__ == "__main__":', "    unittest.main()"]) + "\n"
+
+
+def _rows(arrays: Sequence[NDArray[np.float64]]) -> list[str]:
+    lines: list[str] = []
+    for array in arrays:
+        lines += ["                [", *number_lines(array, " " * 20), "                ],"]
+    return lines
+
+
+# What Python projects have in common: a module, its self-test, a package description, a README.
 
 # A module of one of these names would hide another one, or be a folder of the build.
 _MODULES = """

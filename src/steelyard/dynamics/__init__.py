@@ -8,7 +8,7 @@ if TYPE_CHECKING:
     from .base_parameters import BaseParameters as BaseParameters
     from .conditions import ModelCondition as ModelCondition
     from .model import Model as Model
-    from .project import DEFAULT_FUNCTIONS as DEFAULT_FUNCTIONS
+    from .model_source import DEFAULT_FUNCTIONS as DEFAULT_FUNCTIONS
     from .terms import Coulomb as Coulomb
     from .terms import MotorSide as MotorSide
     from .terms import Offset as Offset

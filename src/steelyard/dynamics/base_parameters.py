@@ -13,11 +13,9 @@ from numpy.typing import ArrayLike, NDArray
 
 from steelyard.robot import Robot
 
-from .drive_effects import TermColumns, term_columns
 from .exact_placement import ExactMatrix, robot_with_right_angles
 from .layout import ParameterLayout
-from .row_space import Row
-from .unidentifiable import UPPER_TRIANGLE, Unidentifiable, unidentifiable
+from .unidentifiable import UPPER_TRIANGLE, Row, TermColumns, Unidentifiable, term_columns, unidentifiable
 
 __all__ = ["BaseParameters", "base_parameters_of", "model_base_parameters"]
 

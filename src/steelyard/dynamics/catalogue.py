@@ -12,7 +12,8 @@ from steelyard.errors import InputError
 from steelyard.graph import Node, jacobian
 from steelyard.robot import Robot, Term
 
-from . import energy, jacobians
+from . import jacobians
+from . import regressor as energy
 from .coriolis_matrix import coriolis_matrix
 from .derivatives import inverse_dynamics_derivatives
 from .forward_dynamics import articulated_body, solve_inertia

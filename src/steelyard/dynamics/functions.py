@@ -1,11 +1,11 @@
-"""The functions of a model: recorded as expression graphs, and compiled when they are first used."""
+"""The functions of a model: recorded as expression graphs, compiled at their first use, and called with arrays."""
 
 from __future__ import annotations
 
 import difflib
 import json
 import re
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -20,10 +20,49 @@ from .base_parameters import BaseParameters
 from .catalogue import CATALOGUE, Entry, forward_dynamics_function
 from .layout import ParameterLayout
 from .scene import Scene
-from .smooth_sign import SmoothSign
 from .terms import is_known_term
 
-__all__ = ["BaseColumns", "ModelFunctions"]
+__all__ = ["BaseColumns", "Evaluator", "ModelFunctions", "SmoothSign"]
+
+
+class SmoothSign:
+    """The functions of an algebra of graph nodes, with ``x / sqrt(x² + w²)`` for the sign of x.
+
+    At x = w the value is 0.707, at 10 w it is 0.995; the slope at zero is 1 / w. Thesis section 5.1.2 asks for a tight
+    sigmoid; this one needs no exponential, and friction stays passive, because x times it is never negative.
+
+    Parameters
+    ----------
+    width : Node
+        w, positive; rad/s or m/s, of the joint or of the motor.
+
+    Examples
+    --------
+    >>> from steelyard.graph import Graph, evaluate
+    >>> v, w = Graph().inputs("x", 2)
+    >>> [float(s) for s in evaluate([SmoothSign(w).sign(v)], {"x[0]": 3.0, "x[1]": 4.0})]
+    [0.6]
+    """
+
+    def __init__(self, width: graph.Node) -> None:
+        self._square = width * width
+
+    @staticmethod
+    def sin(x: Any) -> Any:
+        """Return the sine."""
+        return graph.sin(x)
+
+    @staticmethod
+    def cos(x: Any) -> Any:
+        """Return the cosine."""
+        return graph.cos(x)
+
+    def sign(self, x: Any) -> Any:
+        """Return the smooth sign."""
+        return x / graph.sqrt(x * x + self._square)
+
+
+# The functions of a model: recorded as expression graphs, and compiled when they are first used.
 
 GRAVITIES = ("fixed", "argument")
 SIGNS = ("exact", "smooth")
@@ -59,7 +98,7 @@ class ModelFunctions:
     def __init__(self, layout: ParameterLayout, base: Callable[[], BaseParameters]) -> None:
         self.layout = layout
         self.robot = layout.robot
-        self._base = base
+        self.base_parameters = base
         self._kernels: dict[tuple[str, bool, str, str], Kernel] = {}
         self._functions: dict[tuple[str, bool, str, str], Function] = {}
 
@@ -85,7 +124,7 @@ class ModelFunctions:
             identity=self._identity("regressor", True, "fixed", "exact"),
             compact=True,
         )
-        rows, columns = np.divmod(kernel.places, self._base().count)
+        rows, columns = np.divmod(kernel.places, self.base_parameters().count)
         return BaseColumns(kernel, tuple(columns[rows == joint] for joint in range(self.robot.dof)))
 
     def function(
@@ -166,7 +205,7 @@ class ModelFunctions:
 
     def _numbers(self, parameters: ArrayLike, base: bool) -> list[float]:
         values = np.asarray(parameters, dtype=np.float64)
-        size = self._base().count if base else len(self.layout.names)
+        size = self.base_parameters().count if base else len(self.layout.names)
         if values.shape != (size,) or not np.isfinite(values).all():
             kind = "base parameters" if base else "parameters"
             raise InputError(
@@ -189,7 +228,7 @@ class ModelFunctions:
         result = [self._motion_argument(name) for name in names if name in _MOTION_UNITS]
         if "parameters" in entry.arguments:
             if base:
-                expressions = self._base().expressions
+                expressions = self.base_parameters().expressions
                 texts = tuple(f"beta{i + 1} = {text}" for i, text in enumerate(expressions))
                 result.append(Argument("base_parameters", len(texts), True, "base parameters, SI units", texts))
             else:
@@ -228,7 +267,7 @@ class ModelFunctions:
         if "parameters" in entry.arguments:
             given = numbers or scalars.pop("base_parameters" if base else "parameters")
             own: list[Any] = [0.0] * len(self.layout.names)
-            for k, value in zip(self._base().independent if base else range(len(own)), given, strict=True):
+            for k, value in zip(self.base_parameters().independent if base else range(len(own)), given, strict=True):
                 own[k] = value
             scalars["parameters"] = own
         algebra: Any = SmoothSign(scalars["sign_width"][0]) if "sign_width" in scalars else graph
@@ -251,13 +290,13 @@ class ModelFunctions:
         for value in entry.build(scene):
             shape, elements = value.shape, value.elements
             if base and entry.by_parameter:
-                kept = self._base().independent
+                kept = self.base_parameters().independent
                 shape = (*shape[:-1], len(kept))
                 elements = [elements[start + k] for start in range(0, len(elements), width) for k in kept]
             nodes = tuple(recorder.node(element) for element in elements)
             description = value.description
             if entry.by_parameter:
-                columns = self._base().expressions if base else self.layout.names
+                columns = self.base_parameters().expressions if base else self.layout.names
                 description += f"; the columns belong, in order, to {', '.join(columns)}"
             result.append(Output(value.name, shape, nodes, description))
         return tuple(result)
@@ -287,7 +326,7 @@ class ModelFunctions:
             "gravity": [gravity, np.asarray(robot.gravity).tolist()],
             "terms": [term.to_dict() for term in robot.terms],
             "joints": joints,
-            "base": self._base().independent.tolist() if base else None,
+            "base": self.base_parameters().independent.tolist() if base else None,
         }
         return json.dumps(content)
 
@@ -304,3 +343,95 @@ def _operations(outputs: tuple[Output, ...]) -> int:
     nodes: list[Node] = [node for output in outputs for node in output.nodes]
     count = operation_count(nodes)
     return count["mul"] + count["add"] + count["div"]
+
+
+# Calls the compiled functions of a model with whatever arrays a user has.
+
+Array = NDArray[np.float64]
+
+
+class Evaluator:
+    """Checks shapes, flattens batches for the kernels, and shapes what they return.
+
+    Parameters
+    ----------
+    functions : ModelFunctions
+    threads : int
+        How many share a large batch.
+    """
+
+    def __init__(self, functions: ModelFunctions, threads: int = 1) -> None:
+        if not isinstance(threads, int) or threads < 1:
+            raise InputError(f"threads must be a positive integer, got {threads!r}.")
+        self._threads = threads
+        self._functions = functions
+        self._robot = functions.robot
+        self._parameter_count = len(functions.layout.names)
+
+    def __call__(
+        self,
+        function: str,
+        motion: Sequence[ArrayLike],
+        parameters: ArrayLike | None = None,
+        gravity: ArrayLike | None = None,
+        point: ArrayLike | None = None,
+    ) -> Array:
+        """Return the outputs of a function of the catalogue side by side, (..., elements).
+
+        Parameters
+        ----------
+        function : str
+        motion : sequence of array_like
+            (..., N) each.
+        parameters, gravity, point : array_like, optional
+            (n,), (3,) and (3,).
+
+        Raises
+        ------
+        InputError
+            If an array has the wrong shape.
+        """
+        arrays, shape = self._motion(motion)
+        if parameters is not None:
+            arrays.append(self._vector(parameters, self._parameter_count, "parameters"))
+        if point is not None:
+            arrays.append(self._vector(point, 3, "coordinates of a point"))
+        if gravity is not None:
+            arrays.append(self._vector(gravity, 3, "elements of gravity"))
+        kernel = self._functions.kernel(function, gravity="fixed" if gravity is None else "argument")
+        flat = kernel.sample(*arrays)[np.newaxis] if shape == () else kernel(*arrays, threads=self._threads)
+        if kernel.compact:
+            full = np.zeros((len(flat), kernel.signature.size))
+            full[:, kernel.places] = flat
+            flat = full
+        return flat.reshape((*shape, flat.shape[-1]))
+
+    def matrix(self, function: str, motion: Sequence[ArrayLike], parameters: ArrayLike) -> Array:
+        """Return the only output of a function, an (..., N, N) matrix."""
+        flat = self(function, motion, parameters)
+        return flat.reshape((*flat.shape[:-1], self._robot.dof, self._robot.dof))
+
+    def _motion(self, arrays: Sequence[ArrayLike]) -> tuple[list[Array], tuple[int, ...]]:
+        converted = [np.asarray(a, dtype=np.float64) for a in arrays]
+        n = self._robot.dof
+        if all(array.shape == (n,) for array in converted):
+            return converted, ()  # one sample
+        for array in converted:
+            if array.ndim == 0 or array.shape[-1] != n:
+                raise InputError(
+                    f"{self._robot.name} has {n} joints: expected arrays of shape (..., {n}), got {array.shape}."
+                )
+        shape = converted[0].shape
+        if all(array.shape == shape for array in converted):  # the usual case, without the price of broadcasting
+            return [array.reshape(-1, n) for array in converted], shape[:-1]
+        try:
+            shape = np.broadcast_shapes(*(a.shape for a in converted))
+        except ValueError:
+            raise InputError(f"Motion arrays do not fit each other: {[a.shape for a in converted]}.") from None
+        return [np.broadcast_to(a, shape).reshape(-1, n) for a in converted], shape[:-1]
+
+    def _vector(self, values: ArrayLike, size: int, what: str) -> Array:
+        vector = np.asarray(values, dtype=np.float64)
+        if vector.shape != (size,):
+            raise InputError(f"{self._robot.name} has {size} {what}: expected shape ({size},), got {vector.shape}.")
+        return vector

@@ -1,4 +1,4 @@
-"""The regressor of the rigid links in barycentric parameters, written over generic scalars.
+"""Regressors of torque and energy: from the joint axes, and evaluated by NumPy where compiling would not pay.
 
 Each joint's unit motion is carried into the frames of the links beyond it, and meets there the wrench of the link,
 which is linear in its ten parameters. Three of the ten columns of a link that turns say nothing new to the joints
@@ -11,11 +11,21 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import Any
 
-from .kinematics import JointFrame, Vector3, add, cross, dot, is_zero, times, transposed
-from .newton_euler import Motion, link_motions
+import numpy as np
+from numpy.typing import NDArray
+
+from .kinematics import ZERO, JointFrame, Vector3, add, cross, dot, is_zero, joint_frames, scale, times, transposed
+from .layout import ParameterLayout
+from .newton_euler import Motion, link_motions, robot_gravity
 from .regrouping import JointLine, joint_line
 
-__all__ = ["regressor"]
+__all__ = [
+    "kinetic_energy_regressor",
+    "potential_energy_regressor",
+    "regressor",
+    "regressor_with_numpy",
+    "term_torques",
+]
 
 _DIAGONAL = (0, 3, 5)
 _PRODUCT = {(0, 1): 1, (0, 2): 2, (1, 2): 4}
@@ -120,3 +130,94 @@ def regressor(
                 scaled = value if joint.multiplier == 1.0 else joint.multiplier * value
                 entries[key] = entries[key] + scaled if key in entries else scaled
     return entries
+
+
+# The model evaluated with NumPy, sample by sample side by side, where compiling would not pay.
+
+Array = NDArray[np.float64]
+
+
+def regressor_with_numpy(layout: ParameterLayout, q: Array, dq: Array, ddq: Array) -> Array:
+    """Return the regressor (S, N, n) of links and terms at S samples of a motion, (S, N) each."""
+    robot = layout.robot
+    result = np.zeros((len(q), robot.dof, len(layout.names)))
+    frames = joint_frames(robot, list(q.T), np)
+    for (row, column), value in layout.with_links(
+        regressor(frames, list(dq.T), list(ddq.T), robot_gravity(robot))
+    ).items():
+        result[:, row, column] = value
+    for row, column, value in layout.terms(list(q.T), list(dq.T), list(ddq.T), np):
+        result[:, row, column] = value
+    return result
+
+
+def term_torques(layout: ParameterLayout, q: Array, dq: Array, ddq: Array, parameters: Array) -> Array:
+    """Return the torques (S, N) of the terms."""
+    torques = np.zeros_like(q)
+    for row, column, value in layout.terms(list(q.T), list(dq.T), list(ddq.T), np):
+        torques[:, row] += parameters[column] * value
+    return torques
+
+
+# Kinetic and potential energy of the rigid links, linear in their parameters, over generic scalars.
+
+
+def kinetic_energy_regressor(frames: Sequence[JointFrame], dq: Sequence[Any]) -> list[list[Any]]:
+    """Return for each link the ten coefficients of its kinetic energy ``w'L w/2 + v.(w x l) + m v.v/2``, J.
+
+    Parameters
+    ----------
+    frames : sequence of JointFrame
+        The joints at their positions.
+    dq : sequence of scalar
+        N velocities.
+
+    Returns
+    -------
+    list of list of scalar
+    """
+    twists: list[tuple[Vector3, Vector3]] = []
+    rows: list[list[Any]] = []
+    for frame in frames:
+        joint = frame.joint
+        velocity = frame.own(dq)
+        below_w, below_v = twists[joint.parent] if joint.parent >= 0 else (ZERO, ZERO)
+        w = frame.to_link(below_w)
+        v = frame.to_link(add(below_v, cross(below_w, frame.base_point)))
+        if frame.rotates:
+            w = add(w, scale(frame.axis, velocity))
+        else:
+            v = add(v, scale(frame.axis, velocity))
+        v = add(v, cross(w, frame.arm))
+        twists.append((w, v))
+        half = scale(w, 0.5)
+        x, y, z = w
+        rows.append([half[0] * x, x * y, x * z, half[1] * y, y * z, half[2] * z, *cross(v, w), 0.5 * dot(v, v)])
+    return rows
+
+
+def potential_energy_regressor(frames: Sequence[JointFrame], gravity: Vector3) -> list[list[Any]]:
+    """Return for each link the ten coefficients of its potential energy ``-g.(m p + R l)``, J.
+
+    It is zero for mass at the origin of the base frame.
+
+    Parameters
+    ----------
+    frames : sequence of JointFrame
+        The joints at their positions.
+    gravity : Vector3
+        In the base frame, m/s².
+
+    Returns
+    -------
+    list of list of scalar
+    """
+    seen: list[tuple[Vector3, Any]] = []  # gravity in the link frame, and its product with the origin's place
+    rows: list[list[Any]] = []
+    for frame in frames:
+        below, height = seen[frame.joint.parent] if frame.joint.parent >= 0 else (gravity, 0.0)
+        here = frame.to_link(below)
+        height = height + dot(below, frame.base_point) + dot(here, frame.arm)
+        seen.append((here, height))
+        rows.append([0.0] * 6 + [-x for x in here] + [-height])
+    return rows

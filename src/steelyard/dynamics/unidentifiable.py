@@ -16,19 +16,99 @@ ten unknowns for each link, in rational numbers: a rank is not a matter of toler
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from fractions import Fraction
 from functools import cache
 
 import numpy as np
+from numpy.typing import NDArray
 
 from steelyard.robot import Robot
 
 from .exact_placement import ExactMatrix, exact_placement
-from .row_space import Row, RowSpace
+from .layout import ParameterLayout
 
-__all__ = ["UPPER_TRIANGLE", "DriveEffects", "LinkFreedom", "Unidentifiable", "unidentifiable"]
+__all__ = [
+    "UPPER_TRIANGLE",
+    "DriveEffects",
+    "LinkFreedom",
+    "Row",
+    "RowSpace",
+    "TermColumns",
+    "Unidentifiable",
+    "term_columns",
+    "unidentifiable",
+]
+
+Row = dict[int, Fraction]
+
+
+class RowSpace:
+    """The span of rows, each from column to value; the first column of a row, by number, is its pivot.
+
+    Examples
+    --------
+    >>> space = RowSpace()
+    >>> space.add({0: Fraction(2), 1: Fraction(4)}), space.add({0: Fraction(1), 1: Fraction(2)})
+    (True, False)
+    >>> space.rows
+    {0: {0: Fraction(1, 1), 1: Fraction(2, 1)}}
+    """
+
+    def __init__(self) -> None:
+        self.rows: dict[int, Row] = {}
+
+    def __len__(self) -> int:
+        return len(self.rows)
+
+    def add(self, row: Row) -> bool:
+        """Add a row; False where it lies in the span already."""
+        rest = dict(row)
+        for pivot in [column for column in rest if column in self.rows]:
+            subtract(rest, rest[pivot], self.rows[pivot])
+        rest = {column: value for column, value in rest.items() if value}
+        if not rest:
+            return False
+        pivot = min(rest)
+        factor = rest[pivot]
+        rest = {column: value / factor for column, value in rest.items()}
+        for other in self.rows.values():
+            if pivot in other:
+                subtract(other, other[pivot], rest)
+        self.rows[pivot] = rest
+        return True
+
+    def close(self, generator: Callable[[Row], Row]) -> RowSpace:
+        """Add all that a linear map makes of the rows, until nothing new comes; returns itself."""
+        waiting = [dict(row) for row in self.rows.values()]
+        while waiting:
+            image = generator(waiting.pop())
+            if self.add(image):
+                waiting.append(image)
+        return self
+
+    def null_vectors(self, columns: Iterable[int]) -> list[Row]:
+        """A basis of the vectors over these columns that are orthogonal to every row."""
+        found = []
+        for free in columns:
+            if free not in self.rows:
+                vector = {pivot: -row[free] for pivot, row in self.rows.items() if free in row}
+                found.append({free: Fraction(1), **vector})
+        return found
+
+
+def subtract(row: Row, factor: Fraction, other: Row) -> None:
+    """Take a multiple of another row away, in place."""
+    for column, value in other.items():
+        changed = row.get(column, Fraction(0)) - factor * value
+        if changed:
+            row[column] = changed
+        else:
+            row.pop(column, None)
+
+
+# Which changes of parameters leave all torques of a tree of joints as they are, in exact arithmetic.
 
 UPPER_TRIANGLE = tuple((i, j) for i in range(4) for j in range(i, 4))
 _ONE, _ZERO = Fraction(1), Fraction(0)
@@ -320,3 +400,87 @@ def _joined(first: ExactMatrix, second: ExactMatrix) -> ExactMatrix:
         (*row[:3], old[3] if row[3] else _ZERO) if i < 3 else row
         for i, (row, old) in enumerate(zip(cleaned, product, strict=True))
     )
+
+
+# What the columns of terms are: constant torques, constant inertias, or odd in the velocities.
+
+Array = NDArray[np.float64]
+_SAMPLES = 12
+_ROUNDING = 1e-12
+
+
+@dataclass(frozen=True, eq=False)
+class TermColumns:
+    """The columns of the terms, sorted by what they do.
+
+    Attributes
+    ----------
+    regular : tuple of int
+        Columns of the regressor that are constant torques or constant inertias.
+    effects : DriveEffects
+        Of these, in their order.
+    odd : tuple of int
+        Columns that change their sign with the velocities, as friction does; no link does that.
+    others : tuple of int
+        All others, such as springs.
+    """
+
+    regular: tuple[int, ...]
+    effects: DriveEffects
+    odd: tuple[int, ...]
+    others: tuple[int, ...]
+
+
+def term_columns(layout: ParameterLayout, random: np.random.Generator) -> TermColumns:
+    """Sort the columns of the terms by their values at random motions."""
+    count = layout.robot.dof
+    q, dq, ddq = (random.uniform(-size, size, (_SAMPLES, count)) for size in (np.pi, 3.0, 9.0))
+    forth, back = _columns(layout, q, dq, ddq), _columns(layout, q, -dq, ddq)
+    calm = _columns(layout, q, dq, 0.0 * ddq)
+    units = _columns(layout, np.repeat(q[:1], count, 0), np.repeat(dq[:1], count, 0), np.eye(count))
+    torques: dict[int, Row] = {}
+    inertias: dict[tuple[int, int], Row] = {}
+    regular: list[int] = []
+    odd: list[int] = []
+    others: list[int] = []
+    for column in sorted(forth):
+        values, place = forth[column], len(regular)
+        size = max(float(np.abs(value).max()) for value in values.values())
+        constant = all(np.all(value == value[0]) for value in values.values())
+        matrix = {(i, j): float(v) for i, row in units[column].items() for j, v in enumerate(row) if v}
+        if constant:
+            regular.append(column)
+            for row, value in values.items():
+                if value[0]:
+                    torques.setdefault(row, {})[place] = _decimal(value[0])
+        elif all(np.all(v == 0.0) for v in calm[column].values()) and _is_inertia(values, matrix, ddq, size):
+            regular.append(column)
+            for pair, element in matrix.items():
+                inertias.setdefault(pair, {})[place] = _decimal(element)
+        elif all(np.array_equal(value, -back[column][row]) for row, value in values.items()):
+            odd.append(column)
+        else:
+            others.append(column)
+    return TermColumns(tuple(regular), DriveEffects(torques, inertias), tuple(odd), tuple(others))
+
+
+def _columns(layout: ParameterLayout, q: Array, dq: Array, ddq: Array) -> dict[int, dict[int, Array]]:
+    found: dict[int, dict[int, Array]] = {}
+    for row, column, value in layout.terms(list(q.T), list(dq.T), list(ddq.T), np):
+        rows = found.setdefault(column, {})
+        rows[row] = rows.get(row, 0.0) + np.broadcast_to(np.asarray(value, dtype=float), (len(q),))
+    return found
+
+
+def _is_inertia(values: dict[int, Array], matrix: dict[tuple[int, int], float], ddq: Array, size: float) -> bool:
+    if any(abs(matrix.get((j, i), 0.0) - value) > _ROUNDING * size for (i, j), value in matrix.items()):
+        return False
+    expected = {row: np.zeros(len(ddq)) for row in values}
+    for (i, j), value in matrix.items():
+        expected[i] += value * ddq[:, j]
+    return all(np.abs(expected[row] - value).max() <= _ROUNDING * size for row, value in values.items())
+
+
+def _decimal(value: float) -> Fraction:
+    """The decimal number that a float stands for; the last digit or two are what products of decimals leave."""
+    return Fraction(f"{value:.15g}")

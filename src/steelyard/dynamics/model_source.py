@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import replace
-from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -13,10 +12,10 @@ from steelyard import __version__
 from steelyard.codegen import Constant, Project
 from steelyard.errors import InputError
 from steelyard.graph import Function
-from steelyard.robot import Inertia
+from steelyard.robot import Inertia, Robot
 
-if TYPE_CHECKING:
-    from .model import Model
+from .functions import ModelFunctions
+from .layout import ParameterLayout
 
 __all__ = ["DEFAULT_FUNCTIONS", "model_project", "possible_parameters"]
 
@@ -24,17 +23,17 @@ DEFAULT_FUNCTIONS = ("inverse_dynamics", "forward_dynamics", "inertia_matrix", "
 _SAMPLES = 3
 
 
-def possible_parameters(model: Model, seed: int = 0) -> NDArray[np.float64]:
+def possible_parameters(layout: ParameterLayout, seed: int = 0) -> NDArray[np.float64]:
     """Return parameters (n,) that are physically possible, the same for the same seed: a few point masses a link.
 
     Parameters
     ----------
-    model : Model
+    layout : ParameterLayout
     seed : int
     """
     random = np.random.default_rng(seed)
-    values = random.uniform(0.1, 1.0, model.parameter_count)
-    for columns in model.link_columns:
+    values = random.uniform(0.1, 1.0, len(layout.names))
+    for columns in layout.links:
         body = Inertia.zero()
         for _ in range(5):
             body = body + Inertia.from_com(random.uniform(0.1, 1.0), random.uniform(-0.3, 0.3, 3), np.zeros((3, 3)))
@@ -43,8 +42,8 @@ def possible_parameters(model: Model, seed: int = 0) -> NDArray[np.float64]:
 
 
 def model_project(
-    model: Model,
-    functions: Sequence[str],
+    functions: ModelFunctions,
+    names: Sequence[str],
     *,
     base: bool = False,
     gravity: str = "fixed",
@@ -55,8 +54,10 @@ def model_project(
 
     Parameters
     ----------
-    model : Model
-    functions : sequence of str
+    functions : ModelFunctions
+        Of the model.
+    names : sequence of str
+        Of those that the project holds.
     base, gravity, sign, parameters
         See :meth:`steelyard.Model.function`.
 
@@ -65,10 +66,10 @@ def model_project(
     Project
         The reference values of its self-test are of random motions and of parameters that are physically possible.
     """
-    if isinstance(functions, str) or not functions:
-        raise InputError(f"functions must be a sequence of names such as ['inverse_dynamics'], got {functions!r}.")
-    robot, random = model.robot, np.random.default_rng(1)
-    standard = possible_parameters(model)
+    if isinstance(names, str) or not names:
+        raise InputError(f"functions must be a sequence of names such as ['inverse_dynamics'], got {names!r}.")
+    robot, random = functions.robot, np.random.default_rng(1)
+    standard = possible_parameters(functions.layout)
     reference = {name: random.uniform(-2.0, 2.0, (_SAMPLES, robot.dof)) for name in ("q", "dq", "ddq", "tau")}
     reference |= {
         "parameters": np.tile(standard, (_SAMPLES, 1)),
@@ -80,23 +81,24 @@ def model_project(
     constants = [
         Constant("joint_count", robot.dof, "number of joint coordinates"),
         Constant("link_count", len(robot.links), "number of moving links"),
-        Constant("parameter_count", model.parameter_count, "number of standard parameters"),
+        Constant("parameter_count", len(functions.layout.names), "number of standard parameters"),
     ]
     if base:
-        reference["base_parameters"] = np.tile(model.base_parameters().values(standard), (_SAMPLES, 1))
-        constants.append(Constant("base_parameter_count", model.base_parameters().count, "number of base parameters"))
-    if len(set(functions)) < len(functions):
-        twice = next(name for name in functions if list(functions).count(name) > 1)
+        independent = functions.base_parameters()
+        reference["base_parameters"] = np.tile(independent.values(standard), (_SAMPLES, 1))
+        constants.append(Constant("base_parameter_count", independent.count, "number of base parameters"))
+    if len(set(names)) < len(names):
+        twice = next(name for name in names if list(names).count(name) > 1)
         raise InputError(f"functions names {twice!r} twice; name each function once.")
     recorded = (
-        model.function(name, base=base, gravity=gravity, sign=sign, parameters=parameters) for name in functions
+        functions.function(name, base=base, gravity=gravity, sign=sign, parameters=parameters) for name in names
     )
     built = _told_apart(list(recorded))
     used = {argument.name for function in built for argument in function.arguments}
     return Project(
         robot.name,
         built,
-        _description(model, parameters is not None),
+        _description(robot, parameters is not None),
         tuple(constants),
         {name: values for name, values in reference.items() if name in used},
         __version__,
@@ -115,8 +117,7 @@ def _told_apart(functions: Sequence[Function]) -> tuple[Function, ...]:
     return tuple(result)
 
 
-def _description(model: Model, fixed: bool) -> str:
-    robot = model.robot
+def _description(robot: Robot, fixed: bool) -> str:
     x, y, z = robot.gravity
     terms = ", ".join(term.kind.replace("_", " ") for term in robot.terms)
     parts = [
