@@ -10,6 +10,7 @@ import pytest
 
 from steelyard.dynamics import Coulomb, Model, Offset, Viscous
 from steelyard.dynamics.threads import one_thread
+from steelyard.lmi import AffineBlock
 from steelyard.recording import Samples
 from steelyard.regression import Information
 from steelyard.robot import Robot
@@ -35,16 +36,6 @@ def six_by_six(link):
 def pseudo_inertia(link):
     tensor, first = link[[0, 1, 2, 1, 3, 4, 2, 4, 5]].reshape(3, 3), link[6:9, None]
     return np.block([[np.trace(tensor) / 2 * np.eye(3) - tensor, first], [first.T, np.array([[link[9]]])]])
-
-
-@dataclass(frozen=True, eq=False)
-class Condition:
-    name: str
-    link: str | None
-    joint: str | None
-    constant: Any
-    indices: Any
-    coefficients: Any
 
 
 @dataclass(frozen=True, eq=False)
@@ -80,11 +71,11 @@ class WrittenModel:
         zero, found = np.zeros(coefficients.shape[1:]), []
         for k, name in enumerate(self.robot.link_names):
             indices = np.array([self.parameter_names.index(f"{symbol}{k + 1}") for symbol in SYMBOLS])
-            found.append(Condition(f"body of {name}", name, None, zero, indices, coefficients))
+            found.append(AffineBlock(f"body of {name}", zero, indices, coefficients, link=name))
         for j, name in enumerate(self.parameter_names):
             if name[:-1] in ("fv", "fc"):
                 place = np.array([j])
-                found.append(Condition(name, None, f"joint{name[-1]}", np.zeros((1, 1)), place, np.ones((1, 1, 1))))
+                found.append(AffineBlock(name, np.zeros((1, 1)), place, np.ones((1, 1, 1)), "term"))
         return tuple(found)
 
 

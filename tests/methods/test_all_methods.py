@@ -198,6 +198,7 @@ class Joined:
         sum_ = dataclasses.replace(
             first,
             name="sum of a term",
+            kind="term",
             link=None,
             joint="joint1",
             constant=np.zeros((1, 1)),

@@ -11,6 +11,8 @@ import numpy as np
 import pytest
 import scipy.optimize
 
+from steelyard.lmi import AffineBlock
+
 INERTIAL = ("Lxx", "Lxy", "Lxz", "Lyy", "Lyz", "Lzz", "lx", "ly", "lz", "m")
 
 
@@ -29,16 +31,6 @@ def pseudo_inertia(link):
     inertia = tensor(link)
     first = np.asarray(link[6:9])[:, None]
     return np.block([[np.trace(inertia) / 2 * np.eye(3) - inertia, first], [first.T, np.array([[link[9]]])]])
-
-
-@dataclass(frozen=True, eq=False)
-class StandInCondition:
-    name: str
-    link: str | None
-    joint: str | None
-    constant: Any
-    indices: Any
-    coefficients: Any
 
 
 @dataclass(frozen=True, eq=False)
@@ -81,12 +73,12 @@ class StandInModel:
         for i, link in enumerate(self.robot.link_names):
             indices = np.array([self.parameter_names.index(f"{symbol}{i + 1}") for symbol in INERTIAL])
             name = f"link {i + 1} ({link}): inertia"
-            found.append(StandInCondition(name, link, None, np.zeros((size, size)), indices, coefficients))
+            found.append(AffineBlock(name, np.zeros((size, size)), indices, coefficients, link=link))
         for j, name in enumerate(self.parameter_names):
             if name[:-1] in self.nonnegative:
                 label = f"joint {name[-1]}: {name[:-1]} >= 0"
                 one = np.ones((1, 1, 1))
-                found.append(StandInCondition(label, None, f"joint{name[-1]}", np.zeros((1, 1)), np.array([j]), one))
+                found.append(AffineBlock(label, np.zeros((1, 1)), np.array([j]), one, "term"))
         return tuple(found)
 
 

@@ -6,7 +6,6 @@ from steelyard.first_use import import_at_first_use
 
 if TYPE_CHECKING:
     from .base_parameters import BaseParameters as BaseParameters
-    from .conditions import ModelCondition as ModelCondition
     from .model import Model as Model
     from .model_source import DEFAULT_FUNCTIONS as DEFAULT_FUNCTIONS
     from .terms import Coulomb as Coulomb

@@ -3,52 +3,19 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 from functools import cache
 
 import numpy as np
 from numpy.typing import NDArray
 
 from steelyard.errors import InputError
+from steelyard.lmi import AffineBlock
 from steelyard.robot import Robot
 from steelyard.robot.inertia import PSEUDO_INERTIA
 
-__all__ = ["CONSISTENCIES", "ModelCondition", "body_conditions", "model_conditions"]
+__all__ = ["CONSISTENCIES", "body_conditions", "model_conditions"]
 
 CONSISTENCIES = ("full", "inertia")
-
-
-@dataclass(frozen=True, eq=False)
-class ModelCondition:
-    """An affine matrix of the model's parameters that must be positive semidefinite.
-
-    Attributes
-    ----------
-    name : str
-    link, joint : str or None
-        The link whose body, or the joint whose term, it is about.
-    constant : ndarray
-        (d, d).
-    indices : ndarray of int
-        Which parameters of the model appear, (c,).
-    coefficients : ndarray
-        (c, d, d), symmetric.
-    unit : str
-        Of the elements; empty where they have several.
-    """
-
-    name: str
-    link: str | None
-    joint: str | None
-    constant: NDArray[np.float64]
-    indices: NDArray[np.intp]
-    coefficients: NDArray[np.float64]
-    unit: str = ""
-
-    @property
-    def size(self) -> int:
-        """Order d of the matrix."""
-        return len(self.constant)
 
 
 def _symmetric(size: int, entries: list[tuple[int, int, float]]) -> NDArray[np.float64]:
@@ -77,7 +44,7 @@ def _body_coefficients(consistency: str) -> NDArray[np.float64]:
     return _inertia_coefficients() if consistency == "inertia" else PSEUDO_INERTIA.copy()
 
 
-def body_conditions(link_names: Sequence[str], columns: Sequence[int], consistency: str) -> tuple[ModelCondition, ...]:
+def body_conditions(link_names: Sequence[str], columns: Sequence[int], consistency: str) -> tuple[AffineBlock, ...]:
     """Return the conditions of the bodies of links.
 
     Parameters
@@ -90,7 +57,7 @@ def body_conditions(link_names: Sequence[str], columns: Sequence[int], consisten
 
     Returns
     -------
-    tuple of ModelCondition
+    tuple of AffineBlock
 
     Raises
     ------
@@ -105,12 +72,12 @@ def body_conditions(link_names: Sequence[str], columns: Sequence[int], consisten
     coefficients = _body_coefficients(consistency)
     zero = np.zeros(coefficients.shape[1:])
     return tuple(
-        ModelCondition(f"body of {name}", name, None, zero, np.arange(column, column + 10), coefficients)
+        AffineBlock(f"body of {name}", zero, np.arange(column, column + 10), coefficients, "link", link=name)
         for name, column in zip(link_names, columns, strict=True)
     )
 
 
-def model_conditions(robot: Robot, consistency: str) -> tuple[ModelCondition, ...]:
+def model_conditions(robot: Robot, consistency: str) -> tuple[AffineBlock, ...]:
     """Return the conditions of all the links and terms of a robot.
 
     Parameters
@@ -123,7 +90,7 @@ def model_conditions(robot: Robot, consistency: str) -> tuple[ModelCondition, ..
 
     Returns
     -------
-    tuple of ModelCondition
+    tuple of AffineBlock
 
     Raises
     ------
@@ -131,7 +98,7 @@ def model_conditions(robot: Robot, consistency: str) -> tuple[ModelCondition, ..
         If `consistency` is something else.
     """
     driving = {joint: k for k, joint in enumerate(robot.driving_joints)}
-    result: list[ModelCondition] = []
+    result: list[AffineBlock] = []
     column = 0
     for index, link in enumerate(robot.links):
         result.extend(body_conditions([link.name], [column], consistency))
@@ -145,14 +112,14 @@ def model_conditions(robot: Robot, consistency: str) -> tuple[ModelCondition, ..
             for condition in term.conditions():
                 used = [s for s in symbols if s in condition.coefficients]
                 result.append(
-                    ModelCondition(
-                        f"{condition.name} at {joint.name}",
-                        None,
-                        joint.name,
-                        np.asarray(condition.constant, dtype=np.float64),
-                        np.array([column + symbols.index(s) for s in used], dtype=np.intp),
-                        np.array([condition.coefficients[s] for s in used], dtype=np.float64),
-                        units[used[0]] if len(used) == 1 else "",
+                    AffineBlock(
+                        name=f"{condition.name} at {joint.name}",
+                        constant=np.asarray(condition.constant, dtype=np.float64),
+                        indices=np.array([column + symbols.index(s) for s in used], dtype=np.intp),
+                        coefficients=np.array([condition.coefficients[s] for s in used], dtype=np.float64),
+                        kind="term",
+                        unit=units[used[0]] if len(used) == 1 else "",
+                        joint=joint.name,
                     )
                 )
             column += len(symbols)

@@ -13,11 +13,12 @@ from numpy.typing import ArrayLike, NDArray
 from steelyard.codegen import generate
 from steelyard.errors import InputError
 from steelyard.graph import Function, Kernel
+from steelyard.lmi import AffineBlock
 from steelyard.robot import Robot, RobotFile
 
 from .base_parameters import BaseParameters, model_base_parameters
 from .catalogue import CATALOGUE, forward_dynamics_function
-from .conditions import ModelCondition, model_conditions
+from .conditions import model_conditions
 from .functions import BaseColumns, Evaluator, ModelFunctions
 from .kinematics import joint_frames
 from .layout import ParameterLayout
@@ -347,7 +348,7 @@ class Model:
         """Return the base parameters of links and terms together (thesis section 2.5.1)."""
         return self._base
 
-    def conditions(self, consistency: str = "full") -> tuple[ModelCondition, ...]:
+    def conditions(self, consistency: str = "full") -> tuple[AffineBlock, ...]:
         """Return the matrices that must be positive semidefinite for the parameters to be physically possible.
 
         Parameters

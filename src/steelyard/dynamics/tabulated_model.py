@@ -9,10 +9,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from steelyard.errors import InputError
+from steelyard.lmi import AffineBlock
 from steelyard.robot import INERTIA_SYMBOLS
 
 from .base_parameters import BaseParameters
-from .conditions import ModelCondition, body_conditions
+from .conditions import body_conditions
 
 __all__ = ["TabulatedModel", "TabulatedRobot"]
 
@@ -105,7 +106,7 @@ class TabulatedModel:
         """Return the combinations."""
         return self._base
 
-    def conditions(self, consistency: str) -> tuple[ModelCondition, ...]:
+    def conditions(self, consistency: str) -> tuple[AffineBlock, ...]:
         """Return the matrices of the links that must be positive semidefinite.
 
         Parameters

@@ -92,22 +92,7 @@ class FeasibleSet:
         )
 
     def _blocks(self) -> tuple[AffineBlock, ...]:
-        found: list[AffineBlock] = []
-        for condition in self.model.conditions(self.consistency):
-            is_link = condition.link is not None
-            if not is_link and not self.terms:
-                continue
-            indices = np.asarray(condition.indices, dtype=np.intp)
-            found.append(
-                AffineBlock(
-                    name=condition.name,
-                    constant=np.asarray(condition.constant, dtype=float),
-                    indices=indices,
-                    coefficients=np.asarray(condition.coefficients, dtype=float),
-                    kind="link" if is_link else "term",
-                    unit=getattr(condition, "unit", ""),
-                )
-            )
+        found = [block for block in self.model.conditions(self.consistency) if self.terms or block.kind != "term"]
         for constraint in self.constraints:
             found.extend(constraint.blocks(self.model))
         return distinct_blocks(found)

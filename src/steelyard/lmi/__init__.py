@@ -6,7 +6,6 @@ from steelyard.first_use import import_at_first_use
 
 if TYPE_CHECKING:
     from .affine import AffineBlock as AffineBlock
-    from .affine import AffineStack as AffineStack
     from .affine import is_positive_definite as is_positive_definite
     from .affine import symmetric_to_vector as symmetric_to_vector
     from .affine import vector_to_symmetric as vector_to_symmetric
@@ -22,5 +21,6 @@ if TYPE_CHECKING:
     from .inequality import inequality_of_program as inequality_of_program
     from .least_squares import distance_inequality as distance_inequality
     from .least_squares import residual_inequality as residual_inequality
+    from .stack import AffineStack as AffineStack
 
 __all__ = import_at_first_use(__name__, __file__)
