@@ -13,6 +13,7 @@ import numpy as np
 import steelyard as sy
 from steelyard.excitation import ExcitationDesign, MotionLimits
 from steelyard.identification.wam import TRAJECTORIES, wam_model
+from steelyard_thesis import minimise_with_cobyla
 
 
 def condition_number(model: sy.Model, motion: tuple[np.ndarray, ...]) -> float:
@@ -54,7 +55,7 @@ def main() -> None:
         if not arguments.no_cobyla:
             begin = time.perf_counter()
             other = sy.design_excitation(
-                model, limits, seed=seed, method="cobyla", starts=1000, time_limit=10.0 * seconds
+                model, limits, seed=seed, minimiser=minimise_with_cobyla, starts=1000, time_limit=10.0 * seconds
             )
             longer = time.perf_counter() - begin
             beside.append(condition_number(model, other.sample(1000.0)[1:]))

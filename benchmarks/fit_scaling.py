@@ -18,7 +18,7 @@ from steelyard.dynamics.threads import one_thread
 from steelyard.estimators.fit import fit
 from steelyard.feasibility import FeasibleSet
 from steelyard.regression import Information
-from steelyard.reproduction.free_links import ROWS, free_links, random_regression
+from steelyard_thesis.reproduction.free_links import ROWS, free_links, random_regression
 
 PEER = (1, 7, 20, 40)
 

@@ -21,10 +21,10 @@ import numpy as np
 
 from steelyard.estimators.fit import fit
 from steelyard.feasibility import FeasibleSet
-from steelyard.methods import METHODS
 from steelyard.regression import least_squares
-from steelyard.reproduction.free_links import free_links_problem
-from steelyard.reproduction.method_runs import run_method
+from steelyard_thesis.methods import METHODS
+from steelyard_thesis.reproduction.free_links import free_links_problem
+from steelyard_thesis.reproduction.method_runs import run_method
 
 
 def plain(information, feasible):

@@ -29,7 +29,7 @@ BEFORE = "import loaded\n\ndef test_before():\n    assert loaded.NUMBERS\n"
 
 def examples(folder: Path, *options: str) -> list[str]:
     """Run a property test under the settings of these tests, and return settings and examples."""
-    (folder / "conftest.py").write_text((Path(__file__).parent / "conftest.py").read_text())
+    (folder / "conftest.py").write_text((Path(__file__).parents[1] / "conftest.py").read_text())
     (folder / "test_draws.py").write_text(DRAWS)
     command = [sys.executable, "-m", "pytest", "-q", "-p", "no:cacheprovider", *options]
     environment = os.environ | {"PYTHONPATH": str(Path(__file__).parent / "oracles")}

@@ -13,7 +13,6 @@ from hypothesis import strategies as st
 
 import steelyard as sy
 from steelyard.identification.wam import TRAJECTORIES
-from steelyard.methods import METHODS
 from steelyard.regression import residual_correlation
 
 
@@ -249,7 +248,6 @@ def test_the_default_is_that_of_the_feasible_fit(arm):
     feasible = sy.fit(information, sy.FeasibleSet(arm))
     np.testing.assert_array_equal(feasible.weights, plain.weights)
     functions = [sy.least_squares, sy.fit, sy.Information.reduced, sy.Information.joint_weights, residual_correlation]
-    functions += [method.fit for method in METHODS]
     assert {inspect.signature(function).parameters["weights"].default for function in functions} == {"joint"}
 
 

@@ -14,7 +14,6 @@ __all__ = [
     "Language",
     "OtherParameters",
     "Preference",
-    "SearchMethod",
     "Sign",
     "Weights",
 ]
@@ -104,10 +103,3 @@ class OtherParameters(Enum):
 
     UNKNOWN = "unknown"
     KNOWN = "known"
-
-
-class SearchMethod(Enum):
-    """How an excitation is searched for."""
-
-    GRADIENT = "gradient"
-    COBYLA = "cobyla"

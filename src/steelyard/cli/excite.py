@@ -7,7 +7,7 @@ from typing import Annotated
 
 import typer
 
-from .choices import Criterion, Family, OtherParameters, SearchMethod
+from .choices import Criterion, Family, OtherParameters
 from .screen import echo
 from .terminal import progress, show_excitation
 
@@ -40,7 +40,6 @@ def excite(
         Path | None, typer.Option(help="Trajectory or saved Information that the motion is to complement.")
     ] = None,
     estimate: Annotated[Path | None, typer.Option(help="estimate.json, whose parameters predict the torques.")] = None,
-    method: Annotated[SearchMethod, typer.Option(help="cobyla: the scheme of the thesis.")] = SearchMethod.GRADIENT,
     starts: Annotated[int, typer.Option(help="Random starts.", min=1)] = 8,
     seed: Annotated[int, typer.Option(help="Of the random starts.", min=0)] = 0,
     time_limit: Annotated[
@@ -69,7 +68,6 @@ def excite(
             lead=lead,
             margin=margin,
             rate=rate,
-            method=method.value,
             starts=starts,
             seed=seed,
             time_limit=time_limit,

@@ -21,7 +21,7 @@ from .explain import explain
 from .generate import generate
 from .identify import identify
 from .inspect import inspect
-from .reproduce import reproduce
+from .plug_ins import SETTINGS, Commands
 from .screen import echo, guarded, sentence
 from .simulate import simulate
 
@@ -30,10 +30,9 @@ __all__ = ["app", "main"]
 app = typer.Typer(
     name="steelyard",
     help="Weigh a robot by moving it: physically feasible dynamic parameters from a description and a log.",
+    cls=Commands,
     no_args_is_help=True,
-    add_completion=False,
-    pretty_exceptions_enable=False,
-    rich_markup_mode=None,
+    **SETTINGS,
 )
 app.command()(demo)
 app.command()(inspect)
@@ -44,7 +43,6 @@ app.command()(check)
 app.command()(correct)
 app.command()(explain)
 app.command()(simulate)
-app.command()(reproduce)
 
 
 def _version(value: bool) -> None:

@@ -21,7 +21,7 @@ from .family import Family, make_family
 from .motion_constraints import MotionConstraint, joint_limits, torque_limits
 from .motion_limits import MotionLimits, limits_from_file
 from .problem import DesignProblem, coefficient_scale
-from .search import Search, resting_postures
+from .search import Minimiser, Search, resting_postures
 from .trajectory import Trajectory
 from .verification import Margin, Verifier, keeps_all, margins_of
 from .vjp import RegressorPullBack
@@ -41,7 +41,6 @@ _NAMED = 5  # parameters
 _SHORT = 40  # characters
 _USED_UP = 0.01  # of the scale of a limit: what is nearer to it counts as using it up
 _SMOOTHNESS = 0.02  # of the velocity scale: width of the smooth sign
-METHODS = ("gradient", "cobyla")
 
 
 @single_threaded
@@ -65,7 +64,7 @@ def design_excitation(
     parameters: ArrayLike | None = None,
     margin: float = 0.0,
     rate: float = 1000.0,
-    method: Literal["gradient", "cobyla"] = "gradient",
+    minimiser: Minimiser | None = None,
     starts: int = 8,
     seed: int = 0,
     workers: int | None = None,
@@ -124,8 +123,10 @@ def design_excitation(
         Fraction of each limit that is left free.
     rate : float
         At which the motion will be recorded, Hz.
-    method : {"gradient", "cobyla"}
-        ``"cobyla"`` is the scheme of the thesis, for comparison: no gradients, and a penalty on the limits.
+    minimiser : callable, optional
+        Another way to minimise from each start, called with the :class:`DesignProblem`, the (N P,) coefficients to
+        start at, and a function that tells whether to stop now; returns better coefficients. By default the search
+        uses the gradient and refines the best results.
     starts, seed : int
     workers : int, optional
         How many starts run side by side; as many as there are processors by default.
@@ -155,7 +156,7 @@ def design_excitation(
     (True, True)
     """
     say = progress or (lambda _: None)
-    _check_options(method, starts, workers, time_limit, rate, seed)
+    _check_options(starts, workers, time_limit, rate, seed)
     chosen = make_family(family, period=period, harmonics=harmonics, points=points, lead=lead, periods=periods)
     remarks: list[str] = []
     where = "limits"
@@ -205,7 +206,7 @@ def design_excitation(
         Verifier(chosen),
         figure,
         bounds,
-        method,
+        minimiser,
         starts,
         seed,
         workers or _processors(),
@@ -248,7 +249,7 @@ def design_excitation(
         limits=bounds,
         margins=margins,
         family=family,
-        method=method,
+        method="gradient" if minimiser is None else getattr(minimiser, "__name__", type(minimiser).__name__),
         status=result.status,
         rate=rate,
         lead=chosen.window[0],
@@ -259,11 +260,7 @@ def design_excitation(
     )
 
 
-def _check_options(
-    method: str, starts: int, workers: int | None, time_limit: float | None, rate: float, seed: int
-) -> None:
-    if method not in METHODS:
-        raise InputError(f"method must be one of {', '.join(METHODS)}, got {method!r}.")
+def _check_options(starts: int, workers: int | None, time_limit: float | None, rate: float, seed: int) -> None:
     for name, number, least in (("starts", starts, 1), ("workers", workers, 1), ("seed", seed, 0)):
         if number is not None and (isinstance(number, bool) or int(number) != number or number < least):
             raise InputError(f"{name} must be a whole number of at least {least}, got {number!r}.")

@@ -14,18 +14,18 @@ from numpy.typing import NDArray
 from steelyard.errors import SolverError
 
 from .augmented_lagrangian import COARSE, FINE, Iterate, minimise
-from .cobyla import minimise_with_cobyla
 from .motion_limits import MotionLimits
 from .problem import DesignProblem
 from .verification import Margin, Verifier, keeps_all
 from .workers import Flag, Pool, pool_of
 
-__all__ = ["Candidate", "Search", "SearchResult", "resting_postures"]
+__all__ = ["Candidate", "Minimiser", "Search", "SearchResult", "resting_postures"]
 
 Array = NDArray[np.float64]
+# From a problem, the (N P,) coefficients to start at, and what tells whether to stop now, to better coefficients.
+Minimiser = Callable[[DesignProblem, Array, Callable[[], bool]], Array]
 _POSTURES = 4000
 _REFINED = 4  # one in so many starts is refined
-_EVALUATIONS = 20_000
 _ROUNDS = 3  # in which instants that were violated join those that the minimisation looks at
 
 
@@ -74,7 +74,8 @@ class Search:
     figure : callable
         From coefficients x to the criterion with the exact sign.
     limits : MotionLimits
-    method : {"gradient", "cobyla"}
+    minimiser : callable or None
+        By which each start is minimised; None for the own one, which uses gradients and refines the best results.
     starts, seed, workers : int
     time_limit : float or None
         s.
@@ -86,7 +87,7 @@ class Search:
     verifier: Verifier
     figure: Callable[[Array], float]
     limits: MotionLimits
-    method: str
+    minimiser: Minimiser | None
     starts: int
     seed: int
     workers: int
@@ -121,7 +122,7 @@ class Search:
             try:
                 tasks = {k: (k, postures[k % len(postures)], None) for k in range(self.starts)}
                 self._collect(pool, tasks, found)
-                if self.method == "gradient" and not self._stopped():
+                if self.minimiser is None and not self._stopped():
                     self._stage = "refining the best, "
                     chosen = sorted(found.values(), key=self._rank)[: -(-self.starts // _REFINED)]
                     self._collect(pool, {c.index: (c.index, postures[0], c) for c in chosen}, found)
@@ -206,8 +207,8 @@ class Search:
         if self._stopped() and k > 0:
             return None
         x = self._random_start(np.random.default_rng([self.seed, k]), posture)
-        if self.method == "cobyla":
-            return self._judged(k, Iterate(minimise_with_cobyla(self.problem, x, _EVALUATIONS, self._stopped), []))
+        if self.minimiser is not None:
+            return self._judged(k, Iterate(self.minimiser(self.problem, x, self._stopped), []))
         return self._judged(k, minimise(self.problem, Iterate(x, []), COARSE, self._stopped))
 
     def _refined(self, candidate: Candidate) -> Candidate:

@@ -21,9 +21,6 @@ if TYPE_CHECKING:
     from .check import Verdict as Verdict
     from .check import Violation as Violation
     from .check import check as check
-    from .closed_form import PolynomialCondition as PolynomialCondition
-    from .closed_form import closed_form_conditions as closed_form_conditions
-    from .closed_form import feasibility_polynomials as feasibility_polynomials
     from .constraints import CenterOfMassBox as CenterOfMassBox
     from .constraints import CenterOfMassHull as CenterOfMassHull
     from .constraints import CenterOfMassSphere as CenterOfMassSphere

@@ -13,7 +13,6 @@ from steelyard.errors import InputError
 from steelyard.feasibility import speaks_of, verify_certificate
 from steelyard.feasibility.certificates.exact_set import LAST_DIGITS
 from steelyard.identification.saved import check_certificate, correct_estimate, matching_estimate
-from steelyard.methods import Nakanishi2008, Rucker2022
 
 ROBOT = """
 [description]
@@ -134,16 +133,6 @@ def test_what_correct_writes_can_be_read(saved):
         assert matching_estimate(model, folder / "corrected.json").joint_names == ("joint1", "joint2")
         assert check_certificate(folder / "corrected.json", folder / "arm.toml", folder / "corrected.json")
         assert corrected.optimality_gap is None  # which is of the fit that came before
-
-
-@pytest.mark.parametrize("method", [Rucker2022, Nakanishi2008])
-def test_methods_write_what_can_be_read(saved, method):
-    folder, model, _ = saved
-    count = model.base_parameters().count
-    factor = np.eye(count)
-    info = sy.Information.from_factor(factor, np.ones(count), 0.01, 100, [f"x{k}" for k in range(count)])
-    method().fit(info, sy.FeasibleSet(model)).save(folder / "method.json")
-    matching_estimate(model, folder / "method.json")
 
 
 def test_what_an_estimate_may_say_of_its_feasibility(saved):

@@ -1,0 +1,112 @@
+"""What the tests of both packages share: fixtures, settings, and examples in docstrings that need an extra."""
+
+import contextlib
+import csv
+import importlib
+import os
+import tempfile
+from importlib.util import find_spec
+from pathlib import Path
+
+# There are as many processes as cores: threads of each only wait for those of the others, a third of the time.
+# NumPy reads this when it is imported, so that nothing may import it before.
+if "PYTEST_XDIST_WORKER" in os.environ:
+    os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
+
+import pytest
+from hypothesis import settings
+from stand_ins import factored as factored
+from stand_ins import inertial_symbols as inertial_symbols
+from stand_ins import least_by_descent as least_by_descent
+from stand_ins import point_cloud_parameters as point_cloud_parameters
+from stand_ins import real_wam as real_wam
+from stand_ins import reduced_regression as reduced_regression
+from stand_ins import stand_in as stand_in
+from stand_ins import table_4_9 as table_4_9
+from stand_ins import thesis_wam as thesis_wam
+from stand_ins import two_links as two_links
+
+SHARED = Path(__file__).resolve().parent.parent / "shared"
+
+# Property tests try the same examples every time; `--hypothesis-profile=random` looks for new ones.
+settings.register_profile("steelyard", deadline=None, derandomize=True, database=None, max_examples=50)
+settings.register_profile("random", deadline=None, print_blob=True, max_examples=200)
+settings.load_profile("steelyard")
+
+
+def pytest_configure() -> None:
+    """Keep what happens to be imported out of the examples that are the same every time.
+
+    Hypothesis draws from the constants of all modules that are loaded, which depends on the tests that ran before in
+    the same process, and with several processes on chance.
+    """
+    if settings.default is not None and settings.default.derandomize:
+        with contextlib.suppress(ImportError):  # older versions draw from nothing but chance
+            providers = importlib.import_module("hypothesis.internal.conjecture.providers")
+            providers.is_local_module_file = lambda path: False
+
+
+# What the examples of a file import.
+NEEDS = {
+    "casadi_function.py": "casadi",
+    "jax_function.py": "jax",
+    "symbolic_function.py": "sympy",
+    "symbols.py": "sympy",
+    "sympy_function.py": "sympy",
+    "closed_form.py": "sympy",
+    "polynomials.py": "sympy",
+    "quantifier_elimination.py": "sympy",
+}
+
+
+def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
+    """Mark the examples whose extra is missing."""
+    for item in items:
+        extra = NEEDS.get(item.path.name) if isinstance(item, pytest.DoctestItem) else None
+        if extra is not None and find_spec(extra) is None:
+            item.add_marker(pytest.mark.skip(reason=f"{extra} is not installed"))
+
+
+# Compiled code of the tests stays out of the user's cache.
+_cache = tempfile.TemporaryDirectory(prefix="steelyard-cache-")
+os.environ["STEELYARD_CACHE_DIR"] = _cache.name
+
+
+@pytest.fixture(scope="session")
+def shared_data() -> Path:
+    """The folder of real recordings, or a skip where it is absent."""
+    folder = SHARED / "data"
+    if not folder.is_dir():
+        pytest.skip("the real recordings (../shared/data) are not here")
+    return folder
+
+
+@pytest.fixture(scope="session")
+def thesis_tables() -> Path:
+    """The folder with the tables of the thesis as CSV, or a skip where it is absent."""
+    folder = SHARED / "thesis" / "tables"
+    if not folder.is_dir():
+        pytest.skip("the tables of the thesis (../shared/thesis/tables) are not here")
+    return folder
+
+
+def table(path: Path) -> list[dict[str, str]]:
+    """Read a CSV table as a list of rows."""
+    with path.open() as file:
+        return list(csv.DictReader(file))
+
+
+@pytest.fixture(scope="session")
+def wam():
+    """The WAM of thesis section 4.2, built from the thesis's own tables where they are here."""
+    from steelyard.identification.wam import wam_model
+
+    return wam_model()
+
+
+@pytest.fixture
+def random():
+    """A seeded generator."""
+    import numpy as np
+
+    return np.random.default_rng(20141129)
