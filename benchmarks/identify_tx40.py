@@ -88,7 +88,7 @@ def main() -> None:
 
     def ours() -> tuple[float, int]:
         model = sy.Model.from_file(RobotFile.load(settings.path))
-        information = sy.Information.from_samples(model, processing.apply(recording))
+        information = sy.Information.from_samples(model, recording.process(processing))
         return sy.least_squares(information, weights=None).relative_error, information.base_count
 
     def usual() -> tuple[float, int]:

@@ -58,7 +58,7 @@ from .identification.play import play as play
 from .identification.result import Identification as Identification
 from .lmi.inequality import LinearMatrixInequality as LinearMatrixInequality
 from .recording.columns import LogColumns as LogColumns
-from .recording.processing import Processing as Processing
+from .recording.options import Processing as Processing
 from .recording.recording import Recording as Recording
 from .recording.samples import Samples as Samples
 from .regression.covariance import residual_covariance as residual_covariance

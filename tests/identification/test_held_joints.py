@@ -7,7 +7,7 @@ import pytest
 
 import steelyard as sy
 from steelyard.recording import Recording, chunks
-from steelyard.recording.diagnosis.held import HeldJoints
+from steelyard.recording.diagnosis.rest import HeldJoints
 
 ROWS = [
     ["pi/2", 0, 0.3, "q"],

@@ -46,7 +46,7 @@ def test_choices_of_the_data_are_in_the_report(log):
     ((name, choice),) = result.cutoff_choices
     assert name == "all logs"
     assert 5.0 < choice.cutoff < 30.0
-    assert any(choice.remark() in remark for remark in result.remarks)
+    assert any(choice.remark in remark for remark in result.remarks)
     moved = next(remark for remark in result.remarks if "moved back" in remark)
     assert float(moved.split("moved back by ")[1].split(" ms")[0]) == pytest.approx(4.0, abs=0.3)
     assert "the model shows" in moved

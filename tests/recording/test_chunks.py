@@ -44,7 +44,7 @@ def path(request: pytest.FixtureRequest, recording: Recording, tmp_path_factory:
 @pytest.mark.parametrize("case", OPTIONS)
 def test_chunks_equal_the_whole(case: str, path: Path) -> None:
     processing = Processing.from_dict(OPTIONS[case])
-    whole = processing.apply(Recording.read(path))
+    whole = Recording.read(path).process(processing)
     for rows in (331, 2500, 100_000):
         parts = list(process_chunks(path, processing=processing, rows=rows))
         assert len(parts) > 1 or rows > COUNT
@@ -75,7 +75,7 @@ def test_stated_rate_without_stamps(recording: Recording, tmp_path: Path) -> Non
     path = tmp_path / "log.npz"
     np.savez(path, q=recording.q, tau=recording.torque)
     processing = Processing(cutoff=10.0, trim=0.0, velocity_threshold=None)
-    whole = processing.apply(Recording.read(path, {"rate": RATE}))
+    whole = Recording.read(path, {"rate": RATE}).process(processing)
     joined = Samples.joined(list(process_chunks(path, {"rate": RATE}, processing, rows=1000)))
     np.testing.assert_allclose(joined.ddq, whole.ddq, rtol=0, atol=1e-9 * np.abs(whole.ddq).max())
     np.testing.assert_array_equal(joined.t, whole.t)

@@ -48,7 +48,7 @@ def error(arm, information: sy.Information) -> float:
 
 
 def processed(arm, recording: Recording, **options) -> sy.Information:
-    samples = Processing.from_dict(options).apply(recording, arm[0])
+    samples = recording.process(Processing.from_dict(options), arm[0])
     return sy.Information.from_samples(arm[0], samples)
 
 
@@ -106,7 +106,7 @@ def test_a_joint_that_is_always_slow_keeps_its_rows(arm):
         q=q + 1e-3 * random.normal(size=q.shape),
         torque=torque + 0.01 * torque.std(axis=0) * random.normal(size=q.shape),
     )
-    samples = Processing().apply(recording, model)
+    samples = recording.process(Processing(), model)
     assert np.all(samples.used > 0.7 * samples.count)
 
 
@@ -132,5 +132,5 @@ def test_rows_too_few_decide_nothing(arm):
 def test_evidence_can_be_looked_at(arm):
     choice = decide(Processing(), [log(arm, 1, 1e-4)], arm[0]).cutoff_choice
     assert choice is not None
-    assert len(choice.table()[0]) == len(choice.titles)
+    assert len(choice.table[0]) == len(choice.titles)
     assert f"{choice.cutoff:.4g} Hz" in choice._repr_html_()

@@ -125,7 +125,7 @@ def test_chunks_equal_the_whole(kind: str, resample: float | None, tmp_path: Pat
     path = log.save(tmp_path / "log.npz")
     options = {} if resample is None else {"resample": resample}
     processing = Processing.from_dict({"cutoff": 15.0, "trim": 0.1, **options})
-    whole = processing.apply(Recording.read(path))
+    whole = Recording.read(path).process(processing)
     for rows in (1700, 100_000):
         joined = Samples.joined(list(process_chunks(path, processing=processing, rows=rows)))
         for name in ("q", "dq", "ddq", "torque"):
@@ -162,7 +162,7 @@ def test_a_stated_rate_keeps_gaps_where_they_are(tmp_path: Path) -> None:
     kept = np.setdiff1d(np.arange(COUNT), missing_rows())
     assert np.mean(np.abs(stated.t - stated.t[0] - (kept - kept[0]) * PERIOD) < 1e-6) > 0.995
     assert stated.t[-1] - stated.t[0] == pytest.approx((kept[-1] - kept[0]) * PERIOD, abs=1e-6)
-    whole = Processing(cutoff=15.0, trim=0.1).apply(stated)
+    whole = stated.process(Processing(cutoff=15.0, trim=0.1))
     joined = Samples.joined(list(process_chunks(path, columns, Processing(cutoff=15.0, trim=0.1), rows=1700)))
     np.testing.assert_allclose(joined.ddq, whole.ddq, rtol=0, atol=1e-6 * np.abs(whole.ddq).max())
     np.testing.assert_array_equal(joined.mask, whole.mask)

@@ -7,6 +7,7 @@ import pytest
 
 import steelyard as sy
 from steelyard.recording import Recording, find_stiction
+from steelyard.recording.cutoff import motion_spectra
 from steelyard.robot import RobotFile
 
 pytestmark = pytest.mark.data
@@ -57,7 +58,7 @@ def test_quick_runs_of_the_kinova(shared_data, log):
     _, recording, _ = read(shared_data, "kinova_gen3", f"kinova_gen3/{log}.csv")
     choice = recording.choose_cutoff()
     assert 3.0 < choice.cutoff < 10.0
-    assert np.all(choice.spectra.crossover < 12.0)
+    assert np.all(motion_spectra(recording.q, recording.rate).crossover < 12.0)
 
 
 @pytest.mark.parametrize("kind", ["kalman", "savitzky_golay"])

@@ -54,7 +54,7 @@ def test_published_processing_of_the_motor_side(motor_files: list[Path], motor_c
     thresholds = [0.05009095, 0.05009095, 0.07504916, 0.0715585, 0.05585054, 0.12217305]
     processing = Processing(cutoff=100.0, order=4, decimate=(10, 10), trim=0.0, velocity_threshold=tuple(thresholds))
     motor = Recording.read(motor_files, motor_columns, joints=6)
-    samples = processing.apply(motor)
+    samples = motor.process(processing)
     # Published: 2076 rows; rows at the very threshold depend on how the ends are derived.
     assert abs(int(samples.used.sum()) - 2076) <= 4
     b, a = signal.butter(4, 100 / 2500)

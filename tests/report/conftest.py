@@ -105,7 +105,7 @@ def identification(folder: Path) -> Identification:
 def reference(folder: Path) -> Reference:
     regressors, torques = [], []
     for name in LOGS:
-        samples = Processing(cutoff=None).apply(Recording.read(folder / name))
+        samples = Recording.read(folder / name).process(Processing(cutoff=None))
         regressors.append(planar_regressor(samples.q, samples.dq, samples.ddq))
         torques.append(samples.torque)
     parameters = np.linalg.lstsq(regressors[0].reshape(-1, len(TRUTH)), torques[0].reshape(-1))[0]

@@ -21,15 +21,14 @@ from steelyard.recording import (
     Processing,
     Recording,
     Samples,
-    TorqueCutoffChoice,
     chunks,
     decide,
     process_chunks,
     read_middle,
 )
-from steelyard.recording.checks import LogSurvey
-from steelyard.recording.decision import DECISION_ROWS
+from steelyard.recording.automatic import DECISION_ROWS
 from steelyard.recording.diagnosis import DETECTORS, faulty_rows
+from steelyard.recording.survey import LogSurvey
 from steelyard.regression import Estimate, Information, least_squares
 from steelyard.regression.blocks import BlockSums
 from steelyard.regression.reduction import empty_factors
@@ -182,7 +181,7 @@ class _Reader:
         self.decided: dict[str, object] = {}
         self.remarks: list[str] = []
         self.units_are_suspect = False
-        self.cutoff_choices: list[tuple[str, CutoffChoice | TorqueCutoffChoice]] = []
+        self.cutoff_choices: list[tuple[str, CutoffChoice]] = []
         self.description = dict(file.description)
 
     def decide(self, logs: Sequence[str | Path], say: Progress) -> None:
@@ -244,7 +243,7 @@ class _Reader:
             recording = Recording.read(log, self.columns, joints)
             look(recording)
             survey.add(recording)
-            yield self.processing.apply(recording, self.model)
+            yield recording.process(self.processing, self.model)
         else:
             yield from process_chunks(
                 log, self.columns, self.processing, self.chunk_rows, joints, self.model, look, survey

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from steelyard.dynamics import Model
 from steelyard.feasibility import FeasibleSet, Verdict
-from steelyard.recording import CutoffChoice, TorqueCutoffChoice
+from steelyard.recording import CutoffChoice
 from steelyard.regression import Estimate, Information
 
 __all__ = ["Identification", "Prediction", "Trace"]
@@ -109,7 +109,7 @@ class Identification:
     logs: tuple[str, ...]
     validation_logs: tuple[str, ...]
     options: dict[str, object]
-    cutoff_choices: tuple[tuple[str, CutoffChoice | TorqueCutoffChoice], ...] = ()
+    cutoff_choices: tuple[tuple[str, CutoffChoice], ...] = ()
 
     @property
     def total_mass(self) -> float:

@@ -5,15 +5,14 @@ from typing import TYPE_CHECKING
 from steelyard.first_use import import_at_first_use
 
 if TYPE_CHECKING:
+    from .automatic import decide as decide
     from .chunks import Chunk as Chunk
     from .chunks import process_chunks as process_chunks
     from .chunks import read_chunks as read_chunks
     from .chunks import read_middle as read_middle
     from .columns import LogColumns as LogColumns
     from .cutoff import CutoffChoice as CutoffChoice
-    from .cutoff import TorqueCutoffChoice as TorqueCutoffChoice
     from .cutoff import choose_cutoff as choose_cutoff
-    from .decision import decide as decide
     from .diagnosis import DelayEstimate as DelayEstimate
     from .diagnosis import Diagnosis as Diagnosis
     from .diagnosis import Intervals as Intervals
@@ -27,10 +26,13 @@ if TYPE_CHECKING:
     from .filters import KalmanSmoother as KalmanSmoother
     from .filters import MotionFilter as MotionFilter
     from .filters import SavitzkyGolay as SavitzkyGolay
+    from .filters import find_period as find_period
+    from .formats import LogFile as LogFile
+    from .formats import register_log_format as register_log_format
+    from .measurements import Measurements as Measurements
+    from .options import Processing as Processing
     from .periodic import PeriodicAverage as PeriodicAverage
     from .periodic import average_periods as average_periods
-    from .periodic import find_period as find_period
-    from .processing import Processing as Processing
     from .recording import Recording as Recording
     from .samples import Samples as Samples
 

@@ -11,11 +11,8 @@ import numpy as np
 
 from steelyard.errors import InputError
 
-from .checks import LogSurvey
-from .columns import TIME_UNITS, LogColumns
-from .conversion import Signals, convert, require_numbers
-from .decision import DECISION_ROWS, decide
-from .diagnosis.clock import (
+from .automatic import DECISION_ROWS, decide, settle
+from .clock import (
     CLOCK_ROWS,
     FEWEST_ROWS,
     ClockStatistics,
@@ -23,15 +20,17 @@ from .diagnosis.clock import (
     steady_clock,
     with_evidence,
 )
+from .columns import TIME_UNITS, LogColumns, resolve
+from .conversion import Signals, clock_at, convert, log_columns, names_of, require_numbers, signals_fields, times
 from .even import EvenClock, Part
 from .filtering import decimation_padding
-from .formats.log_file import BLOCK_ROWS, LogFiles
-from .header import resolve
-from .plan import Plan, said
-from .processing import Processing
-from .recording import Recording, Source, clock_at, log_columns, names_of, signals_fields, times
+from .formats import BLOCK_ROWS, LogFiles, Source
+from .measurements import check_order, check_period
+from .options import Processing
+from .plan import said
+from .recording import Recording
 from .samples import Samples, regrouped
-from .timing import check_order, check_period
+from .survey import LogSurvey
 
 if TYPE_CHECKING:
     from steelyard.dynamics import Model
@@ -340,7 +339,7 @@ def _processed(
     even = stream.even(processing)
     rate = stream.rate if even.as_is else 1.0 / even.period
     sample = stream.middle(even)
-    plan = Plan.settled(decide(processing, [sample], model), sample, model)
+    plan = settle(decide(processing, [sample], model), sample, model)
     if plan.held.mask.any() and sample.count < stream.count:  # they may move in other rows
         starts = range(0, stream.count, CHOICE_ROWS)
         plan = replace(

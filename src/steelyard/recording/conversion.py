@@ -1,24 +1,32 @@
-"""From the columns of a log to joint positions in rad or m and torques in N·m or N."""
+"""From the columns of a log to measurements in SI units: units, gains, matrices, and the times of the rows."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
+from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from steelyard.errors import InputError
 
-from .columns import POSITION_UNITS, TIME_UNITS, TORQUE_UNITS, VELOCITY_UNITS, LogColumns
-from .header import Layout
+from .clock import ClockStatistics, clock_of
+from .columns import POSITION_UNITS, TIME_UNITS, TORQUE_UNITS, VELOCITY_UNITS, Layout, LogColumns
+from .even import filled
+from .formats import Columns, LogFiles
+from .measurements import check_order
 
-if TYPE_CHECKING:
-    from numpy.typing import NDArray
-
-    Columns = dict[str, NDArray[np.float64]]
-
-__all__ = ["Signals", "convert", "require_numbers"]
+__all__ = [
+    "Signals",
+    "clock_at",
+    "convert",
+    "log_columns",
+    "names_of",
+    "require_numbers",
+    "signals_fields",
+    "times",
+]
 
 PER_SECOND = {"rad": "rad/s", "deg": "deg/s", "m": "m/s", "mm": "mm/s"}
 
@@ -155,3 +163,87 @@ def _list_of(values: tuple[float, ...], count: int, key: str, source: str) -> ND
             f"{source} needs {count} values in `{key}` of [log] but there are {len(values)}; give one for each."
         )
     return np.array(values)
+
+
+def log_columns(columns: LogColumns | dict[str, Any] | None) -> LogColumns:
+    """Return `columns` as LogColumns."""
+    if columns is None:
+        return LogColumns()
+    return columns if isinstance(columns, LogColumns) else LogColumns.from_dict(columns)
+
+
+def names_of(joints: int | Sequence[str] | None) -> tuple[str, ...] | None:
+    """Return the joints' names where `joints` gives them."""
+    return None if joints is None or isinstance(joints, int) else tuple(joints)
+
+
+def signals_fields(signals: Signals, t: NDArray[np.float64], source: str) -> dict[str, Any]:
+    """Return the arrays of a Recording by field name, missing values filled."""
+    fields: dict[str, Any] = {"t": t, "position_missing": None, "torque_missing": None}
+    for name in ("q", "torque", "velocity", "acceleration"):
+        values, missing = filled(t, getattr(signals, name), "position" if name == "q" else name, source)
+        fields[name] = values
+        if missing is not None:
+            kind = "torque_missing" if name == "torque" else "position_missing"
+            fields[kind] = missing if fields[kind] is None else fields[kind] | missing
+    return fields
+
+
+def times(
+    signals: Signals,
+    columns: LogColumns,
+    files: LogFiles,
+    first_row: int = 0,
+    origin: float | None = None,
+    clock: ClockStatistics | None = None,
+) -> tuple[NDArray[np.float64], float | None]:
+    """Return the times of the rows and the stated rate.
+
+    A stated rate replaces the stamps, which must then agree with it on the whole to 1 %; rows that are missing between
+    them by `clock` (see `clock_at`) stay missing. `first_row` is the place of the first row in the log and `origin` the
+    time of the log's first row, where these are rows from its middle.
+    """
+    rate, stamps = columns.rate, signals.t
+    if rate is None:
+        assert stamps is not None
+        check_order(stamps, lambda row: files.where(first_row + row), files.name)
+        return stamps, None
+    count = signals.q.shape[0]
+    numbers = first_row + np.arange(count) if clock is None else clock.numbers(first_row, first_row + count)
+    if stamps is None:
+        return numbers / rate, rate
+    span = float(stamps[-1] - stamps[0])
+    if count > 100 and abs(span * rate / (numbers[-1] - numbers[0]) - 1.0) > 0.01:
+        raise InputError(
+            f"{files.name} has {count} rows in {span:.6g} s by its stamps, "
+            f"a period of {span / (count - 1):.6g} s, but `rate` in [log] says {rate:.6g} Hz; "
+            "leave out `rate`, or `time`, or correct `time_unit`."
+        )
+    begin = float(stamps[0]) if origin is None else origin
+    return begin + numbers / rate, rate
+
+
+def clock_at(rate: float, stamps: Iterable[NDArray[np.float64]]) -> ClockStatistics | None:
+    """Return the clock of stamps, which come in blocks, where it agrees with the rate and leaves rows out.
+
+    None where no rows are missing between the stamps, or they are too coarse to tell.
+    """
+    last = -np.inf
+
+    def increasing() -> Iterator[NDArray[np.float64]]:
+        nonlocal last
+        for block in stamps:
+            if not (np.diff(block) > 0.0).all() or not block[0] > last:
+                raise _CoarseStampsError
+            last = block[-1]
+            yield block
+
+    try:
+        clock = clock_of(increasing())
+    except _CoarseStampsError:
+        return None
+    return clock if clock.missing and abs(clock.period * rate - 1.0) < 0.01 else None
+
+
+class _CoarseStampsError(ValueError):
+    """Stamps repeat, so that they cannot number the rows."""

@@ -1,25 +1,22 @@
-"""Rows on an even clock: short gaps filled, long ones left, unsteady stamps judged."""
+"""Rows on an even clock: missing values and short gaps are filled, long gaps split the log."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import TYPE_CHECKING
+from typing import TypeVar
 
 import numpy as np
+from numpy.typing import NDArray
 
 from steelyard.errors import InputError
 
-from .diagnosis.clock import FEWEST_ROWS, TICK, ClockStatistics, clock_statistics
-from .timing import JITTER_SILENT
+from .clock import FEWEST_ROWS, JITTER_SILENT, TICK, ClockStatistics, clock_statistics
+from .measurements import Measurements
 
-if TYPE_CHECKING:
-    from numpy.typing import NDArray
+__all__ = ["EvenClock", "Part", "evened", "filled"]
 
-    from .recording import Recording
-
-__all__ = ["EvenClock", "Part", "evened"]
-
+Log = TypeVar("Log", bound=Measurements)
 JITTER_ACCEPTED = 0.1
 """Largest deviation of an interval from the period, as a fraction of it, that is taken for even sampling when asked."""
 PERIODS_FILLED, TIME_FILLED = 5.0, 0.02
@@ -195,7 +192,7 @@ class EvenClock:
             first, last = np.minimum(numbers - total[gap], before).astype(int).tolist()
         return max(part.start, first - CONTEXT), min(part.stop, last + CONTEXT + 2)
 
-    def placed(self, recording: Recording, first: int, part: Part, start: int, stop: int) -> Recording:
+    def placed(self, recording: Log, first: int, part: Part, start: int, stop: int) -> Log:
         """Return the even rows start:stop of a part, from a recording whose first row is row `first` of the log.
 
         Positions and measured velocities and accelerations by cubic splines, torques linearly; rows that were made up
@@ -248,7 +245,7 @@ class EvenClock:
             stated_rate=1.0 / self.period,
         )
 
-    def restamped(self, recording: Recording, first: int) -> Recording:
+    def restamped(self, recording: Log, first: int) -> Log:
         """Return the rows as they are, with times of the even clock where that is right and the stamps are not.
 
         For filters that take rows at any times. The recording's first row is row `first` of the log.
@@ -260,8 +257,11 @@ class EvenClock:
 
 
 def evened(
-    recording: Recording, resample: bool | float = True, longest_gap: float | None = None, needs_even_rows: bool = True
-) -> tuple[list[Recording], tuple[str, ...]]:
+    recording: Log,
+    resample: bool | float = True,
+    longest_gap: float | None = None,
+    needs_even_rows: bool = True,
+) -> tuple[list[Log], tuple[str, ...]]:
     """Place a recording on an even clock; return it in parts where gaps are too long to be filled, and remarks.
 
     See `EvenClock`.
@@ -282,3 +282,40 @@ def evened(
     return [
         even.placed(recording.rows(part.start, part.stop), part.start, part, 0, part.count) for part in even.parts
     ], even.remarks
+
+
+def filled(
+    t: NDArray[np.float64], values: NDArray[np.float64] | None, what: str, source: str
+) -> tuple[NDArray[np.float64] | None, NDArray[np.bool_] | None]:
+    """Replace NaN in columns (S, N) by monotone cubic interpolation over t (S,), at the ends by the nearest value.
+
+    Returns
+    -------
+    values : ndarray or None
+    missing : ndarray of bool or None
+        (S, N) where values were NaN; None where none was.
+
+    Raises
+    ------
+    InputError
+        Where a column has fewer than two numbers.
+    """
+    if values is None:
+        return None, None
+    missing = np.isnan(values)
+    if not missing.any():
+        return values, None
+    from scipy.interpolate import PchipInterpolator
+
+    result = values.copy()
+    for j in map(int, np.flatnonzero(missing.any(axis=0))):
+        good = ~missing[:, j]
+        if np.count_nonzero(good) < 2:
+            raise InputError(
+                f"{source}: the {what} of joint {j + 1} has {np.count_nonzero(good)} numbers in {len(t)} rows, too "
+                "few to fill "
+                "the others."
+            )
+        inside = np.clip(t, t[good][0], t[good][-1])
+        result[~good, j] = PchipInterpolator(t[good], values[good, j])(inside[~good])
+    return result, missing

@@ -5,18 +5,16 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from math import ceil
-from typing import TYPE_CHECKING, Self
 
 import numpy as np
 from numpy.typing import NDArray
 
 from steelyard.errors import InputError
 
-from .diagnosis.delay import advanced, estimate_delay
-from .diagnosis.held import HeldJoints
-from .diagnosis.repeated import find_repeated
-from .diagnosis.saturation import find_saturation, saturation_levels
-from .diagnosis.stiction import AT_REST, find_stiction, stiction_duration
+from .cutoff import CutoffChoice
+from .diagnosis.delay import advanced
+from .diagnosis.detectors import AT_REST, find_repeated, find_saturation, find_stiction
+from .diagnosis.rest import HeldJoints
 from .filtering import (
     decimate,
     decimation_settling,
@@ -26,45 +24,18 @@ from .filtering import (
     low_pass,
 )
 from .filters import Butterworth, FourierFit, MotionFilter
+from .measurements import Measurements
+from .options import Processing
+from .periodic import average_periods
 from .samples import Samples
 
-if TYPE_CHECKING:
-    from steelyard.dynamics import Model
-
-    from .cutoff import CutoffChoice, TorqueCutoffChoice
-    from .diagnosis.near_rest import VelocityThresholds
-    from .processing import Processing
-    from .recording import Recording
-
-__all__ = ["Decision", "Plan"]
+__all__ = ["Plan", "said"]
 
 Array = NDArray[np.float64]
 Flags = dict[str, NDArray[np.bool_]]
 LARGEST_TRIM = 0.15
 """Share of a log that is trimmed at either end where the filters ring for longer, and the user did not say how much."""
 LATE = "without a torque once the delay was taken out"
-
-
-@dataclass(frozen=True, eq=False)
-class Decision:
-    """What `decide` returns: a processing without what the data decides for all logs of a robot together.
-
-    Attributes
-    ----------
-    processing : Processing
-        With numbers where "auto" stood for the cutoff and the velocity thresholds.
-    cutoff_choice : TorqueCutoffChoice, CutoffChoice or None
-        The evidence of the cutoff, where it was left open.
-    thresholds : VelocityThresholds or None
-        The evidence of the thresholds, where they were left open.
-    remarks : tuple of str
-        What was decided, a sentence each.
-    """
-
-    processing: Processing
-    cutoff_choice: TorqueCutoffChoice | CutoffChoice | None = None
-    thresholds: VelocityThresholds | None = None
-    remarks: tuple[str, ...] = ()
 
 
 @dataclass(frozen=True, eq=False)
@@ -82,7 +53,7 @@ class Plan:
         Tolerance (N,) in rad or m and duration (N,) in s of a rest.
     levels : ndarray or None
         (N, 2) lowest and highest torque.
-    choice : CutoffChoice, TorqueCutoffChoice or None
+    choice : CutoffChoice or None
     remarks : tuple of str
         What was chosen.
     held : HeldJoints
@@ -94,80 +65,9 @@ class Plan:
     delay: Array
     stiction: tuple[Array, Array] | None
     levels: Array | None
-    choice: CutoffChoice | TorqueCutoffChoice | None
+    choice: CutoffChoice | None
     remarks: tuple[str, ...]
     held: HeldJoints
-
-    @classmethod
-    def settled(cls, decision: Decision, recording: Recording, model: Model | None = None) -> Self:
-        """Settle the rest by one recording, once `decide` has chosen the cutoff and the velocity thresholds.
-
-        A delay is estimated with the model where there is one.
-
-        Raises
-        ------
-        InputError
-            Where the recording does not tell, or an option does not fit it.
-        """
-        processing = decision.processing
-        cutoff, own = processing.cutoff, processing.filter
-        joints = recording.joint_count
-        if not processing.takes_cutoff:
-            cutoff = None
-        assert not isinstance(cutoff, str), "`decide` comes first"
-        chosen = own.settled(cutoff, processing.order, "[processing]")
-        stiction = levels = None
-        if processing.stiction is not False:
-            tolerance, duration = stiction_duration(recording)
-            if processing.stiction is not True:
-                duration = np.full(joints, processing.stiction)
-            stiction = (tolerance, duration)
-        if processing.saturation is True:
-            levels = saturation_levels(recording.torque)
-        elif processing.saturation is not False:
-            given = np.asarray(processing.saturation, dtype=np.float64)
-            if given.ndim and given.size != joints:
-                raise InputError(
-                    f"{recording.source} has {joints} joints but `saturation` in [processing] has {given.size} levels; "
-                    "give one number or one per joint."
-                )
-            levels = np.stack(np.broadcast_arrays(-given, given), axis=-1) * np.ones((joints, 1))
-        held = HeldJoints.of(recording)
-        choice, remarks = decision.cutoff_choice, decision.remarks
-        plan = cls(processing, chosen, np.zeros(joints), stiction, levels, choice, remarks, held)
-        return plan._with_delay(recording, model)
-
-    def _with_delay(self, recording: Recording, model: Model | None) -> Self:
-        processing, joints = self.processing, recording.joint_count
-        delay = processing.delay
-        if isinstance(delay, str):
-            even = replace(
-                processing, trim=0.0, decimate=(), velocity_threshold=None, average=False, filter=Butterworth()
-            )
-            # Noise of the accelerations would pull the estimate: the motion is filtered as the data asks for.
-            own = Butterworth(recording.choose_cutoff(processing.order).cutoff, processing.order)
-            samples, _ = replace(self, processing=even, filter=own).rows(recording, 0, recording.count)
-            found = estimate_delay(samples, model)
-            by = "the signals show" if model is None else "the model shows"
-            if not found.is_sure:
-                remark = (
-                    f"Torques were not moved: the delay behind the motion that {by}, {1e3 * found.delay:.3g} ms, is "
-                    f"not sure with an uncertainty of {1e3 * found.standard_deviation:.2g} ms; set `delay` in "
-                    "[processing] if it is known."
-                )
-                return replace(self, remarks=(*self.remarks, remark))
-            remark = (
-                f"Torques were moved back by {1e3 * found.delay:.3g} ms (± {1e3 * found.standard_deviation:.2g} ms), "
-                f"the delay behind the motion that {by}; set `delay` in [processing] to choose."
-            )
-            return replace(self, delay=np.full(joints, found.delay), remarks=(*self.remarks, remark))
-        given = np.asarray(delay, dtype=np.float64)
-        if given.ndim and given.size != joints:
-            raise InputError(
-                f"{recording.source} has {joints} joints but `delay` in [processing] has {given.size} values; "
-                "give one number or one per joint."
-            )
-        return replace(self, delay=np.broadcast_to(given, (joints,)).astype(np.float64))
 
     def padding(self, rate: float) -> int:
         """Rows of surroundings that filters, derivatives, delays and detectors need."""
@@ -213,7 +113,7 @@ class Plan:
             )
         return start, stop
 
-    def middle(self, recording: Recording, ends: float | None = None) -> Samples:
+    def middle(self, recording: Measurements, ends: float | None = None) -> Samples:
         """Process a recording without what stands within `ends` (s) of its own, or within what trimming leaves out."""
         start, stop = self.kept_rows(recording.count, recording.rate, recording.source)
         if ends is not None:
@@ -221,13 +121,13 @@ class Plan:
             stop = recording.count - start
         return self.rows(recording, start, stop)[0]
 
-    def whole(self, parts: Sequence[Recording], remarks: tuple[str, ...]) -> Samples:
+    def whole(self, parts: Sequence[Measurements], remarks: tuple[str, ...]) -> Samples:
         """Process a log that is there as a whole, in one part or in several."""
         if self.held.mask.any() and len(parts) > 1:  # they may move in another part
             return replace(self, held=self.held.among(parts))._whole(parts, remarks)
         return self._whole(parts, remarks)
 
-    def _whole(self, parts: Sequence[Recording], remarks: tuple[str, ...]) -> Samples:
+    def _whole(self, parts: Sequence[Measurements], remarks: tuple[str, ...]) -> Samples:
         processing, source = self.processing, parts[0].source
         notes = (*remarks, *self.remarks, *self.held_remarks(parts[0]))
         if processing.average:
@@ -257,7 +157,7 @@ class Plan:
             )
         return replace(joined, remarks=(*notes, *said(counts)))
 
-    def held_remarks(self, recording: Recording) -> tuple[str, ...]:
+    def held_remarks(self, recording: Measurements) -> tuple[str, ...]:
         """Tell the joints that do not move.
 
         Raises
@@ -304,7 +204,7 @@ class Plan:
         ringing = [2.0 * rate / cutoff for cutoff in cutoffs if cutoff]
         return int(max([30.0 * self.processing.step, *ringing]))
 
-    def rows(self, recording: Recording, start: int, stop: int) -> tuple[Samples, Flags]:
+    def rows(self, recording: Measurements, start: int, stop: int) -> tuple[Samples, Flags]:
         """Process a recording and keep rows start:stop before decimation; also tell why rows are masked.
 
         Rows outside start:stop only feed the filters.
@@ -340,7 +240,7 @@ class Plan:
         )
         return samples, thinned
 
-    def _motion(self, recording: Recording, flags: Flags) -> tuple[Array, Array, Array]:
+    def _motion(self, recording: Measurements, flags: Flags) -> tuple[Array, Array, Array]:
         rate, source = recording.rate, recording.source
         if self.processing.velocity == "measured":
             if recording.velocity is None:
@@ -361,7 +261,7 @@ class Plan:
                 q = np.where(absent, np.nan, q)
         return self.filter.motion(recording.t, q, rate, source)
 
-    def _torque(self, recording: Recording) -> tuple[Array, NDArray[np.bool_]]:
+    def _torque(self, recording: Measurements) -> tuple[Array, NDArray[np.bool_]]:
         """Torques in step with the motion, filtered, and where there are none."""
         torque, rate = recording.torque, recording.rate
         if self.processing.torque_cutoff is not None:
@@ -374,7 +274,7 @@ class Plan:
                 late[:, j] = ~known
         return torque, late
 
-    def flags(self, recording: Recording) -> Flags:
+    def flags(self, recording: Measurements) -> Flags:
         """(S, N) rows that are not to be used, by reason."""
         found: Flags = {}
         rate = recording.rate
@@ -410,7 +310,7 @@ class Plan:
 
         return np.asarray(maximum_filter1d(flags.astype(np.uint8), 2 * reach + 1, axis=0, mode="constant") > 0)
 
-    def usual_mask(self, recording: Recording, dq: Array) -> NDArray[np.bool_]:
+    def usual_mask(self, recording: Measurements, dq: Array) -> NDArray[np.bool_]:
         """(S, N) false for slow rows and excluded joints."""
         width, processing = recording.joint_count, self.processing
         mask = np.ones(dq.shape, dtype=bool)
@@ -425,9 +325,7 @@ class Plan:
         mask[:, processing.excluded(recording)] = False
         return mask
 
-    def _averaged(self, recording: Recording, notes: tuple[str, ...]) -> Samples:
-        from .periodic import average_periods
-
+    def _averaged(self, recording: Measurements, notes: tuple[str, ...]) -> Samples:
         assert isinstance(self.filter, FourierFit)
         flags = self.flags(recording)
         torque, late = self._torque(recording)

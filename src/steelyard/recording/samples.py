@@ -5,16 +5,14 @@ from __future__ import annotations
 import html
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING, Self, TypeVar
+from typing import Self, TypeVar
 
 import numpy as np
+from numpy.typing import ArrayLike, NDArray
 
 from steelyard.errors import InputError
 
-if TYPE_CHECKING:
-    from numpy.typing import ArrayLike, NDArray
-
-    from .cutoff import CutoffChoice, TorqueCutoffChoice
+from .cutoff.choice import CutoffChoice
 
 __all__ = ["Samples", "regrouped"]
 
@@ -66,7 +64,7 @@ class Samples:
     mask: NDArray[np.bool_] | None = None
     t: NDArray[np.float64] | None = None
     remarks: tuple[str, ...] = ()
-    cutoff_choice: CutoffChoice | TorqueCutoffChoice | None = None
+    cutoff_choice: CutoffChoice | None = None
     cutoff: float | None = None
     filtered_torque: bool = False
 

@@ -24,8 +24,8 @@ def processing(identification: Identification) -> Markup:
         parts.append("<p>The logs were processed with the defaults.</p>")
     for index, (log, choice) in enumerate(chosen):
         parts.append(
-            f"<p>{escape(choice.explanation)}</p><p><b>{escape(log)}</b>: {escape(choice.remark())}</p>"
+            f"<p>{escape(choice.explanation)}</p><p><b>{escape(log)}</b>: {escape(choice.remark)}</p>"
             f'<div class="plots">{choice.svg()}</div>'
-            + table(f"Evidence: {log}", choice.titles, choice.table(), identifier=f"cutoff-{index}")
+            + table(f"Evidence: {log}", choice.titles, choice.table, identifier=f"cutoff-{index}")
         )
     return Markup("".join(parts))

@@ -94,7 +94,7 @@ def test_joints_at_rest_do_not_vote():
     both = Recording(t=recording.t, q=held, torque=np.column_stack([recording.torque, recording.torque[:, :1]]))
     assert both.choose_cutoff().cutoff == pytest.approx(recording.choose_cutoff().cutoff)
     assert np.isnan(both.choose_cutoff().joint_cutoffs[2])
-    assert both.choose_cutoff().table()[2][1] == "–"
+    assert both.choose_cutoff().table[2][1] == "–"
 
 
 def test_evidence_can_be_looked_at():
@@ -102,7 +102,7 @@ def test_evidence_can_be_looked_at():
     choice = recording.choose_cutoff(order=4)
     figure = plotly.graph_objects.Figure(choice.figure())
     assert len(figure.data) == 5
-    assert f"{choice.cutoff:.4g} Hz" in choice.remark()
+    assert f"{choice.cutoff:.4g} Hz" in choice.remark
     page = etree.fromstring(f"<div>{choice._repr_html_()}</div>")
     assert len(page.findall(".//svg")) == 2
     assert len(page.findall(".//tr")) == 3
@@ -117,7 +117,7 @@ def test_processing_chooses_and_says_so(tmp_path):
     np.testing.assert_array_equal(
         samples.ddq, recording.process(cutoff=choice.cutoff, trim=0.0, velocity_threshold=None).ddq
     )
-    assert samples.remarks == (choice.remark(),)
+    assert samples.remarks == (choice.remark,)
     assert samples.cutoff_choice is not None
     assert samples.cutoff_choice.cutoff == choice.cutoff
     assert recording.process(cutoff=3.0, trim=0.0, velocity_threshold=None).cutoff_choice is None

@@ -192,8 +192,8 @@ def test_delay_is_found(delay, known):
     assert abs(found.delay - delay) < 4 * found.standard_deviation
     # Processing takes it out again.
     log = Recording(t=T, q=q, torque=torque)
-    corrected = Processing(cutoff=20.0, delay="automatic", trim=0.0, velocity_threshold=None).apply(
-        log, model if known else None
+    corrected = log.process(
+        Processing(cutoff=20.0, delay="automatic", trim=0.0, velocity_threshold=None), model if known else None
     )
     stated = log.process(cutoff=20.0, delay=delay, trim=0.0, velocity_threshold=None)
     exact = model.inverse_dynamics(q, dq, ddq, parameters)
@@ -278,7 +278,7 @@ def test_masks_and_counts_are_the_same_chunk_by_chunk(tmp_path):
         {"stiction": 0.2, "saturation": 5.0, "decimate": 5, "delay": 0.0033, "torque_cutoff": 60.0},
     ):
         processing = Processing.from_dict({"cutoff": 10.0, "velocity_threshold": "none", **options})
-        whole = processing.apply(Recording.read(path))
+        whole = Recording.read(path).process(processing)
         parts = list(process_chunks(path, processing=processing, rows=12000 if "delay" in options else 4000))
         joined = Samples.joined(parts)
         assert whole.used.min() < whole.count

@@ -40,8 +40,8 @@ def test_uncertainty_holds_the_truth_at_any_cutoff(played, model, cutoff):
 
 def test_unsure_delay_is_not_applied(played, model):
     _, log = played
-    plain = Processing(cutoff=5.0).apply(log, model)
-    left = Processing(cutoff=5.0, delay="automatic").apply(log, model)
+    plain = log.process(Processing(cutoff=5.0), model)
+    left = log.process(Processing(cutoff=5.0, delay="automatic"), model)
     np.testing.assert_array_equal(left.torque, plain.torque)
     assert any(
         remark.startswith("Torques were not moved: the delay behind the motion that the model shows")

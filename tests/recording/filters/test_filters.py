@@ -81,7 +81,7 @@ def test_processing_takes_filters_by_name_and_by_table(kind, options):
     )
     assert Processing.from_dict(table.to_dict()) == table
     assert table.to_dict()["filter"] == {"kind": kind, **options}
-    found = table.apply(recording)
+    found = recording.process(table)
     expected = table.filter.settled(6.0, 3, "").motion(t, q, RATE, "")
     np.testing.assert_array_equal(found.ddq, expected.ddq)
     assert recording.process(cutoff=6.0, filter=kind, trim=0.0, velocity_threshold=None).count == recording.count

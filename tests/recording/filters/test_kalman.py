@@ -119,7 +119,7 @@ def test_chunks_equal_the_whole(tmp_path, random):
     path = Recording(t=t, q=q, torque=q).save(tmp_path / "log.npz")
     for one in ({"kind": "kalman"}, {"kind": "savitzky_golay"}, {"kind": "savitzky_golay", "window": 0.05}):
         processing = Processing.from_dict({"filter": one, "cutoff": 12.0, "trim": 0.1})
-        whole = processing.apply(Recording.read(path))
+        whole = Recording.read(path).process(processing)
         joined = Samples.joined(list(process_chunks(path, processing=processing, rows=1700)))
         for name in ("q", "dq", "ddq"):
             expected = getattr(whole, name)

@@ -5,23 +5,24 @@ from typing import TYPE_CHECKING
 from steelyard.first_use import import_at_first_use
 
 if TYPE_CHECKING:
-    from .clock import ClockStatistics as ClockStatistics
-    from .clock import clock_statistics as clock_statistics
+    from ..clock import ClockStatistics as ClockStatistics
+    from ..clock import clock_statistics as clock_statistics
     from .delay import DelayEstimate as DelayEstimate
     from .delay import advanced as advanced
     from .delay import estimate_delay as estimate_delay
+    from .detectors import Interval as Interval
+    from .detectors import Intervals as Intervals
+    from .detectors import find_missing as find_missing
+    from .detectors import find_repeated as find_repeated
+    from .detectors import find_saturation as find_saturation
+    from .detectors import find_stiction as find_stiction
+    from .detectors import noise_deviation as noise_deviation
+    from .detectors import resolution as resolution
+    from .detectors import saturation_levels as saturation_levels
+    from .detectors import stiction_duration as stiction_duration
     from .diagnosis import DETECTORS as DETECTORS
     from .diagnosis import Diagnosis as Diagnosis
     from .diagnosis import diagnose as diagnose
     from .diagnosis import faulty_rows as faulty_rows
-    from .intervals import Interval as Interval
-    from .intervals import Intervals as Intervals
-    from .repeated import find_repeated as find_repeated
-    from .resolution import noise_deviation as noise_deviation
-    from .resolution import resolution as resolution
-    from .saturation import find_saturation as find_saturation
-    from .saturation import saturation_levels as saturation_levels
-    from .stiction import find_stiction as find_stiction
-    from .stiction import stiction_duration as stiction_duration
 
 __all__ = import_at_first_use(__name__, __file__)

@@ -5,20 +5,21 @@ from __future__ import annotations
 import html
 from collections.abc import Collection
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
 
-from .clock import ClockStatistics, clock_statistics
-from .intervals import Intervals
-from .repeated import find_repeated
-from .resolution import noise_deviation, resolution
-from .saturation import find_saturation
-from .stiction import stuck_while_others_move
-
-if TYPE_CHECKING:
-    from ..recording import Recording
+from ..clock import ClockStatistics, clock_statistics
+from ..measurements import Measurements
+from .detectors import (
+    Intervals,
+    find_missing,
+    find_repeated,
+    find_saturation,
+    noise_deviation,
+    resolution,
+    stuck_while_others_move,
+)
 
 __all__ = ["Diagnosis", "diagnose", "faulty_rows"]
 
@@ -94,7 +95,7 @@ class Diagnosis:
         )
 
 
-def diagnose(recording: Recording) -> Diagnosis:
+def diagnose(recording: Measurements) -> Diagnosis:
     """Look for everything at once; see `Recording.diagnose`."""
     return Diagnosis(
         recording.source,
@@ -106,11 +107,11 @@ def diagnose(recording: Recording) -> Diagnosis:
         stuck_while_others_move(recording),
         find_saturation(recording),
         find_repeated(recording),
-        recording.missing,
+        find_missing(recording),
     )
 
 
-def faulty_rows(recording: Recording, handled: Collection[str] = ()) -> tuple[str, ...]:
+def faulty_rows(recording: Measurements, handled: Collection[str] = ()) -> tuple[str, ...]:
     """Return the sentences on rows that would harm a regression, and on none of the `handled` options of [processing].
 
     Examples

@@ -7,13 +7,15 @@ from steelyard.first_use import import_at_first_use
 if TYPE_CHECKING:
     from .butterworth import Butterworth as Butterworth
     from .fourier import FourierFit as FourierFit
+    from .fourier import FourierSeries as FourierSeries
+    from .fourier import Period as Period
+    from .fourier import find_period as find_period
     from .kalman import KalmanSmoother as KalmanSmoother
     from .kalman import SmoothedMotion as SmoothedMotion
     from .motion_filter import Motion as Motion
     from .motion_filter import MotionFilter as MotionFilter
     from .motion_filter import Response as Response
+    from .motion_filter import whole as whole
     from .savitzky_golay import SavitzkyGolay as SavitzkyGolay
-    from .table import FILTERS as FILTERS
-    from .table import filter_from as filter_from
 
 __all__ = import_at_first_use(__name__, __file__)

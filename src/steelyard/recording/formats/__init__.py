@@ -1,3 +1,16 @@
-"""Formats of log files, one a file."""
+"""Formats of log files, one a file, and the table in which they stand."""
 
-__all__: list[str] = []
+from typing import TYPE_CHECKING
+
+from steelyard.first_use import import_at_first_use
+
+if TYPE_CHECKING:
+    from .log_file import BLOCK_ROWS as BLOCK_ROWS
+    from .log_file import Columns as Columns
+    from .log_file import LogFile as LogFile
+    from .registry import LogFiles as LogFiles
+    from .registry import Source as Source
+    from .registry import register_log_format as register_log_format
+    from .registry import write_log as write_log
+
+__all__ = import_at_first_use(__name__, __file__)

@@ -7,19 +7,17 @@ import contextlib
 import csv
 import itertools
 import re
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import IO, Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from steelyard.errors import InputError
 from steelyard.files import reading_table, shown
 
-from .log_file import LogFile
-
-if TYPE_CHECKING:
-    from numpy.typing import NDArray
+from .log_file import Columns, LogFile, flattened
 
 __all__ = ["CsvFile"]
 
@@ -36,10 +34,13 @@ class CsvFile(LogFile):
     (as `numpy.savetxt` writes it). A comma as decimal sign is understood in files separated by semicolons.
     """
 
+    suffixes = (".csv", ".txt", ".tsv", ".dat", ".log")
+    saved_as = ".csv"
+
     def __init__(self, path: Path) -> None:
         super().__init__(path)
         self._start = 0
-        self._whole: tuple[tuple[tuple[str, ...], int], dict[str, NDArray[np.float64]]] | None = None
+        self._whole: tuple[tuple[tuple[str, ...], int], Columns] | None = None
         self._separator = ","
         self._decimal_comma = False
         self._read_header()
@@ -90,6 +91,13 @@ class CsvFile(LogFile):
     def _split(self, line: str) -> list[str]:
         return [field.strip() for field in next(csv.reader([line], delimiter=self._separator), [])]
 
+    @classmethod
+    def write(cls, file: IO[bytes], arrays: Mapping[str, NDArray[np.float64]]) -> None:
+        """Write the columns under a line of their names."""
+        import polars as pl
+
+        pl.DataFrame(flattened(arrays)).write_csv(file)
+
     def count(self) -> int:
         """Count the rows that hold data."""
         with self.path.open("rb") as file:
@@ -117,13 +125,13 @@ class CsvFile(LogFile):
                     return float(text)
         return float(self._parse(line, [name], first_row=0)[name][0])
 
-    def read(self, names: Sequence[str]) -> dict[str, NDArray[np.float64]]:
+    def read(self, names: Sequence[str]) -> Columns:
         """Read whole columns."""
         with self.path.open("rb") as file:
             file.seek(self._start)
             return self._parse(file.read(), names, first_row=0)
 
-    def blocks(self, names: Sequence[str], rows: int) -> Iterator[dict[str, NDArray[np.float64]]]:
+    def blocks(self, names: Sequence[str], rows: int) -> Iterator[Columns]:
         """Read columns in blocks of `rows` rows."""
         first_row = 0
         if self._whole is not None and self._whole[0] == (tuple(names), rows):
@@ -169,7 +177,7 @@ class CsvFile(LogFile):
                     return f"line {header + index + 1}"
         return f"row {row + 1}"
 
-    def _parse(self, data: bytes, names: Sequence[str], first_row: int) -> dict[str, NDArray[np.float64]]:
+    def _parse(self, data: bytes, names: Sequence[str], first_row: int) -> Columns:
         """Parse lines; the quick way first, and line by line where that meets something unusual."""
         import polars as pl
 
@@ -203,7 +211,7 @@ class CsvFile(LogFile):
             encoding="utf8-lossy",
         )
 
-    def _parse_carefully(self, data: bytes, names: Sequence[str], first_row: int) -> dict[str, NDArray[np.float64]]:
+    def _parse_carefully(self, data: bytes, names: Sequence[str], first_row: int) -> Columns:
         """Parse with blanks around numbers, blank lines and missing values; say which line cannot be read."""
         import polars as pl
 

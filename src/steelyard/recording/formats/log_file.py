@@ -1,51 +1,81 @@
-"""Log files: named columns of numbers, read whole or in blocks of rows."""
+"""What a format of log files offers: named columns of numbers, read whole or in blocks of rows."""
 
 from __future__ import annotations
 
-import os
 from abc import ABC, abstractmethod
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import IO, ClassVar
 
 import numpy as np
+from numpy.typing import NDArray
 
 from steelyard.errors import InputError
-from steelyard.files import require_file, shown
 
-from ..header import label_columns
+from ..columns import label_columns
 
-if TYPE_CHECKING:
-    from numpy.typing import NDArray
+__all__ = ["BLOCK_ROWS", "Columns", "LogFile", "column_length", "flattened"]
 
-    Columns = dict[str, NDArray[np.float64]]
-
-__all__ = ["BLOCK_ROWS", "LogFile", "LogFiles", "open_log"]
-
-MOST_COLUMNS = 5000
-
+Columns = dict[str, NDArray[np.float64]]
 BLOCK_ROWS = 50_000
 """Rows that are read at a time where not all are wanted in memory."""
 
 
 class LogFile(ABC):
-    """One file: its columns by name, each a float64 array (S,); missing values are NaN."""
+    """One log file: its columns by name, each a float64 array (S,); missing values are NaN.
+
+    A format of logs is a class derived from this one. Its constructor opens the file and sets `names`; `read` returns
+    columns. Everything else has a default, which a format replaces where it can do better: `count` and `blocks` so
+    that a log need not stand in memory as a whole, `texts` where columns may name joints, `where` where messages can
+    say more than a row, and `write` where recordings are to be saved in the format, too.
+
+    Parameters
+    ----------
+    path : Path
+        An existing file that is not empty.
+
+    Attributes
+    ----------
+    names : tuple of str
+        The names of all columns.
+
+    Raises
+    ------
+    InputError
+        From the constructor and from `read`, in one sentence that names the file, where it cannot be read. An OSError
+        is turned into one.
+    """
+
+    suffixes: ClassVar[tuple[str, ...]]
+    """The suffixes of the files, in lower case and with the dot, such as ``(".parquet", ".pq")``."""
+    saved_as: ClassVar[str | None] = None
+    """The suffix under which `write` saves recordings; None where the format is only read."""
 
     def __init__(self, path: Path) -> None:
         self.path = path
         self.names: tuple[str, ...] = ()
 
     @abstractmethod
-    def count(self) -> int:
-        """Number of rows."""
-
-    @abstractmethod
     def read(self, names: Sequence[str]) -> Columns:
         """Read whole columns."""
 
-    @abstractmethod
+    @classmethod
+    def write(cls, file: IO[bytes], arrays: Mapping[str, NDArray[np.float64]]) -> None:
+        """Write arrays (S,) and (S, M), by name, to a binary file; `Recording.save` calls this where `saved_as` is set.
+
+        `read` must find a column of each (S,) array under its name, and of each (S, M) array under the name and 1 to M.
+        """
+        raise NotImplementedError
+
+    def count(self) -> int:
+        """Return the number of rows."""
+        return column_length(self.read(self.names[:1]))
+
     def blocks(self, names: Sequence[str], rows: int) -> Iterator[Columns]:
         """Read columns from the first row to the last, `rows` rows at a time."""
+        columns = self.read(names)
+        for start in range(0, column_length(columns), rows):
+            yield {name: values[start : start + rows] for name, values in columns.items()}
 
     def texts(self, names: Sequence[str]) -> dict[str, set[str]]:
         """Texts that stand in columns, each once; none for columns of numbers."""
@@ -85,152 +115,17 @@ class LogFile(ABC):
         return f"row {row + 1}"
 
 
-class LogFiles:
-    """Files recorded side by side: the columns of all of them, row by row.
-
-    Parameters
-    ----------
-    source
-        A path, a sequence of paths, or paths joined by "+" in one string.
-
-    Raises
-    ------
-    InputError
-        For a missing, empty or unreadable file.
-    """
-
-    def __init__(self, source: str | os.PathLike[str] | Sequence[str | os.PathLike[str]]) -> None:
-        self.files = [open_log(path) for path in split_source(source)]
-        self.name = " + ".join(file.path.name for file in self.files)
-        self.names = tuple(dict.fromkeys(name for file in self.files for name in file.names))
-
-    def where(self, row: int) -> str:
-        """Say where row `row` (from 0) stands, for messages."""
-        return self.files[0].where(row)
-
-    def count(self) -> int:
-        """Count the rows.
-
-        Raises
-        ------
-        InputError
-            Where the files differ in length.
-        """
-        counts = [file.count() for file in self.files]
-        self._require_equal(counts)
-        return counts[0]
-
-    def ends(self, name: str) -> tuple[float, float]:
-        """First and last value of a column."""
-        return next(file for file in self.files if name in file.names).ends(name)
-
-    def joint_labels(self) -> tuple[str, ...]:
-        """Return the joints that the first file which does so names its numbered columns by."""
-        return next((labels for file in self.files if (labels := file.joint_labels())), ())
-
-    def read(self, names: Sequence[str]) -> Columns:
-        """Read whole columns from whichever file has them."""
-        shares = self._shares(names)
-        parts = [file.read(share) for file, share in zip(self.files, shares, strict=True)]
-        counts = [_length(part) for part in parts if part]
-        self._require_equal(counts)
-        if counts[0] == 0:
-            raise InputError(f"{self.name} holds no rows; expected one row per sample under the column names.")
-        return self._joined(names, parts)
-
-    def blocks(self, names: Sequence[str], rows: int) -> Iterator[Columns]:
-        """Read columns in blocks of `rows` rows; all the files advance together."""
-        shares = self._shares(names)
-        streams = [file.blocks(share, rows) for file, share in zip(self.files, shares, strict=True) if share]
-        for parts in zip(*streams, strict=True):
-            self._require_equal([_length(part) for part in parts])
-            yield self._joined(names, parts)
-
-    def _shares(self, names: Sequence[str]) -> list[list[str]]:
-        """Which of `names` is read from which file; a column that several files have is read from each."""
-        return [[name for name in names if name in file.names] for file in self.files]
-
-    def _joined(self, names: Sequence[str], parts: Sequence[Columns]) -> Columns:
-        columns: Columns = {}
-        for name in names:
-            copies = [part[name] for part in parts if name in part]
-            if any(not np.array_equal(copies[0], copy, equal_nan=True) for copy in copies[1:]):
-                raise InputError(
-                    f"the column {name!r} is in several of the files {self.name} with different values; "
-                    "rename it in one of them, or record them side by side again."
-                )
-            columns[name] = copies[0]
-        return columns
-
-    def _require_equal(self, counts: Sequence[int]) -> None:
-        if len(set(counts)) > 1:
-            raise InputError(
-                f"the files {self.name} have {', '.join(map(str, counts))} rows; "
-                "files read side by side need as many each."
-            )
-
-
-def split_source(source: str | os.PathLike[str] | Sequence[str | os.PathLike[str]]) -> list[Path]:
-    """Return the paths that `source` stands for; a string with "+" is several, unless a file has that very name."""
-    if isinstance(source, (str, os.PathLike)):
-        text = os.fspath(source)
-        if "+" in text and not Path(text).exists():
-            pieces = [piece.strip() for piece in text.split("+")]
-            if all(pieces):
-                return [Path(piece) for piece in pieces]
-        return [Path(text)]
-    paths = [Path(os.fspath(path)) for path in source]
-    if not paths:
-        raise InputError("no log file was given; give the path of a CSV, Parquet or NPZ file.")
-    return paths
-
-
-def open_log(path: Path) -> LogFile:
-    """Open a log by its suffix: .parquet or .pq, .npz, and text (CSV) for .csv, .txt, .tsv, .dat or .log.
-
-    Raises
-    ------
-    InputError
-        For a file that is missing, empty, of another kind or unreadable.
-    """
-    from .csv_file import CsvFile
-    from .npz_file import NpzFile
-    from .parquet_file import ParquetFile
-
-    if "\0" in str(path):
-        raise InputError(f"{shown(str(path))} is no path that can exist; give the path of a CSV, Parquet or NPZ file.")
-    if path.is_dir():
-        raise InputError(f"{path} is a folder; give the log file itself.")
-    if not path.exists():
-        raise InputError(f"{path} does not exist{_neighbour(path)}; give the path of a CSV, Parquet or NPZ file.")
-    kinds: dict[str, type[LogFile]] = {
-        **dict.fromkeys((".csv", ".txt", ".tsv", ".dat", ".log"), CsvFile),
-        **dict.fromkeys((".parquet", ".pq"), ParquetFile),
-        ".npz": NpzFile,
-    }
-    kind = kinds.get(path.suffix.lower())
-    if kind is None:
-        raise InputError(f"{path} has the suffix {path.suffix!r}; logs are read from {', '.join(kinds)}.")
-    require_file(path, "give the path of a CSV, Parquet or NPZ file")
-    try:
-        if path.stat().st_size == 0:
-            raise InputError(f"{path} is empty; expected a log with one row per sample.")
-        log = kind(path)
-    except OSError as error:
-        raise InputError(f"{path} cannot be read: {error.strerror or error}.") from None
-    if len(log.names) > MOST_COLUMNS:
-        raise InputError(f"{path} has {len(log.names)} columns; expected one for each signal of a robot, in rows.")
-    return log
-
-
-def _neighbour(path: Path) -> str:
-    from ..section import suggestion
-
-    if not path.parent.is_dir():
-        return f" (nor does its folder {path.parent})"
-    near = suggestion(path.name, [other.name for other in path.parent.iterdir()])
-    return f" ({near.strip()})" if near else ""
-
-
-def _length(columns: Columns) -> int:
+def column_length(columns: Columns) -> int:
+    """Return the number of rows of columns, 0 where there are none."""
     return next(iter(columns.values())).shape[0] if columns else 0
+
+
+def flattened(arrays: Mapping[str, NDArray[np.float64]]) -> Columns:
+    """Return the columns of arrays (S,) and (S, M): the latter under their name and 1 to M."""
+    columns: Columns = {}
+    for key, array in arrays.items():
+        if array.ndim == 1:
+            columns[key] = array
+        else:
+            columns.update({f"{key}{j + 1}": np.ascontiguousarray(array[:, j]) for j in range(array.shape[1])})
+    return columns

@@ -5,22 +5,20 @@ from __future__ import annotations
 import contextlib
 import math
 import zipfile
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import IO, TYPE_CHECKING, Any
+from typing import IO, Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from steelyard.errors import InputError
 from steelyard.files import shown
 from steelyard.files.npy import read_array_header
 
-from ..header import LABELS
-from .log_file import LogFile
-
-if TYPE_CHECKING:
-    from numpy.typing import NDArray
+from ..columns import LABELS
+from .log_file import Columns, LogFile
 
 __all__ = ["NpzFile"]
 
@@ -43,6 +41,9 @@ class NpzFile(LogFile):
 
     Other arrays are passed over. Nothing pickled is read.
     """
+
+    suffixes = (".npz",)
+    saved_as = ".npz"
 
     def __init__(self, path: Path) -> None:
         super().__init__(path)
@@ -106,15 +107,20 @@ class NpzFile(LogFile):
                 return tuple(map(str, np.lib.format.read_array(stream, allow_pickle=False)))
         return ()
 
+    @classmethod
+    def write(cls, file: IO[bytes], arrays: Mapping[str, NDArray[np.float64]]) -> None:
+        """Write the arrays as they are."""
+        np.savez(file, **arrays)  # type: ignore[arg-type]
+
     def count(self) -> int:
         """Number of rows, the length of the longest array."""
         return max(member.shape[0] for key, member in self._members.items() if _column_names(key, member))
 
-    def read(self, names: Sequence[str]) -> dict[str, NDArray[np.float64]]:
+    def read(self, names: Sequence[str]) -> Columns:
         """Read whole columns."""
         return next(self.blocks(names, self._rows(names)), {}) if names else {}
 
-    def blocks(self, names: Sequence[str], rows: int) -> Iterator[dict[str, NDArray[np.float64]]]:
+    def blocks(self, names: Sequence[str], rows: int) -> Iterator[Columns]:
         """Read columns in blocks of `rows` rows, also from compressed archives.
 
         Memory stays that of a block unless an array is stored in Fortran order, which is read whole.
@@ -160,7 +166,7 @@ class NpzFile(LogFile):
             )
         return np.frombuffer(data, dtype=member.kind).astype(np.float64)
 
-    def _column(self, block: dict[str, NDArray[np.float64]], name: str) -> NDArray[np.float64]:
+    def _column(self, block: Columns, name: str) -> NDArray[np.float64]:
         key, index = self._columns[name]
         array = block[key]
         return array if array.ndim == 1 else np.ascontiguousarray(array[:, index])

@@ -3,25 +3,26 @@
 from __future__ import annotations
 
 import contextlib
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import IO, Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from steelyard.errors import InputError
 from steelyard.files import reading_table
 
-from .log_file import LogFile
-
-if TYPE_CHECKING:
-    from numpy.typing import NDArray
+from .log_file import Columns, LogFile, flattened
 
 __all__ = ["ParquetFile"]
 
 
 class ParquetFile(LogFile):
     """A Parquet file of numeric columns; a column of dates and times counts as seconds since 1970."""
+
+    suffixes = (".parquet", ".pq")
+    saved_as = ".parquet"
 
     def __init__(self, path: Path) -> None:
         super().__init__(path)
@@ -35,6 +36,13 @@ class ParquetFile(LogFile):
     def _reading(self) -> contextlib.AbstractContextManager[None]:
         return reading_table(self.path, "Parquet")
 
+    @classmethod
+    def write(cls, file: IO[bytes], arrays: Mapping[str, NDArray[np.float64]]) -> None:
+        """Write the columns in row groups small enough to be read one by one."""
+        import polars as pl
+
+        pl.DataFrame(flattened(arrays)).write_parquet(file, row_group_size=100_000)
+
     def count(self) -> int:
         """Count the rows."""
         import polars as pl
@@ -42,11 +50,11 @@ class ParquetFile(LogFile):
         with self._reading():
             return int(self._scan.select(pl.len()).collect().item())
 
-    def read(self, names: Sequence[str]) -> dict[str, NDArray[np.float64]]:
+    def read(self, names: Sequence[str]) -> Columns:
         """Read whole columns."""
         return self._numbers(self._scan, names)
 
-    def blocks(self, names: Sequence[str], rows: int) -> Iterator[dict[str, NDArray[np.float64]]]:
+    def blocks(self, names: Sequence[str], rows: int) -> Iterator[Columns]:
         """Read columns in slices of `rows` rows; a row group is decoded whole, so keep row groups small."""
         for start in range(0, self.count(), rows):
             yield self._numbers(self._scan.slice(start, rows), names)
@@ -62,7 +70,7 @@ class ParquetFile(LogFile):
                 for name in columns
             }
 
-    def _numbers(self, scan: Any, names: Sequence[str]) -> dict[str, NDArray[np.float64]]:
+    def _numbers(self, scan: Any, names: Sequence[str]) -> Columns:
         import polars as pl
 
         if not names:

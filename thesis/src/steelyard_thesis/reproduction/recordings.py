@@ -71,7 +71,7 @@ def staubli_tx40(data: Path) -> tuple[Model, Samples]:
     files = [folder / "raw_q_motor_5khz.csv", folder / "raw_tau_motor_5khz.csv"]
     slowest = (0.05009095, 0.05009095, 0.07504916, 0.0715585, 0.05585054, 0.12217305)
     processing = Processing(cutoff=100.0, order=4, decimate=(10, 10), trim=0.0, velocity_threshold=slowest)
-    return model, processing.apply(Recording.read(files, columns, joints=6))
+    return model, Recording.read(files, columns, joints=6).process(processing)
 
 
 def ur10(data: Path) -> tuple[Model, Samples]:
@@ -80,7 +80,7 @@ def ur10(data: Path) -> tuple[Model, Samples]:
     model = Model(_with_drives(Robot.from_dh(_ur10_rows(folder / "dh.json"), name="ur10")))
     # Ten times the frequency of the motion, as the thesis has it.
     processing = Processing(cutoff=3.66, trim=0.0, velocity_threshold=None)
-    return model, processing.apply(Recording.read(folder / "exciting.csv", joints=6))
+    return model, Recording.read(folder / "exciting.csv", joints=6).process(processing)
 
 
 def kinova_gen3(data: Path) -> tuple[Model, Samples, Samples]:
@@ -88,7 +88,8 @@ def kinova_gen3(data: Path) -> tuple[Model, Samples, Samples]:
     folder = data / "kinova_gen3"
     model = Model(_with_drives(Robot.from_urdf(folder / "gen3.urdf")))
     processing = Processing(cutoff=3.0, torque_cutoff=3.0, order=3, trim=0.0, velocity_threshold=None)
-    one, two = (processing.apply(Recording.read(folder / f"opti_traj_testing{k}.csv", joints=7)) for k in (1, 2))
+    logs = (Recording.read(folder / f"opti_traj_testing{k}.csv", joints=7) for k in (1, 2))
+    one, two = (log.process(processing) for log in logs)
     return model, one, two
 
 

@@ -4,18 +4,15 @@ from __future__ import annotations
 
 import html
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
 
 from steelyard.errors import InputError
 
-from ..filters.fourier import FourierFit, FourierSeries
-from ..samples import Samples
-
-if TYPE_CHECKING:
-    from ..recording import Recording
+from .filters import FourierFit, FourierSeries
+from .measurements import Measurements
+from .samples import Samples
 
 __all__ = ["PeriodicAverage", "average_periods"]
 
@@ -76,7 +73,7 @@ class PeriodicAverage:
 
 
 def average_periods(
-    recording: Recording,
+    recording: Measurements,
     period: float | None = None,
     harmonics: int | None = None,
     trim: float | tuple[float, float] = 0.0,

@@ -10,10 +10,11 @@ from numpy.typing import NDArray
 
 from steelyard.errors import InputError
 
+from .measurements import Measurements
+
 if TYPE_CHECKING:
     from numpy.typing import ArrayLike
 
-    from .recording import Recording
 
 __all__ = ["LogSurvey", "stuck_torques"]
 
@@ -51,20 +52,20 @@ class LogSurvey:
         self.count = 0
         self.q = self.torque = np.empty((2, 0))
         self.speed = np.empty(0)
-        self._log: Recording | None = None
+        self._log: Measurements | None = None
         self._rate = float("nan")
         self._filled = [0, 0]
         self._blocks = 0
         self._products = self._derived = self._averaged = np.empty(0)
 
     @classmethod
-    def of(cls, recording: Recording) -> Self:
+    def of(cls, recording: Measurements) -> Self:
         """Survey a log that is there as a whole."""
         survey = cls()
         survey.add(recording)
         return survey
 
-    def add(self, recording: Recording, start: int = 0, stop: int | None = None) -> None:
+    def add(self, recording: Measurements, start: int = 0, stop: int | None = None) -> None:
         """See the rows start:stop of a recording."""
         stop = recording.count if stop is None else stop
         rows = slice(start, stop)
@@ -117,7 +118,7 @@ class LogSurvey:
         return np.asarray(self.q[1] - self.q[0])
 
     @property
-    def first_row(self) -> Recording:
+    def first_row(self) -> Measurements:
         """The first row of the log, with the names of all for messages."""
         assert self._log is not None
         return self._log

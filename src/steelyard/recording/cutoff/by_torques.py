@@ -2,10 +2,8 @@
 
 from __future__ import annotations
 
-import html
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
-from typing import TYPE_CHECKING, ClassVar
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
@@ -14,18 +12,17 @@ from steelyard.dynamics.threads import one_thread
 from steelyard.errors import InputError
 
 from ..filtering import motion_frequency
-from .drawing import Curve, picture
+from ..measurements import Measurements
+from ..samples import Samples
+from .choice import Curve, CutoffChoice, Plot
 
 if TYPE_CHECKING:
     from steelyard.dynamics import Model
 
-    from ..recording import Recording
-    from ..samples import Samples
-
-__all__ = ["TorqueCutoffChoice", "Torques", "cutoff_by_torques"]
+__all__ = ["TorqueFit", "cutoff_by_torques"]
 
 Array = NDArray[np.float64]
-Process = Callable[[float, float], "Sequence[Samples]"]
+Process = Callable[[float, float], Sequence[Samples]]
 ENDS = 2.2
 """Periods of the lowest candidate whose rows at either end are spoilt by it, and left out for all."""
 RATIO = 1.4
@@ -50,7 +47,7 @@ MOST_ROWS = 4000
 ROUNDING = 1e-11
 
 
-class Torques:
+class TorqueFit:
     """Torques of some rows and what explains them, as sums of products: of fixed size, and they add."""
 
     def __init__(self, model: Model) -> None:
@@ -111,93 +108,9 @@ def _least(products: Array) -> float:
     return float(vector @ products @ vector)
 
 
-@dataclass(frozen=True, eq=False)
-class TorqueCutoffChoice:
-    """A cutoff chosen by the torques, and its evidence.
-
-    Attributes
-    ----------
-    cutoff : float
-        Hz, of a Butterworth filter of `order` forwards and backwards.
-    order : int
-    source : str
-        The logs.
-    joint_names : tuple of str
-    candidates : ndarray
-        (C,) Hz.
-    residuals : ndarray
-        (C, N) relative error of the torque of each joint in a regression on the motion filtered with each candidate;
-        NaN for joints that do not tell.
-    """
-
-    titles: ClassVar[tuple[str, ...]] = ("Joint", "Least error, %", "at, Hz", "Error at the choice, %")
-    explanation: ClassVar[str] = (
-        "The cutoff of the position filter was chosen by the torques: for every candidate, the motion was filtered and "
-        "the torques regressed on it. The picture shows the error that remains, over its least. Too low a cutoff takes "
-        "off motion, too high a one lets noise into the accelerations. The dotted line is the choice."
-    )
-
-    cutoff: float
-    order: int
-    source: str
-    joint_names: tuple[str, ...]
-    candidates: Array
-    residuals: Array
-
-    @property
-    def error(self) -> Array:
-        """(C,) geometric mean of the residuals over the joints that tell."""
-        told = np.isfinite(self.residuals).all(axis=0)
-        return np.asarray(np.exp(np.mean(np.log(self.residuals[:, told]), axis=1)))
-
-    def remark(self) -> str:
-        """One sentence that says what was chosen and why."""
-        error = self.error
-        best = int(np.argmin(error))
-        return (
-            f"Positions were filtered at {self.cutoff:.4g} Hz, chosen by the torques of {self.source}: the error of "
-            f"the model, {100.0 * error[best]:.3g} %, is least at {self.candidates[best]:.3g} Hz and stays within "
-            f"{100.0 * TOLERANCE:g} % of that up to the choice; set `cutoff` in [processing] to choose."
-        )
-
-    def __repr__(self) -> str:
-        return f"TorqueCutoffChoice({self.source!r}: {self.cutoff:.4g} Hz, order {self.order})"
-
-    def svg(self) -> str:
-        """Draw the residual of each joint over the cutoff, without scripts."""
-        told = np.flatnonzero(np.isfinite(self.residuals).all(axis=0))
-        curves = [
-            Curve(self.joint_names[j], self.candidates, self.residuals[:, j] / self.residuals[:, j].min()) for j in told
-        ]
-        curves.append(Curve("all", self.candidates, self.error / self.error.min()))
-        return picture(curves, "cutoff, Hz", "error of the torques over the least", self.cutoff)
-
-    def table(self) -> list[tuple[str, ...]]:
-        """For each joint its name, least residual, the cutoff of that, and the residual at the choice."""
-        rows: list[tuple[str, ...]] = []
-        for name, residual in zip(self.joint_names, self.residuals.T, strict=True):
-            if not np.isfinite(residual).all():
-                rows.append((name, "–", "–", "–"))
-                continue
-            best = int(np.argmin(residual))
-            at = float(np.interp(self.cutoff, self.candidates, residual))
-            rows.append((name, f"{100 * residual[best]:.3g}", f"{self.candidates[best]:.3g}", f"{100 * at:.3g}"))
-        return rows
-
-    def _repr_html_(self) -> str:
-        head = "".join(f"<th>{title}</th>" for title in self.titles)
-        rows = "".join(
-            "<tr>" + "".join(f"<td>{html.escape(cell)}</td>" for cell in row) + "</tr>" for row in self.table()
-        )
-        return (
-            f"<p>{html.escape(self.remark())}</p>{self.svg()}"
-            f"<table><caption>{html.escape(repr(self))}</caption><tr>{head}</tr>{rows}</table>"
-        )
-
-
 def cutoff_by_torques(
-    recordings: Sequence[Recording], process: Process, model: Model, order: int, source: str
-) -> TorqueCutoffChoice:
+    recordings: Sequence[Measurements], process: Process, model: Model, order: int, source: str
+) -> CutoffChoice:
     """Choose one cutoff for recordings of one robot, by how well its model explains the torques.
 
     For candidates from half the frequency of the motion upwards, the motion is filtered, and the torques regressed on
@@ -240,7 +153,7 @@ def cutoff_by_torques(
     means: list[float] = []
     with one_thread():
         for candidate in candidates:
-            torques = Torques(model)
+            torques = TorqueFit(model)
             for samples, (rows, used) in zip(process(float(candidate), ENDS / lowest), votes, strict=True):
                 torques.add(samples, rows, used)
             _, relative = torques.fitted()
@@ -255,15 +168,61 @@ def cutoff_by_torques(
             least = min(means)
             if means[-1] > least + CLEARLY and means[-2] > least + ENOUGH:
                 break
-    error, tried = np.array(means), candidates[: len(means)]
+    error, tried = np.array(means), np.asarray(candidates[: len(means)], dtype=np.float64)
     limit = error.min() + np.log(1.0 + TOLERANCE)
     last = int(np.flatnonzero(error <= limit)[-1])
     cutoff = float(tried[last])
     if last + 1 < len(error):
         cutoff *= RATIO ** float((limit - error[last]) / (error[last + 1] - error[last]))
-    names = recordings[0].joint_names or tuple(f"joint {j + 1}" for j in range(recordings[0].joint_count))
-    return TorqueCutoffChoice(
-        cutoff, order, source, names, np.asarray(tried, dtype=np.float64), np.array(residuals, dtype=np.float64)
+    return _choice(cutoff, order, source, recordings, tried, np.array(residuals), frequency)
+
+
+def _choice(
+    cutoff: float,
+    order: int,
+    source: str,
+    recordings: Sequence[Measurements],
+    tried: Array,
+    residuals: Array,
+    frequency: float,
+) -> CutoffChoice:
+    """Return the choice with its evidence: the residuals (C, N) of the joints at the cutoffs (C,) that were tried."""
+    names = recordings[0].column_labels
+    told = np.asarray(np.isfinite(residuals).all(axis=0))
+    error = np.asarray(np.exp(np.mean(np.log(residuals[:, told]), axis=1)))
+    best = int(np.argmin(error))
+    curves: list[Curve] = []
+    table: list[tuple[str, ...]] = []
+    for j, (name, own) in enumerate(zip(names, residuals.T, strict=True)):
+        if not told[j]:
+            table.append((name, "–", "–", "–"))
+            continue
+        curves.append(Curve(name, tried, own / own.min()))
+        least, at = int(np.argmin(own)), float(np.interp(cutoff, tried, own))
+        table.append((name, f"{100 * own[least]:.3g}", f"{tried[least]:.3g}", f"{100 * at:.3g}"))
+    curves.append(Curve("all", tried, error / error.min()))
+    return CutoffChoice(
+        cutoff=cutoff,
+        order=order,
+        source=source,
+        joint_names=names,
+        candidates=tried,
+        joint_errors=residuals,
+        error=error,
+        rule=min(10.0 * frequency, HIGHEST * min(recording.rate for recording in recordings)),
+        remark=(
+            f"Positions were filtered at {cutoff:.4g} Hz, chosen by the torques of {source}: the error of "
+            f"the model, {100.0 * error[best]:.3g} %, is least at {tried[best]:.3g} Hz and stays within "
+            f"{100.0 * TOLERANCE:g} % of that up to the choice; set `cutoff` in [processing] to choose."
+        ),
+        explanation=(
+            "The cutoff of the position filter was chosen by the torques: for every candidate, the motion was filtered "
+            "and the torques regressed on it. The picture shows the error that remains, over its least. Too low a "
+            "cutoff takes off motion, too high a one lets noise into the accelerations. The dotted line is the choice."
+        ),
+        titles=("Joint", "Least error, %", "at, Hz", "Error at the choice, %"),
+        table=table,
+        plots=(Plot(curves, "cutoff, Hz", "error of the torques over the least"),),
     )
 
 

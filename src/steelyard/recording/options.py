@@ -1,35 +1,32 @@
-"""Processing: from a recording to samples, the `[processing]` section of robot.toml."""
+"""The options of processing: how a recording becomes samples, the `[processing]` section of robot.toml."""
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from math import prod
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from steelyard.errors import InputError
 
-from .checks import stuck_torques
 from .columns import number
-from .even import evened
-from .filters import Butterworth, FourierFit, MotionFilter, filter_from
-from .samples import Samples
-from .section import Section
+from .filters import Butterworth, FourierFit, KalmanSmoother, MotionFilter, SavitzkyGolay, whole
+from .measurements import Measurements
+from .section import Section, suggestion
+from .survey import stuck_torques
 
-if TYPE_CHECKING:
-    from numpy.typing import NDArray
-
-    from steelyard.dynamics import Model
-
-    from .recording import Recording
-
-__all__ = ["Processing"]
+__all__ = ["AUTO", "FILTERS", "Processing", "filter_from"]
 
 BUTTERWORTH = Butterworth()
 AUTO = "auto"
 """The word for what the data, or the filter, decides."""
+FILTERS: dict[str, type[MotionFilter]] = {
+    one.kind: one for one in (Butterworth, SavitzkyGolay, KalmanSmoother, FourierFit)
+}
+"""The filters of the positions by name."""
 
 
 @dataclass(frozen=True)
@@ -137,7 +134,7 @@ class Processing(Section):
             put("torque_cutoff", _above(0.0, self.torque_cutoff, key("torque_cutoff"), 'a frequency in Hz or "none"'))
         if self.longest_gap is not None:
             put("longest_gap", _above(0.0, self.longest_gap, key("longest_gap"), "a time in s"))
-        put("order", _whole(self.order, 1, 10, key("order")))
+        put("order", whole(self.order, 1, 10, key("order")))
         for name, options in (("velocity", ("derive", "measured")), ("difference", ("central",))):
             if getattr(self, name) not in options:
                 raise InputError(
@@ -152,7 +149,7 @@ class Processing(Section):
                 )
             put("trim", trim)
         factors = self.decimate if isinstance(self.decimate, (list, tuple)) else (self.decimate,)
-        put("decimate", tuple(n for n in (_whole(factor, 1, 1000, key("decimate")) for factor in factors) if n != 1))
+        put("decimate", tuple(n for n in (whole(factor, 1, 1000, key("decimate")) for factor in factors) if n != 1))
         if self.velocity_threshold is not None and not _is_auto(self.velocity_threshold):
             what = 'a velocity, not negative, "auto" or "none"'
             name = "velocity_threshold"
@@ -222,27 +219,7 @@ class Processing(Section):
         widths = (getattr(own, name, None) for name in ("cutoff", "window", "density"))
         return not isinstance(own, FourierFit) and all(width is None for width in widths)
 
-    def apply(self, recording: Recording, model: Model | None = None) -> Samples:
-        """Turn a recording into samples; with a model, `delay = "automatic"` is estimated by it.
-
-        Raises
-        ------
-        InputError
-            Where the recording is too short for the filters, trimming leaves nothing, an option does not fit the number
-            of joints, a torque is stuck on a joint that moves, or the sampling is uneven and `resample` is false.
-        """
-        from .decision import decide
-        from .plan import Plan
-
-        self.check_torques(
-            recording, recording.torque.min(axis=0), recording.torque.max(axis=0), np.ptp(recording.q, axis=0)
-        )
-        parts, remarks = evened(recording, self.resample, self.longest_gap, self.needs_even_rows)
-        longest = max(parts, key=lambda part: part.count)
-        plan = Plan.settled(decide(self, [longest], model), longest, model)
-        return plan.whole(parts, (*recording.remarks, *remarks))
-
-    def excluded(self, recording: Recording) -> list[int]:
+    def excluded(self, recording: Measurements) -> list[int]:
         """Indices of the excluded joints."""
         names = recording.joint_names or ()
         indices = []
@@ -260,7 +237,7 @@ class Processing(Section):
 
     def check_torques(
         self,
-        recording: Recording,
+        recording: Measurements,
         lowest: NDArray[np.float64],
         highest: NDArray[np.float64],
         travel: NDArray[np.float64],
@@ -287,13 +264,34 @@ def _above(lowest: float, value: Any, where: str, what: str) -> float:
     return float(value)
 
 
-def _whole(value: Any, lowest: int, highest: int, where: str) -> int:
-    if not isinstance(value, int) or isinstance(value, bool) or not lowest <= value <= highest:
-        raise InputError(f"{where} is {value!r}; it must be a whole number from {lowest} to {highest}.")
-    return value
-
-
 def _each(value: Any, where: str, parse: Callable[[Any], float]) -> float | tuple[float, ...]:
     if isinstance(value, np.ndarray):
         value = value.tolist()
     return tuple(parse(item) for item in value) if isinstance(value, (list, tuple)) else parse(value)
+
+
+def filter_from(value: Any, where: str) -> MotionFilter:
+    """Return the filter that a name, a table with a `kind`, or a filter itself stands for.
+
+    Raises
+    ------
+    InputError
+        For an unknown kind or key; `where` is named.
+
+    Examples
+    --------
+    >>> filter_from({"kind": "savitzky_golay", "window": 0.1}, "[processing]")
+    SavitzkyGolay(window=0.1, degree=4, cutoff=None)
+    """
+    if isinstance(value, MotionFilter):
+        return value
+    table = {"kind": value} if isinstance(value, str) else value
+    if not isinstance(table, Mapping) or not isinstance(table.get("kind"), str):
+        raise InputError(
+            f"{where} is {value!r}; it must be one of {', '.join(FILTERS)}, or a table whose `kind` is one of them."
+        )
+    kind = table["kind"]
+    if kind not in FILTERS:
+        raise InputError(f"{where} is {kind!r}; {suggestion(kind, FILTERS)}the filters are {', '.join(FILTERS)}.")
+    rest = {key: entry for key, entry in table.items() if key != "kind"}
+    return FILTERS[kind].from_dict(rest, where.rstrip(","))

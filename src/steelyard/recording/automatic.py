@@ -1,0 +1,185 @@
+"""What `[processing]` leaves to the data, decided once for all logs of a robot."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from steelyard.errors import InputError
+
+from .cutoff import CutoffChoice, choose_cutoff, cutoff_by_torques
+from .diagnosis.delay import estimate_delay
+from .diagnosis.detectors import saturation_levels, stiction_duration
+from .diagnosis.rest import HeldJoints, VelocityThresholds, velocity_noise, velocity_thresholds
+from .filters import Butterworth
+from .measurements import Measurements
+from .options import Processing
+from .plan import Plan
+from .samples import Samples
+
+if TYPE_CHECKING:
+    from steelyard.dynamics import Model
+
+
+__all__ = ["DECISION_ROWS", "Decision", "decide", "settle"]
+
+DECISION_ROWS = 50_000
+"""Rows in the middle of a log by which its processing is decided, whatever the size of the chunks it is read in."""
+FEWEST_ROWS = 64
+"""Without which nothing is decided by a log."""
+
+
+@dataclass(frozen=True, eq=False)
+class Decision:
+    """What `decide` returns: a processing without what the data decides for all logs of a robot together.
+
+    Attributes
+    ----------
+    processing : Processing
+        With numbers where "auto" stood for the cutoff and the velocity thresholds.
+    cutoff_choice : CutoffChoice or None
+        The evidence of the cutoff, where it was left open.
+    thresholds : VelocityThresholds or None
+        The evidence of the thresholds, where they were left open.
+    remarks : tuple of str
+        What was decided, a sentence each.
+    """
+
+    processing: Processing
+    cutoff_choice: CutoffChoice | None = None
+    thresholds: VelocityThresholds | None = None
+    remarks: tuple[str, ...] = ()
+
+
+def decide(processing: Processing, recordings: Sequence[Measurements], model: Model | None) -> Decision:
+    """Choose the cutoff and the velocity thresholds by recordings of one robot, where `processing` leaves them open.
+
+    With a model, the torques decide both (see `cutoff_by_torques` and `velocity_thresholds`). Without one nothing says
+    what a torque should be: the spectra of the positions then decide the cutoff (see `choose_cutoff`; of several
+    recordings, the longest), and the noise of the velocities the thresholds.
+
+    Parameters
+    ----------
+    processing : Processing
+    recordings : sequence of Recording
+        Evenly sampled: one log, or excerpts of all logs of the robot.
+    model : Model or None
+
+    Raises
+    ------
+    InputError
+        Where the recordings do not tell.
+    """
+    source = recordings[0].source if len(recordings) == 1 else f"{len(recordings)} logs"
+    recordings = [_middle(one) for one in recordings if one.count >= FEWEST_ROWS] or [recordings[0]]
+    few = recordings[0].count < FEWEST_ROWS
+    decision = Decision(processing)
+    open_rows = replace(processing, velocity_threshold=None, average=False, delay=0.0)
+    if processing.cutoff == "auto" and processing.takes_cutoff:
+        if model is None or few:
+            choice = choose_cutoff(max(recordings, key=lambda one: one.duration), processing.order)
+        else:
+            unfiltered = Decision(replace(open_rows, cutoff=None, filter=Butterworth()))
+            plans = [settle(unfiltered, one) for one in recordings]
+
+            def filtered(cutoff: float, ends: float) -> list[Samples]:
+                own = Butterworth(cutoff, processing.order)
+                pairs = zip(plans, recordings, strict=True)
+                return [replace(plan, filter=own).middle(one, ends) for plan, one in pairs]
+
+            choice = cutoff_by_torques(recordings, filtered, model, processing.order, source)
+        decided = replace(processing, cutoff=choice.cutoff)
+        decision = Decision(decided, choice, remarks=(choice.remark,))
+    if processing.velocity_threshold == "auto" and few:
+        decision = replace(decision, processing=replace(decision.processing, velocity_threshold=None))
+    elif processing.velocity_threshold == "auto":
+        settled = Decision(replace(open_rows, cutoff=decision.processing.cutoff))
+        plans = [settle(settled, one) for one in recordings]
+        pairs = list(zip(plans, recordings, strict=True))
+        measured = processing.velocity == "measured"
+        moved = [plan.middle(one) for plan, one in pairs]
+        noise = np.max([velocity_noise(one, plan.filter, measured) for plan, one in pairs], axis=0)
+        found = velocity_thresholds(moved, noise, model)
+        decided = replace(decision.processing, velocity_threshold=tuple(found.thresholds.tolist()))
+        said = (found.remark(),) if found.share.any() else ()
+        decision = Decision(decided, decision.cutoff_choice, found, (*decision.remarks, *said))
+    return decision
+
+
+def _middle(recording: Measurements) -> Measurements:
+    start = max(0, (recording.count - DECISION_ROWS) // 2)
+    return recording if start == 0 else recording.rows(start, start + DECISION_ROWS)
+
+
+def settle(decision: Decision, recording: Measurements, model: Model | None = None) -> Plan:
+    """Choose the rest by one recording, once `decide` has chosen the cutoff and the velocity thresholds.
+
+    A delay is estimated with the model where there is one.
+
+    Raises
+    ------
+    InputError
+        Where the recording does not tell, or an option does not fit it.
+    """
+    processing = decision.processing
+    cutoff, own = processing.cutoff, processing.filter
+    joints = recording.joint_count
+    if not processing.takes_cutoff:
+        cutoff = None
+    assert not isinstance(cutoff, str), "`decide` comes first"
+    chosen = own.settled(cutoff, processing.order, "[processing]")
+    stiction = levels = None
+    if processing.stiction is not False:
+        tolerance, duration = stiction_duration(recording)
+        if processing.stiction is not True:
+            duration = np.full(joints, processing.stiction)
+        stiction = (tolerance, duration)
+    if processing.saturation is True:
+        levels = saturation_levels(recording.torque)
+    elif processing.saturation is not False:
+        given = np.asarray(processing.saturation, dtype=np.float64)
+        if given.ndim and given.size != joints:
+            raise InputError(
+                f"{recording.source} has {joints} joints but `saturation` in [processing] has {given.size} levels; "
+                "give one number or one per joint."
+            )
+        levels = np.stack(np.broadcast_arrays(-given, given), axis=-1) * np.ones((joints, 1))
+    held = HeldJoints.of(recording)
+    choice, remarks = decision.cutoff_choice, decision.remarks
+    plan = Plan(processing, chosen, np.zeros(joints), stiction, levels, choice, remarks, held)
+    return _with_delay(plan, recording, model)
+
+
+def _with_delay(plan: Plan, recording: Measurements, model: Model | None) -> Plan:
+    """Take the delay of the torques from the options, or estimate it."""
+    processing, joints = plan.processing, recording.joint_count
+    delay = processing.delay
+    if isinstance(delay, str):
+        even = replace(processing, trim=0.0, decimate=(), velocity_threshold=None, average=False, filter=Butterworth())
+        # Noise of the accelerations would pull the estimate: the motion is filtered as the data asks for.
+        own = Butterworth(choose_cutoff(recording, processing.order).cutoff, processing.order)
+        samples, _ = replace(plan, processing=even, filter=own).rows(recording, 0, recording.count)
+        found = estimate_delay(samples, model)
+        by = "the signals show" if model is None else "the model shows"
+        if not found.is_sure:
+            remark = (
+                f"Torques were not moved: the delay behind the motion that {by}, {1e3 * found.delay:.3g} ms, is "
+                f"not sure with an uncertainty of {1e3 * found.standard_deviation:.2g} ms; set `delay` in "
+                "[processing] if it is known."
+            )
+            return replace(plan, remarks=(*plan.remarks, remark))
+        remark = (
+            f"Torques were moved back by {1e3 * found.delay:.3g} ms (± {1e3 * found.standard_deviation:.2g} ms), "
+            f"the delay behind the motion that {by}; set `delay` in [processing] to choose."
+        )
+        return replace(plan, delay=np.full(joints, found.delay), remarks=(*plan.remarks, remark))
+    given = np.asarray(delay, dtype=np.float64)
+    if given.ndim and given.size != joints:
+        raise InputError(
+            f"{recording.source} has {joints} joints but `delay` in [processing] has {given.size} values; "
+            "give one number or one per joint."
+        )
+    return replace(plan, delay=np.broadcast_to(given, (joints,)).astype(np.float64))

@@ -1,0 +1,399 @@
+"""Detectors of faulty rows: torques that are clipped, rows that are copies, joints that stick."""
+
+from __future__ import annotations
+
+import html
+from collections.abc import Iterator
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from steelyard.errors import InputError
+
+from ..measurements import Measurements
+
+__all__ = [
+    "Interval",
+    "Intervals",
+    "find_missing",
+    "find_repeated",
+    "find_saturation",
+    "find_stiction",
+    "noise_deviation",
+    "resolution",
+    "saturation_levels",
+    "stiction_duration",
+    "stuck_while_others_move",
+]
+
+Array = NDArray[np.float64]
+NORMAL = 1.4826
+"""Standard deviation of a normal distribution over its median absolute deviation."""
+FEWEST = 5
+LONGEST_LEAST = 3
+CROWDED = 4.0
+"""Rows at the level over rows just below it, in a band as wide: a smooth maximum has fewer than two and a half."""
+AT_REST = "at rest while the torque changes"
+LEAST_TIME = 0.02
+TURN = 3.0
+"""A rest is longer than this many times the time that a joint takes to turn around within the tolerance."""
+PARTS = 6
+TOGETHER = 0.7
+"""Share of a joint's rest in which all joints are at rest, from which it is a rest of the robot."""
+
+
+class Interval(NamedTuple):
+    """Rows start:stop of a joint (from 0), and their times in s."""
+
+    joint: int
+    start: int
+    stop: int
+    begin: float
+    end: float
+
+
+@dataclass(frozen=True, eq=False)
+class Intervals:
+    """Rows that a detector found.
+
+    Attributes
+    ----------
+    kind : str
+        What was found, in words: "at rest while the torque changes".
+    flags : ndarray of bool
+        (S, N), true where it was found.
+    t : ndarray
+        (S,) s.
+    level : ndarray or None
+        (N,) what was compared with: the level of saturation, the tolerance of a rest.
+    """
+
+    kind: str
+    flags: NDArray[np.bool_]
+    t: NDArray[np.float64]
+    level: NDArray[np.float64] | None = None
+
+    @property
+    def count(self) -> NDArray[np.intp]:
+        """(N,) rows of each joint."""
+        return np.asarray(self.flags.sum(axis=0))
+
+    def __iter__(self) -> Iterator[Interval]:
+        for joint in range(self.flags.shape[1]):
+            for start, stop in runs(self.flags[:, joint]):
+                yield Interval(joint, start, stop, float(self.t[start]), float(self.t[stop - 1]))
+
+    def __len__(self) -> int:
+        return sum(1 for _ in self)
+
+    def __bool__(self) -> bool:
+        return bool(self.flags.any())
+
+    def sentences(self) -> tuple[str, ...]:
+        """One sentence for each joint with such rows, or one for all where they are the same."""
+        found = []
+        alike = self.flags.shape[1] > 1 and bool(np.all(self.flags == self.flags[:, :1]))
+        for joint, rows in enumerate(self.count[:1] if alike else self.count):
+            if rows:
+                pieces = runs(self.flags[:, joint])
+                longest = max(stop - start for start, stop in pieces)
+                found.append(
+                    f"{'All joints' if alike else f'Joint {joint + 1}'}: {rows} rows in {len(pieces)} intervals are "
+                    f"{self.kind}, the longest of {longest} "
+                    f"rows, the first at t = {self.t[pieces[0][0]]:.6g} s."
+                )
+        return tuple(found)
+
+    def __repr__(self) -> str:
+        return f"Intervals({self.kind}: {int(self.flags.sum())} joint rows in {len(self)} intervals)"
+
+    def _repr_html_(self) -> str:
+        items = "".join(f"<li>{html.escape(sentence)}</li>" for sentence in self.sentences())
+        return f"<p>{html.escape(repr(self))}</p>" + (f"<ul>{items}</ul>" if items else "")
+
+
+def runs(flags: NDArray[np.bool_]) -> list[tuple[int, int]]:
+    """Begin and end (excluded) of each run of true values in (S,)."""
+    edges = np.flatnonzero(np.diff(np.concatenate([[False], flags, [False]]).astype(np.int8)))
+    return [(int(a), int(b)) for a, b in zip(edges[::2], edges[1::2], strict=True)]
+
+
+def resolution(values: ArrayLike) -> Array:
+    """Return the step (N,) of columns (S, N) that are whole multiples of one, such as encoder counts; 0 where none is
+    seen.
+
+    Examples
+    --------
+    >>> t = np.arange(1000) / 1000
+    >>> resolution((np.round(np.sin(t) / 1e-3) * 1e-3)[:, None]).round(9).tolist()
+    [0.001]
+    >>> resolution(np.sin(t)[:, None]).tolist()
+    [0.0]
+    """
+    columns = np.asarray(values, dtype=np.float64)
+    steps = np.zeros(columns.shape[1])
+    for j, column in enumerate(columns.T):
+        size = float(np.abs(column).max(initial=0.0))
+        jumps = np.abs(np.diff(column))
+        jumps = jumps[jumps > 1e-12 * size]
+        if len(jumps) < 8:
+            continue
+        least = float(np.quantile(jumps, 0.01))
+        own = jumps[jumps < 1.5 * least]
+        step = float(np.median(own))
+        multiple = jumps / step
+        small = multiple < 50.0
+        off = np.abs(multiple - np.round(multiple))[small]
+        if small.sum() >= 8 and np.mean(off < 0.02) > 0.95:
+            steps[j] = step
+    return steps
+
+
+def noise_deviation(values: ArrayLike) -> Array:
+    """Return the standard deviation (N,) of white noise on smooth columns (S, N), from their fourth differences.
+
+    Motion hardly shows in them; the median absolute value is not moved by single spikes.
+
+    Examples
+    --------
+    >>> t = np.arange(5000) / 1000
+    >>> noise = 0.01 * np.random.default_rng(1).normal(size=t.size)
+    >>> noise_deviation((np.sin(t) + noise)[:, None]).round(3).tolist()
+    [0.01]
+    """
+    columns = np.asarray(values, dtype=np.float64)
+    if len(columns) < 8:
+        return np.zeros(columns.shape[1])
+    differences = np.diff(columns, n=4, axis=0)
+    # 1, 4, 6, 4, 1 squared and added.
+    return np.asarray(NORMAL * np.median(np.abs(differences), axis=0) / np.sqrt(70.0))
+
+
+def saturation_levels(torque: ArrayLike) -> Array:
+    """Return the levels (N, 2), lowest and highest, at which torques (S, N) are clipped; infinite where none is seen.
+
+    A clipped signal stands at its extreme many times, several rows running, while values just below are rare.
+
+    Examples
+    --------
+    >>> t = np.arange(2000) / 1000
+    >>> saturation_levels(np.clip(9 * np.sin(6 * t), -np.inf, 7.0)[:, None]).tolist()
+    [[-inf, 7.0]]
+    """
+    columns = np.asarray(torque, dtype=np.float64)
+    levels = np.tile([-np.inf, np.inf], (columns.shape[1], 1))
+    for j, column in enumerate(columns.T):
+        for side, sign in enumerate((-1.0, 1.0)):
+            level = _clipped_at(sign * column)
+            if level is not None:
+                levels[j, side] = sign * level
+    return levels
+
+
+def _clipped_at(values: Array) -> float | None:
+    """The level at which values are clipped from above."""
+    top = float(values.max())
+    spread = float(top - values.min())
+    if spread <= 0.0:
+        return None
+    unequal = np.unique(values)
+    gaps = np.diff(unequal[-200:])
+    # One step of a quantised signal, or else next to nothing.
+    width = max(
+        1e-6 * spread,
+        1e-9 * abs(top),
+        0.5 * float(gaps.min()) if len(gaps) and len(unequal) < len(values) // 4 else 0.0,
+    )
+    at = values >= top - width
+    longest = max((stop - start for start, stop in runs(at)), default=0)
+    step = max(2.0 * width, 1e-3 * spread)
+    below = np.count_nonzero((values < top - width) & (values >= top - width - step))
+    count = np.count_nonzero(at)
+    if count >= FEWEST and longest >= LONGEST_LEAST and count > CROWDED * below:
+        return top
+    return None
+
+
+def find_saturation(recording: Measurements, levels: ArrayLike | None = None) -> Intervals:
+    """Find where the torque of a joint is clipped; the row before and after count, too.
+
+    Parameters
+    ----------
+    recording : Recording
+    levels : array_like, optional
+        (N,) N·m or N, on either side of 0, or (N, 2) lowest and highest; by default those of `saturation_levels`.
+
+    Returns
+    -------
+    Intervals
+        Its `level` is the smaller level of each joint, infinite where it has none.
+
+    Raises
+    ------
+    InputError
+        Where the levels do not fit the joints.
+    """
+    bounds = saturation_levels(recording.torque) if levels is None else np.asarray(levels, dtype=np.float64)
+    joints = recording.joint_count
+    if bounds.ndim == 0:
+        bounds = np.full(joints, float(bounds))
+    if bounds.shape == (joints,):
+        bounds = np.column_stack([-np.abs(bounds), np.abs(bounds)])
+    if bounds.shape != (joints, 2):
+        raise InputError(f"{recording.source} has {joints} joints; give one level of saturation, or one for each.")
+    slack = 1e-6 * np.ptp(recording.torque, axis=0)
+    at = (recording.torque <= bounds[:, 0] + slack) | (recording.torque >= bounds[:, 1] - slack)
+    flags = at.copy()
+    flags[1:] |= at[:-1]
+    flags[:-1] |= at[1:]
+    return Intervals("at a level where the torque is clipped", flags, recording.t, np.abs(bounds).min(axis=1))
+
+
+def find_missing(recording: Measurements) -> Intervals | None:
+    """Return where the log had no position or no torque; None where all are there."""
+    parts = [part for part in (recording.position_missing, recording.torque_missing) if part is not None]
+    return Intervals("missing in the log", np.logical_or.reduce(parts), recording.t) if parts else None
+
+
+def find_repeated(recording: Measurements) -> Intervals:
+    """Find rows whose positions and torques, all of them, are those of the row before while a joint moves.
+
+    A joint counts as moving where it changes, over the rows around, by more than two steps of its encoder a row; slow
+    motion that the encoder does not resolve from row to row is no fault. All joints of such a row are flagged: its
+    motion is wrong.
+
+    Returns
+    -------
+    Intervals
+
+    Examples
+    --------
+    >>> from steelyard.recording import Recording
+    >>> t = np.arange(1000)[:, None] / 1000
+    >>> q, torque = np.sin(3 * t), np.cos(2 * t)
+    >>> q[500:504], torque[500:504] = q[499], torque[499]
+    >>> [(one.start, one.stop) for one in find_repeated(Recording(t=t[:, 0], q=q, torque=torque))]
+    [(500, 504)]
+    """
+    q, torque = recording.q, recording.torque
+    same = np.zeros(len(q), dtype=bool)
+    same[1:] = np.all(q[1:] == q[:-1], axis=1) & np.all(torque[1:] == torque[:-1], axis=1)
+    if same.any():
+        reach = 10
+        ahead = np.minimum(np.arange(len(q)) + reach, len(q) - 1)
+        behind = np.maximum(np.arange(len(q)) - reach, 0)
+        speed = np.abs(q[ahead] - q[behind]) / (ahead - behind)[:, None]
+        same &= np.any(speed > np.maximum(2.0 * resolution(q), 1e-12), axis=1)
+    flags = np.repeat(same[:, None], recording.joint_count, axis=1)
+    return Intervals("copies of the row before", flags, recording.t)
+
+
+def stiction_duration(recording: Measurements) -> tuple[Array, Array]:
+    """Return for each joint (N,) the tolerance within which it counts as at rest, and how long it has to, in s.
+
+    The tolerance is one and a half steps of the encoder or four times the noise of the positions. A moving joint that
+    turns around stays within it for ``2 sqrt(2 tolerance / |ddq|)``; three times that, for the usual acceleration, is
+    no turn any more.
+    """
+    q, rate = recording.q, recording.rate
+    tolerance = np.maximum(1.5 * resolution(q), 4.0 * noise_deviation(q))
+    tolerance = np.maximum(tolerance, 1e-9)
+    size = max(1, round(0.05 * rate))
+    coarse = q[::size]
+    longest = np.full(len(tolerance), LEAST_TIME)
+    if len(coarse) >= 5:
+        acceleration = np.sqrt(np.mean(np.diff(coarse, n=2, axis=0) ** 2, axis=0)) * (rate / size) ** 2
+        with np.errstate(divide="ignore"):
+            turn = 2.0 * np.sqrt(2.0 * tolerance / acceleration)
+        longest = np.maximum(longest, TURN * turn)
+    return tolerance, longest
+
+
+def find_stiction(
+    recording: Measurements, duration: Array | float | None = None, tolerance: Array | None = None
+) -> Intervals:
+    """Find where a joint stands still while its torque changes.
+
+    Static friction then takes up whatever the rest of the joint's torque is; no model of sliding friction says what.
+
+    Parameters
+    ----------
+    recording : Recording
+    duration : float or ndarray, optional
+        s, shortest rest; by default what `stiction_duration` says.
+    tolerance : ndarray, optional
+        (N,) rad or m, travel within a rest; by default what `stiction_duration` says.
+
+    Returns
+    -------
+    Intervals
+        Its `level` is the tolerance.
+
+    Examples
+    --------
+    >>> from steelyard.recording import Recording
+    >>> t = np.arange(4000) / 1000
+    >>> q = np.where(t < 1, np.sin(np.pi / 2 * t), np.where(t < 2, 1.0, 1.0 + np.sin(t - 2)))
+    >>> found = find_stiction(Recording(t=t, q=q[:, None], torque=np.sin(5 * t)[:, None]))
+    >>> [(round(one.begin, 1), round(one.end, 1)) for one in found]
+    [(1.0, 2.0)]
+    """
+    own_tolerance, own_duration = stiction_duration(recording)
+    tolerance = own_tolerance if tolerance is None else np.asarray(tolerance, dtype=np.float64)
+    lengths = own_duration if duration is None else np.broadcast_to(np.asarray(duration, float), own_duration.shape)
+    flags = _resting(recording, tolerance, lengths)
+    for j in range(recording.joint_count):
+        for start, stop in runs(flags[:, j]):
+            flags[start:stop, j] = _changes(recording.torque[start:stop, j])
+    return Intervals(AT_REST, flags, recording.t, tolerance)
+
+
+def stuck_while_others_move(recording: Measurements) -> Intervals:
+    """Return what `find_stiction` finds, without the rests that every sound log has.
+
+    Those are the rests at its begin and end, and those of all joints together, where nothing was commanded to move.
+    """
+    found = find_stiction(recording)
+    if not found:
+        return found
+    tolerance, lengths = stiction_duration(recording)
+    together = np.all(_resting(recording, tolerance, lengths), axis=1) & (recording.joint_count > 1)
+    flags = found.flags.copy()
+    for one in found:
+        rows = slice(one.start, one.stop)
+        # Joints do not come to rest in the very same row.
+        if one.start == 0 or one.stop == recording.count or np.mean(together[rows]) > TOGETHER:
+            flags[rows, one.joint] = False
+    return Intervals(AT_REST, flags, recording.t, tolerance)
+
+
+def _resting(recording: Measurements, tolerance: Array, lengths: Array) -> NDArray[np.bool_]:
+    """(S, N) rows where a joint travels no further than its tolerance for its shortest rest at least."""
+    from scipy.ndimage import maximum_filter1d, minimum_filter1d
+
+    flags = np.zeros(recording.q.shape, dtype=bool)
+    for j in range(recording.joint_count):
+        if not np.isfinite(lengths[j]) or np.ptp(recording.q[:, j]) <= tolerance[j]:
+            continue
+        size = max(3, round(float(lengths[j]) * recording.rate) | 1)
+        if size >= recording.count:
+            continue
+        q = recording.q[:, j]
+        travel = maximum_filter1d(q, size, mode="nearest") - minimum_filter1d(q, size, mode="nearest")
+        centre = travel <= tolerance[j]
+        half = size // 2
+        centre[:half] = centre[recording.count - half :] = False
+        flags[:, j] = maximum_filter1d(centre.astype(np.uint8), size, mode="constant") > 0
+    return flags
+
+
+def _changes(torque: Array) -> bool:
+    """Whether the torque changes by more than its scatter about the means of a few parts of the interval."""
+    parts = np.array_split(torque, min(PARTS, len(torque)))
+    means = np.array([part.mean() for part in parts])
+    scatter = float(
+        np.sqrt(np.mean(np.concatenate([part - mean for part, mean in zip(parts, means, strict=True)]) ** 2))
+    )
+    return float(np.ptp(means)) > max(scatter, 1e-9 * float(np.abs(torque).max()))

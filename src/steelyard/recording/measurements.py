@@ -1,0 +1,210 @@
+"""Measurements of a robot's joints in SI units: what a log says, before any signal processing."""
+
+from __future__ import annotations
+
+import html
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from typing import Any, Self
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from steelyard.errors import InputError
+
+from .samples import read_only_matrix, read_only_vector, require_finite
+
+__all__ = ["Measurements", "check_order", "check_period"]
+
+LARGEST = 1e15  # in SI units
+SHORTEST_PERIOD, LONGEST_PERIOD = 1e-6, 0.5  # s
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class Measurements:
+    """Measured positions and torques of N joints at S instants, in SI units: the data of a `Recording`.
+
+    Everything that looks at a log works on this class; `Recording` adds reading, processing and writing to it.
+
+    Parameters
+    ----------
+    t
+        (S,) times in s, increasing.
+    q, torque
+        (S, N) joint positions (rad or m) and torques (N·m or N).
+    velocity, acceleration
+        (S, N) as measured, or None.
+    source
+        Where it comes from, for messages.
+    joint_names
+        N names, or None.
+    remarks
+        What was noticed about the log, one sentence each.
+    stated_rate
+        Sample rate in Hz where it is known better than from the stamps.
+    first_row
+        Number of rows of the log that come before the first row here, for messages.
+    position_missing, torque_missing
+        (S, N) booleans, true where the log had no value and one was filled in; such rows are left out of samples. None
+        where all are there.
+
+    Raises
+    ------
+    InputError
+        Where shapes do not fit, a value is not finite, or the times do not increase.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> t = np.arange(1000) / 1000
+    >>> Measurements(t=t, q=np.sin(t)[:, None], torque=np.cos(t)[:, None], source="sine")
+    Measurements('sine', 1000 rows x 1 joints, 0.999 s at 1000 Hz)
+    """
+
+    t: NDArray[np.float64]
+    q: NDArray[np.float64]
+    torque: NDArray[np.float64]
+    velocity: NDArray[np.float64] | None = None
+    acceleration: NDArray[np.float64] | None = None
+    source: str = "recording"
+    joint_names: tuple[str, ...] | None = None
+    remarks: tuple[str, ...] = ()
+    stated_rate: float | None = None
+    first_row: int = 0
+    position_missing: NDArray[np.bool_] | None = None
+    torque_missing: NDArray[np.bool_] | None = None
+
+    def __post_init__(self) -> None:
+        t = read_only_vector(self.t, f"`t` of {self.source}")
+        require_finite(t, f"`t` of {self.source}")
+        object.__setattr__(self, "t", t)
+        shape: tuple[int, ...] | None = None
+        for name in ("q", "torque", "velocity", "acceleration"):
+            values: ArrayLike | None = getattr(self, name)
+            if values is None and name in ("velocity", "acceleration"):
+                continue
+            array = read_only_matrix(values, f"`{name}` of {self.source}")  # type: ignore[arg-type]
+            shape = (t.size, array.shape[1]) if shape is None else shape
+            if array.shape != shape:
+                raise InputError(
+                    f"`{name}` of {self.source} has shape {array.shape}; expected {shape}, "
+                    "one row per time and one column per joint."
+                )
+            require_finite(array, f"`{name}` of {self.source}")
+            if np.max(np.abs(array), initial=0.0) > LARGEST:
+                row = int(np.argmax(np.abs(array).max(axis=1) > LARGEST))
+                raise InputError(
+                    f"`{name}` of {self.source} holds a number beyond {LARGEST:g} in {self.where(row)}, which no robot "
+                    "reaches; remove that row, or record again."
+                )
+            object.__setattr__(self, name, array)
+        for name in ("position_missing", "torque_missing"):
+            flags = getattr(self, name)
+            if flags is not None and (np.asarray(flags).dtype != np.bool_ or np.shape(flags) != shape):
+                raise InputError(f"`{name}` of {self.source} must be boolean of shape {shape}.")
+        check_order(t, self.where, self.source)
+        if self.joint_names is not None:
+            names = tuple(self.joint_names)
+            if len(names) != self.joint_count:
+                raise InputError(
+                    f"{self.source} has {self.joint_count} joints but {len(names)} joint names; give one each."
+                )
+            object.__setattr__(self, "joint_names", names)
+
+    @property
+    def count(self) -> int:
+        """Number of rows, S."""
+        return int(self.t.size)
+
+    @property
+    def joint_count(self) -> int:
+        """Number of joints, N."""
+        return int(self.q.shape[1])
+
+    @property
+    def rate(self) -> float:
+        """Mean sample rate in Hz, or the stated one."""
+        if self.stated_rate is not None:
+            return self.stated_rate
+        if self.count < 2:
+            raise InputError(f"{self.source} has a single row; a sample rate needs two at least.")
+        return float((self.count - 1) / (self.t[-1] - self.t[0]))
+
+    @property
+    def duration(self) -> float:
+        """Time from the first row to the last, in s."""
+        return float(self.t[-1] - self.t[0])
+
+    def joint_label(self, index: int) -> str:
+        """Name joint `index` (from 0) for messages."""
+        return f"joint {index + 1}" if self.joint_names is None else f"joint {index + 1} ({self.joint_names[index]})"
+
+    @property
+    def column_labels(self) -> tuple[str, ...]:
+        """The joints' names, or "joint 1", "joint 2" and so on, for tables and pictures."""
+        return self.joint_names or tuple(f"joint {j + 1}" for j in range(self.joint_count))
+
+    def where(self, row: int) -> str:
+        """Say where row `row` (from 0) of this recording stands in the log."""
+        return f"row {self.first_row + row + 1}"
+
+    def rows(self, start: int, stop: int) -> Self:
+        """Return the rows start:stop, without the remarks on the whole."""
+        return replace(self.chosen(slice(start, stop)), first_row=self.first_row + start, remarks=())
+
+    def chosen(self, rows: NDArray[np.bool_] | slice) -> Self:
+        """Return some of the rows."""
+        names = ("t", "q", "torque", "velocity", "acceleration", "position_missing", "torque_missing")
+        values = {name: getattr(self, name) for name in names}
+        fields: dict[str, Any] = {name: part if part is None else part[rows] for name, part in values.items()}
+        return replace(self, **fields)
+
+    def __repr__(self) -> str:
+        extra = "" if self.velocity is None else ", with measured velocities"
+        size = f"{self.count} rows x {self.joint_count} joints"
+        timing = f", {self.duration:.6g} s at {self.rate:.6g} Hz" if self.count > 1 else ""
+        return f"{type(self).__name__}({self.source!r}, {size}{timing}{extra})"
+
+    def _repr_html_(self) -> str:
+        rows = "".join(
+            f"<tr><td>{html.escape(self.joint_label(j))}</td>"
+            f"<td>{self.q[:, j].min():.4g} … {self.q[:, j].max():.4g}</td>"
+            f"<td>{self.torque[:, j].min():.4g} … {self.torque[:, j].max():.4g}</td></tr>"
+            for j in range(self.joint_count)
+        )
+        notes = "".join(f"<li>{html.escape(remark)}</li>" for remark in self.remarks)
+        head = "<tr><th>joint</th><th>position</th><th>torque</th></tr>"
+        table = f"<table><caption>{html.escape(repr(self))}</caption>{head}{rows}</table>"
+        return table + (f"<ul>{notes}</ul>" if notes else "")
+
+
+def check_order(t: NDArray[np.float64], where: Callable[[int], str], source: str) -> None:
+    """Refuse stamps that repeat or go back; `where` says where a row stands."""
+    steps = np.diff(t)
+    bad = steps <= 0.0
+    if not bad.any():
+        return
+    row = int(np.argmax(bad)) + 1
+    count = np.count_nonzero(bad)
+    if steps[row - 1] == 0.0:
+        raise InputError(
+            f"{source}, {where(row)}, repeats the time {t[row]:.9g} s of the row before ({count} rows do so); "
+            "remove the repeated rows, or state `rate` in [log] if the stamps are only rounded."
+        )
+    raise InputError(
+        f"{source}, {where(row)}, goes back in time from {t[row - 1]:.9g} s to {t[row]:.9g} s ({count} rows do so); "
+        "sort the rows, or split the log where a new run begins."
+    )
+
+
+def check_period(period: float, source: str) -> None:
+    """Refuse a sample period in s that no robot log has: the unit of time is wrong then."""
+    if SHORTEST_PERIOD <= period < LONGEST_PERIOD:
+        return
+    units = {"ms": 1e-3, "us": 1e-6, "ns": 1e-9}
+    fitting = [unit for unit, scale in units.items() if 1e-4 <= period * scale < LONGEST_PERIOD]
+    remedy = f'`time_unit = "{fitting[0]}"` would fit' if fitting else "check `time`, `time_unit` and `rate`"
+    raise InputError(
+        f"{source} has a sample period of {period:.6g} s; expected between {SHORTEST_PERIOD:g} and "
+        f"{LONGEST_PERIOD:g} s: {remedy} in [log]."
+    )
