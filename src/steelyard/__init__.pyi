@@ -61,10 +61,10 @@ from .recording.columns import LogColumns as LogColumns
 from .recording.options import Processing as Processing
 from .recording.recording import Recording as Recording
 from .recording.samples import Samples as Samples
-from .regression.covariance import residual_covariance as residual_covariance
 from .regression.estimate import Estimate as Estimate
 from .regression.information import Information as Information
 from .regression.least_squares import least_squares as least_squares
+from .regression.residual_covariance import residual_covariance as residual_covariance
 from .robot.file import RobotFile as RobotFile
 from .robot.inertia import Inertia as Inertia
 from .robot.joint import Joint as Joint

@@ -210,7 +210,7 @@ def write_samples(folder: Path) -> dict[str, Path]:
     q, dq, ddq = (rng.normal(size=(60, 2)) for _ in range(3))
     parameters = np.nan_to_num(np.asarray(robot.parameters))
     torque = model.inverse_dynamics(q, dq, ddq, parameters) + rng.normal(0, 0.01, (60, 2))
-    information = sy.Information.from_samples(model, sy.Samples(q=q, dq=dq, ddq=ddq, torque=torque), blocks=False)
+    information = sy.Information.from_samples(model, sy.Samples(q=q, dq=dq, ddq=ddq, torque=torque), batch_means=False)
     information.save(folder / "information.json")
     estimate = sy.fit(information, sy.FeasibleSet(model))
     estimate.save(folder / "estimate.json")

@@ -4,7 +4,7 @@ import numpy as np
 
 import steelyard as sy
 from steelyard.recording import Samples
-from steelyard.regression.blocks import BLOCK_LENGTHS, BlockSums
+from steelyard.regression.batch_means import BATCH_LENGTHS, BatchSums
 from steelyard.regression.reduction import empty_factors
 
 
@@ -20,12 +20,12 @@ def test_block_sums_of_many_logs_are_those_of_each():
     expected = apart[0]
     for one in apart[1:]:
         expected = expected + one
-    sums = BlockSums(empty_factors(model))
+    sums = BatchSums(empty_factors(model))
     parts = [sy.Information.from_chunks(model, [samples], sums=sums) for samples in logs]
-    assert all(part.block_factors == () for part in parts)
+    assert all(part.batch_means == () for part in parts)
     found = sums.factors()
-    assert len(found) == len(BLOCK_LENGTHS)
-    for level, other in zip(found, expected.block_factors, strict=True):
+    assert len(found) == len(BATCH_LENGTHS)
+    for level, other in zip(found, expected.batch_means, strict=True):
         for a, b in zip(level, other, strict=True):
             assert a.count == b.count
             np.testing.assert_allclose(a.triangle.T @ a.triangle, b.triangle.T @ b.triangle, rtol=1e-9, atol=1e-9)

@@ -9,7 +9,7 @@ from scipy.signal import lfilter
 
 import steelyard as sy
 from steelyard.regression import residual_correlation
-from steelyard.regression.blocks import BLOCK_LENGTHS
+from steelyard.regression.batch_means import BATCH_LENGTHS
 
 RATE = 500.0
 
@@ -134,8 +134,8 @@ def test_block_sums_are_sums_of_rows(arm):
     mask = np.random.default_rng(1).random((2500, 2)) > 0.3
     samples = samples_of(arm, 2500, 0.5, 2, mask)
     information = sy.Information.from_samples(arm, samples)
-    assert len(information.block_factors) == len(BLOCK_LENGTHS)
-    for length, level in zip(BLOCK_LENGTHS, information.block_factors, strict=True):
+    assert len(information.batch_means) == len(BATCH_LENGTHS)
+    for length, level in zip(BATCH_LENGTHS, information.batch_means, strict=True):
         for k, (factor, X) in enumerate(zip(level, regressors(arm, samples), strict=True)):
             rows = np.column_stack([X[:, factor.columns], samples.torque[:, k]]) * mask[:, k, None]
             sums = np.add.reduceat(rows, np.arange(0, 2500, length))
@@ -157,10 +157,10 @@ def test_informations_add_with_their_blocks(arm, tmp_path):
         np.testing.assert_allclose(
             found.corrected_standard_deviation, sy.least_squares(whole, "joint").corrected_standard_deviation, rtol=1e-8
         )
-    without = sy.Information.from_samples(arm, parts[0], blocks=False)
-    assert (total + without).block_factors == ()
+    without = sy.Information.from_samples(arm, parts[0], batch_means=False)
+    assert (total + without).batch_means == ()
     assert sy.least_squares(without).corrected_standard_deviation is None
-    with pytest.raises(sy.InputError, match="blocks=True"):
+    with pytest.raises(sy.InputError, match="batch_means=True"):
         residual_correlation(without, np.zeros(without.base_count))
 
 
@@ -261,7 +261,7 @@ def test_the_cut_of_the_samples_changes_nothing(arm):
         for a, b in zip(whole.factors, cut.factors, strict=True):
             np.testing.assert_array_equal(a.triangle, b.triangle)
             assert a.count == b.count
-        for first, second in zip(whole.block_factors, cut.block_factors, strict=True):
+        for first, second in zip(whole.batch_means, cut.batch_means, strict=True):
             for a, b in zip(first, second, strict=True):
                 np.testing.assert_array_equal(a.triangle, b.triangle)
                 assert a.count == b.count

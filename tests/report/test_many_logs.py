@@ -9,7 +9,7 @@ import pytest
 from steelyard import least_squares
 from steelyard.cli import terminal
 from steelyard.identification import identify
-from steelyard.regression.blocks import BLOCK_LENGTHS
+from steelyard.regression.batch_means import BATCH_LENGTHS
 from steelyard.report import report_html
 from steelyard.report.extent import MOST_LOGS, MOST_REMARKS, gathered, shown_logs
 
@@ -78,7 +78,7 @@ def test_many_logs_keep_little_and_give_what_each_gives(folder):
     assert sum(text.startswith("reading") for text in said) <= 30
     assert len(result.predictions[0].trace.t) == 1500
     assert max(len(p.trace.t) for p in result.predictions[1:]) <= 2 * 24_000 / 60
-    assert len(result.information.block_factors) == len(BLOCK_LENGTHS)
+    assert len(result.information.batch_means) == len(BATCH_LENGTHS)
     parts = [identify(robot, [name]).information for name in names] * 30
     expected = parts[0]
     for part in parts[1:]:

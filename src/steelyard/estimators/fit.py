@@ -10,7 +10,7 @@ from steelyard.errors import InputError
 from steelyard.feasibility import Preference
 from steelyard.feasibility.certificates import FeasibilityCertificate
 from steelyard.feasibility.feasible_set import FeasibleSet
-from steelyard.regression import Estimate, Information, corrected_deviations, method_name, standard_deviations
+from steelyard.regression import Estimate, Information, ParameterCovariance, method_name
 
 from .constrained import fit_reduced
 from .l_curve import l_curve
@@ -131,8 +131,8 @@ def fit(
         base_names=info.base_names,
         base_expressions=certificate.base_expressions,  # reduced data may have names of its own
         base=certificate.base,
-        standard_deviation=standard_deviations(problem, found.base, undetermined),
-        corrected_standard_deviation=corrected_deviations(info, found.base, values),
+        standard_error=ParameterCovariance.of(info, found.base, values).standard_error,
+        filtered_torque=info.filtered_torque,
         joint_names=joint_names,
         relative_error=info.relative_error(found.base),
         row_count=info.count,

@@ -16,6 +16,7 @@ if TYPE_CHECKING:
     from .reading import require_file as require_file
     from .reading import shown as shown
     from .tables import reading_table as reading_table
+    from .writing import plain as plain
     from .writing import replaced_file as replaced_file
     from .writing import write_bytes as write_bytes
     from .writing import write_json as write_json

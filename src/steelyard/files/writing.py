@@ -7,9 +7,12 @@ import json
 import os
 import secrets
 import stat
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
+from dataclasses import fields, is_dataclass
 from pathlib import Path
 from typing import Any, BinaryIO
+
+import numpy as np
 
 from steelyard.errors import InputError
 
@@ -19,6 +22,7 @@ if os.name == "posix":
 __all__ = [
     "beside",
     "locked",
+    "plain",
     "refusal",
     "remove_leftovers",
     "replaced_file",
@@ -103,8 +107,34 @@ def write_text(text: str, path: str | os.PathLike[str]) -> None:
 
 
 def write_json(document: Any, path: str | os.PathLike[str], *, indent: int | None = 1) -> None:
-    """Write a document of finite numbers as JSON as in `replaced_file`."""
-    write_text(json.dumps(document, indent=indent, allow_nan=False, ensure_ascii=False) + "\n", path)
+    """Write a document as JSON as in `replaced_file`; its values become those of `plain`."""
+    write_text(json.dumps(plain(document), indent=indent, allow_nan=False, ensure_ascii=False) + "\n", path)
+
+
+def plain(value: Any) -> Any:
+    """Return a value as JSON can hold it: arrays and tuples as lists, objects by their fields, numbers as Python's own.
+
+    JSON has neither infinity nor not-a-number, for which None stands.
+
+    Examples
+    --------
+    >>> plain({"errors": np.array([1.0, np.inf]), "count": np.int64(3), 2: ("a", None)})
+    {'errors': [1.0, None], 'count': 3, '2': ['a', None]}
+    """
+    if isinstance(value, np.ndarray):
+        exact = value.dtype.kind != "f" or bool(np.all(np.isfinite(value)))
+        return value.tolist() if exact else [plain(item) for item in value]
+    if isinstance(value, (float, np.floating)):
+        return float(value) if np.isfinite(value) else None
+    if isinstance(value, np.generic):
+        return value.item()
+    if isinstance(value, Mapping):
+        return {str(key): plain(item) for key, item in value.items()}
+    if isinstance(value, (list, tuple)):
+        return [plain(item) for item in value]
+    if is_dataclass(value) and not isinstance(value, type):
+        return {item.name: plain(getattr(value, item.name)) for item in fields(value)}
+    return value
 
 
 def refusal(target: Path, error: OSError) -> InputError:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Literal
@@ -57,19 +56,7 @@ class EstimateExplanation:
 
     def save(self, path: str | Path) -> None:
         """Write it as JSON, numbers that are not finite as null; the file appears whole or not at all."""
-        write_json(_plain(self.to_dict()), path)
-
-
-def _plain(value: Any) -> Any:
-    if isinstance(value, Mapping):
-        return {str(key): _plain(item) for key, item in value.items()}
-    if isinstance(value, (list, tuple, np.ndarray)):
-        return [_plain(item) for item in value]
-    if isinstance(value, (float, np.floating)):
-        return float(value) if np.isfinite(value) else None
-    if isinstance(value, np.generic):
-        return value.item()
-    return value
+        write_json(self.to_dict(), path)
 
 
 def explain_estimate(
@@ -98,9 +85,9 @@ def explain_estimate(
     _, feasible, loaded = set_and_estimate(robot, estimate, consistency)
     verdict = check(feasible, base=loaded.base)
     if verdict.feasible is False:
-        deviations = loaded.deviation
-        known = bool(np.all(np.isfinite(deviations)) and np.all(deviations > 0))
-        covariance = np.diag(deviations**2) if known else None
+        errors = loaded.standard_error
+        known = not loaded.filtered_torque and bool(np.all(np.isfinite(errors)) and np.all(errors > 0))
+        covariance = np.diag(errors**2) if known else None
         return EstimateExplanation(
             False, explain_infeasibility(feasible, base=loaded.base, covariance=covariance), None, None
         )

@@ -30,7 +30,7 @@ from steelyard.recording.automatic import DECISION_ROWS
 from steelyard.recording.diagnosis import DETECTORS, faulty_rows
 from steelyard.recording.survey import LogSurvey
 from steelyard.regression import Estimate, Information, least_squares
-from steelyard.regression.blocks import BlockSums
+from steelyard.regression.batch_means import BatchSums
 from steelyard.regression.reduction import empty_factors
 from steelyard.robot import RobotFile
 
@@ -110,7 +110,7 @@ def identify(
     say(f"{model.robot.name}: {model.joint_count} joints, {model.base_parameters().count} base parameters")
     reader.decide(logs, say)
     parts: list[tuple[str, str, Information, _Thinned]] = []
-    sums = BlockSums(empty_factors(model))
+    sums = BatchSums(empty_factors(model))
     for role, group in (("identification", logs), ("validation", validate)):
         for number, log in enumerate(group):
             # A line for each of thousands of logs would push all else off the screen.
@@ -119,7 +119,7 @@ def identify(
             points = _TRACE_POINTS if number == 0 else min(max(_ALL_POINTS // len(group), 100), _TRACE_POINTS)
             parts.append((str(log), role, *reader.reduce(log, points, sums if group is logs else None)))
     information = _total([p[2] for p in parts if p[1] == "identification"])
-    information = replace(information, block_factors=sums.factors())
+    information = replace(information, batch_means=sums.factors())
     _require_excitation(information, model)
 
     say("least squares")
@@ -204,13 +204,13 @@ class _Reader:
         if decision.cutoff_choice is not None:
             self.cutoff_choices.append(("all logs", decision.cutoff_choice))
 
-    def reduce(self, log: str | Path, points: int, sums: BlockSums | None) -> tuple[Information, _Thinned]:
+    def reduce(self, log: str | Path, points: int, sums: BatchSums | None) -> tuple[Information, _Thinned]:
         """Reduce one log, and keep a copy of its samples, thinned to so many or twice as many points.
 
         The sums of blocks are kept for all the logs together: they are nine tenths of an Information.
         """
         thinned = _Thinned(points)
-        information = Information.from_chunks(self.model, self._watched(log, thinned), blocks=False, sums=sums)
+        information = Information.from_chunks(self.model, self._watched(log, thinned), batch_means=False, sums=sums)
         thinned.finish()
         return information, thinned
 

@@ -207,8 +207,8 @@ def correct_estimate(
     weights = None
     if metric == "deviation":
         with np.errstate(divide="ignore"):
-            weights = np.diag(np.where(loaded.least_deviation > 0, 1.0 / loaded.least_deviation**2, 0.0))
-        exact = loaded.least_deviation == 0
+            weights = np.diag(np.where(loaded.standard_error > 0, 1.0 / loaded.standard_error**2, 0.0))
+        exact = loaded.standard_error == 0
         weights[exact, exact] = max(1.0, float(weights.max(initial=0.0)))
     found = correct(feasible, base=loaded.base, metric=weights)
     damping, friction = model.joint_friction(found.parameters)

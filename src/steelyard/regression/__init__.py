@@ -5,10 +5,6 @@ from typing import TYPE_CHECKING
 from steelyard.first_use import import_at_first_use
 
 if TYPE_CHECKING:
-    from .correlation import ResidualCorrelation as ResidualCorrelation
-    from .correlation import corrected_deviations as corrected_deviations
-    from .correlation import residual_correlation as residual_correlation
-    from .covariance import residual_covariance as residual_covariance
     from .estimate import Estimate as Estimate
     from .factor import Factor as Factor
     from .factor import Reduced as Reduced
@@ -17,6 +13,8 @@ if TYPE_CHECKING:
     from .information import Information as Information
     from .least_squares import least_squares as least_squares
     from .least_squares import method_name as method_name
-    from .least_squares import standard_deviations as standard_deviations
+    from .parameter_covariance import ParameterCovariance as ParameterCovariance
+    from .parameter_covariance import ResidualCorrelation as ResidualCorrelation
+    from .residual_covariance import residual_covariance as residual_covariance
 
 __all__ = import_at_first_use(__name__, __file__)

@@ -12,26 +12,24 @@ import numpy as np
 from numpy.typing import NDArray
 
 from steelyard.errors import InputError
-from steelyard.files import read_json, shown, write_json
+from steelyard.files import plain, read_json, shown, write_json
 
 from .certified_numbers import certified_numbers_differ
 
 __all__ = ["Estimate"]
 
 Array = NDArray[np.float64]
-FORMAT = "steelyard-estimate-1"
+FORMAT = "steelyard-estimate-2"
 LARGEST = 1e30  # of a number in a file, so that sums of squares stay finite
 _ARRAYS = (
     "base",
-    "standard_deviation",
+    "standard_error",
     "parameters",
     "weights",
     "joint_relative_error",
     "damping",
     "friction",
-    "corrected_standard_deviation",
 )
-_ABSENT_BEFORE = ("corrected_standard_deviation", "optimality_gap")  # files of earlier releases do without
 _NAMES = ("base_names", "base_expressions", "joint_names", "parameter_names", "remarks")
 _NUMBERS = {"relative_error": np.nan, "condition_number": np.inf}  # what None stands for
 _OPTIONAL = (*_ARRAYS[2:], "consistency", "certificate", "optimality_gap")
@@ -49,8 +47,10 @@ class Estimate:
         The n_b base parameters.
     base : ndarray
         (n_b,), SI units.
-    standard_deviation : ndarray
-        (n_b,), thesis eq. 4.27; infinite where the data says nothing.
+    standard_error : ndarray
+        (n_b,) of the base parameters, from `ParameterCovariance`: with the correlation of the residuals in time where
+        the Information tells of it, otherwise each row an independent one (thesis eq. 4.27). Infinite where the data
+        says nothing.
     parameter_names : tuple of str
         The n standard parameters; empty where only base parameters are known.
     parameters : ndarray or None
@@ -76,10 +76,9 @@ class Estimate:
         What the user should know, a sentence each.
     description : mapping
         How the robot was read (``tip``, ``locked``), for writing a URDF.
-    corrected_standard_deviation : ndarray or None
-        (n_b,) with the correlation of the residuals in time, see `residual_correlation`; `standard_deviation` takes
-        each row for an independent one, and is too small where they are not. Infinite where no interval can be told,
-        as with torques that were filtered; None where the correlation is not known.
+    filtered_torque : bool
+        Whether torques were filtered and the dynamics were not, see `Samples`; the estimate is then off by more than
+        its standard errors tell, and no interval of a base parameter holds.
     optimality_gap : float or None
         Of a feasible fit, measured: no feasible parameters (below the mass bound of its remarks, and below a thousand
         times what is typical of the robot) have a squared residual that is smaller than the least one that was found by
@@ -91,10 +90,10 @@ class Estimate:
     >>> import numpy as np
     >>> estimate = Estimate(
     ...     method="ordinary least squares", base_names=("m1",), base_expressions=("m1",), base=np.array([2.0]),
-    ...     standard_deviation=np.array([0.1]), joint_names=("joint1",), relative_error=0.05, row_count=100,
+    ...     standard_error=np.array([0.1]), joint_names=("joint1",), relative_error=0.05, row_count=100,
     ...     condition_number=1.0,
     ... )
-    >>> estimate.relative_standard_deviation.tolist()
+    >>> estimate.relative_standard_error.tolist()
     [0.05]
     """
 
@@ -102,7 +101,7 @@ class Estimate:
     base_names: tuple[str, ...]
     base_expressions: tuple[str, ...]
     base: Array
-    standard_deviation: Array
+    standard_error: Array
     joint_names: tuple[str, ...]
     relative_error: float
     row_count: int
@@ -117,14 +116,14 @@ class Estimate:
     certificate: Mapping[str, Any] | None = None
     remarks: tuple[str, ...] = ()
     description: Mapping[str, Any] = field(default_factory=dict)
-    corrected_standard_deviation: Array | None = None
+    filtered_torque: bool = False
     optimality_gap: float | None = None
 
     def confidence_interval(self, level: float = 0.95) -> Array:
         """Return an interval for each base parameter, (n_b, 2), that covers it with a probability of `level`.
 
-        From `corrected_standard_deviation` where it is known, otherwise from `standard_deviation`, for a normal
-        distribution. Errors of the model, and of the processing, come on top.
+        From `standard_error`, for a normal distribution; infinite where torques were filtered. Errors of the model, and
+        of the processing, come on top.
 
         Raises
         ------
@@ -135,40 +134,22 @@ class Estimate:
 
         if not 0.0 < level < 1.0:
             raise InputError(f"level must lie between 0 and 1, such as 0.95, got {level!r}.")
-        reach = float(ndtri(0.5 + 0.5 * level)) * self.deviation
+        error = np.full_like(self.standard_error, np.inf) if self.filtered_torque else self.standard_error
+        reach = float(ndtri(0.5 + 0.5 * level)) * error
         return np.column_stack([self.base - reach, self.base + reach])
 
     @property
-    def deviation(self) -> Array:
-        """The standard deviation to go by, (n_b,): corrected for correlation in time where that is known."""
-        corrected = self.corrected_standard_deviation
-        return self.standard_deviation if corrected is None else corrected
-
-    @property
-    def relative_standard_deviation(self) -> Array:
-        """`standard_deviation` over the size of each base parameter (thesis eq. 4.29), (n_b,); 0.05 means 5 %."""
-        return self._relative(self.standard_deviation)
-
-    @property
-    def relative_deviation(self) -> Array:
-        """`deviation`, the one to go by, over the size of each base parameter, (n_b,); 0.05 means 5 %."""
-        return self._relative(self.deviation)
-
-    def _relative(self, deviation: Array) -> Array:
+    def relative_standard_error(self) -> Array:
+        """`standard_error` over the size of each base parameter (thesis eq. 4.29), (n_b,); 0.05 means 5 %."""
         size = np.abs(self.base)
         with np.errstate(divide="ignore", invalid="ignore"):
-            return np.asarray(np.where(size > 0.0, deviation / size, np.inf))
-
-    @property
-    def least_deviation(self) -> Array:
-        """`deviation`, and `standard_deviation`, which is less than the truth, where that is not known; (n_b,)."""
-        return np.where(np.isfinite(self.deviation), self.deviation, self.standard_deviation)
+            return np.asarray(np.where(size > 0.0, self.standard_error / size, np.inf))
 
     @property
     def weak(self) -> tuple[str, ...]:
-        """Base parameters, in words, whose `deviation` exceeds their size, or that the data does not determine."""
-        relative = self._relative(self.least_deviation)
-        return tuple(name for name, s in zip(self.base_expressions, relative, strict=True) if not s < 1.0)
+        """Base parameters, in words, whose standard error exceeds their size, or that the data does not determine."""
+        pairs = zip(self.base_expressions, self.relative_standard_error, strict=True)
+        return tuple(name for name, error in pairs if not error < 1.0)
 
     def __repr__(self) -> str:
         feasible = f", feasible ({self.consistency})" if self.consistency else ""
@@ -176,7 +157,7 @@ class Estimate:
         return f"Estimate({self.method}: {len(self.base)} base parameters, {error}{feasible})"
 
     def _repr_html_(self) -> str:
-        relative = self.relative_deviation
+        relative = self.relative_standard_error
         rows = "".join(
             f"<tr><td>{html.escape(text)}</td><td>{value:.5g}</td><td>{100 * s:.3g} %</td></tr>"
             for text, value, s in zip(self.base_expressions, self.base, relative, strict=True)
@@ -186,11 +167,7 @@ class Estimate:
 
     def to_dict(self) -> dict[str, Any]:
         """Return it as plain data, numbers that are not finite as None."""
-        document: dict[str, Any] = {"format": FORMAT}
-        for item in fields(self):
-            value = getattr(self, item.name)
-            document[item.name] = _plain(value)
-        return document
+        return {"format": FORMAT, **plain(self)}
 
     @classmethod
     def from_dict(cls, document: Mapping[str, Any], where: str = "estimate", *, certified: bool = True) -> Estimate:
@@ -211,19 +188,18 @@ class Estimate:
             that the certificate speaks of; `where` is named in the message.
         """
         if document.get("format") != FORMAT:
-            raise InputError(f"{where}: format is {shown(document.get('format'))}, expected {FORMAT!r}.")
+            raise InputError(
+                f"{where}: format is {shown(document.get('format'))}, expected {FORMAT!r}; identify the robot anew."
+            )
         values: dict[str, Any] = {}
         for item in fields(cls):
-            if item.name not in document and item.name in _ABSENT_BEFORE:
-                continue
             if item.name not in document:
                 raise InputError(f"{where}: has no {item.name!r}.")
             values[item.name] = _read(item.name, document[item.name], where)
         estimate = cls(**values)
         base, joints = len(estimate.base_names), len(estimate.joint_names)
-        sizes = {"base_expressions": base, "base": base, "standard_deviation": base}
+        sizes = {"base_expressions": base, "base": base, "standard_error": base}
         sizes |= dict.fromkeys(("joint_relative_error", "damping", "friction"), joints)
-        sizes["corrected_standard_deviation"] = base
         sizes["parameters"] = len(estimate.parameter_names)
         for name, expected in sizes.items():
             given = getattr(estimate, name)
@@ -331,43 +307,31 @@ def _read(name: str, value: Any, where: str) -> Any:
         value = tuple(value) if good else value
     elif name in (*_NUMBERS, "row_count", "optimality_gap"):
         expected, good = "a number", isinstance(value, (int, float)) and not isinstance(value, bool)
+    elif name == "filtered_torque":
+        expected, good = "true or false", isinstance(value, bool)
     elif name in ("certificate", "description"):
         expected, good = "an object", isinstance(value, dict)
     else:
         expected, good = "a string", isinstance(value, str)
     if not good:
         raise InputError(f"{where}: {name!r} must be {expected}, got {shown(value)}.")
-    if isinstance(value, int | float) and not 0 <= value < np.inf:
+    if isinstance(value, int | float) and not isinstance(value, bool) and not 0 <= value < np.inf:
         raise InputError(f"{where}: {name!r} must be finite and not negative, got {value!r}.")
     return value
 
 
 def _numbers(name: str, value: Any, where: str) -> Array:
     """Turn a list of numbers into an array; None stands for what is not known, where that may be."""
-    deviation = name.endswith("standard_deviation")
-    unknown = deviation or name in ("damping", "friction", "joint_relative_error")
+    error = name == "standard_error"
+    unknown = error or name in ("damping", "friction", "joint_relative_error")
     allowed = (int, float, type(None)) if unknown else (int, float)
     if not isinstance(value, list) or not all(isinstance(v, allowed) and not isinstance(v, bool) for v in value):
         raise InputError(f"{where}: {name!r} must be a list of numbers.")
-    numbers = np.array([(np.inf if deviation else np.nan) if v is None else float(v) for v in value])
+    numbers = np.array([(np.inf if error else np.nan) if v is None else float(v) for v in value])
     if np.any(np.abs(numbers[np.isfinite(numbers)]) > LARGEST) or (not unknown and not np.all(np.isfinite(numbers))):
         raise InputError(f"{where}: {name!r} holds numbers beyond {LARGEST:g}, which no robot has.")
-    if deviation and np.any(numbers < 0.0):
+    if error and np.any(numbers < 0.0):
         raise InputError(f"{where}: {name!r} holds a negative number.")
     if name == "weights" and not np.all(numbers > 0.0):
         raise InputError(f"{where}: {name!r} must be positive.")
     return numbers
-
-
-def _plain(value: Any) -> Any:
-    if isinstance(value, np.ndarray):
-        return [float(v) if np.isfinite(v) else None for v in value]
-    if isinstance(value, (np.floating, float)):
-        return float(value) if np.isfinite(value) else None
-    if isinstance(value, np.integer):
-        return int(value)
-    if isinstance(value, Mapping):
-        return {str(k): _plain(v) for k, v in value.items()}
-    if isinstance(value, (tuple, list)):
-        return [_plain(v) for v in value]
-    return value

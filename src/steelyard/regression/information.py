@@ -6,23 +6,26 @@ from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from steelyard.dynamics import Model
 from steelyard.errors import InputError
+from steelyard.files import read_json, shown, write_json
 from steelyard.recording import Samples
 from steelyard.recording.samples import regrouped
 
-from .blocks import BlockFactors, BlockSums, added
+from .batch_means import BATCH_LENGTHS, BatchMeans, BatchSums, added
 from .factor import Factor, Reduced, combined, inverse_deviations, solve, triangular, undetermined_columns
 from .reduction import BLOCK, JointReduction, WhitenedReduction, as_covariance, empty_factors, require_joints
-from .saved_information import read_document, write_document
 
 __all__ = ["Information"]
 
 Array = NDArray[np.float64]
+FORMAT = "steelyard-information-2"
+LARGEST = 1e30  # of a number in a file, so that sums of squares stay finite
 
 FILTERED = (
     "Torques were filtered or decimated, which rounds the jumps of friction that the model keeps: estimates are biased "
@@ -52,8 +55,8 @@ class Information:
         (N, N), of the noise across the joints with which the rows were whitened.
     remarks : tuple of str
         What the user should know of these rows, in sentences; estimates repeat it.
-    block_factors : tuple of tuples of Factor
-        The same of the sums over 8, 16, ... 1024 neighbouring samples, from which `residual_correlation` tells how far
+    batch_means : tuple of tuples of Factor
+        The same of the sums over 8, 16, ... 1024 neighbouring samples, from which `ParameterCovariance` tells how far
         residuals are correlated in time. Empty where they were not asked for.
     filtered_torque : bool
         Whether torques were filtered and the dynamics were not, see `Samples`; no interval of a base parameter holds
@@ -81,7 +84,7 @@ class Information:
     torque_factors: tuple[Factor, ...] = ()
     covariance: Array | None = None
     remarks: tuple[str, ...] = ()
-    block_factors: BlockFactors = field(default=(), kw_only=True, repr=False)
+    batch_means: BatchMeans = field(default=(), kw_only=True, repr=False)
     filtered_torque: bool = field(default=False, kw_only=True)
 
     def __repr__(self) -> str:
@@ -113,7 +116,7 @@ class Information:
 
     @classmethod
     def from_samples(
-        cls, model: Model, samples: Samples, covariance: ArrayLike | None = None, *, blocks: bool = True
+        cls, model: Model, samples: Samples, covariance: ArrayLike | None = None, *, batch_means: bool = True
     ) -> Information:
         """Reduce samples.
 
@@ -127,8 +130,8 @@ class Information:
             then multiplied by the inverse of its Cholesky factor, so that least squares are generalised least squares
             (the estimator of least variance, Gauss and Aitken). Where a mask leaves out joints of a sample, the others
             have their marginal covariance.
-        blocks : bool
-            Whether to keep `block_factors`, for intervals that hold where residuals are correlated in time. They make
+        batch_means : bool
+            Whether to keep `batch_means`, for intervals that hold where residuals are correlated in time. They make
             the Information nine times as large.
 
         Returns
@@ -140,7 +143,7 @@ class Information:
         InputError
             If the samples have another number of joints than the model, or the covariance is not positive definite.
         """
-        return cls.from_chunks(model, [samples], covariance, blocks=blocks)
+        return cls.from_chunks(model, [samples], covariance, batch_means=batch_means)
 
     @classmethod
     def from_chunks(
@@ -149,8 +152,8 @@ class Information:
         chunks: Iterable[Samples],
         covariance: ArrayLike | None = None,
         *,
-        blocks: bool = True,
-        sums: BlockSums | None = None,
+        batch_means: bool = True,
+        sums: BatchSums | None = None,
     ) -> Information:
         """Reduce samples that come one chunk after the other, so that they never stand in memory together.
 
@@ -159,10 +162,10 @@ class Information:
         model : Model
         chunks : iterable of Samples
         covariance : array_like, optional
-        blocks : bool
+        batch_means : bool
             Both as in `from_samples`.
-        sums : BlockSums, optional
-            Receives the rows for the block factors of this data and of other data together; this Information has none.
+        sums : BatchSums, optional
+            Receives the rows for the batch means of this data and of other data together; this Information has none.
             Not with a covariance.
 
         Returns
@@ -172,9 +175,9 @@ class Information:
         """
         base, names = model.base_parameters(), tuple(model.robot.joint_names)
         matrix = None if covariance is None else as_covariance(covariance, model.joint_count)
-        own = BlockSums(empty_factors(model)) if blocks and matrix is None and sums is None else None
+        own = BatchSums(empty_factors(model)) if batch_means and matrix is None and sums is None else None
         by_joint = JointReduction(model, own if sums is None else sums)
-        whole = None if matrix is None else WhitenedReduction(model, matrix, blocks)
+        whole = None if matrix is None else WhitenedReduction(model, matrix, batch_means)
         filtered, any_rows = False, False
         # Blocks of rows are the same, and are added in the same order, wherever the chunks end.
         for samples in regrouped(chunks, BLOCK):
@@ -196,7 +199,7 @@ class Information:
             () if whole is None else factors,
             matrix,
             (FILTERED,) if filtered else (),
-            block_factors=held if whole is None else whole.block_factors(),
+            batch_means=held if whole is None else whole.batch_means(),
             filtered_torque=filtered,
         )
 
@@ -264,9 +267,9 @@ class Information:
         same = both and np.array_equal(np.asarray(self.covariance), np.asarray(other.covariance))
         remarks = tuple(dict.fromkeys((*self.remarks, *other.remarks)))
         if self.count and other.count:
-            blocks = added(self.block_factors, other.block_factors)
+            means = added(self.batch_means, other.batch_means)
         else:
-            blocks = (self if self.count else other).block_factors
+            means = (self if self.count else other).batch_means
         return Information(
             self.base_names,
             self.base_expressions,
@@ -275,7 +278,7 @@ class Information:
             measured,
             self.covariance if same else None,
             remarks,
-            block_factors=blocks,
+            batch_means=means,
             filtered_torque=self.filtered_torque or other.filtered_torque,
         )
 
@@ -419,7 +422,9 @@ class Information:
 
     def save(self, path: str | Path) -> None:
         """Write it as JSON; the file appears whole or not at all."""
-        write_document(path, {name: getattr(self, name) for name in Information.__dataclass_fields__})
+        write_json(
+            {"format": FORMAT} | {item.name: getattr(self, item.name) for item in fields(self)}, path, indent=None
+        )
 
     @classmethod
     def load(cls, path: str | Path) -> Information:
@@ -438,4 +443,73 @@ class Information:
         InputError
             If the file is missing or is something else.
         """
-        return Information(**read_document(path))
+        document = read_json(path, remedy="give an Information that steelyard saved")
+        try:
+            if document["format"] != FORMAT:
+                raise InputError(
+                    f"{path}: format is {shown(document['format'])}, expected {FORMAT!r}; reduce the samples anew."
+                )
+            values: dict[str, Any] = {
+                name: tuple(document[name]) for name in ("base_names", "base_expressions", "joint_names")
+            }
+            values["remarks"] = tuple(document.get("remarks", ()))
+            for name, texts in values.items():
+                if not all(isinstance(text, str) for text in texts):
+                    raise ValueError(f"{name!r} must be texts")
+            count, joints = len(values["base_names"]), len(values["joint_names"])
+            if len(values["base_expressions"]) != count:
+                raise ValueError(f"there are {count} names but {len(values['base_expressions'])} expressions")
+            factors = values["factors"] = tuple(_factor(entry, count) for entry in document["factors"])
+            if [f.joint for f in factors] not in ([None], list(range(joints))):
+                raise ValueError("there must be one factor for each joint, or one for all")
+            measured = tuple(_factor(entry, count) for entry in document.get("torque_factors", ()))
+            if measured and [f.joint for f in measured] != list(range(joints)):
+                raise ValueError("there must be one torque factor for each joint")
+            values["torque_factors"] = measured
+            levels = tuple(tuple(_factor(e, count) for e in level) for level in document.get("batch_means", ()))
+            if levels and len(levels) != len(BATCH_LENGTHS):
+                raise ValueError(f"there must be batch means for {len(BATCH_LENGTHS)} lengths")
+            for level in levels:
+                pairs = list(zip(level, factors, strict=True))
+                if any(b.joint != f.joint or not np.array_equal(b.columns, f.columns) for b, f in pairs):
+                    raise ValueError("batch means must be of the same columns as the factors")
+            values["batch_means"] = levels
+            values["filtered_torque"] = document.get("filtered_torque", False)
+            if not isinstance(values["filtered_torque"], bool):
+                raise ValueError("'filtered_torque' must be true or false")
+            covariance = document.get("covariance")
+            values["covariance"] = None if covariance is None else as_covariance(_finite(covariance), joints)
+        except (ValueError, KeyError, TypeError) as error:
+            if isinstance(error, InputError):
+                raise
+            raise InputError(
+                f"{path}: is not an Information that was saved by steelyard ({shown(str(error))})."
+            ) from None
+        return cls(**values)
+
+
+def _factor(entry: dict[str, Any], width: int) -> Factor:
+    joint, columns, count = entry["joint"], entry["columns"], entry["count"]
+    for number, least in [
+        (count, 0),
+        *((column, 0) for column in columns),
+        *([(joint, 0)] if joint is not None else []),
+    ]:
+        if isinstance(number, bool) or not isinstance(number, int) or number < least:
+            raise ValueError(f"{shown(number)} is no count or index")
+    if sorted(set(columns)) != columns or (columns and columns[-1] >= width):
+        raise ValueError(f"columns must be different indices below {width}, in ascending order")
+    triangle = _finite(entry["triangle"])
+    if triangle.shape != (len(columns) + 1, len(columns) + 1) or np.any(np.tril(triangle, -1) != 0.0):
+        raise ValueError(f"a factor of {len(columns)} columns must be an upper triangle of one row more")
+    return Factor(joint, np.array(columns, dtype=np.intp), triangle, count)
+
+
+def _finite(rows: Any) -> NDArray[np.float64]:
+    flat = [value for row in rows for value in row]
+    if not all(isinstance(value, int | float) and not isinstance(value, bool) for value in flat):
+        raise ValueError("a matrix must hold numbers")
+    matrix = np.array(rows, dtype=np.float64)
+    if np.max(np.abs(matrix), initial=0.0) > LARGEST:
+        raise ValueError(f"a matrix holds numbers beyond {LARGEST:g}")
+    return matrix

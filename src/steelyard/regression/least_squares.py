@@ -2,17 +2,16 @@
 
 from __future__ import annotations
 
-import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from steelyard.errors import InputError
 
-from .correlation import corrected_deviations
 from .estimate import Estimate
-from .factor import Reduced, column_lengths, inverse_of_triangle, solve
+from .factor import solve
 from .information import Information
+from .parameter_covariance import ParameterCovariance
 
-__all__ = ["least_squares", "method_name", "standard_deviations"]
+__all__ = ["least_squares", "method_name"]
 
 
 def least_squares(information: Information, weights: str | ArrayLike | None = "joint") -> Estimate:
@@ -29,7 +28,7 @@ def least_squares(information: Information, weights: str | ArrayLike | None = "j
     Returns
     -------
     Estimate
-        With standard deviations, those of the thesis and those that reckon with residuals that are correlated in time;
+        With standard errors that reckon with residuals that are correlated in time, where the Information tells of it;
         its `parameters` are None, since base parameters alone are determined.
 
     Raises
@@ -72,7 +71,7 @@ def least_squares(information: Information, weights: str | ArrayLike | None = "j
         base_names=information.base_names,
         base_expressions=information.base_expressions,
         base=base,
-        standard_deviation=standard_deviations(problem, base, information.undetermined_mask),
+        standard_error=ParameterCovariance.of(information, base, used).standard_error,
         joint_names=information.joint_names,
         weights=used,
         relative_error=information.relative_error(base),
@@ -80,7 +79,7 @@ def least_squares(information: Information, weights: str | ArrayLike | None = "j
         row_count=information.count,
         condition_number=information.condition_number,
         remarks=tuple(remarks),
-        corrected_standard_deviation=corrected_deviations(information, base, used),
+        filtered_torque=information.filtered_torque,
     )
 
 
@@ -89,31 +88,3 @@ def method_name(information: Information, weighted: bool) -> str:
     if information.covariance is not None:
         return "generalised least squares"
     return "joint-weighted least squares" if weighted else "ordinary least squares"
-
-
-def standard_deviations(
-    problem: Reduced, base: NDArray[np.float64], undetermined: NDArray[np.bool_]
-) -> NDArray[np.float64]:
-    """Return the standard deviation of each base parameter (thesis eq. 4.27, 4.28), infinite where undetermined.
-
-    Parameters
-    ----------
-    problem : Reduced
-    base : ndarray
-        (n_b,), at which the residual is taken.
-    undetermined : ndarray of bool
-        (n_b,).
-
-    Returns
-    -------
-    ndarray
-        (n_b,).
-    """
-    difference = problem.R @ base - problem.rho
-    residual2 = float(difference @ difference) + problem.residual2
-    variance = residual2 / max(problem.count - len(base), 1)
-    lengths = column_lengths(problem.R)
-    scale = np.where(lengths > 0.0, lengths, 1.0)
-    inverse = inverse_of_triangle(problem.R / scale)
-    deviations = np.sqrt(variance * np.einsum("ij,ij->i", inverse, inverse)) / scale
-    return np.where(undetermined, np.inf, deviations)

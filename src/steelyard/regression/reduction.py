@@ -12,7 +12,7 @@ from steelyard.dynamics.threads import one_thread
 from steelyard.errors import InputError
 from steelyard.recording import Samples
 
-from .blocks import BlockFactors, BlockSums
+from .batch_means import BatchMeans, BatchSums
 from .factor import Factor, triangular
 
 __all__ = [
@@ -90,11 +90,11 @@ class JointReduction:
     Parameters
     ----------
     model : Model
-    sums : BlockSums, optional
+    sums : BatchSums, optional
         Receives the rows, too.
     """
 
-    def __init__(self, model: Model, sums: BlockSums | None = None) -> None:
+    def __init__(self, model: Model, sums: BatchSums | None = None) -> None:
         self.model, self.empty = model, empty_factors(model)
         self.triangles = [f.triangle for f in self.empty]
         self.counts = [0] * len(self.empty)
@@ -170,18 +170,18 @@ class WhitenedReduction:
     model : Model
     covariance : ndarray
         (N, N).
-    blocks : bool
+    with_batches : bool
         Whether sums of neighbouring rows are reduced, too.
     """
 
-    def __init__(self, model: Model, covariance: Array, blocks: bool = False) -> None:
+    def __init__(self, model: Model, covariance: Array, with_batches: bool = False) -> None:
         self.model, self.covariance, self.empty = model, covariance, empty_whole(model)
         self.triangle, self.count = self.empty.triangle, 0
-        self.sums = BlockSums((self.empty,)) if blocks else None
+        self.sums = BatchSums((self.empty,)) if with_batches else None
         self.inverses: dict[bytes, Array] = {}
 
     def add(self, samples: Samples) -> None:
-        """Add samples; with blocks each call but the last must bring a multiple of 1024."""
+        """Add samples; with batches each call but the last must bring a multiple of 1024."""
         columns, width = self.model.base_columns.joints, len(self.empty.columns)
         with one_thread():
             for part, rows_of_joints in joint_rows(self.model, samples, WHOLE_BLOCK):
@@ -213,7 +213,7 @@ class WhitenedReduction:
         """Over all joints and all base parameters."""
         return Factor(None, self.empty.columns, self.triangle, self.count)
 
-    def block_factors(self) -> BlockFactors:
+    def batch_means(self) -> BatchMeans:
         """Those of the sums; none where they were not asked for."""
         return self.sums.factors() if self.sums is not None else ()
 

@@ -85,28 +85,25 @@ def violations(identification: Identification) -> Markup:
 def base_parameters(identification: Identification) -> Markup:
     """Return the table of base parameters, weak ones marked."""
     before, after = identification.unconstrained, identification.estimate
-    relative = before.relative_standard_deviation
-    corrected = before.corrected_standard_deviation
-    told = corrected is not None and not identification.information.filtered_torque
-    wider = before.relative_deviation if told else None
+    relative = before.relative_standard_error
+    told = not before.filtered_torque
     rows, muted = [], []
     for index, (name, expression) in enumerate(zip(before.base_names, before.base_expressions, strict=True)):
-        undetermined = not np.isfinite(before.standard_deviation[index])
+        undetermined = not np.isfinite(before.standard_error[index])
         weak = undetermined or expression in identification.weak or name in identification.weak
         mark = f' <span class="mark">{"not determined" if undetermined else "weak"}</span>' if weak else ""
         if weak:
             muted.append(index)
-        value, deviation = number(before.base[index]), "∞" if undetermined else percent(relative[index])
-        row = [Markup(f"<code>{escape(expression)}</code>{mark}"), value, deviation, number(after.base[index])]
-        rows.append(row if wider is None else [*row, "∞" if undetermined else percent(wider[index])])
-    columns = ["Base parameter", "Least squares", "± %", "Feasible", *(["corrected ± %"] if wider is not None else [])]
+        row = [Markup(f"<code>{escape(expression)}</code>{mark}"), number(before.base[index])]
+        error = ["∞" if undetermined else percent(relative[index])] if told else []
+        rows.append([*row, *error, number(after.base[index])])
+    columns = ["Base parameter", "Least squares", *(["± %"] if told else []), "Feasible"]
     text = (
         "<p>The combinations of parameters that the motion shows (SI units; symbols: L moment of inertia about the "
         "origin of the link frame, l first moment, m mass, the number is the link's; then those of the joint terms). "
-        "± is the standard deviation relative to the value, as if each row were independent; corrected, it reckons "
-        "with residuals that are correlated in time, so that twice it covers the truth in 95 of 100 cases where the "
-        "model is right. Those marked weak or not determined could as well be "
-        "something else: a motion that excites them more would tell.</p>"
+        "± is the standard error relative to the value; it reckons with residuals that are correlated in time, so that "
+        "twice it covers the truth in 95 of 100 cases where the model is right. Those marked weak or not determined "
+        "could as well be something else: a motion that excites them more would tell.</p>"
     )
     caption = f"The {len(rows)} base parameters"
     return Markup(text + table(caption, columns, rows, identifier="base-parameters", muted=muted))

@@ -1,23 +1,21 @@
 """What an estimate leaves possible of the base parameters: its confidence region."""
 
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 
 from steelyard.errors import InputError
+from steelyard.regression import Information, ParameterCovariance, Reduced
+from steelyard.regression.factor import solve
 
 from ..feasible_set import FeasibleSet
-from ..protocols import ReducedLike
 
 __all__ = ["ConfidenceRegion", "reduced_regression", "region_of"]
 
 Vector = npt.NDArray[np.float64]
 Matrix = npt.NDArray[np.float64]
-
-SINGULAR = 1e-9
-"""Combinations that the data shows less than this part of what it shows best, columns scaled, are not determined."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -27,35 +25,30 @@ class ConfidenceRegion:
     Attributes
     ----------
     base : (n_b,)
-    axes : (n_b, r)
-        A square root of the covariance: axes axesᵀ.
-    unknown : (n_b, n_b - r)
-        Combinations that the data does not determine.
-    deviation : (n_b,)
-        Standard deviations, infinite where not determined.
+    covariance : ParameterCovariance
+        Of the estimate: its `root` are the axes, its `undetermined` the combinations v that the data leaves open.
     confidence : float
         Probability with which the region holds the true β.
-    noise_factor : float
-        By which the axes are longer than independent noise makes them.
     """
 
     base: Vector = field(repr=False)
-    axes: Matrix = field(repr=False)
-    unknown: Matrix = field(repr=False)
-    deviation: Vector = field(repr=False)
+    covariance: ParameterCovariance = field(repr=False)
     confidence: float
-    noise_factor: float = 1.0
 
-    def widened(self, factor: float) -> "ConfidenceRegion":
-        """The region of standard deviations that are larger by a factor."""
-        if isinstance(factor, bool) or not isinstance(factor, (int, float)) or not 0 < factor < np.inf:
-            raise InputError(f"noise_factor must be a positive number, such as 1.0, got {factor!r}.")
-        return replace(
-            self,
-            axes=factor * self.axes,
-            deviation=factor * self.deviation,
-            noise_factor=float(factor) * self.noise_factor,
-        )
+    def __post_init__(self) -> None:
+        given = self.confidence
+        if isinstance(given, bool) or not isinstance(given, (int, float)) or not 0 < given < 1:
+            raise InputError(f"confidence must be a probability between 0 and 1, such as 0.95, got {given!r}.")
+
+    @property
+    def axes(self) -> Matrix:
+        """(n_b, r), a square root of the covariance: axes axesᵀ."""
+        return self.covariance.root
+
+    @property
+    def unknown(self) -> Matrix:
+        """(n_b, n_b - r), the combinations that the data does not determine."""
+        return self.covariance.undetermined
 
     def in_deviations(self) -> Matrix:
         """The map from a change of β to u, (r, n_b): its squared norm is the squared distance."""
@@ -75,103 +68,48 @@ class ConfidenceRegion:
 
         return float(gammainc(max(self.axes.shape[1], 1) / 2.0, distance**2 / 2.0))
 
-    @classmethod
-    def of_covariance(
-        cls, feasible: FeasibleSet, base: npt.ArrayLike, covariance: npt.ArrayLike, confidence: float
-    ) -> "ConfidenceRegion":
-        """From the covariance of the estimate, (n_b, n_b).
-
-        Raises
-        ------
-        InputError
-            If it is not a covariance matrix of these base parameters.
-        """
-        beta, matrix = feasible.as_base(base), np.asarray(covariance, dtype=float)
-        count = len(beta)
-        if matrix.shape != (count, count) or not np.all(np.isfinite(matrix)):
-            raise InputError(
-                f"covariance must be a matrix of {count} x {count} finite numbers, one row for each base parameter, "
-                f"got an array of shape {matrix.shape}; use information= where some base parameters are not determined."
-            )
-        size = np.sqrt(np.abs(np.diagonal(matrix)))
-        scale = np.where(size > 0, size, 1.0)
-        scaled = matrix / np.outer(scale, scale)
-        if not np.allclose(scaled, scaled.T, rtol=0.0, atol=1e-8):
-            raise InputError("covariance must be symmetric; give the covariance matrix of the base parameters.")
-        values, vectors = np.linalg.eigh(0.5 * (scaled + scaled.T))
-        if values[0] < -1e-9 * max(values[-1], 1.0):
-            raise InputError(
-                f"covariance must be positive semidefinite, but its smallest eigenvalue (unit variances) is "
-                f"{values[0]:.3g}; give the covariance matrix of the base parameters."
-            )
-        kept = values > 1e-14 * max(values[-1], 0.0)
-        axes = scale[:, None] * vectors[:, kept] * np.sqrt(values[kept])
-        return cls(beta, axes, np.zeros((count, 0)), size, _as_confidence(confidence))
-
-    @classmethod
-    def of_data(
-        cls, feasible: FeasibleSet, reduced: ReducedLike, base: npt.ArrayLike | None, confidence: float
-    ) -> "ConfidenceRegion":
-        """From a reduced regression: the covariance is that of least squares with its residual variance (thesis 4.27).
-
-        Parameters
-        ----------
-        feasible : FeasibleSet
-        reduced : Reduced
-        base : (n_b,), optional
-            The estimate; least squares where absent.
-        confidence : float
-        """
-        R, rho = np.asarray(reduced.R, dtype=float), np.asarray(reduced.rho, dtype=float)
-        count = feasible.K.shape[0]
-        lengths = np.linalg.norm(R, axis=0)
-        scale = np.where(lengths > 0, lengths, 1.0)
-        left, values, rows = np.linalg.svd(R / scale)
-        rank = int(np.sum(values > SINGULAR * values.max(initial=0.0)))
-        if base is None:
-            beta = rows[:rank].T @ ((left[:, :rank].T @ rho) / values[:rank]) / scale
-        else:
-            beta = feasible.as_base(base)
-        error = R @ beta - rho
-        variance = (float(error @ error) + float(reduced.residual2)) / max(int(reduced.count) - count, 1)
-        axes = np.sqrt(variance) * (rows[:rank].T / values[:rank]) / scale[:, None]
-        unknown = rows[rank:].T / scale[:, None]
-        deviation = np.linalg.norm(axes, axis=1)
-        open_ = np.linalg.norm(unknown * scale[:, None], axis=1) > 1e-6
-        deviation = np.where(open_, np.inf, deviation)
-        return cls(beta, axes, unknown, deviation, _as_confidence(confidence))
-
 
 def region_of(
     feasible: FeasibleSet,
     base: npt.ArrayLike | None,
     information: Any,
-    covariance: npt.ArrayLike | None,
+    covariance: npt.ArrayLike | ParameterCovariance | None,
     weights: Any = "joint",
     confidence: float = 0.95,
-    noise_factor: float = 1.0,
 ) -> ConfidenceRegion | None:
     """The region that data or a covariance tells of; None where neither is given.
 
     Raises
     ------
     InputError
-        If both are given, or something does not fit.
+        If both are given, something does not fit, or the torques of the data were filtered, so that no region holds.
     """
     if information is not None and covariance is not None:
         raise InputError("information= and covariance= both tell how certain the estimate is; give only one of them.")
     if information is not None:
-        found = ConfidenceRegion.of_data(feasible, reduced_regression(information, weights, feasible), base, confidence)
+        reduced = reduced_regression(information, weights, feasible)
+        beta = solve(reduced) if base is None else feasible.as_base(base)
+        if isinstance(information, Information):
+            found = ParameterCovariance.of(information, beta, weights)
+        else:
+            found = ParameterCovariance.of_reduced(reduced, beta)
     elif covariance is not None:
         if base is None:
             raise InputError("covariance= needs the estimate that it belongs to; give base= too.")
-        found = ConfidenceRegion.of_covariance(feasible, base, covariance, confidence)
+        beta = feasible.as_base(base)
+        given = isinstance(covariance, ParameterCovariance)
+        found = covariance if given else ParameterCovariance.of_matrix(covariance, len(beta))
     else:
         return None
-    return found.widened(noise_factor)
+    if found.filtered_torque:
+        raise InputError(
+            "the torques of this data were filtered, so that the estimate is off by more than noise explains and no "
+            "confidence region holds; leave out `torque_cutoff` and `decimate` in [processing], or give base= alone."
+        )
+    return ConfidenceRegion(beta, found, confidence)
 
 
-def reduced_regression(data: Any, weights: Any, feasible: FeasibleSet) -> ReducedLike:
+def reduced_regression(data: Any, weights: Any, feasible: FeasibleSet) -> Reduced:
     """The reduced regression of an Information, or what already is one.
 
     Raises
@@ -192,11 +130,4 @@ def reduced_regression(data: Any, weights: Any, feasible: FeasibleSet) -> Reduce
         )
     if not (np.all(np.isfinite(R)) and np.all(np.isfinite(rho)) and reduced.norm2 > 0):
         raise InputError("the data holds no usable samples: its torques are all zero or not finite numbers.")
-    found: ReducedLike = reduced
-    return found
-
-
-def _as_confidence(confidence: float) -> float:
-    if isinstance(confidence, bool) or not isinstance(confidence, (int, float)) or not 0 < confidence < 1:
-        raise InputError(f"confidence must be a probability between 0 and 1, such as 0.95, got {confidence!r}.")
-    return float(confidence)
+    return Reduced(R, rho, float(reduced.residual2), int(reduced.count), float(reduced.norm2))

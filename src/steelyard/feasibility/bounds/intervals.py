@@ -10,6 +10,7 @@ import numpy.typing as npt
 
 from steelyard.dynamics.threads import one_thread
 from steelyard.errors import InputError
+from steelyard.regression import ParameterCovariance
 
 from ..feasible_set import FeasibleSet
 from ..wording import html_table, outward, percent, plain, text_table
@@ -196,9 +197,8 @@ def parameter_intervals(
     base: npt.ArrayLike | None = None,
     *,
     information: Any = None,
-    covariance: npt.ArrayLike | None = None,
+    covariance: npt.ArrayLike | ParameterCovariance | None = None,
     confidence: float = 0.95,
-    noise_factor: float = 1.0,
     weights: Any = "joint",
     names: Sequence[str] | None = None,
     combinations: Mapping[str, Combination] | None = None,
@@ -217,14 +217,12 @@ def parameter_intervals(
         Base parameters β. Alone, they are taken as exact, and must be feasible; not needed with `information`, whose
         least squares they then are.
     information : Information, optional
-        The data: β then may be anywhere in the confidence region of the estimate.
-    covariance : (n_b, n_b), optional
+        The data: β then may be anywhere in the confidence region of the estimate, which reckons with residuals that
+        are correlated in time where the Information tells of it.
+    covariance : (n_b, n_b) or ParameterCovariance, optional
         Of the base parameters, instead of `information`.
     confidence : float
         Probability of that region; it is one for all base parameters together.
-    noise_factor : float
-        By how much the true standard deviations are larger than those computed for independent noise. The errors of
-        neighbouring samples of a real log are alike; where about one in a hundred samples is independent, it is 10.
     weights : "joint", None or (N,)
         Of the joints in `information`, as in `least_squares`.
     names : sequence of str, optional
@@ -276,7 +274,7 @@ def parameter_intervals(
     """
     chosen = quantities(feasible, names, combinations)
     with one_thread():
-        region = region_of(feasible, base, information, covariance, weights, confidence, noise_factor)
+        region = region_of(feasible, base, information, covariance, weights, confidence)
         given = given_region(feasible, region, solver) if region is not None else given_base(feasible, base, solver)
         found = tuple(interval_of(given.finder, quantity) for quantity in chosen)
     return ParameterIntervals(

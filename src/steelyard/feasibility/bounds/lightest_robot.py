@@ -8,6 +8,7 @@ import numpy as np
 import numpy.typing as npt
 
 from steelyard.dynamics.threads import one_thread
+from steelyard.regression import ParameterCovariance
 
 from ..feasible_set import FeasibleSet
 from ..wording import html_table, plain, text_table
@@ -114,9 +115,8 @@ def lightest_robot(
     base: npt.ArrayLike | None = None,
     *,
     information: Any = None,
-    covariance: npt.ArrayLike | None = None,
+    covariance: npt.ArrayLike | ParameterCovariance | None = None,
     confidence: float = 0.95,
-    noise_factor: float = 1.0,
     weights: Any = "joint",
     solver: str = "clarabel",
 ) -> LightestRobot:
@@ -124,7 +124,7 @@ def lightest_robot(
 
     Parameters
     ----------
-    feasible, base, information, covariance, confidence, noise_factor, weights, solver
+    feasible, base, information, covariance, confidence, weights, solver
         As in `parameter_intervals`.
 
     Returns
@@ -151,7 +151,7 @@ def lightest_robot(
     """
     names = [str(feasible.model.parameter_names[i]) for i in feasible.mass_indices]
     with one_thread():
-        region = region_of(feasible, base, information, covariance, weights, confidence, noise_factor)
+        region = region_of(feasible, base, information, covariance, weights, confidence)
         given = given_region(feasible, region, solver) if region is not None else given_base(feasible, base, solver)
 
         def least(quantity: Quantity) -> LeastMass:

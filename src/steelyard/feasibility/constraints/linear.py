@@ -226,8 +226,8 @@ def confidence_intervals(
         Of which combinations, in beta1, beta2, ..., the names of the base parameters (of the parameters that lead them)
         or their expressions; all base parameters where absent.
     covariance : (n_b, n_b), optional
-        Of the base parameters. Without it a combination gets the largest standard deviation that those of its parts
-        (corrected for correlation in time where that is known) allow, Σ |cᵢ| σᵢ.
+        Of the base parameters. Without it a combination gets the largest standard deviation that the standard errors of
+        its parts allow, Σ |cᵢ| σᵢ.
 
     Returns
     -------
@@ -243,7 +243,7 @@ def confidence_intervals(
     --------
     >>> estimate = Estimate(
     ...     method="ordinary least squares", base_names=("Lzz1", "lx1"), base_expressions=("Lzz1 + m2", "lx1 - m2"),
-    ...     base=np.array([2.0, 0.5]), standard_deviation=np.array([0.1, np.inf]), joint_names=("joint1",),
+    ...     base=np.array([2.0, 0.5]), standard_error=np.array([0.1, np.inf]), joint_names=("joint1",),
     ...     relative_error=0.05, row_count=100, condition_number=1.0,
     ... )
     >>> confidence_intervals(estimate)
@@ -253,6 +253,7 @@ def confidence_intervals(
     betas = [f"beta{i + 1}" for i in range(len(expressions))]
     named = dict(zip(betas, betas, strict=True)) | dict(zip(estimate.base_names, betas, strict=True))
     written = {_parsed(text): beta for text, beta in zip(expressions, betas, strict=True)}
+    errors = np.full(len(betas), np.inf) if estimate.filtered_torque else np.asarray(estimate.standard_error)
     matrix = None if covariance is None else _covariance(covariance, len(betas))
     found = []
     for given in betas if combinations is None else combinations:
@@ -269,7 +270,7 @@ def confidence_intervals(
         row = np.array([expression.coefficient(beta) for beta in betas])
         used = row != 0
         if matrix is None:
-            deviation = float(np.abs(row[used]) @ np.asarray(estimate.deviation)[used])
+            deviation = float(np.abs(row[used]) @ errors[used])
         else:
             deviation = float(np.sqrt(max(row @ matrix @ row, 0.0)))
         if np.isfinite(deviation):

@@ -11,6 +11,7 @@ import scipy.sparse as sparse
 from steelyard.conic import Cone, ConicProblem, Outcome, solve
 from steelyard.dynamics.threads import one_thread
 from steelyard.errors import InputError
+from steelyard.regression import ParameterCovariance
 
 from ..bounds.confidence_region import region_of
 from ..check import check
@@ -343,8 +344,7 @@ def explain_infeasibility(
     base: npt.ArrayLike | None = None,
     *,
     information: Any = None,
-    covariance: npt.ArrayLike | None = None,
-    noise_factor: float = 1.0,
+    covariance: npt.ArrayLike | ParameterCovariance | None = None,
     weights: Any = "joint",
     solver: str = "clarabel",
 ) -> InfeasibilityExplanation:
@@ -357,10 +357,8 @@ def explain_infeasibility(
         The estimate; least squares where `information` is given.
     information : Information, optional
         The data: distances then are in standard deviations of the estimate.
-    covariance : (n_b, n_b), optional
+    covariance : (n_b, n_b) or ParameterCovariance, optional
         Of the estimate, instead.
-    noise_factor : float
-        By how much the true standard deviations are larger than those computed for independent noise.
     weights : "joint", None or (N,)
         Of the joints in `information`, as in `least_squares`.
     solver : str
@@ -395,14 +393,14 @@ def explain_infeasibility(
     1. body of link1 cannot hold by itself: Lzz1 is -0.6, and in no robot negative.
     """
     with one_thread():
-        region = region_of(feasible, base, information, covariance, weights, noise_factor=noise_factor)
+        region = region_of(feasible, base, information, covariance, weights)
         if region is None and base is None:
             raise InputError("nothing is given of the estimate; give it as base=, or data as information=.")
         beta = region.base if region is not None else feasible.as_base(base if base is not None else ())
         verdict = check(feasible, base=beta)
         names = tuple(zip(base_names(feasible), base_expressions(feasible), strict=True))
         count = len(beta)
-        deviation = region.deviation if region is not None else np.full(count, np.nan)
+        deviation = region.covariance.standard_error if region is not None else np.full(count, np.nan)
         if verdict.feasible is not False:
             degrees = tuple(
                 BaseParameterDegree(*name, float(value), 0.0, 0.0, 0.0, float(sigma))

@@ -15,7 +15,7 @@ from steelyard.errors import InputError
 from steelyard.estimators.reduced import ReducedRegression
 from steelyard.feasibility import FeasibilityCertificate, FeasibleSet
 from steelyard.feasibility.units import Units
-from steelyard.regression import Estimate, Information, standard_deviations
+from steelyard.regression import Estimate, Information, ParameterCovariance
 
 __all__ = ["Method", "Problem", "Progress", "Weights", "require_choice", "require_positive"]
 
@@ -298,7 +298,8 @@ class Problem:
             base_names=information.base_names,
             base_expressions=expressions if certificate is None else certificate.base_expressions,
             base=base,
-            standard_deviation=standard_deviations(information.reduced(self.weights), base, undetermined),
+            standard_error=ParameterCovariance.of(information, base, self.weights).standard_error,
+            filtered_torque=information.filtered_torque,
             joint_names=joint_names,
             relative_error=information.relative_error(base),
             row_count=information.count,

@@ -146,7 +146,7 @@ def cases(subject: Subject, noises: tuple[float, ...], draws: int) -> Iterator[C
             random = np.random.default_rng([subject.model.joint_count, level, draw])
             torque = samples.torque + noise * rms * random.standard_normal(samples.torque.shape)
             noisy = Samples(q=samples.q, dq=samples.dq, ddq=samples.ddq, torque=torque)
-            data = Information.from_samples(subject.model, noisy, blocks=False)
+            data = Information.from_samples(subject.model, noisy, batch_means=False)
             estimate = least_squares(data, weights="joint").base
             infeasible = check(feasible, base=estimate).feasible is False
             corrected, distance = estimate, 0.0

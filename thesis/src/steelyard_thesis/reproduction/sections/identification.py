@@ -7,7 +7,7 @@ import numpy as np
 from steelyard.estimators.fit import fit
 from steelyard.feasibility import FeasibleSet, TotalMass, check, correct
 from steelyard.identification.wam import simulated_log, true_parameters, wam_model
-from steelyard.regression import Information, least_squares
+from steelyard.regression import Information, ParameterCovariance, least_squares
 
 from ..published import rows
 from ..section import Context, Section, SectionResult, Table
@@ -41,6 +41,7 @@ def _compute(context: Context) -> SectionResult:
     information = {name: Information.from_samples(model, samples) for name, samples in logs.items()}
     data = information["A"]
     ols, wls = least_squares(data, weights=None), least_squares(data)
+    independent = ParameterCovariance.of_reduced(data.reduced(None)).standard_error  # as the thesis takes the rows
     inertia, extra = FeasibleSet(model, "inertia"), FeasibleSet(model, "inertia", [TotalMass(maximum=27.0), *boxes()])
     context.say("feasible estimates")
     bases = {
@@ -60,7 +61,7 @@ def _compute(context: Context) -> SectionResult:
                 name,
                 float(truth[k]),
                 float(ols.base[k]),
-                float(100.0 * ols.relative_standard_deviation[k]),
+                float(100.0 * independent[k] / abs(ols.base[k])),
                 *(float(base[k]) for base in bases.values()),
             )
             for k, name in enumerate(names)

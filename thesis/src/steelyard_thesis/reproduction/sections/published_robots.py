@@ -73,7 +73,7 @@ def tx40_comparisons(context: Context) -> Iterator[Comparison]:
     same = len(theirs & {combination(name) for name in base.expressions})
     # Rotor inertias 5 and 6 are coupled in the wrist; the publishers call the second one Iam6.
     yield Comparison("Stäubli TX40: base parameters of links and rotors that are the same sums", len(theirs), same)
-    information = Information.from_samples(model, samples, blocks=False)
+    information = Information.from_samples(model, samples, batch_means=False)
     for kind, weights in (("ols", None), ("wls", "joint")):
         estimate = least_squares(information, weights=weights)
         values = dict(zip(estimate.base_expressions, estimate.base, strict=True))

@@ -86,10 +86,10 @@ def robots(context: Context) -> Iterator[RealRobot]:
     data = cast("Path", context.data)
     for name, reader in (("TX40", staubli_tx40), ("UR10", ur10)):
         model, samples = reader(data)
-        one, two = (Information.from_samples(model, part, blocks=False) for part in parted(samples))
+        one, two = (Information.from_samples(model, part, batch_means=False) for part in parted(samples))
         yield RealRobot(name, model, one, two, "the last third of the log")
     model, first, second = kinova_gen3(data)
-    one, two = (Information.from_samples(model, part, blocks=False) for part in (first, second))
+    one, two = (Information.from_samples(model, part, batch_means=False) for part in (first, second))
     prior = np.asarray(model.robot.parameters, dtype=np.float64)
     yield RealRobot("Gen3", model, one, two, "a second log", prior=prior)
     model, reduced = real_wam(context)

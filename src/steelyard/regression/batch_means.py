@@ -7,20 +7,20 @@ from numpy.typing import NDArray
 
 from .factor import Factor, triangular
 
-__all__ = ["BLOCK_LENGTHS", "BlockFactors", "BlockSums", "added"]
+__all__ = ["BATCH_LENGTHS", "BatchMeans", "BatchSums", "added"]
 
 Array = NDArray[np.float64]
-BlockFactors = tuple[tuple[Factor, ...], ...]
-"""For each of `BLOCK_LENGTHS` the factors of the block sums, one for each factor of the rows."""
+BatchMeans = tuple[tuple[Factor, ...], ...]
+"""For each of `BATCH_LENGTHS` the factors of the batch sums, one for each factor of the rows."""
 
-BLOCK_LENGTHS = (8, 16, 32, 64, 128, 256, 512, 1024)
-"""Samples in a block; each divides the number of samples that are reduced at a time."""
+BATCH_LENGTHS = (8, 16, 32, 64, 128, 256, 512, 1024)
+"""Samples in a batch; each divides the number of samples that are reduced at a time."""
 
-BLOCKS_HELD = 2048
-"""Shortest blocks that are reduced together, a multiple of the longest."""
+BATCHES_HELD = 2048
+"""Shortest batches that are reduced together, a multiple of the longest."""
 
 
-class BlockSums:
+class BatchSums:
     """Accumulates the triangular factors of the sums over 8, 16, ... 1024 samples of the rows ``[W omega]``.
 
     Parameters
@@ -31,29 +31,29 @@ class BlockSums:
 
     def __init__(self, empty: tuple[Factor, ...]) -> None:
         self.empty = empty
-        self.triangles = [[f.triangle for f in empty] for _ in BLOCK_LENGTHS]
-        self.counts = [[0] * len(empty) for _ in BLOCK_LENGTHS]
+        self.triangles = [[f.triangle for f in empty] for _ in BATCH_LENGTHS]
+        self.counts = [[0] * len(empty) for _ in BATCH_LENGTHS]
         self.held: list[list[Array]] = [[] for _ in empty]
 
     def add(self, index: int, rows: Array) -> None:
         """Add samples to a factor, in order: (samples, c + 1), or (samples, channels, c + 1); zero where masked.
 
-        Each call but the last must bring a multiple of 1024 samples; a block that is begun ends with its call.
+        Each call but the last must bring a multiple of 1024 samples; a batch that is begun ends with its call.
         """
         held = self.held[index]
-        held.append(_summed(rows, BLOCK_LENGTHS[0]))
-        if sum(map(len, held)) >= BLOCKS_HELD:
+        held.append(_summed(rows, BATCH_LENGTHS[0]))
+        if sum(map(len, held)) >= BATCHES_HELD:
             self._reduce(index)
 
     def end(self) -> None:
-        """End a data set: no block holds rows of this one and of what is added afterwards."""
-        longest = BLOCK_LENGTHS[-1] // BLOCK_LENGTHS[0]
+        """End a data set: no batch holds rows of this one and of what is added afterwards."""
+        longest = BATCH_LENGTHS[-1] // BATCH_LENGTHS[0]
         for held in self.held:
             missing = -sum(map(len, held)) % longest
             if missing:
                 held.append(np.zeros((missing, *held[0].shape[1:])))
 
-    def factors(self) -> BlockFactors:
+    def factors(self) -> BatchMeans:
         """The factors of all that was added."""
         for index in range(len(self.empty)):
             self._reduce(index)
@@ -72,7 +72,7 @@ class BlockSums:
             return
         sums = held[0] if len(held) == 1 else np.concatenate(held)
         held.clear()
-        for level in range(len(BLOCK_LENGTHS)):
+        for level in range(len(BATCH_LENGTHS)):
             if level:
                 sums = _summed(sums, 2)
             rows = sums.reshape(-1, sums.shape[-1])
@@ -90,8 +90,8 @@ def _summed(rows: Array, size: int) -> Array:
     return np.asarray(np.einsum("ab...->a...", rows.reshape(-1, size, *rows.shape[1:])))
 
 
-def added(first: BlockFactors, second: BlockFactors) -> BlockFactors:
-    """The block factors of both data sets together; none unless both have them."""
+def added(first: BatchMeans, second: BatchMeans) -> BatchMeans:
+    """The batch means of both data sets together; none unless both have them."""
     if not first or not second:
         return ()
     return tuple(
