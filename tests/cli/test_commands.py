@@ -187,7 +187,7 @@ def pendulum(folder, base):
         base_names=names,
         base_expressions=names,
         base=np.array(base),
-        standard_deviation=np.array([0.1, 0.01, 0.0]),
+        standard_error=np.array([0.1, 0.01, 0.0]),
         joint_names=("joint1",),
         relative_error=0.1,
         row_count=10,

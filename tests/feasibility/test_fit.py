@@ -64,8 +64,8 @@ def test_feasible_least_squares_stay_what_they_are(arm, truth):
     plain = least_squares(info, "joint")
     assert check(FeasibleSet(arm), base=plain.base).status == "feasible"
     estimate = fit(info, FeasibleSet(arm))
-    assert np.all(np.abs(estimate.base - plain.base) < 0.05 * plain.standard_deviation)
-    np.testing.assert_allclose(estimate.standard_deviation, plain.standard_deviation, rtol=1e-4)
+    assert np.all(np.abs(estimate.base - plain.base) < 0.05 * plain.standard_error)
+    np.testing.assert_allclose(estimate.standard_error, plain.standard_error, rtol=1e-4)
 
 
 def test_estimate_survives_the_disk(arm, truth, tmp_path):

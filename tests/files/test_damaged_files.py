@@ -117,8 +117,8 @@ FIELDS = {
     "huge parameter": ("estimate.json", '"parameters": [', '"parameters": [1e308, ', "numbers beyond 1e+30"),
     "negative deviation": (
         "estimate.json",
-        '"standard_deviation": [',
-        '"standard_deviation": [-1, ',
+        '"standard_error": [',
+        '"standard_error": [-1, ',
         "negative number",
     ),
     "not a number": ("information.json", '"triangle": [[', '"triangle": [[NaN, ', "NaN, which JSON does not have"),

@@ -58,9 +58,7 @@ def test_chunks_change_nothing(elbow, simulation):
     for a, b in zip(whole.information.factors, chunked.information.factors, strict=True):
         np.testing.assert_array_equal(a.triangle, b.triangle)
     np.testing.assert_array_equal(chunked.estimate.parameters, whole.estimate.parameters)
-    np.testing.assert_array_equal(
-        chunked.unconstrained.corrected_standard_deviation, whole.unconstrained.corrected_standard_deviation
-    )
+    np.testing.assert_array_equal(chunked.unconstrained.standard_error, whole.unconstrained.standard_error)
     assert chunked.information.count == whole.information.count
     assert chunked.remarks == whole.remarks
 

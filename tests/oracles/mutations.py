@@ -273,8 +273,8 @@ def _read_estimate(path: Path) -> None:
     estimate = sy.Estimate.load(path)
     _finite([estimate.base, estimate.parameters, estimate.weights])
     _finite([estimate.damping, estimate.friction, estimate.joint_relative_error], unknown=True)
-    assert not np.isnan(estimate.standard_deviation).any()
-    assert np.all(estimate.standard_deviation >= 0.0)
+    assert not np.isnan(estimate.standard_error).any()
+    assert np.all(estimate.standard_error >= 0.0)
     _ = repr(estimate), estimate._repr_html_(), estimate.confidence_interval()
 
 

@@ -8,6 +8,7 @@ import pytest
 import steelyard as sy
 from steelyard.recording import Recording, find_stiction
 from steelyard.recording.cutoff import motion_spectra
+from steelyard.regression import ParameterCovariance
 from steelyard.robot import RobotFile
 
 pytestmark = pytest.mark.data
@@ -97,5 +98,6 @@ def test_findings_on_the_kinova(shared_data):
 def test_filtered_residuals_are_far_from_independent(shared_data):
     """With torques filtered at 3 Hz each row tells next to nothing new; plain deviations are ten times too small."""
     model, recording, documented = read(shared_data, "kinova_gen3", "kinova_gen3/opti_traj_testing1.csv")
-    estimate = sy.least_squares(sy.Information.from_samples(model, recording.process(**documented)))
-    assert np.median(estimate.corrected_standard_deviation / estimate.standard_deviation) > 5.0
+    information = sy.Information.from_samples(model, recording.process(**documented))
+    independent = ParameterCovariance.of_reduced(information.reduced()).standard_error
+    assert np.median(ParameterCovariance.of(information).standard_error / independent) > 5.0

@@ -16,7 +16,7 @@ def make_estimate():
         base_names=("a", "b"),
         base_expressions=("a + c", "b"),
         base=np.array([1.5, 0.0]),
-        standard_deviation=np.array([0.3, np.inf]),
+        standard_error=np.array([0.3, np.inf]),
         joint_names=("one",),
         relative_error=0.05,
         row_count=10,
@@ -39,11 +39,11 @@ def test_round_trip(estimate, tmp_path):
     estimate.save(tmp_path / "estimate.json")
     loaded = sy.Estimate.load(tmp_path / "estimate.json")
     assert loaded.to_dict() == estimate.to_dict()
-    assert loaded.standard_deviation.tolist() == [0.3, np.inf]
+    assert loaded.standard_error.tolist() == [0.3, np.inf]
     assert loaded.condition_number == np.inf
-    assert loaded.relative_standard_deviation.tolist() == pytest.approx([0.2, np.inf])
+    assert loaded.relative_standard_error.tolist() == pytest.approx([0.2, np.inf])
     assert loaded.description == {"tip": "hand"}
-    assert json.loads((tmp_path / "estimate.json").read_text())["format"] == "steelyard-estimate-1"
+    assert json.loads((tmp_path / "estimate.json").read_text())["format"] == "steelyard-estimate-2"
 
 
 @pytest.mark.parametrize(

@@ -13,7 +13,7 @@ from hypothesis import strategies as st
 
 import steelyard as sy
 from steelyard.identification.wam import TRAJECTORIES
-from steelyard.regression import residual_correlation
+from steelyard.regression import ParameterCovariance
 
 
 @pytest.fixture(scope="module")
@@ -63,8 +63,11 @@ def test_least_squares_is_numpys(arm):
     # Thesis equations 4.27 and 4.28, by the normal equations.
     variance = residual @ residual / (len(omega) - W.shape[1])
     deviation = np.sqrt(np.diag(variance * np.linalg.inv(W.T @ W)))
-    np.testing.assert_allclose(estimate.standard_deviation, deviation, rtol=1e-8)
-    np.testing.assert_allclose(estimate.relative_standard_deviation, deviation / np.abs(expected), rtol=1e-8)
+    plain = sy.least_squares(sy.Information.from_samples(arm, samples, batch_means=False), weights=None)
+    np.testing.assert_allclose(plain.standard_error, deviation, rtol=1e-8)
+    np.testing.assert_allclose(plain.relative_standard_error, deviation / np.abs(expected), rtol=1e-8)
+    whole = ParameterCovariance.of_reduced(information.reduced(None))
+    np.testing.assert_allclose(whole.matrix, variance * np.linalg.inv(W.T @ W), rtol=1e-7, atol=1e-12)
 
 
 def test_joint_weights_are_equations_4_30_to_4_36(arm):
@@ -148,7 +151,7 @@ def test_poor_excitation_is_named(arm):
     assert information.condition_number > 1e12
     estimate = sy.least_squares(information)
     k = estimate.base_names.index("Fvj3")
-    assert np.isinf(estimate.standard_deviation[k])
+    assert np.isinf(estimate.standard_error[k])
     assert "does not determine" in estimate.remarks[0]
     assert np.all(np.isfinite(estimate.base))
     healthy = sy.Information.from_samples(arm, samples)
@@ -180,7 +183,7 @@ def test_reference_trajectory_of_the_thesis(wam):
     [
         ("", "is not JSON"),
         ("{}", "is not an Information"),
-        (json.dumps({"format": "steelyard-estimate-1"}), "expected 'steelyard-information-1'"),
+        (json.dumps({"format": "steelyard-estimate-2"}), "expected 'steelyard-information-2'"),
         (None, "cannot be read"),
     ],
 )
@@ -247,15 +250,15 @@ def test_the_default_is_that_of_the_feasible_fit(arm):
     assert np.abs(plain.base - sy.least_squares(information, None).base).max() > 1e-3 * np.abs(plain.base).max()
     feasible = sy.fit(information, sy.FeasibleSet(arm))
     np.testing.assert_array_equal(feasible.weights, plain.weights)
-    functions = [sy.least_squares, sy.fit, sy.Information.reduced, sy.Information.joint_weights, residual_correlation]
+    functions = [sy.least_squares, sy.fit, sy.Information.reduced, sy.Information.joint_weights]
+    functions.append(ParameterCovariance.of)
     assert {inspect.signature(function).parameters["weights"].default for function in functions} == {"joint"}
 
 
-def test_weak_parameters_go_by_the_corrected_deviation(arm):
-    """Slowly varying noise on a well shown parameter: the plain deviation calls it sure, the corrected one does not."""
+def test_weak_parameters_go_by_the_standard_error(arm):
     estimate = sy.least_squares(sy.Information.from_samples(arm, samples_of(arm, 300)))
     size = np.abs(estimate.base)
-    wider = replace(estimate, standard_deviation=0.1 * size, corrected_standard_deviation=2.0 * size)
+    wider = replace(estimate, standard_error=2.0 * size)
     assert wider.weak == wider.base_expressions
-    assert replace(wider, corrected_standard_deviation=None).weak == ()
+    assert replace(wider, standard_error=0.1 * size).weak == ()
     assert "200 %" in wider._repr_html_()

@@ -97,11 +97,11 @@ def test_links_follow_from_the_parameters(page: lxml.html.HtmlElement, identific
 
 
 def test_base_parameters_and_weak_ones(identification: Identification) -> None:
-    deviation = identification.unconstrained.standard_deviation.copy()
+    deviation = identification.unconstrained.standard_error.copy()
     deviation[1] = np.inf
     changed = replace(
         identification,
-        unconstrained=replace(identification.unconstrained, standard_deviation=deviation),
+        unconstrained=replace(identification.unconstrained, standard_error=deviation),
         weak=(identification.unconstrained.base_expressions[1], identification.unconstrained.base_expressions[4]),
     )
     page = lxml.html.fromstring(report_html(changed))

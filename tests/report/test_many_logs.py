@@ -84,5 +84,5 @@ def test_many_logs_keep_little_and_give_what_each_gives(folder):
     for part in parts[1:]:
         expected = expected + part
     np.testing.assert_allclose(result.information.reduced().R, expected.reduced().R, rtol=1e-8, atol=1e-8)
-    ours, theirs = (least_squares(one).corrected_standard_deviation for one in (result.information, expected))
+    ours, theirs = (least_squares(one).standard_error for one in (result.information, expected))
     np.testing.assert_allclose(ours, theirs, rtol=1e-6)

@@ -139,7 +139,7 @@ def test_an_impossible_estimate_diverges(place, run, wam, table_4_9):
         base_names=base.names,
         base_expressions=base.expressions,
         base=table_4_9["WLS"],
-        standard_deviation=np.zeros(76),
+        standard_error=np.zeros(76),
         joint_names=tuple(wam.robot.joint_names),
         relative_error=0.1,
         row_count=1000,

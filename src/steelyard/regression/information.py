@@ -13,7 +13,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from steelyard.dynamics import Model
 from steelyard.errors import InputError
-from steelyard.files import read_json, shown, write_json
+from steelyard.files import plain, read_json, shown, write_json
 from steelyard.recording import Samples
 from steelyard.recording.samples import regrouped
 
@@ -422,9 +422,7 @@ class Information:
 
     def save(self, path: str | Path) -> None:
         """Write it as JSON; the file appears whole or not at all."""
-        write_json(
-            {"format": FORMAT} | {item.name: getattr(self, item.name) for item in fields(self)}, path, indent=None
-        )
+        write_json({"format": FORMAT, **plain(self)}, path, indent=None)
 
     @classmethod
     def load(cls, path: str | Path) -> Information:

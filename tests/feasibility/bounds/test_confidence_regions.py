@@ -1,13 +1,20 @@
 """Intervals of confidence regions, against closed forms and nonlinear programming."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 import scipy.optimize
 import scipy.stats
+from scipy.linalg import matmul_toeplitz
+from scipy.signal import lfilter
 
+from steelyard.dynamics import Model
 from steelyard.errors import InputError
 from steelyard.feasibility import FeasibleSet, lightest_robot, parameter_intervals
-from steelyard.regression import Information
+from steelyard.recording import Samples
+from steelyard.regression import Information, ParameterCovariance
+from steelyard.robot import Robot
 
 # The arm of two parallel axes shows a = Lzz1 + m2 and b = Lzz2, lx2, ly2: (lx2² + ly2²) / b ≤ m2 ≤ a.
 ARM = np.array([1.5, 0.1, 0.25, 0.3, 0.4, 0.1])
@@ -86,9 +93,11 @@ def test_region_that_does_not_reach_the_set(two_links):
     covariance = np.zeros((6, 6))
     covariance[2, 2] = 0.1**2
     feasible = FeasibleSet(two_links)
-    with pytest.raises(InputError, match=r"95 % region .* 5.1 times as far away .* noise_factor=5.2 or more"):
+    with pytest.raises(
+        InputError, match=r"95 % region .* 5.1 times as far away .* covariance= .* least 27 times as large"
+    ):
         parameter_intervals(feasible, base, covariance=covariance)
-    wider = parameter_intervals(feasible, base, covariance=covariance, noise_factor=5.2, names=["Lzz2"])["Lzz2"]
+    wider = parameter_intervals(feasible, base, covariance=5.2**2 * covariance, names=["Lzz2"])["Lzz2"]
     assert wider.upper == pytest.approx(-1.0 + 0.52 * scipy.stats.norm.ppf(0.975), rel=1e-5)
 
 
@@ -118,6 +127,37 @@ def test_data_gives_the_covariance_of_least_squares(two_links, data):
     assert by_data["m2"].lower < SQUARE / 0.25 < by_data["m2"].upper
     tight = parameter_intervals(feasible, information=info, names=["m2"], confidence=0.5)["m2"]
     assert by_data["m2"].lower < tight.lower < tight.upper < by_data["m2"].upper
+
+
+def test_regions_reckon_with_noise_that_lasts():
+    """A pendulum under first-order autoregressive noise: its mass as with the exact covariance of least squares."""
+    model = Model(Robot.from_dh([("0", 0.0, 0.0, "q")], gravity=(0, -9.81, 0)))
+    t = np.arange(20000)[:, None] / 500
+    q, dq, ddq = np.sin(2 * t), 2 * np.cos(2 * t), -4 * np.sin(2 * t)
+    truth = np.array([0, 0, 0, 0, 0, 0.5, 0.8, 0.1, 0, 1.6])
+    noise = 0.1 * np.random.default_rng(3).normal(size=t.shape)
+    keep = 0.95
+    torque = model.inverse_dynamics(q, dq, ddq, truth) + lfilter([np.sqrt(1 - keep**2)], [1, -keep], noise, axis=0)
+    info = Information.from_samples(model, Samples(q=q, dq=dq, ddq=ddq, torque=torque))
+    W = model.regressor(q, dq, ddq)[:, 0][:, model.base_parameters().independent]
+    inverse = np.linalg.inv(W.T @ W)
+    spread = np.column_stack([matmul_toeplitz(keep ** np.arange(len(t)), column) for column in W.T])
+    exact = 0.1**2 * inverse @ (W.T @ spread) @ inverse
+    feasible = FeasibleSet(model)
+    found = parameter_intervals(feasible, information=info, names=["Lzz1", "m1"])
+    expected = parameter_intervals(feasible, found.base, covariance=exact, names=["Lzz1", "m1"])
+    assert found["Lzz1"].upper - found["Lzz1"].lower == pytest.approx(
+        expected["Lzz1"].upper - expected["Lzz1"].lower, rel=0.3
+    )
+    by_object = parameter_intervals(feasible, found.base, covariance=ParameterCovariance.of(info), names=["m1"])
+    assert by_object["m1"].lower == pytest.approx(found["m1"].lower, rel=1e-6)
+
+
+def test_no_region_is_told_of_filtered_torques(two_links, data):
+    info, _, _ = data
+    filtered = replace(info, filtered_torque=True)
+    with pytest.raises(InputError, match="torques of this data were filtered"):
+        parameter_intervals(FeasibleSet(two_links), information=filtered)
 
 
 def test_what_the_data_does_not_determine_is_left_to_physics(two_links, reduced_regression):

@@ -223,7 +223,6 @@ def test_infeasible_base_parameters_have_no_interval(two_links):
         ({"base": ARM, "covariance": np.triu(np.ones((6, 6)))}, "must be symmetric"),
         ({"base": ARM, "covariance": -np.eye(6)}, "positive semidefinite"),
         ({"base": ARM, "covariance": np.eye(6), "confidence": 95}, "between 0 and 1"),
-        ({"base": ARM, "covariance": np.eye(6), "noise_factor": 0.0}, "noise_factor must be a positive number"),
         ({"base": ARM, "solver": "abacus"}, "no solver 'abacus'"),
     ],
 )

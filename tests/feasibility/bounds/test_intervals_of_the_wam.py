@@ -6,6 +6,7 @@ import pytest
 from steelyard.errors import InputError
 from steelyard.estimators import fit_reduced
 from steelyard.feasibility import FeasibleSet, TotalMass, correct, lightest_robot, parameter_intervals
+from steelyard.regression import ParameterCovariance
 
 pytestmark = pytest.mark.data
 
@@ -77,10 +78,12 @@ def test_region_of_the_real_wam(real_wam):
     model, reduced = real_wam
     feasible = FeasibleSet(model, "full")
     names = ["m4", "m7", "fc5", "total mass"]
-    with pytest.raises(InputError, match=r"17\.\d times as far away as its edge; .* noise_factor=18 or more"):
+    with pytest.raises(InputError, match=r"17\.\d times as far away as its edge; .* covariance= .* 320 times as large"):
         parameter_intervals(feasible, information=reduced, names=names)
-    found = parameter_intervals(feasible, information=reduced, names=names, noise_factor=25.0)
-    wider = parameter_intervals(feasible, information=reduced, names=names, noise_factor=40.0)
+    base = np.linalg.solve(reduced.R, reduced.rho)
+    covariance = ParameterCovariance.of_reduced(reduced).matrix
+    found = parameter_intervals(feasible, base, covariance=25.0**2 * covariance, names=names)
+    wider = parameter_intervals(feasible, base, covariance=40.0**2 * covariance, names=names)
     fit = fit_reduced(reduced, feasible)
     for one, other in zip(found, wider, strict=True):
         assert other.lower <= one.lower + 1e-9

@@ -96,7 +96,7 @@ def test_intervals_hold_the_estimate_within_their_deviations(arm, estimate):
     base = arm.base_parameters()
     delta = np.zeros(arm.parameter_count)
     for i, interval in enumerate(intervals):
-        sigma = estimate.standard_deviation[i]
+        sigma = estimate.standard_error[i]
         for shift, inside in ((0.0, True), (1.99, True), (-1.99, True), (2.01, False), (-2.01, False)):
             delta[base.independent] = estimate.base
             delta[base.independent[i]] += shift * sigma
@@ -106,7 +106,7 @@ def test_intervals_hold_the_estimate_within_their_deviations(arm, estimate):
 
 
 def test_combinations_without_covariance_are_the_widest(estimate):
-    sigma = estimate.standard_deviation
+    sigma = estimate.standard_error
     (interval,) = confidence_intervals(estimate, combinations=["beta1 - 2*beta3"])
     assert interval.value == pytest.approx(estimate.base[0] - 2 * estimate.base[2])
     assert interval.standard_deviation == pytest.approx(sigma[0] + 2 * sigma[2])
@@ -130,9 +130,9 @@ def test_combinations_by_leading_name_and_by_expression(estimate):
 
 
 def test_what_the_data_says_nothing_of_is_left_out(estimate):
-    deviations = estimate.standard_deviation.copy()
+    deviations = estimate.standard_error.copy()
     deviations[3] = np.inf
-    object.__setattr__(estimate, "standard_deviation", deviations)
+    object.__setattr__(estimate, "standard_error", deviations)
     assert len(confidence_intervals(estimate)) == len(estimate.base) - 1
     assert confidence_intervals(estimate, combinations=["beta4 + beta1"]) == ()
     assert len(confidence_intervals(estimate, combinations=["beta2 + beta1"])) == 1

@@ -97,8 +97,10 @@ def region_of(
         if base is None:
             raise InputError("covariance= needs the estimate that it belongs to; give base= too.")
         beta = feasible.as_base(base)
-        given = isinstance(covariance, ParameterCovariance)
-        found = covariance if given else ParameterCovariance.of_matrix(covariance, len(beta))
+        if isinstance(covariance, ParameterCovariance):
+            found = covariance
+        else:
+            found = ParameterCovariance.of_matrix(covariance, len(beta))
     else:
         return None
     if found.filtered_torque:

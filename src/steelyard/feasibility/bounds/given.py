@@ -75,9 +75,9 @@ def given_region(feasible: FeasibleSet, region: ConfidenceRegion, solver: str) -
         wider = f" (it takes the region of {100 * needed:.4g} %)" if needed < 1 - 1e-6 else ""
         raise InputError(
             f"no physically possible robot lies within the {100 * region.confidence:g} % region of the estimate: the "
-            f"nearest one lies {relative:.3g} times as far away as its edge{wider}; where rows were taken for independent "
-            "ones, give the Information of the samples with its batch_means, which tell how alike neighbouring errors "
-            f"are, otherwise a covariance= that is at least {_above(relative**2):g} times as large."
+            f"nearest one lies {relative:.3g} times as far away as its edge{wider}; where rows were taken for "
+            "independent ones, give the Information of the samples with its batch_means, which tell how alike "
+            f"neighbouring errors are, otherwise a covariance= that is at least {_above(relative**2):g} times as large."
         )
     section = Section.of(feasible, region.base, region.radius * region.axes, region.unknown)
     start = light_point(feasible, region.base, region.axes, region.unknown, nearest, region.radius, solver)

@@ -6,7 +6,7 @@ import pytest
 from steelyard.dynamics import Coulomb, Model, Viscous
 from steelyard.errors import InputError
 from steelyard.recording import Samples
-from steelyard.regression import Information, least_squares, residual_covariance
+from steelyard.regression import Information, ParameterCovariance, least_squares, residual_covariance
 from steelyard.robot import Robot
 
 COVARIANCE = np.array([[4.0, 1.5, 0.2], [1.5, 1.0, -0.3], [0.2, -0.3, 0.5]])
@@ -51,7 +51,8 @@ def test_whitened_rows_are_generalised_least_squares(arm, mask):
     np.testing.assert_allclose(estimate.base, expected, rtol=1e-8)
     assert estimate.method == "generalised least squares"
     # The rows have unit variance, so that deviations are those of the normal matrix, but for the estimated 1.
-    np.testing.assert_allclose(estimate.standard_deviation, np.sqrt(np.diag(covariance)), rtol=0.1)
+    found = ParameterCovariance.of_reduced(info.reduced())
+    np.testing.assert_allclose(found.standard_error, np.sqrt(np.diag(covariance)), rtol=0.1)
     assert info.count == (int(samples.mask.sum()) if mask else 2100)
 
 

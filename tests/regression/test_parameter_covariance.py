@@ -8,7 +8,7 @@ from scipy.linalg import toeplitz
 from scipy.signal import lfilter
 
 import steelyard as sy
-from steelyard.regression import residual_correlation
+from steelyard.regression import ParameterCovariance
 from steelyard.regression.batch_means import BATCH_LENGTHS
 
 RATE = 500.0
@@ -49,6 +49,11 @@ def regressors(model, samples):
     return [H[:, k] for k in range(model.joint_count)]
 
 
+def independent(information, weights="joint"):
+    """Standard errors as if each row were independent (thesis eq. 4.27)."""
+    return ParameterCovariance.of_reduced(information.reduced(weights)).standard_error
+
+
 def exact_covariance(model, samples, keep, weights, sizes=(0.5, 0.1)):
     """Of weighted least squares under first-order autoregressive noise of known size, by dense matrices."""
     W = regressors(model, samples)
@@ -83,7 +88,7 @@ def test_deviations_are_those_of_the_exact_covariance(arm, keep):
     for seed in range(12):
         information = sy.Information.from_samples(arm, samples_of(arm, 6000, keep, seed))
         estimate = sy.least_squares(information, weights)
-        ratios.append(estimate.corrected_standard_deviation / exact)
+        ratios.append(estimate.standard_error / exact)
     # Each rests on 20 to 200 blocks; their mean square shows the bias.
     np.testing.assert_allclose(np.sqrt(np.mean(np.square(ratios), axis=0)), 1.0, atol=0.12)
 
@@ -94,22 +99,19 @@ def test_agrees_with_newey_west(arm):
     estimate = sy.least_squares(sy.Information.from_samples(arm, samples), "joint")
     expected = np.sqrt(np.diagonal(newey_west(arm, samples, estimate.base, estimate.weights, 300)))
     # Newey and West's estimate does not give back what the fit took out of the residuals, and is itself noisy.
-    np.testing.assert_allclose(estimate.corrected_standard_deviation, expected, rtol=0.3)
-    assert np.median(estimate.corrected_standard_deviation / expected) == pytest.approx(1.0, abs=0.15)
+    np.testing.assert_allclose(estimate.standard_error, expected, rtol=0.3)
+    assert np.median(estimate.standard_error / expected) == pytest.approx(1.0, abs=0.15)
 
 
 def test_white_noise_needs_no_correction(arm):
-    estimates = [
-        sy.least_squares(sy.Information.from_samples(arm, samples_of(arm, 8000, 0.0, seed)), "joint")
-        for seed in range(8)
-    ]
-    ratio = [e.corrected_standard_deviation / e.standard_deviation for e in estimates]
+    data = [sy.Information.from_samples(arm, samples_of(arm, 8000, 0.0, seed)) for seed in range(8)]
+    ratio = [sy.least_squares(one, "joint").standard_error / independent(one) for one in data]
     assert np.mean(ratio) == pytest.approx(1.0, abs=0.05)
 
 
 def test_inflation_is_that_of_the_noise(arm):
     information = sy.Information.from_samples(arm, samples_of(arm, 60000, 0.9, 3))
-    found = residual_correlation(information, sy.least_squares(information).base)
+    found = ParameterCovariance.of(information).correlation
     np.testing.assert_allclose(found.inflation, (1 + 0.9) / (1 - 0.9), rtol=0.3)
     np.testing.assert_allclose(np.sqrt(found.variance), [0.5, 0.1], rtol=0.05)
     np.testing.assert_allclose(found.effective_count, 60000 / found.inflation)
@@ -122,15 +124,16 @@ def test_intervals_cover_the_truth(arm):
     truth = arm.base_parameters().values(np.linspace(0.5, 1.5, arm.parameter_count))
     inside, plain = [], []
     for seed in range(120):
-        estimate = sy.least_squares(sy.Information.from_samples(arm, samples_of(arm, 5000, 0.95, seed)), "joint")
+        information = sy.Information.from_samples(arm, samples_of(arm, 5000, 0.95, seed))
+        estimate = sy.least_squares(information, "joint")
         low, high = estimate.confidence_interval(0.95).T
         inside.append((low <= truth) & (truth <= high))
-        plain.append(np.abs(estimate.base - truth) <= 1.96 * estimate.standard_deviation)
+        plain.append(np.abs(estimate.base - truth) <= 1.96 * independent(information))
     assert 0.90 <= np.mean(inside) <= 0.99
     assert np.mean(plain) < 0.5
 
 
-def test_block_sums_are_sums_of_rows(arm):
+def test_batch_sums_are_sums_of_rows(arm):
     mask = np.random.default_rng(1).random((2500, 2)) > 0.3
     samples = samples_of(arm, 2500, 0.5, 2, mask)
     information = sy.Information.from_samples(arm, samples)
@@ -143,7 +146,7 @@ def test_block_sums_are_sums_of_rows(arm):
             assert factor.count == len(sums)
 
 
-def test_informations_add_with_their_blocks(arm, tmp_path):
+def test_informations_add_with_their_batch_means(arm, tmp_path):
     samples = samples_of(arm, 4096, 0.9, 4)
     parts = [
         sy.Samples(q=samples.q[r], dq=samples.dq[r], ddq=samples.ddq[r], torque=samples.torque[r])
@@ -154,17 +157,14 @@ def test_informations_add_with_their_blocks(arm, tmp_path):
     total.save(tmp_path / "information.json")
     for other in (total, sy.Information.load(tmp_path / "information.json"), sy.Information.empty(arm) + total):
         found = sy.least_squares(other, "joint")
-        np.testing.assert_allclose(
-            found.corrected_standard_deviation, sy.least_squares(whole, "joint").corrected_standard_deviation, rtol=1e-8
-        )
+        np.testing.assert_allclose(found.standard_error, sy.least_squares(whole, "joint").standard_error, rtol=1e-8)
     without = sy.Information.from_samples(arm, parts[0], batch_means=False)
     assert (total + without).batch_means == ()
-    assert sy.least_squares(without).corrected_standard_deviation is None
-    with pytest.raises(sy.InputError, match="batch_means=True"):
-        residual_correlation(without, np.zeros(without.base_count))
+    assert ParameterCovariance.of(without).correlation is None
+    np.testing.assert_allclose(sy.least_squares(without).standard_error, independent(without), rtol=1e-9)
 
 
-def test_whitened_rows_have_corrected_deviations_too(arm):
+def test_whitened_rows_have_corrected_errors_too(arm):
     count, keep = 20000, 0.9
     mixing = np.linalg.cholesky(np.array([[0.25, 0.04], [0.04, 0.01]]))
     q, dq, ddq = motion(count)
@@ -173,8 +173,8 @@ def test_whitened_rows_have_corrected_deviations_too(arm):
     for seed in range(6):
         noise = colored(np.random.default_rng(seed), q.shape, keep, (1.0, 1.0)) @ mixing.T
         samples = sy.Samples(q=q, dq=dq, ddq=ddq, torque=exact + noise)
-        estimate = sy.least_squares(sy.Information.from_samples(arm, samples, mixing @ mixing.T))
-        ratios.append(np.median(estimate.corrected_standard_deviation / estimate.standard_deviation))
+        information = sy.Information.from_samples(arm, samples, mixing @ mixing.T)
+        ratios.append(np.median(sy.least_squares(information).standard_error / independent(information)))
     assert np.mean(ratios) == pytest.approx(np.sqrt((1 + keep) / (1 - keep)), rel=0.1)
 
 
@@ -183,7 +183,7 @@ def test_correlation_beyond_the_log_is_told(arm):
     drift = np.sin(np.arange(3000) / 700.0)[:, None]
     torque = arm.inverse_dynamics(q, dq, ddq, np.ones(arm.parameter_count)) + drift
     information = sy.Information.from_samples(arm, sy.Samples(q=q, dq=dq, ddq=ddq, torque=torque))
-    found = residual_correlation(information, sy.least_squares(information).base)
+    found = ParameterCovariance.of(information).correlation
     assert not found.settled.any()
 
 
@@ -192,10 +192,15 @@ def test_undetermined_stays_infinite(arm):
     for array in (q, dq, ddq):
         array[:, 1] = 0.0
     torque = np.random.default_rng(1).normal(size=q.shape)
-    estimate = sy.least_squares(sy.Information.from_samples(arm, sy.Samples(q=q, dq=dq, ddq=ddq, torque=torque)))
-    loose = ~np.isfinite(estimate.standard_deviation)
+    information = sy.Information.from_samples(arm, sy.Samples(q=q, dq=dq, ddq=ddq, torque=torque))
+    loose = information.undetermined_mask
     assert loose.any()
-    np.testing.assert_array_equal(~np.isfinite(estimate.corrected_standard_deviation), loose)
+    np.testing.assert_array_equal(~np.isfinite(sy.least_squares(information).standard_error), loose)
+    covariance = ParameterCovariance.of(information)
+    R = information.reduced().R
+    assert np.linalg.norm(R @ covariance.undetermined) < 1e-6 * np.linalg.norm(R)
+    assert covariance.root.shape[1] + covariance.undetermined.shape[1] == len(R) == len(covariance.matrix)
+    np.testing.assert_array_equal(np.isinf(np.diagonal(covariance.matrix)), loose)
 
 
 def test_feasible_fits_have_it_too(arm):
@@ -205,24 +210,29 @@ def test_feasible_fits_have_it_too(arm):
     torque += colored(np.random.default_rng(1), torque.shape, 0.9)
     information = sy.Information.from_samples(arm, sy.Samples(q=q, dq=dq, ddq=ddq, torque=torque))
     plain, feasible = sy.least_squares(information, "joint"), sy.fit(information, sy.FeasibleSet(arm))
-    np.testing.assert_allclose(feasible.corrected_standard_deviation, plain.corrected_standard_deviation, rtol=0.2)
+    np.testing.assert_allclose(feasible.standard_error, plain.standard_error, rtol=0.2)
 
 
-def test_estimates_keep_it_and_older_files_do_without(arm, tmp_path):
-    estimate = sy.least_squares(sy.Information.from_samples(arm, samples_of(arm, 2000, 0.5, 1)))
+def test_estimates_keep_it_and_files_of_another_format_are_refused(arm, tmp_path):
+    information = sy.Information.from_samples(arm, samples_of(arm, 2000, 0.5, 1))
+    estimate = sy.least_squares(information)
     estimate.save(tmp_path / "estimate.json")
     loaded = sy.Estimate.load(tmp_path / "estimate.json")
-    np.testing.assert_array_equal(loaded.corrected_standard_deviation, estimate.corrected_standard_deviation)
-    document = estimate.to_dict()
-    del document["corrected_standard_deviation"]
-    older = sy.Estimate.from_dict(document)
-    assert older.corrected_standard_deviation is None
-    reach = 1.959964 * estimate.standard_deviation
+    np.testing.assert_array_equal(loaded.standard_error, estimate.standard_error)
+    reach = 1.959964 * estimate.standard_error
     np.testing.assert_allclose(
-        older.confidence_interval(), estimate.base[:, None] + np.outer(reach, [-1, 1]), rtol=1e-6
+        loaded.confidence_interval(), estimate.base[:, None] + np.outer(reach, [-1, 1]), rtol=1e-6
     )
     with pytest.raises(sy.InputError, match="between 0 and 1"):
-        older.confidence_interval(95)
+        loaded.confidence_interval(95)
+    older = estimate.to_dict() | {"format": "steelyard-estimate-1"}
+    with pytest.raises(sy.InputError, match="'steelyard-estimate-1', expected 'steelyard-estimate-2'; identify"):
+        sy.Estimate.from_dict(older)
+    information.save(tmp_path / "information.json")
+    text = (tmp_path / "information.json").read_text().replace("steelyard-information-2", "steelyard-information-1")
+    (tmp_path / "information.json").write_text(text)
+    with pytest.raises(sy.InputError, match="'steelyard-information-1', expected 'steelyard-information-2'; reduce"):
+        sy.Information.load(tmp_path / "information.json")
 
 
 @pytest.mark.parametrize("options", [{"torque_cutoff": 5.0}, {"decimate": [10]}], ids=str)
@@ -236,14 +246,14 @@ def test_no_interval_is_told_of_filtered_torques(options, tmp_path):
     recording = sy.Recording(t=t[:, 0], q=q, torque=torque)
     information = sy.Information.from_samples(model, recording.process(cutoff=5.0, trim=0.5, **options))
     estimate = sy.least_squares(information)
-    off = np.abs(estimate.base - model.base_parameters().values(truth)) / estimate.standard_deviation
+    off = np.abs(estimate.base - model.base_parameters().values(truth)) / estimate.standard_error
     assert off.max() > 3.0  # what an interval of noise would miss
     assert np.all(np.isinf(estimate.confidence_interval()))
-    assert set(estimate.weak) <= {"ly1"}  # by the plain deviation, a lower bound; ly1 is zero
+    assert set(estimate.weak) <= {"ly1"}  # by what noise alone explains; ly1 is zero
     assert any("no interval of a base parameter is told" in remark for remark in estimate.remarks)
     information.save(tmp_path / "information.json")
     again = sy.least_squares(sy.Information.load(tmp_path / "information.json") + sy.Information.empty(model))
-    assert np.all(np.isinf(again.corrected_standard_deviation))
+    assert np.all(np.isinf(again.confidence_interval()))
     assert np.all(np.isinf(sy.fit(information, sy.FeasibleSet(model)).confidence_interval()))
     plain = sy.least_squares(sy.Information.from_samples(model, recording.process(cutoff=5.0, trim=0.5)))
     assert np.all(np.isfinite(plain.confidence_interval()))
