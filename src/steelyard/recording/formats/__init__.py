@@ -8,6 +8,7 @@ if TYPE_CHECKING:
     from .log_file import BLOCK_ROWS as BLOCK_ROWS
     from .log_file import Columns as Columns
     from .log_file import LogFile as LogFile
+    from .log_file import flattened as flattened
     from .registry import LogFiles as LogFiles
     from .registry import Source as Source
     from .registry import register_log_format as register_log_format

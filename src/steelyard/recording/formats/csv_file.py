@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import collections
-import contextlib
 import csv
 import itertools
 import re
@@ -103,27 +101,6 @@ class CsvFile(LogFile):
         with self.path.open("rb") as file:
             file.seek(self._start)
             return sum(1 for line in file if not _skipped(line))
-
-    def ends(self, name: str) -> tuple[float, float]:
-        """First and last value of a column, parsed from its first and last line only."""
-        first = last = b""
-        with self.path.open("rb") as file:
-            file.seek(self._start)
-            lines = (line for line in file if not _skipped(line))
-            first = last = next(lines, b"")
-            tail = collections.deque(lines, maxlen=1)
-            last = tail[0] if tail else first
-        return self._number(first, name), self._number(last, name)
-
-    def _number(self, line: bytes, name: str) -> float:
-        """The value of a column in a line; the plain case without the library, which takes 2 ms for a line."""
-        fields = line.split(self._separator.encode())
-        if not self._decimal_comma and b'"' not in line and len(fields) == len(self.names) == len(set(self.names)):
-            with contextlib.suppress(ValueError, UnicodeDecodeError):
-                text = fields[self.names.index(name)].decode("ascii")
-                if NUMERIC.fullmatch(text.strip()):
-                    return float(text)
-        return float(self._parse(line, [name], first_row=0)[name][0])
 
     def read(self, names: Sequence[str]) -> Columns:
         """Read whole columns."""

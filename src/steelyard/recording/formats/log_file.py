@@ -102,14 +102,6 @@ class LogFile(ABC):
             labels += texts
         return tuple(labels) if len(labels) == len(columns) else ()
 
-    def ends(self, name: str) -> tuple[float, float]:
-        """First and last value of a column."""
-        first = last = float("nan")
-        for index, block in enumerate(self.blocks([name], BLOCK_ROWS)):
-            first = float(block[name][0]) if index == 0 else first
-            last = float(block[name][-1])
-        return first, last
-
     def where(self, row: int) -> str:
         """Say where row `row` (from 0) stands, for messages."""
         return f"row {row + 1}"

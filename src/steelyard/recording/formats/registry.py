@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import os
 from collections.abc import Iterator, Mapping, Sequence
 from importlib.metadata import entry_points
@@ -23,6 +24,7 @@ __all__ = ["LogFiles", "Source", "log_format", "open_log", "register_log_format"
 
 Source = str | os.PathLike[str] | Sequence[str | os.PathLike[str]]
 MOST_COLUMNS = 5000
+REMEDY = "give the path of a CSV, Parquet or NPZ file"
 GROUP = "steelyard.log_formats"
 """The group of entry points by which installed packages add formats."""
 FORMATS: list[type[LogFile]] = [CsvFile, ParquetFile, NpzFile]
@@ -160,13 +162,12 @@ class LogFiles:
         InputError
             Where the files differ in length.
         """
-        counts = [file.count() for file in self.files]
+        counts = []
+        for file in self.files:
+            with _reading(file.path):
+                counts.append(file.count())
         self._require_equal(counts)
         return counts[0]
-
-    def ends(self, name: str) -> tuple[float, float]:
-        """First and last value of a column."""
-        return next(file for file in self.files if name in file.names).ends(name)
 
     def joint_labels(self) -> tuple[str, ...]:
         """Return the joints that the first file which does so names its numbered columns by."""
@@ -175,7 +176,10 @@ class LogFiles:
     def read(self, names: Sequence[str]) -> Columns:
         """Read whole columns from whichever file has them."""
         shares = self._shares(names)
-        parts = [file.read(share) for file, share in zip(self.files, shares, strict=True)]
+        parts = []
+        for file, share in zip(self.files, shares, strict=True):
+            with _reading(file.path):
+                parts.append(_checked(file, file.read(share), share))
         counts = [column_length(part) for part in parts if part]
         self._require_equal(counts)
         if counts[0] == 0:
@@ -185,7 +189,7 @@ class LogFiles:
     def blocks(self, names: Sequence[str], rows: int) -> Iterator[Columns]:
         """Read columns in blocks of `rows` rows; all the files advance together."""
         shares = self._shares(names)
-        streams = [file.blocks(share, rows) for file, share in zip(self.files, shares, strict=True) if share]
+        streams = [_checked_blocks(file, share, rows) for file, share in zip(self.files, shares, strict=True) if share]
         for parts in zip(*streams, strict=True):
             self._require_equal([column_length(part) for part in parts])
             yield self._joined(names, parts)
@@ -214,6 +218,38 @@ class LogFiles:
             )
 
 
+@contextlib.contextmanager
+def _reading(path: Path) -> Iterator[None]:
+    """Say in one sentence why a file cannot be read; formats that other packages add may raise anything."""
+    try:
+        yield
+    except InputError:
+        raise
+    except OSError as error:
+        raise InputError(f"{path} cannot be read: {error.strerror or error}.") from None
+    except Exception as error:
+        reason = " ".join(str(error).split())[:200]
+        raise InputError(f"{path} cannot be read ({type(error).__name__}: {reason}); mend the file.") from error
+
+
+def _checked(file: LogFile, columns: Columns, names: Sequence[str]) -> Columns:
+    """Return columns as a format must give them, float64 and of one length; ours do, others may not."""
+    checked = {name: np.asarray(columns[name], dtype=np.float64) for name in names}
+    shapes = {values.shape for values in checked.values()}
+    if len(shapes) > 1 or any(len(shape) != 1 for shape in shapes):
+        raise InputError(
+            f"{file.path}: its format, {type(file).__name__}, gave columns of the shapes "
+            f"{', '.join(map(str, sorted(shapes)))}; expected one value for each row in each of them."
+        )
+    return checked
+
+
+def _checked_blocks(file: LogFile, names: Sequence[str], rows: int) -> Iterator[Columns]:
+    with _reading(file.path):
+        for block in file.blocks(names, rows):
+            yield _checked(file, block, names)
+
+
 def split_source(source: Source) -> list[Path]:
     """Return the paths that `source` stands for; a string with "+" is several, unless a file has that very name."""
     if isinstance(source, (str, os.PathLike)):
@@ -225,7 +261,7 @@ def split_source(source: Source) -> list[Path]:
         return [Path(text)]
     paths = [Path(os.fspath(path)) for path in source]
     if not paths:
-        raise InputError("no log file was given; give the path of a CSV, Parquet or NPZ file.")
+        raise InputError(f"no log file was given; {REMEDY}.")
     return paths
 
 
@@ -238,21 +274,19 @@ def open_log(path: Path) -> LogFile:
         For a file that is missing, empty, of another kind or unreadable.
     """
     if "\0" in str(path):
-        raise InputError(f"{shown(str(path))} is no path that can exist; give the path of a CSV, Parquet or NPZ file.")
+        raise InputError(f"{shown(str(path))} is no path that can exist; {REMEDY}.")
     if path.is_dir():
         raise InputError(f"{path} is a folder; give the log file itself.")
     if not path.exists():
-        raise InputError(f"{path} does not exist{_neighbour(path)}; give the path of a CSV, Parquet or NPZ file.")
+        raise InputError(f"{path} does not exist{_neighbour(path)}; {REMEDY}.")
     kind = log_format(path.suffix)
     if kind is None:
         raise InputError(f"{path} has the suffix {path.suffix!r}; logs are read from {', '.join(_suffixes())}.")
-    require_file(path, "give the path of a CSV, Parquet or NPZ file")
-    try:
+    require_file(path, REMEDY)
+    with _reading(path):
         if path.stat().st_size == 0:
             raise InputError(f"{path} is empty; expected a log with one row per sample.")
         log = kind(path)
-    except OSError as error:
-        raise InputError(f"{path} cannot be read: {error.strerror or error}.") from None
     if len(log.names) > MOST_COLUMNS:
         raise InputError(f"{path} has {len(log.names)} columns; expected one for each signal of a robot, in rows.")
     return log
