@@ -1,6 +1,8 @@
-"""The point of the feasible set that is nearest to an estimate, in standard deviations."""
+"""The point of the feasible set that is nearest to what was found outside it, in any metric."""
 
+from collections.abc import Callable
 from dataclasses import dataclass, field
+from functools import cached_property
 
 import numpy as np
 import numpy.typing as npt
@@ -11,22 +13,175 @@ from steelyard.errors import SolverError
 
 from .feasible_set import FeasibleSet
 from .interior import MARGIN_FACTORS
+from .metric import Metric
 
-__all__ = ["Nearest", "light_point", "nearest_feasible"]
+__all__ = ["Nearest", "NearestPoint", "light_point", "nearest_in_region"]
 
 Vector = npt.NDArray[np.float64]
 Matrix = npt.NDArray[np.float64]
 
-LOOSE_WEIGHT = 1e-9
-"""Weight of the squares of what the distance does not measure, which keeps masses finite."""
+UNIDENTIFIABLE_WEIGHT, LEAST_WEIGHT = 1e-9, 1e-6
+"""Weight of squares of what has no distance, against the squared distance: keeps masses finite where the infimum is at
+infinity. Multiplied by the squared distance where that is below 1, down to the second."""
 
 FINE = 1e-3
-"""Below this squared distance the problem is solved again in units of the distance found."""
+"""Below this squared distance, in units of what was given, the problem is solved again in units of it."""
+
+FINEST = 1e-6
+"""Those units are no smaller than this part of the ones before: one step goes no further than can be trusted."""
+
+REFINEMENTS = 3
+"""How often at most. In the Euclidean metric once is enough: less than that of the largest parameter is rounding."""
+
+EUCLIDEAN = Metric("Euclidean", None)
+
+
+@dataclass(frozen=True, eq=False)
+class NearestPoint:
+    """Minimise ‖R d‖², where d are the first `measured` of the unknowns x and δ = origin + matrix x is in the set.
+
+    All unknowns are in units of `unit`, and the squared distance in units of that of a step of this size.
+
+    Attributes
+    ----------
+    feasible_set : FeasibleSet
+    origin : (n,)
+        δ at no distance.
+    matrix : (n, m)
+        Where the parameters may go. Its columns after those of d lead to parameters at the same distance.
+    measured : int
+        Length of d.
+    metric : Metric
+        R.
+    unit : float
+        A size that is typical of d.
+    solver : str
+        As in `steelyard.conic.solve`.
+    stacked : (rows, m) sparse, optional
+        Coefficients of the blocks in x, where they are at hand.
+    """
+
+    feasible_set: FeasibleSet
+    origin: Vector = field(repr=False)
+    matrix: Matrix = field(repr=False)
+    measured: int
+    metric: Metric
+    unit: float
+    solver: str
+    stacked: sparse.csc_array | None = field(default=None, repr=False)
+
+    @cached_property
+    def coefficients(self) -> sparse.csc_array:
+        """Of the stacked blocks in x."""
+        if self.stacked is not None:
+            return self.stacked
+        return sparse.csc_array(self.feasible_set.stack.coefficients @ self.matrix)
+
+    def squared(self, difference: Vector) -> float:
+        """Squared length of d in the units of the problem."""
+        return self.metric.squared(difference) / (self.unit * self.metric.size) ** 2
+
+    def parameters(self, solution: ConicSolution) -> Vector:
+        """δ of a solution."""
+        step = self.unit * solution.primal[: self.matrix.shape[1]]
+        return self.feasible_set.project_on_equations(self.origin + self.matrix @ step)
+
+    def search(
+        self, margin: float, difference: Callable[[Vector], Vector], inside: Callable[[Vector], bool]
+    ) -> tuple[Vector | None, ConicSolution, float, int]:
+        """The nearest parameters whose blocks keep a margin.
+
+        A distance that is small beside its unit is known to the solver's accuracy only, so that the problem is solved
+        again in units of that distance; the finer answer counts where it is inside and nearer.
+
+        Parameters
+        ----------
+        margin : float
+        difference : callable
+            d of δ.
+        inside : callable
+            Whether δ is taken to be in the set.
+
+        Returns
+        -------
+        parameters : (n,) or None
+            None where the solver has no answer; they need not be inside.
+        solution : ConicSolution
+            That they come from.
+        scale : float
+            By which the squared distance was divided in it.
+        iterations : int
+            Of the solver, in all.
+        """
+        scale, solution = 1.0, self.solve(margin, 1.0, 1.0)
+        iterations = solution.iterations
+        if not _has_answer(solution):
+            return None, solution, scale, iterations
+        found, finest = self.parameters(solution), 1.0
+        for _ in range(1 if self.metric.factor is None else REFINEMENTS):
+            distance = self.squared(difference(found))
+            if distance >= FINE * finest:
+                break
+            finest = max(distance, FINEST * finest)
+            finer = self.solve(margin, finest, min(1.0, max(distance * self.unit**2, LEAST_WEIGHT)))
+            iterations += finer.iterations
+            if not _has_answer(finer):
+                break
+            point = self.parameters(finer)
+            if inside(point) and (self.squared(difference(point)) < distance or not inside(found)):
+                found, solution, scale = point, finer, finest
+        return found, solution, scale, iterations
+
+    def solve(self, margin: float, scale: float, weight: float) -> ConicSolution:
+        """Solve with this margin; the squared distance is divided by `scale`, the other squares have this weight."""
+        feasible_set, stack = self.feasible_set, self.feasible_set.stack
+        count, measured = self.matrix.shape[1], self.measured
+        unmeasured = UNIDENTIFIABLE_WEIGHT * weight / scale
+        weights = np.full(count, unmeasured)
+        weights[:measured] = 0.0
+        equations = feasible_set.equation_matrix @ self.matrix
+        missing = feasible_set.equation_values - feasible_set.equation_matrix @ self.origin
+        values = stack.constant + stack.coefficients @ self.origin - margin * stack.identity
+        rows = [sparse.csc_array(equations), -self.coefficients]
+        right = [missing / self.unit, values / self.unit]
+        cones = [
+            Cone("zero", len(equations)),
+            Cone("nonnegative", stack.scalar_count),
+            *(Cone("semidefinite", size) for size in stack.matrix_sizes),
+        ]
+        factor = None if self.metric.factor is None else self.metric.factor / self.metric.size
+        if self.metric.is_diagonal:
+            squares = np.ones(measured) if factor is None else np.sum(factor**2, axis=0)
+            weights[:measured] = np.where(squares > 0, 2.0 * squares / scale, unmeasured)
+        elif factor is not None:
+            # R d, and d in the directions in which there is no distance, are unknowns of their own.
+            both = np.vstack([factor, self.metric.unseen])
+            extra = len(both)
+            image = sparse.hstack([sparse.csc_array(both), sparse.csc_array((extra, count - measured))])
+            rows = [sparse.hstack([part, sparse.csc_array((part.shape[0], extra))]) for part in rows]
+            rows.insert(0, sparse.hstack([image, sparse.csc_array(-np.eye(extra))]))
+            right.insert(0, np.zeros(extra))
+            cones.insert(0, Cone("zero", extra))
+            tail = np.full(extra, unmeasured)
+            tail[: len(factor)] = 2.0 / scale
+            weights = np.concatenate([weights, tail])
+        problem = ConicProblem(
+            P=sparse.csc_array(sparse.diags_array(weights, format="csc")),
+            q=np.zeros(len(weights)),
+            A=sparse.csc_array(sparse.vstack(rows, format="csc")),
+            b=np.concatenate(right),
+            cones=tuple(cones),
+        )
+        return solve(problem, solver=self.solver)
+
+
+def _has_answer(solution: ConicSolution) -> bool:
+    return solution.outcome.usable and bool(np.all(np.isfinite(solution.primal)))
 
 
 @dataclass(frozen=True, eq=False)
 class Nearest:
-    """The nearest feasible parameters.
+    """The feasible parameters that are nearest to an estimate, in standard deviations.
 
     Attributes
     ----------
@@ -34,30 +189,28 @@ class Nearest:
         Inside the set.
     distance : float
         ‖u‖ of its base parameters β = base + axes u + unknown v.
-    coordinates : (k,)
-        u.
     shares : (blocks,)
         What each block adds to the squared distance, relative to it; the equations of constraints add the rest to 1.
     """
 
     parameters: Vector = field(repr=False)
     distance: float
-    coordinates: Vector = field(repr=False)
     shares: Vector = field(repr=False)
 
 
-def nearest_feasible(
-    feasible: FeasibleSet, base: Vector, axes: Matrix, unknown: Matrix | None = None, solver: str = "clarabel"
+def nearest_in_region(
+    feasible_set: FeasibleSet, base: Vector, axes: Matrix, unknown: Matrix, solver: str = "clarabel"
 ) -> Nearest:
     """Minimise ‖u‖ where some δ of the set has K δ = base + axes u + unknown v.
 
     Parameters
     ----------
-    feasible : FeasibleSet
+    feasible_set : FeasibleSet
     base : (n_b,)
     axes : (n_b, k)
         Square root of a covariance, or the unit matrix for the Euclidean distance.
-    unknown : (n_b, j), optional
+    unknown : (n_b, j)
+        Directions of the base parameters in which there is no distance; j may be 0.
     solver : str
 
     Raises
@@ -65,64 +218,40 @@ def nearest_feasible(
     SolverError
         If there is no such point, or the solver finds none.
     """
-    stack = feasible.stack
-    free = feasible.unidentifiable
-    if unknown is not None:
-        free = np.hstack([free, feasible.lift @ unknown])
-    directions = np.hstack([feasible.lift @ axes, free])
-    reference, k = feasible.lift @ base, axes.shape[1]
-    equations = feasible.equation_matrix @ directions
+    stack = feasible_set.stack
+    lift, k = feasible_set.lift, axes.shape[1]
+    matrix = np.hstack([lift @ axes, feasible_set.unidentifiable, lift @ unknown])
+    problem = NearestPoint(feasible_set, lift @ base, matrix, k, EUCLIDEAN, 1.0, solver)
+    to_distance = np.linalg.pinv(np.hstack([axes, unknown]))[:k] @ feasible_set.K
 
-    def solved(margin: float, unit: float) -> ConicSolution:
-        values = stack.constant + stack.coefficients @ reference - margin * stack.identity
-        weights = np.concatenate([np.full(k, 2.0 / unit), np.full(free.shape[1], LOOSE_WEIGHT)])
-        problem = ConicProblem(
-            P=sparse.csc_array(sparse.diags_array(weights, format="csc")),
-            q=np.zeros(len(weights)),
-            A=sparse.csc_array(np.vstack([equations, -(stack.coefficients @ directions)])),
-            b=np.concatenate([feasible.equation_values - feasible.equation_matrix @ reference, values]),
-            cones=(
-                Cone("zero", len(equations)),
-                Cone("nonnegative", stack.scalar_count),
-                *(Cone("semidefinite", size) for size in stack.matrix_sizes),
-            ),
-        )
-        return solve(problem, solver=solver)
+    def difference(parameters: Vector) -> Vector:
+        return np.asarray(to_distance @ (parameters - problem.origin))
 
-    def packed(solution: ConicSolution, unit: float) -> Nearest | None:
-        """The point, where it is inside the set."""
-        if not solution.outcome.usable or not np.all(np.isfinite(solution.primal)):
-            return None
-        u = solution.primal[:k]
-        parameters = feasible.project_on_equations(reference + directions @ solution.primal)
-        if not np.all(stack.smallest_eigenvalues(parameters) > 0):
-            return None
-        pushes = solution.dual[len(equations) :] * (stack.coefficients @ (directions[:, :k] @ u))
-        shares = np.array([float(pushes[place].sum()) for place in stack.slices])
-        return Nearest(parameters, float(np.linalg.norm(u)), u, shares * unit / (2.0 * float(u @ u) or 1.0))
+    def inside(parameters: Vector) -> bool:
+        return bool(np.all(stack.smallest_eigenvalues(parameters) > 0))
 
     for factor in MARGIN_FACTORS:
-        solution = solved(factor * feasible.margin, 1.0)
+        found, solution, scale, _ = problem.search(factor * feasible_set.margin, difference, inside)
         if solution.outcome is Outcome.INFEASIBLE:
             raise SolverError(
                 "no parameters satisfy all conditions, whatever the base parameters are (where the estimate is certain "
                 "of them); loosen the constraints, which contradict each other or the estimate."
             )
-        found = packed(solution, 1.0)
-        if found is None:
+        if found is None or not inside(found):
             continue
-        if found.distance**2 < FINE:
-            unit = max(found.distance**2, 1e-6)
-            found = packed(solved(factor * feasible.margin, unit), unit) or found
-        return found
+        u = solution.primal[:k]
+        blocks = solution.dual[len(feasible_set.equalities) :]
+        pushes = blocks * (problem.coefficients[:, :k] @ u)
+        shares = np.array([float(pushes[place].sum()) for place in stack.slices])
+        return Nearest(found, float(np.linalg.norm(u)), shares * scale / (2.0 * float(u @ u) or 1.0))
     raise SolverError(
         "the solver ended outside the feasible set with every margin tried; check that the constraints leave room and "
-        f"that units are SI, or give FeasibleSet a larger margin than {feasible.margin:g}."
+        f"that units are SI, or give FeasibleSet a larger margin than {feasible_set.margin:g}."
     )
 
 
 def light_point(
-    feasible: FeasibleSet, base: Vector, axes: Matrix, unknown: Matrix, nearest: Nearest, radius: float, solver: str
+    feasible_set: FeasibleSet, base: Vector, axes: Matrix, unknown: Matrix, nearest: Nearest, radius: float, solver: str
 ) -> Vector:
     """Parameters of the set, of moderate size, with ‖u‖ well below a radius that is larger than the nearest distance.
 
@@ -133,21 +262,21 @@ def light_point(
     (n,)
         The nearest parameters themselves, where the solver finds nothing better.
     """
-    stack, k = feasible.stack, axes.shape[1]
-    free = np.hstack([feasible.unidentifiable, feasible.lift @ unknown])
-    directions = np.hstack([feasible.lift @ axes, free])
-    reference = feasible.lift @ base
-    equations = feasible.equation_matrix @ directions
-    margin = min(feasible.margin, float(stack.smallest_eigenvalues(nearest.parameters).min(initial=np.inf)))
+    stack, k = feasible_set.stack, axes.shape[1]
+    free = np.hstack([feasible_set.unidentifiable, feasible_set.lift @ unknown])
+    directions = np.hstack([feasible_set.lift @ axes, free])
+    reference = feasible_set.lift @ base
+    equations = feasible_set.equation_matrix @ directions
+    margin = min(feasible_set.margin, float(stack.smallest_eigenvalues(nearest.parameters).min(initial=np.inf)))
     ball = np.zeros((k + 1, directions.shape[1]))
     ball[1:, :k] = -np.eye(k)
     problem = ConicProblem(
-        P=sparse.csc_array(sparse.diags_array(np.full(directions.shape[1], LOOSE_WEIGHT), format="csc")),
-        q=feasible.trace_row @ directions,
+        P=sparse.csc_array(sparse.diags_array(np.full(directions.shape[1], UNIDENTIFIABLE_WEIGHT), format="csc")),
+        q=feasible_set.trace_row @ directions,
         A=sparse.csc_array(np.vstack([equations, -(stack.coefficients @ directions), ball])),
         b=np.concatenate(
             [
-                feasible.equation_values - feasible.equation_matrix @ reference,
+                feasible_set.equation_values - feasible_set.equation_matrix @ reference,
                 stack.constant + stack.coefficients @ reference - 0.5 * margin * stack.identity,
                 [0.5 * (nearest.distance + radius)],
                 np.zeros(k),
@@ -163,6 +292,6 @@ def light_point(
     solution = solve(problem, solver=solver)
     if not solution.outcome.usable or not np.all(np.isfinite(solution.primal)):
         return nearest.parameters
-    found = feasible.project_on_equations(reference + directions @ solution.primal)
+    found = feasible_set.project_on_equations(reference + directions @ solution.primal)
     inside = np.all(stack.smallest_eigenvalues(found) > 0) and np.linalg.norm(solution.primal[:k]) < radius
     return found if inside else nearest.parameters

@@ -10,7 +10,7 @@ from steelyard.errors import InputError, SolverError
 
 from ..check import check
 from ..feasible_set import FeasibleSet
-from ..nearest_point import light_point, nearest_feasible
+from ..nearest_point import light_point, nearest_in_region
 from .analytic_center import middle_of
 from .bound_finder import BoundFinder
 from .confidence_region import ConfidenceRegion
@@ -68,7 +68,7 @@ def given_region(feasible: FeasibleSet, region: ConfidenceRegion, solver: str) -
     SolverError
         If the parameters behind them are a set without an inside.
     """
-    nearest = nearest_feasible(feasible, region.base, region.axes, region.unknown, solver)
+    nearest = nearest_in_region(feasible, region.base, region.axes, region.unknown, solver)
     relative = nearest.distance / region.radius
     if relative >= 1.0:
         needed = region.probability(nearest.distance)

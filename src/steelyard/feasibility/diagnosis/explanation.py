@@ -16,7 +16,7 @@ from steelyard.regression import ParameterCovariance
 from ..bounds.confidence_region import region_of
 from ..check import check
 from ..feasible_set import FeasibleSet
-from ..nearest_point import nearest_feasible
+from ..nearest_point import nearest_in_region
 from ..wording import base_expressions, base_names, combination, html_table, percent, plain, text_table
 from .irreducible_subsystem import Conflict, find_conflicts
 
@@ -421,8 +421,8 @@ def explain_infeasibility(
                 nearest=beta,
                 consistency=feasible.consistency,
             )
-        axes = region.axes if region is not None else np.eye(count)
-        nearest = nearest_feasible(feasible, beta, axes, None if region is None else region.unknown, solver)
+        axes, unknown = (region.axes, region.unknown) if region is not None else (np.eye(count), np.zeros((count, 0)))
+        nearest = nearest_in_region(feasible, beta, axes, unknown, solver)
         corrected = feasible.K @ nearest.parameters
         change = corrected - beta
         measure = np.eye(count) if region is None else region.in_deviations()
