@@ -6,8 +6,8 @@ from random_fits import least_by_cvxpy, random_fit, squared_residual
 
 from steelyard.estimators import EntropicPrior, fit_reduced
 from steelyard.estimators.fit import fit
-from steelyard.estimators.lower_bound import ConvexProblem, Multipliers
 from steelyard.feasibility import FeasibleSet
+from steelyard.feasibility.dual_bound import ConvexProblem, Multipliers
 from steelyard.lmi import symmetric_to_vector
 from steelyard.regression import Estimate
 

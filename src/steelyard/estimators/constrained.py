@@ -7,6 +7,7 @@ import numpy as np
 import numpy.typing as npt
 
 from steelyard.errors import InputError, SolverError
+from steelyard.feasibility.dual_bound import PARAMETER_BOUND
 from steelyard.feasibility.feasible_set import FeasibleSet
 from steelyard.feasibility.growth import growing_links, mass_bound_of
 from steelyard.feasibility.interior import MARGIN_FACTORS, least_eigenvalue, pull_inside
@@ -14,7 +15,6 @@ from steelyard.feasibility.protocols import ReducedLike
 from steelyard.feasibility.tie_break import Preference, closest_to_cad, lightest
 from steelyard.feasibility.units import Units
 
-from .lower_bound import REACH
 from .prior import PreparedPrior, Prior
 from .reduced import ReducedRegression
 from .settled import settled
@@ -275,8 +275,8 @@ def _told_of_the_optimum(feasible: FeasibleSet, best: Optimum, gap: float, with_
         names = feasible.model.robot.link_names
         links = ", ".join(names[link] for link in best.beyond)
         told.append(
-            f"The motion hardly shows some parameters of {links}: the least residual pulls them beyond {REACH:.0f} "
-            "times what is typical of this robot, and may fall further beyond that."
+            f"The motion hardly shows some parameters of {links}: the least residual pulls them beyond "
+            f"{PARAMETER_BOUND:.0f} times what is typical of this robot, and may fall further beyond that."
         )
     if not gap <= GAP:
         what = "objective" if with_prior else "squared residual"

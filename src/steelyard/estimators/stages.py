@@ -12,13 +12,13 @@ import scipy.sparse as sparse
 from steelyard.conic import Cone, ConicSolution, Outcome
 from steelyard.errors import SolverError
 from steelyard.feasibility.cone_program import Conditions, Program, Rows, widened
+from steelyard.feasibility.dual_bound import PARAMETER_BOUND, ConvexProblem, Multipliers
 from steelyard.feasibility.feasible_set import FeasibleSet
 from steelyard.feasibility.interior import pull_inside
 from steelyard.feasibility.objective import Part, total
 from steelyard.feasibility.tie_break import Preference
 from steelyard.feasibility.units import Units
 
-from .lower_bound import REACH, ConvexProblem, Multipliers
 from .prior import PreparedPrior
 from .reduced import ReducedRegression
 
@@ -105,7 +105,7 @@ class Attempt:
     accuracy : float
         Of the solver.
     bounded : bool
-        Whether only robots within the reach are asked for, see `REACH`. The best of all may lie far out, or nowhere.
+        Whether only robots within `PARAMETER_BOUND` are asked for. The best of all may lie far out, or nowhere.
     """
 
     apart: bool = False
@@ -194,11 +194,11 @@ class Fitting:
         links = np.zeros((len(columns), len(self._typical)))
         for row, own in zip(links, columns, strict=True):
             moments, mass = own[[0, 3, 5]], own[9]
-            row[moments] = 0.5 / (REACH * self._typical[moments])
-            row[mass] = 1.0 / (REACH * self._typical[mass])
+            row[moments] = 0.5 / (PARAMETER_BOUND * self._typical[moments])
+            row[mass] = 1.0 / (PARAMETER_BOUND * self._typical[mass])
         others = np.setdiff1d(np.arange(len(self._typical)), columns)
         terms = np.zeros((len(others), len(self._typical)))
-        terms[np.arange(len(others)), others] = 1.0 / (REACH * self._typical[others])
+        terms[np.arange(len(others)), others] = 1.0 / (PARAMETER_BOUND * self._typical[others])
         return np.vstack([links, terms, -terms])
 
     def _record(self, solution: ConicSolution) -> ConicSolution:

@@ -1,6 +1,6 @@
 """Least values of a combination of parameters, or of a ratio of two, over a section of the feasible set.
 
-Every answer has two values: the proved one, below which nothing is (`DualBound`), and the attained one, at parameters
+Every answer has two values: the proved one, below which nothing is (`SliceBound`), and the attained one, at parameters
 that were found inside the set. The truth lies between the two.
 """
 
@@ -13,9 +13,9 @@ import numpy.typing as npt
 
 from steelyard.conic import Outcome
 
+from ..dual_bound import EPSILON, SliceBound
 from ..facial_reduction import BoundedFace, bounded_face
 from .analytic_center import Middle
-from .dual_bound import EPSILON, DualBound
 from .normalised_problem import Ball, DualPoint, RoundProblem
 from .slice import BlockGroup
 
@@ -166,7 +166,7 @@ class BoundFinder:
     def __init__(self, middle: Middle, solver: str = "clarabel") -> None:
         self.middle = middle
         self.solver = solver
-        self._dual = DualBound(middle)
+        self._dual = SliceBound(middle)
         count = len(middle.centre)
         first, second = middle.ball
         ball = Ball(first, second, np.zeros(count)) if len(first) else None
@@ -177,7 +177,7 @@ class BoundFinder:
     @property
     def reach(self) -> float:
         """The proofs hold for parameters whose blocks have traces (kg, kg m², ...) that add to less than this."""
-        return self._dual.reach
+        return self._dual.trace_bound
 
     def least(self, row: Vector) -> Bound:
         """The least value of row · δ.
