@@ -25,7 +25,7 @@ def condition_number(model: sy.Model, motion: tuple[np.ndarray, ...]) -> float:
 
 
 def within(limits: MotionLimits, design: ExcitationDesign) -> bool:
-    """Tell whether the whole motion, lead-in and lead-out too, keeps the limits at 1 kHz."""
+    """Tell whether the whole motion, ramp-up and ramp-down too, keeps the limits at 1 kHz."""
     _, q, dq, ddq = design.trajectory.sample(1000.0)
     inside = (q >= limits.lower) & (q <= limits.upper)
     inside &= (np.abs(dq) <= limits.velocity) & (np.abs(ddq) <= limits.acceleration)

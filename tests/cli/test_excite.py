@@ -36,15 +36,15 @@ def test_a_robot_file_is_enough(run, place):
     assert (place / "out" / "trajectory.yaml").read_text().count("positions") > 100
 
 
-def test_limits_and_complement(run, place):
+def test_limits_and_prior_information(run, place):
     (place / "limits.toml").write_text("acceleration = 12\n[velocity]\nelbow = 1.0\n")
     assert run("excite", place / "robot.toml", "-o", place / "one", *QUICK)[0] == 0
     code, out, err = run(
         "excite", place / "robot.toml", "--limits", place / "limits.toml", "-o", place / "two", *QUICK,
-        "--complement", place / "one" / "trajectory.json", "--criterion", "a", "--subset", "elbow",
+        "--prior-information", place / "one" / "trajectory.json", "--criterion", "a", "--subset", "elbow",
     )  # fmt: skip
     assert code == 0, err
-    assert "together with what it complements" in out
+    assert "together with the prior information" in out
     _, _, dq, ddq = sy.load_trajectory(place / "two" / "trajectory.csv").sample(1000.0)
     assert np.abs(dq[:, 1]).max() <= 1.0
     assert np.abs(ddq).max() <= 12.0
@@ -71,7 +71,7 @@ def test_model_lead_and_start_are_told(run, place):
     record = json.loads((place / "out" / "excite.json").read_text())
     model = sy.Model.load(place / "pair.urdf")
     assert f"viscous, coulomb, offset; {model.parameter_count} parameters, {record['base_parameters']} base" in out
-    assert (record["terms"], record["lead"], record["duration"]) == (["viscous", "coulomb", "offset"], 2.0, 8.0)
+    assert (record["terms"], record["ramp_time"], record["duration"]) == (["viscous", "coulomb", "offset"], 2.0, 8.0)
     assert "motion of 8 s, 2 s of it to start and as much to stop" in out
     first = np.loadtxt(place / "out" / "trajectory.csv", delimiter=",", skiprows=1, max_rows=1)
     assert list(record["start"].values()) == pytest.approx(first[1:3])
@@ -86,7 +86,7 @@ def test_model_lead_and_start_are_told(run, place):
         ("velocity = [1]", "limits.toml: velocity has 1 values, but there are 2 joints: shoulder, elbow"),
         ("velocity = {wrist = 1}", "limits.toml: velocity names a joint 'wrist'"),
         ("[tables]\nheight = 1", "limits.toml: 'tables' is no table of geometry"),
-        ("torque = 0.1", "cannot even rest within its limits: no posture was found that keeps torque, shoulder"),
+        ("torque = 0.1", "cannot even rest within its limits: no configuration was found that keeps torque, shoulder"),
     ],
 )
 def test_bad_limits_end_with_one_sentence_and_no_files(run, place, text, message):

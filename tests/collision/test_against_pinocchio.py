@@ -18,7 +18,7 @@ FAST = ["ur5_robot", "panda", "panda_collision", "xarm7"]
 SLOW = ["kinova", "z1", "anymal-kinova", "a1", "romeo", "tiago_no_hand"]
 
 
-def postures(robot, count, random):
+def configurations(robot, count, random):
     return random.uniform(-1.5, 1.5, (count, robot.dof))
 
 
@@ -34,7 +34,7 @@ def test_distances_of_all_pairs(stem, random):
     robot = Robot.from_urdf(path, locked=unmovable(path))
     geometry = RobotGeometry.from_urdf(robot)
     pairs = pairs_of(geometry)
-    q = postures(robot, 8, random)
+    q = configurations(robot, 8, random)
     ours = PairDistances(geometry.shapes, [[pair] for pair in pairs]).distances(place_links(robot, q), np.inf)
     theirs = PinocchioDistances(path, geometry, pairs)(q)
     assert (theirs > 0).any()
@@ -55,7 +55,7 @@ def test_distances_of_exact_meshes(stem, random):
     robot = Robot.from_urdf(path)
     geometry = RobotGeometry.from_urdf(robot, meshes="exact")
     pairs = pairs_of(geometry)
-    q = postures(robot, 10, random)
+    q = configurations(robot, 10, random)
     ours = PairDistances(geometry.shapes, [[pair] for pair in pairs]).distances(place_links(robot, q), np.inf)
     theirs = PinocchioDistances(path, geometry, pairs, exact=True)(q)
     apart = theirs > 1e-6
@@ -70,7 +70,7 @@ def test_the_least_distance_of_links_of_many_shapes(random):
     geometry = RobotGeometry.from_urdf(robot)
     limit = SelfCollision(geometry, margin=0.02, horizon=0.3)
     pairs = pairs_of(geometry)
-    q = postures(robot, 30, random)
+    q = configurations(robot, 30, random)
     theirs = PinocchioDistances(path, geometry, pairs)(q)
     for column, links in enumerate(limit.watched):
         wanted = {frozenset(pair) for pair in links}
@@ -90,15 +90,15 @@ def test_the_workspace_against_frame_placements(link, random):
     path = urdf("ur5_robot")
     robot = Robot.from_urdf(path)
     limit = WorkspaceBox(robot, link, (-0.5, -0.6, -0.2), (0.7, np.inf, 1.0), point=(0.01, 0.02, 0.03))
-    q = postures(robot, 20, random)
+    q = configurations(robot, 20, random)
     model = pinocchio.buildModelFromUrdf(str(path))
     data = model.createData()
     clearance = limit.clearance(q)
     assert clearance.shape == (20, 5)
-    for row, posture in enumerate(q):
-        pinocchio.framesForwardKinematics(model, data, posture)
+    for row, configuration in enumerate(q):
+        pinocchio.framesForwardKinematics(model, data, configuration)
         x, y, z = data.oMf[model.getFrameId(link)].act(np.array([0.01, 0.02, 0.03]))
-        np.testing.assert_allclose(limit.positions(posture)[0], [x, y, z], atol=1e-12)
+        np.testing.assert_allclose(limit.positions(configuration)[0], [x, y, z], atol=1e-12)
         np.testing.assert_allclose(clearance[row], [x + 0.5, 0.7 - x, y + 0.6, z + 0.2, 1.0 - z], atol=1e-12)
 
 
@@ -110,7 +110,7 @@ def test_the_table_against_all_vertices_of_the_meshes(random):
     normal, offset = np.array([0.2, -0.3, 2.0]), -1.5
     limit = TablePlane(geometry, normal, offset, margin=0.03, ignore=["shoulder_link"])
     assert limit.labels == robot.link_names[1:]
-    q = postures(robot, 20, random)
+    q = configurations(robot, 20, random)
     oracle = PinocchioDistances(path, geometry, [], exact=True)
     shapes = oracle.geometry.geometryObjects
     for row, clearance in zip(q, limit.clearance(q), strict=True):

@@ -16,7 +16,7 @@ from steelyard.collision import (
     TablePlane,
     WorkspaceBox,
 )
-from steelyard.collision.configurations import neutral_posture, random_postures
+from steelyard.collision.configurations import default_neutral_configuration, random_configurations
 from steelyard.errors import InputError
 from steelyard.robot.placement import rotation_y, translation
 
@@ -57,12 +57,12 @@ def pairs(*names):
     return {frozenset(name.split()) for name in names}
 
 
-def test_neutral_and_random_postures_keep_to_the_limits(chain):
-    np.testing.assert_allclose(neutral_posture(chain.robot), [0.0, 1.5, 0.0, 0.0])
-    postures = random_postures(chain.robot, 4000)
-    np.testing.assert_allclose(postures.min(axis=0), [-3.0, 0.5, -np.pi, -1.0], atol=0.01)
-    np.testing.assert_allclose(postures.max(axis=0), [3.0, 2.5, np.pi, 1.0], atol=0.01)
-    np.testing.assert_array_equal(postures, random_postures(chain.robot, 4000))
+def test_neutral_and_random_configurations_keep_to_the_limits(chain):
+    np.testing.assert_allclose(default_neutral_configuration(chain.robot), [0.0, 1.5, 0.0, 0.0])
+    configurations = random_configurations(chain.robot, 4000)
+    np.testing.assert_allclose(configurations.min(axis=0), [-3.0, 0.5, -np.pi, -1.0], atol=0.01)
+    np.testing.assert_allclose(configurations.max(axis=0), [3.0, 2.5, np.pi, 1.0], atol=0.01)
+    np.testing.assert_array_equal(configurations, random_configurations(chain.robot, 4000))
 
 
 class TestPairs:
@@ -79,26 +79,26 @@ class TestPairs:
             "b tool", "b cam"
         )
         assert limit.labels == ("b to base", "c to base", "c to a", "c to b")
-        assert limit.clearance(np.zeros((3, 4)) + neutral_posture(chain.robot)).shape == (3, 4)
+        assert limit.clearance(np.zeros((3, 4)) + default_neutral_configuration(chain.robot)).shape == (3, 4)
 
-    def test_the_neutral_posture(self, chain):
+    def test_the_neutral_configuration(self, chain):
         """At 0 the second rod is stretched out; folded back, the tool lies on the first rod."""
         folded = np.array([0.0, 2.5, 2.3, 0.0])
         touching = {
             frozenset((one.first, one.second))
-            for one in SelfCollision(chain, posture=folded).left_out
-            if one.reason.startswith("touch in the neutral posture, and in ")
+            for one in SelfCollision(chain, neutral_configuration=folded).left_out
+            if one.reason.startswith("touch in the neutral configuration, and in ")
         }
         assert touching
         assert touching <= pairs("a c", "a tool", "a cam", "base tool", "base cam")
         free = SelfCollision(chain, exclude=touching and [tuple(pair) for pair in touching])
-        assert watched(free) == watched(SelfCollision(chain, posture=folded))
+        assert watched(free) == watched(SelfCollision(chain, neutral_configuration=folded))
 
     def test_what_always_touches_is_left_out(self, chain):
         big = chain.with_shapes([PlacedShape.on(chain.robot, "base", Sphere(0.9))])
-        limit = SelfCollision(big, posture=[0.0, 0.5, 0.0, 0.0])
+        limit = SelfCollision(big, neutral_configuration=[0.0, 0.5, 0.0, 0.0])
         reasons = {frozenset((one.first, one.second)): one.reason for one in limit.left_out}
-        assert reasons[frozenset(("base", "b"))] == "touch in 100% of random postures"
+        assert reasons[frozenset(("base", "b"))] == "touch in 100% of random configurations"
 
     def test_exclusions(self, chain, tmp_path):
         srdf = tmp_path / "chain.srdf"
@@ -113,7 +113,7 @@ class TestPairs:
     def test_margins_that_cannot_be_kept_are_halved(self, chain):
         """The camera is 0.08 m above the last axis: from the second rod it is never farther than some centimetres."""
         limit = SelfCollision(chain, margin=0.15)
-        q = random_postures(chain.robot, 2000, seed=4)
+        q = random_configurations(chain.robot, 2000, seed=4)
         column = limit.labels.index("cam to b")
         assert limit.watched[column] == (("b", "cam"),)
         widest = limit.distances(q)[:, column].max()
@@ -128,7 +128,7 @@ class TestPairs:
         limit = SelfCollision(geometry)
         assert limit.labels == ()
         assert limit.clearance(np.zeros((4, 2))).shape == (4, 0)
-        assert not limit.pull_back(np.zeros((4, 2)), None, None, np.zeros((4, 0)))[0].any()
+        assert not limit.vjp(np.zeros((4, 2)), None, None, np.zeros((4, 0)))[0].any()
 
     @pytest.mark.parametrize(
         ("options", "message"),
@@ -138,7 +138,7 @@ class TestPairs:
             ({"margin": 0.1, "horizon": 0.1}, "the horizon must be larger than the margin of 0.1 m, got 0.1 m"),
             ({"exclude": ["hand"]}, 'no link "hand"'),
             ({"exclude": [("a", "b", "c")]}, r"an entry is a link or a pair of links, got \('a', 'b', 'c'\)"),
-            ({"posture": [0.0]}, "the neutral posture must be 4 finite numbers"),
+            ({"neutral_configuration": [0.0]}, "the neutral configuration must be 4 finite numbers"),
         ],
     )
     def test_bad_options(self, chain, options, message):
@@ -202,7 +202,10 @@ def test_table_watches_chosen_links(chain):
         ({"links": ["wrist"]}, 'table plane: link "wrist" has no collision geometry; known are'),
         ({"links": ["base"]}, "no moving link of robot .* has collision geometry"),
         ({"ignore": ["hand"]}, 'no link "hand"'),
-        ({"offset": 0.1}, r"table plane: a is violated by 0.13 m or more at each of 500 random postures .*`ignore`"),
+        (
+            {"offset": 0.1},
+            r"table plane: a is violated by 0.13 m or more at each of 500 random configurations .*`ignore`",
+        ),
     ],
 )
 def test_bad_tables(chain, options, message):
@@ -231,14 +234,14 @@ def test_bad_boxes(chain, options, message):
 
 def test_wrong_shapes_of_arrays(chain):
     box = WorkspaceBox(chain.robot, "tool", (0, 0, 0), (2, 2, 2))
-    with pytest.raises(InputError, match=r"workspace: postures must be of shape \(S, 4\), got shape \(5, 3\)"):
+    with pytest.raises(InputError, match=r"workspace: configurations must be of shape \(S, 4\), got shape \(5, 3\)"):
         box.clearance(np.zeros((5, 3)))
     with pytest.raises(InputError, match=r"workspace: weights must be of shape \(5, 6\), got \(5, 2\)"):
-        box.pull_back(np.zeros((5, 4)), None, None, np.zeros((5, 2)))
+        box.vjp(np.zeros((5, 4)), None, None, np.zeros((5, 2)))
     assert repr(box) == "WorkspaceBox(workspace: 6 clearances)"
 
 
-def test_postures_that_are_no_numbers_are_not_clear(chain):
+def test_configurations_that_are_no_numbers_are_not_clear(chain):
     pytest.importorskip("coal", reason="coal (extra `collision`) is not installed")
     q = np.zeros((3, 4))
     q[1, 2] = np.nan

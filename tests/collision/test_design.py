@@ -23,9 +23,9 @@ def lowest(path, geometry, links, q):
     """The lowest vertex of the meshes of some links, with frames from Pinocchio."""
     oracle = PinocchioDistances(path, geometry, [], exact=True)
     least = np.inf
-    for posture in q:
+    for configuration in q:
         pinocchio.updateGeometryPlacements(
-            oracle.model, oracle.placements, oracle.geometry, oracle.data, oracle.state(posture)
+            oracle.model, oracle.placements, oracle.geometry, oracle.data, oracle.state(configuration)
         )
         for link in links:
             number = oracle.geometry.getGeometryId(f"{link}_0")

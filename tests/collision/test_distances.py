@@ -79,9 +79,9 @@ def test_distances_and_depths_of_every_kind(first, second, arm, random):
     model = sy.Model(arm)
     tolerance = 1e-4 if "cylinder" in (first, second) else 5e-6
     (corners, radius), (others, other_radius) = core(one), core(other)
-    for posture, value in zip(q, ours, strict=True):
+    for configuration, value in zip(q, ours, strict=True):
         here = placed(corners, turns[0])
-        there = placed(others, model.pose(posture, "link2") @ turns[1])
+        there = placed(others, model.pose(configuration, "link2") @ turns[1])
         distance = hull_distance(here, there)
         if distance < 1e-6 and len(here) > 2 and len(there) > 2 and not radius and not other_radius:
             assert value == pytest.approx(-hull_depth(here, there), abs=tolerance)
@@ -117,11 +117,11 @@ def test_the_horizon_cuts_distances_and_changes_nothing_below(limit, random):
 
 def test_a_batch_is_its_samples(limit, random):
     q = random.uniform(-3, 3, (25, 3))
-    one_by_one = np.vstack([limit.clearance(posture) for posture in q])
+    one_by_one = np.vstack([limit.clearance(configuration) for configuration in q])
     np.testing.assert_allclose(limit.clearance(q), one_by_one, atol=2e-6)
     weights = np.ones((25, len(limit.labels)))
-    rows = [limit.pull_back(p[None], None, None, weights[:1])[0] for p in q]
-    np.testing.assert_allclose(limit.pull_back(q, None, None, weights)[0], np.vstack(rows), atol=1e-4)
+    rows = [limit.vjp(p[None], None, None, weights[:1])[0] for p in q]
+    np.testing.assert_allclose(limit.vjp(q, None, None, weights)[0], np.vstack(rows), atol=1e-4)
 
 
 def test_long_batches_are_cut_in_parts(limit, random):

@@ -96,7 +96,7 @@ def test_gradients(kind, crane, random):
         assert smooth.mean() > 0.6, label
         weights = np.zeros((len(q), len(limit.labels)))
         weights[:, column] = random.uniform(0.5, 2.0, len(q))
-        by_q, by_dq, by_ddq = limit.pull_back(q, q, q, weights)
+        by_q, by_dq, by_ddq = limit.vjp(q, q, q, weights)
         expected = weights[:, column, None] * fine[:, column]
         np.testing.assert_allclose(by_q[smooth], expected[smooth], atol=8e-3, err_msg=label)
         assert not by_dq.any()
@@ -116,7 +116,7 @@ def test_pull_back_adds_up(kind, crane, random):
     for column in range(len(limit.labels)):
         alone = np.zeros_like(weights)
         alone[:, column] = weights[:, column]
-        single += limit.pull_back(q, None, None, alone)[0]
-    whole = limit.pull_back(q, None, None, weights)[0]
+        single += limit.vjp(q, None, None, alone)[0]
+    whole = limit.vjp(q, None, None, weights)[0]
     np.testing.assert_allclose(whole, single, atol=1e-12)
     assert not whole[3].any()

@@ -29,7 +29,7 @@ margin = 0.02
 horizon = 0.4
 exclude = [["upper", "base"]]
 srdf = "arm.srdf"
-posture = [0, 0]
+neutral_configuration = [0, 0]
 
 [[collision.shapes]]
 link = "tool0"
@@ -143,7 +143,7 @@ def test_nothing_described_is_nothing(folder):
         ("[collision]\nsrdf = 3", "srdf must be a string, got 3"),
         ("[collision]\nexclude = [1]", r"exclude must be a list of links and of pairs"),
         ('[collision]\nexclude = ["hand"]', r'\[collision\]: robot "arm" has no link "hand"'),
-        ("[collision]\nposture = [0]", r"posture must be 2 numbers, finite, got \[0\]"),
+        ("[collision]\nneutral_configuration = [0]", r"neutral_configuration must be 2 numbers, finite, got \[0\]"),
         ("[[collision.shapes]]\nradius = 1", r"\[\[collision.shapes\]\] number 1: type must name a shape, got None"),
         ('[[collision.shapes]]\ntype = "spere"', "got 'spere'; did you mean \"sphere\""),
         ('[[collision.shapes]]\ntype = "sphere"\nradius = 1', "number 1: it has no link; name the link"),

@@ -61,8 +61,8 @@ def pinocchio_clearance(path, q):
     shapes.addCollisionPair(pinocchio.CollisionPair(shapes.getGeometryId("base_0"), shapes.getGeometryId("fore_0")))
     data, found = model.createData(), pinocchio.GeometryData(shapes)
     least = np.inf
-    for posture in q:
-        pinocchio.computeDistances(model, data, shapes, found, posture)
+    for configuration in q:
+        pinocchio.computeDistances(model, data, shapes, found, configuration)
         least = min(least, found.distanceResults[0].min_distance)
     return least
 

@@ -5,7 +5,7 @@ import pytest
 
 import steelyard as sy
 from steelyard.excitation.criterion import Criterion, Spectrum, Subset, identifiability, make_subset
-from steelyard.excitation.vjp import RegressorPullBack
+from steelyard.excitation.vjp import RegressorInformation
 
 
 @pytest.fixture
@@ -21,11 +21,11 @@ def base_regressor(arm, motion):
 
 @pytest.fixture
 def information(arm, motion):
-    return RegressorPullBack.exact(arm, *motion, np.ones(3))
+    return RegressorInformation.exact(arm, *motion, np.ones(3))
 
 
-def figure(arm, information, kind, subset=None, others="unknown"):
-    return Criterion(kind, make_subset(arm, subset, others)).figure(Spectrum.of(information))
+def figure(arm, information, kind, subset=None, nuisance="unknown"):
+    return Criterion(kind, make_subset(arm, subset, nuisance)).figure(Spectrum.of(information))
 
 
 def test_all_parameters(arm, base_regressor, information):
@@ -78,7 +78,7 @@ def test_the_objective_bounds_the_condition_number_from_above_and_meets_it(arm, 
         (lambda arm: make_subset(arm, "elbow"), "'elbow' is no parameter, link or joint of arm; it has the joints"),
         (lambda arm: make_subset(arm, []), "at least one"),
         (lambda arm: make_subset(arm, "m1"), "m1 has no effect on the torques"),
-        (lambda arm: make_subset(arm, None, "half"), "others must be"),
+        (lambda arm: make_subset(arm, None, "half"), "nuisance must be"),
         (lambda arm: Criterion("e", make_subset(arm, None)), "criterion must be one of condition, d, a"),
     ],
 )
@@ -117,14 +117,14 @@ def test_there_is_a_gradient_where_the_square_has_none(slow_factor, random):
     assert ours == pytest.approx((value(1.0) - value(-1.0)) / 2.0, rel=2e-3)
 
 
-@pytest.mark.parametrize(("subset", "others"), [(None, "unknown"), ("link3", "unknown"), ("link3", "known")])
-def test_uncertainty_is_the_spread_of_least_squares(arm, motion, information, base_regressor, random, subset, others):
+@pytest.mark.parametrize(("subset", "nuisance"), [(None, "unknown"), ("link3", "unknown"), ("link3", "known")])
+def test_uncertainty_is_the_spread_of_least_squares(arm, motion, information, base_regressor, random, subset, nuisance):
     """The noise is one percent of the torques of the parameters that cause the largest ones."""
-    chosen = make_subset(arm, subset, others)
+    chosen = make_subset(arm, subset, nuisance)
     found = identifiability(Spectrum.of(information), chosen, len(base_regressor))
     strongest = np.linalg.svd(base_regressor)[2][0]
     noise = 0.01 * np.sqrt(np.mean((base_regressor @ strongest) ** 2))
-    if others == "known":
+    if nuisance == "known":
         matrix, own = base_regressor @ chosen.directions, np.eye(len(chosen.names))
     else:
         matrix, own = base_regressor, chosen.directions

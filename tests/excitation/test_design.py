@@ -96,7 +96,7 @@ def test_motions_that_show_next_to_nothing_are_as_good_as_they_can_be_and_said_t
     assert quick.identifies
     assert quick.unshown == ()
     # Where all else is known, the friction of one joint is shown even so.
-    easy = sy.design_excitation(arm, slow, family=family, subset=["Fcj1"], others="known", **QUICK)
+    easy = sy.design_excitation(arm, slow, family=family, subset=["Fcj1"], nuisance="known", **QUICK)
     assert easy.identifies
 
 
@@ -152,13 +152,13 @@ def test_noise_weights_the_rows(arm, arm_limits):
 
 @pytest.mark.slow
 @pytest.mark.parametrize("kind", ["trajectory", "design", "information"])
-def test_a_second_motion_complements_the_first(arm, arm_limits, kind):
+def test_a_second_motion_counts_the_first_as_prior_information(arm, arm_limits, kind):
     narrow = arm_limits | {"velocity": [2.5, 0.3, 0.3]}  # joints 2 and 3 hardly move
     first = sy.design_excitation(arm, narrow, **QUICK)
     _, q, dq, ddq = first.sample(1000.0)
     information = sy.Information.from_samples(arm, sy.Samples(q=q, dq=dq, ddq=ddq, torque=np.zeros_like(q)))
     known = {"trajectory": first.excitation, "design": first, "information": information}[kind]
-    second = sy.design_excitation(arm, arm_limits, complement=known, **QUICK)
+    second = sy.design_excitation(arm, arm_limits, prior_information=known, **QUICK)
     both = [np.vstack(pair) for pair in zip((q, dq, ddq), second.sample(1000.0)[1:], strict=True)]
     assert second.combined_condition_number == pytest.approx(condition_number(arm, both), rel=1e-6)
     assert second.figure == pytest.approx(second.combined_condition_number, rel=1e-6)
@@ -214,7 +214,7 @@ def test_a_constraint_of_ones_own_is_kept(arm, arm_limits, plain):
         def clearance(self, q, dq, ddq):
             return -0.5 - (q[:, 1:2] + q[:, 2:3])
 
-        def pull_back(self, q, dq, ddq, weights):
+        def vjp(self, q, dq, ddq, weights):
             slope = np.zeros_like(q)
             slope[:, 1:] = -weights
             return slope, np.zeros_like(q), np.zeros_like(q)
@@ -227,11 +227,11 @@ def test_a_constraint_of_ones_own_is_kept(arm, arm_limits, plain):
 
 @pytest.mark.slow
 def test_margin_periods_and_lead(arm, arm_limits):
-    design = sy.design_excitation(arm, arm_limits, margin=0.2, periods=3, lead=1.5, **QUICK)
+    design = sy.design_excitation(arm, arm_limits, margin=0.2, periods=3, ramp_time=1.5, **QUICK)
     assert design.trajectory.duration == pytest.approx(3 * 5.0 + 2 * 1.5)
     assert np.abs(motions_of(design, 1000.0)[1]).max() <= 0.8 * 2.5
     assert design.excitation.duration == pytest.approx(5.0)
-    plain = sy.design_excitation(arm, arm_limits, lead=0.0, **QUICK)
+    plain = sy.design_excitation(arm, arm_limits, ramp_time=0.0, **QUICK)
     assert isinstance(plain.trajectory, sy.FourierTrajectory)
 
 
@@ -256,7 +256,7 @@ def test_limits_that_cannot_be_kept_are_named(arm, arm_limits, arm_parameters):
         def clearance(self, q, dq, ddq):
             return -1.0 * np.any(dq != 0.0, axis=1, keepdims=True)
 
-        def pull_back(self, q, dq, ddq, weights):
+        def vjp(self, q, dq, ddq, weights):
             return np.zeros_like(q), np.zeros_like(q), np.zeros_like(q)
 
     with pytest.raises(sy.SolverError, match=r"No motion was found .* stillness, a, is passed by 1"):
@@ -287,7 +287,10 @@ def test_joints_without_limits_of_position(arm):
         ({"margin": 1.0}, "margin must be a fraction"),
         ({"noise": [1.0, 2.0]}, "noise must be 3 positive numbers"),
         ({"criterion": "e"}, "criterion must be one of"),
-        ({"complement": sy.FourierTrajectory([[1.0]], [[1.0]], [0.0], 1.0)}, "moves 1 joints, but arm has 3"),
+        (
+            {"prior_information": sy.FourierTrajectory([[1.0]], [[1.0]], [0.0], 1.0)},
+            "of a motion of 1 joints, but arm has 3",
+        ),
     ],
 )
 def test_bad_arguments_are_refused_in_one_sentence(arm, arm_limits, options, message):
@@ -318,14 +321,14 @@ def test_what_a_constraint_has_to_say_is_passed_on(arm, arm_limits):
         def clearance(self, q, dq, ddq):
             return np.ones((len(q), 1))
 
-        def pull_back(self, q, dq, ddq, weights):
+        def vjp(self, q, dq, ddq, weights):
             return np.zeros_like(q), np.zeros_like(q), np.zeros_like(q)
 
-    design = sy.design_excitation(arm, arm_limits, constraints=[Talkative()], lead=0.0, **QUICK)
+    design = sy.design_excitation(arm, arm_limits, constraints=[Talkative()], ramp_time=0.0, **QUICK)
     assert "Something was left out." in design.remarks
     assert any("starts and ends at speed" in remark for remark in design.remarks)
     with pytest.raises(sy.InputError, match="several periods need a start and a stop"):
-        sy.design_excitation(arm, arm_limits, lead=0.0, periods=2, **QUICK)
+        sy.design_excitation(arm, arm_limits, ramp_time=0.0, periods=2, **QUICK)
 
 
 def test_processes_are_not_branched_off_beside_jax(arm, arm_limits, plain):

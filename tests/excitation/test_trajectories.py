@@ -41,7 +41,7 @@ def test_derivatives_are_derivatives(trajectory):
     np.testing.assert_allclose(((after[1] - before[1]) / (2 * h))[~near_knot], ddq[~near_knot], atol=2e-4)
 
 
-@pytest.mark.parametrize("family", [f for f in FAMILIES if getattr(f, "lead", 1.0) > 0.0], ids=repr)
+@pytest.mark.parametrize("family", [f for f in FAMILIES if getattr(f, "ramp_time", 1.0) > 0.0], ids=repr)
 def test_motion_is_at_rest_at_both_ends(family):
     trajectory = family.trajectory(coefficients(family))
     t = np.array([-1.0, 0.0, trajectory.duration, trajectory.duration + 1.0])
@@ -111,12 +111,24 @@ def test_splines_agree_with_scipy():
         (lambda: QuinticTrajectory.point_to_point([[0.0], [1.0]], [1.0, 2.0]), "K - 1 durations"),
         (lambda: SplineTrajectory([[1.0]], 1.0), "P at least 2"),
         (lambda: SplineTrajectory([[1.0, 2.0]], 0.0), "duration must be positive"),
-        (lambda: make_family("waves", period=1, harmonics=1, points=None, lead=None, periods=1), "family must be one"),
-        (lambda: make_family("fourier", period=0, harmonics=1, points=None, lead=None, periods=1), "period must be"),
-        (lambda: make_family("fourier", period=1, harmonics=0, points=None, lead=None, periods=1), "harmonics must be"),
-        (lambda: make_family("fourier", period=1, harmonics=1, points=4, lead=None, periods=1), "points belong"),
-        (lambda: make_family("spline", period=1, harmonics=1, points=4, lead=None, periods=2), "periods and lead"),
-        (lambda: make_family("spline", period=1, harmonics=1, points=2, lead=None, periods=1), "points must be"),
+        (
+            lambda: make_family("waves", period=1, harmonics=1, points=None, ramp_time=None, periods=1),
+            "family must be one",
+        ),
+        (
+            lambda: make_family("fourier", period=0, harmonics=1, points=None, ramp_time=None, periods=1),
+            "period must be",
+        ),
+        (
+            lambda: make_family("fourier", period=1, harmonics=0, points=None, ramp_time=None, periods=1),
+            "harmonics must be",
+        ),
+        (lambda: make_family("fourier", period=1, harmonics=1, points=4, ramp_time=None, periods=1), "points belong"),
+        (
+            lambda: make_family("spline", period=1, harmonics=1, points=4, ramp_time=None, periods=2),
+            "periods and ramp_time",
+        ),
+        (lambda: make_family("spline", period=1, harmonics=1, points=2, ramp_time=None, periods=1), "points must be"),
     ],
 )
 def test_what_cannot_be_is_refused_in_one_sentence(make, message):
@@ -126,7 +138,7 @@ def test_what_cannot_be_is_refused_in_one_sentence(make, message):
 
 def test_leads_and_rates_must_be_positive():
     series = sy.FourierTrajectory(a=[[1.0]], b=[[0.0]], center=[0.0], frequency=1.0)
-    with pytest.raises(sy.InputError, match="lead must be positive"):
+    with pytest.raises(sy.InputError, match="ramp_time must be positive"):
         RestToRestTrajectory(series, 0.0)
     with pytest.raises(sy.InputError, match="periods must be"):
         RestToRestTrajectory(series, 1.0, 0)

@@ -49,7 +49,7 @@ class PinocchioDistances:
         self.data = pinocchio.GeometryData(self.geometry)
 
     def state(self, q):
-        """Return Pinocchio's posture; joints that the robot does not have are at their neutral position."""
+        """Return Pinocchio's configuration; joints that the robot does not have are at their neutral position."""
         full = pinocchio.neutral(self.model)
         for joint, value in zip(self.joints, self.matrix @ q + self.offset, strict=True):
             full[joint.idx_q : joint.idx_q + joint.nq] = value if joint.nq == 1 else (np.cos(value), np.sin(value))

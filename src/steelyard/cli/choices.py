@@ -12,7 +12,7 @@ __all__ = [
     "Family",
     "Gravity",
     "Language",
-    "OtherParameters",
+    "NuisanceParameters",
     "Preference",
     "Sign",
     "Weights",
@@ -98,7 +98,7 @@ class Criterion(Enum):
     A = "a"
 
 
-class OtherParameters(Enum):
+class NuisanceParameters(Enum):
     """What is known of the parameters that an excitation is not about."""
 
     UNKNOWN = "unknown"

@@ -7,7 +7,7 @@ from typing import Annotated
 
 import typer
 
-from .choices import Criterion, Family, OtherParameters
+from .choices import Criterion, Family, NuisanceParameters
 from .screen import echo
 from .terminal import progress, show_excitation
 
@@ -26,18 +26,18 @@ def excite(
         list[str] | None,
         typer.Option(help="Joint, link or parameter that is to be shown, or payload; may be repeated."),
     ] = None,
-    others: Annotated[
-        OtherParameters, typer.Option(help="Whether the parameters beyond the subset are known already.")
-    ] = OtherParameters.UNKNOWN,
+    nuisance: Annotated[
+        NuisanceParameters, typer.Option(help="Whether the parameters beyond the subset are known already.")
+    ] = NuisanceParameters.UNKNOWN,
     harmonics: Annotated[int, typer.Option(help="Of the Fourier series.", min=1)] = 6,
     points: Annotated[int | None, typer.Option(help="Of splines and moves.", min=3)] = None,
     period: Annotated[float, typer.Option(help="s.")] = 12.5,
     periods: Annotated[int, typer.Option(help="How many periods are played.", min=1)] = 1,
-    lead: Annotated[float | None, typer.Option(help="Time of start and stop, s; 0 for none.")] = None,
+    ramp_time: Annotated[float | None, typer.Option(help="Time of start and stop, s; 0 for none.")] = None,
     margin: Annotated[float, typer.Option(help="Fraction of each limit that is left free.", min=0.0)] = 0.0,
     rate: Annotated[float, typer.Option(help="At which the motion will be recorded, Hz.")] = 1000.0,
-    complement: Annotated[
-        Path | None, typer.Option(help="Trajectory or saved Information that the motion is to complement.")
+    prior_information: Annotated[
+        Path | None, typer.Option(help="Trajectory or saved Information of what is known already.")
     ] = None,
     estimate: Annotated[Path | None, typer.Option(help="estimate.json, whose parameters predict the torques.")] = None,
     starts: Annotated[int, typer.Option(help="Random starts.", min=1)] = 8,
@@ -55,17 +55,17 @@ def excite(
         design = run(
             robot,
             limits,
-            complement=complement,
+            prior_information=prior_information,
             estimate=estimate,
             family=family.value,
             criterion=criterion.value,
             subset=subset or None,
-            others=others.value,
+            nuisance=nuisance.value,
             harmonics=harmonics,
             points=points,
             period=period,
             periods=periods,
-            lead=lead,
+            ramp_time=ramp_time,
             margin=margin,
             rate=rate,
             starts=starts,

@@ -202,8 +202,8 @@ def show_excitation(design: ExcitationDesign) -> None:
         about = f" of {', '.join(design.subset)}" if design.subset else ""
         say(f"Criterion {design.criterion}{about}: {design.figure:.5g}.")
     together = design.combined_condition_number
-    known = "" if together is None else f", {together:.4g} together with what it complements"
-    lead = f", {design.lead:.4g} s of it to start and as much to stop" if design.lead else ""
+    known = "" if together is None else f", {together:.4g} together with the prior information"
+    lead = f", {design.ramp_time:.4g} s of it to start and as much to stop" if design.ramp_time else ""
     say(
         f"{design.robot_name}: {design.family} motion of {design.trajectory.duration:.4g} s{lead}; condition number "
         f"{design.condition_number:.4g}{known}; every limit above is kept at 1 kHz."

@@ -10,21 +10,21 @@ from numpy.typing import ArrayLike, NDArray
 from steelyard.errors import InputError
 from steelyard.robot import Robot
 
-from .configurations import LinkPlacements, place_links, random_postures
+from .configurations import LinkPlacements, place_links, random_configurations
 from .distances import PairDistances
 from .robot_geometry import RobotGeometry
 
-__all__ = ["DistanceConstraint", "PostureConstraint", "check_possible", "checked_margin", "nonnegative"]
+__all__ = ["ConfigurationConstraint", "DistanceConstraint", "check_possible", "checked_margin", "nonnegative"]
 
 Array = NDArray[np.float64]
 
 # Enough for NumPy to be busy, few enough for its arrays to stay in the cache.
 SAMPLES_AT_ONCE = 2048
 
-POSTURES_TRIED = 500
+CONFIGURATIONS_TRIED = 500
 
 
-class PostureConstraint(ABC):
+class ConfigurationConstraint(ABC):
     """A :class:`~steelyard.excitation.motion_constraints.MotionConstraint` on where the links are.
 
     Attributes
@@ -52,25 +52,25 @@ class PostureConstraint(ABC):
         """Return forces and moments on the links, (B + 1, S, 3) each, whose work is that of sum(weights * values)."""
 
     def clearance(self, q: ArrayLike, dq: ArrayLike | None = None, ddq: ArrayLike | None = None) -> Array:
-        """Return the clearances (S, m), m: at least 0 where the limit is kept, NaN at postures that are not finite.
+        """Return the clearances (S, m), m: at least 0 where the limit is kept, NaN where q is not finite.
 
         Parameters
         ----------
         q : array_like
-            (S, N) postures, rad or m.
+            (S, N) configurations, rad or m.
         dq, ddq : array_like, optional
             Not used.
         """
-        postures = self._postures(q)
-        result = np.empty((len(postures), len(self.labels)))
-        for start in range(0, len(postures), SAMPLES_AT_ONCE):
+        configurations = self._configurations(q)
+        result = np.empty((len(configurations), len(self.labels)))
+        for start in range(0, len(configurations), SAMPLES_AT_ONCE):
             part = slice(start, start + SAMPLES_AT_ONCE)
-            result[part] = self._values(place_links(self.robot, postures[part]))
-        # No distance is measured where a posture is no number, which must not pass for a large one.
-        result[~np.isfinite(postures).all(axis=1)] = np.nan
+            result[part] = self._values(place_links(self.robot, configurations[part]))
+        # No distance is measured where a configuration is no number, which must not pass for a large one.
+        result[~np.isfinite(configurations).all(axis=1)] = np.nan
         return result
 
-    def pull_back(
+    def vjp(
         self, q: ArrayLike, dq: ArrayLike | None, ddq: ArrayLike | None, weights: ArrayLike
     ) -> tuple[Array, Array, Array]:
         """Return the gradients (S, N) of ``sum(weights * clearance)`` by q, dq and ddq; the last two are 0.
@@ -78,35 +78,37 @@ class PostureConstraint(ABC):
         Parameters
         ----------
         q : array_like
-            (S, N) postures, rad or m.
+            (S, N) configurations, rad or m.
         dq, ddq : array_like or None
             Not used.
         weights : array_like
             (S, m).
         """
-        postures = self._postures(q)
+        configurations = self._configurations(q)
         factors = np.asarray(weights, dtype=np.float64)
-        if factors.shape != (len(postures), len(self.labels)):
+        if factors.shape != (len(configurations), len(self.labels)):
             raise InputError(
-                f"{self.name}: weights must be of shape {(len(postures), len(self.labels))}, got {factors.shape}"
+                f"{self.name}: weights must be of shape {(len(configurations), len(self.labels))}, got {factors.shape}"
             )
-        gradient = np.zeros(postures.shape)
+        gradient = np.zeros(configurations.shape)
         busy = np.flatnonzero(factors.any(axis=1))
         for start in range(0, len(busy), SAMPLES_AT_ONCE):
             rows = busy[start : start + SAMPLES_AT_ONCE]
-            places = place_links(self.robot, postures[rows])
+            places = place_links(self.robot, configurations[rows])
             forces, moments = self._forces(places, factors[rows])
-            gradient[rows] = places.pull_back(forces, moments, self.robot.dof)
-        return gradient, np.zeros(postures.shape), np.zeros(postures.shape)
+            gradient[rows] = places.vjp(forces, moments, self.robot.dof)
+        return gradient, np.zeros(configurations.shape), np.zeros(configurations.shape)
 
     def _places(self, q: ArrayLike) -> LinkPlacements:
-        return place_links(self.robot, self._postures(q))
+        return place_links(self.robot, self._configurations(q))
 
-    def _postures(self, q: ArrayLike) -> Array:
-        postures = np.atleast_2d(np.asarray(q, dtype=np.float64))
-        if postures.ndim != 2 or postures.shape[1] != self.robot.dof:
-            raise InputError(f"{self.name}: postures must be of shape (S, {self.robot.dof}), got shape {np.shape(q)}")
-        return postures
+    def _configurations(self, q: ArrayLike) -> Array:
+        configurations = np.atleast_2d(np.asarray(q, dtype=np.float64))
+        if configurations.ndim != 2 or configurations.shape[1] != self.robot.dof:
+            raise InputError(
+                f"{self.name}: configurations must be of shape (S, {self.robot.dof}), got shape {np.shape(q)}"
+            )
+        return configurations
 
     def __repr__(self) -> str:
         count = len(self.labels)
@@ -121,14 +123,17 @@ def nonnegative(value: object, what: str) -> float:
     return float(value)  # type: ignore[arg-type]
 
 
-def check_possible(constraint: PostureConstraint, remedy: str) -> None:
-    """Raise InputError where a clearance is negative at each of many random postures."""
-    best = constraint.clearance(random_postures(constraint.robot, POSTURES_TRIED)).max(axis=0, initial=-np.inf)
+def check_possible(constraint: ConfigurationConstraint, remedy: str) -> None:
+    """Raise InputError where a clearance is negative at each of many random configurations."""
+    best = constraint.clearance(random_configurations(constraint.robot, CONFIGURATIONS_TRIED)).max(
+        axis=0, initial=-np.inf
+    )
     for label, value in zip(constraint.labels, best, strict=True):
         if value < 0:
             raise InputError(
-                f"{constraint.name}: {label} is violated by {-value:.3g} m or more at each of {POSTURES_TRIED} random "
-                f"postures within the limits of the joints; {remedy}"
+                f"{constraint.name}: {label} is violated by {-value:.3g} m or more at each of {CONFIGURATIONS_TRIED} "
+                "random "
+                f"configurations within the limits of the joints; {remedy}"
             )
 
 
@@ -138,7 +143,7 @@ def check_possible(constraint: PostureConstraint, remedy: str) -> None:
 DEFAULT_REACH = 0.1
 
 
-class DistanceConstraint(PostureConstraint):
+class DistanceConstraint(ConfigurationConstraint):
     """Distances between bodies that must not be below a margin.
 
     Attributes
@@ -183,11 +188,11 @@ class DistanceConstraint(PostureConstraint):
         Parameters
         ----------
         q : array_like
-            (S, N) postures, rad or m.
+            (S, N) configurations, rad or m.
         """
-        postures = self._postures(q)
-        result = self._pairs.distances(self._places(postures), np.inf)
-        result[~np.isfinite(postures).all(axis=1)] = np.nan
+        configurations = self._configurations(q)
+        result = self._pairs.distances(self._places(configurations), np.inf)
+        result[~np.isfinite(configurations).all(axis=1)] = np.nan
         return result
 
     def _values(self, places: LinkPlacements) -> Array:

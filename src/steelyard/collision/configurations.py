@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from steelyard.dynamics.kinematics import JointFrame, joint_frames, link_poses
 from steelyard.robot import Robot
 
-__all__ = ["LinkPlacements", "neutral_posture", "place_links", "random_postures"]
+__all__ = ["LinkPlacements", "default_neutral_configuration", "place_links", "random_configurations"]
 
 Array = NDArray[np.float64]
 
@@ -27,30 +27,30 @@ def _range(robot: Robot) -> tuple[Array, Array]:
     return lower, upper
 
 
-def neutral_posture(robot: Robot) -> Array:
-    """Return the posture (N,) of zeros, save where the limits of a joint exclude 0: there their middle.
+def default_neutral_configuration(robot: Robot) -> Array:
+    """Return the configuration (N,) of zeros, save where the limits of a joint exclude 0: there their middle.
 
     Examples
     --------
-    >>> neutral_posture(Robot.from_dh([(0, 0.5, 0, "q"), (0, 0.4, 0, "q")])).tolist()
+    >>> default_neutral_configuration(Robot.from_dh([(0, 0.5, 0, "q"), (0, 0.4, 0, "q")])).tolist()
     [0.0, 0.0]
     """
     lower, upper = _range(robot)
     return np.where((lower <= 0) & (upper >= 0), 0.0, (lower + upper) / 2)
 
 
-def random_postures(robot: Robot, count: int, seed: int = 0) -> Array:
-    """Return postures (count, N) drawn evenly between the limits of the joints."""
+def random_configurations(robot: Robot, count: int, seed: int = 0) -> Array:
+    """Return configurations (count, N) drawn evenly between the limits of the joints."""
     lower, upper = _range(robot)
     return np.random.default_rng(seed).uniform(lower, upper, (count, robot.dof))
 
 
-# Where the moving links are, for a batch of postures, and what forces on them do at the joints.
+# Where the moving links are, for a batch of configurations, and what forces on them do at the joints.
 
 
 @dataclass(frozen=True, eq=False)
 class LinkPlacements:
-    """Frames of the B moving links at S postures, in the base frame; the base comes last, so that its index is -1.
+    """Frames of the B moving links at S configurations, in the base frame; the base comes last, with the index -1.
 
     Attributes
     ----------
@@ -68,7 +68,7 @@ class LinkPlacements:
 
     @property
     def count(self) -> int:
-        """Number S of postures."""
+        """Number S of configurations."""
         return int(self.positions.shape[1])
 
     def of(self, body: int, placement: Array) -> tuple[Array, Array]:
@@ -76,7 +76,7 @@ class LinkPlacements:
         rotation, position = self.rotations[body], self.positions[body]
         return rotation @ placement[:3, :3], position + rotation @ placement[:3, 3]
 
-    def pull_back(self, forces: Array, moments: Array, dof: int) -> Array:
+    def vjp(self, forces: Array, moments: Array, dof: int) -> Array:
         """Return the joint torques (S, N) of forces and moments on the links: the transposed Jacobians times them.
 
         Parameters
@@ -108,7 +108,7 @@ class LinkPlacements:
 
 
 def place_links(robot: Robot, q: Array) -> LinkPlacements:
-    """Return the frames of the moving links at postures (S, N)."""
+    """Return the frames of the moving links at configurations (S, N)."""
     columns = [np.ascontiguousarray(column) for column in q.T]
     frames = joint_frames(robot, columns, np)
     poses = link_poses(frames)

@@ -63,7 +63,7 @@ def _ratio(numerator: Array, denominator: Array, valid: NDArray[np.bool_]) -> Ar
     return np.divide(numerator, denominator, out=np.zeros_like(numerator), where=valid)
 
 
-# Signed distances between pairs of bodies for batches of postures.
+# Signed distances between pairs of bodies for batches of configurations.
 
 Flags = NDArray[np.bool_]
 
@@ -78,7 +78,7 @@ class Nearest:
     Attributes
     ----------
     rows : ndarray
-        (K,) indices of the postures at which the distance is below the horizon.
+        (K,) indices of the configurations at which the distance is below the horizon.
     first, second : ndarray
         (K, 3) nearest points of the two bodies, base frame, m; where bodies overlap, the deepest points.
     normal : ndarray
@@ -131,7 +131,7 @@ class PairDistances:
         return self._search(places, wanted, horizon, None)
 
     def nearest(self, places: LinkPlacements, wanted: Flags, horizon: float) -> list[Nearest]:
-        """Return for each group the nearest points at the postures that are wanted, (S, m)."""
+        """Return for each group the nearest points at the configurations that are wanted, (S, m)."""
         found: list[Nearest] = []
         self._search(places, wanted, horizon, found)
         return found
@@ -164,7 +164,7 @@ class PairDistances:
 
 @dataclass(frozen=True, eq=False)
 class _Poses:
-    """Frames of the shapes that take part, for a batch of postures."""
+    """Frames of the shapes that take part, for a batch of configurations."""
 
     number: NDArray[np.intp]  # of a shape, among those that take part
     rotations: Array  # (K, S, 3, 3)

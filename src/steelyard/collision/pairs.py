@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from steelyard.errors import InputError
 from steelyard.robot.urdf_document import parse_urdf as parse_xml
 
-from .configurations import place_links, random_postures
+from .configurations import place_links, random_configurations
 from .distances import PairDistances
 from .robot_geometry import RobotGeometry
 
@@ -94,8 +94,8 @@ def read_srdf(path: str | Path) -> DisabledPairs:
 Array = NDArray[np.float64]
 LinkPair = tuple[str, str]
 
-POSTURES = 200
-ALWAYS = 0.95  # of the random postures
+CONFIGURATIONS = 200
+ALWAYS = 0.95  # of the random configurations
 TOUCHING = 1e-6  # m, about the tolerance of the distances
 
 
@@ -146,7 +146,7 @@ def watched_pairs(
     geometry: RobotGeometry,
     exclude: Iterable[str | Sequence[str]],
     disabled: DisabledPairs,
-    posture: Array,
+    configuration: Array,
     margin: float,
     shapeless: Iterable[str] = (),
 ) -> WatchedPairs:
@@ -172,7 +172,7 @@ def watched_pairs(
             left_out.append(LeftOut(first, second, "adjacent"))
         else:
             open_pairs.append((first, second))
-    margins, touching = _margins(geometry, open_pairs, posture, margin)
+    margins, touching = _margins(geometry, open_pairs, configuration, margin)
     # Links that move together share a clearance, save those whose margin had to be reduced.
     together: dict[tuple[int, int, LinkPair | None], list[LinkPair]] = {}
     for (first, second), least in margins.items():
@@ -229,24 +229,24 @@ def _shape_pairs(geometry: RobotGeometry, links: LinkPair) -> list[tuple[int, in
 
 
 def _margins(
-    geometry: RobotGeometry, pairs: list[LinkPair], posture: Array, margin: float
+    geometry: RobotGeometry, pairs: list[LinkPair], configuration: Array, margin: float
 ) -> tuple[dict[LinkPair, float], list[LeftOut]]:
-    """Return the margins of the pairs that can be free, and the pairs that touch at the neutral posture or always."""
+    """Return the margins of the pairs that can be free, and those that touch at the neutral configuration or always."""
     if not pairs:
         return {}, []
-    postures = np.vstack([posture, random_postures(geometry.robot, POSTURES)])
+    configurations = np.vstack([configuration, random_configurations(geometry.robot, CONFIGURATIONS)])
     measured = PairDistances(geometry.shapes, [_shape_pairs(geometry, pair) for pair in pairs])
     # Beyond the margin nothing needs to be known.
-    distances = measured.distances(place_links(geometry.robot, postures), margin + TOUCHING)
+    distances = measured.distances(place_links(geometry.robot, configurations), margin + TOUCHING)
     margins: dict[LinkPair, float] = {}
     left_out: list[LeftOut] = []
     for column, (first, second) in enumerate(pairs):
         share = float((distances[1:, column] <= TOUCHING / 2).mean())
         widest = float(distances[:, column].max())
         if share >= ALWAYS:
-            left_out.append(LeftOut(first, second, f"touch in {share:.0%} of random postures"))
+            left_out.append(LeftOut(first, second, f"touch in {share:.0%} of random configurations"))
         elif distances[0, column] <= TOUCHING / 2:
-            reason = f"touch in the neutral posture, and in {share:.0%} of random ones"
+            reason = f"touch in the neutral configuration, and in {share:.0%} of random ones"
             left_out.append(LeftOut(first, second, reason))
         else:
             margins[first, second] = margin if widest >= margin else widest / 2

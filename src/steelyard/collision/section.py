@@ -17,7 +17,7 @@ from steelyard.robot import Robot
 from steelyard.robot.names import suggestion
 from steelyard.robot.placement import rpy_rotation
 
-from .configuration_constraint import PostureConstraint
+from .configuration_constraint import ConfigurationConstraint
 from .mesh_files import read_mesh
 from .obstacles import Obstacle, ObstacleClearance
 from .robot_geometry import PlacedShape, RobotGeometry
@@ -41,13 +41,13 @@ SHAPE_KEYS = {
 }
 PLACE_KEYS = ("xyz", "rpy")
 COLLISION_KEYS = (
-    "self", "margin", "horizon", "urdf", "meshes", "packages", "srdf", "exclude", "posture", "shapes",
+    "self", "margin", "horizon", "urdf", "meshes", "packages", "srdf", "exclude", "neutral_configuration", "shapes",
 )  # fmt: skip
 
 
 def geometry_from_dict(
     section: Mapping[str, Any], robot: Robot, folder: str | Path = ".", *, where: str = "limits"
-) -> tuple[PostureConstraint, ...]:
+) -> tuple[ConfigurationConstraint, ...]:
     """Return the constraints in space that a limits file describes.
 
     Parameters
@@ -90,12 +90,12 @@ class _Reader:
         self.folder = folder
         self.where = where
 
-    def constraints(self, section: Mapping[str, Any]) -> list[PostureConstraint]:
+    def constraints(self, section: Mapping[str, Any]) -> list[ConfigurationConstraint]:
         collision = self.table(section.get("collision", {}), f"{self.where}, [collision]", COLLISION_KEYS)
         obstacles = self.tables(section.get("obstacles", []), "obstacles")
         planes = self.tables(section.get("table", []), "table")
         boxes = self.tables(section.get("workspace", []), "workspace")
-        found: list[PostureConstraint] = []
+        found: list[ConfigurationConstraint] = []
         if "collision" in section or obstacles or planes:
             found += self.of_geometry(collision, "collision" in section, obstacles, planes)
         for where, values in boxes:
@@ -117,10 +117,10 @@ class _Reader:
         described: bool,
         obstacles: list[tuple[str, Mapping[str, Any]]],
         planes: list[tuple[str, Mapping[str, Any]]],
-    ) -> list[PostureConstraint]:
+    ) -> list[ConfigurationConstraint]:
         where = f"{self.where}, [collision]"
         geometry = self.geometry(collision, where)
-        found: list[PostureConstraint] = []
+        found: list[ConfigurationConstraint] = []
         distances: dict[str, Any] = {
             key: self.length(collision, key, where) for key in ("margin", "horizon") if key in collision
         }
@@ -132,8 +132,10 @@ class _Reader:
             srdf = self.text(collision, "srdf", where)
             if srdf is not None:
                 options["srdf"] = self.folder / srdf
-            if "posture" in collision:
-                options["posture"] = self.numbers(collision["posture"], self.robot.dof, f"{where}: posture")
+            if "neutral_configuration" in collision:
+                options["neutral_configuration"] = self.numbers(
+                    collision["neutral_configuration"], self.robot.dof, f"{where}: neutral_configuration"
+                )
             limit = self.made(where, lambda: SelfCollision(geometry, **distances, **options))
             found += [limit] if limit.labels else []
         if obstacles:
@@ -287,7 +289,7 @@ def _no_file(where: str) -> str:
     return f"{where}: a mesh needs file; add the path of an STL or OBJ file"
 
 
-def _numbered(found: list[PostureConstraint]) -> list[PostureConstraint]:
+def _numbered(found: list[ConfigurationConstraint]) -> list[ConfigurationConstraint]:
     """Tell constraints of one name apart."""
     names = [one.name for one in found]
     for index, name in enumerate(names):

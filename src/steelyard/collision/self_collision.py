@@ -11,7 +11,7 @@ from numpy.typing import ArrayLike, NDArray
 from steelyard.errors import InputError
 
 from .configuration_constraint import DistanceConstraint, checked_margin
-from .configurations import neutral_posture
+from .configurations import default_neutral_configuration
 from .distances import PairDistances
 from .pairs import DisabledPairs, LeftOut, read_srdf, watched_pairs
 from .robot_geometry import RobotGeometry
@@ -28,12 +28,12 @@ class SelfCollision(DistanceConstraint):
     that of their nearest shapes, negative where they overlap. Pairs of links of the source are left out that
 
     - are adjacent: no other link with a shape lies between them in the tree,
-    - touch at the neutral posture, or at 95% of 200 random postures within the limits of the joints,
+    - touch at the neutral configuration, or at 95% of 200 random configurations within the limits of the joints,
     - are excluded, or disabled by an SRDF.
 
-    `left_out` names them with the reason; look at it once for a new robot. A pair that in none of the random postures
-    is as far apart as the margin (neighbours in a wrist) keeps half of its largest distance instead; `margins` has
-    the margin of each clearance.
+    `left_out` names them with the reason; look at it once for a new robot. A pair that in none of the random
+    configurations is as far apart as the margin (neighbours in a wrist) keeps half of its largest distance instead;
+    `margins` has the margin of each clearance.
 
     Parameters
     ----------
@@ -50,8 +50,8 @@ class SelfCollision(DistanceConstraint):
     shapeless : sequence of str
         Links of the source that are solid although nothing is known of their shape: what lies on either side of one
         is not adjacent.
-    posture : (N,) array, optional
-        The neutral posture; by default zeros, or the middle of the limits of joints that exclude 0.
+    neutral_configuration : (N,) array, optional
+        By default zeros, or the middle of the limits of joints that exclude 0.
 
     Raises
     ------
@@ -86,7 +86,7 @@ class SelfCollision(DistanceConstraint):
         horizon: float | None = None,
         exclude: Iterable[str | Sequence[str]] = (),
         srdf: str | Path | None = None,
-        posture: ArrayLike | None = None,
+        neutral_configuration: ArrayLike | None = None,
         shapeless: Iterable[str] = (),
     ) -> None:
         if not geometry.shapes:
@@ -95,10 +95,13 @@ class SelfCollision(DistanceConstraint):
                 "URDF, or shapes"
             )
         least = checked_margin(margin, self.name)
-        neutral = neutral_posture(geometry.robot) if posture is None else np.asarray(posture, dtype=np.float64)
+        if neutral_configuration is None:
+            neutral_configuration = default_neutral_configuration(geometry.robot)
+        neutral = np.asarray(neutral_configuration, dtype=np.float64)
         if neutral.shape != (geometry.robot.dof,) or not np.isfinite(neutral).all():
             raise InputError(
-                f"{self.name}: the neutral posture must be {geometry.robot.dof} finite numbers, got {posture!r}"
+                f"{self.name}: the neutral configuration must be {geometry.robot.dof} finite numbers, got "
+                f"{neutral_configuration!r}"
             )
         disabled = DisabledPairs() if srdf is None else read_srdf(srdf)
         watched = watched_pairs(geometry, exclude, disabled, neutral, least, shapeless)
@@ -119,7 +122,8 @@ class SelfCollision(DistanceConstraint):
         found = []
         if less:
             found.append(
-                f"Not all links can be {1000.0 * self._asked:.3g} mm apart in any posture, so that these are held to "
+                f"Not all links can be {1000.0 * self._asked:.3g} mm apart in any configuration, so that these are "
+                "held to "
                 f"half of the widest distance that they reach: {'; '.join(less)}."
             )
         if self._left_out:

@@ -10,7 +10,7 @@ from numpy.typing import ArrayLike, NDArray
 from steelyard.errors import InputError
 from steelyard.robot import Robot
 
-from .configuration_constraint import PostureConstraint, check_possible, checked_margin
+from .configuration_constraint import ConfigurationConstraint, check_possible, checked_margin
 from .configurations import LinkPlacements
 from .robot_geometry import PlacedShape, RobotGeometry
 
@@ -19,7 +19,7 @@ __all__ = ["TablePlane", "WorkspaceBox"]
 Array = NDArray[np.float64]
 
 
-class TablePlane(PostureConstraint):
+class TablePlane(ConfigurationConstraint):
     """Links stay in the half space ``normal · x >= offset`` of the base frame, with a margin.
 
     One clearance for each moving link that carries shapes: the height of its lowest point above the plane, less the
@@ -121,7 +121,7 @@ class TablePlane(PostureConstraint):
 # A box that the tool must stay in.
 
 
-class WorkspaceBox(PostureConstraint):
+class WorkspaceBox(ConfigurationConstraint):
     """A point of a link stays in a box along the axes of the base frame.
 
     One clearance for each side of the box that is finite.
@@ -193,7 +193,7 @@ class WorkspaceBox(PostureConstraint):
         check_possible(self, "mend the box, which is given in the base frame, in m")
 
     def positions(self, q: ArrayLike) -> Array:
-        """Return where the point is at postures (S, N): (S, 3), base frame, m."""
+        """Return where the point is at configurations (S, N): (S, 3), base frame, m."""
         return self._positions(self._places(q))
 
     def _positions(self, places: LinkPlacements) -> Array:

@@ -126,6 +126,6 @@ def _augmented(problem: DesignProblem, x: Array, multipliers: Sequence[Array], s
         if not push.any():
             continue
         value += float((push * push).sum()) / (2.0 * _PENALTY)
-        for whole, part in zip(total, constraint.pull_back(q, dq, ddq, -push / scale), strict=True):
+        for whole, part in zip(total, constraint.vjp(q, dq, ddq, -push / scale), strict=True):
             whole[where] += part
     return value, problem.chain(total, problem.basis)

@@ -84,19 +84,19 @@ class Subset:
     Attributes
     ----------
     names : tuple of str
-        In words: base parameters, or standard ones where the others are known.
+        In words: base parameters, or standard ones where the nuisance parameters are known.
     directions : ndarray
-        (n_b, r): where the others are unknown, the unit vectors of the base parameters that count; where they are
-        known, how the r parameters that count change the base parameters.
-    others_known : bool
+        (n_b, r): where the nuisance parameters are unknown, the unit vectors of the base parameters that count; where
+        they are known, how the r parameters that count change the base parameters.
+    nuisance_known : bool
     """
 
     names: tuple[str, ...]
     directions: Array
-    others_known: bool
+    nuisance_known: bool
 
 
-def make_subset(model: Model, subset: str | Sequence[str] | None, others: str = "unknown") -> Subset:
+def make_subset(model: Model, subset: str | Sequence[str] | None, nuisance: str = "unknown") -> Subset:
     """Choose which parameters an experiment is to show.
 
     Parameters
@@ -105,11 +105,12 @@ def make_subset(model: Model, subset: str | Sequence[str] | None, others: str = 
     subset : str or sequence of str, optional
         Names of parameters, of links (their ten parameters) or of joints (all the parameters of the joint's terms and
         of the link that it moves), or ``"payload"`` for the last link; None for all.
-    others : {"unknown", "known"}
+    nuisance : {"unknown", "known"}
         ``"unknown"``: the base parameters that contain any of them count, and what the motion shows of them is what
-        remains when all the others are estimated too: the Schur complement of the information matrix (Pukelsheim
-        2006, section 3.11). ``"known"``: all the other parameters are known already, as when a payload is put on a
-        robot that was identified before; what counts are those of the subset that are independent of each other.
+        remains when all the others, the nuisance parameters, are estimated too: the Schur complement of the information
+        matrix (Pukelsheim 2006, section 3.11). ``"known"``: all the other parameters are known already, as when a
+        payload is put on a robot that was identified before; what counts are those of the subset that are independent
+        of each other.
 
     Returns
     -------
@@ -121,8 +122,8 @@ def make_subset(model: Model, subset: str | Sequence[str] | None, others: str = 
         If a name is unknown, or the parameters have no effect on the torques.
     """
     base = model.base_parameters()
-    if others not in ("unknown", "known"):
-        raise InputError(f"others must be 'unknown' or 'known', got {others!r}.")
+    if nuisance not in ("unknown", "known"):
+        raise InputError(f"nuisance must be 'unknown' or 'known', got {nuisance!r}.")
     if subset is None:
         return Subset(base.expressions, np.eye(base.count), True)
     names = [subset] if isinstance(subset, str) else list(subset)
@@ -135,7 +136,7 @@ def make_subset(model: Model, subset: str | Sequence[str] | None, others: str = 
         raise InputError(
             f"The subset {', '.join(names)} has no effect on the torques, so that no motion shows it; choose others."
         )
-    if others == "unknown":
+    if nuisance == "unknown":
         rows = np.flatnonzero(np.abs(effects).max(axis=1) > 0.0)
         return Subset(tuple(base.expressions[r] for r in rows), np.eye(base.count)[:, rows], False)
     kept: list[int] = []
@@ -202,7 +203,7 @@ class Criterion:
             (n_b, n_b).
         """
         values, vectors = self._seen(spectrum)
-        if self.subset.others_known:
+        if self.subset.nuisance_known:
             value, slopes = self._spectral(values, sharpness, 1.0)
             return value, (vectors * slopes) @ vectors.T
         value, slopes = self._spectral(values, sharpness, -1.0)  # of the covariance
@@ -214,7 +215,7 @@ class Criterion:
     def figure(self, spectrum: Spectrum) -> float:
         """Return the criterion itself: condition number, logarithm of the determinant, or trace of the inverse."""
         values, _ = self._seen(spectrum)
-        if not self.subset.others_known:
+        if not self.subset.nuisance_known:
             values = 1.0 / values
         if self.kind == "condition":
             return float(np.sqrt(values.max() / values.min()))
@@ -226,7 +227,7 @@ class Criterion:
         The vectors of the information are those by which it changes with the whole information, (n_b, r); those of the
         covariance are (r, r).
         """
-        directions, known = self.subset.directions, self.subset.others_known
+        directions, known = self.subset.directions, self.subset.nuisance_known
         if known and directions.shape[0] == directions.shape[1]:  # the identity
             return spectrum.values, spectrum.vectors
         root = spectrum.root(directions) if known else spectrum.inverse_root(directions)
@@ -311,7 +312,7 @@ def identifiability(spectrum: Spectrum, subset: Subset, rows: float) -> Identifi
     """
     noise = TORQUE_NOISE * np.sqrt(spectrum.values[-1] / rows)
     root = spectrum.inverse_root(subset.directions)
-    if subset.others_known:
+    if subset.nuisance_known:
         # The covariance of what remains is the inverse of a part, not a part of the inverse.
         own = spectrum.root(subset.directions)
         _, sizes, vectors = np.linalg.svd(own, full_matrices=False)

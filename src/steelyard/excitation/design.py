@@ -21,10 +21,10 @@ from .family import Family, make_family
 from .motion_constraints import MotionConstraint, joint_limits, torque_limits
 from .motion_limits import MotionLimits, limits_from_file
 from .problem import DesignProblem, coefficient_scale
-from .search import Minimiser, Search, resting_postures
+from .search import Minimiser, Search, resting_configurations
 from .trajectory import Trajectory
 from .verification import Margin, Verifier, keeps_all, margins_of
-from .vjp import RegressorPullBack
+from .vjp import RegressorInformation
 from .workers import single_threaded
 
 if TYPE_CHECKING:
@@ -52,13 +52,13 @@ def design_excitation(
     period: float = 12.5,
     harmonics: int = 6,
     points: int | None = None,
-    lead: float | None = None,
+    ramp_time: float | None = None,
     periods: int = 1,
     criterion: Literal["condition", "d", "a"] = "condition",
     subset: str | Sequence[str] | None = None,
-    others: Literal["unknown", "known"] = "unknown",
+    nuisance: Literal["unknown", "known"] = "unknown",
     noise: ArrayLike | None = None,
-    complement: Information | Trajectory | ExcitationDesign | None = None,
+    prior_information: Information | Trajectory | ExcitationDesign | None = None,
     constraints: Sequence[MotionConstraint] = (),
     self_collision: bool = True,
     parameters: ArrayLike | None = None,
@@ -75,7 +75,7 @@ def design_excitation(
 
     From each of several random starts the criterion is minimised with its gradient, which comes from the expression
     graph in reverse, and the best results are refined. Every limit is then looked at over the whole motion at 1 kHz,
-    lead-in and lead-out too, and what is not kept is repaired. The same arguments give the same motion, unless the
+    ramp-up and ramp-down too, and what is not kept is repaired. The same arguments give the same motion, unless the
     work is cut short by a time limit or by Ctrl-C; then the best motion so far is returned, with its `status`.
 
     Parameters
@@ -94,8 +94,8 @@ def design_excitation(
         Of the Fourier series.
     points : int, optional
         Control points of a spline, or points of the moves; ``2 harmonics + 1`` by default.
-    lead : float, optional
-        Time of the lead-in from rest and of the lead-out to rest of a Fourier series, s; 0 for none. By default one
+    ramp_time : float, optional
+        Time of the ramp-up from rest and of the ramp-down to rest of a Fourier series, s; 0 for none. By default one
         oscillation of the highest harmonic.
     periods : int
         How many periods of a Fourier series are played.
@@ -104,11 +104,11 @@ def design_excitation(
         (D-optimality) or trace of the inverse of that, the sum of variances (A-optimality; Pukelsheim 2006).
     subset : str or sequence of str, optional
         Which parameters the motion is to show: names of joints, links or parameters, or ``"payload"``, the last link.
-    others : {"unknown", "known"}
+    nuisance : {"unknown", "known"}
         Whether those beyond the subset are estimated too, or known already.
     noise : array_like, optional
         (N,) standard deviation of each joint's torque, by whose inverse its rows are weighted.
-    complement : Information, Trajectory or ExcitationDesign, optional
+    prior_information : Information, Trajectory or ExcitationDesign, optional
         What is known or planned already: the criterion counts both together. The noise of an Information is taken
         from `noise`, too.
     constraints : sequence of MotionConstraint
@@ -157,7 +157,9 @@ def design_excitation(
     """
     say = progress or (lambda _: None)
     _check_options(starts, workers, time_limit, rate, seed)
-    chosen = make_family(family, period=period, harmonics=harmonics, points=points, lead=lead, periods=periods)
+    chosen = make_family(
+        family, period=period, harmonics=harmonics, points=points, ramp_time=ramp_time, periods=periods
+    )
     remarks: list[str] = []
     where = "limits"
     sections: dict[str, Any] = {}
@@ -172,19 +174,20 @@ def design_excitation(
     for constraint in constraints:
         remarks += getattr(constraint, "remarks", ())
     bounds = _limits(model, limits, where, remarks, parameters).reduced(margin)
-    measure = Criterion(criterion, make_subset(model, subset, others))
+    measure = Criterion(criterion, make_subset(model, subset, nuisance))
     weights = _weights(model, noise)
     problem = _problem(model, chosen, bounds, measure, weights, rate, (*constraints,), parameters)
-    prior = _prior(model, complement, weights, rate)
+    prior = _prior(model, prior_information, weights, rate)
     problem = problem.with_prior(prior)
-    postures, obstacle = resting_postures(problem, bounds, seed, starts)
-    if not postures:
+    configurations, obstacle = resting_configurations(problem, bounds, seed, starts)
+    if not configurations:
         raise SolverError(
-            f"The robot cannot even rest within its limits: no posture was found that keeps {obstacle}; widen this "
+            f"The robot cannot even rest within its limits: no configuration was found that keeps {obstacle}; widen "
+            "this "
             f"limit or take it out{_WATCHED if around.own is not None else ''}."
         )
     if len(problem.constraints) == len(joint_limits(bounds)):
-        postures = postures[:1]  # the middle of the ranges is as good a start as any
+        configurations = configurations[:1]  # the middle of the ranges is as good a start as any
 
     judged = _period_times(chosen, rate)
     judged_basis = chosen.basis(judged)
@@ -194,8 +197,8 @@ def design_excitation(
         motion = problem.motion(x, judged_basis)
         part = problem.count / len(judged)
         return Spectrum.of(
-            prior.T @ prior + part * RegressorPullBack.exact(model, *motion, weights),
-            lambda: np.vstack([prior, np.sqrt(part) * RegressorPullBack.exact_factor(model, *motion, weights)]),
+            prior.T @ prior + part * RegressorInformation.exact(model, *motion, weights),
+            lambda: np.vstack([prior, np.sqrt(part) * RegressorInformation.exact_factor(model, *motion, weights)]),
         )
 
     def figure(x: Array) -> float:
@@ -213,7 +216,7 @@ def design_excitation(
         time_limit,
         say,
     )
-    result = search.run(postures)
+    result = search.run(configurations)
     assert result.best.x is not None
     coefficients = problem.coefficients(result.best.x)
     excitation, trajectory = chosen.excitation(coefficients), chosen.trajectory(coefficients)
@@ -223,7 +226,7 @@ def design_excitation(
         raise SolverError(f"The motion that was found does not keep its limits after all ({margins[0]}).")
     own = _information(model, excitation, rate)
     if np.abs(motion[1][0]).max() > 1e-6:
-        remarks.append("The motion starts and ends at speed, without a lead-in: bring the robot to this speed first.")
+        remarks.append("The motion starts and ends at speed, without a ramp-up: bring the robot to this speed first.")
     remarks += _notes(result.status, result.finished, starts)
     shown = identifiability(spectrum(result.best.x), measure.subset, problem.count * model.joint_count)
     unchecked = around.missing(motion[0])
@@ -236,7 +239,7 @@ def design_excitation(
         trajectory=trajectory,
         excitation=excitation,
         condition_number=own.condition_number,
-        combined_condition_number=_combined(model, own, complement, rate),
+        combined_condition_number=_combined(model, own, prior_information, rate),
         criterion=criterion,
         figure=result.best.figure,
         subset=() if subset is None else measure.subset.names,
@@ -252,7 +255,7 @@ def design_excitation(
         method="gradient" if minimiser is None else getattr(minimiser, "__name__", type(minimiser).__name__),
         status=result.status,
         rate=rate,
-        lead=chosen.window[0],
+        ramp_time=chosen.window[0],
         seed=seed,
         starts=starts,
         finished_starts=result.finished,
@@ -366,7 +369,7 @@ def _problem(
     width = _SMOOTHNESS * min(fast, float(np.min(limits.velocity)))
     return DesignProblem(
         family=family,
-        regressor=RegressorPullBack(model, width, weights),
+        regressor=RegressorInformation(model, width, weights),
         criterion=criterion,
         constraints=(*joint_limits(limits), *torque_limits(model, limits, parameters), *constraints),
         center=0.5 * (lower + upper),
@@ -381,29 +384,30 @@ def _problem(
 
 
 def _prior(
-    model: Model, complement: Information | Trajectory | ExcitationDesign | None, weights: Array, rate: float
+    model: Model, prior_information: Information | Trajectory | ExcitationDesign | None, weights: Array, rate: float
 ) -> Array:
-    """Return a factor (n_b, n_b) of the information of what the design complements."""
-    if complement is None:
+    """Return a factor (n_b, n_b) of the information that is known already."""
+    if prior_information is None:
         return np.zeros((model.base_parameters().count,) * 2)
-    information = _known(model, complement, rate)
+    information = _known(model, prior_information, rate)
     if information.base_expressions != model.base_parameters().expressions:
-        raise InputError("The complement is an Information of another robot: its base parameters are different.")
+        raise InputError("The prior information is of another robot: its base parameters are different.")
     given = weights if information.by_joint else None
     if given is None and np.ptp(weights) > 0.0:
         raise InputError(
-            "noise needs a complement whose joints are known apart; this Information was reduced over all."
+            "noise needs prior information whose joints are known apart; this Information was reduced over all."
         )
     return np.asarray(information.reduced(given).R)
 
 
-def _known(model: Model, complement: Information | Trajectory | ExcitationDesign, rate: float) -> Information:
-    if isinstance(complement, Information):
-        return complement
-    motion = complement.excitation if isinstance(complement, ExcitationDesign) else complement
+def _known(model: Model, prior_information: Information | Trajectory | ExcitationDesign, rate: float) -> Information:
+    if isinstance(prior_information, Information):
+        return prior_information
+    motion = prior_information.excitation if isinstance(prior_information, ExcitationDesign) else prior_information
     if motion.joint_count != model.joint_count:
         raise InputError(
-            f"The complement moves {motion.joint_count} joints, but {model.robot.name} has {model.joint_count}."
+            f"The prior information is of a motion of {motion.joint_count} joints, but {model.robot.name} has "
+            f"{model.joint_count}."
         )
     return _information(model, motion, rate)
 
@@ -416,12 +420,12 @@ def _information(model: Model, motion: Trajectory, rate: float) -> Information:
 def _combined(
     model: Model,
     own: Information,
-    complement: Information | Trajectory | ExcitationDesign | None,
+    prior_information: Information | Trajectory | ExcitationDesign | None,
     rate: float,
 ) -> float | None:
-    if complement is None:
+    if prior_information is None:
         return None
-    both = [information.reduced(None).R for information in (own, _known(model, complement, rate))]
+    both = [information.reduced(None).R for information in (own, _known(model, prior_information, rate))]
     values = np.linalg.svd(np.vstack(both), compute_uv=False)
     return float(values[0] / values[-1]) if values[-1] > 0.0 else float("inf")
 

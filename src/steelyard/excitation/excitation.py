@@ -35,16 +35,16 @@ class ExcitationDesign:
     trajectory : Trajectory
         The whole motion, from rest to rest.
     excitation : Trajectory
-        The period that is judged: the series of a Fourier motion without its lead-in and lead-out; otherwise the whole
+        The period that is judged: the series of a Fourier motion without its ramp-up and ramp-down; otherwise the whole
         motion.
     condition_number : float
         Of the base regressor over one period at `rate`, all joints weighted alike and with the exact sign of Coulomb
         friction: the same as :attr:`steelyard.Information.condition_number` of its samples.
     combined_condition_number : float or None
-        The same of this motion and of what it complements together.
+        The same of this motion and the prior information together.
     criterion : {"condition", "d", "a"}
     figure : float
-        Of the criterion, for the chosen weights, subset and complement: condition number, logarithm of the
+        Of the criterion, for the chosen weights, subset and prior_information: condition number, logarithm of the
         determinant of the information, or trace of its inverse.
     subset : tuple of str
         The parameters that count, where not all do.
@@ -53,7 +53,7 @@ class ExcitationDesign:
     parameter_count, base_count : int
         Of the model.
     uncertainty : float
-        What torque noise of one percent leaves of the parameters that count (and of what the motion complements): the
+        What torque noise of one percent leaves of the parameters that count (and of the prior information): the
         deviation of their least certain combination in units of the size of all base parameters. Above 1 the motion
         does not identify what was asked, see `identifies`.
     unshown : tuple of str
@@ -68,8 +68,8 @@ class ExcitationDesign:
         Status: ``"finished"``, ``"time limit"`` or ``"interrupted"``; the latter two hold the best so far.
     rate : float
         Hz.
-    lead : float
-        Time of the lead-in, and of the lead-out, s.
+    ramp_time : float
+        Time of the ramp-up, and of the ramp-down, s.
     seed, starts, finished_starts : int
     remarks : tuple of str
         What the user should know, in sentences.
@@ -96,7 +96,7 @@ class ExcitationDesign:
     method: str
     status: str
     rate: float
-    lead: float
+    ramp_time: float
     seed: int
     starts: int
     finished_starts: int
@@ -121,7 +121,7 @@ class ExcitationDesign:
     def sample(self, rate: float) -> tuple[Array, Array, Array, Array]:
         """Return t (S,), q, dq and ddq (S, N) of the period that is judged, at `rate` Hz.
 
-        The whole motion with its lead-in and lead-out is ``trajectory.sample(rate)``.
+        The whole motion with its ramp-up and ramp-down is ``trajectory.sample(rate)``.
         """
         return self.excitation.sample(rate)
 
@@ -161,7 +161,7 @@ class ExcitationDesign:
             "family": self.family,
             "duration": self.trajectory.duration,
             "period": self.excitation.duration,
-            "lead": self.lead,
+            "ramp_time": self.ramp_time,
             "start": self.start,
             "rate": self.rate,
             "condition_number": self.condition_number,

@@ -65,7 +65,7 @@ class Family(Protocol):
         ...
 
     def excitation(self, coefficients: Array) -> Trajectory:
-        """Return the motion that is judged, without lead-in and lead-out."""
+        """Return the motion that is judged, without ramp-up and ramp-down."""
         ...
 
     def trajectory(self, coefficients: Array) -> Trajectory:
@@ -75,14 +75,14 @@ class Family(Protocol):
 
 @dataclass(frozen=True)
 class FourierFamily:
-    """Fourier series with a lead-in and a lead-out; coefficients a1 … aH, b1 … bH and the constant.
+    """Fourier series with a ramp-up and a ramp-down; coefficients a1 … aH, b1 … bH and the constant.
 
     Attributes
     ----------
     period : float
         s.
     harmonics : int
-    lead : float
+    ramp_time : float
         s; 0 for none.
     periods : int
         How many are played.
@@ -90,7 +90,7 @@ class FourierFamily:
 
     period: float
     harmonics: int
-    lead: float
+    ramp_time: float
     periods: int = 1
     name: str = "fourier"
 
@@ -107,12 +107,12 @@ class FourierFamily:
     @property
     def window(self) -> tuple[float, float]:
         """Begin and end of the first period, s."""
-        return self.lead, self.lead + self.period
+        return self.ramp_time, self.ramp_time + self.period
 
     @property
     def duration(self) -> float:
         """From rest to rest, s."""
-        return 2.0 * self.lead + self.periods * self.period
+        return 2.0 * self.ramp_time + self.periods * self.period
 
     @property
     def step(self) -> float:
@@ -122,9 +122,9 @@ class FourierFamily:
     def basis(self, t: Array) -> Basis:
         """Return the basis at times (S,) of the whole motion."""
         phase, rate, change = t, np.ones_like(t), np.zeros_like(t)
-        if self.lead > 0.0:
+        if self.ramp_time > 0.0:
             still = FourierTrajectory(np.zeros((1, 1)), np.zeros((1, 1)), np.zeros(1), 1.0 / self.period)
-            phase, rate, change = RestToRestTrajectory(still, self.lead, self.periods).phase(t)
+            phase, rate, change = RestToRestTrajectory(still, self.ramp_time, self.periods).phase(t)
         w = 2.0 * np.pi / self.period * np.arange(1, self.harmonics + 1)
         sine, cosine = np.sin(phase[:, None] * w), np.cos(phase[:, None] * w)
         one, zero = np.ones((len(t), 1)), np.zeros((len(t), 1))
@@ -140,9 +140,9 @@ class FourierFamily:
         return FourierTrajectory(a, b, center[:, 0], 1.0 / self.period)
 
     def trajectory(self, coefficients: Array) -> Trajectory:
-        """Return the series between its lead-in and lead-out."""
+        """Return the series between its ramp-up and ramp-down."""
         series = self.excitation(coefficients)
-        return RestToRestTrajectory(series, self.lead, self.periods) if self.lead > 0.0 else series
+        return RestToRestTrajectory(series, self.ramp_time, self.periods) if self.ramp_time > 0.0 else series
 
 
 @dataclass(frozen=True)
@@ -254,7 +254,7 @@ class QuinticFamily(_PointFamily):
 
 
 def make_family(
-    name: str, *, period: float, harmonics: int, points: int | None, lead: float | None, periods: int
+    name: str, *, period: float, harmonics: int, points: int | None, ramp_time: float | None, periods: int
 ) -> Family:
     """Build a family from the options of a design.
 
@@ -267,7 +267,7 @@ def make_family(
         Of a Fourier series.
     points : int, optional
         Of splines and moves; ``2 harmonics + 1`` by default.
-    lead : float, optional
+    ramp_time : float, optional
         s, of a Fourier series; by default one oscillation of the highest harmonic.
     periods : int
         How many periods of a Fourier series are played.
@@ -284,18 +284,23 @@ def make_family(
     for what, number, least in (("harmonics", harmonics, 1), ("points", points, 3), ("periods", periods, 1)):
         if number is not None and (int(number) != number or number < least):
             raise InputError(f"{what} must be a whole number of at least {least}, got {number!r}.")
-    if lead is not None and not (np.isfinite(lead) and lead >= 0.0):
-        raise InputError(f"lead must be a time in s, 0 for none, got {lead!r}.")
+    if ramp_time is not None and not (np.isfinite(ramp_time) and ramp_time >= 0.0):
+        raise InputError(f"ramp_time must be a time in s, 0 for none, got {ramp_time!r}.")
     if name == "fourier":
         if points is not None:
             raise InputError("points belong to the families spline and quintic; a Fourier series has harmonics.")
-        if lead == 0.0 and periods > 1:
+        if ramp_time == 0.0 and periods > 1:
             raise InputError(
-                "several periods need a start and a stop (lead); without them the motion is one period, to be repeated "
+                "several periods need a start and a stop (ramp_time); without them the motion is one period, to be "
+                "repeated "
                 "by whoever plays it."
             )
-        return FourierFamily(period, int(harmonics), period / harmonics if lead is None else lead, int(periods))
-    if periods != 1 or lead:
-        raise InputError(f"periods and lead belong to the family fourier; a {name} starts and ends at rest by itself.")
+        return FourierFamily(
+            period, int(harmonics), period / harmonics if ramp_time is None else ramp_time, int(periods)
+        )
+    if periods != 1 or ramp_time:
+        raise InputError(
+            f"periods and ramp_time belong to the family fourier; a {name} starts and ends at rest by itself."
+        )
     size = 2 * int(harmonics) + 1 if points is None else int(points)
     return SplineFamily(period, size) if name == "spline" else QuinticFamily(period, size)

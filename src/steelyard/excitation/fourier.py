@@ -12,7 +12,7 @@ from steelyard.errors import InputError
 
 from .trajectory import sample_times, times_of
 
-__all__ = ["FourierTrajectory", "RestToRestTrajectory", "lead_phase"]
+__all__ = ["FourierTrajectory", "RestToRestTrajectory", "ramp_phase"]
 
 Array = NDArray[np.float64]
 
@@ -101,15 +101,15 @@ class FourierTrajectory:
         save_trajectory(self, path)
 
 
-def lead_phase(u: Array) -> tuple[Array, Array, Array]:
-    """Return the phase of a lead-in from rest, and its first and second derivative, all per lead time.
+def ramp_phase(u: Array) -> tuple[Array, Array, Array]:
+    """Return the phase of a ramp-up from rest, and its first and second derivative, all per ramp time.
 
     The speed rises as ``6 u^5 - 15 u^4 + 10 u^3``, so that it and its rate are continuous at both ends.
 
     Parameters
     ----------
     u : ndarray
-        Time over lead time, 0 to 1.
+        Time over ramp time, 0 to 1.
 
     Returns
     -------
@@ -127,15 +127,15 @@ def lead_phase(u: Array) -> tuple[Array, Array, Array]:
 class RestToRestTrajectory:
     """Whole periods of a Fourier series, with a start from rest and a stop to rest (thesis section 4.3.3).
 
-    During the lead-in time the joints run along the path of the series with a speed that rises from nothing, and
-    during the lead-out time it falls in the same way. So they meet no positions that the series does not, and are
+    During the ramp-up time the joints run along the path of the series with a speed that rises from nothing, and
+    during the ramp-down time it falls in the same way. So they meet no positions that the series does not, and are
     never faster; positions, velocities and accelerations are continuous.
 
     Attributes
     ----------
     series : FourierTrajectory
-    lead : float
-        Duration of the lead-in, and of the lead-out, s.
+    ramp_time : float
+        Duration of the ramp-up, and of the ramp-down, s.
     periods : int
         How many whole periods lie between.
 
@@ -143,7 +143,7 @@ class RestToRestTrajectory:
     --------
     >>> one = np.ones((1, 1))
     >>> series = FourierTrajectory(a=one, b=0 * one, center=np.zeros(1), frequency=0.5)
-    >>> trajectory = RestToRestTrajectory(series, lead=1.0, periods=3)
+    >>> trajectory = RestToRestTrajectory(series, ramp_time=1.0, periods=3)
     >>> trajectory.duration
     8.0
     >>> q, dq, ddq = trajectory.motion([0.0, 1.0, 8.0])
@@ -152,18 +152,18 @@ class RestToRestTrajectory:
     """
 
     series: FourierTrajectory
-    lead: float
+    ramp_time: float
     periods: int = 1
 
     def __post_init__(self) -> None:
-        if not (np.isfinite(self.lead) and self.lead > 0.0):
-            raise InputError(f"lead must be positive, in s, got {self.lead!r}.")
+        if not (np.isfinite(self.ramp_time) and self.ramp_time > 0.0):
+            raise InputError(f"ramp_time must be positive, in s, got {self.ramp_time!r}.")
         if self.periods != int(self.periods) or self.periods < 1:
             raise InputError(f"periods must be a positive whole number, got {self.periods!r}.")
         object.__setattr__(self, "periods", int(self.periods))
 
     def __repr__(self) -> str:
-        return f"RestToRestTrajectory({self.series!r}, lead {self.lead:g} s, {self.periods} periods)"
+        return f"RestToRestTrajectory({self.series!r}, ramps of {self.ramp_time:g} s, {self.periods} periods)"
 
     @property
     def period(self) -> float:
@@ -172,8 +172,8 @@ class RestToRestTrajectory:
 
     @property
     def duration(self) -> float:
-        """Lead-in, periods and lead-out, s."""
-        return 2.0 * self.lead + self.periods * self.series.period
+        """Ramp-up, periods and ramp-down, s."""
+        return 2.0 * self.ramp_time + self.periods * self.series.period
 
     @property
     def joint_count(self) -> int:
@@ -184,15 +184,15 @@ class RestToRestTrajectory:
         """Return the time of the series at times (S,), s, and its first and second derivative."""
         times = times_of(t)
         end = self.periods * self.series.period
-        phase, rate, change = times - self.lead, np.ones_like(times), np.zeros_like(times)
+        phase, rate, change = times - self.ramp_time, np.ones_like(times), np.zeros_like(times)
         for inside, origin, sign in (
-            (times < self.lead, times, 1.0),
-            (times > self.lead + end, self.duration - times, -1.0),
+            (times < self.ramp_time, times, 1.0),
+            (times > self.ramp_time + end, self.duration - times, -1.0),
         ):
-            p, r, c = lead_phase(np.clip(origin[inside] / self.lead, 0.0, 1.0))
-            before = (p - 0.5) * self.lead
+            p, r, c = ramp_phase(np.clip(origin[inside] / self.ramp_time, 0.0, 1.0))
+            before = (p - 0.5) * self.ramp_time
             phase[inside] = before if sign > 0 else end - before
-            rate[inside], change[inside] = r, sign * c / self.lead
+            rate[inside], change[inside] = r, sign * c / self.ramp_time
         return phase, rate, change
 
     def motion(self, t: ArrayLike) -> tuple[Array, Array, Array]:

@@ -13,7 +13,7 @@ from steelyard.dynamics import Model
 from steelyard.errors import InputError
 
 from .motion_limits import MotionLimits
-from .vjp import PullBack
+from .vjp import CompiledVjp
 
 __all__ = [
     "JointLimit",
@@ -73,7 +73,7 @@ class MotionConstraint(Protocol):
         """
         ...
 
-    def pull_back(self, q: Array, dq: Array, ddq: Array, weights: Array) -> tuple[Array, Array, Array]:
+    def vjp(self, q: Array, dq: Array, ddq: Array, weights: Array) -> tuple[Array, Array, Array]:
         """Return the gradients (S, N) by q, dq and ddq of ``sum(weights * clearance)``.
 
         Parameters
@@ -138,7 +138,7 @@ class JointLimit:
         low, high = self._columns
         return np.hstack([values[:, low] - self.lower[low], self.upper[high] - values[:, high]])
 
-    def pull_back(self, q: Array, dq: Array, ddq: Array, weights: Array) -> tuple[Array, Array, Array]:
+    def vjp(self, q: Array, dq: Array, ddq: Array, weights: Array) -> tuple[Array, Array, Array]:
         """Return the gradients (S, N) of ``sum(weights * clearance)``."""
         low, high = self._columns
         slope = np.zeros_like(q)
@@ -202,14 +202,14 @@ class TorqueLimit:
 
     Attributes
     ----------
-    torque : PullBack
+    torque : CompiledVjp
         Inverse dynamics at the parameters.
     joint_names : tuple of str
     limit : ndarray
         (N,) N·m or N; infinite where there is none.
     """
 
-    torque: PullBack
+    torque: CompiledVjp
     joint_names: tuple[str, ...]
     limit: Array
     name: str = "torque"
@@ -232,11 +232,11 @@ class TorqueLimit:
         """Return limit less magnitude, (S, m), N·m or N."""
         return self.scale - np.abs(self.torque(q, dq, ddq)[:, self._columns])
 
-    def pull_back(self, q: Array, dq: Array, ddq: Array, weights: Array) -> tuple[Array, Array, Array]:
+    def vjp(self, q: Array, dq: Array, ddq: Array, weights: Array) -> tuple[Array, Array, Array]:
         """Return the gradients (S, N) of ``sum(weights * clearance)``; friction counts as constant."""
         slope = np.zeros_like(q)
         slope[:, self._columns] = -weights * np.sign(self.torque(q, dq, ddq)[:, self._columns])
-        return self.torque.pull_back(q, dq, ddq, slope)
+        return self.torque.vjp(q, dq, ddq, slope)
 
 
 @dataclass(frozen=True, eq=False)
@@ -245,13 +245,13 @@ class PowerLimit:
 
     Attributes
     ----------
-    torque : PullBack
+    torque : CompiledVjp
     joint_names : tuple of str
     limit : ndarray
         (N,) W; infinite where there is none.
     """
 
-    torque: PullBack
+    torque: CompiledVjp
     joint_names: tuple[str, ...]
     limit: Array
     name: str = "power"
@@ -275,12 +275,12 @@ class PowerLimit:
         power = self.torque(q, dq, ddq) * dq
         return self.scale - np.abs(power[:, self._columns])
 
-    def pull_back(self, q: Array, dq: Array, ddq: Array, weights: Array) -> tuple[Array, Array, Array]:
+    def vjp(self, q: Array, dq: Array, ddq: Array, weights: Array) -> tuple[Array, Array, Array]:
         """Return the gradients (S, N) of ``sum(weights * clearance)``."""
         torque = self.torque(q, dq, ddq)
         slope = np.zeros_like(q)
         slope[:, self._columns] = -weights * np.sign((torque * dq)[:, self._columns])
-        by_q, by_dq, by_ddq = self.torque.pull_back(q, dq, ddq, slope * dq)
+        by_q, by_dq, by_ddq = self.torque.vjp(q, dq, ddq, slope * dq)
         return by_q, by_dq + slope * torque, by_ddq
 
 
@@ -290,12 +290,12 @@ class TotalPowerLimit:
 
     Attributes
     ----------
-    torque : PullBack
+    torque : CompiledVjp
     limit : float
         W.
     """
 
-    torque: PullBack
+    torque: CompiledVjp
     limit: float
     name: str = "total power"
 
@@ -313,11 +313,11 @@ class TotalPowerLimit:
         """Return limit less magnitude, (S, 1), W."""
         return np.asarray(self.limit - np.abs((self.torque(q, dq, ddq) * dq).sum(axis=1, keepdims=True)))
 
-    def pull_back(self, q: Array, dq: Array, ddq: Array, weights: Array) -> tuple[Array, Array, Array]:
+    def vjp(self, q: Array, dq: Array, ddq: Array, weights: Array) -> tuple[Array, Array, Array]:
         """Return the gradients (S, N) of ``sum(weights * clearance)``."""
         torque = self.torque(q, dq, ddq)
         slope = -weights * np.sign((torque * dq).sum(axis=1, keepdims=True))
-        by_q, by_dq, by_ddq = self.torque.pull_back(q, dq, ddq, slope * dq)
+        by_q, by_dq, by_ddq = self.torque.vjp(q, dq, ddq, slope * dq)
         return by_q, by_dq + slope * torque, by_ddq
 
 
@@ -336,7 +336,7 @@ def torque_limits(
     if not limits.needs_torque:
         return ()
     uniform = {"parameters": predicted_parameters(model, parameters)}
-    torque = PullBack(model.function("inverse_dynamics"), uniform)
+    torque = CompiledVjp(model.function("inverse_dynamics"), uniform)
     names = limits.joint_names
     every: list[MotionConstraint] = []
     if np.isfinite(limits.torque).any():

@@ -13,7 +13,7 @@ from .criterion import Criterion, Spectrum
 from .family import Basis, Family
 from .motion_constraints import MotionConstraint
 from .motion_limits import MotionLimits
-from .vjp import RegressorPullBack
+from .vjp import RegressorInformation
 
 __all__ = ["DesignProblem", "coefficient_scale"]
 
@@ -44,11 +44,11 @@ class DesignProblem:
     Attributes
     ----------
     family : Family
-    regressor : RegressorPullBack
+    regressor : RegressorInformation
     criterion : Criterion
     constraints : tuple of MotionConstraint
     center : ndarray
-        (N,) posture about which the joints move.
+        (N,) configuration about which the joints move.
     scale : ndarray
         (N, P).
     prior : ndarray
@@ -69,7 +69,7 @@ class DesignProblem:
     """
 
     family: Family
-    regressor: RegressorPullBack
+    regressor: RegressorInformation
     criterion: Criterion
     constraints: tuple[MotionConstraint, ...]
     center: Array
@@ -112,7 +112,7 @@ class DesignProblem:
         own = [np.ascontiguousarray(part[: self.judged]) for part in motion]
         spectrum, parts = self.spectrum(own[0], own[1], own[2])
         value, adjoint = self.criterion.evaluate(spectrum, sharpness)
-        return value, list(self.regressor.pull_back(own[0], own[1], own[2], parts, self.count * adjoint))
+        return value, list(self.regressor.vjp(own[0], own[1], own[2], parts, self.count * adjoint))
 
     def spectrum(self, q: Array, dq: Array, ddq: Array) -> tuple[Spectrum, list[Array]]:
         """Return the information of motion (judged, N) and of what is known, and what the regressor needs of it."""

@@ -148,7 +148,7 @@ def _document(trajectory: Trajectory, names: tuple[str, ...]) -> dict[str, Any]:
         case FourierTrajectory():
             return {**document, "family": "fourier", **_fourier(trajectory)}
         case RestToRestTrajectory():
-            leads = {"lead": trajectory.lead, "periods": trajectory.periods}
+            leads = {"ramp_time": trajectory.ramp_time, "periods": trajectory.periods}
             return {**document, "family": "fourier", **_fourier(trajectory.series), **leads}
         case SplineTrajectory():
             return {
@@ -168,7 +168,9 @@ def _document(trajectory: Trajectory, names: tuple[str, ...]) -> dict[str, Any]:
 
 def _make_fourier(document: dict[str, Any]) -> Trajectory:
     series = FourierTrajectory(**{name: document[name] for name in ("a", "b", "center", "frequency")})
-    return RestToRestTrajectory(series, document["lead"], document["periods"]) if "lead" in document else series
+    return (
+        RestToRestTrajectory(series, document["ramp_time"], document["periods"]) if "ramp_time" in document else series
+    )
 
 
 _FAMILIES: dict[str, Callable[[dict[str, Any]], Trajectory]] = {

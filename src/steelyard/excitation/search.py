@@ -19,12 +19,12 @@ from .problem import DesignProblem
 from .verification import Margin, Verifier, keeps_all
 from .workers import Flag, Pool, pool_of
 
-__all__ = ["Candidate", "Minimiser", "Search", "SearchResult", "resting_postures"]
+__all__ = ["Candidate", "Minimiser", "Search", "SearchResult", "resting_configurations"]
 
 Array = NDArray[np.float64]
 # From a problem, the (N P,) coefficients to start at, and what tells whether to stop now, to better coefficients.
 Minimiser = Callable[[DesignProblem, Array, Callable[[], bool]], Array]
-_POSTURES = 4000
+_CONFIGURATIONS = 4000
 _REFINED = 4  # one in so many starts is refined
 _ROUNDS = 3  # in which instants that were violated join those that the minimisation looks at
 
@@ -97,12 +97,12 @@ class Search:
     _deadline: float = float("inf")
     _stage: str = ""
 
-    def run(self, postures: Sequence[Array]) -> SearchResult:
+    def run(self, configurations: Sequence[Array]) -> SearchResult:
         """Search.
 
         Parameters
         ----------
-        postures : sequence of ndarray
+        configurations : sequence of ndarray
             (N,) each, in which the robot may rest; start k moves about one of them.
 
         Raises
@@ -120,12 +120,12 @@ class Search:
         self._compile()
         with pool_of(self._work, workers) as pool:
             try:
-                tasks = {k: (k, postures[k % len(postures)], None) for k in range(self.starts)}
+                tasks = {k: (k, configurations[k % len(configurations)], None) for k in range(self.starts)}
                 self._collect(pool, tasks, found)
                 if self.minimiser is None and not self._stopped():
                     self._stage = "refining the best, "
                     chosen = sorted(found.values(), key=self._rank)[: -(-self.starts // _REFINED)]
-                    self._collect(pool, {c.index: (c.index, postures[0], c) for c in chosen}, found)
+                    self._collect(pool, {c.index: (c.index, configurations[0], c) for c in chosen}, found)
             except KeyboardInterrupt:
                 self._halt.set()
                 status = "interrupted"
@@ -196,17 +196,17 @@ class Search:
         motion = problem.motion(x)
         problem.objective(motion, 1.0)
         for constraint in problem.constraints:
-            constraint.pull_back(*motion, np.zeros((len(motion[0]), len(constraint.labels))))
+            constraint.vjp(*motion, np.zeros((len(motion[0]), len(constraint.labels))))
         self.figure(x)
 
     # One start
 
-    def _work(self, k: int, posture: Array, found: Candidate | None) -> Candidate | None:
+    def _work(self, k: int, configuration: Array, found: Candidate | None) -> Candidate | None:
         if found is not None:
             return self._refined(found)
         if self._stopped() and k > 0:
             return None
-        x = self._random_start(np.random.default_rng([self.seed, k]), posture)
+        x = self._random_start(np.random.default_rng([self.seed, k]), configuration)
         if self.minimiser is not None:
             return self._judged(k, Iterate(self.minimiser(self.problem, x, self._stopped), []))
         return self._judged(k, minimise(self.problem, Iterate(x, []), COARSE, self._stopped))
@@ -235,10 +235,10 @@ class Search:
             x = None
         return Candidate(k, iterate, x, float("nan") if x is None else self.figure(x), worst)
 
-    def _random_start(self, random: np.random.Generator, posture: Array) -> Array:
-        """Return random coefficients about a posture, small enough for the limits that are linear in them."""
+    def _random_start(self, random: np.random.Generator, configuration: Array) -> Array:
+        """Return random coefficients about a configuration, small enough for the limits that are linear in them."""
         problem = self.problem
-        still = ((posture - problem.center)[:, None] * problem.family.constant / problem.scale).ravel()
+        still = ((configuration - problem.center)[:, None] * problem.family.constant / problem.scale).ravel()
         moving = random.standard_normal(problem.unknowns)
         if problem.family.name == "fourier":
             moving = (moving.reshape(problem.scale.shape) * (problem.family.constant == 0.0)).ravel()
@@ -250,10 +250,10 @@ class Search:
         return np.asarray(still + max(size, 0.02) * moving)
 
 
-def resting_postures(
+def resting_configurations(
     problem: DesignProblem, limits: MotionLimits, seed: int, count: int
 ) -> tuple[tuple[Array, ...], str | None]:
-    """Return postures in which the robot may rest, (N,) each.
+    """Return configurations in which the robot may rest, (N,) each.
 
     The middle of the ranges comes first, where the robot may rest in it; the others are random, the roomiest first.
 
@@ -267,15 +267,17 @@ def resting_postures(
 
     Returns
     -------
-    postures : tuple of ndarray
+    configurations : tuple of ndarray
         Empty where there is none.
     obstacle : str or None
-        In this case the constraint that the fewest postures keep.
+        In this case the constraint that the fewest configurations keep.
     """
     half = 0.5 * (limits.upper - limits.lower)
     half = np.where(np.isfinite(half), half, np.pi)
     random = np.random.default_rng([seed, 2**31])
-    q = problem.center + np.vstack([np.zeros_like(half), random.uniform(-0.9, 0.9, (_POSTURES, len(half))) * half])
+    q = problem.center + np.vstack(
+        [np.zeros_like(half), random.uniform(-0.9, 0.9, (_CONFIGURATIONS, len(half))) * half]
+    )
     room = np.full(len(q), np.inf)
     obstacle: tuple[int, str] = (len(q) + 1, "")
     for begin in range(0, len(q), 500):  # the first ones that are free are enough

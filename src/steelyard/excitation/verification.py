@@ -141,7 +141,7 @@ class Verifier:
                 own = tuple(np.ascontiguousarray(m[places]) for m in motion)
                 weights = np.zeros((len(places), fractions.shape[1]))
                 weights[:, column] = 1.0 / scale[column]
-                slopes = constraint.pull_back(own[0], own[1], own[2], weights)
+                slopes = constraint.vjp(own[0], own[1], own[2], weights)
                 gradient = sum(
                     slope[:, :, None] * b[places][:, None, :] for slope, b in zip(slopes, self.basis, strict=True)
                 )

@@ -15,13 +15,13 @@ from numpy.typing import NDArray
 from steelyard.dynamics import Model
 from steelyard.graph import Argument, Function, Kernel, Output, gradient
 
-__all__ = ["PullBack", "RegressorPullBack", "pull_back_function"]
+__all__ = ["CompiledVjp", "RegressorInformation", "vjp_function"]
 
 Array = NDArray[np.float64]
 _MOTION = ("q", "dq", "ddq")
 
 
-def pull_back_function(function: Function, elements: NDArray[np.intp]) -> Function:
+def vjp_function(function: Function, elements: NDArray[np.intp]) -> Function:
     """Return the function that reads, besides what `function` reads, a weight for some outputs, and gives gradients.
 
     Parameters
@@ -48,10 +48,10 @@ def pull_back_function(function: Function, elements: NDArray[np.intp]) -> Functi
         Output(f"by_{name}", (width,), tuple(slopes[k * width : (k + 1) * width])) for k, name in enumerate(_MOTION)
     )
     arguments = (*function.arguments, Argument("weights", len(elements)))
-    return Function(f"{function.name}_pull_back", arguments, outputs)
+    return Function(f"{function.name}_vjp", arguments, outputs)
 
 
-class PullBack:
+class CompiledVjp:
     """A function of the model and its gradient in reverse, both compiled.
 
     Parameters
@@ -71,7 +71,7 @@ class PullBack:
     def __init__(self, function: Function, uniform: Mapping[str, Array], *, sparse: bool = False) -> None:
         self._forward = Kernel(function, compact=sparse)
         self.places: NDArray[np.intp] = self._forward.places
-        self._reverse = Kernel(pull_back_function(function, self.places))
+        self._reverse = Kernel(vjp_function(function, self.places))
         self._uniform = uniform
         self._names = tuple(a.name for a in function.arguments)
 
@@ -83,14 +83,14 @@ class PullBack:
         """Return the outputs, (S, n)."""
         return self._forward(*self._arguments((q, dq, ddq)))
 
-    def pull_back(self, q: Array, dq: Array, ddq: Array, weights: Array) -> tuple[Array, Array, Array]:
+    def vjp(self, q: Array, dq: Array, ddq: Array, weights: Array) -> tuple[Array, Array, Array]:
         """Return the gradients (S, N) by q, dq and ddq of ``sum(weights * outputs)``, weights (S, n)."""
         flat = self._reverse(*self._arguments((q, dq, ddq)), np.ascontiguousarray(weights))
         first, second, third = np.split(flat, 3, axis=1)
         return first, second, third
 
 
-class RegressorPullBack:
+class RegressorInformation:
     """The information matrix ``W'W`` of the base regressor of some samples, and its gradient by the motion.
 
     Parameters
@@ -105,7 +105,7 @@ class RegressorPullBack:
     --------
     >>> import steelyard as sy
     >>> model = sy.Model(sy.Robot.from_dh([(0, 1.0, 0, "q"), (0, 1.0, 0, "q")]).with_terms(sy.Coulomb()))
-    >>> regressor = RegressorPullBack(model, 0.01, np.ones(2))
+    >>> regressor = RegressorInformation(model, 0.01, np.ones(2))
     >>> regressor.information(*np.random.default_rng(1).normal(size=(3, 20, 2)))[0].shape
     (6, 6)
     """
@@ -113,7 +113,7 @@ class RegressorPullBack:
     def __init__(self, model: Model, sign_width: float, joint_weights: Array) -> None:
         function = model.function("regressor", base=True, sign="smooth")
         uniform = {"sign_width": np.array([sign_width])}
-        self._regressor = PullBack(
+        self._regressor = CompiledVjp(
             function, {a.name: uniform[a.name] for a in function.arguments if a.uniform}, sparse=True
         )
         self._count = model.base_parameters().count
@@ -122,7 +122,7 @@ class RegressorPullBack:
         self._squares = np.asarray(joint_weights, dtype=np.float64) ** 2
 
     def information(self, q: Array, dq: Array, ddq: Array) -> tuple[Array, list[Array]]:
-        """Return the mean of the information of the samples, (n_b, n_b), and what `pull_back` needs."""
+        """Return the mean of the information of the samples, (n_b, n_b), and what `vjp` needs."""
         values = self._regressor(q, dq, ddq)
         total = np.zeros((self._count, self._count))
         parts = []
@@ -140,15 +140,13 @@ class RegressorPullBack:
         ]
         return np.asarray(np.linalg.qr(np.vstack(rows), mode="r"))
 
-    def pull_back(
-        self, q: Array, dq: Array, ddq: Array, parts: list[Array], adjoint: Array
-    ) -> tuple[Array, Array, Array]:
+    def vjp(self, q: Array, dq: Array, ddq: Array, parts: list[Array], adjoint: Array) -> tuple[Array, Array, Array]:
         """Return the gradients (S, N) of ``sum(adjoint * information)`` by q, dq and ddq; adjoint symmetric."""
         weights = [
             rows @ ((2.0 * weight / len(q)) * adjoint[np.ix_(columns, columns)])
             for rows, (_, columns), weight in zip(parts, self._joints, self._squares, strict=True)
         ]
-        return self._regressor.pull_back(q, dq, ddq, np.hstack(weights))
+        return self._regressor.vjp(q, dq, ddq, np.hstack(weights))
 
     @staticmethod
     def exact(model: Model, q: Array, dq: Array, ddq: Array, joint_weights: Array) -> Array:

@@ -20,7 +20,7 @@ def excite(
     robot: str | Path | RobotFile,
     limits: str | Path | None = None,
     *,
-    complement: str | Path | None = None,
+    prior_information: str | Path | None = None,
     estimate: str | Path | None = None,
     progress: Callable[[str], None] | None = None,
     **options: Any,
@@ -33,8 +33,8 @@ def excite(
         URDF or robot.toml.
     limits : str or Path, optional
         A limits file (TOML); without it the limits are those of the robot.
-    complement : str or Path, optional
-        A trajectory, or an Information that was saved, which the motion is to complement.
+    prior_information : str or Path, optional
+        A trajectory, or an Information that was saved, of what is known already.
     estimate : str or Path, optional
         Whose parameters predict the torques, instead of those of the description.
     progress : callable, optional
@@ -59,7 +59,7 @@ def excite(
     return design_excitation(
         model,
         limits,
-        complement=None if complement is None else _known(complement),
+        prior_information=None if prior_information is None else _known(prior_information),
         parameters=parameters,
         progress=progress,
         **options,
