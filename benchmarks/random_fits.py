@@ -44,8 +44,8 @@ def main() -> None:
         seconds.append(time.perf_counter() - start)
         gaps.append(fit.optimality_gap)
         unattained += not fit.attained
-        if fit.preference_gap is not None:
-            choices.append(fit.preference_gap)
+        if fit.tie_break_gap is not None:
+            choices.append(fit.tie_break_gap)
         told = any("not proved to be the least" in remark for remark in fit.remarks)
         untold += fit.optimality_gap > GAP and not told
         if fit.optimality_gap > GAP:

@@ -23,7 +23,7 @@ from .estimators.prior import ConstantPullbackPrior as ConstantPullbackPrior
 from .estimators.prior import EntropicPrior as EntropicPrior
 from .estimators.prior import EuclideanPrior as EuclideanPrior
 from .estimators.robust import robust_information as robust_information
-from .estimators.shadow_prices import constraint_prices as constraint_prices
+from .estimators.shadow_prices import shadow_prices as shadow_prices
 from .estimators.smallest_mass import smallest_total_mass as smallest_total_mass
 from .excitation.design import design_excitation as design_excitation
 from .excitation.excitation import ExcitationDesign as ExcitationDesign
@@ -50,7 +50,7 @@ from .feasibility.constraints.symmetry import SymmetricLink as SymmetricLink
 from .feasibility.correct import correct as correct
 from .feasibility.diagnosis.explanation import explain_infeasibility as explain_infeasibility
 from .feasibility.feasible_set import FeasibleSet as FeasibleSet
-from .feasibility.tie_break import Preference as Preference
+from .feasibility.tie_break import TieBreak as TieBreak
 from .graph.expression import Graph as Graph
 from .graph.kernel import Kernel as Kernel
 from .identification.identify import identify as identify

@@ -137,7 +137,7 @@ OPTIONS = {
     "no output": (("identify", "{robot}", "{log}"), "--output"),
     "unknown option": (("identify", "{robot}", "{log}", "--outptu", "{out}"), "--outptu"),
     "unknown consistency": (("identify", "{robot}", "{log}", "-o", "{out}", "--consistency", "ful"), "ful"),
-    "negative tolerance": (("identify", "{robot}", "{log}", "-o", "{out}", "--tolerance", "-1"), "tolerance"),
+    "negative slack": (("identify", "{robot}", "{log}", "-o", "{out}", "--residual-slack", "-1"), "residual-slack"),
     "output is a file": (("identify", "{robot}", "{log}", "-o", "{robot}"), "is a file"),
     "unknown command": (("identfy",), "identfy"),
     "robot of no known kind": (("inspect", "{log}"), "csv"),

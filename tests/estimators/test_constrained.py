@@ -7,7 +7,7 @@ import scipy.optimize
 
 from steelyard.errors import InputError, SolverError
 from steelyard.estimators import fit_reduced
-from steelyard.feasibility import FeasibleSet, Preference, TotalMass
+from steelyard.feasibility import FeasibleSet, TieBreak, TotalMass
 
 POSSIBLE = np.array([1.5, 0.1, 0.25, 0.3, 0.4, 0.1])
 IMPOSSIBLE = np.array([0.5, 0.1, 0.25, 0.3, 0.4, 0.05])
@@ -56,7 +56,7 @@ def test_agrees_with_nonlinear_programming(two_links, data, prefer):
     reduced = data(IMPOSSIBLE)
     feasible = FeasibleSet(two_links, "inertia")
     expected, squared = optimum_by_hand(reduced, feasible.margin)
-    fit = fit_reduced(reduced, feasible, prefer, tolerance=0.0)
+    fit = fit_reduced(reduced, feasible, prefer, residual_slack=0.0)
     assert fit.squared_residual == pytest.approx(squared + 2.0, rel=1e-6)
     np.testing.assert_allclose(fit.base, expected, atol=1e-3)
     assert fit.attained
@@ -96,7 +96,7 @@ def test_unattained_optimum_is_said(stand_in, reduced_regression):
     names = ["Lxx1", "Lxy1", "Lxz1", "Lyy1", "Lyz1", "Lzz1", "lx1", "ly1", "lz1", "m1"]
     model = stand_in(names, [[(1.0, "Lzz1")], [(1.0, "lx1")]], ("arm",))
     rho = np.array([0.0, 1.0])
-    fit = fit_reduced(reduced_regression(np.eye(2), rho, 0.01, 100, 1.01), FeasibleSet(model), tolerance=1e-2)
+    fit = fit_reduced(reduced_regression(np.eye(2), rho, 0.01, 100, 1.01), FeasibleSet(model), residual_slack=1e-2)
     assert not fit.attained
     assert fit.remarks[0].startswith(f"No optimum below {fit.mass_bound:.4g} kg")
     assert 100 < fit.mass_bound < 1000
@@ -140,8 +140,8 @@ def test_bad_options_are_refused(two_links, data, reduced_regression):
         fit_reduced(reduced, feasible, "heaviest")
     with pytest.raises(InputError, match="needs inertial parameters in the robot description"):
         fit_reduced(reduced, feasible, "cad")
-    with pytest.raises(InputError, match="tolerance must be a number of at least 0"):
-        fit_reduced(reduced, feasible, tolerance=-1.0)
+    with pytest.raises(InputError, match="residual_slack must be a number of at least 0"):
+        fit_reduced(reduced, feasible, residual_slack=-1.0)
     with pytest.raises(InputError, match="belongs to another model"):
         fit_reduced(reduced_regression(np.eye(5), np.ones(5), 1.0, 10, 6.0), feasible)
     contradiction = FeasibleSet(two_links, constraints=[TotalMass(maximum=1.0), TotalMass(minimum=2.0)])
@@ -192,7 +192,7 @@ def test_bounded_mass_gives_the_exact_optimum_with_default_options(two_links, da
     reduced = data(np.array([1.5, 0.1, 0.25, 0.6, 0.8, 0.05]))
     feasible = FeasibleSet(two_links, "inertia", [TotalMass(maximum=bound)], margin=1e-8)
     expected, squared = optimum_below(reduced, feasible.margin, bound)
-    known = Preference.closest(np.ones(22), np.ones(22))
+    known = TieBreak.closest(np.ones(22), np.ones(22))
     for prefer in ("lightest", None, known):
         fit = fit_reduced(reduced, feasible, prefer)
         assert fit.squared_residual == pytest.approx(squared + 2.0, rel=1e-6)
@@ -207,7 +207,7 @@ def test_preference_moves_only_what_the_motion_does_not_show(two_links, data):
     feasible = FeasibleSet(two_links, "full", [TotalMass(maximum=3.0)])
     light = fit_reduced(reduced, feasible)
     target = np.full(22, 0.5)
-    near = fit_reduced(reduced, feasible, Preference.closest(target, np.ones(22), "nearest to a half"))
+    near = fit_reduced(reduced, feasible, TieBreak.closest(target, np.ones(22), "nearest to a half"))
     np.testing.assert_allclose(light.base, near.base, atol=1e-7)
     assert np.sum((near.parameters - target) ** 2) < np.sum((light.parameters - target) ** 2)
     assert light.total_mass < near.total_mass
@@ -218,15 +218,15 @@ def test_preference_moves_only_what_the_motion_does_not_show(two_links, data):
 def test_near_equals_only_where_masses_may_grow(two_links, data):
     """Without a bound the tolerance is spent, and the answer says on what."""
     reduced = data(IMPOSSIBLE)
-    free, best = FeasibleSet(two_links), fit_reduced(data(IMPOSSIBLE), FeasibleSet(two_links), tolerance=0.0)
-    fit = fit_reduced(reduced, free, tolerance=1e-2)
+    free, best = FeasibleSet(two_links), fit_reduced(data(IMPOSSIBLE), FeasibleSet(two_links), residual_slack=0.0)
+    fit = fit_reduced(reduced, free, residual_slack=1e-2)
     assert fit.growing_links == ("upper arm",)
     assert not fit.exact
     assert 1 + 0.9e-2 < fit.squared_residual / best.squared_residual < 1 + 1.1e-2
     assert fit.total_mass < best.total_mass
     assert any("Among all answers within 1 % of the least squared residual" in remark for remark in fit.remarks)
     bounded = FeasibleSet(two_links, constraints=[TotalMass(maximum=50.0)])
-    assert fit_reduced(reduced, bounded, tolerance=1e-2).squared_residual == pytest.approx(
+    assert fit_reduced(reduced, bounded, residual_slack=1e-2).squared_residual == pytest.approx(
         best.squared_residual, rel=1e-6
     )
 

@@ -22,7 +22,8 @@ def test_residual_rises_and_distance_falls_from_end_to_end(arm, prior):
     assert curve.distances[-1] < 1e-2 * curve.distances[0]
     # At its start the prior hardly costs anything beyond physics.
     assert (
-        curve.squared_residuals[0] < 1.01 * fit_reduced(info.reduced("joint"), feasible, tolerance=0.0).squared_residual
+        curve.squared_residuals[0]
+        < 1.01 * fit_reduced(info.reduced("joint"), feasible, residual_slack=0.0).squared_residual
     )
 
 

@@ -87,13 +87,13 @@ def test_no_multipliers_give_a_bound_above_the_least_residual(two_links, data, l
 def test_a_point_that_is_not_the_optimum_has_a_gap(two_links, data):
     """The bound is that of the problem, not of the point: what the point costs too much is the gap."""
     feasible = FeasibleSet(two_links)
-    best = fit_reduced(data, feasible, None, tolerance=0.0)
+    best = fit_reduced(data, feasible, None, residual_slack=0.0)
     assert best.optimality_gap <= 1e-6
-    spent = fit_reduced(data, feasible, tolerance=1e-2)
+    spent = fit_reduced(data, feasible, residual_slack=1e-2)
     assert not spent.exact
     assert spent.optimality_gap <= 1e-6
     assert spent.squared_residual > best.squared_residual * (1 + 0.9e-2)
-    assert spent.preference_gap <= 1e-3
+    assert spent.tie_break_gap <= 1e-3
 
 
 def test_the_margin_costs_next_to_nothing(two_links, data):

@@ -7,7 +7,7 @@ import scipy.optimize
 
 from steelyard.errors import InputError
 from steelyard.estimators import ConstantPullbackPrior, EntropicPrior, EuclideanPrior, fit_reduced
-from steelyard.feasibility import FeasibleSet, Preference, TotalMass
+from steelyard.feasibility import FeasibleSet, TieBreak, TotalMass
 
 ROW, COLUMN = np.tril_indices(4)
 OPTIMUM = np.array([0.5, 0.1, 0.25, 0.3, 0.4, -0.05])
@@ -173,7 +173,7 @@ def test_priors_choose_among_equals(two_links, reduced_regression, known, prefer
     truth = np.where(np.isnan(known), 0.3, known)
     base = feasible.K @ truth
     data = reduced_regression(10 * np.eye(6), 10 * base, 2.0, 1000, 2.0 + float(base @ base) * 100)
-    chosen = Preference.closest(truth, np.ones(22)) if prefer is None else prefer(truth)
+    chosen = TieBreak.closest(truth, np.ones(22)) if prefer is None else prefer(truth)
     fit = fit_reduced(data, feasible, chosen)
     np.testing.assert_allclose(fit.base, base, rtol=1e-7)
     np.testing.assert_allclose(fit.parameters, truth, atol=2e-3)
@@ -204,10 +204,10 @@ def test_impossible_priors_are_refused(two_links, data, known):
 
 def test_bad_preferences_are_refused(two_links, data):
     with pytest.raises(InputError, match="of 3 parameters, but the model has 22"):
-        fit_reduced(data, FeasibleSet(two_links), Preference.closest(np.ones(3), np.ones(3)))
+        fit_reduced(data, FeasibleSet(two_links), TieBreak.closest(np.ones(3), np.ones(3)))
     with pytest.raises(InputError, match="symmetric and positive semidefinite"):
-        Preference.closest(np.ones(2), [[1.0, 2.0], [2.0, 1.0]])
+        TieBreak.closest(np.ones(2), [[1.0, 2.0], [2.0, 1.0]])
     with pytest.raises(InputError, match="got shapes"):
-        Preference.closest(np.ones(2), np.ones(3))
+        TieBreak.closest(np.ones(2), np.ones(3))
     with pytest.raises(InputError, match="finite parameters and a finite metric"):
-        Preference.closest([1.0, np.nan], np.ones(2))
+        TieBreak.closest([1.0, np.nan], np.ones(2))

@@ -9,7 +9,7 @@ import pytest
 from steelyard.conic import find_solver
 from steelyard.estimators import EntropicPrior, fit_reduced, l_curve, smallest_total_mass
 from steelyard.estimators.fit import fit
-from steelyard.feasibility import FeasibleSet, Preference, TotalMass, check, verify_document
+from steelyard.feasibility import FeasibleSet, TieBreak, TotalMass, check, verify_document
 from steelyard.regression import Information
 from steelyard.robot import Inertia
 
@@ -89,7 +89,7 @@ def test_mass_bound_gives_the_exact_optimum(real_wam, cvxpy_optimum, consistency
     """With default options, whatever the preference; by another formulation, to 1e-5."""
     model, reduced = real_wam
     feasible = FeasibleSet(model, consistency, [TotalMass(maximum=27.0)], terms=terms)
-    known = Preference.closest(np.ones(84), np.ones(84))
+    known = TieBreak.closest(np.ones(84), np.ones(84))
     fits = [fit_reduced(reduced, feasible, prefer) for prefer in ("lightest", None, known)]
     assert all(fit.attained and fit.exact and fit.growing_links == () for fit in fits)
     residuals = [fit.squared_residual for fit in fits]

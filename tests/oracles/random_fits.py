@@ -52,7 +52,7 @@ def random_fit(seed: int) -> RandomFit:
         constraints.append(TotalMass(maximum=1.0001 * factor * total))
         said += f", total mass below {factor:.2f} of the true one"
     feasible = FeasibleSet(model, consistency, constraints)
-    options = {"tolerance": 0.0} if random.random() < 0.5 else {}
+    options = {"residual_slack": 0.0} if random.random() < 0.5 else {}
     return RandomFit(seed, model, truth, info, feasible, weights, options, f"{said}; {how}; {consistency}")
 
 

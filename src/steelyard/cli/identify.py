@@ -29,7 +29,7 @@ def identify(
     prefer: Annotated[
         Preference, typer.Option(help="The choice among near-equal answers (auto: closest to CAD where there is one).")
     ] = Preference.AUTO,
-    tolerance: Annotated[
+    residual_slack: Annotated[
         float, typer.Option(help="Fraction of the squared residual that this choice may cost.", min=0.0, max=1.0)
     ] = 5e-4,
     chunk_rows: Annotated[int, typer.Option(help="Rows of a log that stand in memory together.", min=1000)] = 200_000,
@@ -50,7 +50,7 @@ def identify(
             consistency=consistency.value,
             weights="joint" if weights is Weights.JOINT else None,
             prefer=prefer.value,
-            tolerance=tolerance,
+            residual_slack=residual_slack,
             chunk_rows=chunk_rows,
             progress=say,
         )

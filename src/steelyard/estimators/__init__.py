@@ -5,8 +5,6 @@ from typing import TYPE_CHECKING
 from steelyard.first_use import import_at_first_use
 
 if TYPE_CHECKING:
-    from .constrained import FeasibleFit as FeasibleFit
-    from .constrained import fit_reduced as fit_reduced
     from .fit import fit as fit
     from .l_curve import LCurve as LCurve
     from .l_curve import l_curve as l_curve
@@ -14,12 +12,14 @@ if TYPE_CHECKING:
     from .prior import EntropicPrior as EntropicPrior
     from .prior import EuclideanPrior as EuclideanPrior
     from .prior import Prior as Prior
+    from .reduced_fit import FeasibleFit as FeasibleFit
+    from .reduced_fit import fit_reduced as fit_reduced
     from .robust import HuberWeights as HuberWeights
     from .robust import RobustInformation as RobustInformation
     from .robust import robust_information as robust_information
-    from .shadow_prices import ConstraintPrice as ConstraintPrice
-    from .shadow_prices import ConstraintPrices as ConstraintPrices
-    from .shadow_prices import constraint_prices as constraint_prices
+    from .shadow_prices import ShadowPrice as ShadowPrice
+    from .shadow_prices import ShadowPrices as ShadowPrices
+    from .shadow_prices import shadow_prices as shadow_prices
     from .smallest_mass import SmallestMass as SmallestMass
     from .smallest_mass import smallest_total_mass as smallest_total_mass
 

@@ -7,24 +7,24 @@ import numpy.typing as npt
 
 from steelyard.dynamics import Model
 from steelyard.errors import InputError
-from steelyard.feasibility import Preference
+from steelyard.feasibility import TieBreak
 from steelyard.feasibility.certificates import FeasibilityCertificate
 from steelyard.feasibility.feasible_set import FeasibleSet
 from steelyard.regression import Estimate, Information, ParameterCovariance, method_name
 
-from .constrained import fit_reduced
 from .l_curve import l_curve
 from .prior import Prior
+from .reduced_fit import fit_reduced
 
 __all__ = ["fit"]
 
 
 def fit(
     info: Information,
-    feasible: FeasibleSet,
+    feasible_set: FeasibleSet,
     weights: Literal["joint"] | npt.ArrayLike | None = "joint",
-    prefer: Literal["lightest", "cad"] | Preference | Prior | None = "lightest",
-    tolerance: float = 5e-4,
+    prefer: Literal["lightest", "cad"] | TieBreak | Prior | None = "lightest",
+    residual_slack: float = 5e-4,
     prior: Prior | None = None,
     prior_weight: float | Literal["corner"] = 1.0,
     solver: str = "clarabel",
@@ -35,21 +35,21 @@ def fit(
     parameters are those of the least residual, and the preference chooses among the standard parameters that share
     them. Else the residual often keeps falling as masses that the motion does not show grow without end, so that the
     best of all does not exist, and many answers fit nearly as well. The answer is then the preferred one among all
-    whose squared residual is at most (1 + tolerance) times the least one below a mass bound. The remarks say what was
-    done.
+    whose squared residual is at most (1 + residual_slack) times the least one below a mass bound. The remarks say what
+    was done.
 
     Parameters
     ----------
     info : Information
         Of the same model as `feasible`. Its kind makes the kind of fit: from samples ordinary or joint-weighted, with a
         `covariance` generalised, from `robust_information` robust.
-    feasible : FeasibleSet
+    feasible_set : FeasibleSet
     weights : "joint", None or (N,)
         As in `least_squares`. ``"joint"`` is ordinary least squares where the rows of the joints are not known apart.
-    prefer : {"lightest", "cad", None}, Preference or Prior
+    prefer : {"lightest", "cad", None}, TieBreak or Prior
         Least total mass; closest to the inertial parameters of CAD; closest in a given metric; closest to a prior; or
         what the solver returns within the mass bound.
-    tolerance : float
+    residual_slack : float
         Fraction of the squared residual that may be spent on the preference where masses can grow without end and plain
         least squares is infeasible; 0.008 of what feasibility itself costs, where that is more. 0 spends nothing.
     prior : Prior, optional
@@ -107,10 +107,10 @@ def fit(
         if weight != "corner" or prior is None:
             expected = 'a positive number or "corner", and needs a prior' if prior is None else 'a number or "corner"'
             raise InputError(f"prior_weight must be {expected}; got {weight!r}.")
-        weight = l_curve(info, feasible, prior, weights=values, solver=solver).corner
-    found = fit_reduced(problem, feasible, prefer, tolerance, prior, weight, solver)
+        weight = l_curve(info, feasible_set, prior, weights=values, solver=solver).corner
+    found = fit_reduced(problem, feasible_set, prefer, residual_slack, prior, weight, solver)
 
-    model = feasible.model
+    model = feasible_set.model
     joint_names = info.joint_names
     damping, friction = None, None
     if isinstance(model, Model):
@@ -125,7 +125,7 @@ def fit(
             f"{decides} decides: {'; '.join(info.undetermined)}."
         )
     # What is proved is the parameters that users take; their base parameters follow.
-    certificate = FeasibilityCertificate.of_parameters(feasible, found.parameters)
+    certificate = FeasibilityCertificate.of_parameters(feasible_set, found.parameters)
     return Estimate(
         method=f"feasible {method_name(info, values is not None)}",
         base_names=info.base_names,
@@ -141,7 +141,7 @@ def fit(
         weights=values,
         parameter_names=tuple(model.parameter_names),
         parameters=found.parameters,
-        consistency=feasible.consistency,
+        consistency=feasible_set.consistency,
         damping=damping,
         friction=friction,
         certificate=certificate.document(),

@@ -10,12 +10,11 @@ import scipy.linalg
 
 from steelyard.errors import InputError, SolverError
 from steelyard.feasibility.feasible_set import FeasibleSet
-from steelyard.feasibility.protocols import ReducedLike
-from steelyard.regression import Information
+from steelyard.regression import Information, Reduced
 
-from .constrained import fit_reduced
 from .prior import PreparedPrior, Prior
 from .reduced import ReducedRegression
+from .reduced_fit import fit_reduced
 
 __all__ = ["LCurve", "l_curve"]
 
@@ -105,7 +104,7 @@ class LCurve:
 
 def l_curve(
     info: Information,
-    feasible: FeasibleSet,
+    feasible_set: FeasibleSet,
     prior: Prior,
     weights: Literal["joint"] | npt.ArrayLike | None = "joint",
     prior_weights: npt.ArrayLike | None = None,
@@ -116,7 +115,7 @@ def l_curve(
     Parameters
     ----------
     info : Information
-    feasible : FeasibleSet
+    feasible_set : FeasibleSet
     prior : Prior
     weights : "joint", None or (N,)
         Of the joints, as in `fit`.
@@ -153,12 +152,12 @@ def l_curve(
     reduced = info.reduced(weights)
     if not isinstance(prior, Prior):
         raise InputError(f"l_curve needs a prior such as EntropicPrior(), got {prior!r}.")
-    prepared = prior.prepare(feasible)
-    chosen = _default_weights(reduced, feasible, prepared) if prior_weights is None else _given(prior_weights)
+    prepared = prior.prepare(feasible_set)
+    chosen = _default_weights(reduced, feasible_set, prepared) if prior_weights is None else _given(prior_weights)
     found, failed = [], None
     for weight in chosen:
         try:
-            fit = fit_reduced(reduced, feasible, prior=prior, prior_weight=float(weight), solver=solver)
+            fit = fit_reduced(reduced, feasible_set, prior=prior, prior_weight=float(weight), solver=solver)
         except SolverError as error:
             failed = error
             continue
@@ -176,7 +175,7 @@ def _given(prior_weights: npt.ArrayLike) -> Vector:
     return np.unique(values)
 
 
-def _default_weights(reduced: ReducedLike, feasible: FeasibleSet, prior: PreparedPrior) -> Vector:
+def _default_weights(reduced: Reduced, feasible: FeasibleSet, prior: PreparedPrior) -> Vector:
     """From the smallest to the largest eigenvalue of what the data says in units of what the prior says."""
     regression = ReducedRegression.of(reduced, feasible)
     known = np.zeros(feasible.parameter_count, dtype=bool)

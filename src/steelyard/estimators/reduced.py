@@ -12,9 +12,8 @@ from steelyard.conic import Cone
 from steelyard.errors import InputError
 from steelyard.feasibility.cone_program import Rows, upper_triangle
 from steelyard.feasibility.feasible_set import FeasibleSet
-from steelyard.feasibility.protocols import ReducedLike
 from steelyard.feasibility.units import Units
-from steelyard.regression import column_lengths
+from steelyard.regression import Reduced, column_lengths
 
 __all__ = ["ReducedRegression"]
 
@@ -80,7 +79,7 @@ class ReducedRegression:
     reciprocal_condition: float
 
     @classmethod
-    def of(cls, reduced: ReducedLike, feasible: FeasibleSet) -> "ReducedRegression":
+    def of(cls, reduced: Reduced, feasible: FeasibleSet) -> "ReducedRegression":
         """Check it against the model of the feasible set.
 
         Raises

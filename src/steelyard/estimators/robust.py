@@ -15,7 +15,7 @@ from steelyard.regression import Factor, Information, least_squares
 from steelyard.regression.information import FILTERED
 from steelyard.regression.reduction import reduce_by_joint, residuals
 
-from .constrained import fit_reduced
+from .reduced_fit import fit_reduced
 
 __all__ = ["HuberWeights", "RobustInformation", "robust_information"]
 
@@ -80,7 +80,7 @@ class RobustInformation(Information):
 def robust_information(
     model: Model,
     samples: Samples | Sequence[Samples],
-    feasible: FeasibleSet | None = None,
+    feasible_set: FeasibleSet | None = None,
     threshold: float = 1.345,
     weights: Literal["joint"] | npt.ArrayLike | None = "joint",
     iterations: int = 50,
@@ -100,7 +100,7 @@ def robust_information(
     model : Model
     samples : Samples or sequence of Samples
         They are gone through once in each iteration, a few thousand rows at a time.
-    feasible : FeasibleSet, optional
+    feasible_set : FeasibleSet, optional
         Where given, each fit is among feasible parameters; else it is plain least squares.
     threshold : float
         1.345 loses 5 % of efficiency where all noise is normal (Huber 1981).
@@ -111,7 +111,7 @@ def robust_information(
     accuracy : float
         Largest change of a prediction, in units of the scale and in the root mean square, at which they end.
     **options
-        For the feasible fits, see `fit_reduced`: `prefer`, `tolerance`, `prior`, `prior_weight`, `solver`.
+        For the feasible fits, see `fit_reduced`: `prefer`, `residual_slack`, `prior`, `prior_weight`, `solver`.
 
     Returns
     -------
@@ -148,20 +148,22 @@ def robust_information(
     _check_positive(threshold, "threshold", "1.345")
     _check_positive(iterations, "iterations", "50")
     _check_positive(accuracy, "accuracy", "1e-3")
-    if options and feasible is None:
-        raise InputError(f"robust_information takes {', '.join(options)} only with feasible=...; give a FeasibleSet.")
+    if options and feasible_set is None:
+        raise InputError(
+            f"robust_information takes {', '.join(options)} only with feasible_set=...; give a FeasibleSet."
+        )
     chunks = [samples] if isinstance(samples, Samples) else list(samples)
     if not chunks:
         raise InputError("there are no samples to reduce; give at least one Samples.")
     measured = _reduced(model, chunks, None)
     plain = Information.empty(model)
     information = replace(plain, factors=measured)
-    base = _fitted(information, feasible, weights, options)
+    base = _fitted(information, feasible_set, weights, options)
     record: HuberWeights | None = None
     for iteration in range(1, int(iterations) + 1):
         scales, factors, record = _weighted(model, chunks, base, float(threshold), iteration)
         information = replace(plain, factors=factors, torque_factors=measured)
-        before, base = base, _fitted(information, feasible, weights, options)
+        before, base = base, _fitted(information, feasible_set, weights, options)
         step = base - before
         moved = [np.sqrt(f.prediction2(step) / max(f.count, 1)) for f in measured]
         if np.all(np.array(moved) <= accuracy * scales):
@@ -183,10 +185,12 @@ def robust_information(
     )
 
 
-def _fitted(information: Information, feasible: FeasibleSet | None, weights: Any, options: dict[str, Any]) -> Vector:
-    if feasible is None:
+def _fitted(
+    information: Information, feasible_set: FeasibleSet | None, weights: Any, options: dict[str, Any]
+) -> Vector:
+    if feasible_set is None:
         return least_squares(information, weights).base
-    return fit_reduced(information.reduced(weights), feasible, **options).base
+    return fit_reduced(information.reduced(weights), feasible_set, **options).base
 
 
 def _reduced(model: Model, chunks: Sequence[Samples], scales: list[Matrix] | None) -> tuple[Factor, ...]:

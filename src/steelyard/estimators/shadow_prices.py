@@ -18,7 +18,7 @@ from steelyard.lmi import vector_to_symmetric
 from .reduced import ReducedRegression
 from .stages import GAP, Fitting, Optimum
 
-__all__ = ["ConstraintPrice", "ConstraintPrices", "constraint_prices"]
+__all__ = ["ShadowPrice", "ShadowPrices", "shadow_prices"]
 
 Vector = npt.NDArray[np.float64]
 
@@ -27,7 +27,7 @@ ACTIVE = 1e-7
 
 
 @dataclass(frozen=True, eq=False)
-class ConstraintPrice:
+class ShadowPrice:
     """What one condition, or a group of them, costs.
 
     Attributes
@@ -58,14 +58,14 @@ class ConstraintPrice:
 
 
 @dataclass(frozen=True, eq=False)
-class ConstraintPrices:
-    """Answer of `constraint_prices`, dearest first.
+class ShadowPrices:
+    """Answer of `shadow_prices`, dearest first.
 
     Attributes
     ----------
-    prices : tuple of ConstraintPrice
+    prices : tuple of ShadowPrice
         Of the single conditions.
-    groups : tuple of ConstraintPrice
+    groups : tuple of ShadowPrice
         Of the links together, the terms, the constraints, and of the triangle inequality.
     squared_residual : float
         Under all conditions.
@@ -84,8 +84,8 @@ class ConstraintPrices:
     consistency : str
     """
 
-    prices: tuple[ConstraintPrice, ...]
-    groups: tuple[ConstraintPrice, ...]
+    prices: tuple[ShadowPrice, ...]
+    groups: tuple[ShadowPrice, ...]
     squared_residual: float
     relative_error: float
     least_squares_error: float
@@ -96,11 +96,11 @@ class ConstraintPrices:
     consistency: str
 
     @property
-    def active(self) -> tuple[ConstraintPrice, ...]:
+    def active(self) -> tuple[ShadowPrice, ...]:
         """The conditions that stop the residual from falling."""
         return tuple(price for price in self.prices if price.active)
 
-    def __getitem__(self, name: str) -> ConstraintPrice:
+    def __getitem__(self, name: str) -> ShadowPrice:
         for price in (*self.groups, *self.prices):
             if price.name == name:
                 return price
@@ -145,7 +145,7 @@ class ConstraintPrices:
     def to_dict(self) -> dict[str, Any]:
         """As plain data, for JSON."""
 
-        def entry(price: ConstraintPrice) -> dict[str, Any]:
+        def entry(price: ShadowPrice) -> dict[str, Any]:
             return {
                 "name": price.name,
                 "kind": price.kind,
@@ -173,21 +173,21 @@ class ConstraintPrices:
 HEADS = ("saved", "squared", "marginal", "per", "condition")
 
 
-def constraint_prices(
-    information: Any,
-    feasible: FeasibleSet,
+def shadow_prices(
+    info: Any,
+    feasible_set: FeasibleSet,
     *,
     weights: Any = "joint",
     mass_bound: float | None = None,
     solver: str = "clarabel",
-) -> ConstraintPrices:
+) -> ShadowPrices:
     """What each condition costs in regression error: at the margin, and when it is dropped.
 
     Parameters
     ----------
-    information : Information
+    info : Information
         Or its reduced form.
-    feasible : FeasibleSet
+    feasible_set : FeasibleSet
     weights : "joint", None or (N,)
         Of the joints, as in `fit`; errors then are those of the weighted regression.
     mass_bound : float, optional
@@ -199,7 +199,7 @@ def constraint_prices(
 
     Returns
     -------
-    ConstraintPrices
+    ShadowPrices
         Savings of single conditions need not add to that of their group: where two conditions stand in the way of the
         same gain, neither saves anything by itself.
 
@@ -224,7 +224,7 @@ def constraint_prices(
     >>> model = sy.Model(sy.Robot.from_dh([("0", 0.0, 0.0, "q")], gravity=(0, -9.81, 0)))
     >>> names = model.base_parameters().names
     >>> information = sy.Information.from_factor(np.eye(3), [-0.1, 0.0, 0.0], 0.01, 100, names)
-    >>> prices = constraint_prices(information, FeasibleSet(model))
+    >>> prices = shadow_prices(information, FeasibleSet(model))
     >>> [(price.name, round(price.squared_saving, 3)) for price in prices.active]
     [('body of link1', 0.01)]
     """
@@ -232,12 +232,12 @@ def constraint_prices(
         isinstance(mass_bound, bool) or not isinstance(mass_bound, (int, float)) or not 0 < mass_bound < math.inf
     ):
         raise InputError(f"mass_bound must be a positive number of kg, got {mass_bound!r}.")
-    reduced = reduced_regression(information, weights, feasible)
+    reduced = reduced_regression(info, weights, feasible_set)
     norm2 = float(reduced.norm2)
     with one_thread():
-        regression = ReducedRegression.of(reduced, feasible)
-        scale = regression.units(feasible)
-        bound = mass_bound_of(feasible, scale) if mass_bound is None else float(mass_bound)
+        regression = ReducedRegression.of(reduced, feasible_set)
+        scale = regression.units(feasible_set)
+        bound = mass_bound_of(feasible_set, scale) if mass_bound is None else float(mass_bound)
         gaps = []
 
         def least(allowed: FeasibleSet) -> Optimum:
@@ -246,36 +246,38 @@ def constraint_prices(
             gaps.append(found.squared_residual - found.lower_bound)
             return found
 
-        whole = least(feasible)
+        whole = least(feasible_set)
         size = max(whole.squared_residual, regression.noise_floor)
 
         def saving(allowed: FeasibleSet) -> float:
             return max(whole.squared_residual - least(allowed).squared_residual, 0.0)
 
-        def price(name: str, kind: str, saved: float, active: bool, marginal: float, unit: str) -> ConstraintPrice:
+        def price(name: str, kind: str, saved: float, active: bool, marginal: float, unit: str) -> ShadowPrice:
             left = max(size - saved, 0.0) / size
-            return ConstraintPrice(name, kind, active, saved, 1.0 - math.sqrt(left), marginal, unit)
+            return ShadowPrice(name, kind, active, saved, 1.0 - math.sqrt(left), marginal, unit)
 
         prices = []
-        for index, (block, place) in enumerate(zip(feasible.blocks, feasible.stack.slices, strict=True)):
+        for index, (block, place) in enumerate(zip(feasible_set.blocks, feasible_set.stack.slices, strict=True)):
             # d(squared residual) / dr of D - r 1, from the multipliers (weak duality).
             slope = float(np.trace(vector_to_symmetric(whole.multipliers[place])))
             active = slope > ACTIVE * max(size, 1e-6 * norm2)
-            saved = saving(feasible.without((index,))) if active else 0.0
+            saved = saving(feasible_set.without((index,))) if active else 0.0
             relative = slope / (2.0 * size) if active else 0.0
             unit = (block.unit or "SI unit") if block.size == 1 else "SI unit"
             prices.append(price(block.name, block.kind, saved, active, relative, unit))
         groups = []
         for kind, name in (("link", "all links"), ("term", "all terms"), ("constraint", "all constraints")):
-            members = [i for i, block in enumerate(feasible.blocks) if block.kind == kind]
+            members = [i for i, block in enumerate(feasible_set.blocks) if block.kind == kind]
             if members:
                 active = any(prices[i].active for i in members)
-                groups.append(price(name, "group", saving(feasible.without(members)), active, math.nan, ""))
-        if feasible.consistency == "full":
-            weaker = FeasibleSet(feasible.model, "inertia", feasible.constraints, feasible.margin, feasible.terms)
+                groups.append(price(name, "group", saving(feasible_set.without(members)), active, math.nan, ""))
+        if feasible_set.consistency == "full":
+            weaker = FeasibleSet(
+                feasible_set.model, "inertia", feasible_set.constraints, feasible_set.margin, feasible_set.terms
+            )
             saved = saving(weaker)
             groups.append(price("triangle inequality", "group", saved, saved > ACTIVE * norm2, math.nan, ""))
-    return ConstraintPrices(
+    return ShadowPrices(
         prices=tuple(sorted(prices, key=lambda p: (-p.squared_saving, -p.marginal))),
         groups=tuple(sorted(groups, key=lambda p: -p.squared_saving)),
         squared_residual=whole.squared_residual,
@@ -285,5 +287,5 @@ def constraint_prices(
         mass_bound=bound,
         stopped_by_bound=not whole.attained,
         optimality_gap=max(gaps) / size,
-        consistency=feasible.consistency,
+        consistency=feasible_set.consistency,
     )

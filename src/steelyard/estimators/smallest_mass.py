@@ -11,7 +11,7 @@ from steelyard.errors import InputError
 from steelyard.feasibility.cone_program import Conditions, Program
 from steelyard.feasibility.feasible_set import FeasibleSet
 from steelyard.feasibility.objective import Part
-from steelyard.feasibility.tie_break import Preference
+from steelyard.feasibility.tie_break import TieBreak
 from steelyard.feasibility.units import Units
 from steelyard.regression import Information
 
@@ -149,10 +149,10 @@ def _radius(regression: ReducedRegression | None, confidence: float | None) -> f
     return float(np.sqrt(variance * scipy.special.chdtri(count, 1.0 - confidence)))
 
 
-def _mass(feasible: FeasibleSet) -> Preference:
+def _mass(feasible: FeasibleSet) -> TieBreak:
     gradient = np.zeros(feasible.parameter_count)
     gradient[feasible.mass_indices] = 1.0
-    return Preference("the lightest", np.zeros(feasible.parameter_count), gradient)
+    return TieBreak("the lightest", np.zeros(feasible.parameter_count), gradient)
 
 
 def _of_base(feasible: FeasibleSet, base: Vector, units: Units) -> tuple[Program, Part]:

@@ -16,7 +16,7 @@ from steelyard.feasibility.dual_bound import PARAMETER_BOUND, ConvexProblem, Mul
 from steelyard.feasibility.feasible_set import FeasibleSet
 from steelyard.feasibility.interior import pull_inside
 from steelyard.feasibility.objective import Part, total
-from steelyard.feasibility.tie_break import Preference
+from steelyard.feasibility.tie_break import TieBreak
 from steelyard.feasibility.units import Units
 
 from .prior import PreparedPrior
@@ -438,7 +438,7 @@ class Fitting:
         )
 
     def same_base(
-        self, preference: Preference | PreparedPrior, base: Vector, margin: float, near: Vector
+        self, preference: TieBreak | PreparedPrior, base: Vector, margin: float, near: Vector
     ) -> Choice | None:
         """The preferred parameters that have this base vector (as far as the data tells it), or None.
 
@@ -458,7 +458,7 @@ class Fitting:
         return best[0]
 
     def _of_base(
-        self, preference: Preference | PreparedPrior, base: Vector, margin: float, near: Vector, around: bool
+        self, preference: TieBreak | PreparedPrior, base: Vector, margin: float, near: Vector, around: bool
     ) -> tuple[Choice, ConicSolution] | None:
         """One attempt at it, in units of the point found or in those of the robot."""
         program = self._free_program(LESSER_MARGIN * margin, base, around)
@@ -477,7 +477,7 @@ class Fitting:
         blocks = unit * program.stacked_dual(solution.dual)
         return self._choice(problem, Multipliers(blocks, np.zeros(0)), problem.value), solution
 
-    def near(self, preference: Preference | PreparedPrior, margin: float, limit: float, bound: float) -> Choice | None:
+    def near(self, preference: TieBreak | PreparedPrior, margin: float, limit: float, bound: float) -> Choice | None:
         """The preferred parameters with a squared residual of at most `limit`, or None."""
         regression, feasible = self.regression, self.feasible
         program = self._base_program(margin)
@@ -508,7 +508,7 @@ class Fitting:
         blocks, prices = unit * program.stacked_dual(solution.dual), unit * solution.dual[end - len(limits) :]
         return self._choice(problem, Multipliers(blocks, prices), preferred.value)
 
-    def _preferring(self, preference: Preference | PreparedPrior, parameters: Vector) -> ConvexProblem:
+    def _preferring(self, preference: TieBreak | PreparedPrior, parameters: Vector) -> ConvexProblem:
         """The preference as it looks from δ."""
         count = self.feasible.parameter_count
         return ConvexProblem(

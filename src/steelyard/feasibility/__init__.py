@@ -43,6 +43,6 @@ if TYPE_CHECKING:
     from .diagnosis import InfeasibilityExplanation as InfeasibilityExplanation
     from .diagnosis import explain_infeasibility as explain_infeasibility
     from .feasible_set import FeasibleSet as FeasibleSet
-    from .tie_break import Preference as Preference
+    from .tie_break import TieBreak as TieBreak
 
 __all__ = import_at_first_use(__name__, __file__)

@@ -15,8 +15,7 @@ from steelyard.lmi import AffineBlock, AffineStack, LinearMatrixInequality
 from steelyard.robot.inertia import INERTIA_SYMBOLS
 
 from .constraints import Constraint, Equality
-from .constraints.equations import distinct_blocks, independent_equalities, solved_for_some
-from .protocols import ModelLike
+from .constraints.constraint import ModelLike, distinct_blocks, independent_equalities, solved_for_some
 
 __all__ = ["FeasibleSet"]
 

@@ -14,7 +14,7 @@ from .feasible_set import FeasibleSet
 from .objective import Part
 from .units import Units, lengths_of_links
 
-__all__ = ["Preference", "closest_to_cad", "lightest"]
+__all__ = ["TieBreak", "closest_to_cad", "lightest"]
 
 Vector = npt.NDArray[np.float64]
 Matrix = npt.NDArray[np.float64]
@@ -30,7 +30,7 @@ LEAST_RADIUS = 0.01
 
 
 @dataclass(frozen=True, eq=False)
-class Preference:
+class TieBreak:
     """An objective ½ δᵀC δ + g · δ over the standard parameters, and its name.
 
     Attributes
@@ -45,7 +45,7 @@ class Preference:
     --------
     The answer closest to given parameters in a given metric, to be handed to ``fit(..., prefer=...)``:
 
-    >>> prefer = Preference.closest([1.0, 2.0], [[2.0, 0.0], [0.0, 8.0]])
+    >>> prefer = TieBreak.closest([1.0, 2.0], [[2.0, 0.0], [0.0, 8.0]])
     >>> prefer.value(np.array([1.0, 3.0])) - prefer.value(np.array([1.0, 2.0]))
     4.0
     """
@@ -55,7 +55,7 @@ class Preference:
     gradient: Vector = field(repr=False)
 
     @classmethod
-    def closest(cls, parameters: npt.ArrayLike, metric: npt.ArrayLike, name: str = "the closest") -> "Preference":
+    def closest(cls, parameters: npt.ArrayLike, metric: npt.ArrayLike, name: str = "the closest") -> "TieBreak":
         """½ (δ - δ₀)ᵀ C (δ - δ₀), less its constant.
 
         Parameters
@@ -153,7 +153,7 @@ def _require_semidefinite(curvature: Matrix) -> None:
         )
 
 
-def lightest(feasible: FeasibleSet, units: Units | None = None) -> Preference:
+def lightest(feasible: FeasibleSet, units: Units | None = None) -> TieBreak:
     """Least total mass; among equals the most compact (thousandths of kg m² and friction count), then the smallest.
 
     Parameters
@@ -166,10 +166,10 @@ def lightest(feasible: FeasibleSet, units: Units | None = None) -> Preference:
     gradient[feasible.mass_indices] = 1.0
     sizes = np.ones(feasible.parameter_count) if units is None else units.parameters
     total = 1.0 if units is None else units.total_mass
-    return Preference("the lightest", FREE_WEIGHT * total / sizes**2, gradient)
+    return TieBreak("the lightest", FREE_WEIGHT * total / sizes**2, gradient)
 
 
-def closest_to_cad(feasible: FeasibleSet) -> Preference:
+def closest_to_cad(feasible: FeasibleSet) -> TieBreak:
     """Least squared distance from the inertial parameters of CAD, each link measured in its own mass and size.
 
     The mass counts in units of the CAD mass m, first moments in m r, moments of inertia in m r², where r is the largest
@@ -193,4 +193,4 @@ def closest_to_cad(feasible: FeasibleSet) -> Preference:
     sizes = Units(feasible, values[:, 9], lengths_of_links(values, LEAST_RADIUS), 1.0).inertial
     curvature[columns[known]] = 2.0 / sizes**2
     gradient[columns[known]] = -2.0 / sizes**2 * values
-    return Preference("the closest to CAD", curvature, gradient)
+    return TieBreak("the closest to CAD", curvature, gradient)

@@ -58,7 +58,7 @@ def identify(
     weights: Literal["joint"] | None = "joint",
     consistency: Literal["full", "inertia"] = "full",
     prefer: Literal["auto", "lightest", "cad"] | None = "auto",
-    tolerance: float = 5e-4,
+    residual_slack: float = 5e-4,
     chunk_rows: int = 200_000,
     progress: Progress | None = None,
 ) -> Identification:
@@ -82,7 +82,7 @@ def identify(
     prefer : {"auto", "lightest", "cad", None}
         See :func:`steelyard.fit`; ``"auto"`` is ``"cad"`` where the description has a mass for every link, otherwise
         ``"lightest"``.
-    tolerance : float
+    residual_slack : float
         See :func:`steelyard.fit`.
     chunk_rows : int
         Rows of a log that stand in memory together.
@@ -129,7 +129,7 @@ def identify(
     if prefer == "auto":
         prefer = "cad" if _has_cad(model) else "lightest"
     say("feasible fit")
-    estimate = fit(information, feasible, weights=weights, prefer=prefer, tolerance=tolerance)
+    estimate = fit(information, feasible, weights=weights, prefer=prefer, residual_slack=residual_slack)
     estimate = replace(estimate, description=reader.description)
     predictions = tuple(_predict(model, unconstrained, estimate, *part) for part in parts)
     remarks = dict.fromkeys(reader.remarks)
@@ -157,7 +157,7 @@ def identify(
             "weights": weights,
             "consistency": consistency,
             "prefer": prefer,
-            "tolerance": tolerance,
+            "residual_slack": residual_slack,
             "margin": feasible.margin,
             "chunk_rows": chunk_rows,
             "log": reader.columns.to_dict(),

@@ -16,7 +16,7 @@ from steelyard.feasibility import (
     SymmetricLink,
     TotalMass,
 )
-from steelyard.feasibility.constraints.equations import independent_equalities
+from steelyard.feasibility.constraints.constraint import independent_equalities
 
 
 def test_contradiction_names_both(two_links):

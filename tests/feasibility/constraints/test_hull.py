@@ -11,8 +11,7 @@ from scipy.optimize import linprog
 from steelyard.dynamics import Model
 from steelyard.errors import InputError, MissingExtraError
 from steelyard.feasibility import CenterOfMassHull, FeasibleSet, check
-from steelyard.feasibility.constraints.convex_hull import convex_hull
-from steelyard.feasibility.constraints.points import read_points
+from steelyard.feasibility.constraints.hull import convex_hull, read_points
 from steelyard.robot import Robot
 
 seeds = st.integers(0, 2**32 - 1)

@@ -7,7 +7,7 @@ import pytest
 import scipy.optimize
 
 from steelyard.errors import InputError, SolverError
-from steelyard.estimators.shadow_prices import constraint_prices
+from steelyard.estimators.shadow_prices import shadow_prices
 from steelyard.feasibility import FeasibleSet, TotalMass
 from steelyard.regression import Information
 
@@ -26,7 +26,7 @@ def test_negative_friction_costs_its_square(two_links, reduced_regression):
     base[5] = -0.2
     reduced = data_of(reduced_regression, base)
     feasible = FeasibleSet(two_links, margin=1e-9)
-    found = constraint_prices(reduced, feasible)
+    found = shadow_prices(reduced, feasible)
     price = found["joint 2: Fvj >= 0"]
     assert price.active
     assert price.squared_saving == pytest.approx(0.04, rel=1e-4)
@@ -41,7 +41,7 @@ def test_negative_friction_costs_its_square(two_links, reduced_regression):
 
 
 def test_feasible_data_costs_nothing(two_links, reduced_regression):
-    found = constraint_prices(data_of(reduced_regression, POSSIBLE), FeasibleSet(two_links))
+    found = shadow_prices(data_of(reduced_regression, POSSIBLE), FeasibleSet(two_links))
     assert found.active == ()
     assert found.relative_error == pytest.approx(found.least_squares_error, rel=1e-9)
     assert all(price.squared_saving == pytest.approx(0.0, abs=1e-6) for price in (*found.groups, *found.prices))
@@ -53,7 +53,7 @@ def test_bodies_that_conflict_agree_with_nonlinear_programming(two_links, reduce
     R = np.triu(rng.normal(size=(6, 6))) + 3 * np.eye(6)
     base = np.array([0.5, 0.1, 0.25, 0.3, 0.4, 0.1])
     reduced = data_of(reduced_regression, base, R)
-    found = constraint_prices(reduced, FeasibleSet(two_links, "inertia", margin=1e-9))
+    found = shadow_prices(reduced, FeasibleSet(two_links, "inertia", margin=1e-9))
 
     def residual(unknowns):
         return float(np.sum((R @ unknowns - reduced.rho) ** 2)) + reduced.residual2
@@ -74,9 +74,7 @@ def test_marginal_price_is_the_slope(two_links, reduced_regression):
     reduced = data_of(reduced_regression, POSSIBLE, 3 * np.eye(6))
 
     def at(bound):
-        return constraint_prices(
-            reduced, FeasibleSet(two_links, constraints=[TotalMass(maximum=bound, links=["forearm"])])
-        )
+        return shadow_prices(reduced, FeasibleSet(two_links, constraints=[TotalMass(maximum=bound, links=["forearm"])]))
 
     found = at(0.8)
     price = found["mass of forearm <= 0.8 kg"]
@@ -93,11 +91,11 @@ def test_unattained_optimum_is_told(stand_in, reduced_regression):
     names = ["Lxx1", "Lxy1", "Lxz1", "Lyy1", "Lyz1", "Lzz1", "lx1", "ly1", "lz1", "m1"]
     model = stand_in(names, [[(1.0, "Lzz1")], [(1.0, "lx1")]], ("arm",))
     reduced = reduced_regression(np.eye(2), np.array([0.0, 1.0]), 0.01, 100, 1.01)
-    found = constraint_prices(reduced, FeasibleSet(model))
+    found = shadow_prices(reduced, FeasibleSet(model))
     assert found.stopped_by_bound
     assert f"at its bound of {found.mass_bound:g} kg" in str(found)
     assert found.optimality_gap < 2e-6
-    lower = constraint_prices(reduced, FeasibleSet(model), mass_bound=10.0)
+    lower = shadow_prices(reduced, FeasibleSet(model), mass_bound=10.0)
     assert lower.mass_bound == 10.0
     # Lzz1 m1 ≥ lx1²: minimise (lx1²/10)² + (lx1 - 1)².
     best = scipy.optimize.minimize_scalar(
@@ -107,7 +105,7 @@ def test_unattained_optimum_is_told(stand_in, reduced_regression):
 
 
 def test_data_without_noise(two_links, reduced_regression):
-    found = constraint_prices(data_of(reduced_regression, POSSIBLE, residual2=0.0), FeasibleSet(two_links))
+    found = shadow_prices(data_of(reduced_regression, POSSIBLE, residual2=0.0), FeasibleSet(two_links))
     assert found.active == ()
     assert found.sentences()[0].endswith("raises the relative error from 0 % to 0 %.")
 
@@ -116,7 +114,7 @@ def test_information_and_its_weights(two_links):
     base = POSSIBLE.copy()
     base[1] = -0.3
     info = Information.from_factor(np.eye(6), base, 0.5, 100, [f"base {i}" for i in range(6)])
-    found = constraint_prices(info, FeasibleSet(two_links))
+    found = shadow_prices(info, FeasibleSet(two_links))
     assert found["joint 1: Fvj >= 0"].squared_saving == pytest.approx(0.09, rel=1e-4)
     assert found.least_squares_error == pytest.approx(np.sqrt(0.5 / (0.5 + base @ base)))
 
@@ -124,7 +122,7 @@ def test_information_and_its_weights(two_links):
 def test_words(two_links, reduced_regression):
     base = POSSIBLE.copy()
     base[5] = -0.2
-    found = constraint_prices(data_of(reduced_regression, base), FeasibleSet(two_links))
+    found = shadow_prices(data_of(reduced_regression, base), FeasibleSet(two_links))
     assert "1 of 4 conditions are active." in found.sentences()
     assert any(line.endswith("joint 2: Fvj >= 0") for line in str(found).splitlines())
     assert "<td>joint 2: Fvj &gt;= 0</td>" in found._repr_html_()
@@ -137,14 +135,14 @@ def test_words(two_links, reduced_regression):
 def test_bad_arguments_are_told(two_links, reduced_regression):
     feasible = FeasibleSet(two_links)
     with pytest.raises(InputError, match="belongs to another model"):
-        constraint_prices(reduced_regression(np.eye(5), np.ones(5), 1.0, 10, 6.0), feasible)
+        shadow_prices(reduced_regression(np.eye(5), np.ones(5), 1.0, 10, 6.0), feasible)
     with pytest.raises(InputError, match="mass_bound must be a positive number"):
-        constraint_prices(data_of(reduced_regression, POSSIBLE), feasible, mass_bound=-1.0)
+        shadow_prices(data_of(reduced_regression, POSSIBLE), feasible, mass_bound=-1.0)
     with pytest.raises(InputError, match="must be an Information"):
-        constraint_prices(3.0, feasible)
+        shadow_prices(3.0, feasible)
     contradiction = FeasibleSet(two_links, constraints=[TotalMass(maximum=1.0), TotalMass(minimum=2.0)])
     with pytest.raises(SolverError, match="loosen the constraints"):
-        constraint_prices(data_of(reduced_regression, POSSIBLE), contradiction)
+        shadow_prices(data_of(reduced_regression, POSSIBLE), contradiction)
 
 
 def test_weak_excitation_does_not_decide_the_prices(two_links, reduced_regression):
@@ -156,7 +154,7 @@ def test_weak_excitation_does_not_decide_the_prices(two_links, reduced_regressio
     rho = R @ POSSIBLE + 0.03 * rng.normal(size=6)
     reduced = reduced_regression(np.linalg.qr(R)[1], np.linalg.qr(R)[0].T @ rho, 1e-3, 1000, 1e-3 + float(rho @ rho))
     feasible = FeasibleSet(two_links, "inertia", margin=1e-9)
-    found = constraint_prices(reduced, feasible, mass_bound=50.0)
+    found = shadow_prices(reduced, feasible, mass_bound=50.0)
 
     def optimum(without):
         """δ scaled by nothing, every block as it stands in the set."""
@@ -190,12 +188,12 @@ def test_prices_of_the_real_wam(real_wam, shared_data):
     model, reduced = real_wam
     published = json.loads((shared_data / "wam7" / "iros2013_independent_optima_clarabel.json").read_text())
     links, terms, triangle = (published[key]["u"] for key in PUBLISHED)
-    inertia = constraint_prices(reduced, FeasibleSet(model, "inertia"))
+    inertia = shadow_prices(reduced, FeasibleSet(model, "inertia"))
     # The published optima scatter by 1, and have no bound on the mass.
     assert inertia["all terms"].squared_saving == pytest.approx(terms - links, abs=2.0)
     assert inertia["all terms"].squared_saving == pytest.approx(61699.62 - 61647.79, abs=2.0)
     assert inertia["joint 5: fc >= 0"].squared_saving == pytest.approx(terms - links, abs=2.0)
-    full = constraint_prices(reduced, FeasibleSet(model, "full"))
+    full = shadow_prices(reduced, FeasibleSet(model, "full"))
     assert full["triangle inequality"].squared_saving == pytest.approx(triangle - terms, abs=3.0)
     assert full.least_squares_error == pytest.approx(0.0561657801, abs=1e-9)
     assert full.stopped_by_bound

@@ -33,7 +33,7 @@ def method(request):
 
 def optimum(information, feasible):
     """The least relative error of all: nothing spent on a preference."""
-    return fit(information, feasible, weights=None, prefer=None, tolerance=0.0).relative_error
+    return fit(information, feasible, weights=None, prefer=None, residual_slack=0.0).relative_error
 
 
 def assert_sound(estimate, information, feasible, best):

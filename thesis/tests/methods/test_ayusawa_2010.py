@@ -81,7 +81,7 @@ def test_residual_is_that_of_brute_force(arm, regression, solver):
 
 def test_it_costs_more_than_the_feasible_optimum_and_less_with_more_points(arm, regression):
     feasible = sy.FeasibleSet(arm, constraints=[DensityInBox(link, *BOX) for link in BOXES])
-    best = sy.fit(regression[2], feasible, weights=None, tolerance=0.0).relative_error
+    best = sy.fit(regression[2], feasible, weights=None, residual_slack=0.0).relative_error
     errors = [
         Ayusawa2010(subdivisions=parts, solver="clarabel").fit(regression[2], feasible, weights=None).relative_error
         for parts in (2, 4, 8)

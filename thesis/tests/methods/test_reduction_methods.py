@@ -66,7 +66,7 @@ def test_estimate_is_the_first_feasible_reduction(planar, reducible):
     np.testing.assert_allclose(planar.base_parameters().K @ estimate.parameters, estimate.base, atol=1e-9)
     assert all(name in estimate.remarks[0] for name in first.excluded)
     # Nothing that is reduced fits better than the feasible optimum.
-    best = sy.fit(reducible, feasible, weights=None, tolerance=0.0)
+    best = sy.fit(reducible, feasible, weights=None, residual_slack=0.0)
     assert best.relative_error <= estimate.relative_error * (1.0 + 1e-6)
 
 

@@ -7,6 +7,9 @@ from steelyard.first_use import import_at_first_use
 if TYPE_CHECKING:
     from .center_of_mass import CenterOfMassBox as CenterOfMassBox
     from .center_of_mass import CenterOfMassSphere as CenterOfMassSphere
+    from .constraint import Constraint as Constraint
+    from .constraint import Equality as Equality
+    from .constraint import ModelLike as ModelLike
     from .density import DensityInBox as DensityInBox
     from .density import DensityInEllipsoid as DensityInEllipsoid
     from .hull import CenterOfMassHull as CenterOfMassHull
@@ -15,10 +18,8 @@ if TYPE_CHECKING:
     from .linear import confidence_intervals as confidence_intervals
     from .masses import MeasuredMass as MeasuredMass
     from .masses import TotalMass as TotalMass
-    from .protocol import Constraint as Constraint
-    from .protocol import Equality as Equality
-    from .section import constraints_from_dict as constraints_from_dict
     from .symmetry import EqualLinks as EqualLinks
     from .symmetry import SymmetricLink as SymmetricLink
+    from .toml_section import constraints_from_dict as constraints_from_dict
 
 __all__ = import_at_first_use(__name__, __file__)

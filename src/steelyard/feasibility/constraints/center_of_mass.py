@@ -13,10 +13,9 @@ import numpy as np
 from steelyard.errors import InputError
 from steelyard.lmi import AffineBlock
 
-from ..protocols import ModelLike
+from .constraint import Equality, ModelLike
 from .entries import read_number, read_vector, table
 from .links import LinkParameters, equation, scalar_block
-from .protocol import Equality
 
 __all__ = ["CenterOfMassBox", "CenterOfMassSphere"]
 

@@ -15,10 +15,9 @@ from steelyard.errors import InputError
 from steelyard.lmi import AffineBlock
 from steelyard.robot.inertia import PSEUDO_INERTIA, moment_row
 
-from ..protocols import ModelLike
+from .constraint import Equality, ModelLike
 from .entries import read_rotation, read_vector, table
 from .links import LinkParameters
-from .protocol import Equality
 
 __all__ = ["DensityInBox", "DensityInEllipsoid"]
 

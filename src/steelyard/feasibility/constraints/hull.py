@@ -5,23 +5,37 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from functools import cached_property
+from io import BytesIO
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 
+from steelyard.collision.mesh_files import read_mesh
 from steelyard.errors import InputError
+from steelyard.files import read_bytes, read_text, require_file, shown
+from steelyard.files.npy import read_array
 from steelyard.lmi import AffineBlock
 
-from ..protocols import ModelLike
-from .convex_hull import ConvexHullForm, convex_hull
+from .constraint import Equality, ModelLike
 from .entries import read_number, read_placement, table
 from .links import LinkParameters, equation
-from .points import read_points
-from .protocol import Equality
 
-__all__ = ["CenterOfMassHull"]
+__all__ = ["CenterOfMassHull", "ConvexHullForm", "convex_hull", "read_points"]
+
+Vector = npt.NDArray[np.float64]
+Matrix = npt.NDArray[np.float64]
+
+_FLAT = 1e-6
+_POINT = 1e-12  # m; what extends over less is a point
+"""Extents below this fraction of the largest one count as none: what is left of single precision in mesh files."""
+
+_PARALLEL, _SAME = 1e-7, 1e-9
+"""Facets whose normals differ by less than the first, and offsets by less than the second of the extent, are one."""
+
+_BEYOND = 1e15
+"""Coordinates beyond this, in the unit of the file, are refused."""
 
 _FARTHEST = 1e9  # m
 _LARGEST = 50.0
@@ -179,3 +193,217 @@ class CenterOfMassHull:
             for normal, value in zip(self.hull.plane_normals, self.hull.plane_values, strict=True)
         ]
         return tuple(equation(what, model, link.indices, row) for row in rows)
+
+
+@dataclass(frozen=True, eq=False)
+class ConvexHullForm:
+    """A convex hull as half-spaces normal · r ≤ offset and hyperplanes normal · r = value.
+
+    Attributes
+    ----------
+    vertices : (k, 3)
+    normals : (f, 3)
+        Of length 1, outwards.
+    offsets : (f,)
+    plane_normals : (3 - d, 3)
+        Of length 1; d is the dimension of the hull.
+    plane_values : (3 - d,)
+    """
+
+    vertices: Matrix
+    normals: Matrix
+    offsets: Vector
+    plane_normals: Matrix
+    plane_values: Vector
+
+    @property
+    def dimension(self) -> int:
+        """3 for a body, 2 where all points lie in a plane, 1 on a line, 0 where there is one point."""
+        return 3 - len(self.plane_values)
+
+
+def convex_hull(points: Matrix, tolerance: float = 0.0) -> ConvexHullForm:
+    """The convex hull of points.
+
+    Parameters
+    ----------
+    points : (k, 3)
+    tolerance : float
+        How far the hull may reach beyond the points so that fewer facets do.
+
+    Returns
+    -------
+    ConvexHullForm
+        All points satisfy its inequalities.
+
+    Examples
+    --------
+    >>> corners = np.array([[x, y, z] for x in (0, 1) for y in (0, 1) for z in (0, 2)], dtype=float)
+    >>> hull = convex_hull(corners)
+    >>> len(hull.vertices), len(hull.normals), hull.dimension
+    (8, 6, 3)
+    """
+    center = points.mean(axis=0)
+    axes, extents = _axes(points - center)
+    local = (points - center) @ axes.T
+    dimension = int(np.sum(extents > max(_FLAT * extents[0], _POINT)))
+    flat = axes[dimension:]
+    if dimension == 0:
+        normals, offsets, vertices = np.zeros((0, 3)), np.zeros(0), points[:1]
+    else:
+        # In units of the extents, so that thin bodies are no harder than others.
+        scaled = local[:, :dimension] / extents[:dimension]
+        kept = np.arange(len(points))
+        if dimension == 1:
+            directions = np.array([[1.0], [-1.0]])
+            kept = np.array([int(np.argmin(scaled[:, 0])), int(np.argmax(scaled[:, 0]))])
+        else:
+            from scipy.spatial import ConvexHull
+
+            hull = ConvexHull(scaled)
+            kept, directions = np.asarray(hull.vertices), np.asarray(hull.equations)[:, :dimension]
+        normals = (directions / extents[:dimension]) @ axes[:dimension]
+        normals /= np.linalg.norm(normals, axis=1, keepdims=True)
+        vertices = points[np.sort(kept)]
+        normals, offsets = _merged(normals, vertices, float(extents[0]))
+        if tolerance > 0 and dimension == 3:
+            normals, offsets = _fewer(normals, offsets, vertices, tolerance)
+    return ConvexHullForm(vertices, normals, offsets, flat, flat @ vertices.mean(axis=0))
+
+
+def _axes(centered: Matrix) -> tuple[Matrix, Vector]:
+    """Orthogonal axes (3, 3) by falling extent, and the extents: those of the frame, where they show what is flat."""
+    factor = np.zeros((3, 3))
+    triangle = np.linalg.qr(centered, mode="r")
+    factor[: len(triangle)] = triangle
+    found = []
+    for axes in (np.eye(3), np.linalg.svd(factor)[2]):
+        extents = np.ptp(centered @ axes.T, axis=0)
+        order = np.argsort(-extents, kind="stable")
+        found.append((axes[order], extents[order]))
+    (frame, along), (principal, across) = found
+    same = np.sum(along > _FLAT * along[0]) == np.sum(across > _FLAT * across[0])
+    return (frame, along) if same else (principal, across)
+
+
+def _merged(normals: Matrix, vertices: Matrix, extent: float) -> tuple[Matrix, Vector]:
+    """One half-space for all triangles of a facet, touching the outermost point."""
+    from scipy.sparse import coo_array
+    from scipy.sparse.csgraph import connected_components
+    from scipy.spatial import KDTree
+
+    normals = np.where(np.abs(normals) < 1e-14, 0.0, normals)
+    _, first = np.unique(normals.round(9), axis=0, return_index=True)
+    normals = normals[first]
+    offsets = (normals @ vertices.T).max(axis=1)
+    pairs = KDTree(normals).query_pairs(_PARALLEL, output_type="ndarray")
+    apart = np.abs(offsets[pairs[:, 0]] - offsets[pairs[:, 1]]) > _SAME * extent
+    linked = coo_array((np.ones(int((~apart).sum())), pairs[~apart].T), shape=(len(normals),) * 2)
+    _, label = connected_components(linked, directed=False)
+    kept = np.unique(label, return_index=True)[1]
+    return normals[kept], offsets[kept]
+
+
+def _fewer(normals: Matrix, offsets: Vector, vertices: Matrix, tolerance: float) -> tuple[Matrix, Vector]:
+    """Some of the half-spaces, and a box, whose intersection reaches beyond the hull by at most the tolerance.
+
+    The half-spaces that the outermost corners of the intersection violate are added until none is violated by more.
+    """
+    from scipy.spatial import HalfspaceIntersection
+
+    inside = vertices.mean(axis=0)
+    box = np.vstack([np.eye(3), -np.eye(3)])
+    chosen, limits = box, (box @ vertices.T).max(axis=1)
+    region = HalfspaceIntersection(np.column_stack([chosen, -limits]), inside, incremental=True)
+    for _ in range(len(normals)):
+        beyond = normals @ np.asarray(region.intersections).T - offsets[:, None]
+        furthest = beyond.max(axis=0)
+        if furthest.max() <= tolerance:
+            break
+        added = np.unique(beyond.argmax(axis=0)[furthest > max(tolerance, 0.5 * furthest.max())])
+        region.add_halfspaces(np.column_stack([normals[added], -offsets[added]]))
+        chosen, limits = np.vstack([chosen, normals[added]]), np.append(limits, offsets[added])
+    region.close()
+    if len(limits) >= len(offsets):
+        return normals, offsets
+    return chosen, limits
+
+
+def read_points(path: str | Path) -> Matrix:
+    """The vertices of a mesh, or the points of an array.
+
+    Parameters
+    ----------
+    path : str or Path
+        ``.npy`` (k, 3); ``.csv``, ``.txt`` or ``.xyz`` with three columns, a line of column names or ``#`` comments
+        allowed; or a mesh that coal or trimesh reads, such as ``.stl``, ``.obj``, ``.ply`` or ``.glb``.
+
+    Returns
+    -------
+    (k, 3)
+
+    Raises
+    ------
+    InputError
+        If the file cannot be read or holds no points.
+    MissingExtraError
+        For a mesh, without coal and trimesh.
+
+    Examples
+    --------
+    >>> import tempfile
+    >>> with tempfile.TemporaryDirectory() as folder:
+    ...     path = Path(folder) / "corners.csv"
+    ...     _ = path.write_text("x,y,z\\n0,0,0\\n0.1,0,0\\n")
+    ...     read_points(path).tolist()
+    [[0.0, 0.0, 0.0], [0.1, 0.0, 0.0]]
+    """
+    path = Path(path)
+    require_file(path, "give the path of a mesh, or of a file of points")
+    points = _READERS.get(path.suffix.lower(), _mesh)(path)
+    if points.ndim != 2 or points.shape[1] != 3 or not len(points):
+        raise InputError(f"{path}: holds an array of shape {points.shape}; points are rows of x, y and z.")
+    bad = ~(np.abs(points) <= _BEYOND)
+    if bad.any():
+        row = int(np.argwhere(bad)[0, 0]) + 1
+        raise InputError(f"{path}: row {row} is not finite, or beyond {_BEYOND:g}; remove it.")
+    return points
+
+
+def _array(path: Path) -> Matrix:
+    content = read_bytes(path, remedy="give an array of NumPy")
+    try:
+        values = read_array(BytesIO(content), len(content))
+        return np.asarray(values, dtype=float)
+    except (ValueError, TypeError):
+        raise InputError(f"{path}: is no array of numbers in NumPy's format; write it with numpy.save.") from None
+
+
+def _columns(path: Path) -> Matrix:
+    lines = read_text(path, remedy="write rows of x, y and z").splitlines()
+    rows: list[list[float]] = []
+    heading = False
+    for number, line in enumerate(lines, start=1):
+        cells = line.partition("#")[0].replace(",", " ").replace(";", " ").split()
+        if not cells:
+            continue
+        try:
+            row = [float(cell) for cell in cells]
+        except ValueError:
+            if not rows and not heading:
+                heading = True
+                continue
+            raise InputError(f"{path}: line {number} is {shown(line.strip())}; write numbers x, y and z.") from None
+        if len(row) != 3:
+            raise InputError(f"{path}: line {number} has {len(row)} numbers; write x, y and z.")
+        rows.append(row)
+    if not rows:
+        raise InputError(f"{path}: holds no points; write rows of x, y and z.")
+    return np.array(rows)
+
+
+def _mesh(path: Path) -> Matrix:
+    return read_mesh(path)[0]
+
+
+_READERS = {".npy": _array, ".csv": _columns, ".txt": _columns, ".xyz": _columns}

@@ -17,10 +17,9 @@ from steelyard.lmi import AffineBlock, LinearExpression, as_expression
 from steelyard.regression import Estimate
 from steelyard.robot.names import suggestion
 
-from ..protocols import ModelLike
+from .constraint import Equality, ModelLike
 from .entries import is_number, read_number, table
 from .links import scalar_block
-from .protocol import Equality
 
 __all__ = ["ConfidenceInterval", "LinearBound", "confidence_intervals"]
 

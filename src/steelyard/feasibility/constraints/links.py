@@ -15,8 +15,7 @@ from steelyard.errors import InputError
 from steelyard.lmi import AffineBlock, LinearExpression
 from steelyard.robot import INERTIA_SYMBOLS
 
-from ..protocols import ModelLike
-from .protocol import Equality
+from .constraint import Equality, ModelLike
 
 __all__ = ["LinkParameters", "equation", "independent_rows", "link_index", "scalar_block"]
 

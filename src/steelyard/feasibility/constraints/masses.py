@@ -13,10 +13,9 @@ import numpy as np
 from steelyard.errors import InputError
 from steelyard.lmi import AffineBlock
 
-from ..protocols import ModelLike
+from .constraint import Equality, ModelLike
 from .entries import check_keys, is_number, read_number, table
 from .links import LinkParameters, scalar_block
-from .protocol import Equality
 
 __all__ = ["MeasuredMass", "TotalMass"]
 

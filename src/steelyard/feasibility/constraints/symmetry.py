@@ -15,10 +15,9 @@ from steelyard.lmi import AffineBlock
 from steelyard.robot.inertia import transformation
 from steelyard.robot.placement import axis_frame
 
-from ..protocols import ModelLike
+from .constraint import Equality, ModelLike
 from .entries import is_number, read_placement, read_vector, table
 from .links import LinkParameters, equation, independent_rows
-from .protocol import Equality
 
 __all__ = ["EqualLinks", "SymmetricLink"]
 

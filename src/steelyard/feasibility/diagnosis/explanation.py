@@ -378,7 +378,7 @@ def explain_infeasibility(
     See Also
     --------
     check : The verdict, with its proof.
-    constraint_prices : What the conditions cost in the fit.
+    shadow_prices : What the conditions cost in the fit.
 
     Examples
     --------

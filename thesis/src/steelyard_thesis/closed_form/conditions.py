@@ -10,7 +10,7 @@ import numpy as np
 
 from steelyard.codegen.symbols import import_sympy
 from steelyard.errors import InputError
-from steelyard.feasibility.protocols import ModelLike
+from steelyard.feasibility.constraints import ModelLike
 
 from .polynomials import feasibility_polynomials, standard_by_base
 from .quantifier_elimination import eliminate, qepcad_program

@@ -12,7 +12,7 @@ import numpy as np
 
 from steelyard.codegen.symbols import exact_number, import_sympy, latex_name
 from steelyard.errors import InputError
-from steelyard.feasibility.protocols import ModelLike
+from steelyard.feasibility.constraints import ModelLike
 
 __all__ = ["PolynomialCondition", "feasibility_polynomials", "standard_by_base"]
 

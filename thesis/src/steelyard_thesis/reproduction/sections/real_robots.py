@@ -102,7 +102,7 @@ def estimates(robot: RealRobot) -> Iterator[Outcome]:
     sets = {kind: FeasibleSet(robot.model, kind) for kind in _CONSISTENCIES}
     yield _run("WLS" if weights else "OLS", "none", lambda: least_squares(data, weights=weights))
     for kind in _CONSISTENCIES:
-        best = partial(fit, data, sets[kind], weights=weights, prefer=None, tolerance=0.0)
+        best = partial(fit, data, sets[kind], weights=weights, prefer=None, residual_slack=0.0)
         yield _run("ours, least residual", kind, best)
     prefer: Literal["cad", "lightest"] = "lightest" if robot.prior is None else "cad"
     yield _run("ours, default", "full", partial(fit, data, sets["full"], weights=weights, prefer=prefer))

@@ -10,12 +10,12 @@ from steelyard.errors import InputError
 from steelyard.regression import Estimate
 
 from .center_of_mass import CenterOfMassBox, CenterOfMassSphere
+from .constraint import Constraint
 from .density import DensityInBox, DensityInEllipsoid
 from .entries import check_keys, table
 from .hull import CenterOfMassHull
 from .linear import ConfidenceInterval, LinearBound, confidence_intervals
 from .masses import MeasuredMass, TotalMass
-from .protocol import Constraint
 from .symmetry import EqualLinks, SymmetricLink
 
 __all__ = ["constraints_from_dict"]

@@ -11,18 +11,18 @@ from steelyard.feasibility.dual_bound import PARAMETER_BOUND
 from steelyard.feasibility.feasible_set import FeasibleSet
 from steelyard.feasibility.growth import growing_links, mass_bound_of
 from steelyard.feasibility.interior import MARGIN_FACTORS, least_eigenvalue, pull_inside
-from steelyard.feasibility.protocols import ReducedLike
-from steelyard.feasibility.tie_break import Preference, closest_to_cad, lightest
+from steelyard.feasibility.tie_break import TieBreak, closest_to_cad, lightest
 from steelyard.feasibility.units import Units
+from steelyard.regression import Reduced, column_lengths
 
 from .prior import PreparedPrior, Prior
 from .reduced import ReducedRegression
-from .settled import settled
 from .stages import CLOSE_CHOICE, GAP, Choice, Fitting, Optimum
 
 __all__ = ["FeasibleFit", "fit_reduced"]
 
 Vector = npt.NDArray[np.float64]
+Matrix = npt.NDArray[np.float64]
 
 TIE_TOLERANCES = (1e-8, 1e-6)
 """What the preferred answer may cost, relative to the squared residual, where the base parameters are decided but the
@@ -36,9 +36,11 @@ near."""
 DEAREST = 0.02
 """That part is at most this, relative to the squared residual."""
 
-
 LOOSE_CHOICE = 0.5
 """Relative gap of a choice up to which it is told how near it comes to the preferred one."""
+
+ABSENT = 1e-12
+"""Columns shorter than this, relative to the longest, are absent."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -70,7 +72,7 @@ class FeasibleFit:
         Measured: no feasible parameters (within the mass bound and the reach) have a squared residual that is smaller
         than `best_squared_residual`, or than `squared_residual` where the answer is `exact`, by more than this part of
         it; parts of less than 1e-10 ‖ω‖² are not told. With a prior, of what is minimised.
-    preference_gap : float or None
+    tie_break_gap : float or None
         Measured: no others among which the preference chose are better by more than this part of what it weighs; None
         where nothing was chosen.
     statuses : tuple of str
@@ -96,7 +98,7 @@ class FeasibleFit:
     prior_weight: float | None
     prior_distance: float | None
     optimality_gap: float
-    preference_gap: float | None
+    tie_break_gap: float | None
     statuses: tuple[str, ...]
     iterations: int
     seconds: float
@@ -104,10 +106,10 @@ class FeasibleFit:
 
 
 def fit_reduced(
-    reduced: ReducedLike,
-    feasible: FeasibleSet,
-    prefer: Literal["lightest", "cad"] | Preference | Prior | None = "lightest",
-    tolerance: float = 5e-4,
+    reduced: Reduced,
+    feasible_set: FeasibleSet,
+    prefer: Literal["lightest", "cad"] | TieBreak | Prior | None = "lightest",
+    residual_slack: float = 5e-4,
     prior: Prior | None = None,
     prior_weight: float = 1.0,
     solver: str = "clarabel",
@@ -117,21 +119,21 @@ def fit_reduced(
     Where no mass can grow without end, or plain least squares is feasible, the base parameters are the optimum, and the
     preference chooses among the standard parameters that have them. Else the residual of a robot's data often keeps
     falling as masses grow, and the answer is the preferred one among all whose squared residual is at most
-    (1 + tolerance) times the least one below a mass bound.
+    (1 + residual_slack) times the least one below a mass bound.
 
     Parameters
     ----------
     reduced : Reduced
         R (n_b, n_b), rho (n_b,), residual2, count, norm2.
-    feasible : FeasibleSet
-    prefer : {"lightest", "cad", None}, Preference or Prior
+    feasible_set : FeasibleSet
+    prefer : {"lightest", "cad", None}, TieBreak or Prior
         ``None`` returns the least residual as it is found.
-    tolerance : float
+    residual_slack : float
         Fraction of the squared residual that may be spent where masses can grow without end and plain least squares is
         infeasible; 0.008 of what feasibility itself costs, where that is more. 0 spends nothing.
     prior : Prior, optional
         Minimise ½ (squared residual) / (its variance) + prior_weight · (distance from the prior), instead; it decides
-        everything, so that `prefer` and `tolerance` play no part.
+        everything, so that `prefer` and `residual_slack` play no part.
     prior_weight : float
         1 / τ² for a prior that is believed to be right to a relative deviation τ.
     solver : str
@@ -144,42 +146,42 @@ def fit_reduced(
     Raises
     ------
     InputError
-        For an unknown preference or solver, a negative tolerance or weight, ``"cad"`` without CAD, a prior that is
+        For an unknown preference or solver, a negative residual_slack or weight, ``"cad"`` without CAD, a prior that is
         impossible, or data of another model.
     SolverError
         If the set is empty or no point of it was found.
     """
-    _check_number(tolerance, "tolerance", "5e-4", least=0.0)
-    regression = ReducedRegression.of(reduced, feasible)
-    scale = regression.units(feasible)
+    _check_number(residual_slack, "residual_slack", "5e-4", least=0.0)
+    regression = ReducedRegression.of(reduced, feasible_set)
+    scale = regression.units(feasible_set)
     units = scale.with_cad()
-    fitting = Fitting(feasible, regression, units, solver)
+    fitting = Fitting(feasible_set, regression, units, solver)
     preference = None
     if prior is None:
-        preference = _preference(prefer, feasible, units)
+        preference = _preference(prefer, feasible_set, units)
     else:
         if not isinstance(prior, Prior):
             raise InputError(f"prior must be a prior such as EntropicPrior(), got {prior!r}.")
         _check_number(prior_weight, "prior_weight", "1.0", least=0.0)
         if prior_weight == 0:
             raise InputError("prior_weight must be positive, got 0; leave the prior out instead.")
-        fitting.prior, fitting.prior_weight = prior.prepare(feasible), float(prior_weight)
-    growing = () if prior is not None else growing_links(feasible, regression.undetermined)
-    bound = mass_bound_of(feasible, scale) if growing else np.inf
+        fitting.prior, fitting.prior_weight = prior.prepare(feasible_set), float(prior_weight)
+    growing = () if prior is not None else growing_links(feasible_set, regression.undetermined)
+    bound = mass_bound_of(feasible_set, scale) if growing else np.inf
 
     outside: Vector | None = None
     for factor in MARGIN_FACTORS:
-        margin = factor * feasible.margin
-        answer = _answer(fitting, preference, growing, margin, bound, tolerance)
-        answer.parameters = settled(feasible, regression.R, answer.parameters, fitting.prior or preference)
-        if feasible.contains(answer.parameters):
+        margin = factor * feasible_set.margin
+        answer = _answer(fitting, preference, growing, margin, bound, residual_slack)
+        answer.parameters = _settled(feasible_set, regression.R, answer.parameters, fitting.prior or preference)
+        if feasible_set.contains(answer.parameters):
             if outside is not None:
-                answer.parameters = pull_inside(feasible, outside, answer.parameters)
+                answer.parameters = pull_inside(feasible_set, outside, answer.parameters)
             return _report(fitting, preference, growing, answer)
         outside = answer.parameters if outside is None else outside
     raise SolverError(
         f"the solver ({solver}) ended outside the feasible set with every margin tried; check that the constraints "
-        f"leave room and that units are SI, or give FeasibleSet a larger margin than {feasible.margin:g}."
+        f"leave room and that units are SI, or give FeasibleSet a larger margin than {feasible_set.margin:g}."
     )
 
 
@@ -196,11 +198,11 @@ class _Answer:
 
 def _answer(
     fitting: Fitting,
-    preference: Preference | PreparedPrior | None,
+    preference: TieBreak | PreparedPrior | None,
     growing: tuple[int, ...],
     margin: float,
     bound: float,
-    tolerance: float,
+    residual_slack: float,
 ) -> _Answer:
     """The optimum, then the choice."""
     feasible, regression = fitting.feasible, fitting.regression
@@ -218,8 +220,8 @@ def _answer(
             found = fitting.same_base(preference, best.base, margin, best.parameters)
         if found is not None and found.parameters[feasible.mass_indices].sum() <= 2 * bound:
             return _Answer(found.parameters, best, True, choice=found)
-    ties = as_it_is or not growing or tolerance < TIE_TOLERANCES[0]
-    spent = max(tolerance, min(PRICE_FRACTION * _price(regression, best), DEAREST))
+    ties = as_it_is or not growing or residual_slack < TIE_TOLERANCES[0]
+    spent = max(residual_slack, min(PRICE_FRACTION * _price(regression, best), DEAREST))
     allowances = TIE_TOLERANCES if as_it_is else TIE_TOLERANCES[:1] if ties else (spent,)
     for allowed in allowances:
         limit = best.squared_residual * (1 + allowed)
@@ -252,9 +254,9 @@ def _price(regression: ReducedRegression, best: Optimum) -> float:
 
 
 def _preference(
-    prefer: str | Preference | Prior | None, feasible: FeasibleSet, units: Units
-) -> Preference | PreparedPrior | None:
-    if isinstance(prefer, Preference):
+    prefer: str | TieBreak | Prior | None, feasible: FeasibleSet, units: Units
+) -> TieBreak | PreparedPrior | None:
+    if isinstance(prefer, TieBreak):
         prefer.check(feasible.parameter_count)
         return prefer
     if isinstance(prefer, Prior):
@@ -265,7 +267,7 @@ def _preference(
         return lightest(feasible, units)
     if prefer == "cad":
         return closest_to_cad(feasible)
-    raise InputError(f'prefer must be "lightest", "cad" or None, a Preference or a prior, got {prefer!r}.')
+    raise InputError(f'prefer must be "lightest", "cad" or None, a TieBreak or a prior, got {prefer!r}.')
 
 
 def _told_of_the_optimum(feasible: FeasibleSet, best: Optimum, gap: float, with_prior: bool) -> list[str]:
@@ -314,7 +316,7 @@ def _check_number(value: float, name: str, example: str, least: float) -> None:
 
 
 def _report(
-    fitting: Fitting, preference: Preference | PreparedPrior | None, growing: tuple[int, ...], answer: _Answer
+    fitting: Fitting, preference: TieBreak | PreparedPrior | None, growing: tuple[int, ...], answer: _Answer
 ) -> FeasibleFit:
     """Pack the answer, with remarks in words."""
     feasible, regression, best = fitting.feasible, fitting.regression, answer.best
@@ -374,9 +376,60 @@ def _report(
         prior_weight=fitting.prior_weight if fitting.prior is not None else None,
         prior_distance=distance,
         optimality_gap=gap,
-        preference_gap=None if answer.choice is None else answer.choice.gap,
+        tie_break_gap=None if answer.choice is None else answer.choice.gap,
         statuses=tuple(fitting.statuses),
         iterations=fitting.iterations,
         seconds=fitting.seconds,
         remarks=tuple(remarks),
     )
+
+
+def _settled(
+    feasible: FeasibleSet, R: Matrix, parameters: Vector, preference: TieBreak | PreparedPrior | None
+) -> Vector:
+    """The same parameters, with the preferred value, or zero, where no torque shows a parameter.
+
+    Such is the friction of a joint that does not move or whose torque is not used. A solver leaves it wherever it
+    stopped, often at one large value for all of them: beside masses in kg the preference hardly weighs it, and where
+    the solver finds no better answer than one of least residual, not at all. As neither the data nor a condition ties
+    it to other parameters, its value is chosen by itself, and exactly.
+
+    Parameters
+    ----------
+    feasible : FeasibleSet
+    R : (n_b, n_b)
+        Of the reduced regression.
+    parameters : (n,)
+    preference : TieBreak or PreparedPrior or None
+        A prior decides those that it knows; zero is preferred where there is nothing else.
+
+    Returns
+    -------
+    (n,)
+    """
+    lengths = column_lengths(R @ feasible.K)
+    free = lengths <= ABSENT * lengths.max(initial=0.0)
+    if not free.any():
+        return parameters
+    free &= ~np.any(feasible.equation_matrix != 0.0, axis=0)
+    low, high = np.full(len(parameters), -np.inf), np.full(len(parameters), np.inf)
+    for block in feasible.blocks:
+        used = [int(i) for i, c in zip(block.indices, block.coefficients, strict=True) if np.any(c)]
+        if block.size > 1 or len(used) != 1:
+            free[used] = False
+            continue
+        index = used[0]
+        coefficient = float(block.coefficients[list(block.indices).index(index), 0, 0])
+        edge = (feasible.margin - float(block.constant[0, 0])) / coefficient
+        if coefficient > 0:
+            low[index] = max(low[index], edge)
+        else:
+            high[index] = min(high[index], edge)
+    free &= low <= high
+    if isinstance(preference, PreparedPrior):
+        free &= np.asarray(abs(preference.curvature()).sum(axis=0)).ravel() == 0.0
+    result = parameters.copy()
+    for index in map(int, np.flatnonzero(free)):
+        target = preference.alone(index, result) if isinstance(preference, TieBreak) else 0.0
+        result[index] = np.clip(target, low[index], high[index])
+    return result

@@ -1,19 +1,26 @@
-"""Blocks and equations of several constraints put together: each once, under names of their own."""
+"""What a constraint is: anything that gives blocks and equations for a model; and many of them put together."""
 
 from __future__ import annotations
 
-from collections.abc import Iterable
-from dataclasses import replace
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass, replace
+from typing import Any, Protocol
 
 import numpy as np
 import numpy.typing as npt
 
+from steelyard.dynamics import BaseParameters
 from steelyard.errors import InputError
 from steelyard.lmi import AffineBlock
 
-from .protocol import Equality
-
-__all__ = ["distinct_blocks", "independent_equalities", "solved_for_some"]
+__all__ = [
+    "Constraint",
+    "Equality",
+    "ModelLike",
+    "distinct_blocks",
+    "independent_equalities",
+    "solved_for_some",
+]
 
 Vector = npt.NDArray[np.float64]
 Matrix = npt.NDArray[np.float64]
@@ -23,6 +30,74 @@ _DEPENDENT = 1e-9
 
 _ROUNDING = 1e-14
 """Relative to its length, what an equation may be wrong by that was computed from others in floating point."""
+
+
+class ModelLike(Protocol):
+    """What feasibility asks of a model: `Model` has it, and so may a class of one's own, such as a published table."""
+
+    @property
+    def robot(self) -> Any:
+        """What has `link_names`, and `parameters` from CAD, (n,), NaN where unknown."""
+
+    @property
+    def parameter_names(self) -> Sequence[str]:
+        """Names of the standard parameters, (n,)."""
+
+    def base_parameters(self) -> BaseParameters:
+        """The base parameters β = K δ, with K = [1 K_d] Pᵀ (thesis 2.41, 3.9)."""
+
+    def conditions(self, consistency: str) -> tuple[AffineBlock, ...]:
+        """The conditions of links and terms under ``"inertia"`` or ``"full"`` consistency."""
+
+
+@dataclass(frozen=True, eq=False)
+class Equality:
+    """A linear equation coefficients · δ[indices] = value.
+
+    Attributes
+    ----------
+    name : str
+        What it says, e.g. ``"total mass = 27 kg"``.
+    indices : (c,)
+        Which parameters it is about.
+    coefficients : (c,)
+    value : float
+    """
+
+    name: str
+    indices: npt.NDArray[np.intp]
+    coefficients: npt.NDArray[np.float64]
+    value: float
+
+    def __repr__(self) -> str:
+        plural = "" if len(self.indices) == 1 else "s"
+        return f"Equality({self.name!r}, of {len(self.indices)} parameter{plural})"
+
+
+class Constraint(Protocol):
+    """Anything that gives blocks (and equations) for a model; users may add their own classes.
+
+    Examples
+    --------
+    >>> class Heavy:
+    ...     def blocks(self, model):
+    ...         mass = list(model.parameter_names).index("m1")
+    ...         return (AffineBlock("link 1 >= 2 kg", -2 * np.eye(1), np.array([mass]), np.ones((1, 1, 1))),)
+    ...
+    ...     def equalities(self, model):
+    ...         return ()
+    >>> from steelyard.dynamics import Model
+    >>> from steelyard.feasibility import FeasibleSet
+    >>> from steelyard.robot import Robot
+    >>> FeasibleSet(Model(Robot.from_dh([("0", 0.0, 0.0, "q")])), constraints=[Heavy()]).blocks[-1].name
+    'link 1 >= 2 kg'
+    """
+
+    def blocks(self, model: ModelLike) -> tuple[AffineBlock, ...]:
+        """Matrices that must be positive semidefinite."""
+
+    def equalities(self, model: ModelLike) -> tuple[Equality, ...]:
+        """Equations that must hold."""
 
 
 def distinct_blocks(blocks: Iterable[AffineBlock]) -> tuple[AffineBlock, ...]:
