@@ -1,4 +1,4 @@
-"""Print the oldest versions that pyproject.toml promises, as constraints for pip.
+"""Print the oldest versions that the pyproject.toml of both packages promise, as constraints for pip.
 
 usage: minima.py [NAME...]     (without the packages named)
 """
@@ -8,10 +8,15 @@ import sys
 import tomllib
 from pathlib import Path
 
-project = tomllib.loads((Path(__file__).resolve().parent.parent / "pyproject.toml").read_text())["project"]
-extras = project["optional-dependencies"]
-tools = {"lint", "docs"}  # which users of the package do not install
-requirements = {*project["dependencies"], *(r for extra in extras.keys() - tools for r in extras[extra])}
+root = Path(__file__).resolve().parent.parent
+tools = {"lint", "docs"}  # which users of the packages do not install
+requirements: set[str] = set()
+for place in (root, root / "thesis"):
+    project = tomllib.loads((place / "pyproject.toml").read_text())["project"]
+    requirements.update(r for r in project["dependencies"] if not r.startswith("steelyard"))
+    requirements.update(
+        r for name, extra in project["optional-dependencies"].items() if name not in tools for r in extra
+    )
 for requirement in sorted(requirements):
     match = re.fullmatch(r"([\w-]+)>=([\d.]+)", requirement)
     if match is None:

@@ -57,6 +57,8 @@ def violations(source: str, module: str, is_package: bool = False) -> list[str]:
         first, *rest = name.split(".")
         if first == "pickle":
             found.append(f"line {line}: pickle")
+        if first == "steelyard_thesis":
+            found.append(f"line {line}: the package beside this one")
         if first != "steelyard":
             continue
         target = rest[0] if rest else "the whole package"
@@ -87,6 +89,7 @@ PLACES = sorted({path.relative_to(PACKAGE).parts[0] for path in FILES})
 def test_files_keep_to_the_plan(place: str) -> None:
     for path in files_of(place):
         source = path.read_text(encoding="utf-8")
+        assert "steelyard_thesis" not in source, f"{path}: the package beside this one knows it, and not the reverse"
         assert violations(source, module_of(path), path.name == "__init__.py") == [], path
         assert path.stem not in EMPTY_NAMES, f"{path}: a module is named by what it is about"
 
@@ -147,6 +150,7 @@ def test_exported_names_exist(place: str) -> None:
         ("from steelyard.robot import Robot", "steelyard.attic.box"),
         ("from steelyard.attic import box", "steelyard.cli.main"),
         ("import pickle", "steelyard.recording.saving"),
+        ("def late():\n    from steelyard_thesis import METHODS", "steelyard.cli.main"),
     ],
 )
 def test_violations_are_found(source: str, module: str) -> None:

@@ -21,7 +21,7 @@ from .explain import explain
 from .generate import generate
 from .identify import identify
 from .inspect import inspect
-from .plug_ins import SETTINGS, Commands
+from .plug_ins import SETTINGS, Commands, author
 from .screen import echo, guarded, sentence
 from .simulate import simulate
 
@@ -88,7 +88,7 @@ def _told(error: BaseException) -> str:
         what = "there is not enough memory for this"
     else:
         said = " ".join(str(error).split())[:300]
-        what = f"a fault of steelyard itself, {type(error).__name__}{f' ({said})' if said else ''}"
+        what = f"a fault of {author(app, ''.join(sys.argv[1:2]))}, {type(error).__name__}{f' ({said})' if said else ''}"
     command = " ".join(map(repr, sys.argv[1:]))
     system = f"steelyard {__version__}, Python {platform.python_version()}, {platform.platform()}"
     trace = "".join(traceback.format_exception(error))

@@ -13,7 +13,7 @@ from steelyard.errors import InputError
 
 from .screen import sentence
 
-__all__ = ["GROUP", "SETTINGS", "Commands"]
+__all__ = ["GROUP", "SETTINGS", "Commands", "author"]
 
 GROUP = "steelyard.commands"
 # Of every command of this program: errors are told in one sentence, and help is plain text.
@@ -64,6 +64,12 @@ class Commands(typer.core.TyperGroup):
         return None
 
 
+def author(app: typer.Typer, command: str) -> str:
+    """Return whose a command is: steelyard's own, or that of the packages that offer it."""
+    own = command in {getattr(known.callback, "__name__", "") for known in app.registered_commands}
+    return "steelyard itself" if own else _packages(command) or "steelyard itself"
+
+
 def _package(entry: EntryPoint) -> str:
     return entry.dist.name if entry.dist is not None else entry.value
 
@@ -78,21 +84,19 @@ def _load(name: str) -> Any:
     if others:
         raise InputError(f"The command `{name}` is offered by {_packages(name)}: uninstall all of them but one.")
     try:
-        function = entry.load()
-    except Exception as error:
+        return _command(name, entry.load())
+    except (Exception, SystemExit) as error:
         raise InputError(
             f"The command `{name}` of {_package(entry)} cannot be loaded ({type(error).__name__}: {error}); upgrade or "
             "uninstall that package."
         ) from error
-    if isinstance(function, typer.Typer):
-        group = typer.main.get_command(function)
-        group.name = name
-        return group
-    if not callable(function):
-        raise InputError(
-            f"The command `{name}` of {_package(entry)} must be a function with the annotations of Typer, or a Typer, "
-            f"got {type(function).__name__} ({entry.value})."
-        )
+
+
+def _command(name: str, offered: object) -> Any:
+    if isinstance(offered, typer.Typer):
+        return typer.main.get_command(offered)
+    if not callable(offered):
+        raise TypeError(f"expected a function with the annotations of Typer, or a Typer, got {type(offered).__name__}")
     app = typer.Typer(**SETTINGS)
-    app.command(name)(function)
+    app.command(name)(offered)
     return typer.main.get_command(app)

@@ -1,0 +1,125 @@
+"""Commands of other packages: found, listed, called, and in nobody's way where they cannot be had."""
+
+import re
+import tomllib
+from pathlib import Path
+
+import pytest
+
+PAGE = Path(__file__).resolve().parents[2] / "docs" / "reference" / "command-line.md"
+COMMAND = "def joints() -> None:\n    'Count.'\n    print('two')\n"
+
+
+@pytest.fixture
+def install(tmp_path, monkeypatch):
+    """Return a function that installs a package: its name, its entry points, and the text of its one file."""
+
+    def install(name, entries, text=""):
+        place = tmp_path / f"site_{name}"
+        metadata = place / f"{name}-1.0.dist-info"
+        metadata.mkdir(parents=True)
+        (metadata / "METADATA").write_text(f"Metadata-Version: 2.1\nName: {name}\nVersion: 1.0\n")
+        lines = "\n".join(f"{command} = {target}" for command, target in entries.items())
+        (metadata / "entry_points.txt").write_text(f"[steelyard.commands]\n{lines}\n")
+        (place / f"of_{name}.py").write_text(text)
+        monkeypatch.syspath_prepend(str(place))
+
+    return install
+
+
+def test_the_example_of_the_documentation_is_a_command(run, place, install):
+    text = PAGE.read_text(encoding="utf-8").partition("## Commands of other packages")[2]
+    (project,) = re.findall(r"^```toml\n(.*?)^```", text, re.MULTILINE | re.DOTALL)
+    (module,) = re.findall(r"^```python\n(.*?)^```", text, re.MULTILINE | re.DOTALL)
+    entries = tomllib.loads(project)["project"]["entry-points"]["steelyard.commands"]
+    assert entries == {"joints": "names.command:joints"}
+    install("names", {"joints": "of_names:joints"}, module)
+    assert run("joints", place / "pair.urdf") == (0, "shoulder elbow\n", "")
+    code, out, err = run("joints", place / "absent.urdf")
+    assert (code, out) == (2, "")
+    assert err.startswith("steelyard: ")
+    assert "absent.urdf" in err
+    code, out, err = run("--help")
+    assert (code, err) == (0, "")
+    assert re.search(r"^  joints +Print the names of a robot's joints", out, re.MULTILINE)
+    assert "Usage: steelyard joints" in run("joints", "--help")[1]
+
+
+def test_a_package_may_bring_commands_of_its_own(run, install):
+    text = (
+        "import typer\napp = typer.Typer()\n@app.command()\ndef one(): print(1)\n@app.command()\ndef two(): print(2)\n"
+    )
+    install("several", {"several": "of_several:app"}, text)
+    assert run("several", "two") == (0, "2\n", "")
+
+
+BROKEN = {
+    "absent": ("of_absent:joints", "import no_such_module_anywhere\n", "ModuleNotFoundError: No module named"),
+    "nameless": ("of_nameless:joints", "", "AttributeError"),
+    "faulty": ("of_faulty:joints", "1 / 0\n", "ZeroDivisionError: division by zero"),
+    "ended": ("of_ended:joints", "raise SystemExit(3)\n", "SystemExit: 3"),
+    "number": ("of_number:joints", "joints = 3\n", "TypeError: expected a function with the annotations of Typer"),
+    "untyped": ("of_untyped:joints", "def joints(a: int | str): ...\n", "cannot be loaded (AssertionError"),
+}
+
+
+@pytest.mark.parametrize("name", BROKEN)
+def test_a_package_that_cannot_be_had_is_named_and_in_nobodys_way(run, place, install, name):
+    target, text, reason = BROKEN[name]
+    install(name, {"joints": target}, text)
+    install("sound", {"sound": "of_sound:joints"}, COMMAND)
+    assert run("inspect", place / "pair.urdf")[0::2] == (0, "")  # not a word
+    assert run("sound") == (0, "two\n", "")
+    code, out, err = run("joints")
+    assert (code, out) == (2, "")
+    assert err.count("\n") == 1
+    assert err.startswith(f"steelyard: The command `joints` of {name} ")
+    assert reason in err
+    code, out, told = run("--help")
+    assert (code, told) == (0, err)
+    assert "  sound     Count." in out
+    assert "  joints" not in out
+
+
+def test_a_fault_is_that_of_the_package(run, install, tmp_path, monkeypatch):
+    monkeypatch.setattr("tempfile.tempdir", str(tmp_path))
+    entries = {"joints": "of_faulty:joints", "inspect": "of_faulty:joints"}
+    install("faulty", entries, "def joints(): 1 / 0\n")
+    code, out, err = run("joints")
+    assert (code, out) == (70, "")
+    assert err.startswith("steelyard: a fault of faulty, ZeroDivisionError (division by zero)")
+    monkeypatch.setattr("steelyard.robot.RobotFile.load", None)
+    assert run("inspect", "arm.urdf")[2].startswith("steelyard: a fault of steelyard itself, TypeError")
+
+
+def test_a_command_of_ones_own_cannot_be_taken(run, place, install):
+    install("thief", {"inspect": "of_thief:joints"}, COMMAND)
+    assert "shoulder" in run("inspect", place / "pair.urdf")[1]
+    code, out, err = run("--help")
+    assert code == 0
+    assert out.count("  inspect ") == 1
+    assert err == "steelyard: The command `inspect` of thief is left out: steelyard has one of that name.\n"
+
+
+def test_two_packages_with_one_command_are_both_named(run, install):
+    install("first", {"joints": "of_first:joints"}, COMMAND)
+    install("second", {"joints": "of_second:joints"}, COMMAND)
+    told = "steelyard: The command `joints` is offered by first and second: uninstall all of them but one.\n"
+    assert run("joints") == (2, "", told)
+    assert run("--help")[2] == told
+
+
+def test_without_its_package_reproduce_says_how_to_get_it(run, monkeypatch):
+    monkeypatch.setattr("steelyard.cli.plug_ins.entry_points", lambda **which: ())
+    code, out, err = run("reproduce", "4.2", "--output", "anywhere")
+    assert (code, out) == (2, "")
+    assert err.count("\n") == 1
+    assert "steelyard-thesis" in err
+    assert "`pip install ./thesis`" in err
+    assert "reproduce" not in run("--help")[1]
+
+
+def test_an_unknown_command_is_refused_as_before(run):
+    code, _, err = run("weight")
+    assert code == 2
+    assert "No such command 'weight'" in err
