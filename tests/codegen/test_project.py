@@ -78,7 +78,7 @@ def test_names_of_languages_are_forgiving(alias: str) -> None:
 
 
 def test_unknown_language_is_refused_with_a_suggestion(tmp_path: Path) -> None:
-    with pytest.raises(InputError, match=r"'rustt' is no language .* did you mean 'rust'"):
+    with pytest.raises(InputError, match=r"'rustt' is no language .* did you mean .rust."):
         generate(small(), "rustt", tmp_path)
     with pytest.raises(InputError, match="there are c, cpp, rust"):
         generate(small(), "cobol-2002", tmp_path)

@@ -284,7 +284,7 @@ def test_zeros_fold_away() -> None:
 @pytest.mark.parametrize(
     ("values", "message"),
     [
-        ({"lx": 0}, "did you mean 'lx"),
+        ({"lx": 0}, 'did you mean "lx'),
         ({"m1": float("nan")}, "finite number"),
         ({"m1": True}, "finite number"),
         ({"m1": None}, "finite number"),

@@ -100,7 +100,7 @@ def test_bad_requests_are_refused_before_anything_is_written(arm, tmp_path):
     target = tmp_path / "out"
     for call, phrase in (
         (lambda: arm.generate("cobol", directory=target), "'cobol' is no language"),
-        (lambda: arm.generate("c", ["inverse_dynamic"], directory=target), "did you mean 'inverse_dynamics'"),
+        (lambda: arm.generate("c", ["inverse_dynamic"], directory=target), 'did you mean "inverse_dynamics"'),
         (lambda: arm.generate("c", "gravity", directory=target), "must be a sequence of names"),
         (lambda: arm.generate("c", ["gravity", "gravity"], directory=target), "names 'gravity' twice"),
         (lambda: arm.generate("c", ["pose(hand)"], directory=target), 'has no link "hand"'),

@@ -160,7 +160,7 @@ def test_shapes_of_one_sample_and_of_batches(wam):
         (lambda m: m.function("gravity", base=True, gravity="argument"), "hold for the robot's own gravity"),
         (lambda m: m.function("gravity(link1)"), "is about the whole robot"),
         (lambda m: m.function("gravity", gravity="none"), "must be 'fixed' or 'argument', got 'none'"),
-        (lambda m: m.function("inverse_dynamic"), "did you mean 'inverse_dynamics'"),
+        (lambda m: m.function("inverse_dynamic"), 'did you mean "inverse_dynamics"'),
         (lambda m: m.conditions("weak"), "must be 'full' or 'inertia', got 'weak'"),
         (lambda m: m.regressor(np.zeros((2, 7)), np.zeros((3, 7)), np.zeros(7)), "do not fit each other"),
     ],

@@ -70,7 +70,7 @@ def test_a_term_of_the_user_works_everywhere(random):
 @pytest.mark.parametrize(
     ("section", "phrase"),
     [
-        ({"kind": "viscos"}, "did you mean 'viscous'"),
+        ({"kind": "viscos"}, 'did you mean "viscous"'),
         ({}, "kind is None"),
         ({"kind": "viscous", "value": 1}, "takes no other keys, got ['value']"),
         ({"kind": "motor_side"}, "takes ['coupling'], got []"),

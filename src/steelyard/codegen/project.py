@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import difflib
 import importlib
 import math
 import os
@@ -16,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from steelyard.errors import InputError
-from steelyard.files import replaced_folder, write_bytes
+from steelyard.files import replaced_folder, suggestion, write_bytes
 from steelyard.graph import Function
 from steelyard.graph.expression import reachable
 
@@ -146,8 +145,7 @@ def languages() -> tuple[str, ...]:
 def _writer(language: str) -> Callable[[Project], dict[str, str]]:
     name = _ALIASES.get(str(language).lower(), str(language).lower())
     if name not in _WRITERS:
-        close = difflib.get_close_matches(name, [*_WRITERS, *_ALIASES], n=1)
-        hint = f"did you mean {close[0]!r}?" if close else "choose one of these."
+        hint = suggestion(name, [*_WRITERS, *_ALIASES])
         raise InputError(f"{language!r} is no language that is generated; there are {', '.join(_WRITERS)}: {hint}")
     module, function = _WRITERS[name].split(":")
     writer: Callable[[Project], dict[str, str]] = getattr(importlib.import_module(f"{__package__}.{module}"), function)

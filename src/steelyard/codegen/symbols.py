@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import ast
-import difflib
 import math
 import re
 from collections.abc import Mapping
@@ -11,6 +10,7 @@ from fractions import Fraction
 from typing import Any
 
 from steelyard.errors import InputError, MissingExtraError
+from steelyard.files import suggestion
 
 __all__ = ["exact_number", "import_sympy", "intermediate_prefix", "latex_name", "substitution"]
 
@@ -113,9 +113,7 @@ def substitution(
     for key, value in given.items():
         name = str(key)
         if name not in known:
-            close = difflib.get_close_matches(name, known, n=1)
-            hint = f"did you mean {close[0]!r}?" if close else f"there are {', '.join(known) or 'none'}."
-            raise InputError(f"There is no symbol {name!r} to substitute; {hint}")
+            raise InputError(f"There is no symbol {name!r} to substitute; {suggestion(name, known)}")
         values[known[name]] = _expression(name, value, known)
     own = set(known.values())
     brought = {symbol for value in values.values() for symbol in value.free_symbols}

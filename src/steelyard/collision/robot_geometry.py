@@ -12,8 +12,8 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from steelyard.errors import InputError
+from steelyard.files import suggestion
 from steelyard.robot import Robot
-from steelyard.robot.names import suggestion
 from steelyard.robot.placement import frozen
 from steelyard.robot.urdf_document import UrdfReader, parse_urdf
 

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Callable, Mapping
 from functools import partial
 from pathlib import Path
@@ -12,9 +11,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from steelyard.errors import InputError
-from steelyard.files import shown
+from steelyard.files import TomlTable, shown, suggestion
 from steelyard.robot import Robot
-from steelyard.robot.names import suggestion
 from steelyard.robot.placement import rpy_rotation
 
 from .configuration_constraint import ConfigurationConstraint
@@ -30,7 +28,6 @@ __all__ = ["GEOMETRY_KEYS", "geometry_from_dict"]
 Array = NDArray[np.float64]
 Made = TypeVar("Made")
 
-LARGEST = 1e9  # m
 GEOMETRY_KEYS = ("collision", "obstacles", "table", "workspace")
 SHAPE_KEYS = {
     "box": ("size",),
@@ -77,11 +74,8 @@ def geometry_from_dict(
     >>> geometry_from_dict(tables, arm)
     (TablePlane(table plane: 1 clearance),)
     """
-    for key in section:
-        if key not in GEOMETRY_KEYS:
-            raise InputError(f"{where}: {shown(key)} is no table of geometry; {suggestion(key, GEOMETRY_KEYS)}")
-    reader = _Reader(robot, Path(folder), where)
-    return tuple(reader.constraints(section))
+    tables = TomlTable(section, where, GEOMETRY_KEYS, "is no table of geometry")
+    return tuple(_Reader(robot, Path(folder), where).constraints(tables))
 
 
 class _Reader:
@@ -90,21 +84,19 @@ class _Reader:
         self.folder = folder
         self.where = where
 
-    def constraints(self, section: Mapping[str, Any]) -> list[ConfigurationConstraint]:
-        collision = self.table(section.get("collision", {}), f"{self.where}, [collision]", COLLISION_KEYS)
-        obstacles = self.tables(section.get("obstacles", []), "obstacles")
-        planes = self.tables(section.get("table", []), "table")
-        boxes = self.tables(section.get("workspace", []), "workspace")
+    def constraints(self, section: TomlTable) -> list[ConfigurationConstraint]:
+        collision = section.table("collision", COLLISION_KEYS)
+        obstacles, planes = section.tables("obstacles"), section.tables("table")
         found: list[ConfigurationConstraint] = []
         if "collision" in section or obstacles or planes:
             found += self.of_geometry(collision, "collision" in section, obstacles, planes)
-        for where, values in boxes:
-            self.table(values, where, ("link", "lower", "upper", "point"))
-            link = self.text(values, "link", where)
+        for where, content in section.tables("workspace"):
+            values = TomlTable(content, where, ("link", "lower", "upper", "point"))
+            link = values.text("link")
             if link is None:
                 raise InputError(f'{where}: it has no link; name the link of the tool, such as link = "tool0"')
             corners = {
-                key: self.numbers(values[key], 3, f"{where}: {key}", infinite=key != "point")
+                key: values.numbers(key, 3, infinite=key != "point")
                 for key in ("lower", "upper", "point")
                 if key in values
             }
@@ -113,53 +105,44 @@ class _Reader:
 
     def of_geometry(
         self,
-        collision: Mapping[str, Any],
+        collision: TomlTable,
         described: bool,
         obstacles: list[tuple[str, Mapping[str, Any]]],
         planes: list[tuple[str, Mapping[str, Any]]],
     ) -> list[ConfigurationConstraint]:
-        where = f"{self.where}, [collision]"
-        geometry = self.geometry(collision, where)
+        where = collision.where
+        geometry = self.geometry(collision)
         found: list[ConfigurationConstraint] = []
-        distances: dict[str, Any] = {
-            key: self.length(collision, key, where) for key in ("margin", "horizon") if key in collision
-        }
-        watch = collision.get("self", described)
-        if not isinstance(watch, bool):
-            raise InputError(f"{where}: self must be true or false, got {shown(watch)}")
-        if watch:
+        distances: dict[str, Any] = {key: collision.number(key) for key in ("margin", "horizon") if key in collision}
+        if collision.flag("self", described):
             options: dict[str, Any] = {"exclude": self.pairs(collision.get("exclude", []), where)}
-            srdf = self.text(collision, "srdf", where)
+            srdf = collision.text("srdf")
             if srdf is not None:
                 options["srdf"] = self.folder / srdf
             if "neutral_configuration" in collision:
-                options["neutral_configuration"] = self.numbers(
-                    collision["neutral_configuration"], self.robot.dof, f"{where}: neutral_configuration"
-                )
+                options["neutral_configuration"] = collision.numbers("neutral_configuration", self.robot.dof)
             limit = self.made(where, lambda: SelfCollision(geometry, **distances, **options))
             found += [limit] if limit.labels else []
         if obstacles:
             bodies = [self.obstacle(values, place) for place, values in obstacles]
             place = f"{self.where}, [[obstacles]]"
             found.append(self.made(place, lambda: ObstacleClearance(geometry, bodies, **distances)))
-        for place, values in planes:
-            self.table(values, place, ("normal", "offset", "margin", "links", "ignore"))
-            plane: dict[str, Any] = {
-                key: self.names(values, key, place) for key in ("links", "ignore") if key in values
-            }
-            plane |= {key: self.length(values, key, place) for key in ("offset", "margin") if key in values}
+        for place, content in planes:
+            values = TomlTable(content, place, ("normal", "offset", "margin", "links", "ignore"))
+            plane: dict[str, Any] = {key: values.texts(key) for key in ("links", "ignore") if key in values}
+            plane |= {key: values.number(key) for key in ("offset", "margin") if key in values}
             if "normal" in values:
-                plane["normal"] = self.numbers(values["normal"], 3, f"{place}: normal")
+                plane["normal"] = values.numbers("normal", 3)
             found.append(self.made(place, partial(TablePlane, geometry, **plane)))
         return found
 
-    def geometry(self, collision: Mapping[str, Any], where: str) -> RobotGeometry:
-        urdf = self.text(collision, "urdf", where)
+    def geometry(self, collision: TomlTable) -> RobotGeometry:
+        where, urdf = collision.where, collision.text("urdf")
         meshes = collision.get("meshes", "hull")
-        packages = [self.folder / name for name in self.names(collision, "packages", where)]
+        packages = [self.folder / name for name in collision.texts("packages")]
         own = [
             self.shape_on_link(values, place)
-            for place, values in self.tables(collision.get("shapes", []), "collision.shapes")
+            for place, values in TomlTable(collision, self.where, COLLISION_KEYS).tables("shapes", "collision.shapes")
         ]
         if urdf is None and self.robot.source is None and own:
             return RobotGeometry(self.robot, own)
@@ -167,50 +150,54 @@ class _Reader:
         geometry = self.made(where, lambda: RobotGeometry.from_urdf(self.robot, path, meshes=meshes, packages=packages))
         return geometry.with_shapes(own)
 
-    def shape_on_link(self, values: Mapping[str, Any], where: str) -> PlacedShape:
-        shape = self.shape(values, where, ("link", *PLACE_KEYS))
-        link = self.text(values, "link", where)
+    def shape_on_link(self, content: Mapping[str, Any], where: str) -> PlacedShape:
+        values = self.shape_table(content, where, ("link", *PLACE_KEYS))
+        shape, link = self.shape(values), values.text("link")
         if link is None:
             raise InputError(f"{where}: it has no link; name the link that the shape is fixed to")
-        return self.made(where, lambda: PlacedShape.on(self.robot, link, shape, self.placement(values, where)))
+        return self.made(where, lambda: PlacedShape.on(self.robot, link, shape, self.placement(values)))
 
-    def obstacle(self, values: Mapping[str, Any], where: str) -> Obstacle:
-        shape = self.shape(values, where, ("name", "ignore", "margin", *PLACE_KEYS))
-        name = self.text(values, "name", where)
+    def obstacle(self, content: Mapping[str, Any], where: str) -> Obstacle:
+        values = self.shape_table(content, where, ("name", "ignore", "margin", *PLACE_KEYS))
+        shape, name = self.shape(values), values.text("name")
         if name is None:
             raise InputError(f"{where}: it has no name; give one, which messages will use")
-        margin = self.length(values, "margin", where) if "margin" in values else None
-        ignore = tuple(self.names(values, "ignore", where))
-        return self.made(where, lambda: Obstacle(name, shape, self.placement(values, where), ignore, margin))
+        margin = values.number("margin") if "margin" in values else None
+        ignore = tuple(values.texts("ignore"))
+        return self.made(where, lambda: Obstacle(name, shape, self.placement(values), ignore, margin))
 
-    def shape(self, values: Mapping[str, Any], where: str, others: tuple[str, ...]) -> Shape:
-        kind = values.get("type")
+    def shape_table(self, content: Mapping[str, Any], where: str, others: tuple[str, ...]) -> TomlTable:
+        kind = content.get("type")
         if not isinstance(kind, str) or kind not in SHAPE_KEYS:
             known = suggestion(str(kind), SHAPE_KEYS) if kind is not None else suggestion("", SHAPE_KEYS)
             raise InputError(f"{where}: type must name a shape, got {shown(kind)}; {known}")
-        self.table(values, where, ("type", *SHAPE_KEYS[kind], *others))
+        values = TomlTable(content, where, ("type", *SHAPE_KEYS[kind], *others))
         for key in SHAPE_KEYS[kind]:
             if key not in values and key not in ("scale", "exact"):
                 raise InputError(f"{where}: a {kind} needs {key}; add it, in m" if key != "file" else _no_file(where))
+        return values
+
+    def shape(self, values: TomlTable) -> Shape:
+        kind, where = values["type"], values.where
         if kind == "mesh":
-            return self.mesh(values, where)
+            return self.mesh(values)
         if kind == "box":
-            x, y, z = self.numbers(values["size"], 3, f"{where}: size")
+            x, y, z = values.numbers("size", 3)
             return self.made(where, lambda: Box((x, y, z)))
-        radius = self.length(values, "radius", where)
+        radius = values.number("radius")
         if kind == "sphere":
             return self.made(where, lambda: Sphere(radius))
-        length = self.length(values, "length", where)
+        length = values.number("length")
         return self.made(where, lambda: (Cylinder if kind == "cylinder" else Capsule)(radius, length))
 
-    def mesh(self, values: Mapping[str, Any], where: str) -> Mesh:
-        name = self.text(values, "file", where) or ""
+    def mesh(self, values: TomlTable) -> Mesh:
+        where, name = values.where, values.text("file") or ""
         scale = values.get("scale", 1.0)
-        factors = [scale] * 3 if not isinstance(scale, list) else scale
-        factors = self.numbers(factors, 3, f"{where}: scale")
-        exact = values.get("exact", False)
-        if not isinstance(exact, bool):
-            raise InputError(f"{where}: exact must be true or false, got {shown(exact)}")
+        if isinstance(scale, list):
+            factors = values.numbers("scale", 3)
+        else:
+            factors = [values.number("scale") if "scale" in values else 1.0] * 3
+        exact = values.flag("exact")
         if not all(factors):
             raise InputError(f"{where}: the scale must not be 0, got {shown(scale)}")
         path = self.folder / name
@@ -219,41 +206,13 @@ class _Reader:
         vertices, triangles = self.made(where, lambda: read_mesh(path))
         return self.made(f"{where}: {path}", lambda: Mesh(vertices * np.array(factors), triangles, exact))
 
-    def placement(self, values: Mapping[str, Any], where: str) -> Array:
-        roll, pitch, yaw = self.numbers(values.get("rpy", [0, 0, 0]), 3, f"{where}: rpy")
+    def placement(self, values: TomlTable) -> Array:
+        roll, pitch, yaw = values.numbers("rpy", 3) if "rpy" in values else (0.0, 0.0, 0.0)
         placement = rpy_rotation(roll, pitch, yaw)
-        placement[:3, 3] = self.numbers(values.get("xyz", [0, 0, 0]), 3, f"{where}: xyz")
+        placement[:3, 3] = values.numbers("xyz", 3) if "xyz" in values else 0.0
         return placement
 
     # Values of tables
-
-    def table(self, values: object, where: str, keys: tuple[str, ...]) -> Mapping[str, Any]:
-        if not isinstance(values, Mapping):
-            raise InputError(f"{where}: a table is expected, got {shown(values)}")
-        for key in values:
-            if key not in keys:
-                raise InputError(f"{where}: {shown(key)} is not known here; {suggestion(str(key), keys)}")
-        return values
-
-    def tables(self, values: object, name: str) -> list[tuple[str, Mapping[str, Any]]]:
-        """Return one table or a list of them, each with its place in the file."""
-        if isinstance(values, Mapping):
-            return [(f"{self.where}, [{name}]", values)]
-        if not isinstance(values, list) or not all(isinstance(one, Mapping) for one in values):
-            raise InputError(f"{self.where}: {name} must be written as [[{name}]], one table each, got {shown(values)}")
-        return [(f"{self.where}, [[{name}]] number {number}", one) for number, one in enumerate(values, start=1)]
-
-    def text(self, values: Mapping[str, Any], key: str, where: str) -> str | None:
-        value = values.get(key)
-        if value is not None and (not isinstance(value, str) or not value):
-            raise InputError(f"{where}: {key} must be a string, got {shown(value)}")
-        return value
-
-    def names(self, values: Mapping[str, Any], key: str, where: str) -> list[str]:
-        found = values.get(key, [])
-        if not isinstance(found, list) or not all(isinstance(name, str) and name for name in found):
-            raise InputError(f"{where}: {key} must be a list of strings, got {shown(found)}")
-        return found
 
     def pairs(self, values: object, where: str) -> list[str | list[str]]:
         if not isinstance(values, list) or not all(
@@ -262,20 +221,6 @@ class _Reader:
         ):
             raise InputError(f'{where}: exclude must be a list of links and of pairs ["a", "b"], got {shown(values)}')
         return values
-
-    def length(self, values: Mapping[str, Any], key: str, where: str) -> float:
-        return self.numbers([values[key]], 1, f"{where}: {key}")[0]
-
-    def numbers(self, values: object, count: int, what: str, infinite: bool = False) -> list[float]:
-        expected = "a number" if count == 1 else f"{count} numbers"
-        valid = isinstance(values, list) and len(values) == count
-        for value in values if valid and isinstance(values, list) else []:
-            number = isinstance(value, int | float) and not isinstance(value, bool)
-            valid = valid and number and (abs(value) <= LARGEST or (infinite and math.isinf(value)))
-        if not valid or not isinstance(values, list):
-            found = values[0] if count == 1 and isinstance(values, list) and values else values
-            raise InputError(f"{what} must be {expected}{'' if infinite else ', finite'}, got {shown(found)}")
-        return [float(value) for value in values]
 
     def made(self, where: str, make: Callable[[], Made]) -> Made:
         """Return what `make` returns; say where in the file its complaints come from."""

@@ -1,11 +1,11 @@
 """The solvers by name, the table of what each can do, and `solve`, which hands a problem to one of them."""
 
-import difflib
 import html
 from collections.abc import Callable
 from dataclasses import dataclass, field
 
 from steelyard.errors import InputError, MissingExtraError, SolverError
+from steelyard.files import suggestion
 
 from .problem import CONE_KINDS, ConicProblem, ConicSolution
 
@@ -162,11 +162,7 @@ def find_solver(name: str) -> Solver:
     if isinstance(name, str) and name.lower() in _REGISTERED:
         return _REGISTERED[name.lower()]
     known = list(_REGISTERED)
-    close = difflib.get_close_matches(str(name).lower(), known, n=1, cutoff=0.0)
-    raise InputError(
-        f'there is no solver {name!r}; did you mean "{close[0]}"? The solvers are {", ".join(known)} (see '
-        "solver_table())."
-    )
+    raise InputError(f"there is no solver {name!r} (solver_table() shows them); {suggestion(str(name), known)}")
 
 
 def solve(

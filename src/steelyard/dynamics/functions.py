@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import difflib
 import json
 import re
 from collections.abc import Callable, Sequence
@@ -14,6 +13,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from steelyard import graph
 from steelyard.errors import InputError
+from steelyard.files import suggestion
 from steelyard.graph import Argument, Function, Graph, Kernel, Node, Output, operation_count
 
 from .base_parameters import BaseParameters
@@ -173,9 +173,7 @@ class ModelFunctions:
         match = re.fullmatch(r"([^()]*)(?:\((.*)\))?", name, flags=re.DOTALL)
         kind, subject = (match[1], match[2]) if match else (name, None)
         if kind not in CATALOGUE:
-            close = difflib.get_close_matches(kind, CATALOGUE, n=1)
-            hint = f"did you mean {close[0]!r}?" if close else f"there are {', '.join(CATALOGUE)}."
-            raise InputError(f"There is no function {name!r}; {hint}")
+            raise InputError(f"There is no function {name!r}; {suggestion(kind, CATALOGUE)}")
         entry = CATALOGUE[kind]
         if subject is not None and not entry.subject:
             raise InputError(f"The function {kind!r} is about the whole robot; leave out ({subject}).")

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import difflib
 from collections.abc import Mapping, Sequence
 from typing import Any
 
@@ -10,7 +9,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from steelyard.errors import InputError
-from steelyard.files import shown
+from steelyard.files import shown, suggestion
 from steelyard.robot import Joint, Robot, Term, TermParameter
 
 __all__ = ["Coulomb", "MotorSide", "Offset", "RotorInertia", "Viscous", "is_known_term", "term_from_dict"]
@@ -234,9 +233,7 @@ def term_from_dict(section: Mapping[str, Any], where: str = "[[terms]]") -> Term
     options = dict(section)
     kind = options.pop("kind", None)
     if not isinstance(kind, str) or kind not in _KINDS:
-        close = difflib.get_close_matches(str(kind), _KINDS, n=1)
-        hint = f", did you mean {close[0]!r}?" if close else f"; it must be one of {', '.join(_KINDS)}."
-        raise InputError(f"{where}: kind is {shown(kind)}{hint}")
+        raise InputError(f"{where}: kind is {shown(kind)}; {suggestion(str(kind), _KINDS)}")
     known = {"coupling"} if kind == "motor_side" else set()
     if set(options) != known:
         raise InputError(

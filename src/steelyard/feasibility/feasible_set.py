@@ -1,6 +1,5 @@
 """The set of parameters that a real robot can have."""
 
-import difflib
 import math
 from collections.abc import Callable, Collection, Sequence
 from functools import cached_property
@@ -11,6 +10,7 @@ import numpy.typing as npt
 import scipy.sparse as sparse
 
 from steelyard.errors import InputError
+from steelyard.files import suggestion
 from steelyard.lmi import AffineBlock, AffineStack, LinearMatrixInequality
 from steelyard.robot.inertia import INERTIA_SYMBOLS
 
@@ -69,8 +69,8 @@ class FeasibleSet:
         terms: bool = True,
     ) -> None:
         if consistency not in ("full", "inertia"):
-            close = difflib.get_close_matches(str(consistency), ("full", "inertia"), n=1, cutoff=0.0)[0]
-            raise InputError(f'consistency must be "full" or "inertia", got {consistency!r}; did you mean "{close}"?')
+            close = suggestion(str(consistency), ("full", "inertia"))
+            raise InputError(f'consistency must be "full" or "inertia", got {consistency!r}; {close}')
         if not (isinstance(margin, (int, float)) and math.isfinite(margin) and margin > 0):
             raise InputError(f"margin must be a positive number such as 1e-6, got {margin!r}.")
         if not isinstance(constraints, (list, tuple)):

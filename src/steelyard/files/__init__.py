@@ -15,7 +15,9 @@ if TYPE_CHECKING:
     from .reading import read_toml as read_toml
     from .reading import require_file as require_file
     from .reading import shown as shown
+    from .suggestion import suggestion as suggestion
     from .tables import reading_table as reading_table
+    from .toml_table import TomlTable as TomlTable
     from .writing import plain as plain
     from .writing import replaced_file as replaced_file
     from .writing import write_bytes as write_bytes

@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 
 from steelyard.errors import InputError
-from steelyard.robot.names import suggestion
+from steelyard.files import suggestion
 
 __all__ = ["LinearExpression", "as_expression", "distinct_names", "number_text", "parse_expression", "variables"]
 

@@ -12,7 +12,7 @@ import numpy.typing as npt
 
 from steelyard.conic import SemidefiniteProgram
 from steelyard.errors import InputError
-from steelyard.robot.names import suggestion
+from steelyard.files import suggestion
 
 from .affine import AffineBlock, is_positive_definite
 from .expression import LinearExpression, as_expression, distinct_names

@@ -9,8 +9,9 @@ from math import pi
 from typing import Any
 
 from steelyard.errors import InputError
+from steelyard.files import suggestion
 
-from .section import Section, suggestion
+from .section import Section
 
 __all__ = ["LABELS", "Layout", "LogColumns", "label_columns", "resolve"]
 
@@ -451,9 +452,7 @@ def _check_counts(
 
 def _require(name: str, names: Sequence[str], kind: str, source: str) -> None:
     if name not in names:
-        raise InputError(
-            f"{source} has no column {name!r} (wanted for {kind}); {suggestion(name, names)}It has {_listing(names)}."
-        )
+        raise InputError(f"{source} has no column {name!r} (wanted for {kind}); {suggestion(name, names)}")
 
 
 def _count(joints: int | Sequence[str] | None) -> int | None:

@@ -11,11 +11,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from steelyard.errors import InputError
+from steelyard.files import suggestion
 
 from .columns import number
 from .filters import Butterworth, FourierFit, KalmanSmoother, MotionFilter, SavitzkyGolay, whole
 from .measurements import Measurements
-from .section import Section, suggestion
+from .section import Section
 from .survey import stuck_torques
 
 __all__ = ["AUTO", "FILTERS", "Processing", "filter_from"]
@@ -292,6 +293,6 @@ def filter_from(value: Any, where: str) -> MotionFilter:
         )
     kind = table["kind"]
     if kind not in FILTERS:
-        raise InputError(f"{where} is {kind!r}; {suggestion(kind, FILTERS)}the filters are {', '.join(FILTERS)}.")
+        raise InputError(f"{where} is {kind!r}; {suggestion(kind, FILTERS)}")
     rest = {key: entry for key, entry in table.items() if key != "kind"}
     return FILTERS[kind].from_dict(rest, where.rstrip(","))

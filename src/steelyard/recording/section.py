@@ -2,22 +2,14 @@
 
 from __future__ import annotations
 
-import difflib
 from abc import abstractmethod
-from collections.abc import Iterable, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass, fields
 from typing import Any, ClassVar, Self
 
-from steelyard.errors import InputError
-from steelyard.files import shown
+from steelyard.files import TomlTable
 
-__all__ = ["Section", "suggestion"]
-
-
-def suggestion(name: str, options: Iterable[str]) -> str:
-    """Return "did you mean …? " for the closest of `options`, or nothing when none is close."""
-    close = difflib.get_close_matches(name, list(options), n=1, cutoff=0.5)
-    return f"did you mean {close[0]!r}? " if close else ""
+__all__ = ["Section"]
 
 
 @dataclass(frozen=True)
@@ -43,12 +35,7 @@ class Section:
             For an unknown key (with the closest known one) or a value that does not fit.
         """
         where = cls.section_name if where is None else where
-        known = [field.name for field in fields(cls)]
-        for key in section:
-            if key not in known:
-                raise InputError(
-                    f"{where} has an unknown key {shown(key)}; {suggestion(key, known)}the keys are {', '.join(known)}."
-                )
+        TomlTable(section, where, [field.name for field in fields(cls)])
         result = cls.__new__(cls)
         for field in fields(cls):
             object.__setattr__(result, field.name, section.get(field.name, field.default))

@@ -3,27 +3,27 @@
 from __future__ import annotations
 
 import copy
+import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
 from steelyard.errors import InputError
-from steelyard.files import read_toml, shown
+from steelyard.files import TomlTable, read_toml, shown, suggestion
+from steelyard.files.toml_table import is_number
 
 from .dh import robot_from_dh
-from .limits import with_limits
-from .names import suggestion
 from .robot import Robot
 
 __all__ = ["RobotFile"]
 
-LARGEST = 1e15  # in SI units
 TABLES = ("log", "processing", "limits", "constraints")
 TOP_LEVEL = ("name", "description", "terms", *TABLES)
 DEFAULT_TERMS = ("viscous", "coulomb", "offset")
 """Every robot has friction, and hardly a drive reads zero at rest: what a file that does not speak of terms gets."""
 URDF_KEYS = ("urdf", "tip", "locked", "gravity")
+LIMITS = {"lower": "lower", "upper": "upper", "velocity": "velocity_limit", "effort": "effort_limit"}
 DH_KEYS = ("convention", "rows", "lengths", "gravity")
 
 
@@ -94,9 +94,7 @@ class RobotFile:
     @classmethod
     def _from_toml(cls, path: Path) -> RobotFile:
         content = read_toml(path, remedy="give a robot file")
-        for key in content:
-            if key not in TOP_LEVEL:
-                raise InputError(f"{path}: {shown(key)} is no section of a robot file; {suggestion(key, TOP_LEVEL)}")
+        TomlTable(content, str(path), TOP_LEVEL, "is no section of a robot file")
         terms = content.get("terms", list(_default_terms()))
         if not isinstance(terms, list) or not all(isinstance(term, dict) for term in terms):
             raise InputError(f"{path}: terms must be written as [[terms]], one table each, got {shown(terms)}")
@@ -115,7 +113,7 @@ class RobotFile:
             if not isinstance(content["name"], str) or not content["name"]:
                 raise InputError(f"{path}: name must be a string, got {shown(content['name'])}")
             robot = replace(robot, name=content["name"])
-        robot = with_limits(robot, sections["limits"], f"{path}, [limits]")
+        robot = _with_limits(robot, sections["limits"], f"{path}, [limits]")
         kept = {key: description[key] for key in ("tip", "locked") if key in description}
         return cls(path, robot, tuple(terms), sections, kept)
 
@@ -143,38 +141,62 @@ def _describe(path: Path, description: dict[str, Any]) -> Robot:
     if "urdf" not in description and "rows" not in description:
         found = ", ".join(description) or "nothing"
         raise InputError(f"{where}: urdf = ... or rows = ... is needed, found {found}")
-    allowed = URDF_KEYS if "urdf" in description else DH_KEYS
-    for key in description:
-        if key not in allowed:
-            kind = "a URDF" if "urdf" in description else "DH rows"
-            raise InputError(f"{where}: {shown(key)} does not belong to {kind}; {suggestion(key, allowed)}")
-
-    gravity = description.get("gravity", [0, 0, -9.81])
-    if not (isinstance(gravity, list) and len(gravity) == 3 and all(_is_number(value) for value in gravity)):
-        raise InputError(f"{where}: gravity must be three numbers in m/s², got {shown(gravity)}")
+    keys, kind = (URDF_KEYS, "a URDF") if "urdf" in description else (DH_KEYS, "DH rows")
+    table = TomlTable({"gravity": [0, 0, -9.81], **description}, where, keys, f"does not belong to {kind}")
+    gravity = table.numbers("gravity", 3, expected="three numbers in m/s²")
     if "rows" in description:
         rows = description["rows"]
         if not isinstance(rows, list):
-            raise InputError(f"{where}: rows must be a list of [alpha, a, d, theta], got {shown(rows)}")
+            raise table.refuse("rows", "a list of [alpha, a, d, theta]")
         lengths = description.get("lengths", {})
-        if not isinstance(lengths, dict) or not all(_is_number(value) for value in lengths.values()):
-            raise InputError(f"{where}: lengths must be a table of names and numbers in m, got {shown(lengths)}")
+        if not isinstance(lengths, dict) or not all(is_number(value) for value in lengths.values()):
+            raise table.refuse("lengths", "a table of names and numbers in m")
         robot = robot_from_dh(rows, description.get("convention", "standard"), path.stem, gravity, where)
         return robot.with_lengths(lengths)
 
-    urdf, tip, locked = description["urdf"], description.get("tip"), description.get("locked", [])
-    if not isinstance(urdf, str) or not urdf:
-        raise InputError(f"{where}: urdf must be a path, got {shown(urdf)}")
-    if tip is not None and not isinstance(tip, str):
-        raise InputError(f"{where}: tip must be the name of a link, got {shown(tip)}")
+    urdf, tip = table.text("urdf", "a path") or "", table.text("tip", "the name of a link")
+    locked = description.get("locked", [])
     if isinstance(locked, list):
         valid = all(isinstance(name, str) for name in locked)
     else:
-        valid = isinstance(locked, dict) and all(_is_number(value) for value in locked.values())
+        valid = isinstance(locked, dict) and all(is_number(value) for value in locked.values())
     if not valid:
-        raise InputError(f"{where}: locked must be a list of joint names or a table of positions, got {shown(locked)}")
+        raise table.refuse("locked", "a list of joint names or a table of positions")
     return Robot.from_urdf(path.parent / urdf, tip, locked, gravity)
 
 
-def _is_number(value: object) -> bool:
-    return isinstance(value, int | float) and not isinstance(value, bool) and abs(value) <= LARGEST
+def _with_limits(robot: Robot, section: Mapping[str, Any], where: str) -> Robot:
+    """Return the robot with the limits of a `[limits]` table.
+
+    Parameters
+    ----------
+    robot : Robot
+    section : mapping
+        ``lower`` and ``upper`` (rad or m), ``velocity`` (rad/s or m/s), ``effort`` (N·m or N): a number for all the
+        driving joints, or a list with one for each.
+    where : str
+        Named in messages.
+
+    Raises
+    ------
+    InputError
+        For an unknown key, a wrong count, a value that is no number, or a lower limit above the upper one.
+    """
+    joints = list(robot.joints)
+    for key, value in TomlTable(section, where, tuple(LIMITS), "is no limit").items():
+        values = value if isinstance(value, list) else [value] * robot.dof
+        if len(values) != robot.dof:
+            raise InputError(f"{where}: {key} has {len(values)} values, but {robot.name} has {robot.dof} joints")
+        for number, index in zip(values, robot.driving_joints, strict=True):
+            if isinstance(number, bool) or not isinstance(number, int | float) or math.isnan(number):
+                raise InputError(f"{where}: {key} of {joints[index].name} must be a number, got {number!r}")
+            if key in ("velocity", "effort") and number <= 0:
+                raise InputError(f"{where}: {key} of {joints[index].name} must be positive, got {number!r}")
+            change: dict[str, Any] = {LIMITS[key]: float(number)}
+            joints[index] = replace(joints[index], **change)
+    for joint in joints:
+        if joint.lower > joint.upper:
+            raise InputError(
+                f"{where}: the lower limit of {joint.name} is {joint.lower:g}, above its upper limit of {joint.upper:g}"
+            )
+    return replace(robot, joints=tuple(joints))

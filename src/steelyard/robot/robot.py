@@ -13,10 +13,10 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from steelyard.errors import InputError
+from steelyard.files import suggestion
 
 from .inertia import INERTIA_SYMBOLS
 from .joint import Attachment, Joint, Link
-from .names import suggestion
 from .placement import frozen
 
 if TYPE_CHECKING:

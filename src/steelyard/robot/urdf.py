@@ -13,10 +13,10 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from steelyard.errors import InputError
+from steelyard.files import suggestion
 
 from .inertia import Inertia
 from .joint import Attachment, Joint, JointKind, Link
-from .names import suggestion
 from .placement import axis_frame, inverse, motion_z
 from .robot import Robot
 from .urdf_document import ONE_DOF, UrdfDocument, UrdfJoint, read_document

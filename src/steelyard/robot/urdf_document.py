@@ -13,10 +13,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from steelyard.errors import InputError
-from steelyard.files import read_bytes, shown
+from steelyard.files import read_bytes, shown, suggestion
 
 from .inertia import Inertia
-from .names import suggestion
 from .placement import rpy_rotation
 
 if TYPE_CHECKING:

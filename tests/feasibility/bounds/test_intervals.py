@@ -210,10 +210,10 @@ def test_infeasible_base_parameters_have_no_interval(two_links):
     [
         ({}, "nothing is given"),
         ({"base": [1.0]}, "6 base parameters"),
-        ({"base": ARM, "names": ["m3"]}, "did you mean 'm2'"),
+        ({"base": ARM, "names": ["m3"]}, 'did you mean "m2"'),
         ({"base": ARM, "combinations": {"m1": np.ones(22)}}, "must not use the name 'm1'"),
         ({"base": ARM, "combinations": {"arm": np.ones(3)}}, "one coefficient for each of the 22"),
-        ({"base": ARM, "combinations": {"arm": {"mm": 1.0}}}, "did you mean 'm"),
+        ({"base": ARM, "combinations": {"arm": {"mm": 1.0}}}, 'did you mean "m'),
         ({"base": ARM, "combinations": {"arm": {"m1": "x"}}}, "must be numbers"),
         ({"base": ARM, "combinations": {"arm": np.zeros(22)}}, "not all of them zero"),
         ({"base": ARM, "information": 3.0}, "must be an Information"),

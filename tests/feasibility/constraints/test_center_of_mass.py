@@ -106,5 +106,5 @@ def test_impossible_shapes_are_refused(make, message):
     [lambda link: CenterOfMassBox(link, (0, 0, 0), (1, 1, 1)), lambda link: CenterOfMassSphere(link, (0, 0, 0), 1)],
 )
 def test_unknown_link_suggests_the_closest(two_links, kind):
-    with pytest.raises(InputError, match="did you mean 'forearm'"):
+    with pytest.raises(InputError, match='did you mean "forearm"'):
         FeasibleSet(two_links, constraints=[kind("fore_arm")])

@@ -90,5 +90,5 @@ def test_impossible_masses_are_refused(make, message):
 
 @pytest.mark.parametrize("make", [lambda: TotalMass(maximum=1, links="fore_arm"), lambda: MeasuredMass(1, "fore_arm")])
 def test_unknown_link_suggests_the_closest(two_links, make):
-    with pytest.raises(InputError, match="did you mean 'forearm'"):
+    with pytest.raises(InputError, match='did you mean "forearm"'):
         FeasibleSet(two_links, constraints=[make()])

@@ -151,8 +151,8 @@ def test_intervals_of_a_saved_estimate(tmp_path, model):
 @pytest.mark.parametrize(
     ("section", "message"),
     [
-        ({"totalmass": {}}, "did you mean 'total_mass'"),
-        ({"total_mass": {"maximun": 3.0}}, "did you mean 'maximum'"),
+        ({"totalmass": {}}, 'did you mean "total_mass"'),
+        ({"total_mass": {"maximun": 3.0}}, 'did you mean "maximum"'),
         ({"total_mass": 27.0}, "must be a table"),
         ({"center_of_mass_box": [{"link": "a", "lower": [0, 0, 0]}]}, "lacks 'upper'; give link, lower and upper"),
         ({"measured_mass": {"links": "a"}}, "lacks 'value'; give value"),
@@ -165,9 +165,9 @@ def test_intervals_of_a_saved_estimate(tmp_path, model):
         ({"center_of_mass_hull": {"link": "a", "points": [[0, 0, 0]], "scale": 2}}, "takes scale with a mesh only"),
         ({"confidence_interval": {"expression": "m1", "value": 1}}, "lacks 'standard_deviation'"),
         ({"confidence_interval": {"estimate": 3}}, "a path as estimate, got 3"),
-        ({"confidence_interval": {"estimate": "none.json", "value": 3}}, "unknown key 'value'"),
+        ({"confidence_interval": {"estimate": "none.json", "value": 3}}, "'value' is not known here"),
         ({"confidence_interval": {"estimate": "a", "combinations": "beta1"}}, "a list of texts as combinations"),
-        ({"symmetric_link": {"link": "a", "plain": "xz"}}, "did you mean 'plane'"),
+        ({"symmetric_link": {"link": "a", "plain": "xz"}}, 'did you mean "plane"'),
         ({"equal_links": {"first": "a"}}, "lacks 'second'; give first and second"),
         ({"density_in_box": {"link": "a", "lower": 1, "upper": 2}}, "must be three numbers"),
     ],

@@ -113,8 +113,8 @@ def test_fourier_fit_passes_over_missing_rows():
 @pytest.mark.parametrize(
     ("options", "phrase"),
     [
-        ({"filter": "buterworth"}, "did you mean 'butterworth'"),
-        ({"filter": {"kind": "kalman", "modle": "jerk"}}, "did you mean 'model'"),
+        ({"filter": "buterworth"}, 'did you mean "butterworth"'),
+        ({"filter": {"kind": "kalman", "modle": "jerk"}}, 'did you mean "model"'),
         ({"filter": {"window": 0.1}}, "whose `kind`"),
         ({"filter": {"kind": "kalman", "model": "snap"}}, "'acceleration' or 'jerk'"),
         ({"filter": {"kind": "kalman", "density": 1.0}}, "needs `noise`"),

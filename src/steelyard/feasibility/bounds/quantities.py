@@ -1,6 +1,5 @@
 """What may be asked of a robot: standard parameters, combinations of them, masses together, centres of mass."""
 
-import difflib
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 
@@ -8,6 +7,7 @@ import numpy as np
 import numpy.typing as npt
 
 from steelyard.errors import InputError
+from steelyard.files import suggestion
 
 from ..feasible_set import FeasibleSet
 
@@ -81,11 +81,10 @@ def quantities(
     chosen = (names,) if isinstance(names, str) else tuple(names)
     for name in chosen:
         if name not in known:
-            close = difflib.get_close_matches(str(name), list(known), n=1, cutoff=0.0)
             raise InputError(
-                f"there is no quantity {name!r}; did you mean {close[0]!r}? Names are those of the standard "
+                f"there is no quantity {name!r}; names are those of the standard "
                 "parameters, 'total mass', 'cx1', 'cy1', 'cz1' for the centre of mass of the first link, and those in "
-                "combinations=."
+                f"combinations=; {suggestion(str(name), known)}"
             )
     return tuple(known[name] for name in dict.fromkeys([*chosen, *own]))
 
@@ -163,10 +162,9 @@ def _combination(feasible: FeasibleSet, name: str, value: Combination) -> Quanti
     if isinstance(value, Mapping):
         for key, coefficient in value.items():
             if key not in names:
-                close = difflib.get_close_matches(str(key), names, n=1, cutoff=0.0)
                 raise InputError(
-                    f"combination {name!r} names the parameter {key!r}, which the robot does not have; did you mean "
-                    f"{close[0]!r}?"
+                    f"combination {name!r} names the parameter {key!r}, which the robot does not have; "
+                    f"{suggestion(str(key), names)}"
                 )
             row[names.index(key)] = _numbers(name, coefficient)
     else:

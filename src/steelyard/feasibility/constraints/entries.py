@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import difflib
 import math
 import numbers
 from collections.abc import Mapping, Sequence
@@ -12,7 +11,7 @@ import numpy as np
 import numpy.typing as npt
 
 from steelyard.errors import InputError
-from steelyard.files import shown
+from steelyard.files import TomlTable, shown
 from steelyard.robot.placement import rpy_rotation
 
 __all__ = ["check_keys", "is_number", "read_number", "read_placement", "read_rotation", "read_vector", "table"]
@@ -28,10 +27,7 @@ def check_keys(entry: Any, known: Sequence[str], where: str) -> None:
     """Refuse what is no table, and unknown keys, with the closest known one."""
     if not isinstance(entry, Mapping):
         raise InputError(f"{where} in [constraints] must be a table with {', '.join(known)}, got {shown(entry)}.")
-    for key in entry:
-        if key not in known:
-            close = difflib.get_close_matches(str(key), known, n=1, cutoff=0.0)
-            raise InputError(f"{where} in [constraints] has an unknown key {shown(key)}; did you mean {close[0]!r}?")
+    TomlTable(entry, f"{where} in [constraints]", known)
 
 
 def table(entry: Any, where: str, required: Sequence[str], optional: Sequence[str] = ()) -> dict[str, Any]:

@@ -13,9 +13,9 @@ import numpy as np
 import numpy.typing as npt
 
 from steelyard.errors import InputError
+from steelyard.files import suggestion
 from steelyard.lmi import AffineBlock, LinearExpression, as_expression
 from steelyard.regression import Estimate
-from steelyard.robot.names import suggestion
 
 from .constraint import Equality, ModelLike
 from .entries import is_number, read_number, table

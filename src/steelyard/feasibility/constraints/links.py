@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import difflib
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
@@ -12,6 +11,7 @@ import numpy.typing as npt
 import scipy.linalg as linalg
 
 from steelyard.errors import InputError
+from steelyard.files import suggestion
 from steelyard.lmi import AffineBlock, LinearExpression
 from steelyard.robot import INERTIA_SYMBOLS
 
@@ -39,11 +39,7 @@ def link_index(model: ModelLike, link: str, where: str) -> int:
     names = list(model.robot.link_names)
     if link in names:
         return names.index(link)
-    close = difflib.get_close_matches(str(link), names, n=1, cutoff=0.0)
-    raise InputError(
-        f"{where} names the link {link!r}, which the robot does not have; did you mean {close[0]!r}? "
-        f"(links: {', '.join(names)})"
-    )
+    raise InputError(f"{where} names the link {link!r}, which the robot does not have; {suggestion(str(link), names)}")
 
 
 @dataclass(frozen=True)

@@ -13,8 +13,8 @@ from numpy.typing import NDArray
 
 from steelyard.errors import InputError
 from steelyard.files import replaced_file, require_file, shown
+from steelyard.files.suggestion import closest
 
-from ..section import suggestion
 from .csv_file import CsvFile
 from .log_file import Columns, LogFile, column_length
 from .npz_file import NpzFile
@@ -295,5 +295,5 @@ def open_log(path: Path) -> LogFile:
 def _neighbour(path: Path) -> str:
     if not path.parent.is_dir():
         return f" (nor does its folder {path.parent})"
-    near = suggestion(path.name, [other.name for other in path.parent.iterdir()])
-    return f" ({near.strip()})" if near else ""
+    near = closest(path.name, [other.name for other in path.parent.iterdir()])
+    return f' (did you mean "{near}"?)' if near else ""
