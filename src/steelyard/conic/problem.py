@@ -1,6 +1,7 @@
 """Conic problems and their solutions, whichever solver finds them."""
 
 import enum
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -9,7 +10,7 @@ import scipy.sparse as sparse
 
 from steelyard.errors import InputError, SolverError
 
-__all__ = ["CONE_KINDS", "Cone", "ConicProblem", "ConicSolution", "Outcome"]
+__all__ = ["CONE_KINDS", "Cone", "ConicProblem", "ConicSolution", "Outcome", "Rows"]
 
 Vector = npt.NDArray[np.float64]
 
@@ -74,6 +75,37 @@ class Cone:
 
 
 @dataclass(frozen=True, eq=False)
+class Rows:
+    """Some rows of a conic problem: matrix x + s = right, s in the product of the cones.
+
+    Attributes
+    ----------
+    matrix : (k, m), sparse or dense
+        Over the first m unknowns; the others of a problem do not enter.
+    right : (k,)
+    *cones : Cone
+        In the order of the rows.
+    """
+
+    matrix: sparse.csc_array
+    right: Vector
+    cones: tuple[Cone, ...]
+
+    def __init__(self, matrix: sparse.sparray | npt.NDArray[np.float64], right: Vector, *cones: Cone) -> None:
+        object.__setattr__(self, "matrix", sparse.csc_array(matrix))
+        object.__setattr__(self, "right", right)
+        object.__setattr__(self, "cones", cones)
+
+    def over(self, unknowns: int) -> sparse.csc_array:
+        """The matrix with columns of zeros for the unknowns that do not enter, (k, unknowns)."""
+        rows, own = self.matrix.shape
+        if own == unknowns:
+            return self.matrix
+        indptr = np.append(self.matrix.indptr, np.full(unknowns - own, self.matrix.indptr[-1]))
+        return sparse.csc_array((self.matrix.data, self.matrix.indices, indptr), shape=(rows, unknowns))
+
+
+@dataclass(frozen=True, eq=False)
 class ConicProblem:
     """Minimise ½ xᵀP x + qᵀx subject to A x + s = b, s in K.
 
@@ -116,6 +148,39 @@ class ConicProblem:
         for name, values in (("P", self.P.data), ("q", self.q), ("A", self.A.data), ("b", self.b)):
             if not np.all(np.isfinite(values)):
                 raise InputError(f"{name} of a conic problem must be finite, but an element is not; check its data.")
+
+    @classmethod
+    def from_rows(
+        cls, q: Vector, rows: Sequence[Rows], P: sparse.csc_array | None = None, balanced: bool = False
+    ) -> "ConicProblem":
+        """Put a problem together from its rows.
+
+        Parameters
+        ----------
+        q : (n,)
+        rows : sequence of Rows
+            Over the first unknowns or all.
+        P : (n, n) sparse, optional
+            Zero where absent.
+        balanced : bool
+
+        Examples
+        --------
+        The largest x with x ≤ 2:
+
+        >>> problem = ConicProblem.from_rows(-np.ones(1), [Rows(np.eye(1), np.array([2.0]), Cone("nonnegative", 1))])
+        >>> problem.A.toarray().tolist(), problem.b.tolist()
+        ([[1.0]], [2.0])
+        """
+        count = len(q)
+        return cls(
+            P=sparse.csc_array((count, count)) if P is None else P,
+            q=q,
+            A=sparse.csc_array(sparse.vstack([part.over(count) for part in rows], format="csc")),
+            b=np.concatenate([part.right for part in rows]),
+            cones=tuple(cone for part in rows for cone in part.cones),
+            balanced=balanced,
+        )
 
     @property
     def symmetric(self) -> "ConicProblem":

@@ -9,11 +9,10 @@ import numpy.typing as npt
 import scipy.linalg
 import scipy.sparse as sparse
 
-from steelyard.conic import Cone
+from steelyard.conic import Cone, Rows
 from steelyard.errors import InputError
-from steelyard.feasibility.cone_program import Program, Rows
+from steelyard.feasibility.cone_program import Part, Program
 from steelyard.feasibility.feasible_set import FeasibleSet
-from steelyard.feasibility.objective import Part
 from steelyard.feasibility.units import Units, lengths_of_links
 from steelyard.robot.inertia import PSEUDO_INERTIA, pseudo_inertia
 

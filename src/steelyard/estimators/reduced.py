@@ -8,9 +8,9 @@ import scipy.linalg
 import scipy.linalg.lapack
 import scipy.sparse as sparse
 
-from steelyard.conic import Cone
+from steelyard.conic import Cone, Rows
 from steelyard.errors import InputError
-from steelyard.feasibility.cone_program import Rows, upper_triangle
+from steelyard.feasibility.cone_program import Part, upper_triangle
 from steelyard.feasibility.feasible_set import FeasibleSet
 from steelyard.feasibility.units import Units
 from steelyard.regression import Reduced, column_lengths
@@ -182,10 +182,8 @@ class ReducedRegression:
         """Units of which these torques speak."""
         return Units.from_sizes(feasible, self.sizes(feasible))
 
-    def objective(
-        self, columns: Vector, base: Vector, scale: float, apart: bool = False
-    ) -> tuple[sparse.csc_array, Vector, tuple[Rows, ...]]:
-        """P, q and further rows of ‖R β - ρ‖² / scale, less a constant; β = base + columns x̂ of the first n_b.
+    def objective(self, columns: Vector, base: Vector, scale: float, apart: bool = False) -> Part:
+        """‖R β - ρ‖² / scale, less a constant; β = base + columns x̂ of the first n_b.
 
         Parameters
         ----------
@@ -206,25 +204,24 @@ class ReducedRegression:
             P = upper_triangle(2.0 * (factor.T @ factor), size)
             if size > count:
                 P = sparse.csc_array(P + sparse.diags_array(np.full(size, RIDGE), format="csc"))
-            return P, np.concatenate([2.0 * (factor.T @ offset), np.zeros(size - count)]), ()
+            return Part(P, np.concatenate([2.0 * (factor.T @ offset), np.zeros(size - count)]))
         # y = R columns x̂ / root as unknowns of their own, so that R is never squared.
         weights = np.concatenate([np.full(size, RIDGE), np.full(count, 2.0)])
         P = sparse.csc_array(sparse.diags_array(weights, format="csc"))
         blocks = [sparse.csc_array(factor), sparse.csc_array((count, size - count)), -sparse.eye_array(count)]
         residuals = Rows(sparse.csc_array(sparse.hstack(blocks, format="csc")), np.zeros(count), Cone("zero", count))
-        return P, np.concatenate([np.zeros(size), 2.0 * offset]), (residuals,)
+        return Part(P, np.concatenate([np.zeros(size), 2.0 * offset]), (residuals,), count)
 
     def ball(self, columns: Vector, radius: float, offset: Vector | None = None) -> Rows:
         """The rows that keep ‖offset + R columns x̂‖ at most at `radius`, over the first n_b unknowns."""
-        count, size = len(self.base), len(columns)
+        count = len(self.base)
         factor = self.R * (columns[:count] / radius)
         rows = np.zeros((count + 1, count))
         rows[1:] = -factor
         right = np.eye(count + 1)[0]
         if offset is not None:
             right[1:] = offset / radius
-        matrix = sparse.hstack([sparse.csc_array(rows), sparse.csc_array((count + 1, size - count))], format="csc")
-        return Rows(sparse.csc_array(matrix), right, Cone("second-order", count + 1))
+        return Rows(rows, right, Cone("second-order", count + 1))
 
 
 def _triangular(R: Matrix, rho: Vector) -> tuple[Matrix, Vector, float]:

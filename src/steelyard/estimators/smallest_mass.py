@@ -6,11 +6,10 @@ import numpy as np
 import numpy.typing as npt
 import scipy.special
 
-from steelyard.conic import Outcome
+from steelyard.conic import Outcome, Rows
 from steelyard.errors import InputError
-from steelyard.feasibility.cone_program import Conditions, Program
+from steelyard.feasibility.cone_program import Conditions, Part, Program
 from steelyard.feasibility.feasible_set import FeasibleSet
-from steelyard.feasibility.objective import Part
 from steelyard.feasibility.tie_break import TieBreak
 from steelyard.feasibility.units import Units
 from steelyard.regression import Information
@@ -118,7 +117,7 @@ def smallest_total_mass(
     radius = _radius(regression, confidence)
     if radius == 0.0 or regression is None:
         program, objective = _of_base(feasible, given, units)
-        rows = objective.rows
+        ball: tuple[Rows, ...] = ()
     else:
         parameters = feasible.model.base_parameters()
         order = np.concatenate([np.asarray(parameters.independent), np.asarray(parameters.dependent)]).astype(np.intp)
@@ -126,8 +125,8 @@ def smallest_total_mass(
         columns = units.parameters[order]
         program = Program(feasible, conditions, units.parameters, columns, feasible.lift @ given, 0.0)
         objective = _mass(feasible).part(program)
-        rows = (regression.ball(columns, radius), *objective.rows)
-    solution = program.solve(objective.P, objective.q, rows)
+        ball = (regression.ball(columns, radius),)
+    solution = program.solve(objective, ball)
     if solution.outcome is Outcome.INFEASIBLE:
         within = "within this confidence region" if confidence is not None else "with these base parameters"
         raise InputError(

@@ -7,15 +7,13 @@ from functools import cached_property
 import numpy as np
 import numpy.typing as npt
 import scipy.linalg
-import scipy.sparse as sparse
 
-from steelyard.conic import Cone, ConicSolution, Outcome
+from steelyard.conic import Cone, ConicSolution, Outcome, Rows
 from steelyard.errors import SolverError
-from steelyard.feasibility.cone_program import Conditions, Program, Rows, widened
+from steelyard.feasibility.cone_program import Conditions, Part, Program, total
 from steelyard.feasibility.dual_bound import PARAMETER_BOUND, ConvexProblem, Multipliers
 from steelyard.feasibility.feasible_set import FeasibleSet
 from steelyard.feasibility.interior import pull_inside
-from steelyard.feasibility.objective import Part, total
 from steelyard.feasibility.tie_break import TieBreak
 from steelyard.feasibility.units import Units
 
@@ -218,9 +216,7 @@ class Fitting:
 
     def _solve(self, program: Program, part: Part, rows: Sequence[Rows]) -> ConicSolution:
         balanced = self.is_determined and self._attempt.balanced
-        return self._record(
-            program.solve(part.P, part.q, rows, self.solver, balanced=balanced, accuracy=self._attempt.accuracy)
-        )
+        return self._record(program.solve(part, rows, self.solver, balanced, self._attempt.accuracy))
 
     def _around(self, parameters: Vector) -> None:
         """Measure from this point, in units of its residual, from now on."""
@@ -274,8 +270,7 @@ class Fitting:
     def objective(self, program: Program) -> Part:
         """The squared residual, and the prior beside it."""
         base = self.feasible.K @ program.origin
-        P, q, rows = self.regression.objective(program.columns, base, self._scale, self._attempt.apart)
-        data = Part(P, q, rows, len(q) - len(program.columns))
+        data = self.regression.objective(program.columns, base, self._scale, self._attempt.apart)
         if self.prior is None:
             return data
         whole = total([data, self.prior.part(program).times(self._prior_factor)], len(program.columns))
@@ -363,10 +358,8 @@ class Fitting:
         """One attempt; None where it failed after another one had found something."""
         program = self._base_program(margin)
         objective = self.objective(program)
-        rows = objective.rows
         limits, most = self._limits(bound)
-        if len(limits):
-            rows = (_limit_rows(program, limits, most, len(objective.q)), *rows)
+        rows = (_limit_rows(program, limits, most),) if len(limits) else ()
         solution = self._solve(program, objective, rows)
         failed = solution.outcome is Outcome.INFEASIBLE or not solution.usable
         if before is not None and failed:
@@ -463,7 +456,7 @@ class Fitting:
         """One attempt at it, in units of the point found or in those of the robot."""
         program = self._free_program(LESSER_MARGIN * margin, base, around)
         objective, unit = _in_units(preference.part(program))
-        solution = self._record(program.solve(objective.P, objective.q, objective.rows, self.solver))
+        solution = self._record(program.solve(objective, solver=self.solver))
         if not solution.usable:
             return None
         found = program.parameters(solution.primal)
@@ -484,16 +477,15 @@ class Fitting:
         objective, unit = _in_units(preference.part(program))
         radius = float(np.sqrt(max(limit - regression.outside, regression.tiny)))
         ball = regression.ball(program.columns, radius, regression.residuals(feasible.K @ program.origin))
-        rows = [Rows(widened(ball.matrix, len(objective.q)), ball.right, ball.cone), *objective.rows]
         limits, most = self._limits(2 * bound)
-        rows.append(_limit_rows(program, limits, most, len(objective.q)))
-        solution = self._solve(program, objective, rows)
+        solution = self._solve(program, objective, (ball, _limit_rows(program, limits, most)))
         if not solution.usable:
             return None
         self.statuses.append(solution.status)
         found = program.parameters(solution.primal)
         base = feasible.K @ found
-        start, end = program.conditions.rows.shape[0], len(solution.dual)
+        start = program.conditions.rows.shape[0]
+        behind = start + len(ball.right)
         # The residual's limit enters with its multiplier, so that its curvature counts.
         price = max(unit * float(solution.dual[start]) / (2 * radius**2), 0.0)
         preferred, root = self._preferring(preference, found), regression.R @ feasible.K
@@ -505,7 +497,7 @@ class Fitting:
             rows=-limits,
             slack=most - limits @ found,
         )
-        blocks, prices = unit * program.stacked_dual(solution.dual), unit * solution.dual[end - len(limits) :]
+        blocks, prices = unit * program.stacked_dual(solution.dual), unit * solution.dual[behind : behind + len(limits)]
         return self._choice(problem, Multipliers(blocks, prices), preferred.value)
 
     def _preferring(self, preference: TieBreak | PreparedPrior, parameters: Vector) -> ConvexProblem:
@@ -565,8 +557,6 @@ def _in_units(part: Part) -> tuple[Part, float]:
     return part.times(1.0 / size), size
 
 
-def _limit_rows(program: Program, limits: Matrix, most: Vector, size: int) -> Rows:
+def _limit_rows(program: Program, limits: Matrix, most: Vector) -> Rows:
     """limits δ ≤ most."""
-    matrix = np.zeros((len(limits), size))
-    matrix[:, : len(program.columns)] = limits @ program.scaled_matrix
-    return Rows(sparse.csc_array(matrix), most - limits @ program.origin, Cone("nonnegative", len(limits)))
+    return Rows(limits @ program.scaled_matrix, most - limits @ program.origin, Cone("nonnegative", len(limits)))

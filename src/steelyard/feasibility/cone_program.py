@@ -1,4 +1,7 @@
-"""Conic programs over a feasible set, in units of the robot, from arrays that are made once for each set."""
+"""Conic programs over a feasible set, in units of the robot, from arrays that are made once for each set.
+
+What is minimised is a sum of parts that each bring a quadratic, rows of cones and unknowns of their own.
+"""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field
@@ -8,11 +11,11 @@ import numpy as np
 import numpy.typing as npt
 import scipy.sparse as sparse
 
-from steelyard.conic import Cone, ConicProblem, ConicSolution, solve
+from steelyard.conic import Cone, ConicProblem, ConicSolution, Rows, solve
 
 from .feasible_set import FeasibleSet
 
-__all__ = ["Conditions", "Program", "Rows", "upper_triangle", "widened"]
+__all__ = ["Conditions", "Part", "Program", "total", "upper_triangle"]
 
 Vector = npt.NDArray[np.float64]
 Matrix = npt.NDArray[np.float64]
@@ -67,11 +70,7 @@ class Conditions:
             self.rows = sparse.csc_array(sparse.vstack([sparse.csc_array(equations), -coefficients], format="csc"))
         self.rows.sort_indices()
         self.counts = np.diff(self.rows.indptr)
-        self.cones = (
-            Cone("zero", len(equations)),
-            Cone("nonnegative", stack.scalar_count),
-            *(Cone("semidefinite", size) for size in stack.matrix_sizes),
-        )
+        self.cones = (Cone("zero", len(equations)), *stack.cones)
         self._prepare_diagonals()
 
     def _prepare_diagonals(self) -> None:
@@ -119,12 +118,58 @@ class Conditions:
 
 
 @dataclass(frozen=True, eq=False)
-class Rows:
-    """Further rows of a program, already in its units: matrix x̂ + s = right, s in a cone."""
+class Part:
+    """½ zᵀP z + q · z over z = (x̂, own), where x̂ are the unknowns of the program.
 
-    matrix: sparse.csc_array
-    right: Vector
-    cone: Cone
+    Attributes
+    ----------
+    P : (m + own, m + own) sparse, upper triangle
+    q : (m + own,)
+    rows : tuple of Rows, over z
+    own : int
+        Number of unknowns that belong to this part alone.
+    """
+
+    P: sparse.csc_array = field(repr=False)
+    q: Vector = field(repr=False)
+    rows: tuple[Rows, ...] = ()
+    own: int = 0
+
+    def times(self, factor: float) -> "Part":
+        """The same, its value multiplied by a positive factor."""
+        return Part(self.P * factor, self.q * factor, self.rows, self.own)
+
+    def over(self, shared: int, start: int, size: int) -> "Part":
+        """The same over `size` unknowns, of which its own begin at `start`."""
+        if self.own == 0 and size == shared:
+            return self
+        places = np.concatenate([np.arange(shared), start + np.arange(self.own)])
+
+        def spread(matrix: sparse.csc_array, square: bool) -> sparse.csc_array:
+            entries = sparse.coo_array(matrix)
+            row = places[entries.coords[0]] if square else entries.coords[0]
+            shape = (size if square else matrix.shape[0], size)
+            return sparse.csc_array(sparse.coo_array((entries.data, (row, places[entries.coords[1]])), shape=shape))
+
+        q = np.zeros(size)
+        q[places] = self.q
+        rows = tuple(Rows(spread(r.over(shared + self.own), False), r.right, *r.cones) for r in self.rows)
+        return Part(spread(self.P, True), q, rows, size - shared)
+
+
+def total(parts: Sequence[Part], shared: int) -> Part:
+    """The sum of parts over the same `shared` unknowns."""
+    if len(parts) == 1:
+        return parts[0]
+    size = shared + sum(part.own for part in parts)
+    start, spread = shared, []
+    for part in parts:
+        spread.append(part.over(shared, start, size))
+        start += part.own
+    P, q = spread[0].P, spread[0].q.copy()
+    for part in spread[1:]:
+        P, q = P + part.P, q + part.q
+    return Part(sparse.csc_array(P), q, tuple(row for part in spread for row in part.rows), size - shared)
 
 
 @dataclass(frozen=True, eq=False)
@@ -161,7 +206,7 @@ class Program:
         return self.conditions.row_factors(self.units), self.conditions.margins(self.margin, typical)
 
     @cached_property
-    def _rows(self) -> tuple[sparse.csc_array, Vector]:
+    def _rows(self) -> Rows:
         conditions = self.conditions
         rows, stack = conditions.rows, conditions.stack
         factors, margins = self._scaling
@@ -170,7 +215,8 @@ class Program:
         if len(conditions.equation_values):
             error = conditions.equation_values - conditions.equation_matrix @ self.origin
             right = np.concatenate([error, right])
-        return sparse.csc_array((data, rows.indices, rows.indptr), shape=rows.shape), factors * right
+        scaled = sparse.csc_array((data, rows.indices, rows.indptr), shape=rows.shape)
+        return Rows(scaled, factors * right, *conditions.cones)
 
     def stacked_dual(self, dual: Vector) -> Vector:
         """The multipliers of the stacked blocks, in SI, for an objective in its own units."""
@@ -196,32 +242,17 @@ class Program:
 
     def solve(
         self,
-        P: sparse.csc_array,
-        q: Vector,
+        objective: Part,
         further: Sequence[Rows] = (),
         solver: str = "clarabel",
         balanced: bool = False,
         accuracy: float = 1e-8,
     ) -> ConicSolution:
-        """Minimise ½ x̂ᵀP x̂ + q · x̂, of P the upper triangle; unknowns may be added after those of the conditions.
+        """Minimise an objective, subject to the conditions, its own rows and further ones, which come before these.
 
         Where the unknowns are few and all of them are shown, the robot's units leave nothing for a solver to scale:
         `balanced`.
         """
-        A, b = self._rows
-        cones = self.conditions.cones
-        A = widened(A, len(q))
-        if further:
-            A = sparse.csc_array(sparse.vstack([A, *(rows.matrix for rows in further)], format="csc"))
-            b = np.concatenate([b, *(rows.right for rows in further)])
-            cones = (*cones, *(rows.cone for rows in further))
-        return solve(ConicProblem(P, q, A, b, cones, balanced and solver == "clarabel"), accuracy, solver=solver)
-
-
-def widened(matrix: sparse.csc_array, columns: int) -> sparse.csc_array:
-    """The same rows over more unknowns."""
-    more = columns - matrix.shape[1]
-    if not more:
-        return matrix
-    indptr = np.append(matrix.indptr, np.full(more, matrix.indptr[-1]))
-    return sparse.csc_array((matrix.data, matrix.indices, indptr), shape=(matrix.shape[0], columns))
+        rows = (self._rows, *further, *objective.rows)
+        problem = ConicProblem.from_rows(objective.q, rows, objective.P, balanced and solver == "clarabel")
+        return solve(problem, accuracy, solver=solver)

@@ -9,6 +9,7 @@ import numpy as np
 import numpy.typing as npt
 import scipy.sparse as sparse
 
+from steelyard.conic import Cone, Rows
 from steelyard.errors import InputError
 from steelyard.files import suggestion
 from steelyard.lmi import AffineBlock, AffineStack, LinearMatrixInequality
@@ -184,6 +185,24 @@ class FeasibleSet:
     def equation_values(self) -> Vector:
         """Right sides f, (r,)."""
         return np.array([equality.value for equality in self.equalities])
+
+    def rows(self, directions: Matrix, origin: Vector, margin: float = 0.0) -> tuple[Rows, Rows]:
+        """Equations and blocks as rows of a cone program over x, where δ = origin + directions x.
+
+        Parameters
+        ----------
+        directions : (n, m)
+        origin : (n,)
+        margin : float
+            The blocks keep this distance from the boundary: D(δ) - margin 1 ⪰ 0.
+        """
+        stack = self.stack
+        values = stack.constant + stack.coefficients @ origin - margin * stack.identity
+        missing = self.equation_values - self.equation_matrix @ origin
+        return (
+            Rows(self.equation_matrix @ directions, missing, Cone("zero", len(missing))),
+            Rows(-(stack.coefficients @ sparse.csc_array(directions)), values, *stack.cones),
+        )
 
     @cached_property
     def base_equations(self) -> tuple[Matrix, Vector]:

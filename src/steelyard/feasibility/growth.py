@@ -4,7 +4,7 @@ import numpy as np
 import numpy.typing as npt
 import scipy.sparse as sparse
 
-from steelyard.conic import Cone, ConicProblem, solve
+from steelyard.conic import Cone, ConicProblem, Rows, solve
 
 from .cone_program import Conditions
 from .constraints import TotalMass
@@ -77,31 +77,24 @@ def _analyse(feasible: FeasibleSet, directions: Matrix) -> tuple[int, ...]:
     sizes = np.abs(directions / units[:, None]).max(axis=0)
     directions = directions / np.where(sizes > 0, sizes, 1.0)
     conditions = Conditions(feasible, directions)
-    cones, links, count = conditions.cones, len(masses), directions.shape[1]
-    rows = directions[masses] / units[masses, None]
+    links, count = len(masses), directions.shape[1]
     scaled = sparse.csc_array(conditions.rows.multiply(conditions.row_factors(units)[:, None]))
-    none = sparse.csc_array((scaled.shape[0], links))
-    one = sparse.eye_array(links)
-    box = sparse.csc_array(directions / units[:, None])
-    beside = sparse.csc_array((box.shape[0], links))
-    A = sparse.vstack(
+    box = directions / units[:, None]
+    # Beside the direction, what counts of each mass: at most the mass and at most 1.
+    counted = sparse.vstack(
         [
-            sparse.hstack([scaled, none]),
-            sparse.hstack([sparse.csc_array(-rows), one]),
-            sparse.hstack([sparse.csc_array((links, count)), one]),
-            sparse.hstack([box, beside]),
-            sparse.hstack([-box, beside]),
-        ],
-        format="csc",
+            sparse.hstack([sparse.csc_array(-directions[masses] / units[masses, None]), sparse.eye_array(links)]),
+            sparse.hstack([sparse.csc_array((links, count)), sparse.eye_array(links)]),
+            sparse.hstack([sparse.csc_array(np.vstack([box, -box])), sparse.csc_array((2 * len(box), links))]),
+        ]
     )
-    reach = np.full(box.shape[0], REACH)
-    solution = solve(
-        ConicProblem(
-            P=sparse.csc_array((count + links, count + links)),
-            q=np.concatenate([np.zeros(count), -np.ones(links)]),
-            A=sparse.csc_array(A),
-            b=np.concatenate([np.zeros(scaled.shape[0] + links), np.ones(links), reach, reach]),
-            cones=(*cones, Cone("nonnegative", 2 * links + 2 * box.shape[0])),
-        )
-    ).require("find which masses may grow without end")
+    most = np.concatenate([np.zeros(links), np.ones(links), np.full(2 * len(box), REACH)])
+    problem = ConicProblem.from_rows(
+        np.concatenate([np.zeros(count), -np.ones(links)]),
+        [
+            Rows(scaled, np.zeros(scaled.shape[0]), *conditions.cones),
+            Rows(sparse.csc_array(counted), most, Cone("nonnegative", len(most))),
+        ],
+    )
+    solution = solve(problem).require("find which masses may grow without end")
     return tuple(np.flatnonzero(solution.primal[count:] > 0.1).tolist())

@@ -9,9 +9,8 @@ import scipy.sparse as sparse
 
 from steelyard.errors import InputError
 
-from .cone_program import Program
+from .cone_program import Part, Program
 from .feasible_set import FeasibleSet
-from .objective import Part
 from .units import Units, lengths_of_links
 
 __all__ = ["TieBreak", "closest_to_cad", "lightest"]

@@ -8,6 +8,8 @@ import numpy as np
 import numpy.typing as npt
 import scipy.sparse as sparse
 
+from steelyard.conic import Cone
+
 from .affine import AffineBlock, symmetric_to_vector, vector_to_symmetric
 
 __all__ = ["AffineStack"]
@@ -51,6 +53,11 @@ class AffineStack:
     def matrix_sizes(self) -> tuple[int, ...]:
         """Sizes of the larger blocks, in the order in which they are stacked."""
         return tuple(self.blocks[i].size for i in self.order[self.scalar_count :])
+
+    @cached_property
+    def cones(self) -> tuple[Cone, ...]:
+        """What the stacked vector must lie in, where all blocks are to be positive semidefinite."""
+        return (Cone("nonnegative", self.scalar_count), *(Cone("semidefinite", size) for size in self.matrix_sizes))
 
     @cached_property
     def slices(self) -> tuple[slice, ...]:

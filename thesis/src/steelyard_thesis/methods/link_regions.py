@@ -6,9 +6,8 @@ from dataclasses import dataclass, field
 
 import numpy as np
 import numpy.typing as npt
-import scipy.sparse as sparse
 
-from steelyard.conic import Cone, ConicProblem, solve
+from steelyard.conic import Cone, ConicProblem, Rows, solve
 from steelyard.feasibility import FeasibleSet
 from steelyard.lmi import AffineBlock
 from steelyard.lmi.affine import symmetric_to_vector, vector_to_symmetric
@@ -119,7 +118,9 @@ class LinkRegion:
         cap = np.append(np.zeros(count), 1.0)
         cones = (Cone("nonnegative", 1), *cones)
         found = solve(
-            _problem(np.append(np.zeros(count), -1.0), np.vstack([cap, rows]), np.append(CAP, values), cones),
+            ConicProblem.from_rows(
+                np.append(np.zeros(count), -1.0), [Rows(np.vstack([cap, rows]), np.append(CAP, values), *cones)]
+            ),
             accuracy=ACCURACY,
         )
         if not found.outcome.usable or not np.all(np.isfinite(found.primal)):
@@ -131,7 +132,9 @@ class LinkRegion:
     def extreme(self, origin: Vector, demands: list[Demand], margin: float, objective: Vector) -> Vector | None:
         """Return the unknowns of least objective that keep a margin; None where the solver fails."""
         coefficients, values, units, cones = self._stacked(origin, demands)
-        found = solve(_problem(objective, -coefficients, values - margin * units, cones), accuracy=ACCURACY)
+        found = solve(
+            ConicProblem.from_rows(objective, [Rows(-coefficients, values - margin * units, *cones)]), accuracy=ACCURACY
+        )
         good = found.outcome.usable and bool(np.all(np.isfinite(found.primal)))
         return np.asarray(found.primal) if good else None
 
@@ -153,10 +156,6 @@ class LinkRegion:
             constant += float(np.sum(block.constant * matrix))
             position += length
         return Demand(row, constant, self.link)
-
-
-def _problem(q: Vector, A: Matrix, b: Vector, cones: tuple[Cone, ...]) -> ConicProblem:
-    return ConicProblem(sparse.csc_array((len(q), len(q))), q, sparse.csc_array(A), b, cones)
 
 
 def regions_of_links(feasible: FeasibleSet) -> tuple[list[LinkRegion], list[AffineBlock]]:

@@ -9,7 +9,7 @@ import numpy as np
 import numpy.typing as npt
 import scipy.sparse as sparse
 
-from steelyard.conic import Cone, ConicProblem
+from steelyard.conic import Cone, ConicProblem, Rows
 from steelyard.errors import InputError
 from steelyard.lmi import AffineBlock
 from steelyard.robot.inertia import PSEUDO_INERTIA
@@ -165,47 +165,29 @@ class PointMassProgram:
         units = np.abs(feasible.K) @ self.problem.units.parameters
         units = np.where(units > 0.0, units, 1.0)
         columns = np.concatenate([units, np.ones(scaled.shape[1])])
-        P, q, extra = regression.objective(columns, regression.base, regression.scale)
-        added = P.shape[0] - count - scaled.shape[1]
+        data = regression.objective(columns, regression.base, regression.scale)
         places = slice(count, count + self.point_count)
-        weights, goals = np.zeros(P.shape[0]), np.zeros(P.shape[0])
+        weights, goals = np.zeros(len(data.q)), np.zeros(len(data.q))
         weights[places], goals[places] = self.strength, self.goal / self.typical
-        P = sparse.csc_array(P + sparse.diags_array(2.0 * weights))
-        q = q - 2.0 * weights * goals
-
-        def wide(left: sparse.csc_array, right: sparse.csc_array) -> sparse.csc_array:
-            parts = [left, right] + ([sparse.csc_array((left.shape[0], added))] if added else [])
-            return sparse.csc_array(sparse.hstack(parts, format="csc"))
-
-        unit = sparse.csc_array(sparse.diags_array(np.ones(count)))
-        inverse = sparse.diags_array(1.0 / units)
-        matrices = [wide(unit, sparse.csc_array(-inverse @ makes))]
-        rights = [-regression.base / units]
-        zero = count
+        beside = (sparse.csc_array(sparse.eye_array(count)), -sparse.diags_array(1.0 / units) @ makes)
+        parts = [Rows(sparse.csc_array(sparse.hstack(beside)), -regression.base / units, Cone("zero", count))]
         if feasible.equalities:
             rows, values = feasible.equation_matrix @ scaled, feasible.equation_values
             sizes = np.abs(rows).max(axis=1, initial=1e-300)
-            matrices.append(wide(sparse.csc_array((len(values), count)), sparse.csc_array(rows / sizes[:, None])))
-            rights.append(values / sizes)
-            zero += len(values)
-        for part in extra:
-            matrices.append(part.matrix)
-            rights.append(part.right)
-            zero += len(part.right)
+            left = np.hstack([np.zeros((len(values), count)), rows / sizes[:, None]])
+            parts.append(Rows(left, values / sizes, Cone("zero", len(values))))
+        parts += data.rows
         bounded = np.flatnonzero(np.isfinite(self.lower))
-        select = sparse.csc_array(
-            sparse.coo_array(
-                (-np.ones(len(bounded)), (np.arange(len(bounded)), bounded)), shape=(len(bounded), scaled.shape[1])
-            )
+        select = sparse.coo_array(
+            (-np.ones(len(bounded)), (np.arange(len(bounded)), count + bounded)),
+            shape=(len(bounded), count + scaled.shape[1]),
         )
-        matrices.append(wide(sparse.csc_array((len(bounded), count)), select))
-        rights.append(-self.lower[bounded])
+        parts.append(Rows(select, -self.lower[bounded], Cone("nonnegative", len(bounded))))
         rows, constants = self._constraint_rows()
-        matrices.append(wide(sparse.csc_array((len(constants), count)), sparse.csc_array(-rows)))
-        rights.append(constants)
-        A = sparse.csc_array(sparse.vstack(matrices, format="csc"))
-        cones = (Cone("zero", zero), Cone("nonnegative", len(bounded) + len(constants)))
-        return ConicProblem(P, q, A, np.concatenate(rights), cones)
+        left = np.hstack([np.zeros((len(constants), count)), -rows])
+        parts.append(Rows(left, constants, Cone("nonnegative", len(constants))))
+        P = sparse.csc_array(data.P + sparse.diags_array(2.0 * weights))
+        return ConicProblem.from_rows(data.q - 2.0 * weights * goals, parts, P)
 
     def _constraint_rows(self) -> tuple[Matrix, Vector]:
         """Rows a and constants c of a·(p, o) + c ≥ 0, scaled, a little within."""
