@@ -25,10 +25,10 @@ KD = np.array([25.0] * 4 + [22.2] * 3)
 class ComputedTorque:
     """Thesis eq. 5.8 with trajectory B, friction fed forward at the reference's velocity."""
 
-    period = 1e-3
+    sample_time = 1e-3
 
     def __init__(self, model: sy.Model, parameters: np.ndarray) -> None:
-        self.reference = TRAJECTORIES["B"].motion(np.arange(round(SECONDS / self.period) + 2) * self.period)
+        self.reference = TRAJECTORIES["B"].motion(np.arange(round(SECONDS / self.sample_time) + 2) * self.sample_time)
         self.links = model.kernel("computed_torque").sample
         self.drives = model.kernel("drive_torque", sign="smooth").sample
         self.parameters, self.width, self.step = parameters, np.array([0.01]), 0

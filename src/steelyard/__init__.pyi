@@ -26,7 +26,7 @@ from .estimators.robust import robust_information as robust_information
 from .estimators.shadow_prices import shadow_prices as shadow_prices
 from .estimators.smallest_mass import smallest_total_mass as smallest_total_mass
 from .excitation.design import design_excitation as design_excitation
-from .excitation.excitation import ExcitationDesign as ExcitationDesign
+from .excitation.excitation_design import ExcitationDesign as ExcitationDesign
 from .excitation.fourier import FourierTrajectory as FourierTrajectory
 from .excitation.motion_limits import MotionLimits as MotionLimits
 from .excitation.saving import load_trajectory as load_trajectory
@@ -74,9 +74,9 @@ from .robot.term import Term as Term
 from .robot.term import TermParameter as TermParameter
 from .simulation.actuators import Actuators as Actuators
 from .simulation.contact import ElasticContact as ElasticContact
-from .simulation.safety import Safety as Safety
 from .simulation.sensors import Sensors as Sensors
 from .simulation.simulate import simulate as simulate
 from .simulation.simulation_result import SimulationResult as SimulationResult
+from .simulation.stopping_conditions import StoppingConditions as StoppingConditions
 
 __version__: str

@@ -55,15 +55,15 @@ class Plant:
     def run(self, controller, q, dq, duration, wrench=None, velocity=True, steps=1):
         """Close the loop; return times, positions and velocities at the controller's calls."""
         q, dq = np.array(q, dtype=float), np.array(dq, dtype=float)
-        period, force = controller.period, (lambda t: None) if wrench is None else wrench
-        h = period / steps
+        sample_time, force = controller.sample_time, (lambda t: None) if wrench is None else wrench
+        h = sample_time / steps
 
         def slope(t, state):
             return np.concatenate((state[1], self.acceleration(*state, torque, force(t)))).reshape(2, -1)
 
         times, places, speeds = [], [], []
-        for k in range(round(duration / period) + 1):
-            t = k * period
+        for k in range(round(duration / sample_time) + 1):
+            t = k * sample_time
             times.append(t)
             places.append(q)
             speeds.append(dq)

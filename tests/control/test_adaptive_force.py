@@ -5,7 +5,14 @@ import pytest
 from scipy.linalg import solve_discrete_are
 
 import steelyard as sy
-from steelyard.control import ActiveObserver, AdaptiveForceControl, MeasuredVelocity, StiffnessEstimator, Tool
+from steelyard.control import (
+    ActiveObserver,
+    AdaptiveForceControl,
+    ForceControlOptions,
+    MeasuredVelocity,
+    StiffnessEstimator,
+    Tool,
+)
 from steelyard.control.adaptive_force import force_loop
 from steelyard.identification.wam import true_parameters
 from steelyard.simulation import ElasticContact, Measurement, Sensors, Status, simulate
@@ -18,13 +25,13 @@ def test_the_sampled_plant_is_the_exact_one(random):
     """Against the matrix exponential, and the poles where they were wanted."""
     from scipy.linalg import expm
 
-    for bandwidth, gain, period in random.uniform([5.0, 1.0, 1e-4], [50.0, 100.0, 5e-3], (10, 3)):
-        loop = force_loop(bandwidth, gain, period)
-        whole = expm(period * np.array([[0.0, 1.0, 0.0], [0.0, -gain, 1.0], [0.0, 0.0, 0.0]]))
+    for bandwidth, gain, sample_time in random.uniform([5.0, 1.0, 1e-4], [50.0, 100.0, 5e-3], (10, 3)):
+        loop = force_loop(bandwidth, gain, sample_time)
+        whole = expm(sample_time * np.array([[0.0, 1.0, 0.0], [0.0, -gain, 1.0], [0.0, 0.0, 0.0]]))
         np.testing.assert_allclose(loop.transition, whole[:2, :2], rtol=1e-10, atol=1e-14)
         np.testing.assert_allclose(loop.control, whole[:2, 2], rtol=1e-7)
         closed = loop.transition - np.outer(loop.control, loop.gains)
-        pole = np.exp(-bandwidth * period)
+        pole = np.exp(-bandwidth * sample_time)
         np.testing.assert_allclose([np.trace(closed), np.linalg.det(closed)], [2 * pole, pole**2], rtol=1e-9)
 
 
@@ -137,7 +144,7 @@ def wall(model, stiffness):
     return ElasticContact("link7", surface=(0.0, 0.0, pose[2, 3] - 0.003), normal=(0, 0, 1), stiffness=stiffness)
 
 
-def controller_of(model, parameters, force, **options):
+def controller_of(model, parameters, force, compensate_drives=False, **tuning):
     pose = model.pose(Q, "link7")
     return AdaptiveForceControl(
         model,
@@ -148,7 +155,8 @@ def controller_of(model, parameters, force, **options):
         reference=pose,
         kp=400.0,
         kd=40.0,
-        **options,
+        compensate_drives=compensate_drives,
+        options=ForceControlOptions(**tuning),
     )
 
 
@@ -160,7 +168,7 @@ class Watched:
     """A controller, and what it estimated at each call."""
 
     def __init__(self, controller):
-        self.controller, self.period = controller, controller.period
+        self.controller, self.sample_time = controller, controller.sample_time
 
     def start(self, measurement):
         self.controller.start(measurement)
@@ -185,7 +193,7 @@ def pressed(t):
 )
 def test_the_stiffness_is_found_across_a_tenfold_change(wam, sensors):
     estimator = StiffnessEstimator(smallest_way=1e-4, smallest_force=1.0)
-    watched = Watched(controller_of(wam, true_parameters(), pressed, drives=True, stiffness=estimator))
+    watched = Watched(controller_of(wam, true_parameters(), pressed, compensate_drives=True, stiffness=estimator))
     result = simulate(
         wam, true_parameters(), Q, 0 * Q, 3.9, watched, environment=wall(wam, tenfold), sensors=sensors, seed=3
     )
@@ -215,7 +223,7 @@ def test_a_noisy_sensor_on_pinocchios_plant(redundant, random, bent, stiffness):
     model, parameters, plant, link = redundant
     q, _ = bent(model, random)
     pose = plant.pose(q)
-    height, dq, period = pose[2, 3] - 0.002, 0.0 * q, 0.002
+    height, dq, sample_time = pose[2, 3] - 0.002, 0.0 * q, 0.002
     controller = AdaptiveForceControl(
         model,
         parameters,
@@ -225,15 +233,15 @@ def test_a_noisy_sensor_on_pinocchios_plant(redundant, random, bent, stiffness):
         reference=pose,
         kp=400.0,
         kd=40.0,
-        force_noise=0.5,
-        period=period,
+        options=ForceControlOptions(force_noise=0.5),
+        sample_time=sample_time,
         velocity=MeasuredVelocity(),
     )
     noise = np.array([0.5, 0.5, 0.5, 0.005, 0.005, 0.005])
     pressed, found = [], []
     for k in range(1500):
         push = np.array([0.0, 0.0, stiffness * max(height - plant.pose(q)[2, 3], 0.0), 0.0, 0.0, 0.0])
-        seen = Measurement(t=k * period, q=q, dq=dq, force=push + noise * random.standard_normal(6))
+        seen = Measurement(t=k * sample_time, q=q, dq=dq, force=push + noise * random.standard_normal(6))
         if k == 0:
             controller.start(seen)
         torque = controller.torque(seen)
@@ -241,8 +249,8 @@ def test_a_noisy_sensor_on_pinocchios_plant(redundant, random, bent, stiffness):
         found.append(float(controller.stiffness))
         for _ in range(2):
             push[2] = stiffness * max(height - plant.pose(q)[2, 3], 0.0)
-            dq = dq + 0.5 * period * plant.acceleration(q, dq, torque, push)
-            q = q + 0.5 * period * dq
+            dq = dq + 0.5 * sample_time * plant.acceleration(q, dq, torque, push)
+            q = q + 0.5 * sample_time * dq
     last = slice(1000, None)
     assert np.abs(np.array(found[last]) / stiffness - 1.0).max() < 0.15
     assert np.mean(pressed[last]) == pytest.approx(10.0, abs=0.3)
@@ -279,10 +287,16 @@ def test_force_control_needs_a_sensor(wam):
     ],
 )
 def test_bad_input_is_refused(wam, arguments, message):
-    given = {"force": 1.0, "normal": (0, 0, -1)} | arguments
+    tuning = {"force": 1.0, "normal": (0, 0, -1)} | arguments
+    task = {"normal": tuning.pop("normal"), "reference": np.eye(4), "kp": 1.0, "kd": 1.0}
     with pytest.raises(sy.InputError, match=message):
         AdaptiveForceControl(
-            wam, true_parameters(), Tool("link7"), given.pop("force"), reference=np.eye(4), kp=1.0, kd=1.0, **given
+            wam,
+            true_parameters(),
+            Tool("link7"),
+            tuning.pop("force"),
+            **task,
+            options=ForceControlOptions(**tuning),
         )
 
 

@@ -108,7 +108,7 @@ def test_start_forgets(every, name):
 def test_a_block_is_a_controller_that_says_what_it_is(every, name):
     controller = every[name]
     assert isinstance(controller, Controller)
-    assert controller.period == 0.001
+    assert controller.sample_time == 0.001
     assert repr(controller) == f"{type(controller).__name__}(ur5: 6 joints, every 0.001 s)"
 
 

@@ -95,12 +95,12 @@ def impedance_of_the_guide(wam):
     return tool, rest, found
 
 
-@pytest.mark.parametrize("drives", [False, True])
-def test_the_impedance_of_the_guide_holds_in_a_loop(wam, wam_plant, drives):
+@pytest.mark.parametrize("compensate_drives", [False, True])
+def test_the_impedance_of_the_guide_holds_in_a_loop(wam, wam_plant, compensate_drives):
     """Half a newton metre about z, then 8 N: neither moves the arm by more than the springs give."""
     tool, rest, gains = impedance_of_the_guide(wam)
     assert set(gains) == {"stiffness", "damping"}
-    controller = ImpedanceControl(wam, true_parameters(), tool, rest, drives=drives, **gains)
+    controller = ImpedanceControl(wam, true_parameters(), tool, rest, compensate_drives=compensate_drives, **gains)
     assert controller.gain_margin(Q) > 2.0
 
     def push(t):
@@ -162,7 +162,7 @@ def test_the_margin_is_where_pinocchio_begins_to_swing(six, random, bent, name, 
 
     def make(factor):
         gains = {"kp": factor * 100.0 * inertia, "kd": factor * 20.0 * inertia}
-        return FeedforwardTracking(model, parameters, q, velocity=ESTIMATORS[name], period=0.002, **gains)
+        return FeedforwardTracking(model, parameters, q, velocity=ESTIMATORS[name], sample_time=0.002, **gains)
 
     margin = make(0.1).gain_margin(q) * 0.1
     still = make(0.9 * margin)
@@ -211,9 +211,9 @@ def test_every_controller_refuses_what_sampling_does_not_allow(six):
 
 
 def test_an_integral_above_damping_times_stiffness_is_refused(six):
-    """Routh: ``ki < kp kd`` for a double integrator, at a period that is short enough."""
+    """Routh: ``ki < kp kd`` for a double integrator, at a sample time that is short enough."""
     model, parameters, *_ = six
-    gains = {"kp": 100.0, "kd": 20.0, "velocity": MeasuredVelocity(), "period": 1e-4}
+    gains = {"kp": 100.0, "kd": 20.0, "velocity": MeasuredVelocity(), "sample_time": 1e-4}
     ComputedTorque(model, parameters, np.zeros(6), ki=1950.0, **gains)
     with pytest.raises(sy.InputError, match="is unstable"):
         ComputedTorque(model, parameters, np.zeros(6), ki=2500.0, **gains)

@@ -38,7 +38,7 @@ def deviations(plant, places, rest):
 def measured(plant, controller, q, rest):
     """Return stiffness, damping and inertia along each axis, by least squares over its spectral lines."""
     t, places, _ = plant.run(controller, q, 0 * q, SETTLING + SPAN, wrench=wrench, velocity=False)
-    kept = slice(len(t) - round(SPAN / controller.period) - 1, len(t) - 1)
+    kept = slice(len(t) - round(SPAN / controller.sample_time) - 1, len(t) - 1)
     error, force = deviations(plant, places[kept], rest), np.array([wrench(x) for x in t[kept]])
     moved, pushed = np.fft.rfft(error, axis=0), np.fft.rfft(force, axis=0)
     result = []
@@ -80,7 +80,7 @@ def test_a_steady_push_moves_the_tool_by_force_over_stiffness(arm, random, bent)
         stiffness=STIFFNESS[:3],
         damping=2 * DAMPING[:3],
         axes="position",
-        period=0.002,
+        sample_time=0.002,
     )
     _, places, _ = plant.run(
         controller, q, 0 * q, 3.0, wrench=lambda t: np.array([*push, 0.0, 0.0, 0.0]), velocity=False
@@ -95,7 +95,7 @@ def test_without_a_sensor_the_inertia_is_that_of_the_arm(arm, random, bent):
     q, _ = bent(model, random)
     push = random.normal(size=6)
     controller = ImpedanceControl(
-        model, parameters, Tool(link), plant.pose(q), stiffness=STIFFNESS, damping=DAMPING, period=2e-5
+        model, parameters, Tool(link), plant.pose(q), stiffness=STIFFNESS, damping=DAMPING, sample_time=2e-5
     )
     seen = Measurement(t=0.0, q=q, force=push)
     controller.start(seen)
@@ -156,7 +156,7 @@ def test_velocity_estimators_do_not_change_the_stiffness(six, random, bent):
             damping=3 * DAMPING,
             inertia=2 * INERTIA,
             velocity=velocity,
-            period=0.002,
+            sample_time=0.002,
         )
         _, places, _ = plant.run(controller, q, 0 * q, 2.0, wrench=lambda t: SIZE, velocity=False)
         ends.append(deviations(plant, places[-1:], rest)[0])

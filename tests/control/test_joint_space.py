@@ -36,7 +36,7 @@ def test_feed_forward_is_equation_4_16(arm, random, bent):
     wanted = tuple(random.normal(size=(3, model.joint_count)))
     kp, kd = random.uniform(1.0, 9.0, (2, model.joint_count))
     controller = FeedforwardTracking(
-        model, parameters, lambda t: wanted, kp=kp, kd=kd, period=1e-5, velocity=MeasuredVelocity()
+        model, parameters, lambda t: wanted, kp=kp, kd=kd, sample_time=1e-5, velocity=MeasuredVelocity()
     )
     seen = Measurement(t=0.0, q=q, dq=dq)
     controller.start(seen)
@@ -86,7 +86,7 @@ def test_computed_torque_compensates_drives(redundant, random, bent):
     seen = Measurement(t=0.0, q=q, dq=dq)
     for width, tolerance in ((0.0, 1e-8), (1e-7, 1e-6)):
         controller = ComputedTorque(
-            driven, delta, q, kp=4.0, kd=2.0, drives=True, sign_width=width, velocity=MeasuredVelocity()
+            driven, delta, q, kp=4.0, kd=2.0, compensate_drives=True, sign_width=width, velocity=MeasuredVelocity()
         )
         controller.start(seen)
         found = plant.acceleration(q, dq, controller.torque(seen))
@@ -99,7 +99,9 @@ def test_errors_decay_as_designed(redundant, random, bent):
     q, _ = bent(model, random)
     target = q + random.uniform(-0.3, 0.3, q.shape)
     w = 20.0
-    controller = ComputedTorque(model, parameters, target, kp=w**2, kd=2 * w, period=1e-4, velocity=MeasuredVelocity())
+    controller = ComputedTorque(
+        model, parameters, target, kp=w**2, kd=2 * w, sample_time=1e-4, velocity=MeasuredVelocity()
+    )
     t, places, _ = plant.run(controller, q, 0.0 * q, 0.25)
     expected = (q - target) * ((1.0 + w * t) * np.exp(-w * t))[:, None]
     np.testing.assert_allclose(places - target, expected, atol=0.003 * np.abs(q - target).max())
@@ -110,7 +112,7 @@ def test_the_integral_removes_a_steady_torque(redundant, random, bent):
     q, _ = bent(model, random)
     heavier = parameters.copy()
     heavier[[k for k, name in enumerate(model.parameter_names) if name[0] in "Llm"]] *= 1.05
-    gains = {"kp": 300.0, "kd": 30.0, "velocity": MeasuredVelocity(), "period": 0.002}
+    gains = {"kp": 300.0, "kd": 30.0, "velocity": MeasuredVelocity(), "sample_time": 0.002}
     without = ComputedTorque(model, heavier, q, **gains)
     with_it = ComputedTorque(model, heavier, q, ki=1000.0, **gains)
     ends = [plant.run(controller, q, 0 * q, 2.0)[1][-1] - q for controller in (without, with_it)]
@@ -132,7 +134,7 @@ def test_the_integral_does_not_wind_up(six, told):
         kd=30.0,
         ki=1000.0,
         torque_limit=limit if told else None,
-        period=0.004,
+        sample_time=0.004,
         velocity=MeasuredVelocity(),
     )
     q, dq = np.zeros(6), np.zeros(6)
@@ -155,7 +157,7 @@ def test_limits_nobody_told_wind_nothing_up(six):
     """Drives that give half of what the description says, each clipped by itself."""
     model, parameters, plant, _ = six
     limit = 0.5 * np.array([model.robot.joints[k].effort_limit for k in model.robot.driving_joints])
-    gains = {"kp": 300.0, "kd": 30.0, "ki": 1000.0, "period": 0.004, "velocity": MeasuredVelocity()}
+    gains = {"kp": 300.0, "kd": 30.0, "ki": 1000.0, "sample_time": 0.004, "velocity": MeasuredVelocity()}
     ends = []
     for more in ({}, {"integral_limit": 1e9, "torque_limit": 1e9}):
         controller = ComputedTorque(model, parameters, np.full(6, 2.0), **gains, **more)
@@ -231,7 +233,7 @@ class OnlyTwo:
         ({"kp": [1.0, 2.0]}, "one for each of 6 joints"),
         ({"kd": np.nan}, "kd must be finite"),
         ({"kp": "stiff"}, "kp must be numbers"),
-        ({"period": 0.0}, "period must be a finite number above 0"),
+        ({"sample_time": 0.0}, "sample_time must be a finite number above 0"),
         ({"reference": [0.0, 1.0]}, r"6 joints, and the reference gives \[2\]"),
         ({"reference": OnlyTwo()}, "OnlyTwo gives 2 arrays"),
         ({"reference": None}, "A reference must be"),

@@ -58,7 +58,7 @@ def test_many_rotations_at_once(random):
 
 
 def test_a_trajectory_is_the_same_on_and_off_its_samples():
-    reference = TrajectoryReference(B, start=4.0, period=0.001)
+    reference = TrajectoryReference(B, start=4.0, sample_time=0.001)
     for t in (4.0, 4.001, 6.0475, 6.04751, 4.0 + 12.499, 4.0 + 12.5):
         expected = B.motion([t - 4.0])
         for found, wanted in zip(reference.at(t), expected, strict=True):
@@ -132,9 +132,9 @@ def test_bad_input_is_refused(make, message):
         make()
 
 
-def speeds(estimator, function, count=400, period=0.001):
+def speeds(estimator, function, count=400, sample_time=0.001):
     estimator.start(Measurement(t=0.0, q=np.array([function(0.0)])))
-    times = period * np.arange(count)
+    times = sample_time * np.arange(count)
     return times, np.array([float(estimator.velocity(Measurement(t=t, q=np.array([function(t)])))[0]) for t in times])
 
 

@@ -121,7 +121,7 @@ def test_a_way_is_tracked_and_the_elbow_comes_to_rest(redundant, bent, random):
     second[:3, 3] += [0.05, -0.1, 0.08]
     second[:3, :3] = Rotation.from_rotvec([0.2, 0.3, -0.4]).as_matrix() @ first[:3, :3]
     reference = PoseTrajectory([0.1, 0.8], [first, second])
-    controller = TaskSpaceControl(model, parameters, Tool(link), reference, kp=400.0, kd=40.0, period=0.002)
+    controller = TaskSpaceControl(model, parameters, Tool(link), reference, kp=400.0, kd=40.0, sample_time=0.002)
     t, places, speeds = plant.run(controller, q, 0.0 * q, 1.6, velocity=False)
     for k in range(0, len(t), 40):
         wanted, here = reference.target(t[k]).pose, plant.pose(places[k])
@@ -159,7 +159,7 @@ def test_an_unreachable_target_is_approached_and_held(six):
     q = np.array([0.2, -0.7, 0.9, 0.3, 0.9, 0.1])
     pose = plant.pose(q)
     pose[:3, 3] *= 1.3 / np.linalg.norm(pose[:3, 3])
-    controller = TaskSpaceControl(model, parameters, Tool(link), pose, kp=25.0, kd=10.0, period=0.002)
+    controller = TaskSpaceControl(model, parameters, Tool(link), pose, kp=25.0, kd=10.0, sample_time=0.002)
     _, places, speeds = plant.run(controller, q, 0.0 * q, 6.0, velocity=False)
     assert np.abs(speeds).max() < 50.0
     assert np.abs(speeds[-500:]).max() < 0.01

@@ -180,7 +180,7 @@ def test_the_default_controller_holds_the_robot_of_pinocchio(file, rate, exact):
 
     model, delta, oracle = frictionless(file)
     motion = lively(model.joint_count)
-    reference = TrajectoryReference(motion, period=1.0 / rate)
+    reference = TrajectoryReference(motion, sample_time=1.0 / rate)
     velocity = MeasuredVelocity() if exact else FilteredDifference(30.0)
     default = import_module("steelyard.identification.play")._default_controller
     controller, frequency = default(model, delta, delta, reference, False, 1.0 / rate, velocity)
@@ -206,4 +206,4 @@ def test_a_rate_that_is_too_low_is_the_cause_that_is_told():
         play(model, delta, lively(model.joint_count), rate=10.0, sensors=ENCODERS)
     assert "parameters" not in str(found.value)
     with pytest.raises(sy.InputError, match=r"believed to be 0.01 to 0.01 times the true one"):
-        play(model, delta, lively(model.joint_count), believed=0.01 * delta)
+        play(model, delta, lively(model.joint_count), nominal=0.01 * delta)

@@ -1,4 +1,4 @@
-"""Controllers, sensors, actuators and the safety stop in the loop."""
+"""Controllers, sensors, actuators and stopping conditions in the loop."""
 
 import numpy as np
 import pytest
@@ -6,14 +6,14 @@ import pytest
 import steelyard as sy
 from steelyard.errors import InputError
 from steelyard.excitation import FourierTrajectory
-from steelyard.simulation import Actuators, Measurement, Safety, Sensors, simulate
+from steelyard.simulation import Actuators, Measurement, Sensors, StoppingConditions, simulate
 
 
 class Script:
     """Commands what a table says, and keeps what it was told."""
 
-    def __init__(self, period, commands):
-        self.period, self.commands = period, np.asarray(commands, dtype=float)
+    def __init__(self, sample_time, commands):
+        self.sample_time, self.commands = sample_time, np.asarray(commands, dtype=float)
 
     def start(self, measurement):
         self.seen, self.started = [], measurement
@@ -138,38 +138,48 @@ def test_drives_saturate_slew_and_quantise(slide):
 
 
 @pytest.mark.parametrize(
-    ("safety", "words", "time"),
+    ("conditions", "words", "time"),
     [
-        ({"velocity": 0.505}, "safety stop at 0.51 s: joint 'joint1' moves at 0.51, the limit is 0.505", 0.51),
+        ({"velocity": 0.505}, "stopped at 0.51 s: joint 'joint1' moves at 0.51, the limit is 0.505", 0.51),
         ({"upper": 0.0799}, "joint 'joint1' is at 0.08, allowed are -inf to 0.0799", 0.4),
     ],
 )
-def test_the_safety_stop_names_joint_and_limit(slide, safety, words, time):
+def test_the_stopping_conditions_name_joint_and_limit(slide, conditions, words, time):
     model, delta = slide
     name = model.robot.joint_names[0]
-    result = simulate(model, delta, [0.0], [0.0], 1.0, Script(0.01, [[2.0]]), safety=Safety(**safety))
+    result = simulate(
+        model, delta, [0.0], [0.0], 1.0, Script(0.01, [[2.0]]), stopping_conditions=StoppingConditions(**conditions)
+    )
     assert result.status == "stopped"
     assert words.replace("joint1", name) in result.message
     assert abs(result.end_time - time) < 1e-9
     assert result.t[-1] == result.end_time
 
 
-def test_the_safety_stop_watches_the_reference(slide):
+def test_the_stopping_conditions_watch_the_reference(slide):
     model, delta = slide
     reference = FourierTrajectory(a=[[0.0]], b=[[0.0]], center=[0.0], frequency=1.0)
     result = simulate(
-        model, delta, [0.0], [0.0], 1.0, Script(0.01, [[2.0]]), safety=Safety(tracking=0.1, reference=reference)
+        model,
+        delta,
+        [0.0],
+        [0.0],
+        1.0,
+        Script(0.01, [[2.0]]),
+        stopping_conditions=StoppingConditions(tracking=0.1, reference=reference),
     )
     assert "away from its reference, the limit is 0.1" in result.message
     assert abs(result.end_time - 0.45) < 1e-9  # t² / 2 > 0.1
-    with pytest.raises(InputError, match="tracking of Safety needs reference"):
-        Safety(tracking=0.1)
+    with pytest.raises(InputError, match="tracking of StoppingConditions needs reference"):
+        StoppingConditions(tracking=0.1)
 
 
-def test_safety_stops_a_robot_whose_motors_are_off(pendulum):
+def test_stopping_conditions_stop_a_robot_whose_motors_are_off(pendulum):
     model, delta = pendulum
     for method in ("dormand_prince", "runge_kutta_4"):
-        result = simulate(model, delta, [2.0], [0.0], 2.0, method=method, safety=Safety(velocity=3.0))
+        result = simulate(
+            model, delta, [2.0], [0.0], 2.0, method=method, stopping_conditions=StoppingConditions(velocity=3.0)
+        )
         assert result.status == "stopped"
         assert np.abs(result.dq[-1, 0]) > 3.0 >= np.abs(result.dq[:-1, 0]).max()
 
@@ -179,14 +189,14 @@ def test_a_batch_in_a_loop_is_its_runs(two_links):
     model, delta = two_links
 
     class Servo:
-        period = 0.002
+        sample_time = 0.002
 
         def start(self, measurement):
             self.sum = np.zeros_like(measurement.q)
 
         def torque(self, measurement):
             assert isinstance(measurement, Measurement)
-            self.sum = self.sum + measurement.q * self.period
+            self.sum = self.sum + measurement.q * self.sample_time
             return -30.0 * measurement.q - 8.0 * measurement.dq - 10.0 * self.sum
 
     random = np.random.default_rng(3)
@@ -204,7 +214,7 @@ def test_a_controller_cannot_change_the_motion_by_writing_to_what_it_sees(slide)
     model, delta = slide
 
     class Vandal:
-        period = 0.01
+        sample_time = 0.01
 
         def start(self, measurement):
             measurement.q[:] = 100.0
@@ -223,8 +233,8 @@ def test_wrong_controllers_are_refused(slide):
         simulate(model, delta, [0.0], [0.0], 1.0, Script(0.01, [[1.0, 2.0]]))
     with pytest.raises(InputError, match=r"torque must be None .* got int"):
         simulate(model, delta, [0.0], [0.0], 1.0, 5)
-    with pytest.raises(InputError, match=r"works at a period of 0.01 s, but period is 0.02"):
-        simulate(model, delta, [0.0], [0.0], 1.0, Script(0.01, [[1.0]]), period=0.02)
+    with pytest.raises(InputError, match=r"works at a sample time of 0.01 s, but sample time is 0.02"):
+        simulate(model, delta, [0.0], [0.0], 1.0, Script(0.01, [[1.0]]), sample_time=0.02)
     with pytest.raises(InputError, match="actuators act on torques that are held"):
         simulate(model, delta, [0.0], [0.0], 1.0, lambda t, q, dq: q, actuators=Actuators())
     with pytest.raises(InputError, match="need torque_constant, current_range and current_bits together"):

@@ -31,15 +31,15 @@ def test_a_pendulum_hangs_after_a_quarter_of_its_period(pendulum, method):
 @pytest.mark.parametrize("method", ["dormand_prince", "runge_kutta_4"])
 def test_events_that_do_not_end_the_run_are_all_found(pendulum, method):
     model, delta = pendulum
-    period = 4 * ellipk(np.sin(0.5) ** 2) / np.sqrt(9.81)  # let go at 1 rad
+    sample_time = 4 * ellipk(np.sin(0.5) ** 2) / np.sqrt(9.81)  # let go at 1 rad
     rising = Event(lambda t, q, dq: q[0], "up", direction=1, terminal=False)
     either = Event(lambda t, q, dq: dq[0], "turns", terminal=False)
-    result = simulate(model, delta, [1.0], [0.0], 2.9 * period, method=method, events=(rising, either))
+    result = simulate(model, delta, [1.0], [0.0], 2.9 * sample_time, method=method, events=(rising, either))
     assert result.status == "finished"
     up = [e.t for e in result.events if e.name == "up"]
-    np.testing.assert_allclose(up, [0.75 * period, 1.75 * period, 2.75 * period], atol=1e-7)
+    np.testing.assert_allclose(up, [0.75 * sample_time, 1.75 * sample_time, 2.75 * sample_time], atol=1e-7)
     turns = [e.t for e in result.events if e.name == "turns"]  # not the start, where it is let go
-    np.testing.assert_allclose(turns, 0.5 * period * np.arange(1, 6), atol=1e-7)
+    np.testing.assert_allclose(turns, 0.5 * sample_time * np.arange(1, 6), atol=1e-7)
     assert [e.t for e in result.events] == sorted(e.t for e in result.events)
 
 
@@ -88,7 +88,7 @@ def test_an_event_in_a_control_loop_is_found_between_its_ticks(pendulum):
             [0.0],
             1.0,
             lambda t, q, dq: np.zeros(1),
-            period=0.01,
+            sample_time=0.01,
             method=method,
             events=Event(lambda t, q, dq: q[0]),
         )

@@ -55,7 +55,9 @@ def test_held_below_its_friction_a_joint_creeps_as_the_smooth_sign_says(block):
     """At 6 N against 10 N: v / sqrt(v² + w²) = 0.6."""
     model, delta = block
     for method in ("radau", "rosenbrock"):
-        result = simulate(model, delta, [0.0], [0.0], 0.1, lambda t, q, dq: np.full(1, 6.0), method=method, period=1e-3)
+        result = simulate(
+            model, delta, [0.0], [0.0], 0.1, lambda t, q, dq: np.full(1, 6.0), method=method, sample_time=1e-3
+        )
         assert abs(result.final_dq[0] - 0.75e-3) < 1e-9
 
 

@@ -141,6 +141,6 @@ def test_torque_functions_act_within_the_steps(oscillator):
             rate=100.0,
             **step,
         )
-        exact = amplitude * np.sin(5.0 * result.t)  # in resonance it lags by a quarter of a period
+        exact = amplitude * np.sin(5.0 * result.t)  # in resonance it lags by a quarter of a sample time
         assert np.abs(result.q[:, 0] - exact).max() < 1e-6, method
         assert result.torque[0, 0] == 4.0

@@ -109,7 +109,7 @@ def test_a_massless_robot_diverges_at_once(pendulum):
 
 
 def test_contact_is_a_spring(oscillator):
-    """A mass that lands on a wall at 1 m/s: half a period of w = sqrt(k / m), depth v / w."""
+    """A mass that lands on a wall at 1 m/s: half a sample time of w = sqrt(k / m), depth v / w."""
     model = sy.Model(sy.Robot.from_dh([(0, 0, "q", 0)], name="slide", gravity=(0, 0, 0)))
     delta = np.zeros(10)
     delta[9] = 2.0
@@ -141,7 +141,7 @@ def test_contact_is_a_spring(oscillator):
         ({"sign_width": -1.0}, "sign_width must be at least 0"),
         ({"step": 1e-3}, "step is for the fixed-step methods"),
         ({"rate": 0.0}, "rate must be a positive number, Hz, got 0.0"),
-        ({"period": 0.01}, "period is for a torque"),
+        ({"sample_time": 0.01}, "sample time is for a torque"),
         ({"sensors": 3}, "sensors must be a Sensors object, got int"),
         ({"environment": 3}, "environment must have link, point and wrench"),
         ({"relative_tolerance": 0.0}, "relative_tolerance must be a positive number"),

@@ -72,13 +72,13 @@ def test_a_torque_that_is_not_a_number_is_named(two_links, method):
     result = simulate(model, delta, [0.1, 0.2], [0.0, 0.0], 0.2, torque, method=method)
     assert result.status == "diverged"
     assert f"torque returned NaN for joint {names[1]!r} at 0.0" in result.message
-    held = simulate(model, delta, [0.1, 0.2], [0.0, 0.0], 0.2, torque, method=method, period=0.01)
+    held = simulate(model, delta, [0.1, 0.2], [0.0, 0.0], 0.2, torque, method=method, sample_time=0.01)
     assert held.status == "diverged"
     assert held.end_time == pytest.approx(0.06, abs=1e-9)
     assert f"torque returned NaN for joint {names[1]!r} at 0.06 s" in held.message
 
     class Broken:
-        period = 0.01
+        sample_time = 0.01
 
         def start(self, measurement):
             pass

@@ -18,6 +18,7 @@ from numpy.typing import NDArray
 
 from steelyard.control import (
     AdaptiveForceControl,
+    ForceControlOptions,
     ImpedanceControl,
     NumericalDifference,
     Posture,
@@ -137,7 +138,7 @@ def impedance(model: Model, folder: Path) -> Section:
             model.pose(POSTURE, "link7"),
             **DESIGNED,
             posture=Posture(POSTURE, stiffness=100.0, damping=20.0),
-            drives=True,
+            compensate_drives=True,
             velocity=NumericalDifference(order=2),
         )
         result = simulate(
@@ -170,7 +171,7 @@ class Watched:
     """A force controller, and what it estimated at each call."""
 
     def __init__(self, controller: AdaptiveForceControl) -> None:
-        self.controller, self.period = controller, controller.period
+        self.controller, self.sample_time = controller, controller.sample_time
         self.stiffness: list[float] = []
 
     def start(self, measurement: Measurement) -> None:
@@ -195,7 +196,7 @@ def force_control(model: Model, folder: Path) -> Section:
     pose = model.pose(POSTURE, "link7")
     wanted: Callable[[float], float] = lambda t: 10.0 + 3.0 * np.sin(np.pi * t)  # noqa: E731
     charts, lines, rows = [], [], []
-    for name, drives in (("friction compensated", True), ("friction left to the observer", False)):
+    for name, compensate_drives in (("friction compensated", True), ("friction left to the observer", False)):
         watched = Watched(
             AdaptiveForceControl(
                 model,
@@ -206,8 +207,8 @@ def force_control(model: Model, folder: Path) -> Section:
                 reference=pose,
                 kp=400.0,
                 kd=40.0,
-                stiffness=StiffnessEstimator(smallest_way=1e-4, smallest_force=1.0),
-                drives=drives,
+                options=ForceControlOptions(stiffness=StiffnessEstimator(smallest_way=1e-4, smallest_force=1.0)),
+                compensate_drives=compensate_drives,
             )
         )
         wall = ElasticContact("link7", surface=(0.0, 0.0, pose[2, 3] - 0.005), normal=(0, 0, 1), stiffness=environment)

@@ -5,13 +5,13 @@ from typing import TYPE_CHECKING
 from steelyard.first_use import import_at_first_use
 
 if TYPE_CHECKING:
+    from .geometry_tables import GEOMETRY_KEYS as GEOMETRY_KEYS
+    from .geometry_tables import geometry_from_dict as geometry_from_dict
     from .obstacles import Obstacle as Obstacle
     from .obstacles import ObstacleClearance as ObstacleClearance
     from .pairs import LeftOut as LeftOut
     from .robot_geometry import PlacedShape as PlacedShape
     from .robot_geometry import RobotGeometry as RobotGeometry
-    from .section import GEOMETRY_KEYS as GEOMETRY_KEYS
-    from .section import geometry_from_dict as geometry_from_dict
     from .self_collision import SelfCollision as SelfCollision
     from .shapes import Box as Box
     from .shapes import Capsule as Capsule

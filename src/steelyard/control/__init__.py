@@ -7,11 +7,16 @@ from steelyard.first_use import import_at_first_use
 if TYPE_CHECKING:
     from .active_observer import ActiveObserver as ActiveObserver
     from .adaptive_force import AdaptiveForceControl as AdaptiveForceControl
+    from .adaptive_force import ForceControlOptions as ForceControlOptions
     from .block import ControlBlock as ControlBlock
     from .computed_torque import ComputedTorque as ComputedTorque
     from .feedforward_tracking import FeedforwardTracking as FeedforwardTracking
     from .gravity_compensation import GravityCompensation as GravityCompensation
     from .impedance import ImpedanceControl as ImpedanceControl
+    from .joint_references import ConstantReference as ConstantReference
+    from .joint_references import FunctionReference as FunctionReference
+    from .joint_references import JointReference as JointReference
+    from .joint_references import TrajectoryReference as TrajectoryReference
     from .poses import ConstantPose as ConstantPose
     from .poses import PoseFunction as PoseFunction
     from .poses import PoseReference as PoseReference
@@ -20,10 +25,6 @@ if TYPE_CHECKING:
     from .poses import rotation_matrix as rotation_matrix
     from .poses import rotation_vector as rotation_vector
     from .position_tracking import PositionTracking as PositionTracking
-    from .references import ConstantReference as ConstantReference
-    from .references import FunctionReference as FunctionReference
-    from .references import JointReference as JointReference
-    from .references import TrajectoryReference as TrajectoryReference
     from .stiffness import StiffnessEstimator as StiffnessEstimator
     from .task_dynamics import Posture as Posture
     from .task_space import TaskSpaceControl as TaskSpaceControl

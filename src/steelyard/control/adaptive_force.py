@@ -16,7 +16,6 @@ from steelyard.simulation import Measurement
 from .active_observer import ActiveObserver
 from .block import ControlBlock
 from .gains import positive, symmetric_gains
-from .model_part import ModelPart
 from .poses import pose_reference
 from .sampled_loop import Feedback
 from .stiffness import StiffnessEstimator
@@ -24,7 +23,7 @@ from .task_dynamics import Posture, TaskDynamics, applied
 from .tool import Tool, require_force
 from .velocities import VelocityEstimator
 
-__all__ = ["AdaptiveForceControl", "ForceLoop", "force_loop"]
+__all__ = ["AdaptiveForceControl", "ForceControlOptions", "ForceLoop", "force_loop"]
 
 Array = NDArray[np.float64]
 
@@ -48,7 +47,7 @@ class ForceLoop:
     gains: Array
 
 
-def force_loop(bandwidth: float, velocity_gain: float, period: float) -> ForceLoop:
+def force_loop(bandwidth: float, velocity_gain: float, sample_time: float) -> ForceLoop:
     """Sample the plant and place its poles.
 
     Parameters
@@ -57,7 +56,7 @@ def force_loop(bandwidth: float, velocity_gain: float, period: float) -> ForceLo
         Both poles of the closed loop are here, rad/s.
     velocity_gain : float
         K2, 1/s.
-    period : float
+    sample_time : float
         s.
 
     Returns
@@ -71,12 +70,12 @@ def force_loop(bandwidth: float, velocity_gain: float, period: float) -> ForceLo
     >>> bool(np.allclose(np.linalg.eigvals(closed), np.exp(-0.02), atol=1e-6))
     True
     """
-    decay = float(np.exp(-velocity_gain * period))
-    travel = -float(np.expm1(-velocity_gain * period)) / velocity_gain
+    decay = float(np.exp(-velocity_gain * sample_time))
+    travel = -float(np.expm1(-velocity_gain * sample_time)) / velocity_gain
     transition = np.array([[1.0, travel], [0.0, decay]])
-    control = np.array([(period - travel) / velocity_gain, travel])
+    control = np.array([(sample_time - travel) / velocity_gain, travel])
     # Ackermann: the last row of the inverse controllability matrix, times the wanted polynomial of the transition.
-    pole = float(np.exp(-bandwidth * period))
+    pole = float(np.exp(-bandwidth * sample_time))
     shifted = transition - pole * np.eye(2)
     reach = np.column_stack((control, transition @ control))
     gains = np.linalg.solve(reach.T, np.array([0.0, 1.0])) @ shifted @ shifted
@@ -91,15 +90,49 @@ _LONGEST = 0.1  # s, over which force and place are smoothed at most
 _LEAD = 0.05  # m, how far what the tool follows may be ahead of it
 
 
+@dataclass(frozen=True, kw_only=True)
+class ForceControlOptions:
+    """How the force loop of :class:`AdaptiveForceControl` is tuned.
+
+    Attributes
+    ----------
+    bandwidth : float
+        Where both poles of the force loop are placed, rad/s.
+    velocity_gain : float, optional
+        1/s, the damping along the normal; twice the bandwidth where not given.
+    stiffness : StiffnessEstimator, optional
+        Made for an environment of 1000 N/m where not given.
+    force_noise : float
+        Standard deviation of the measured force, N.
+    disturbance_rate : float
+        How much the disturbance wanders, m/s² in a square root of a second.
+    order : int
+        Of the disturbance, see :class:`ActiveObserver`.
+    contact_force : float
+        Above it the tool is in contact; below half of it no more, N.
+    approach_speed : float
+        With which the tool moves along the normal while it touches nothing, m/s.
+    """
+
+    bandwidth: float = 20.0
+    velocity_gain: float | None = None
+    stiffness: StiffnessEstimator | None = None
+    force_noise: float = 0.05
+    disturbance_rate: float = 5.0
+    order: int = 1
+    contact_force: float = 0.5
+    approach_speed: float = 0.02
+
+
 class AdaptiveForceControl(ControlBlock):
     """Presses with a wanted force on an environment of unknown stiffness, and follows poses along the other axes.
 
     After Cortesão, Park and Khatib (2006), whose scheme is figure 2.2 of the thesis. Task-space computed torque makes
-    the tool a double integrator; `velocity_gain` K2 damps it along the normal, so that an environment of stiffness Ks
-    makes it the plant ``f'' = Ks u - K2 f'``. State feedback places both poles of the force loop at `bandwidth`, with
-    gains that are inverse to the stiffness estimated; an active observer estimates the force, its rate and the
-    disturbance that stands for errors of the model, which is taken away from the command. Out of contact the tool
-    approaches at `approach_speed`.
+    the tool a double integrator; the `velocity_gain` K2 of the options damps it along the normal, so that an
+    environment of stiffness Ks makes it the plant ``f'' = Ks u - K2 f'``. State feedback places both poles of the force
+    loop at the `bandwidth`, with gains that are inverse to the stiffness estimated; an active observer estimates the
+    force, its rate and the disturbance that stands for errors of the model, which is taken away from the command. Out
+    of contact the tool approaches at the `approach_speed`.
 
     Parameters
     ----------
@@ -115,23 +148,9 @@ class AdaptiveForceControl(ControlBlock):
         As in :class:`TaskSpaceControl`; along the normal it does not matter.
     kp, kd : array_like
         As in :class:`TaskSpaceControl`, of the axes that follow the pose.
-    bandwidth : float
-        rad/s.
-    velocity_gain : float, optional
-        1/s; twice the bandwidth where not given.
-    stiffness : StiffnessEstimator, optional
-        Made for one of 1000 N/m where not given.
-    force_noise : float
-        Standard deviation of the measured force, N.
-    disturbance_rate : float
-        How much the disturbance wanders, m/s² in a square root of a second.
-    order : int
-        Of the disturbance, see :class:`ActiveObserver`.
-    contact_force : float
-        Above it the tool is in contact; below half of it no more, N.
-    approach_speed : float
-        m/s.
-    posture, base, drives, sign_width, largest_mass, length, period, velocity
+    options : ForceControlOptions, optional
+        How the force loop is tuned; the defaults suit a quiet sensor.
+    posture, base, compensate_drives, sign_width, largest_mass, length, sample_time, velocity
         As in :class:`TaskSpaceControl`.
 
     Attributes
@@ -160,61 +179,64 @@ class AdaptiveForceControl(ControlBlock):
         reference: Any,
         kp: ArrayLike,
         kd: ArrayLike,
-        bandwidth: float = 20.0,
-        velocity_gain: float | None = None,
-        stiffness: StiffnessEstimator | None = None,
-        force_noise: float = 0.05,
-        disturbance_rate: float = 5.0,
-        order: int = 1,
-        contact_force: float = 0.5,
-        approach_speed: float = 0.02,
+        options: ForceControlOptions | None = None,
         posture: Posture | None = None,
         base: bool = False,
-        drives: bool = False,
+        compensate_drives: bool = False,
         sign_width: float = 0.01,
         largest_mass: float | None = None,
         length: float = 0.3,
-        period: float = 0.001,
+        sample_time: float = 0.001,
         velocity: VelocityEstimator | None = None,
     ) -> None:
-        functions = TaskDynamics.needed(tool, drives)
-        width = sign_width if drives else 0.0
-        part = ModelPart(model, parameters, functions, base=base, point=tool.point, sign_width=width)
-        super().__init__(part, period, velocity)
-        axes = "pose" if model.joint_count >= 6 else "position"
-        self._task = TaskDynamics(part, tool, axes, drives=drives, largest_mass=largest_mass, length=length)
+        tuning = ForceControlOptions() if options is None else options
+        self._task = TaskDynamics.of_model(
+            model,
+            parameters,
+            tool,
+            "pose" if model.joint_count >= 6 else "position",
+            base=base,
+            compensate_drives=compensate_drives,
+            sign_width=sign_width,
+            largest_mass=largest_mass,
+            length=length,
+        )
+        super().__init__(self._task.part, sample_time, velocity)
         self.reference = pose_reference(reference)
         count = len(self._task.rows)
         self._kp, self._kd = symmetric_gains(kp, count, "kp"), symmetric_gains(kd, count, "kd")
         self._normal = np.zeros(count)
         self._normal[:3] = _direction(normal)
         self._wanted = force if callable(force) else _constant(force)
-        bandwidth = positive(bandwidth, "bandwidth")
-        self._damping = 2.0 * bandwidth if velocity_gain is None else positive(velocity_gain, "velocity_gain")
-        loop = force_loop(bandwidth, self._damping, self.period)
+        bandwidth = positive(tuning.bandwidth, "bandwidth")
+        self._damping = (
+            2.0 * bandwidth if tuning.velocity_gain is None else positive(tuning.velocity_gain, "velocity_gain")
+        )
+        loop = force_loop(bandwidth, self._damping, self.sample_time)
         self._gains = loop.gains
         self.observer = ActiveObserver(
             loop.transition,
             loop.control,
             [1.0, 0.0],
-            measurement_noise=force_noise,
-            disturbance_noise=positive(disturbance_rate, "disturbance_rate") * float(np.sqrt(self.period)),
-            order=order,
+            measurement_noise=tuning.force_noise,
+            disturbance_noise=positive(tuning.disturbance_rate, "disturbance_rate") * float(np.sqrt(self.sample_time)),
+            order=tuning.order,
         )
         # What the sensor's noise hides in one sample shows in several.
-        samples = max((force_noise / _QUIET) ** 2, 1.0)
-        smoothing = min(0.5 * self.period * (samples - 1.0), _LONGEST)
-        self._keep = float(np.exp(-self.period / smoothing)) if smoothing else 0.0
-        quiet = force_noise * float(np.sqrt((1.0 - self._keep) / (1.0 + self._keep)))
+        samples = max((tuning.force_noise / _QUIET) ** 2, 1.0)
+        smoothing = min(0.5 * self.sample_time * (samples - 1.0), _LONGEST)
+        self._keep = float(np.exp(-self.sample_time / smoothing)) if smoothing else 0.0
+        quiet = tuning.force_noise * float(np.sqrt((1.0 - self._keep) / (1.0 + self._keep)))
         self._estimator = (
             StiffnessEstimator(smallest_force=max(0.5, 10.0 * quiet), smoothing=smoothing)
-            if stiffness is None
-            else stiffness
+            if tuning.stiffness is None
+            else tuning.stiffness
         )
-        self._jump = _JUMP * force_noise
-        contact_force = positive(contact_force, "contact_force")
-        self._threshold, self._obvious = max(contact_force, 5.0 * quiet), max(contact_force, 5.0 * force_noise)
-        self._speed = positive(approach_speed, "approach_speed")
+        self._jump = _JUMP * tuning.force_noise
+        contact_force = positive(tuning.contact_force, "contact_force")
+        self._threshold = max(contact_force, 5.0 * quiet)
+        self._obvious = max(contact_force, 5.0 * tuning.force_noise)
+        self._speed = positive(tuning.approach_speed, "approach_speed")
         self._posture = (Posture() if posture is None else posture).of(model)
         self.contact = self._jumped = np.zeros((), dtype=np.bool_)
         self._smooth: Array = np.zeros(())

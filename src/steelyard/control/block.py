@@ -1,4 +1,4 @@
-"""What all the model-based controllers share: a period, a model part, a velocity estimator."""
+"""What all the model-based controllers share: a sample time, a model part, a velocity estimator."""
 
 from __future__ import annotations
 
@@ -28,38 +28,38 @@ _LOOKED_AT = 32  # configurations at which gains are checked; about 1 ms each fo
 class ControlBlock(ABC):
     """A controller with a model of the robot; see :class:`steelyard.simulation.Controller`.
 
-    Its gains are checked against the inertia of the robot in the model, the period and the lag of the velocities: when
-    it is made, at configurations of its reference (where that is of a tool, at random ones, of which it must hold
+    Its gains are checked against the inertia of the robot in the model, the sample time and the lag of the velocities:
+    when it is made, at configurations of its reference (where that is of a tool, at random ones, of which it must hold
     half), and once more where it starts. What is checked is the linear loop near rest, see :class:`SampledLoop`.
 
     Parameters
     ----------
     part : ModelPart
         What it computes of the model.
-    period : float
+    sample_time : float
         Time between two calls, s.
     velocity : VelocityEstimator, optional
         Numerical differences where not given.
 
     Attributes
     ----------
-    period : float
+    sample_time : float
         Time between two calls, s.
     """
 
-    def __init__(self, part: ModelPart, period: float, velocity: VelocityEstimator | None = None) -> None:
+    def __init__(self, part: ModelPart, sample_time: float, velocity: VelocityEstimator | None = None) -> None:
         self._part = part
-        self.period = positive(period, "period")
+        self.sample_time = positive(sample_time, "sample_time")
         self._velocity = NumericalDifference() if velocity is None else velocity
         self._shape: tuple[int, ...] | None = None
 
     def __repr__(self) -> str:
         robot = self._part.model.robot
-        return f"{type(self).__name__}({robot.name}: {robot.dof} joints, every {self.period:g} s)"
+        return f"{type(self).__name__}({robot.name}: {robot.dof} joints, every {self.sample_time:g} s)"
 
     @property
     def functions(self) -> tuple[str, ...]:
-        """Names of the functions of the model that the controller computes each period."""
+        """Names of the functions of the model that the controller computes each sample time."""
         return self._part.functions
 
     def generate(self, language: str, directory: str | Path, *, fixed: bool = False) -> tuple[Path, ...]:
@@ -115,15 +115,15 @@ class ControlBlock(ABC):
         """Return the loop at configurations (P, N) and the feedback in it; None where nothing is known of either."""
         inertia, friction = self._part.resistance(q)
         # Parameters that no robot can have say nothing about a robot: there is nothing to check against.
-        for matrix in (inertia, self._part.believed("inertia_matrix", q)):
+        for matrix in (inertia, self._part.nominal("inertia_matrix", q)):
             if not (np.linalg.eigvalsh(matrix)[:, 0] > 0.0).all():
                 return None
         feedback = self._feedback(q)
         if feedback is None:
             return None
         transfer = getattr(self._velocity, "transfer", None)
-        known = None if transfer is None else transfer(self.period)
-        return SampledLoop(inertia, friction, self.period, known), feedback
+        known = None if transfer is None else transfer(self.sample_time)
+        return SampledLoop(inertia, friction, self.sample_time, known), feedback
 
     def _check_gains(self, q: Array, share: float = 0.0) -> None:
         """Refuse gains with which the loop is unstable at more than a share of configurations (P, N)."""
@@ -140,14 +140,15 @@ class ControlBlock(ABC):
         joint = self._part.model.robot.joint_names[loop.fastest(feedback, worst)]
         remedy = (
             f"With all its gains multiplied by {0.5 * margin:.2g} it has a margin of two; lower them where damping "
-            "times period is above the inertia that it acts on"
+            "times sample time is above the inertia that it acts on"
             if margin > _SMALLEST
             else "No common factor makes it stable: raise the damping against the other gains"
         )
         raise InputError(
             f"{type(self).__name__} is unstable with these gains on {self._part.model.robot.name}: near rest at "
             f"q = {np.round(places[worst], 3).tolist()} errors grow by a factor of {growth[worst]:.3g} every "
-            f"{self.period:g} s, most of all at joint {joint!r}. {remedy}, shorten the period, or take velocities that "
+            f"{self.sample_time:g} s, most of all at joint {joint!r}. {remedy}, shorten the sample time, or take "
+            "velocities that "
             "lag less."
         )
 

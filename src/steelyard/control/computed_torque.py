@@ -12,8 +12,8 @@ from steelyard.simulation import Measurement
 
 from .block import ControlBlock
 from .gains import joint_gains, joint_limits
+from .joint_references import configurations_of, joint_reference
 from .model_part import ModelPart
-from .references import configurations_of, joint_reference
 from .sampled_loop import Feedback
 from .tool import ForceSensing, Tool
 from .velocities import VelocityEstimator
@@ -27,7 +27,7 @@ class ComputedTorque(ControlBlock):
     """Linearises the robot by nonlinear feedback and tracks a motion (thesis eq. 2.23 to 2.27).
 
     ``tau = M a + C dq + g (+ h) (- J' force)`` with ``a = ddq_r + Kd (dq_r - dq) + Kp (q_r - q) + Ki integral``. With
-    the robot's true parameters and `drives` the joints obey ``ddq = a`` and the error decays as
+    the robot's true parameters and `compensate_drives` the joints obey ``ddq = a`` and the error decays as
     ``e'' + Kd e' + Kp e = 0``.
 
     Parameters
@@ -50,15 +50,15 @@ class ComputedTorque(ControlBlock):
         effort limits of the description with `ki`, and nothing without.
     base : bool
         Whether `parameters` are base parameters.
-    drives : bool
+    compensate_drives : bool
         Whether friction, rotors and other terms, ``h`` of eq. 2.9, are compensated. The sign of a velocity is hard to
         know near rest, where compensation of Coulomb friction makes a joint chatter (thesis section 5.2).
     sign_width : float
-        With `drives`, speed within which the sign of Coulomb friction changes smoothly, rad/s or m/s; 0 for the exact
-        sign.
+        With `compensate_drives`, speed within which the sign of Coulomb friction changes smoothly, rad/s or m/s; 0 for
+        the exact sign.
     tool : Tool, optional
         Where a force sensor sits, whose wrench is compensated, ``tau_e`` of eq. 2.25; needs measured forces.
-    period : float
+    sample_time : float
         s.
     velocity : VelocityEstimator, optional
         Numerical differences where not given.
@@ -97,22 +97,29 @@ class ComputedTorque(ControlBlock):
         integral_limit: ArrayLike = 0.2,
         torque_limit: ArrayLike | None = None,
         base: bool = False,
-        drives: bool = False,
+        compensate_drives: bool = False,
         sign_width: float = 0.01,
         tool: Tool | None = None,
-        period: float = 0.001,
+        sample_time: float = 0.001,
         velocity: VelocityEstimator | None = None,
     ) -> None:
-        self._drives = bool(drives)
-        self._dynamics = "inverse_dynamics" if drives else "computed_torque"
+        self._compensates = bool(compensate_drives)
+        self._dynamics = "inverse_dynamics" if compensate_drives else "computed_torque"
         functions = (self._dynamics,) if tool is None else (self._dynamics, tool.jacobian)
         point = (0.0, 0.0, 0.0) if tool is None else tool.point
         super().__init__(
-            ModelPart(model, parameters, functions, base=base, point=point, sign_width=sign_width if drives else 0.0),
-            period,
+            ModelPart(
+                model,
+                parameters,
+                functions,
+                base=base,
+                point=point,
+                sign_width=sign_width if compensate_drives else 0.0,
+            ),
+            sample_time,
             velocity,
         )
-        self.reference = joint_reference(reference, model.joint_count, period=self.period)
+        self.reference = joint_reference(reference, model.joint_count, sample_time=self.sample_time)
         self._kp = joint_gains(kp, model.joint_count, "kp")
         self._kd = joint_gains(kd, model.joint_count, "kd")
         self._ki = joint_gains(ki, model.joint_count, "ki")
@@ -139,9 +146,9 @@ class ComputedTorque(ControlBlock):
         self._integral, self._time = 0.0, measurement.t
 
     def _feedback(self, q: Array) -> Feedback:
-        inertia = self._part.believed("total_inertia_matrix" if self._drives else "inertia_matrix", q)
+        inertia = self._part.nominal("total_inertia_matrix" if self._compensates else "inertia_matrix", q)
         damping = inertia * self._kd
-        if self._drives:  # what friction takes is given back
+        if self._compensates:  # what friction takes is given back
             damping = damping - self._part.resistance(q)[1]
         return Feedback(inertia * self._kp, damping, inertia * self._ki if self._integrates else None)
 

@@ -12,8 +12,8 @@ from steelyard.simulation import Measurement
 
 from .block import ControlBlock
 from .gains import joint_gains
+from .joint_references import configurations_of, joint_reference
 from .model_part import ModelPart
-from .references import configurations_of, joint_reference
 from .sampled_loop import Feedback
 from .task_dynamics import applied
 from .velocities import VelocityEstimator
@@ -29,8 +29,8 @@ class FeedforwardTracking(ControlBlock):
     Thesis eq. 4.16 to 4.18. The gains are torques: they do not pass through the inertia matrix, so that each joint can
     be tuned by itself. Where the links pull at each other strongly, the lightest motion of all the joints together
     bounds the gains of each; with `coupled` they pass through the inertia matrix of links and rotors. Friction is not
-    compensated, since before an identification nobody knows it; where it is known, `drives` feeds it forward along the
-    reference, which leaves the feedback and its margins as they are.
+    compensated, since before an identification nobody knows it; where it is known, `compensate_drives` feeds it forward
+    along the reference, which leaves the feedback and its margins as they are.
 
     Parameters
     ----------
@@ -44,11 +44,11 @@ class FeedforwardTracking(ControlBlock):
         1/s² and 1/s.
     coupled : bool
         Whether the gains are those of accelerations, which the inertia matrix of links and rotors turns into torques.
-    drives : bool
+    compensate_drives : bool
         Whether the torques of friction, rotors and other terms along the reference are added.
     base : bool
         Whether `parameters` are base parameters.
-    period : float
+    sample_time : float
         s.
     velocity : VelocityEstimator, optional
         Numerical differences where not given, as in the thesis.
@@ -79,22 +79,22 @@ class FeedforwardTracking(ControlBlock):
         kp: ArrayLike,
         kd: ArrayLike,
         coupled: bool = False,
-        drives: bool = False,
+        compensate_drives: bool = False,
         base: bool = False,
-        period: float = 0.001,
+        sample_time: float = 0.001,
         velocity: VelocityEstimator | None = None,
     ) -> None:
-        functions = ("computed_torque", *["total_inertia_matrix"] * coupled, *["drive_torque"] * drives)
-        super().__init__(ModelPart(model, parameters, functions, base=base), period, velocity)
-        self._coupled, self._drives = bool(coupled), bool(drives)
-        self.reference = joint_reference(reference, model.joint_count, period=self.period)
+        functions = ("computed_torque", *["total_inertia_matrix"] * coupled, *["drive_torque"] * compensate_drives)
+        super().__init__(ModelPart(model, parameters, functions, base=base), sample_time, velocity)
+        self._coupled, self._compensates = bool(coupled), bool(compensate_drives)
+        self.reference = joint_reference(reference, model.joint_count, sample_time=self.sample_time)
         self._kp = joint_gains(kp, model.joint_count, "kp")
         self._kd = joint_gains(kd, model.joint_count, "kd")
         self._check_gains(configurations_of(self.reference))
 
     def _feedback(self, q: Array) -> Feedback:
         if self._coupled:
-            inertia = self._part.believed("total_inertia_matrix", q)
+            inertia = self._part.nominal("total_inertia_matrix", q)
             return Feedback(inertia * self._kp, inertia * self._kd)
         kp, kd = (np.tile(np.diag(gains), (len(q), 1, 1)) for gains in (self._kp, self._kd))
         return Feedback(kp, kd)
@@ -108,6 +108,6 @@ class FeedforwardTracking(ControlBlock):
             count = self._part.joint_count
             feedback = applied(self._part.matrix("total_inertia_matrix", (count, count), q), feedback)
         torque += feedback
-        if self._drives:
+        if self._compensates:
             torque += self._part("drive_torque", *np.broadcast_arrays(wanted, speed, acceleration, q)[:3])
         return torque

@@ -121,7 +121,7 @@ def positive(value: float, name: str, *, zero: bool = False) -> float:
 
     Examples
     --------
-    >>> positive(0.001, "period")
+    >>> positive(0.001, "sample_time")
     0.001
     """
     number = _numbers(value, name)

@@ -33,7 +33,7 @@ class GravityCompensation(ControlBlock):
         Whether Coriolis and centripetal torques are compensated, too.
     damping : array_like
         A number or (N,), N·m·s/rad or N·s/m.
-    period : float
+    sample_time : float
         s.
     velocity : VelocityEstimator, optional
         Numerical differences where not given.
@@ -59,11 +59,11 @@ class GravityCompensation(ControlBlock):
         base: bool = False,
         coriolis: bool = False,
         damping: ArrayLike = 0.0,
-        period: float = 0.001,
+        sample_time: float = 0.001,
         velocity: VelocityEstimator | None = None,
     ) -> None:
         functions = ("gravity", "coriolis") if coriolis else ("gravity",)
-        super().__init__(ModelPart(model, parameters, functions, base=base), period, velocity)
+        super().__init__(ModelPart(model, parameters, functions, base=base), sample_time, velocity)
         self._coriolis = coriolis
         self._damping = joint_gains(damping, model.joint_count, "damping")
         self._damps = bool(self._damping.any())

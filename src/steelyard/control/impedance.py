@@ -14,7 +14,6 @@ from steelyard.simulation import Measurement
 
 from .block import ControlBlock
 from .gains import symmetric_gains
-from .model_part import ModelPart
 from .poses import PoseTarget, pose_reference
 from .sampled_loop import Feedback
 from .task_dynamics import Posture, TaskDynamics, applied
@@ -49,7 +48,7 @@ class ImpedanceControl(ControlBlock):
         The same, positive definite, kg and kg·m².
     frame : {"base", "target"}
         Whose axes stiffness, damping and inertia are along; ``"target"`` for whole poses, positions or orientations.
-    axes, posture, base, drives, sign_width, largest_mass, length, period, velocity
+    axes, posture, base, compensate_drives, sign_width, largest_mass, length, sample_time, velocity
         As in :class:`TaskSpaceControl`.
 
     Attributes
@@ -92,18 +91,25 @@ class ImpedanceControl(ControlBlock):
         axes: str | Sequence[str] = "pose",
         posture: Posture | None = None,
         base: bool = False,
-        drives: bool = False,
+        compensate_drives: bool = False,
         sign_width: float = 0.01,
         largest_mass: float | None = None,
         length: float = 0.3,
-        period: float = 0.001,
+        sample_time: float = 0.001,
         velocity: VelocityEstimator | None = None,
     ) -> None:
-        functions = TaskDynamics.needed(tool, drives)
-        width = sign_width if drives else 0.0
-        part = ModelPart(model, parameters, functions, base=base, point=tool.point, sign_width=width)
-        super().__init__(part, period, velocity)
-        self._task = TaskDynamics(part, tool, axes, drives=drives, largest_mass=largest_mass, length=length)
+        self._task = TaskDynamics.of_model(
+            model,
+            parameters,
+            tool,
+            axes,
+            base=base,
+            compensate_drives=compensate_drives,
+            sign_width=sign_width,
+            largest_mass=largest_mass,
+            length=length,
+        )
+        super().__init__(self._task.part, sample_time, velocity)
         self.reference = pose_reference(reference)
         rows = self._task.rows
         self._stiffness = symmetric_gains(stiffness, len(rows), "stiffness")

@@ -1,4 +1,4 @@
-"""The functions of a model that a controller calls each period: compiled, with parameters and memory in place."""
+"""The functions of a model that a controller calls each sample time: compiled, with parameters and memory in place."""
 
 from __future__ import annotations
 
@@ -123,7 +123,7 @@ class ModelPart:
         """Return random joint positions (64, N), the same at every call, for what depends on where the robot is."""
         return np.random.default_rng(0).uniform(-np.pi, np.pi, (64, self.joint_count))
 
-    def believed(self, name: str, q: Array) -> Array:
+    def nominal(self, name: str, q: Array) -> Array:
         """Return a function of the positions that is a square matrix, at configurations (P, N)."""
         found = self.model.kernel(name, base=self.base)(q, self.parameters)
         return np.asarray(found).reshape(len(q), self.joint_count, self.joint_count)
@@ -145,7 +145,7 @@ class ModelPart:
         slope = np.stack([column.reshape(rows, count) for column in columns], axis=-1)
         values, vectors = np.linalg.eigh(0.5 * (slope + np.swapaxes(slope, -1, -2)))
         friction = (vectors * np.maximum(values, 0.0)[:, None, :]) @ np.swapaxes(vectors, -1, -2)
-        return self.believed("total_inertia_matrix", q), friction
+        return self.nominal("total_inertia_matrix", q), friction
 
     def generate(self, language: str, directory: str | Path, *, fixed: bool = False) -> tuple[Path, ...]:
         """Write the functions as source; see :meth:`steelyard.Model.generate`.

@@ -13,8 +13,8 @@ from steelyard.simulation import Measurement
 
 from .block import ControlBlock
 from .gains import joint_gains, positive
+from .joint_references import configurations_of, joint_reference
 from .model_part import ModelPart
-from .references import configurations_of, joint_reference
 from .sampled_loop import Feedback
 from .velocities import VelocityEstimator
 
@@ -46,7 +46,7 @@ class PositionTracking(ControlBlock):
         s; both 0 turns everything on at once.
     base : bool
         Whether `parameters` are base parameters.
-    period : float
+    sample_time : float
         s.
     velocity : VelocityEstimator, optional
         Numerical differences where not given, as in the thesis.
@@ -85,11 +85,11 @@ class PositionTracking(ControlBlock):
         control_start: float = 0.0,
         reference_start: float = 0.0,
         base: bool = False,
-        period: float = 0.001,
+        sample_time: float = 0.001,
         velocity: VelocityEstimator | None = None,
     ) -> None:
-        super().__init__(ModelPart(model, parameters, ("computed_torque",), base=base), period, velocity)
-        self.reference = joint_reference(reference, model.joint_count, period=self.period)
+        super().__init__(ModelPart(model, parameters, ("computed_torque",), base=base), sample_time, velocity)
+        self.reference = joint_reference(reference, model.joint_count, sample_time=self.sample_time)
         self._kp = joint_gains(kp, model.joint_count, "kp")
         self._kd = joint_gains(kd, model.joint_count, "kd")
         self.control_start = positive(control_start, "control_start", zero=True)
@@ -102,7 +102,7 @@ class PositionTracking(ControlBlock):
         self._check_gains(configurations_of(self.reference))
 
     def _feedback(self, q: Array) -> Feedback:
-        inertia = self._part.believed("inertia_matrix", q)
+        inertia = self._part.nominal("inertia_matrix", q)
         return Feedback(inertia * self._kp, inertia * self._kd)
 
     def _command(self, measurement: Measurement) -> Array:

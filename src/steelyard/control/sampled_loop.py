@@ -20,7 +20,7 @@ _FREQUENCIES = 200
 
 @dataclass(frozen=True, eq=False)
 class Feedback:
-    """Joint torques for a joint error, ``tau = -stiffness e - damping de/dt - integral (sum of e times the period)``.
+    """Joint torques for a joint error, ``tau = -stiffness e - damping de/dt - integral sum(e) sample_time``.
 
     Attributes
     ----------
@@ -41,17 +41,17 @@ class Feedback:
 
 
 class SampledLoop:
-    """A robot at rest at P configurations, with torques that are held for a period and velocities that are estimated.
+    """A robot at rest at P configurations, with held torques and estimated velocities.
 
     To first order, ``inertia d²e/dt² = -friction de/dt + tau``. That is exact near rest; gravity and Coriolis torques
     count as compensated, and Coulomb friction, which only takes energy away, as none. Between samples the motion under
-    a held torque is solved exactly, so that the eigenvalues of one period's map tell whether errors grow.
+    a held torque is solved exactly, so that the eigenvalues of one sample time's map tell whether errors grow.
 
     Parameters
     ----------
     inertia, friction : ndarray
         (P, N, N) inertia matrices, positive definite, and viscous friction.
-    period : float
+    sample_time : float
         s.
     transfer : tuple of ndarray or None
         Numerator and denominator of the velocity estimate over the sampled position, in powers of 1/z, the
@@ -59,7 +59,7 @@ class SampledLoop:
 
     Examples
     --------
-    A unit mass under damping alone, with the true velocity: stable as long as damping times period is below 2.
+    A unit mass under damping alone, with the true velocity: stable as long as damping times sample time is below 2.
 
     >>> one = np.ones((1, 1, 1))
     >>> loop = SampledLoop(one, 0 * one, 0.001, None)
@@ -67,7 +67,7 @@ class SampledLoop:
     4.0
     """
 
-    def __init__(self, inertia: Array, friction: Array, period: float, transfer: Transfer | None) -> None:
+    def __init__(self, inertia: Array, friction: Array, sample_time: float, transfer: Transfer | None) -> None:
         count, size = inertia.shape[0], inertia.shape[-1]
         inverse = np.linalg.inv(inertia)
         # The free motion and the held torque in one matrix exponential (Van Loan 1978).
@@ -75,14 +75,14 @@ class SampledLoop:
         whole[:, :size, size : 2 * size] = np.eye(size)
         whole[:, size : 2 * size, size : 2 * size] = -inverse @ friction
         whole[:, size : 2 * size, 2 * size :] = inverse
-        flow = expm(period * whole)
-        self._size, self._period = size, period
+        flow = expm(sample_time * whole)
+        self._size, self._sample_time = size, sample_time
         self._transition = flow[:, : 2 * size, : 2 * size]
         self._input = flow[:, : 2 * size, 2 * size :]
         self._filter = None if transfer is None else _realised(transfer)
 
     def growth(self, feedback: Feedback) -> Array:
-        """Return by what factor a period the worst error grows (P,); at most 1 in a stable loop."""
+        """Return by what factor a sample time the worst error grows (P,); at most 1 in a stable loop."""
         return np.asarray(np.abs(np.linalg.eigvals(self._closed(feedback)[0])).max(axis=-1), dtype=np.float64)
 
     def is_stable(self, feedback: Feedback) -> NDArray[np.bool_]:
@@ -136,7 +136,7 @@ class SampledLoop:
         return float(np.linalg.norm(np.eye(self._size) - gain @ moved, ord=2, axis=(-2, -1)).max())
 
     def _closed(self, feedback: Feedback) -> tuple[Array, Array, Array]:
-        """Return one period's map of the closed loop, the gains of its state, and how a torque enters."""
+        """Return one sample time's map of the closed loop, the gains of its state, and how a torque enters."""
         size, count = self._size, len(self._transition)
         one = np.eye(size)
         order = 0 if self._filter is None else len(self._filter[1])
@@ -161,9 +161,9 @@ class SampledLoop:
         if feedback.integral is not None:  # the sum holds the present error already
             last = slice(width - size, width)
             free[:, last, last] = one
-            free[:, last, places] = self._period * one
+            free[:, last, places] = self._sample_time * one
             gain[:, :, last] = feedback.integral
-            gain[:, :, places] += self._period * feedback.integral
+            gain[:, :, places] += self._sample_time * feedback.integral
         return free - entry @ gain, gain, entry
 
 

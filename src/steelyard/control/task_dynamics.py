@@ -166,7 +166,7 @@ class TaskDynamics:
     tool : Tool
     axes : str or sequence of str
         See :func:`task_axes`.
-    drives : bool
+    compensate_drives : bool
         Whether inertia and torques include rotors, friction and the like.
     largest_mass : float, optional
         kg.
@@ -175,6 +175,7 @@ class TaskDynamics:
 
     Attributes
     ----------
+    part : ModelPart
     rows : tuple of int
         Of a twist, which the task controls.
     largest_mass : float
@@ -192,11 +193,11 @@ class TaskDynamics:
         tool: Tool,
         axes: str | Sequence[str],
         *,
-        drives: bool = False,
+        compensate_drives: bool = False,
         largest_mass: float | None = None,
         length: float = 0.3,
     ) -> None:
-        self._part = part
+        self.part = part
         self._tool = tool
         self.rows = task_axes(axes)
         if len(self.rows) > part.joint_count:
@@ -205,25 +206,47 @@ class TaskDynamics:
                 "joints; name fewer axes, such as axes='position'."
             )
         self._all_rows = self.rows == tuple(range(6))
-        self._drives = drives
-        self._matrix, self._torque, *_ = self.needed(tool, drives)
+        self._compensates = compensate_drives
+        self._matrix, self._torque, *_ = self.needed(tool, compensate_drives)
         weights = np.array([1.0, 1.0, 1.0, *[positive(length, "length")] * 3])[list(self.rows)]
         self._squares = np.outer(weights, weights)
         self.largest_mass = self._usual() if largest_mass is None else positive(largest_mass, "largest_mass")
         self._least = 1.0 / self.largest_mass
 
+    @classmethod
+    def of_model(
+        cls,
+        model: Model,
+        parameters: ArrayLike,
+        tool: Tool,
+        axes: str | Sequence[str],
+        *,
+        base: bool,
+        compensate_drives: bool,
+        sign_width: float,
+        largest_mass: float | None,
+        length: float,
+    ) -> TaskDynamics:
+        """Return the dynamics of a tool by a model and its parameters, see :class:`TaskSpaceControl`."""
+        functions = cls.needed(tool, compensate_drives)
+        width = sign_width if compensate_drives else 0.0
+        part = ModelPart(model, parameters, functions, base=base, point=tool.point, sign_width=width)
+        return cls(part, tool, axes, compensate_drives=compensate_drives, largest_mass=largest_mass, length=length)
+
     @staticmethod
-    def needed(tool: Tool, drives: bool = False) -> tuple[str, ...]:
+    def needed(tool: Tool, compensate_drives: bool = False) -> tuple[str, ...]:
         """Return the names of the functions of the model that are called."""
-        dynamics = ("total_inertia_matrix", "inverse_dynamics") if drives else ("inertia_matrix", "computed_torque")
+        dynamics = (
+            ("total_inertia_matrix", "inverse_dynamics") if compensate_drives else ("inertia_matrix", "computed_torque")
+        )
         return (*dynamics, tool.pose, tool.jacobian, tool.jacobian_rate)
 
     def _usual(self) -> float:
         """Return five times the lower quartile, over random postures, of the mass in the heaviest direction."""
-        count = self._part.joint_count
-        q = self._part.configurations()
-        jacobian = self.chosen_rows(self._part.matrix(self._tool.jacobian, (6, count), q))
-        matrix = self._part.matrix(self._matrix, (count, count), q)
+        count = self.part.joint_count
+        q = self.part.configurations()
+        jacobian = self.chosen_rows(self.part.matrix(self._tool.jacobian, (6, count), q))
+        matrix = self.part.matrix(self._matrix, (count, count), q)
         mobility = jacobian @ np.linalg.pinv(matrix, hermitian=True) @ np.swapaxes(jacobian, -1, -2)
         values = np.linalg.eigvalsh(mobility * self._squares)
         values = np.where(values > _NOTHING * values[:, -1:], values, np.inf)  # what no posture can reach is no mass
@@ -243,11 +266,11 @@ class TaskDynamics:
         q, dq : ndarray
             (..., N).
         """
-        count = self._part.joint_count
+        count = self.part.joint_count
         pose = self.pose(q)
-        full = self._part.matrix(self._tool.jacobian, (6, count), q)
-        rate = self._part.matrix(self._tool.jacobian_rate, (6, count), q, dq)
-        matrix = self._part.matrix(self._matrix, (count, count), q)
+        full = self.part.matrix(self._tool.jacobian, (6, count), q)
+        rate = self.part.matrix(self._tool.jacobian_rate, (6, count), q, dq)
+        matrix = self.part.matrix(self._matrix, (count, count), q)
         drift = self.chosen(applied(rate, dq))
         jacobian = self.chosen_rows(full)
         lever = _solved(matrix, np.swapaxes(jacobian, -1, -2))
@@ -256,7 +279,7 @@ class TaskDynamics:
 
     def pose(self, q: Array) -> Array:
         """Return the pose of the tool (..., 4, 4) in the base frame."""
-        return self._part.matrix(self._tool.pose, (4, 4), q) @ self._tool.placement
+        return self.part.matrix(self._tool.pose, (4, 4), q) @ self._tool.placement
 
     def error(self, state: TaskState, target: PoseTarget) -> Array:
         """Return how far the tool is from its target (..., k): a way (m), and axis times angle (rad) in base axes.
@@ -314,7 +337,7 @@ class TaskDynamics:
         forces : bool
             Whether these are forces at the tool, instead of accelerations.
         """
-        state, matrix = self.state(q, 0.0 * q), self._part.believed(self._matrix, q)
+        state, matrix = self.state(q, 0.0 * q), self.part.nominal(self._matrix, q)
         back = np.swapaxes(state.jacobian, -1, -2)
         pressed = back if forces else matrix @ state.lever @ state.inertia
         rest = matrix - matrix @ state.lever @ state.inertia @ state.jacobian
@@ -323,13 +346,13 @@ class TaskDynamics:
             pressed @ gains @ state.jacobian + rest * free
             for gains, free in zip((stiffness, damping), own, strict=True)
         )
-        if self._drives:  # what friction takes is given back
-            damps = damps - self._part.resistance(q)[1]
+        if self._compensates:  # what friction takes is given back
+            damps = damps - self.part.resistance(q)[1]
         return Feedback(holds, damps)
 
     def torque(self, state: TaskState, acceleration: Array) -> Array:
         """Return the joint torques (..., N) of joint accelerations."""
-        return self._part(self._torque, state.q, state.dq, acceleration)
+        return self.part(self._torque, state.q, state.dq, acceleration)
 
     def _inverse(self, mobility: Array) -> Array:
         """Invert J M^-1 J', but let directions fade whose apparent mass is above the largest."""

@@ -13,7 +13,6 @@ from steelyard.simulation import Measurement
 
 from .block import ControlBlock
 from .gains import symmetric_gains
-from .model_part import ModelPart
 from .poses import pose_reference
 from .sampled_loop import Feedback
 from .task_dynamics import Posture, TaskDynamics, applied
@@ -33,8 +32,8 @@ class TaskSpaceControl(ControlBlock):
     from the model: ``tau = M ddq + C dq + g (+ h) (- J' force)``. That is eq. 2.31 and 2.33, save that gravity and
     Coriolis torques are compensated in the null space of the task, too, which eq. 2.31 leaves to themselves.
 
-    With the robot's true parameters and `drives`, the tool obeys ``d²x/dt² = a`` (eq. 2.34) away from singularities;
-    near them the directions that are out of reach fade out, see :class:`TaskDynamics`.
+    With the robot's true parameters and `compensate_drives`, the tool obeys ``d²x/dt² = a`` (eq. 2.34) away from
+    singularities; near them the directions that are out of reach fade out, see :class:`TaskDynamics`.
 
     Parameters
     ----------
@@ -51,7 +50,7 @@ class TaskSpaceControl(ControlBlock):
         ``"pose"``, ``"position"``, ``"orientation"``, or some of ``"x" "y" "z" "rx" "ry" "rz"`` (base frame).
     posture : Posture, optional
         What a redundant arm does with the joints that the task leaves free: damping where not given.
-    base, drives : bool
+    base, compensate_drives : bool
         Whether `parameters` are base parameters; whether friction and rotors are compensated.
     sign_width : float
         See :class:`ComputedTorque`.
@@ -59,7 +58,7 @@ class TaskSpaceControl(ControlBlock):
         Whether the measured force of the environment is compensated, ``mu_e`` of eq. 2.33.
     largest_mass, length : float, optional
         What counts as out of reach, see :class:`TaskDynamics`, kg and m.
-    period : float
+    sample_time : float
         s.
     velocity : VelocityEstimator, optional
         Numerical differences where not given.
@@ -96,19 +95,26 @@ class TaskSpaceControl(ControlBlock):
         axes: str | Sequence[str] = "pose",
         posture: Posture | None = None,
         base: bool = False,
-        drives: bool = False,
+        compensate_drives: bool = False,
         sign_width: float = 0.01,
         sensing: bool = False,
         largest_mass: float | None = None,
         length: float = 0.3,
-        period: float = 0.001,
+        sample_time: float = 0.001,
         velocity: VelocityEstimator | None = None,
     ) -> None:
-        functions = TaskDynamics.needed(tool, drives)
-        width = sign_width if drives else 0.0
-        part = ModelPart(model, parameters, functions, base=base, point=tool.point, sign_width=width)
-        super().__init__(part, period, velocity)
-        self._task = TaskDynamics(part, tool, axes, drives=drives, largest_mass=largest_mass, length=length)
+        self._task = TaskDynamics.of_model(
+            model,
+            parameters,
+            tool,
+            axes,
+            base=base,
+            compensate_drives=compensate_drives,
+            sign_width=sign_width,
+            largest_mass=largest_mass,
+            length=length,
+        )
+        super().__init__(self._task.part, sample_time, velocity)
         self.reference = pose_reference(reference)
         self._kp = symmetric_gains(kp, len(self._task.rows), "kp")
         self._kd = symmetric_gains(kd, len(self._task.rows), "kd")

@@ -96,10 +96,10 @@ def require_force(measurement: Measurement) -> Array:
 
 
 class ForceSensing:
-    """The wrench in the middle of the period for which a torque is held, from the last two that were measured.
+    """The wrench in the middle of the sample time for which a torque is held, from the last two that were measured.
 
-    A torque that cancels a force is held while the force goes on: on average it would come half a period late, which
-    the robot feels as acceleration, the more so the lighter it is. The extrapolation multiplies noise by 1.6.
+    A torque that cancels a force is held while the force goes on: on average it would come half a sample time late,
+    which the robot feels as acceleration, the more so the lighter it is. The extrapolation multiplies noise by 1.6.
 
     Examples
     --------

@@ -20,9 +20,9 @@ Array = NDArray[np.float64]
 class VelocityEstimator(Protocol):
     """Estimates joint velocities from the measurements of a control loop, one after the other.
 
-    One that has ``transfer(period)`` as well, numerator and denominator of the estimate over the sampled position in
-    powers of 1/z (None for the true velocity), is taken into account with its lag where a controller checks its gains;
-    others count as the true velocity there.
+    One that has ``transfer(sample_time)`` as well, numerator and denominator of the estimate over the sampled position
+    in powers of 1/z (None for the true velocity), is taken into account with its lag where a controller checks its
+    gains; others count as the true velocity there.
     """
 
     def start(self, measurement: Measurement) -> None:
@@ -67,10 +67,10 @@ class NumericalDifference:
         self._past = [(measurement.t, measurement.q.copy())]
         self._last = _first(measurement)
 
-    def transfer(self, period: float) -> tuple[Array, Array]:
+    def transfer(self, sample_time: float) -> tuple[Array, Array]:
         """Return numerator and denominator of the estimate over the position, in powers of 1/z."""
         gap = np.zeros(self._steps - 1)
-        whole = self._steps * period
+        whole = self._steps * sample_time
         slope = np.concatenate(([1.0], gap, [-1.0])) / whole
         if self._order == 2:  # (3 - 4 z^-n + z^-2n) / (2 n T)
             slope = np.concatenate(([1.5], gap, [-2.0], gap, [0.5])) / whole
@@ -126,10 +126,10 @@ class FilteredDifference:
         self._time, self._place = measurement.t, measurement.q.copy()
         self._last = _first(measurement)
 
-    def transfer(self, period: float) -> tuple[Array, Array]:
+    def transfer(self, sample_time: float) -> tuple[Array, Array]:
         """Return numerator and denominator of the estimate over the position, in powers of 1/z."""
-        keep = float(np.exp(-self._rate * period))
-        return (1.0 - keep) / period * np.array([1.0, -1.0]), np.array([1.0, -keep])
+        keep = float(np.exp(-self._rate * sample_time))
+        return (1.0 - keep) / sample_time * np.array([1.0, -1.0]), np.array([1.0, -keep])
 
     def velocity(self, measurement: Measurement) -> Array:
         """Return joint velocities (..., N), rad/s or m/s."""
@@ -148,7 +148,7 @@ class FilteredDifference:
 class MeasuredVelocity:
     """The velocities that the robot measures itself."""
 
-    def transfer(self, period: float) -> None:
+    def transfer(self, sample_time: float) -> None:
         """Return None: the estimate is the velocity itself."""
 
     def start(self, measurement: Measurement) -> None:

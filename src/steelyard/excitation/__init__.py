@@ -6,9 +6,10 @@ from steelyard.first_use import import_at_first_use
 
 if TYPE_CHECKING:
     from .design import design_excitation as design_excitation
-    from .excitation import ExcitationDesign as ExcitationDesign
+    from .excitation_design import ExcitationDesign as ExcitationDesign
     from .fourier import FourierTrajectory as FourierTrajectory
     from .fourier import RestToRestTrajectory as RestToRestTrajectory
+    from .limit_margins import Margin as Margin
     from .motion_constraints import JointLimit as JointLimit
     from .motion_constraints import MotionConstraint as MotionConstraint
     from .motion_limits import MotionLimits as MotionLimits
@@ -18,6 +19,5 @@ if TYPE_CHECKING:
     from .saving import save_trajectory as save_trajectory
     from .spline import SplineTrajectory as SplineTrajectory
     from .trajectory import Trajectory as Trajectory
-    from .verification import Margin as Margin
 
 __all__ = import_at_first_use(__name__, __file__)

@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from .problem import DesignProblem
+from .design_problem import DesignProblem
 
 __all__ = ["COARSE", "FINE", "Iterate", "Stopped", "minimise"]
 

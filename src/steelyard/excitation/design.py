@@ -16,14 +16,14 @@ from steelyard.recording import Samples
 from steelyard.regression import Information
 
 from .criterion import TORQUE_NOISE, Criterion, Identifiability, Spectrum, identifiability, make_subset
-from .excitation import ExcitationDesign, nearest_first
+from .design_problem import DesignProblem, coefficient_scale
+from .excitation_design import ExcitationDesign, nearest_first
 from .family import Family, make_family
+from .limit_margins import Margin, Verifier, keeps_all, margins_of
 from .motion_constraints import MotionConstraint, joint_limits, torque_limits
 from .motion_limits import MotionLimits, limits_from_file
-from .problem import DesignProblem, coefficient_scale
-from .search import Minimiser, Search, resting_configurations
+from .motion_search import Minimiser, Search, resting_configurations
 from .trajectory import Trajectory
-from .verification import Margin, Verifier, keeps_all, margins_of
 from .vjp import RegressorInformation
 from .workers import single_threaded
 

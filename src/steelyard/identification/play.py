@@ -14,7 +14,16 @@ from steelyard.dynamics import Model
 from steelyard.errors import InputError
 from steelyard.excitation import Trajectory
 from steelyard.recording import Recording
-from steelyard.simulation import Actuators, Controller, Environment, Safety, Sensors, SimulationResult, Status, simulate
+from steelyard.simulation import (
+    Actuators,
+    Controller,
+    Environment,
+    Sensors,
+    SimulationResult,
+    Status,
+    StoppingConditions,
+    simulate,
+)
 
 __all__ = ["play"]
 
@@ -34,14 +43,14 @@ def play(
     trajectory: Trajectory,
     *,
     controller: Controller | Callable[[TrajectoryReference], Controller] | None = None,
-    believed: ArrayLike | None = None,
+    nominal: ArrayLike | None = None,
     base: bool = False,
     periods: float = 1.0,
     rate: float = 1000.0,
     sensors: Sensors | None = None,
     actuators: Actuators | None = None,
     environment: Environment | None = None,
-    safety: Safety | None = None,
+    stopping_conditions: StoppingConditions | None = None,
     tolerance: float = 0.1,
     sign_width: float = 0.0,
     seed: int = 0,
@@ -66,15 +75,15 @@ def play(
         rad/s, or less where the inertia over the motion, the rate and the filter of the velocities leave no margin for
         it (a sensitivity of at most 2 in sampled time). It reads exact velocities where there are any, otherwise
         differences of the positions, filtered at 30 Hz.
-    believed : array_like, optional
+    nominal : array_like, optional
         Like `parameters`: what that default controller believes; the truth where not given.
     base : bool
-        Whether `parameters` and `believed` are base parameters.
+        Whether `parameters` and `nominal` are base parameters.
     periods : float
         How many times a periodic trajectory is played; one that does not end as it begins is played once.
     rate : float
         Hz, of the control loop and of the log.
-    sensors, actuators, environment, safety
+    sensors, actuators, environment, stopping_conditions
         See :func:`steelyard.simulate`.
     tolerance : float
         How far a joint may be from the trajectory, as a share of its range (of 0.1 rad or m, where that is smaller);
@@ -117,13 +126,13 @@ def play(
             f"The trajectory moves {trajectory.joint_count} joints, but {model.robot.name} has {model.joint_count}."
         )
     _check_periods(trajectory, periods)
-    reference = TrajectoryReference(trajectory, repeat=periods > 1.0, period=1.0 / rate)
+    reference = TrajectoryReference(trajectory, repeat=periods > 1.0, sample_time=1.0 / rate)
     start, speed, _ = reference.at(0.0)
     slowed = None
     if controller is None:
         exact = sensors is None or sensors.velocity == "exact"
         velocity = MeasuredVelocity() if exact else FilteredDifference(_CUTOFF)
-        own = parameters if believed is None else believed
+        own = parameters if nominal is None else nominal
         controller, frequency = _default_controller(model, parameters, own, reference, base, 1.0 / rate, velocity)
         if frequency < _FREQUENCY:
             filtered = "" if exact else f" with velocities that are filtered at {_CUTOFF:g} Hz"
@@ -144,12 +153,12 @@ def play(
         sensors=sensors,
         actuators=actuators,
         environment=environment,
-        safety=safety,
+        stopping_conditions=stopping_conditions,
         sign_width=sign_width,
         rate=rate,
         seed=seed,
     )
-    causes = _causes(result, actuators, slowed, believed is not None)
+    causes = _causes(result, actuators, slowed, nominal is not None)
     return _log(result, trajectory, periods, tolerance, causes)
 
 
@@ -168,22 +177,22 @@ def _check_periods(trajectory: Trajectory, periods: float) -> None:
 def _default_controller(
     model: Model,
     parameters: ArrayLike,
-    believed: ArrayLike,
+    nominal: ArrayLike,
     reference: TrajectoryReference,
     base: bool,
-    period: float,
+    sample_time: float,
     velocity: FilteredDifference | MeasuredVelocity,
 ) -> tuple[FeedforwardTracking, float]:
-    """Return PD control through the inertia matrix that is believed, and its natural frequency, rad/s.
+    """Return PD control through the inertia matrix that is nominal, and its natural frequency, rad/s.
 
-    Near a configuration the gains ``w² B`` and ``2 w B`` with the believed inertia B act on the true inertia M in modes
+    Near a configuration the gains ``w² B`` and ``2 w B`` with the nominal inertia B act on the true inertia M in modes
     of their own, as w² and 2 w times an eigenvalue of ``M⁻¹ B``. The largest of them over the motion decides how fast
     the loop may be in sampled time, and the smallest whether it is damped.
     """
     q = reference.trajectory.motion(np.linspace(0.0, reference.duration, _LOOKED_AT))[0]
-    ratios = _ratios(*(_inertia(model, np.asarray(p, dtype=np.float64), q, base) for p in (believed, parameters)))
+    ratios = _ratios(*(_inertia(model, np.asarray(p, dtype=np.float64), q, base) for p in (nominal, parameters)))
     modes = 1.0 / np.array([ratios.min(), ratios.max()]).reshape(2, 1, 1)
-    loop = SampledLoop(modes, 0.0 * modes, period, velocity.transfer(period))
+    loop = SampledLoop(modes, 0.0 * modes, sample_time, velocity.transfer(sample_time))
     frequency = _FREQUENCY
     while (
         loop.sensitivity_peak(Feedback(np.full((2, 1, 1), frequency**2), np.full((2, 1, 1), 2.0 * frequency))) > _PEAK
@@ -191,13 +200,22 @@ def _default_controller(
         frequency *= 0.9
         if frequency < _SLOWEST:
             raise InputError(
-                f"No gains of the default controller have a margin along this trajectory, at {1.0 / period:g} Hz and "
+                f"No gains of the default controller have a margin along this trajectory, at {1.0 / sample_time:g} Hz "
+                "and "
                 f"with an inertia that is believed to be {ratios.min():.3g} to {ratios.max():.3g} times the true one; "
-                "raise the rate, give other believed parameters, or a controller."
+                "raise the rate, give other nominal parameters, or a controller."
             )
     gains = {"kp": frequency**2, "kd": 2.0 * frequency}
     controller = FeedforwardTracking(
-        model, believed, reference, coupled=True, drives=True, base=base, period=period, velocity=velocity, **gains
+        model,
+        nominal,
+        reference,
+        coupled=True,
+        compensate_drives=True,
+        base=base,
+        sample_time=sample_time,
+        velocity=velocity,
+        **gains,
     )
     return controller, frequency
 
@@ -251,7 +269,7 @@ def _log(
         remedy = "give other limits, or another controller"
         if result.status is Status.DIVERGED and not causes:
             impossible = "not physically possible" in result.message
-            remedy = "mend these" if impossible else "lower the gains of the controller, or shorten its period"
+            remedy = "mend these" if impossible else "lower the gains of the controller, or shorten its sample time"
         raise InputError(f"The robot did not get to the end of the trajectory ({result.message}){because}; {remedy}.")
     wanted = trajectory.motion(
         np.minimum(result.t % trajectory.duration if periods > 1.0 else result.t, trajectory.duration)

@@ -130,10 +130,10 @@ def simulate_files(
         start = trajectory.motion(np.zeros(1))
         q0, dq0 = start[0][0] if initial is None else q0, start[1][0]
         kp, kd = gains
-        motors = ComputedTorque(model, parameters, trajectory, kp=kp, kd=kd, base=base, drives=True)
+        motors = ComputedTorque(model, parameters, trajectory, kp=kp, kd=kd, base=base, compensate_drives=True)
         if duration is None:
             # Whole samples: the robot rests at the end, and a log with a last interval of its own is an uneven one.
-            spacing = motors.period if rate is None else 1.0 / rate
+            spacing = motors.sample_time if rate is None else 1.0 / rate
             duration = math.ceil(trajectory.duration / spacing - 1e-6) * spacing
     events: tuple[Event, ...] = (joint_limits(model.robot),) if stop_at_limits else ()
     result = simulate(
@@ -186,7 +186,7 @@ class TorqueTable:
 
     Attributes
     ----------
-    period : float
+    sample_time : float
         s, at which the controller is called: that of the rows, or a whole part of it, of at most 1 ms.
     duration : float
         s.
@@ -212,7 +212,7 @@ class TorqueTable:
                 )
             if samples > 1.0:
                 parts = whole * math.ceil(parts / whole)
-        self.period = self._row / parts
+        self.sample_time = self._row / parts
 
     def notes(self, duration: float) -> tuple[str, ...]:
         """Say what is made of the table in a simulation of a duration, s."""

@@ -9,7 +9,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from steelyard.errors import InputError
 
-from .checks import per_joint
+from .arguments import per_joint
 
 __all__ = ["ActuatorOutputs", "Actuators"]
 
@@ -91,11 +91,11 @@ class ActuatorOutputs:
             self._level = constant * largest / self._steps
         self._last = np.zeros((runs, count))
 
-    def apply(self, command: Array, period: float) -> Array:
-        """Return the torques (R, N) that follow a command, `period` s after the last one."""
+    def apply(self, command: Array, sample_time: float) -> Array:
+        """Return the torques (R, N) that follow a command, `sample_time` s after the last one."""
         torque = np.clip(command, -self._saturation, self._saturation)
         if self._is_slow:
-            change = self._rate * period
+            change = self._rate * sample_time
             torque = np.clip(torque, self._last - change, self._last + change)
             self._last = torque
         if self._level is not None:

@@ -50,7 +50,7 @@ class Measurement:
 
 @runtime_checkable
 class Controller(Protocol):
-    """Commands joint torques from measurements, once each period; between two calls the torques are held.
+    """Commands joint torques from measurements, once each sample time; between two calls the torques are held.
 
     Any object with these three names is a controller: nothing is inherited. Whatever it remembers between two calls
     (an integral, the last position) is forgotten in `start`, so that one object serves one simulation after another.
@@ -58,27 +58,27 @@ class Controller(Protocol):
 
     Attributes
     ----------
-    period : float
+    sample_time : float
         Time between two calls, s.
 
     Examples
     --------
     >>> import numpy as np
     >>> class Damper:
-    ...     period = 0.001
+    ...     sample_time = 0.001
     ...
     ...     def start(self, measurement):
     ...         self.last = measurement.q
     ...
     ...     def torque(self, measurement):
-    ...         velocity = (measurement.q - self.last) / self.period
+    ...         velocity = (measurement.q - self.last) / self.sample_time
     ...         self.last = measurement.q
     ...         return -2.0 * velocity
     >>> isinstance(Damper(), Controller)
     True
     """
 
-    period: float
+    sample_time: float
 
     def start(self, measurement: Measurement) -> None:
         """Forget all state and begin at this measurement, which is also that of the first call of `torque`."""

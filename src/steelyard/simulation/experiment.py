@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from .checks import checked_torque
+from .arguments import checked_torque
 from .compiled import motion_functions
 from .controller import Measurement
 from .integrators import FIXED_STEP_METHODS, DormandPrince, FixedStep, Integrator, LibraryMethod
@@ -88,7 +88,7 @@ class Experiment:
         functions = motion_functions(
             request.model, base=request.base, smooth=request.sign_width > 0.0, each=request.each
         )
-        held = request.period is not None or request.function is None
+        held = request.sample_time is not None or request.function is None
         self.plant = Plant(
             functions,
             request.parameters,
@@ -132,20 +132,20 @@ class Experiment:
                 self.integrator.advance(0.0, self.request.duration)
             assert self.watch.samples is not None
             self.states = self.watch.samples
-        if self.request.period is None:
+        if self.request.sample_time is None:
             self._torques_afterwards()
         return self._assembled()
 
     def _by_ticks(self) -> None:
         """Sense, command and integrate, tick by tick."""
         request, plant, watch, integrator, n = self.request, self.plant, self.watch, self.integrator, self.count
-        ticks, commanded = request.ticks.tolist(), request.period is not None
+        ticks, commanded = request.ticks.tolist(), request.sample_time is not None
         controller = request.controller
         drives = None if request.actuators is None else request.actuators.start(self.runs, n)
-        safety = None
-        if request.safety is not None:
+        check = None
+        if request.stopping_conditions is not None:
             names = tuple(request.model.robot.joint_names)
-            safety = request.safety.start(len(ticks), names, 0.0, request.tick)
+            check = request.stopping_conditions.start(len(ticks), names, 0.0, request.tick)
         last = len(ticks) - 1
         for k, t in enumerate(ticks):
             state = integrator.state
@@ -161,9 +161,9 @@ class Experiment:
                 self.readings.torque(t, plant.held)
             if k == 0:
                 watch.begin()
-            if safety is not None:
-                for run, reason in safety.reason(k, state[:, :n], state[:, n:]).items():
-                    watch.end(run, Status.STOPPED, t, f"safety stop at {t:.6g} s: {reason}", state[run])
+            if check is not None:
+                for run, reason in check.reason(k, state[:, :n], state[:, n:]).items():
+                    watch.end(run, Status.STOPPED, t, f"stopped at {t:.6g} s: {reason}", state[run])
             if k == last or watch.ended.all():
                 return
             integrator.advance(t, ticks[k + 1])
@@ -202,7 +202,7 @@ class Experiment:
         else:
             self.states[~ended, row] = state[~ended]
             self.torques[~ended, row] = self.plant.held[~ended]
-        if self.seen is not None and self.request.period is not None:
+        if self.seen is not None and self.request.sample_time is not None:
             self.seen.record(row, t, self.plant.held)
 
     def _torques_afterwards(self) -> None:

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from steelyard.graph import Kernel
 from steelyard.graph.addresses import address_of
 
-from .checks import checked_torque
+from .arguments import checked_torque
 from .compiled import MotionFunctions
 from .contact import Contact
 

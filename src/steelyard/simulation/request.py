@@ -13,13 +13,13 @@ from steelyard.dynamics import Model
 from steelyard.errors import InputError
 
 from .actuators import Actuators
-from .checks import positive
+from .arguments import positive
 from .contact import Contact, Environment
 from .controller import Controller
 from .events import Event
 from .integrators import FIXED_STEP_METHODS, LIBRARY_METHODS
-from .safety import Safety
 from .sensors import Sensors
+from .stopping_conditions import StoppingConditions
 
 __all__ = ["METHODS", "Request"]
 
@@ -35,8 +35,9 @@ class Request:
 
     Parameters
     ----------
-    model, parameters, q0, dq0, duration, torque, base, method, sign_width, step, events, period, sensors, actuators, \
-environment, safety, rate
+    model, parameters, q0, dq0, duration, torque, base, method, sign_width, step, events, sample time, sensors,
+    actuators, \
+environment, stopping_conditions, rate
         See :func:`steelyard.simulate`.
 
     Raises
@@ -56,11 +57,11 @@ environment, safety, rate
     sign_width: float
     step: float | None
     events: Any
-    period: float | None
+    sample_time: float | None
     sensors: Sensors | None
     actuators: Actuators | None
     environment: Environment | None
-    safety: Safety | None
+    stopping_conditions: StoppingConditions | None
     rate: float | None
 
     def __post_init__(self) -> None:
@@ -134,34 +135,38 @@ environment, safety, rate
         torque = self.torque
         self.controller: Controller | None = None
         self.function: Callable[..., Any] | None = None
-        if self.period is not None:
-            positive(self.period, "period", "s")
+        if self.sample_time is not None:
+            positive(self.sample_time, "sample_time", "s")
         if torque is None:
-            if self.period is not None:
-                raise InputError("period is for a torque; without one (motors off) leave it out, or give rate.")
+            if self.sample_time is not None:
+                raise InputError("sample time is for a torque; without one (motors off) leave it out, or give rate.")
         elif isinstance(torque, Controller):
-            own = positive(torque.period, f"period of {type(torque).__name__}", "s")
-            if self.period not in (None, own):
+            own = positive(torque.sample_time, f"sample time of {type(torque).__name__}", "s")
+            if self.sample_time not in (None, own):
                 raise InputError(
-                    f"{type(torque).__name__} works at a period of {own:.6g} s, but period is {self.period:.6g}; leave "
+                    f"{type(torque).__name__} works at a sample time of {own:.6g} s, but sample time is "
+                    f"{self.sample_time:.6g}; leave "
                     "it out."
                 )
-            self.controller, self.period = torque, own
+            self.controller, self.sample_time = torque, own
         elif callable(torque):
             self.function = torque
         else:
             raise InputError(
-                "torque must be None (motors off), a function of t, q and dq, or a controller with period, start and "
+                "torque must be None (motors off), a function of t, q and dq, or a controller with sample time, start "
+                "and "
                 f"torque, got {type(torque).__name__}."
             )
-        if self.actuators is not None and self.period is None:
-            raise InputError("actuators act on torques that are held; give a controller, or a period for the function.")
+        if self.actuators is not None and self.sample_time is None:
+            raise InputError(
+                "actuators act on torques that are held; give a controller, or a sample time for the function."
+            )
 
     def _classes(self) -> None:
         for value, kind, name in (
             (self.sensors, Sensors, "sensors"),
             (self.actuators, Actuators, "actuators"),
-            (self.safety, Safety, "safety"),
+            (self.stopping_conditions, StoppingConditions, "stopping_conditions"),
         ):
             if value is not None and not isinstance(value, kind):
                 raise InputError(f"{name} must be a {kind.__name__} object, got {type(value).__name__}.")
@@ -175,8 +180,8 @@ environment, safety, rate
     def _best_method(self) -> str:
         """Choose a method; docs/how-to/simulate.md says what was measured."""
         if not self._rubs():
-            return "runge_kutta_4" if self.period is not None else "dormand_prince"
-        return "rosenbrock" if self.period is not None or self.is_batch else "radau"
+            return "runge_kutta_4" if self.sample_time is not None else "dormand_prince"
+        return "rosenbrock" if self.sample_time is not None or self.is_batch else "radau"
 
     def _rubs(self) -> bool:
         """Tell whether there is Coulomb friction: torques that jump as the velocities change their signs."""
@@ -187,20 +192,22 @@ environment, safety, rate
         return bool(np.abs(jumps).max(initial=0.0) > 1e-9)
 
     def _rates(self) -> None:
-        """Choose the ticks, at which torques and safety are looked after, and the samples among them."""
+        """Choose the ticks, at which torques and stopping conditions are looked after, and the samples among them."""
         if self.rate is not None:
             positive(self.rate, "rate", "Hz")
-        self.is_ticked = self.period is not None or self.safety is not None or self.method in FIXED_STEP_METHODS
-        if self.period is None:
+        self.is_ticked = (
+            self.sample_time is not None or self.stopping_conditions is not None or self.method in FIXED_STEP_METHODS
+        )
+        if self.sample_time is None:
             self.tick = 1.0 / (DEFAULT_RATE if self.rate is None else self.rate)
             self.every = 1
         else:
-            self.tick = self.period
-            ratio = 1.0 if self.rate is None else 1.0 / (self.rate * self.period)
+            self.tick = self.sample_time
+            ratio = 1.0 if self.rate is None else 1.0 / (self.rate * self.sample_time)
             self.every = round(ratio)
             if self.every < 1 or abs(ratio - self.every) > 1e-6 * ratio:
                 raise InputError(
-                    f"rate must be the control rate {1.0 / self.period:.6g} Hz divided by a whole number, "
+                    f"rate must be the control rate {1.0 / self.sample_time:.6g} Hz divided by a whole number, "
                     f"got {self.rate:.6g} Hz."
                 )
         count = int(np.ceil(self.duration / self.tick - 1e-9))
@@ -218,7 +225,7 @@ environment, safety, rate
             "base": self.base,
             "sign_width": self.sign_width,
             "step": self.largest_step if self.method in FIXED_STEP_METHODS else None,
-            "period": self.period,
+            "sample_time": self.sample_time,
             "rate": 1.0 / (self.tick * self.every),
             "runs": self.runs if self.is_batch else None,
             "torque": "none" if self.torque is None else type(self.torque).__name__,

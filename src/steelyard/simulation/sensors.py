@@ -10,7 +10,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from steelyard.errors import InputError
 
-from .checks import per_joint, positive
+from .arguments import per_joint, positive
 from .controller import Measurement
 
 __all__ = ["SensorReadings", "Sensors"]

@@ -13,16 +13,16 @@ from steelyard.dynamics.threads import one_thread
 from steelyard.errors import InputError
 
 from .actuators import Actuators
-from .checks import positive
+from .arguments import positive
 from .contact import Environment
 from .controller import Controller
 from .events import Event
 from .experiment import Experiment
 from .plant import TorqueFunction
 from .request import Request
-from .safety import Safety
 from .sensors import Sensors
 from .simulation_result import SimulationResult
+from .stopping_conditions import StoppingConditions
 
 __all__ = ["simulate"]
 
@@ -42,11 +42,11 @@ def simulate(
     step: float | None = None,
     sign_width: float = 1e-3,
     events: Sequence[Event] | Event = (),
-    period: float | None = None,
+    sample_time: float | None = None,
     sensors: Sensors | None = None,
     actuators: Actuators | None = None,
     environment: Environment | None = None,
-    safety: Safety | None = None,
+    stopping_conditions: StoppingConditions | None = None,
     rate: float | None = None,
     seed: int = 0,
 ) -> SimulationResult:
@@ -66,8 +66,8 @@ def simulate(
         s.
     torque : callable, Controller or None
         None: the motors are off. A function of t, q and dq that returns torques (N,), N·m or N, within every step; in
-        a batch t is (R, 1) and the others are (R, N). A :class:`Controller` is called once a period, and its torques
-        are held.
+        a batch t is (R, 1) and the others are (R, N). A :class:`Controller` is called once a sample time, and its
+        torques are held.
     base : bool
         The parameters are base parameters.
     method : str
@@ -83,15 +83,15 @@ def simulate(
         rad/s or m/s: Coulomb friction is ``Fc v / sqrt(v² + w²)``. 0 for the exact sign, with which joints that stick
         chatter.
     events : Event or sequence of Event
-    period : float, optional
-        s: calls a torque *function* once a period only, and holds what it returns.
+    sample_time : float, optional
+        s: calls a torque *function* once a sample time only, and holds what it returns.
     sensors : Sensors, optional
         Between the motion and the controller, and in what is recorded; exact where not given.
     actuators : Actuators, optional
         Between the controller and the joints; ideal where not given.
     environment : Environment, optional
         Such as :class:`ElasticContact`.
-    safety : Safety, optional
+    stopping_conditions : StoppingConditions, optional
         Ends a run that leaves its limits.
     rate : float, optional
         Hz, of the samples returned: the control rate where there is one, otherwise 1000 Hz.
@@ -138,11 +138,11 @@ def simulate(
         sign_width,
         step,
         events,
-        period,
+        sample_time,
         sensors,
         actuators,
         environment,
-        safety,
+        stopping_conditions,
         rate,
     )
     options: dict[str, Any] = {

@@ -20,7 +20,7 @@ class Status(StrEnum):
         Nothing could be computed beyond, a joint became absurdly fast, or the energy of a passive robot grew beyond
         reason.
     STOPPED
-        By the safety stop.
+        By a stopping condition.
 
     Examples
     --------

@@ -25,7 +25,7 @@ def played(request, model) -> tuple[float, Recording]:
     delta = true_parameters()
     # A controller that knows the friction would not let the joints stop.
     friction = np.array([name[:2] in ("Fv", "Fc", "Fo") for name in model.parameter_names])
-    log = play(model, delta, TRAJECTORIES["A"], sensors=sensors, believed=np.where(friction, 0.0, delta))
+    log = play(model, delta, TRAJECTORIES["A"], sensors=sensors, nominal=np.where(friction, 0.0, delta))
     return request.param - 0.0005, log
 
 

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from steelyard.excitation.augmented_lagrangian import Stopped
-from steelyard.excitation.problem import DesignProblem
+from steelyard.excitation.design_problem import DesignProblem
 
 __all__ = ["minimise_with_cobyla"]
 

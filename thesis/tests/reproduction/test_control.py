@@ -7,7 +7,7 @@ import pytest
 
 from steelyard.control import PositionTracking
 from steelyard.identification.wam import TRAJECTORIES
-from steelyard.simulation import Safety, Sensors, Status, simulate
+from steelyard.simulation import Sensors, Status, StoppingConditions, simulate
 from steelyard_thesis.reproduction.published import column as published
 
 B = TRAJECTORIES["B"]
@@ -38,7 +38,7 @@ def run(wam):
             controller,
             base=True,
             sensors=Sensors(encoder_resolution=2 * np.pi / COUNTS),
-            safety=Safety(velocity=10.0),
+            stopping_conditions=StoppingConditions(velocity=10.0),
         )
         return controller, result
 

@@ -12,7 +12,7 @@ from scipy.optimize import minimize
 
 from steelyard.dynamics import Model
 from steelyard.feasibility import FeasibleSet, correct
-from steelyard.simulation import Safety, SimulationResult, simulate
+from steelyard.simulation import SimulationResult, StoppingConditions, simulate
 
 from .noisy_estimates import Subject
 
@@ -283,6 +283,6 @@ def _controlled(
         rate=50.0,
         method="runge_kutta_4",
         step=2e-3,
-        period=2e-3,
-        safety=Safety(velocity=_LARGEST_SPEED),
+        sample_time=2e-3,
+        stopping_conditions=StoppingConditions(velocity=_LARGEST_SPEED),
     )

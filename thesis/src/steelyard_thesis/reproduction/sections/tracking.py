@@ -7,7 +7,7 @@ import numpy as np
 from steelyard.control import PositionTracking
 from steelyard.identification.wam import ENCODER_COUNTS, TRAJECTORIES, wam_model
 from steelyard.report import Chart, Curve
-from steelyard.simulation import Safety, Sensors, Status, simulate
+from steelyard.simulation import Sensors, Status, StoppingConditions, simulate
 
 from ..comparison import Comparison
 from ..published import column
@@ -58,7 +58,7 @@ def _compute(context: Context) -> SectionResult:
             controller,
             base=True,
             sensors=sensors,
-            safety=Safety(velocity=_LARGEST_SPEED),
+            stopping_conditions=StoppingConditions(velocity=_LARGEST_SPEED),
         )
         wanted = np.array([controller.wanted(t) for t in result.t])
         tracked = result.status is Status.FINISHED

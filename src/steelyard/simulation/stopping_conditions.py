@@ -1,4 +1,4 @@
-"""The safety stop: ends a run that leaves what is allowed."""
+"""Stopping conditions: they end a run that leaves what is allowed."""
 
 from __future__ import annotations
 
@@ -10,18 +10,18 @@ from numpy.typing import ArrayLike, NDArray
 
 from steelyard.errors import InputError
 
-from .checks import per_joint
+from .arguments import per_joint
 
-__all__ = ["Safety", "SafetyStop"]
+__all__ = ["StoppingCheck", "StoppingConditions"]
 
 Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True, eq=False)
-class Safety:
+class StoppingConditions:
     """Limits that a run must keep; values for each joint are a number for all or (N,).
 
-    They are looked at once a period, on the true motion.
+    They are looked at once a sample time, on the true motion.
 
     Parameters
     ----------
@@ -42,7 +42,7 @@ class Safety:
 
     Examples
     --------
-    >>> stop = Safety(velocity=2.0).start(1, ("shoulder",), 0.0, 0.001)
+    >>> stop = StoppingConditions(velocity=2.0).start(1, ("shoulder",), 0.0, 0.001)
     >>> stop.reason(0, np.zeros((1, 1)), np.array([[2.5]]))
     {0: "joint 'shoulder' moves at 2.5, the limit is 2"}
     """
@@ -55,48 +55,61 @@ class Safety:
 
     def __post_init__(self) -> None:
         if self.reference is None and np.isfinite(np.asarray(self.tracking, dtype=np.float64)).any():
-            raise InputError("tracking of Safety needs reference, the trajectory that is to be followed.")
+            raise InputError("tracking of StoppingConditions needs reference, the trajectory that is to be followed.")
         if self.reference is not None and not callable(getattr(self.reference, "motion", None)):
             raise InputError(
-                f"reference of Safety must be a trajectory with motion(t), got {type(self.reference).__name__}."
+                "reference of StoppingConditions must be a trajectory with motion(t), got "
+                f"{type(self.reference).__name__}."
             )
 
-    def start(self, ticks: int, names: tuple[str, ...], start: float, period: float) -> SafetyStop:
-        """Return the stop for so many looks at joints of these names, each a period after the last."""
-        return SafetyStop(self, ticks, names, start, period)
+    def start(self, ticks: int, names: tuple[str, ...], start: float, sample_time: float) -> StoppingCheck:
+        """Return the stop for so many looks at joints of these names, each a sample time after the last."""
+        return StoppingCheck(self, ticks, names, start, sample_time)
 
 
-class SafetyStop:
-    """A safety stop at work.
+class StoppingCheck:
+    """Stopping conditions at work.
 
     Parameters
     ----------
-    safety : Safety
+    conditions : StoppingConditions
     ticks : int
     names : tuple of str
-    start, period : float
+    start, sample_time : float
     """
 
-    def __init__(self, safety: Safety, ticks: int, names: tuple[str, ...], start: float, period: float) -> None:
+    def __init__(
+        self,
+        conditions: StoppingConditions,
+        ticks: int,
+        names: tuple[str, ...],
+        start: float,
+        sample_time: float,
+    ) -> None:
         count = len(names)
         self._names = names
-        self._velocity = per_joint(safety.velocity, count, "velocity of Safety", zero=False)
+        self._velocity = per_joint(conditions.velocity, count, "velocity of StoppingConditions", zero=False)
         self._lower, self._upper = (
-            np.broadcast_to(np.asarray(side, dtype=np.float64), (count,)) for side in (safety.lower, safety.upper)
+            np.broadcast_to(np.asarray(side, dtype=np.float64), (count,))
+            for side in (conditions.lower, conditions.upper)
         )
         if not (self._lower < self._upper).all():
             raise InputError(
-                f"lower of Safety must be below upper, got {self._lower.tolist()} and {self._upper.tolist()}."
+                f"lower of StoppingConditions must be below upper, got {self._lower.tolist()} and "
+                f"{self._upper.tolist()}."
             )
-        self._tracking = per_joint(safety.tracking, count, "tracking of Safety", zero=False)
+        self._tracking = per_joint(conditions.tracking, count, "tracking of StoppingConditions", zero=False)
         self._reference: Array | None = None
-        if safety.reference is not None:
-            t = start + period * np.arange(ticks)
-            duration = getattr(safety.reference, "duration", None)
-            self._reference = np.asarray(safety.reference.motion(t if duration is None else np.minimum(t, duration))[0])
+        if conditions.reference is not None:
+            t = start + sample_time * np.arange(ticks)
+            duration = getattr(conditions.reference, "duration", None)
+            self._reference = np.asarray(
+                conditions.reference.motion(t if duration is None else np.minimum(t, duration))[0]
+            )
             if self._reference.shape != (ticks, count):
                 raise InputError(
-                    f"reference of Safety must be a trajectory of {count} joints, got {self._reference.shape[-1]}."
+                    f"reference of StoppingConditions must be a trajectory of {count} joints, got "
+                    f"{self._reference.shape[-1]}."
                 )
         self._ranges = bool(np.isfinite(self._lower).any() or np.isfinite(self._upper).any())
 

@@ -92,7 +92,7 @@ class FunctionReference:
 class TrajectoryReference:
     """A trajectory, from a time on; before it and after it the joints stand still at its ends.
 
-    Samples at multiples of the period are computed many at a time and kept; other times are computed when they are
+    Samples at multiples of the sample time are computed many at a time and kept; other times are computed when they are
     asked for.
 
     Parameters
@@ -103,7 +103,7 @@ class TrajectoryReference:
         When it begins, s.
     repeat : bool
         Whether it begins anew at its end, as a periodic motion may.
-    period : float
+    sample_time : float
         Between two samples of the control, s.
 
     Examples
@@ -115,7 +115,9 @@ class TrajectoryReference:
     ([0.5, 0.0, 0.0], 1.0)
     """
 
-    def __init__(self, trajectory: Any, *, start: float = 0.0, repeat: bool = False, period: float = 0.001) -> None:
+    def __init__(
+        self, trajectory: Any, *, start: float = 0.0, repeat: bool = False, sample_time: float = 0.001
+    ) -> None:
         duration = getattr(trajectory, "duration", None) or getattr(trajectory, "period", None)
         if not callable(getattr(trajectory, "motion", None)) or duration is None:
             raise InputError(
@@ -126,7 +128,7 @@ class TrajectoryReference:
         self.duration = float(duration)
         self.start = positive(start, "start", zero=True)
         self.repeat = bool(repeat)
-        self._rate = 1.0 / positive(period, "period")
+        self._rate = 1.0 / positive(sample_time, "sample_time")
         self._blocks: dict[int, tuple[Array, Array, Array]] = {}
         q, _, _ = self._motion(np.array([0.0, self.duration]))
         self._ends = tuple((place, np.zeros_like(place), np.zeros_like(place)) for place in q)
@@ -166,7 +168,7 @@ def configurations_of(reference: JointReference) -> Array:
     return first.reshape(-1, first.shape[-1])
 
 
-def joint_reference(reference: Any, count: int, *, period: float = 0.001, start: float = 0.0) -> JointReference:
+def joint_reference(reference: Any, count: int, *, sample_time: float = 0.001, start: float = 0.0) -> JointReference:
     """Return a reference from whatever a user gives.
 
     Parameters
@@ -175,7 +177,7 @@ def joint_reference(reference: Any, count: int, *, period: float = 0.001, start:
         A :class:`JointReference`, a trajectory, positions (..., N), or a function from a time to q, dq and ddq.
     count : int
         Number N of joints.
-    period : float
+    sample_time : float
         Of the control, s.
     start : float
         When a trajectory begins, s; does not matter to others.
@@ -191,7 +193,7 @@ def joint_reference(reference: Any, count: int, *, period: float = 0.001, start:
     """
     found: JointReference
     if callable(getattr(reference, "motion", None)):
-        found = TrajectoryReference(reference, start=start, period=period)
+        found = TrajectoryReference(reference, start=start, sample_time=sample_time)
     elif isinstance(reference, JointReference):
         found = reference
     elif callable(reference):

@@ -13,10 +13,10 @@ from numpy.typing import NDArray
 
 from steelyard.files import replaced_folder, write_json
 
+from .limit_margins import Margin
 from .motion_limits import MotionLimits
 from .saving import save_trajectory
 from .trajectory import Trajectory
-from .verification import Margin
 
 __all__ = ["FORMAT", "ExcitationDesign", "nearest_first"]
 

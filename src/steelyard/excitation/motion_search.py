@@ -14,9 +14,9 @@ from numpy.typing import NDArray
 from steelyard.errors import SolverError
 
 from .augmented_lagrangian import COARSE, FINE, Iterate, minimise
+from .design_problem import DesignProblem
+from .limit_margins import Margin, Verifier, keeps_all
 from .motion_limits import MotionLimits
-from .problem import DesignProblem
-from .verification import Margin, Verifier, keeps_all
 from .workers import Flag, Pool, pool_of
 
 __all__ = ["Candidate", "Minimiser", "Search", "SearchResult", "resting_configurations"]

@@ -8,9 +8,9 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from .design_problem import DesignProblem
 from .family import Basis, Family
 from .motion_constraints import MotionConstraint
-from .problem import DesignProblem
 
 __all__ = ["RATE", "Margin", "Verifier", "keeps_all", "margins_of"]
 
