@@ -25,7 +25,7 @@ def reproduce(
     ] = None,
     fresh: Annotated[bool, typer.Option("--fresh", help="Compute anew what was computed before.")] = False,
 ) -> None:
-    """Compute the tables and figures of C. D. Sousa's thesis (2014) again, and show them beside the published ones."""
+    """Compute the tables and figures of Sousa's thesis (2014) again, and show them beside the published ones."""
     from steelyard_thesis.reproduction import reproduce as run
 
     with progress() as say:
