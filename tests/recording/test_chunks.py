@@ -55,6 +55,7 @@ def test_chunks_equal_the_whole(case: str, path: Path) -> None:
         assert joined.t is not None
         assert whole.t is not None
         np.testing.assert_allclose(joined.t, whole.t, rtol=0, atol=1e-12)
+        assert (joined.cutoff, joined.filtered_torque) == (whole.cutoff, whole.filtered_torque)
         assert (joined.mask is None) == (whole.mask is None)
         if whole.mask is not None:
             np.testing.assert_array_equal(joined.mask, whole.mask)

@@ -1,4 +1,4 @@
-"""Logs in, signal processing, samples out."""
+"""Recordings of a robot: reading logs, finding their faults, and processing them to samples."""
 
 from typing import TYPE_CHECKING
 

@@ -1,4 +1,4 @@
-"""What `[processing]` leaves to the data, decided once for all logs of a robot."""
+"""Choices that `[processing]` leaves to the data: the cutoff, velocity thresholds, the delay, levels and tolerances."""
 
 from __future__ import annotations
 
@@ -29,12 +29,12 @@ __all__ = ["DECISION_ROWS", "Decision", "decide", "settle"]
 DECISION_ROWS = 50_000
 """Rows in the middle of a log by which its processing is decided, whatever the size of the chunks it is read in."""
 FEWEST_ROWS = 64
-"""Without which nothing is decided by a log."""
+"""Rows that a log needs for anything to be decided by it."""
 
 
 @dataclass(frozen=True, eq=False)
 class Decision:
-    """What `decide` returns: a processing without what the data decides for all logs of a robot together.
+    """The result of `decide`: processing options in which nothing is open that all logs of a robot decide together.
 
     Attributes
     ----------
@@ -55,7 +55,7 @@ class Decision:
 
 
 def decide(processing: Processing, recordings: Sequence[Measurements], model: Model | None) -> Decision:
-    """Choose the cutoff and the velocity thresholds by recordings of one robot, where `processing` leaves them open.
+    """Choose the cutoff and the velocity thresholds by recordings of one robot, where the options leave them open.
 
     With a model, the torques decide both (see `cutoff_by_torques` and `velocity_thresholds`). Without one nothing says
     what a torque should be: the spectra of the positions then decide the cutoff (see `choose_cutoff`; of several
@@ -115,7 +115,7 @@ def _middle(recording: Measurements) -> Measurements:
 
 
 def settle(decision: Decision, recording: Measurements, model: Model | None = None) -> Plan:
-    """Choose the rest by one recording, once `decide` has chosen the cutoff and the velocity thresholds.
+    """Choose everything else by one recording, after `decide` has chosen the cutoff and the velocity thresholds.
 
     A delay is estimated with the model where there is one.
 

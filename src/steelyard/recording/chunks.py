@@ -27,7 +27,7 @@ from .filtering import decimation_padding
 from .formats import BLOCK_ROWS, LogFiles, Source
 from .measurements import check_order, check_period
 from .options import Processing
-from .plan import said
+from .plan import masking_remarks
 from .recording import Recording
 from .samples import Samples, regrouped
 from .survey import LogSurvey
@@ -101,7 +101,7 @@ class LogStream:
             self.clock = replace(self.clock, gap_rows=gaps, skipped=skipped, gaps=self.stated.gaps, ticks=ticks)
 
     def _stamps(self) -> Iterator[np.ndarray[Any, np.dtype[np.float64]]]:
-        """Stamps in s, in blocks."""
+        """Yield the stamps in s, block by block."""
         name, scale = str(self.layout.time), TIME_UNITS[self.layout.time_unit]
         first = 0
         for block in self.files.blocks([name], CLOCK_ROWS):
@@ -166,7 +166,7 @@ class LogStream:
         return convert(block, self.layout, self.columns, self._where(first), self.files.name)
 
     def _where(self, first: int) -> Callable[[int], str]:
-        """Say where a row stands, counted from row `first` of the log."""
+        """Return a function that says where a row stands, counted from row `first` of the log."""
         return lambda row: self.files.where(first + row)
 
     def _recording(self, signals: Signals, first: int) -> Recording:
@@ -297,7 +297,7 @@ def process_chunks(
     Raises
     ------
     InputError
-        As in `Recording.read` and `Processing.apply`; and for the filter "fourier" and `average`, which need the log
+        As in `Recording.read` and `Recording.process`; and for the filter "fourier" and `average`, which need the log
         whole. That a torque is stuck or that nothing moves is only known, and said, at the end.
     """
     rows = _positive_rows(rows)
@@ -323,7 +323,7 @@ def _processed(
     survey: LogSurvey | None,
     ending: list[str],
 ) -> Iterator[Samples]:
-    """The samples of a log, piece by piece; what is only known after the last of them is added to `ending`."""
+    """Yield the samples of a log, piece by piece; what is only known after the last of them is added to `ending`."""
     if processing.needs_whole_log:
         raise InputError(
             f"the filter {processing.filter.kind!r} in [processing] needs the log whole, in memory; read it with "
@@ -368,30 +368,22 @@ def _processed(
         recording = even.placed(raw, span[0], piece.part, piece.first, piece.last)
         begin, end = piece.kept
         samples, flags = plan.rows(recording, begin - piece.first, end - piece.first)
-        cut = slice((piece.start - begin) // step, (piece.start - begin) // step - (piece.start - piece.stop) // step)
+        first = (piece.start - begin) // step
+        own = samples.rows(first, first - (piece.start - piece.stop) // step, with_remarks=number == 0)
         for name, flagged in flags.items():
-            counts[name] = counts.get(name, 0) + flagged[cut].sum(axis=0)
-        yield Samples(
-            q=samples.q[cut],
-            dq=samples.dq[cut],
-            ddq=samples.ddq[cut],
-            torque=samples.torque[cut],
-            mask=None if samples.mask is None else samples.mask[cut],
-            t=None if samples.t is None else samples.t[cut],
-            remarks=remarks if number == 0 else (),
-            cutoff_choice=samples.cutoff_choice if number == 0 else None,
-            filtered_torque=samples.filtered_torque,
-        )
-    ending += [*survey.remarks(), *said(counts)]
+            counts[name] = counts.get(name, 0) + flagged[first : first + own.count].sum(axis=0)
+        yield replace(own, remarks=remarks) if number == 0 else own
+    ending += [*survey.remarks(), *masking_remarks(counts)]
     low, high = survey.torque
     processing.check_torques(survey.first_row, low, high, survey.travel)
 
 
 @dataclass(frozen=True)
 class Piece:
-    """Even rows start:stop of a part, which become samples together, of those from `begin` to `end` that are kept.
+    """Even rows start:stop of a part of a log, which become samples together.
 
-    They are decimated with `inner` rows around them, and filtered with `outer` more.
+    Trimming keeps the rows begin:end of the part. The piece is decimated with `inner` rows on either side, and filtered
+    with `outer` more.
     """
 
     part: Part
@@ -404,7 +396,7 @@ class Piece:
 
     @property
     def kept(self) -> tuple[int, int]:
-        """Rows that are decimated."""
+        """Rows begin:end that are decimated."""
         return max(self.begin, self.start - self.inner), min(self.end, self.stop + self.inner)
 
     @property

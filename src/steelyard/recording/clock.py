@@ -41,7 +41,7 @@ VELOCITY_REACH = 3
 COLOUR = 1.5
 """Third differences of white noise are correlated, so that evidence is worth less than as many independent rows."""
 SURE = 0.2
-"""Standard deviation of the share up to which it decides; beyond, neither clock makes a visible difference."""
+"""Largest standard deviation of the share that decides; with a larger one, neither clock makes a visible difference."""
 JITTER_SILENT = 0.01
 """Largest deviation of an interval from the period, as a fraction of it, that nobody needs to hear of."""
 GAP = 1.5
@@ -71,7 +71,7 @@ MOST_PASSES = 100
 
 @dataclass(frozen=True, eq=False)
 class ClockStatistics:
-    """What `clock_statistics` returns.
+    """The clock of a log, as `clock_statistics` measures it.
 
     Attributes
     ----------
@@ -116,7 +116,7 @@ class ClockStatistics:
 
     @property
     def missing(self) -> int:
-        """Rows that gaps leave out."""
+        """Number of rows that are missing in gaps."""
         return int(self.skipped.sum())
 
     @property
@@ -135,7 +135,7 @@ class ClockStatistics:
         return np.asarray(rows + before[np.searchsorted(self.gap_rows, rows, side="left")])
 
     def sentences(self) -> tuple[str, ...]:
-        """What there is to say."""
+        """Return one sentence for each irregularity, none for an even clock without gaps."""
         found = []
         if self.missing:
             longest = np.ptp(self.gaps, axis=1).max()
@@ -272,7 +272,7 @@ def clock_of(blocks: Iterable[Array]) -> ClockStatistics:
 
 
 def _doubtful(t: Array, numbers: Array, period: float) -> NDArray[np.int64]:
-    """Rows in runs, beside missing rows, whose stamps are nearer to another place of the even clock than to theirs."""
+    """Find runs of rows beside missing ones whose stamps are nearer to another place of the even clock than theirs."""
     skipped = np.diff(numbers) > 1.0
     off = (t - t[0]) / period - numbers
     if not skipped.any() or np.ptp(off) < 0.5:
@@ -291,7 +291,7 @@ def _doubtful(t: Array, numbers: Array, period: float) -> NDArray[np.int64]:
 
 
 def _windows(blocks: Iterable[Array]) -> Iterator[tuple[int, Array, int, int]]:
-    """Overlapping stretches of stamps: first row, stamps, and the intervals start:stop that each decides."""
+    """Yield overlapping stretches of stamps: first row, stamps, and the intervals start:stop that each decides."""
     held, first, decided = np.empty(0), 0, 0
     pending: Array | None = None
     for block in blocks:
@@ -332,7 +332,7 @@ def with_evidence(clock: ClockStatistics, blocks: Iterable[tuple[Array, Array]])
 
 
 def _evidence(t: Array, q: Array, numbers: Array, period: float) -> Array:
-    """(N, 4) sums over rows: travel that the stamps imply squared, times and squared what the positions show, count."""
+    """Return sums over rows (N, 4): xx, xy, yy and count, of travel x that stamps imply and y that positions show."""
     from scipy.ndimage import uniform_filter1d
 
     reach = VELOCITY_REACH
@@ -390,7 +390,7 @@ def row_numbers(t: NDArray[np.float64], period: float | None = None) -> tuple[fl
 
 
 def _wanders(t: NDArray[np.float64], typical: float) -> bool:
-    """Whether the intervals vary by themselves, so that stamps stray ever further from any even clock."""
+    """Say whether the intervals vary independently, so that stamps stray ever further from any even clock."""
     steps = np.diff(t)
     # Seen where no row can be missing: gaps would look like a clock that strays.
     long = np.concatenate([[0], np.cumsum(steps > GAP * typical)])
@@ -405,7 +405,7 @@ def _wanders(t: NDArray[np.float64], typical: float) -> bool:
 
 
 def _most_regular(t: NDArray[np.float64], typical: float, width: float = COARSE) -> float:
-    """Period near the typical interval whose multiples the stamps gather about, whatever rows are missing."""
+    """Return the period near the typical one about whose multiples the stamps gather, whatever rows are missing."""
     size = min(BLOCK, len(t))
     starts = np.unique(np.linspace(0, len(t) - size, min(MOST_BLOCKS, max(1, 2 * len(t) // size))).astype(int))
     blocks = t[starts[:, None] + np.arange(size)]

@@ -151,7 +151,7 @@ def _text(value: Any, where: str) -> str:
 
 
 def number(value: Any, where: str) -> float:
-    """Return a number given as such or as a string like "1/45", "-pi/2" or "3*pi/4"."""
+    """Return a number that is given as one, or as a string like "1/45", "-pi/2" or "3*pi/4"."""
     if isinstance(value, (int, float)) and not isinstance(value, bool):
         result = float(value)
         if result - result == 0.0:
@@ -247,7 +247,7 @@ class Layout:
 
     @property
     def names(self) -> tuple[str, ...]:
-        """All the columns to be read, each once."""
+        """Names of all columns to be read, each once."""
         head = () if self.time is None else (self.time,)
         groups = (head, self.position, self.velocity or (), self.acceleration or (), self.torque)
         return tuple(dict.fromkeys(name for group in groups for name in group))
@@ -369,7 +369,7 @@ def _labelled(
 def _expand(
     kind: str, pattern: str, names: Sequence[str], columns: LogColumns, joints: int | Sequence[str] | None, source: str
 ) -> tuple[str, ...]:
-    """Write a pattern out: by the joints' names, by their number where known, else as far as the header goes."""
+    """Return the columns that a pattern stands for, by the joints' names or numbers, or as far as the header goes."""
     if "{name}" in pattern:
         if joints is None or isinstance(joints, int):
             raise InputError(
@@ -393,7 +393,7 @@ def _expand(
 
 
 def _candidates(kind: str, names: Sequence[str], joints: int | Sequence[str] | None) -> list[tuple[str, ...]]:
-    """All the groups of columns that the documented rules find for `kind`."""
+    """Return all groups of columns that the documented rules find for `kind`."""
     by_lower = {name.strip().lower(): name for name in reversed(names)}
     groups = _numbered(FAMILIES[kind], names)
     if joints is not None and not isinstance(joints, int):

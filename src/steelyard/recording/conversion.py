@@ -44,25 +44,15 @@ class Signals:
     def joined(self, other: Signals) -> Signals:
         """Put the rows of `other` below these."""
 
-        def stack(a: NDArray[np.float64] | None, b: NDArray[np.float64] | None) -> NDArray[np.float64] | None:
-            return None if a is None or b is None else np.concatenate([a, b])
-
-        return Signals(
-            stack(self.t, other.t),
-            np.concatenate([self.q, other.q]),
-            np.concatenate([self.torque, other.torque]),
-            stack(self.velocity, other.velocity),
-            stack(self.acceleration, other.acceleration),
-        )
+        mine, theirs = vars(self), vars(other)
+        parts = {name: (mine[name], theirs[name]) for name in mine}
+        joined = {name: None if a is None or b is None else np.concatenate([a, b]) for name, (a, b) in parts.items()}
+        return Signals(**joined)
 
     def rows(self, start: int, stop: int) -> Signals:
         """Return the rows start:stop, as copies, so that the rest can be released."""
 
-        def cut(a: NDArray[np.float64] | None) -> NDArray[np.float64] | None:
-            return None if a is None else a[start:stop].copy()
-
-        q, torque = self.q[start:stop].copy(), self.torque[start:stop].copy()
-        return Signals(cut(self.t), q, torque, cut(self.velocity), cut(self.acceleration))
+        return Signals(**{name: a if a is None else a[start:stop].copy() for name, a in vars(self).items()})
 
 
 def convert(raw: Columns, layout: Layout, columns: LogColumns, where: Callable[[int], str], source: str) -> Signals:
@@ -173,12 +163,12 @@ def log_columns(columns: LogColumns | dict[str, Any] | None) -> LogColumns:
 
 
 def names_of(joints: int | Sequence[str] | None) -> tuple[str, ...] | None:
-    """Return the joints' names where `joints` gives them."""
+    """Return the names of the joints where `joints` are names and no number."""
     return None if joints is None or isinstance(joints, int) else tuple(joints)
 
 
 def signals_fields(signals: Signals, t: NDArray[np.float64], source: str) -> dict[str, Any]:
-    """Return the arrays of a Recording by field name, missing values filled."""
+    """Return the arrays of a Recording by the names of its fields, with missing values filled."""
     fields: dict[str, Any] = {"t": t, "position_missing": None, "torque_missing": None}
     for name in ("q", "torque", "velocity", "acceleration"):
         values, missing = filled(t, getattr(signals, name), "position" if name == "q" else name, source)
@@ -224,7 +214,7 @@ def times(
 
 
 def clock_at(rate: float, stamps: Iterable[NDArray[np.float64]]) -> ClockStatistics | None:
-    """Return the clock of stamps, which come in blocks, where it agrees with the rate and leaves rows out.
+    """Return the clock of stamps that come in blocks, where rows are missing in it and it agrees with the rate.
 
     None where no rows are missing between the stamps, or they are too coarse to tell.
     """

@@ -42,7 +42,7 @@ class Part:
 
 
 class EvenClock:
-    """How the rows of a log are placed on an even clock, as `resample` in [processing] says.
+    """Places the rows of a log on an even clock, as `resample` in [processing] says.
 
     Parameters
     ----------
@@ -164,7 +164,7 @@ class EvenClock:
         return int(np.floor(numbers * self.clock.period / self.period * (1.0 + 1e-12))) + 1
 
     def _stamp(self, row: int) -> float:
-        """Stamp of a row at an end of the log or of a gap."""
+        """Return the stamp of a row at an end of the log or of a gap."""
         clock = self.clock
         if row == 0:
             return float(clock.ticks[0])
@@ -224,7 +224,7 @@ class EvenClock:
             return None if values is None else np.asarray(CubicSpline(at, values, axis=0)(grid))
 
         def flagged(flags: NDArray[np.bool_] | None) -> NDArray[np.bool_]:
-            """Even rows that lie beside a flagged one of the log, or on it."""
+            """Return the even rows that lie on a flagged row of the log, or beside one."""
             if flags is None:
                 return np.zeros((len(grid), recording.joint_count), bool)
             return np.asarray((flags[after] & ~exact_before[:, None]) | (flags[after - 1] & ~exact[:, None]))

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass
 from math import prod
 from typing import Any
@@ -28,6 +28,21 @@ FILTERS: dict[str, type[MotionFilter]] = {
     one.kind: one for one in (Butterworth, SavitzkyGolay, KalmanSmoother, FourierFit)
 }
 """The filters of the positions by name."""
+NOT_NEGATIVE = -1e-300
+"""Numbers above this one are 0 or more."""
+NUMBERS: dict[str, tuple[float, bool, tuple[object, ...], str]] = {
+    "cutoff": (0.0, False, (AUTO, None), 'a frequency in Hz, "auto" or "none"'),
+    "torque_cutoff": (0.0, False, (None,), 'a frequency in Hz or "none"'),
+    "longest_gap": (0.0, False, (None,), "a time in s"),
+    "trim": (NOT_NEGATIVE, True, (AUTO,), 'seconds, not negative, or "auto"'),
+    "velocity_threshold": (NOT_NEGATIVE, True, (AUTO, None), 'a velocity, not negative, "auto" or "none"'),
+    "resample": (0.0, False, (True, False), "true, false or a rate in Hz"),
+    "delay": (-np.inf, True, ("automatic",), 'seconds, one number or one per joint, or "automatic"'),
+    "stiction": (0.0, False, (True, False), "true, false or the shortest rest in s"),
+    "saturation": (0.0, True, (True, False), "true, false, or levels in N·m or N"),
+}
+"""The options that are numbers: what each must be above, whether it may be a list, which other values it may have, and
+how a message puts that."""
 
 
 @dataclass(frozen=True)
@@ -128,33 +143,31 @@ class Processing(Section):
         for name in ("cutoff", "trim", "velocity_threshold"):
             if isinstance(getattr(self, name), str) and getattr(self, name) == "automatic":
                 raise InputError(f'{key(name)} is "automatic"; what the data decides is called "auto": write that.')
-        if self.cutoff is not None and self.cutoff != AUTO:
-            what = 'a frequency in Hz, "auto" or "none"'
-            put("cutoff", _above(0.0, self.cutoff, key("cutoff"), what))
-        if self.torque_cutoff is not None:
-            put("torque_cutoff", _above(0.0, self.torque_cutoff, key("torque_cutoff"), 'a frequency in Hz or "none"'))
-        if self.longest_gap is not None:
-            put("longest_gap", _above(0.0, self.longest_gap, key("longest_gap"), "a time in s"))
+        for name, (bound, several, others, what) in NUMBERS.items():
+            value = getattr(self, name)
+            if any(value is other or (isinstance(value, str) and value == other) for other in others):
+                continue
+            if isinstance(value, np.ndarray):
+                value = value.tolist()
+            if several and isinstance(value, (list, tuple)):
+                put(name, tuple(_above(bound, item, key(name), what) for item in value))
+            else:
+                put(name, _above(bound, value, key(name), what))
+        if isinstance(self.trim, tuple) and len(self.trim) != 2:
+            raise InputError(
+                f"{key('trim')} has {len(self.trim)} values; it must be one time in s or two, start and end."
+            )
         put("order", whole(self.order, 1, 10, key("order")))
+        factors = self.decimate if isinstance(self.decimate, (list, tuple)) else (self.decimate,)
+        put("decimate", tuple(n for n in (whole(factor, 1, 1000, key("decimate")) for factor in factors) if n != 1))
         for name, options in (("velocity", ("derive", "measured")), ("difference", ("central",))):
             if getattr(self, name) not in options:
                 raise InputError(
                     f"{key(name)} is {getattr(self, name)!r}; it must be {' or '.join(map(repr, options))}."
                 )
-        if not _is_auto(self.trim):
-            what = 'seconds, not negative, or "auto"'
-            trim = _each(self.trim, key("trim"), lambda value: _above(-1e-300, value, key("trim"), what))
-            if isinstance(trim, tuple) and len(trim) != 2:
-                raise InputError(
-                    f"{key('trim')} has {len(trim)} values; it must be one time in s or two, start and end."
-                )
-            put("trim", trim)
-        factors = self.decimate if isinstance(self.decimate, (list, tuple)) else (self.decimate,)
-        put("decimate", tuple(n for n in (whole(factor, 1, 1000, key("decimate")) for factor in factors) if n != 1))
-        if self.velocity_threshold is not None and not _is_auto(self.velocity_threshold):
-            what = 'a velocity, not negative, "auto" or "none"'
-            name = "velocity_threshold"
-            put(name, _each(self.velocity_threshold, key(name), lambda value: _above(-1e-300, value, key(name), what)))
+        for name in ("average", "repeated"):
+            if not isinstance(getattr(self, name), bool):
+                raise InputError(f"{key(name)} is {getattr(self, name)!r}; it must be true or false.")
         excluded: Any = self.exclude_joints
         if isinstance(excluded, str) or not isinstance(excluded, (list, tuple)):
             raise InputError(f"{key('exclude_joints')} is {excluded!r}; it must be a list of joint numbers or names.")
@@ -164,17 +177,8 @@ class Processing(Section):
                     f"{key('exclude_joints')} holds {joint!r}; it must hold joint numbers (from 1) or names."
                 )
         put("exclude_joints", tuple(excluded))
-        if not isinstance(self.resample, bool):
-            put("resample", _above(0.0, self.resample, key("resample"), "true, false or a rate in Hz"))
-
-        self._clean_detection(put, key)
-
-    def _clean_detection(self, put: Callable[[str, Any], None], key: Callable[[str], str]) -> None:
         put("filter", filter_from(self.filter, key("filter")))
         kind = self.filter.kind
-        for name in ("average", "repeated"):
-            if not isinstance(getattr(self, name), bool):
-                raise InputError(f"{key(name)} is {getattr(self, name)!r}; it must be true or false.")
         if self.average and (kind != "fourier" or self.decimate):
             what = "does not go with `decimate`" if kind == "fourier" else 'goes with `filter = "fourier"` alone'
             raise InputError(f"{key('average')} {what}; leave one of them out.")
@@ -182,19 +186,10 @@ class Processing(Section):
             raise InputError(
                 f'{key("velocity")} is "measured", which goes with the filter "butterworth" alone, not with {kind!r}.'
             )
-        if self.delay != "automatic":
-            what = 'seconds, one number or one per joint, or "automatic"'
-            put("delay", _each(self.delay, key("delay"), lambda value: _above(-np.inf, value, key("delay"), what)))
-        if not isinstance(self.stiction, bool):
-            put("stiction", _above(0.0, self.stiction, key("stiction"), "true, false or the shortest rest in s"))
-        if not isinstance(self.saturation, bool):
-            what = "true, false, or levels in N·m or N"
-            name = "saturation"
-            put(name, _each(self.saturation, key(name), lambda value: _above(0.0, value, key(name), what)))
 
     @property
     def step(self) -> int:
-        """How many rows of the log make one sample."""
+        """Number of rows of the log that make one sample."""
         return prod(self.decimate)
 
     @property
@@ -204,7 +199,7 @@ class Processing(Section):
 
     @property
     def needs_even_rows(self) -> bool:
-        """Whether something here works on evenly sampled rows alone."""
+        """Whether any of the options works on evenly sampled rows only."""
         at_any_times = self.filter.takes_uneven_times and self.torque_cutoff is None and not self.decimate
         return not (at_any_times and np.all(np.asarray(self.delay) == 0.0)) or self.resample not in (True, False)
 
@@ -221,7 +216,7 @@ class Processing(Section):
         return not isinstance(own, FourierFit) and all(width is None for width in widths)
 
     def excluded(self, recording: Measurements) -> list[int]:
-        """Indices of the excluded joints."""
+        """Return the indices of the excluded joints."""
         names = recording.joint_names or ()
         indices = []
         for joint in self.exclude_joints:
@@ -255,20 +250,10 @@ class Processing(Section):
             )
 
 
-def _is_auto(value: Any) -> bool:
-    return isinstance(value, str) and value == AUTO
-
-
 def _above(lowest: float, value: Any, where: str, what: str) -> float:
     if isinstance(value, str) or not number(value, where) > lowest:
         raise InputError(f"{where} is {value!r}; it must be {what}.")
     return float(value)
-
-
-def _each(value: Any, where: str, parse: Callable[[Any], float]) -> float | tuple[float, ...]:
-    if isinstance(value, np.ndarray):
-        value = value.tolist()
-    return tuple(parse(item) for item in value) if isinstance(value, (list, tuple)) else parse(value)
 
 
 def filter_from(value: Any, where: str) -> MotionFilter:

@@ -24,7 +24,7 @@ SLIP = 0.05
 
 @dataclass(frozen=True, eq=False)
 class PeriodicAverage:
-    """What `average_periods` returns.
+    """One period of a motion, averaged over all periods by `average_periods`.
 
     Attributes
     ----------
@@ -168,7 +168,7 @@ def average_periods(
 
 
 def _folded(t: Array, values: Array, period: float, rate: float, periods: int, rows: int) -> tuple[Array, Array]:
-    """Values (P, S, N) on the same phases of each period, and the times (S,) in the first one."""
+    """Return values (P, S, N) at the same phases of each period, and the times (S,) in the first one."""
     exact = abs(period * rate - rows) * periods < SLIP
     even = np.abs(np.diff(t) * rate - 1.0).max() < SLIP
     if exact and even and periods * rows <= len(t):

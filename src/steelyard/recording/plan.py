@@ -1,4 +1,4 @@
-"""Processing with every choice made, and the rows that come of it."""
+"""Processing of measurements to samples, once every choice is made."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ from .options import Processing
 from .periodic import average_periods
 from .samples import Samples
 
-__all__ = ["Plan", "said"]
+__all__ = ["Plan", "masking_remarks"]
 
 Array = NDArray[np.float64]
 Flags = dict[str, NDArray[np.bool_]]
@@ -70,7 +70,7 @@ class Plan:
     held: HeldJoints
 
     def padding(self, rate: float) -> int:
-        """Rows of surroundings that filters, derivatives, delays and detectors need."""
+        """Return the number of rows on either side that filters, derivatives, delays and detectors need."""
         rows = [self.filter.padding(rate)]
         cutoff = self.processing.torque_cutoff
         if cutoff is not None and cutoff < rate / 2.0:
@@ -81,7 +81,7 @@ class Plan:
         return max(rows) + int(np.ceil(np.abs(self.delay).max() * rate)) + 2
 
     def settling(self, rate: float) -> float:
-        """Time in s at either end of a log whose rows the filters spoil."""
+        """Return the time in s at either end of a log that the filters spoil."""
         times = [self.filter.settling(rate)]
         cutoff = self.processing.torque_cutoff
         if cutoff is not None and cutoff < rate / 2.0:
@@ -89,7 +89,7 @@ class Plan:
         return max(times) + decimation_settling(self.processing.decimate, rate)
 
     def trimmed(self, count: int, rate: float) -> tuple[int, int]:
-        """The rows start:stop that trimming leaves of `count`, none where stop is not above start."""
+        """Return the rows start:stop that trimming leaves of `count`; none are left where stop is not above start."""
         trim = self.processing.trim
         if isinstance(trim, str):
             rows = min(ceil(self.settling(rate) * rate), int(LARGEST_TRIM * count))
@@ -98,12 +98,12 @@ class Plan:
         return ceil(begin * rate - 1e-6), count - ceil(end * rate - 1e-6)
 
     def kept_rows(self, count: int, rate: float, source: str) -> tuple[int, int]:
-        """The same, where something is left.
+        """Return the rows start:stop that trimming leaves of `count`.
 
         Raises
         ------
         InputError
-            Where nothing is.
+            Where nothing is left.
         """
         start, stop = self.trimmed(count, rate)
         if stop - start < 1:
@@ -114,7 +114,7 @@ class Plan:
         return start, stop
 
     def middle(self, recording: Measurements, ends: float | None = None) -> Samples:
-        """Process a recording without what stands within `ends` (s) of its own, or within what trimming leaves out."""
+        """Process a recording without the rows within `ends` (s) of its ends, or without those that are trimmed."""
         start, stop = self.kept_rows(recording.count, recording.rate, recording.source)
         if ends is not None:
             start = min(ceil(ends * recording.rate), int(LARGEST_TRIM * recording.count))
@@ -155,15 +155,15 @@ class Plan:
                 "leaves none to use; check delay, velocity_threshold, exclude_joints and the other options that leave "
                 "rows out."
             )
-        return replace(joined, remarks=(*notes, *said(counts)))
+        return replace(joined, remarks=(*notes, *masking_remarks(counts)))
 
     def held_remarks(self, recording: Measurements) -> tuple[str, ...]:
-        """Tell the joints that do not move.
+        """Return one sentence for each joint that does not move.
 
         Raises
         ------
         InputError
-            Where none does.
+            Where no joint moves.
         """
         if self.held.mask.all():
             raise InputError(
@@ -173,7 +173,7 @@ class Plan:
         return self.held.remarks(recording)
 
     def kept(self, counts: Sequence[int], rate: float, source: str) -> list[tuple[int, int]]:
-        """Rows start:stop that trimming leaves of parts of so many rows; a part that is too short is left out.
+        """Return the rows start:stop that trimming leaves of each part; (0, 0) where a part is too short.
 
         Every part has ends that filters spoil, so that each is trimmed.
 
@@ -199,7 +199,7 @@ class Plan:
         return kept
 
     def _least_rows(self, rate: float) -> int:
-        """Rows below which a part is nothing but ends: those over which its filters ring."""
+        """Return the number of rows below which a part is nothing but ends, over which its filters ring."""
         cutoffs = (getattr(self.filter, "cutoff", None), self.processing.torque_cutoff)
         ringing = [2.0 * rate / cutoff for cutoff in cutoffs if cutoff]
         return int(max([30.0 * self.processing.step, *ringing]))
@@ -262,7 +262,7 @@ class Plan:
         return self.filter.motion(recording.t, q, rate, source)
 
     def _torque(self, recording: Measurements) -> tuple[Array, NDArray[np.bool_]]:
-        """Torques in step with the motion, filtered, and where there are none."""
+        """Return the torques in step with the motion, filtered, and where there are none."""
         torque, rate = recording.torque, recording.rate
         if self.processing.torque_cutoff is not None:
             torque = low_pass(torque, rate, self.processing.torque_cutoff, self.processing.order, recording.source)
@@ -275,7 +275,7 @@ class Plan:
         return torque, late
 
     def flags(self, recording: Measurements) -> Flags:
-        """(S, N) rows that are not to be used, by reason."""
+        """Return the rows (S, N) that are not to be used, by reason."""
         found: Flags = {}
         rate = recording.rate
         if recording.position_missing is not None and recording.position_missing.any():
@@ -300,7 +300,7 @@ class Plan:
         return {name: flags for name, flags in found.items() if flags.any()}
 
     def _thinned(self, name: str, flags: NDArray[np.bool_], rate: float) -> NDArray[np.bool_]:
-        """Flags also of the rows into which a filter on the torques, or the decimation, spreads wrong torques."""
+        """Flag also the rows into which a filter on the torques, or the decimation, spreads wrong torques."""
         reach = self.processing.step if self.processing.step > 1 else 0
         if self.processing.torque_cutoff is not None and name not in (LATE, AT_REST):
             reach = max(reach, int(np.ceil(0.5 * rate / self.processing.torque_cutoff)))
@@ -311,7 +311,7 @@ class Plan:
         return np.asarray(maximum_filter1d(flags.astype(np.uint8), 2 * reach + 1, axis=0, mode="constant") > 0)
 
     def usual_mask(self, recording: Measurements, dq: Array) -> NDArray[np.bool_]:
-        """(S, N) false for slow rows and excluded joints."""
+        """Return a mask (S, N) that is false for slow rows and excluded joints."""
         width, processing = recording.joint_count, self.processing
         mask = np.ones(dq.shape, dtype=bool)
         if processing.velocity_threshold is not None:
@@ -345,11 +345,11 @@ class Plan:
         mask = self.usual_mask(recording, samples.dq)
         if samples.mask is not None:
             mask &= samples.mask
-        counts = said({name: f.sum(axis=0) for name, f in flags.items()}, "before averaging")
+        counts = masking_remarks({name: f.sum(axis=0) for name, f in flags.items()}, "before averaging")
         return replace(samples, mask=None if mask.all() else mask, remarks=(*notes, *samples.remarks, *counts))
 
 
-def said(counts: dict[str, NDArray[np.intp]], when: str = "") -> tuple[str, ...]:
+def masking_remarks(counts: dict[str, NDArray[np.intp]], when: str = "") -> tuple[str, ...]:
     """Return one sentence for each reason why rows were masked."""
     sentences = []
     for name, of_joints in counts.items():
@@ -362,7 +362,7 @@ def said(counts: dict[str, NDArray[np.intp]], when: str = "") -> tuple[str, ...]
 
 
 def _moved(flags: NDArray[np.bool_], rows: float) -> NDArray[np.bool_]:
-    """Flags of a channel that is moved forwards by `rows`: a row is flagged that interpolates a flagged one."""
+    """Return the flags of a channel that is moved forwards by `rows`; what interpolates a flagged row is flagged."""
     if rows == 0.0 or not flags.any():
         return flags
     later, _ = advanced(flags.astype(np.float64), np.floor(rows))

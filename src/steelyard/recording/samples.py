@@ -184,7 +184,7 @@ class Samples:
 
 
 def regrouped(parts: Iterable[Samples], count: int) -> Iterator[Samples]:
-    """Cut and join a stream of samples so that each holds `count` rows, and the last what is left.
+    """Cut and join a stream of samples so that each holds `count` rows, and the last one the rest.
 
     Rows are neither changed nor moved; remarks go with the first row of the part that had them.
     """

@@ -37,7 +37,7 @@ MOVING = 5e-3
 
 
 class LogSurvey:
-    """What is seen of a log in one pass, in pieces or as a whole: extremes, speeds, and velocities beside positions.
+    """Extremes, speeds and measured velocities beside positions, gathered in one pass over a log or its pieces.
 
     Examples
     --------
@@ -66,7 +66,7 @@ class LogSurvey:
         return survey
 
     def add(self, recording: Measurements, start: int = 0, stop: int | None = None) -> None:
-        """See the rows start:stop of a recording."""
+        """Take in the rows start:stop of a recording."""
         stop = recording.count if stop is None else stop
         rows = slice(start, stop)
         if self._log is None:
@@ -133,7 +133,7 @@ class LogSurvey:
         return self.first_row.joint_label(joint)
 
     def remarks(self) -> tuple[str, ...]:
-        """Everything that the log says by itself.
+        """Return all remarks that need nothing but the log.
 
         Raises
         ------
@@ -272,7 +272,7 @@ class LogSurvey:
         tolerance = 0.02 + 0.01 * np.where(np.isfinite(high - low), high - low, 0.0)
 
         def fits(j: int, k: int, scale: float = 1.0) -> bool:
-            """Whether the positions of column k would fit joint j."""
+            """Say whether the positions of column k would fit joint j."""
             return bool(
                 scale * reach_low[k] >= low[j] - tolerance[j] and scale * reach_high[k] <= high[j] + tolerance[j]
             )
@@ -306,7 +306,7 @@ class LogSurvey:
 
 
 def _judge_ratio(source: str, label: str, ratio: float) -> list[str]:
-    """Judge derivative over measured velocity, where the two have the same course."""
+    """Judge the ratio of derivative to measured velocity, where the two have the same course."""
     head = f"{source}: the position of {label} changes {ratio:.4g} times as fast as its measured velocity says"
     if abs(ratio * DEGREE - 1.0) < 0.05:
         raise InputError(f'{head}; the positions are in degrees: state `position_unit = "deg"` in [log].')
@@ -332,7 +332,7 @@ def _judge_ratio(source: str, label: str, ratio: float) -> list[str]:
 def stuck_torques(
     lowest: NDArray[np.float64], highest: NDArray[np.float64], travel: NDArray[np.float64]
 ) -> NDArray[np.int64]:
-    """Joints whose torque is one number throughout while they move: (N,) extremes of torque, travel in rad or m."""
+    """Return the joints that move while their torque is one number, by extremes of torque and travel (rad or m)."""
     return np.flatnonzero((lowest == highest) & (travel > 1e-3))
 
 

@@ -1,4 +1,4 @@
-"""The choice of a cutoff frequency from the data, with its evidence."""
+"""Choosing a cutoff frequency from the data, with evidence."""
 
 from typing import TYPE_CHECKING
 

@@ -1,4 +1,4 @@
-"""The choice of the cutoff by the spectra of the positions: least expected error of the accelerations."""
+"""Choosing the cutoff by the spectra of the positions, so that the expected error of the accelerations is least."""
 
 from __future__ import annotations
 
@@ -22,14 +22,14 @@ MOST_ROWS = 100_000
 FEWEST = 64
 MOTION_SHARE = 0.99
 HIGHEST = 0.4
-"""Of the sample rate: what lies above is taken for the work of filters in the drive."""
+"""Fraction of the sample rate; what lies above it is taken for the work of filters in the drive."""
 STRAIGHT = 0.5
 """The line is laid through the residuals at the cutoffs above this fraction of the highest."""
 
 
 @dataclass(frozen=True, eq=False)
 class Spectra:
-    """What `motion_spectra` returns.
+    """Power spectra of positions, and where noise takes over, as `motion_spectra` finds them.
 
     Attributes
     ----------
@@ -115,7 +115,7 @@ def motion_spectra(q: ArrayLike, rate: float, source: str = "recording") -> Spec
 
 
 def _smoothed(f: Array, values: Array) -> Array:
-    """Running mean over a sixth of an octave around each frequency."""
+    """Return the running mean over a sixth of an octave around each frequency."""
     low = np.searchsorted(f, f * 2.0 ** (-1.0 / 12.0))
     high = np.maximum(np.searchsorted(f, f * 2.0 ** (1.0 / 12.0), side="right"), low + 1)
     sums = np.concatenate([[0.0], np.cumsum(values)])
@@ -124,7 +124,7 @@ def _smoothed(f: Array, values: Array) -> Array:
 
 @dataclass(frozen=True, eq=False)
 class ResidualAnalysis:
-    """What `residual_analysis` returns.
+    """What filters of different cutoffs take away from positions, as `residual_analysis` finds it.
 
     Attributes
     ----------
@@ -168,7 +168,7 @@ def residual_analysis(
 
 
 def _crossing(cutoffs: Array, residuals: Array, level: float) -> float:
-    """The lowest cutoff at which the residual has fallen to the level, interpolated in the logarithm."""
+    """Return the lowest cutoff at which the residual has fallen to the level, interpolated in the logarithm."""
     below = np.flatnonzero(residuals <= level)
     if not len(below):
         return float(cutoffs[-1])
@@ -279,7 +279,7 @@ def choose_cutoff(recording: Measurements, order: int = 3) -> CutoffChoice:
 
 
 def _expected(spectra: Spectra, candidates: Array, rate: float, order: int) -> tuple[Array, Array]:
-    """Relative mean squares of distortion and of noise, (C, N) each."""
+    """Return the relative mean squares of distortion and of noise, (C, N) each."""
     f = spectra.frequencies
     ratio = np.tan(np.pi * np.minimum(f / rate, 0.4999)) / np.tan(np.pi * candidates / rate)[:, None]
     gain = 1.0 / (1.0 + ratio ** (2 * order))  # (C, F)

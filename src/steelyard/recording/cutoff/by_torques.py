@@ -1,4 +1,4 @@
-"""The choice of the cutoff by the torques: with which motion the model explains them best."""
+"""Choosing the cutoff by the torques: the one with which the model explains them best."""
 
 from __future__ import annotations
 
@@ -48,7 +48,7 @@ ROUNDING = 1e-11
 
 
 class TorqueFit:
-    """Torques of some rows and what explains them, as sums of products: of fixed size, and they add."""
+    """A regression of torques on base parameters, as sums of products of fixed size to which rows are added."""
 
     def __init__(self, model: Model) -> None:
         self.model = model
@@ -64,7 +64,7 @@ class TorqueFit:
         return np.split(self.columns.kernel(*motion), sizes[:-1], axis=1)
 
     def add(self, samples: Samples, rows: NDArray[np.intp], used: NDArray[np.bool_]) -> None:
-        """Take up rows, of each joint those that are `used` (S, N)."""
+        """Add rows, of each joint those that are `used` (S, N)."""
         for k, columns in enumerate(self.parts(samples, rows)):
             own = used[:, k]
             both = np.column_stack([columns[own], samples.torque[rows, k][own]])
@@ -94,7 +94,7 @@ class TorqueFit:
 
 
 def _solved(products: Array) -> Array:
-    """Solve normal equations in columns of length one, without the directions that rounding alone decides."""
+    """Solve normal equations, with columns scaled to length one and without directions that rounding alone decides."""
     lengths = np.sqrt(np.diag(products)[:-1])
     lengths = np.where(lengths > 0.0, lengths, 1.0)
     values, vectors = np.linalg.eigh(products[:-1, :-1] / np.outer(lengths, lengths))
@@ -227,7 +227,7 @@ def _choice(
 
 
 def _votes(found: Sequence[Samples]) -> list[tuple[NDArray[np.intp], NDArray[np.bool_]]]:
-    """Rows that are looked at of each recording, and of which joints (S, N)."""
+    """Return for each recording the rows that are compared, and of which joints (S, N)."""
     every = max(1, -(-sum(samples.count for samples in found) // MOST_ROWS))
     usual = np.sqrt(sum((samples.dq**2).sum(axis=0) for samples in found) / sum(samples.count for samples in found))
     votes = []

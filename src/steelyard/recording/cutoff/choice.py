@@ -186,7 +186,7 @@ def _picture(plot: Plot, mark: float) -> str:
 
 
 def _thinned(curve: Curve) -> Curve:
-    """At most 300 points, evenly spaced in the logarithm: the means of what falls together."""
+    """Return at most 300 points evenly spaced in the logarithm, each the mean of those around it."""
     good = (curve.x > 0.0) & (curve.y > 0.0)
     x, y = curve.x[good], curve.y[good]
     if len(x) <= POINTS:

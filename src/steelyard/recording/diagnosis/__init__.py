@@ -1,4 +1,4 @@
-"""Faults of a log that can be found in its numbers, and where they are."""
+"""Finding the faults of a log in its numbers, and the rows where they are."""
 
 from typing import TYPE_CHECKING
 

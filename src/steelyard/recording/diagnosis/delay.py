@@ -1,4 +1,4 @@
-"""Delay between the channels of position and torque: estimated, and taken out."""
+"""Estimating the delay between the channels of position and torque, and taking it out."""
 
 from __future__ import annotations
 
@@ -37,7 +37,7 @@ MOST_JOINTS, FEW_JOINTS = 8, 3
 
 @dataclass(frozen=True, eq=False)
 class DelayEstimate:
-    """What `estimate_delay` returns.
+    """A delay of the torques behind the motion, as `estimate_delay` finds it.
 
     Attributes
     ----------
@@ -64,7 +64,7 @@ class DelayEstimate:
 
     @property
     def is_sure(self) -> bool:
-        """Whether the delay is three standard deviations and more away from none."""
+        """Whether the delay differs from zero by three standard deviations or more."""
         return abs(self.delay) >= SURE * self.standard_deviation
 
     def __repr__(self) -> str:
@@ -191,14 +191,14 @@ def _problems(
 
 
 def _basis(columns: Array) -> Array:
-    """Orthonormal basis of the span of columns, without what is in it by rounding alone."""
+    """Return an orthonormal basis of the span of columns, without directions that are in it by rounding alone."""
     lengths = np.sqrt(np.sum(columns**2, axis=0))
     vectors, values, _ = np.linalg.svd(columns / np.where(lengths > 0.0, lengths, 1.0), full_matrices=False)
     return np.asarray(vectors[:, values > 1e-9 * values.max(initial=0.0)])
 
 
 def _features(q: Array, dq: Array, ddq: Array) -> Array:
-    """What torques of any robot are roughly made of (M, c): the motion, its sines and cosines, and their products."""
+    """Return what explains torques of any robot roughly (M, c): the motion, its sines and cosines, and products."""
     turns = np.hstack([np.sin(q), np.cos(q)])
     columns = [np.ones((len(q), 1)), q, dq, ddq, turns]
     pairs = [(i, j) for i in range(q.shape[1]) for j in range(i, q.shape[1])]
@@ -213,7 +213,7 @@ def _features(q: Array, dq: Array, ddq: Array) -> Array:
 
 
 def _squares(basis: Array, rows: NDArray[np.intp], torque: Array, shifts: NDArray[np.intp]) -> Array:
-    """(L, G) squared residuals after each shift, by segments of the log."""
+    """Return the squared residuals after each shift by segments of the log, (L, G)."""
     result = np.zeros((len(shifts), SEGMENTS))
     if len(rows) <= 2 * basis.shape[1]:
         return result
@@ -262,7 +262,7 @@ def _from_squares(squares: Array, count: int, lags: Array, step: float) -> Delay
 
 
 def _minimum(squares: Array, lags: Array, step: float) -> tuple[float, float]:
-    """Where the residual (L, G, N) is least, and how sure that is, by leaving out one segment G after the other."""
+    """Return where the residual (L, G, N) is least, and its standard deviation by leaving out each segment."""
     whole = squares.sum(axis=(1, 2))
     best = _vertex(whole, lags, step)
     without = np.array([_vertex(whole - squares[:, g].sum(axis=1), lags, step) for g in range(squares.shape[1])])
@@ -272,7 +272,7 @@ def _minimum(squares: Array, lags: Array, step: float) -> tuple[float, float]:
 
 
 def _vertex(curve: Array, lags: Array, step: float) -> float:
-    """Place of the least value of ``a + b x² + c |x|`` through the values around the least of them."""
+    """Return the place of the least value of ``a + b x² + c |x|``, fitted to the values around their least one."""
     from scipy.optimize import minimize_scalar
 
     lowest = int(np.argmin(curve))

@@ -56,7 +56,7 @@ class Interval(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class Intervals:
-    """Rows that a detector found.
+    """Rows of single joints that a detector found.
 
     Attributes
     ----------
@@ -77,7 +77,7 @@ class Intervals:
 
     @property
     def count(self) -> NDArray[np.intp]:
-        """(N,) rows of each joint."""
+        """(N,) number of such rows of each joint."""
         return np.asarray(self.flags.sum(axis=0))
 
     def __iter__(self) -> Iterator[Interval]:
@@ -92,7 +92,7 @@ class Intervals:
         return bool(self.flags.any())
 
     def sentences(self) -> tuple[str, ...]:
-        """One sentence for each joint with such rows, or one for all where they are the same."""
+        """Return one sentence for each joint with such rows, or one for all joints where these are the same rows."""
         found = []
         alike = self.flags.shape[1] > 1 and bool(np.all(self.flags == self.flags[:, :1]))
         for joint, rows in enumerate(self.count[:1] if alike else self.count):
@@ -115,7 +115,7 @@ class Intervals:
 
 
 def runs(flags: NDArray[np.bool_]) -> list[tuple[int, int]]:
-    """Begin and end (excluded) of each run of true values in (S,)."""
+    """Return the begin and the end (excluded) of each run of true values in (S,)."""
     edges = np.flatnonzero(np.diff(np.concatenate([[False], flags, [False]]).astype(np.int8)))
     return [(int(a), int(b)) for a, b in zip(edges[::2], edges[1::2], strict=True)]
 
@@ -193,7 +193,7 @@ def saturation_levels(torque: ArrayLike) -> Array:
 
 
 def _clipped_at(values: Array) -> float | None:
-    """The level at which values are clipped from above."""
+    """Return the level at which values are clipped from above; None where they are not."""
     top = float(values.max())
     spread = float(top - values.min())
     if spread <= 0.0:
@@ -370,7 +370,7 @@ def stuck_while_others_move(recording: Measurements) -> Intervals:
 
 
 def _resting(recording: Measurements, tolerance: Array, lengths: Array) -> NDArray[np.bool_]:
-    """(S, N) rows where a joint travels no further than its tolerance for its shortest rest at least."""
+    """Find the rows (S, N) where a joint stays within its tolerance for at least the shortest time of a rest."""
     from scipy.ndimage import maximum_filter1d, minimum_filter1d
 
     flags = np.zeros(recording.q.shape, dtype=bool)
@@ -390,7 +390,7 @@ def _resting(recording: Measurements, tolerance: Array, lengths: Array) -> NDArr
 
 
 def _changes(torque: Array) -> bool:
-    """Whether the torque changes by more than its scatter about the means of a few parts of the interval."""
+    """Say whether the torque changes by more than its scatter about the means of a few parts of the interval."""
     parts = np.array_split(torque, min(PARTS, len(torque)))
     means = np.array([part.mean() for part in parts])
     scatter = float(

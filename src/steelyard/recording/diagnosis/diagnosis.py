@@ -1,4 +1,4 @@
-"""Everything that the numbers of a log say about its quality."""
+"""The diagnosis of a log: all detectors together, and what there is to say."""
 
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ FEW = {"stiction": 0.1, "saturation": 1e-3, "repeated": 1e-3}
 
 @dataclass(frozen=True, eq=False)
 class Diagnosis:
-    """What `Recording.diagnose` finds.
+    """Quality of a log, as `Recording.diagnose` finds it.
 
     Attributes
     ----------
@@ -59,7 +59,7 @@ class Diagnosis:
     missing: Intervals | None
 
     def sentences(self) -> tuple[str, ...]:
-        """What was found, with the option of [processing] that leaves it out; empty where all is well."""
+        """Return what was found, with the option of [processing] that leaves it out; nothing where all is well."""
         found = list(self.clock.sentences())
         for option in DETECTORS:
             found += _with_remedy(getattr(self, option), option)
@@ -96,7 +96,7 @@ class Diagnosis:
 
 
 def diagnose(recording: Measurements) -> Diagnosis:
-    """Look for everything at once; see `Recording.diagnose`."""
+    """Run all detectors on a recording; see `Recording.diagnose`."""
     return Diagnosis(
         recording.source,
         clock_statistics(recording),

@@ -56,7 +56,7 @@ MOST_ROWS = 20_000
 
 @dataclass(frozen=True, eq=False)
 class HeldJoints:
-    """Joints whose positions differ from a constant by no more than the encoder's noise, or by next to nothing.
+    """Joints that do not move: their positions differ from a constant by no more than noise, or hardly at all.
 
     Differences of such positions are noise, and so are their signs: as velocities and accelerations they would pass for
     a motion, which shows friction and inertia.
@@ -87,7 +87,7 @@ class HeldJoints:
 
     @classmethod
     def of(cls, recording: Measurements) -> Self:
-        """Find them in a recording, or in the first rows of a log."""
+        """Find the joints that do not move in a recording, or in the first rows of a log."""
         q = recording.q
         tolerance = np.maximum(STEPS * resolution(q), DEVIATIONS * noise_deviation(q))
         tolerance = np.maximum(tolerance, max(SMALLEST, SLOWEST * recording.duration))
@@ -98,7 +98,7 @@ class HeldJoints:
         return held.among([recording])
 
     def among(self, recordings: Iterable[Measurements]) -> Self:
-        """Those of them that do not move in other rows of the same log, either."""
+        """Return only those of these joints that do not move in other rows of the same log either."""
         least = most = lowest = highest = self.position
         for recording in recordings:
             q = recording.q
@@ -111,7 +111,7 @@ class HeldJoints:
         return type(self)(self.mask & still, self.position, self.tolerance)
 
     def without_motion(self, q: Array, dq: Array, ddq: Array) -> tuple[Array, Array, Array]:
-        """The motion (S, N) with these joints at rest."""
+        """Return the motion (S, N) with these joints at rest."""
         if not self.mask.any():
             return q, dq, ddq
         return tuple(  # type: ignore[return-value]
@@ -119,7 +119,7 @@ class HeldJoints:
         )
 
     def remarks(self, recording: Measurements) -> tuple[str, ...]:
-        """One sentence for each."""
+        """Return one sentence for each joint that does not move."""
         return tuple(
             f"J{recording.joint_label(j)[1:]} does not move (it stays at {self.position[j]:.6g}): the log shows "
             "nothing of its friction and rotor inertia, and of the links beyond it only what the other joints' motion "
@@ -130,7 +130,7 @@ class HeldJoints:
 
 @dataclass(frozen=True, eq=False)
 class VelocityThresholds:
-    """What `velocity_thresholds` returns.
+    """Velocities below which rows of a joint are left out, as `velocity_thresholds` chooses them.
 
     Attributes
     ----------
@@ -150,7 +150,7 @@ class VelocityThresholds:
     share: Array
 
     def remark(self) -> str:
-        """One sentence that says what is left out, and why."""
+        """Return one sentence that says what is left out, and why."""
         values = ", ".join(f"{value:.3g}" for value in self.thresholds)
         reason = "below three standard deviations of its noise, the sign of a velocity is not certain"
         if self.sticking.any():
@@ -167,7 +167,7 @@ class VelocityThresholds:
 
 
 def velocity_noise(recording: Measurements, motion_filter: MotionFilter, measured: bool = False) -> Array:
-    """Standard deviation (N,) of what white noise on the positions leaves on the filtered velocities.
+    """Return the standard deviation (N,) of what white noise on the positions leaves on the filtered velocities.
 
     Parameters
     ----------
@@ -229,7 +229,7 @@ def velocity_thresholds(samples: Sequence[Samples], noise: Array, model: Model |
 
 
 def _lacks(samples: Sequence[Samples], usual: Array, model: Model, every: int) -> Array:
-    """Velocities (N,) up to which the torques show a lack of friction; 0 where they show none."""
+    """Return the velocities (N,) up to which the torques show a lack of friction; 0 where they show none."""
     torques = TorqueFit(model)
     rows = [np.arange(0, one.count, every) for one in samples]
     kept = [
@@ -261,7 +261,7 @@ def _lacks(samples: Sequence[Samples], usual: Array, model: Model, every: int) -
 
 
 def _last_lack(passes: list[Array], edges: Array) -> float:
-    """The upper limit of the fastest bin whose passes show a lack of friction."""
+    """Return the upper limit of the fastest bin whose passes show a lack of friction."""
     from scipy.stats import t as student
 
     known = [means for means in passes if len(means) >= FEWEST_PASSES]

@@ -1,4 +1,4 @@
-"""What every filter of positions offers."""
+"""The interface of filters of positions."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ class Motion(NamedTuple):
 
 
 class Response(NamedTuple):
-    """What a filter makes of a sine at each frequency, relative to the truth, (F,) each; phases are unchanged.
+    """Gains of a filter at frequencies, relative to the true motion, (F,) each; phases are unchanged.
 
     1 is perfect. `velocity` and `acceleration` compare with the true derivatives of the sine.
     """
@@ -77,15 +77,15 @@ class MotionFilter(Section):
         """Return the response at frequencies (F,) in Hz, at a sample rate in Hz, far from the ends of a log."""
 
     def padding(self, rate: float) -> int:
-        """Rows after which what lies beyond them no longer shows."""
+        """Return the number of rows after which what lies beyond them no longer shows."""
         raise NotImplementedError(f"{self.kind} needs the whole log")
 
     @abstractmethod
     def settling(self, rate: float) -> float:
-        """Time in s at either end of a log whose rows are spoilt, for the filter does not know what lies beyond."""
+        """Return the time in s at either end of a log that is spoilt, as the filter does not know what lies beyond."""
 
     def described(self) -> dict[str, Any]:
-        """As a table of robot.toml."""
+        """Return the filter as a table of robot.toml."""
         return {"kind": self.kind, **self.to_dict()}
 
 

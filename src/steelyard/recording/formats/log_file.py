@@ -1,4 +1,4 @@
-"""What a format of log files offers: named columns of numbers, read whole or in blocks of rows."""
+"""The interface of formats of log files: named columns of numbers, read whole or in blocks of rows."""
 
 from __future__ import annotations
 

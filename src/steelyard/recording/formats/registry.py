@@ -1,4 +1,4 @@
-"""The table of the formats of logs, and the files that are opened and written by it."""
+"""The table of the formats of logs; opening and writing files by it, and reading several side by side."""
 
 from __future__ import annotations
 
