@@ -44,15 +44,17 @@ class Signals:
     def joined(self, other: Signals) -> Signals:
         """Put the rows of `other` below these."""
 
-        mine, theirs = vars(self), vars(other)
-        parts = {name: (mine[name], theirs[name]) for name in mine}
-        joined = {name: None if a is None or b is None else np.concatenate([a, b]) for name, (a, b) in parts.items()}
+        joined: dict[str, Any] = {}
+        for name, mine in vars(self).items():
+            theirs = getattr(other, name)
+            joined[name] = None if mine is None or theirs is None else np.concatenate([mine, theirs])
         return Signals(**joined)
 
     def rows(self, start: int, stop: int) -> Signals:
         """Return the rows start:stop, as copies, so that the rest can be released."""
 
-        return Signals(**{name: a if a is None else a[start:stop].copy() for name, a in vars(self).items()})
+        cut: dict[str, Any] = {name: a if a is None else a[start:stop].copy() for name, a in vars(self).items()}
+        return Signals(**cut)
 
 
 def convert(raw: Columns, layout: Layout, columns: LogColumns, where: Callable[[int], str], source: str) -> Signals:
