@@ -11,7 +11,7 @@ import numpy as np
 import numpy.typing as npt
 import scipy.sparse as sparse
 
-from steelyard.conic import Cone, ConicProblem, ConicSolution, Rows, solve
+from steelyard.conic import ConicProblem, ConicSolution, Rows, solve
 
 from .feasible_set import FeasibleSet
 
@@ -59,18 +59,13 @@ class Conditions:
     def __init__(self, feasible: FeasibleSet, matrix: Matrix) -> None:
         self.stack, self.matrix = feasible.stack, matrix
         self.equation_matrix, self.equation_values = feasible.equation_matrix, feasible.equation_values
-        stack = feasible.stack
-        if matrix is feasible.base_dependent:
-            coefficients = feasible.stacked_base_dependent
-        else:
-            coefficients = sparse.csc_array(stack.coefficients @ sparse.csc_array(matrix))
-        equations = feasible.equation_matrix @ matrix
-        self.rows = -coefficients
-        if len(equations):
-            self.rows = sparse.csc_array(sparse.vstack([sparse.csc_array(equations), -coefficients], format="csc"))
+        equations, blocks = feasible.rows(matrix, np.zeros(feasible.parameter_count))
+        self.rows = blocks.matrix
+        if len(equations.right):
+            self.rows = sparse.csc_array(sparse.vstack([equations.matrix, blocks.matrix], format="csc"))
         self.rows.sort_indices()
         self.counts = np.diff(self.rows.indptr)
-        self.cones = (Cone("zero", len(equations)), *stack.cones)
+        self.cones = (*equations.cones, *blocks.cones)
         self._prepare_diagonals()
 
     def _prepare_diagonals(self) -> None:

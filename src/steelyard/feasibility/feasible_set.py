@@ -199,9 +199,13 @@ class FeasibleSet:
         stack = self.stack
         values = stack.constant + stack.coefficients @ origin - margin * stack.identity
         missing = self.equation_values - self.equation_matrix @ origin
+        if directions is self.base_dependent:
+            coefficients = self.stacked_base_dependent
+        else:
+            coefficients = sparse.csc_array(stack.coefficients @ sparse.csc_array(directions))
         return (
             Rows(self.equation_matrix @ directions, missing, Cone("zero", len(missing))),
-            Rows(-(stack.coefficients @ sparse.csc_array(directions)), values, *stack.cones),
+            Rows(-coefficients, values, *stack.cones),
         )
 
     @cached_property

@@ -8,7 +8,7 @@ import numpy as np
 import numpy.typing as npt
 import scipy.sparse as sparse
 
-from steelyard.conic import Cone, ConicProblem, ConicSolution, Outcome, solve
+from steelyard.conic import Cone, ConicProblem, ConicSolution, Outcome, Rows, solve
 from steelyard.errors import SolverError
 
 from .feasible_set import FeasibleSet
@@ -142,12 +142,9 @@ class NearestPoint:
         equations = feasible_set.equation_matrix @ self.matrix
         missing = feasible_set.equation_values - feasible_set.equation_matrix @ self.origin
         values = stack.constant + stack.coefficients @ self.origin - margin * stack.identity
-        rows = [sparse.csc_array(equations), -self.coefficients]
-        right = [missing / self.unit, values / self.unit]
-        cones = [
-            Cone("zero", len(equations)),
-            Cone("nonnegative", stack.scalar_count),
-            *(Cone("semidefinite", size) for size in stack.matrix_sizes),
+        rows = [
+            Rows(equations, missing / self.unit, Cone("zero", len(equations))),
+            Rows(-self.coefficients, values / self.unit, *stack.cones),
         ]
         factor = None if self.metric.factor is None else self.metric.factor / self.metric.size
         if self.metric.is_diagonal:
@@ -157,21 +154,13 @@ class NearestPoint:
             # R d, and d in the directions in which there is no distance, are unknowns of their own.
             both = np.vstack([factor, self.metric.unseen])
             extra = len(both)
-            image = sparse.hstack([sparse.csc_array(both), sparse.csc_array((extra, count - measured))])
-            rows = [sparse.hstack([part, sparse.csc_array((part.shape[0], extra))]) for part in rows]
-            rows.insert(0, sparse.hstack([image, sparse.csc_array(-np.eye(extra))]))
-            right.insert(0, np.zeros(extra))
-            cones.insert(0, Cone("zero", extra))
+            image = np.hstack([both, np.zeros((extra, count - measured)), -np.eye(extra)])
+            rows.insert(0, Rows(image, np.zeros(extra), Cone("zero", extra)))
             tail = np.full(extra, unmeasured)
             tail[: len(factor)] = 2.0 / scale
             weights = np.concatenate([weights, tail])
-        problem = ConicProblem(
-            P=sparse.csc_array(sparse.diags_array(weights, format="csc")),
-            q=np.zeros(len(weights)),
-            A=sparse.csc_array(sparse.vstack(rows, format="csc")),
-            b=np.concatenate(right),
-            cones=tuple(cones),
-        )
+        P = sparse.csc_array(sparse.diags_array(weights, format="csc"))
+        problem = ConicProblem.from_rows(np.zeros(len(weights)), rows, P)
         return solve(problem, solver=self.solver)
 
 
@@ -266,28 +255,14 @@ def light_point(
     free = np.hstack([feasible_set.unidentifiable, feasible_set.lift @ unknown])
     directions = np.hstack([feasible_set.lift @ axes, free])
     reference = feasible_set.lift @ base
-    equations = feasible_set.equation_matrix @ directions
     margin = min(feasible_set.margin, float(stack.smallest_eigenvalues(nearest.parameters).min(initial=np.inf)))
     ball = np.zeros((k + 1, directions.shape[1]))
     ball[1:, :k] = -np.eye(k)
-    problem = ConicProblem(
-        P=sparse.csc_array(sparse.diags_array(np.full(directions.shape[1], UNIDENTIFIABLE_WEIGHT), format="csc")),
-        q=feasible_set.trace_row @ directions,
-        A=sparse.csc_array(np.vstack([equations, -(stack.coefficients @ directions), ball])),
-        b=np.concatenate(
-            [
-                feasible_set.equation_values - feasible_set.equation_matrix @ reference,
-                stack.constant + stack.coefficients @ reference - 0.5 * margin * stack.identity,
-                [0.5 * (nearest.distance + radius)],
-                np.zeros(k),
-            ]
-        ),
-        cones=(
-            Cone("zero", len(equations)),
-            Cone("nonnegative", stack.scalar_count),
-            *(Cone("semidefinite", size) for size in stack.matrix_sizes),
-            Cone("second-order", k + 1),
-        ),
+    limit = np.concatenate([[0.5 * (nearest.distance + radius)], np.zeros(k)])
+    problem = ConicProblem.from_rows(
+        feasible_set.trace_row @ directions,
+        [*feasible_set.rows(directions, reference, 0.5 * margin), Rows(ball, limit, Cone("second-order", k + 1))],
+        sparse.csc_array(sparse.diags_array(np.full(directions.shape[1], UNIDENTIFIABLE_WEIGHT), format="csc")),
     )
     solution = solve(problem, solver=solver)
     if not solution.outcome.usable or not np.all(np.isfinite(solution.primal)):
