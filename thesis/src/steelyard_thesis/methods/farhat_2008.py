@@ -5,23 +5,14 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import ClassVar
 
-import numpy.typing as npt
-
-from steelyard.dynamics.threads import one_thread
-from steelyard.feasibility import FeasibleSet
-from steelyard.regression import Estimate, Information
-
-from .link_conditions import SylvesterMinors
-from .method import Problem, Progress, Weights, require_choice, require_positive
-from .nonlinear_program import NonlinearProgram
-from .nonlinear_solvers import SOLVERS, SolverName, solve_program
-from .starting_point import starting_point
+from .link_conditions import LinkConditions, SylvesterMinors
+from .nonlinear_method import NonlinearMethod
 
 __all__ = ["Farhat2008"]
 
 
 @dataclass(frozen=True)
-class Farhat2008:
+class Farhat2008(NonlinearMethod):
     """Regression over standard parameters under Sylvester's criterion.
 
     The leading principal minors of each link's inertia about the centre of mass, times m² (thesis 3.1 to 3.5), and its
@@ -58,8 +49,8 @@ class Farhat2008:
     >>> import steelyard as sy
     >>> model = sy.Model(sy.Robot.from_dh([("0", 0.0, 0.0, "q")], gravity=(0, -9.81, 0)))
     >>> names = model.base_parameters().names
-    >>> info = Information.from_factor(10 * np.eye(3), [-0.1, 5.0, 0.0], 0.02, 100, names)
-    >>> estimate = Farhat2008().fit(info, FeasibleSet(model, "inertia", [sy.TotalMass(maximum=10.0)]))
+    >>> info = sy.Information.from_factor(10 * np.eye(3), [-0.1, 5.0, 0.0], 0.02, 100, names)
+    >>> estimate = Farhat2008().fit(info, sy.FeasibleSet(model, "inertia", [sy.TotalMass(maximum=10.0)]))
     >>> bool(estimate.base[0] > 0), estimate.consistency
     (True, 'inertia')
     """
@@ -70,43 +61,5 @@ class Farhat2008:
         "manipulator, Mechanism and Machine Theory 43(1), 2008"
     )
 
-    solver: SolverName = "slsqp"
-    iterations: int = 1000
-    tolerance: float = 1e-9
-    residual_weight: float = 1.0
-    prior_weight: float = 0.0
-    triangle_inequality: bool = False
-
-    def __post_init__(self) -> None:
-        require_choice(self, "solver", SOLVERS)
-        require_positive(self, "iterations", "tolerance", "residual_weight", zero=["prior_weight"])
-
-    @property
-    def _title(self) -> str:
-        return f"{self.name}, with the triangle inequality" if self.triangle_inequality else self.name
-
-    def fit(
-        self,
-        information: Information,
-        feasible: FeasibleSet,
-        *,
-        weights: Weights = "joint",
-        prior: npt.ArrayLike | None = None,
-        progress: Progress | None = None,
-    ) -> Estimate:
-        """Identify; see `Method.fit`. Linear constraints of the set are honoured."""
-        problem = Problem.of(information, feasible, weights)
-        known = problem.as_prior(prior)
-        base = problem.least_squares if known is None else problem.base_of(known)
-        program = NonlinearProgram(
-            problem,
-            SylvesterMinors(self.triangle_inequality),
-            residual_weight=self.residual_weight,
-            prior_weight=self.prior_weight,
-            prior_base=base,
-            triangle=self.triangle_inequality,
-        )
-        with one_thread():
-            start = starting_point(problem, known)
-            outcome = solve_program(program, start, self.solver, self.iterations, self.tolerance, progress)
-        return problem.estimate(self._title, outcome.parameters, remarks=[outcome.sentence()])
+    def _conditions(self) -> list[LinkConditions]:
+        return [SylvesterMinors(self.triangle_inequality)]
