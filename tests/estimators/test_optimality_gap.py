@@ -56,7 +56,7 @@ def least_squares_problem(feasible, data, point):
     root = data.R @ feasible.K
     error = root @ point - data.rho
     return ConvexProblem(
-        feasible=feasible,
+        feasible_set=feasible,
         point=point,
         directions=np.eye(len(point)),
         units=np.ones(len(point)),

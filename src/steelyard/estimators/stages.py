@@ -417,7 +417,7 @@ class Fitting:
             root = np.vstack([root, np.sqrt(factor) * self.prior.root()])
             entropy = factor * self.prior.entropy
         return ConvexProblem(
-            feasible=feasible,
+            feasible_set=feasible,
             point=parameters,
             directions=np.eye(feasible.parameter_count),
             units=self._typical,
@@ -504,7 +504,7 @@ class Fitting:
         """The preference as it looks from δ."""
         count = self.feasible.parameter_count
         return ConvexProblem(
-            feasible=self.feasible,
+            feasible_set=self.feasible,
             point=parameters,
             directions=np.eye(count),
             units=self._typical,

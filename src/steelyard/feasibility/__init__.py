@@ -39,8 +39,8 @@ if TYPE_CHECKING:
     from .correct import Correction as Correction
     from .correct import correct as correct
     from .diagnosis import BaseParameterDegree as BaseParameterDegree
-    from .diagnosis import Conflict as Conflict
     from .diagnosis import InfeasibilityExplanation as InfeasibilityExplanation
+    from .diagnosis import IrreducibleInfeasibleSubsystem as IrreducibleInfeasibleSubsystem
     from .diagnosis import explain_infeasibility as explain_infeasibility
     from .feasible_set import FeasibleSet as FeasibleSet
     from .tie_break import TieBreak as TieBreak

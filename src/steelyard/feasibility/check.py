@@ -114,12 +114,14 @@ class Verdict:
         return f"<p><strong>{first}</strong></p><ul>{''.join(f'<li>{other}</li>' for other in others)}</ul>"
 
 
-def check(feasible: FeasibleSet, base: npt.ArrayLike | None = None, parameters: npt.ArrayLike | None = None) -> Verdict:
+def check(
+    feasible_set: FeasibleSet, base: npt.ArrayLike | None = None, parameters: npt.ArrayLike | None = None
+) -> Verdict:
     """Tell whether base parameters, or standard parameters, are physically possible, with a proof (thesis 3.34, 3.55).
 
     Parameters
     ----------
-    feasible : FeasibleSet
+    feasible_set : FeasibleSet
     base : (n_b,), optional
         Base parameters β. Feasible where some δ with K δ = β lies in the set.
     parameters : (n,), optional
@@ -153,29 +155,31 @@ def check(feasible: FeasibleSet, base: npt.ArrayLike | None = None, parameters: 
         raise InputError("check takes either base= or parameters=; give exactly one of them.")
     with one_thread():
         if parameters is not None:
-            return _check_parameters(feasible, feasible.as_parameters(parameters))
-        return _check_base(feasible, feasible.as_base(base if base is not None else ()))
+            return _check_parameters(feasible_set, feasible_set.as_parameters(parameters))
+        return _check_base(feasible_set, feasible_set.as_base(base if base is not None else ()))
 
 
-def _check_parameters(feasible: FeasibleSet, parameters: Vector) -> Verdict:
-    eigenvalues = feasible.stack.smallest_eigenvalues(parameters)
-    base = feasible.K @ parameters
-    violations = _sorted(feasible, np.maximum(-eigenvalues, 0.0), least=0.0)
+def _check_parameters(feasible_set: FeasibleSet, parameters: Vector) -> Verdict:
+    eigenvalues = feasible_set.stack.smallest_eigenvalues(parameters)
+    base = feasible_set.K @ parameters
+    violations = _sorted(feasible_set, np.maximum(-eigenvalues, 0.0), least=0.0)
     violations += tuple(
         Violation(equality.name, float(abs(equality.coefficients @ parameters[equality.indices] - equality.value)))
-        for equality in feasible.equalities
-        if not feasible.satisfies_equations(parameters)
+        for equality in feasible_set.equalities
+        if not feasible_set.satisfies_equations(parameters)
     )
     violations += tuple(
         Violation(block.name, 0.0, block.unit)
-        for block, smallest in zip(feasible.blocks, eigenvalues, strict=True)
+        for block, smallest in zip(feasible_set.blocks, eigenvalues, strict=True)
         if smallest >= 0.0 and block.size > 1 and not is_positive_definite(block.evaluate(parameters))
     )
     margin = float(eigenvalues.min(initial=np.inf))
-    if feasible.contains(parameters):
-        certificate = FeasibilityCertificate.of_parameters(feasible, parameters)
-        return Verdict(True, "feasible", margin, certificate.base, parameters, certificate, (), feasible.consistency)
-    virtual = _check_base(feasible, base)
+    if feasible_set.contains(parameters):
+        certificate = FeasibilityCertificate.of_parameters(feasible_set, parameters)
+        return Verdict(
+            True, "feasible", margin, certificate.base, parameters, certificate, (), feasible_set.consistency
+        )
+    virtual = _check_base(feasible_set, base)
     if virtual.feasible:
         return Verdict(
             False,
@@ -185,25 +189,25 @@ def _check_parameters(feasible: FeasibleSet, parameters: Vector) -> Verdict:
             virtual.parameters,
             virtual.certificate,
             violations,
-            feasible.consistency,
+            feasible_set.consistency,
         )
     if virtual.feasible is None:
-        return Verdict(None, "undecided", margin, base, None, None, violations, feasible.consistency)
-    return Verdict(False, "infeasible", margin, base, None, virtual.certificate, violations, feasible.consistency)
+        return Verdict(None, "undecided", margin, base, None, None, violations, feasible_set.consistency)
+    return Verdict(False, "infeasible", margin, base, None, virtual.certificate, violations, feasible_set.consistency)
 
 
-def _check_base(feasible: FeasibleSet, base: Vector) -> Verdict:
-    decision = decide(feasible, base)
+def _check_base(feasible_set: FeasibleSet, base: Vector) -> Verdict:
+    decision = decide(feasible_set, base)
     proof, margin = decision.certificate, decision.margin
     if isinstance(proof, FeasibilityCertificate):
-        smallest = float(feasible.stack.smallest_eigenvalues(proof.parameters).min(initial=np.inf))
+        smallest = float(feasible_set.stack.smallest_eigenvalues(proof.parameters).min(initial=np.inf))
         proof = _lighter(proof, smallest)
         margin = min(max(margin, smallest), MARGIN_CAP)
-        return Verdict(True, "feasible", margin, base, proof.parameters, proof, (), feasible.consistency)
+        return Verdict(True, "feasible", margin, base, proof.parameters, proof, (), feasible_set.consistency)
     status = "undecided" if proof is None else "infeasible"
-    violations = _sorted(feasible, least_violations(feasible, base), least=1e-7)
+    violations = _sorted(feasible_set, least_violations(feasible_set, base), least=1e-7)
     return Verdict(
-        None if proof is None else False, status, margin, base, None, proof, violations, feasible.consistency
+        None if proof is None else False, status, margin, base, None, proof, violations, feasible_set.consistency
     )
 
 
@@ -213,27 +217,29 @@ def _lighter(witness: FeasibilityCertificate, margin: float) -> FeasibilityCerti
     The lightest one with half the margin or, where the set is too thin for the solver to find that, the one of largest
     margin among those of moderate size.
     """
-    feasible = witness.feasible_set
-    parameters = lightest_witness(feasible, witness.base, 0.5 * min(margin, feasible.margin))
+    feasible_set = witness.feasible_set
+    parameters = lightest_witness(feasible_set, witness.base, 0.5 * min(margin, feasible_set.margin))
     if parameters is not None:
-        lighter = FeasibilityCertificate(feasible, witness.base, parameters)
+        lighter = FeasibilityCertificate(feasible_set, witness.base, parameters)
         if lighter.verify():
             return lighter
-    whole = [np.eye(block.size) for block in feasible.blocks]
+    whole = [np.eye(block.size) for block in feasible_set.blocks]
     for bound in MODERATE_TRACES:
         scale = max(1.0, float(np.abs(witness.base).max(initial=0.0)))
         lighter = FeasibilityCertificate(
-            feasible, witness.base, largest_margin(feasible, witness.base, whole, trace_bound=bound * scale).parameters
+            feasible_set,
+            witness.base,
+            largest_margin(feasible_set, witness.base, whole, trace_bound=bound * scale).parameters,
         )
         if lighter.verify():
             return lighter
     return witness
 
 
-def _sorted(feasible: FeasibleSet, amounts: Vector, least: float) -> tuple[Violation, ...]:
+def _sorted(feasible_set: FeasibleSet, amounts: Vector, least: float) -> tuple[Violation, ...]:
     found = [
         Violation(block.name, float(amount), block.unit)
-        for block, amount in zip(feasible.blocks, amounts, strict=True)
+        for block, amount in zip(feasible_set.blocks, amounts, strict=True)
         if amount > least
     ]
     return tuple(sorted(found, key=lambda violation: -violation.amount))

@@ -75,18 +75,18 @@ class Correction:
 
 
 def correct(
-    feasible: FeasibleSet,
+    feasible_set: FeasibleSet,
     base: npt.ArrayLike | None = None,
     parameters: npt.ArrayLike | None = None,
     metric: Any = None,
     solver: str = "clarabel",
     covariance: npt.ArrayLike | None = None,
 ) -> Correction:
-    """The feasible parameters closest to given ones (thesis 3.40, 3.56), at least `feasible.margin` within the set.
+    """The feasible parameters closest to given ones (thesis 3.40, 3.56), at least `feasible_set.margin` within the set.
 
     Parameters
     ----------
-    feasible : FeasibleSet
+    feasible_set : FeasibleSet
     base : (n_b,), optional
         Base parameters β; d = β - K δ.
     parameters : (n,), optional
@@ -132,31 +132,32 @@ def correct(
     if (base is None) == (parameters is None):
         raise InputError("correct takes either base= or parameters=; give exactly one of them.")
     title = find_solver(solver).title
-    given = _Given.of(feasible, base, parameters, metric, covariance, solver)
+    given = _Given.of(feasible_set, base, parameters, metric, covariance, solver)
     outside: Vector | None = None
     early: Correction | None = None
     for factor in MARGIN_FACTORS:
         found, solution, _, iterations = given.problem.search(
-            factor * feasible.margin, given.difference, feasible.contains
+            factor * feasible_set.margin, given.difference, feasible_set.contains
         )
         outcome = solution.outcome
-        if outcome is Outcome.INFEASIBLE and feasible.constraints:
+        if outcome is Outcome.INFEASIBLE and feasible_set.constraints:
             if factor > MARGIN_FACTORS[0]:  # there is room, but not for more margin
                 break
             raise SolverError(
-                f"no parameters satisfy all of the {len(feasible.blocks)} conditions with margin {feasible.margin:g} "
-                f"({title}: {solution.status}); loosen the constraints, which contradict each other."
+                f"no parameters satisfy all of the {len(feasible_set.blocks)} conditions with margin "
+                f"{feasible_set.margin:g} ({title}: {solution.status}); loosen the constraints, which contradict each "
+                "other."
             )
         if found is None:
             continue
         unchanged = given.unchanged(found)
-        if given.problem.squared(given.difference(found)) < FINE and _keeps_margin(feasible, unchanged):
+        if given.problem.squared(given.difference(found)) < FINE and _keeps_margin(feasible_set, unchanged):
             return given.correction(unchanged, "already feasible", outcome, iterations, title)
-        if not feasible.contains(found):
+        if not feasible_set.contains(found):
             outside = found if outside is None else outside
             continue
         if outside is not None:
-            found = pull_inside(feasible, outside, found)
+            found = pull_inside(feasible_set, outside, found)
         correction = given.correction(found, "corrected", outcome, iterations, title)
         if outcome is not Outcome.STOPPED:
             return correction
@@ -165,14 +166,14 @@ def correct(
         return early
     raise SolverError(
         f"{title} ended outside the feasible set with every margin tried; check that the constraints leave room and "
-        f"that units are SI, or give FeasibleSet a larger margin than {feasible.margin:g}."
+        f"that units are SI, or give FeasibleSet a larger margin than {feasible_set.margin:g}."
     )
 
 
-def _keeps_margin(feasible: FeasibleSet, parameters: Vector) -> bool:
+def _keeps_margin(feasible_set: FeasibleSet, parameters: Vector) -> bool:
     """Whether δ is in the set with at least half the margin, so that nothing need be changed."""
-    eigenvalues = feasible.stack.smallest_eigenvalues(parameters)
-    return bool(np.all(eigenvalues >= 0.5 * feasible.margin)) and feasible.contains(parameters)
+    eigenvalues = feasible_set.stack.smallest_eigenvalues(parameters)
+    return bool(np.all(eigenvalues >= 0.5 * feasible_set.margin)) and feasible_set.contains(parameters)
 
 
 @dataclass(frozen=True, eq=False)
@@ -185,19 +186,25 @@ class _Given:
 
     @classmethod
     def of(
-        cls, feasible: FeasibleSet, base: Any, parameters: Any, metric: Any, covariance: Any, solver: str
+        cls, feasible_set: FeasibleSet, base: Any, parameters: Any, metric: Any, covariance: Any, solver: str
     ) -> "_Given":
         """From the arguments of `correct`."""
         standard = parameters is not None
         if standard:
-            given = feasible.as_parameters(parameters)
-            origin, matrix, stacked = given, np.eye(feasible.parameter_count), feasible.stack.coefficients
+            given = feasible_set.as_parameters(parameters)
+            origin, matrix, stacked = given, np.eye(feasible_set.parameter_count), feasible_set.stack.coefficients
         else:
-            given = feasible.as_base(base)
-            origin, matrix, stacked = feasible.lift @ given, feasible.base_dependent, feasible.stacked_base_dependent
+            given = feasible_set.as_base(base)
+            origin, matrix, stacked = (
+                feasible_set.lift @ given,
+                feasible_set.base_dependent,
+                feasible_set.stacked_base_dependent,
+            )
         unit = float(np.abs(given).max(initial=0.0)) or 1.0
-        chosen = Metric.of(metric, covariance, feasible, standard)
-        return cls(NearestPoint(feasible, origin, matrix, len(given), chosen, unit, solver, stacked), given, standard)
+        chosen = Metric.of(metric, covariance, feasible_set, standard)
+        return cls(
+            NearestPoint(feasible_set, origin, matrix, len(given), chosen, unit, solver, stacked), given, standard
+        )
 
     def difference(self, parameters: Vector) -> Vector:
         """d."""

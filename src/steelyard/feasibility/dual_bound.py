@@ -15,7 +15,7 @@ import numpy.typing as npt
 
 from steelyard.lmi import AffineStack, symmetric_to_vector, vector_to_symmetric
 
-from .bounds.analytic_center import Middle
+from .bounds.analytic_center import AnalyticCenter
 from .feasible_set import FeasibleSet
 
 __all__ = ["EPSILON", "PARAMETER_BOUND", "ConvexProblem", "Mending", "Multipliers", "SliceBound"]
@@ -106,20 +106,20 @@ LEAST_PULL = 1e-6
 
 
 class SliceBound:
-    """Lower bounds of combinations c·δ over a section, from dual matrices.
+    """Lower bounds of combinations c·δ over a slice, from dual matrices.
 
     In the coordinates v of the middle, c·v ≥ -Σ tr Z_b + g·v with g_j = c_j - Σ <B_j, Z_b>, for any Z ⪰ 0. Within the
     region g·v has a least value; along the free directions g vanishes to rounding, and what is left of it counts with
-    the reach.
+    the trace bound.
 
     Parameters
     ----------
-    middle : Middle
+    middle : AnalyticCenter
     """
 
-    def __init__(self, middle: Middle) -> None:
+    def __init__(self, middle: AnalyticCenter) -> None:
         self.middle = middle
-        count = len(middle.centre)
+        count = len(middle.center)
         second = middle.ball[1]
         # Directions of v that leave u where it is.
         still = np.linalg.svd(second)[2][np.linalg.matrix_rank(second) :] if len(second) else np.eye(count)
@@ -181,7 +181,7 @@ class SliceBound:
 
     def _products(self, matrices: tuple[Matrix, ...]) -> Vector:
         """Σ <B_j, Z_b> for every j."""
-        total = np.zeros(len(self.middle.centre))
+        total = np.zeros(len(self.middle.center))
         for group, Z in zip(self.middle.groups, matrices, strict=True):
             total += np.einsum("bqij,bij->q", group.coefficients, Z)
         return total
@@ -245,7 +245,7 @@ class ConvexProblem:
 
     Attributes
     ----------
-    feasible : FeasibleSet
+    feasible_set : FeasibleSet
     point : (n,)
         δ°; it need not be feasible.
     directions : (n, m)
@@ -265,7 +265,7 @@ class ConvexProblem:
         out. -log det P is the greatest 4 + log det Y - <Y, P> over Y ≻ 0, so that such matrices stand for multipliers.
     """
 
-    feasible: FeasibleSet = field(repr=False)
+    feasible_set: FeasibleSet = field(repr=False)
     point: Vector = field(repr=False)
     directions: Matrix = field(repr=False)
     units: Vector = field(repr=False)
@@ -280,15 +280,15 @@ class ConvexProblem:
     @cached_property
     def _conditions(self) -> tuple[Matrix, Vector]:
         """Σ Dᵢ·Z is the transpose of the first times Z; D(δ°)."""
-        stack: AffineStack = self.feasible.stack
+        stack: AffineStack = self.feasible_set.stack
         coefficients = (stack.coefficients @ self.directions) * self.units
         return np.asarray(coefficients), np.asarray(stack.constant + stack.coefficients @ self.point)
 
     @cached_property
     def _groups(self) -> list[npt.NDArray[np.intp]]:
         """Rows of the stacked blocks of each size, (blocks, rows)."""
-        scalars = np.arange(self.feasible.stack.scalar_count)[:, None]
-        return [rows for rows in (scalars, *self.feasible.stack._rows_by_size.values()) if len(rows)]
+        scalars = np.arange(self.feasible_set.stack.scalar_count)[:, None]
+        return [rows for rows in (scalars, *self.feasible_set.stack._rows_by_size.values()) if len(rows)]
 
     def lower_bound(self, multipliers: Multipliers, enough: float = -np.inf) -> float:
         """The greatest lower bound that the multipliers give once they are mended; -inf where they are no numbers.
@@ -309,7 +309,7 @@ class ConvexProblem:
             inverses = np.asarray(np.linalg.inv(self._matrices(bodies)), dtype=float)
             Z[bodies] += self.entropy / self.size * symmetric_to_vector(inverses)
         for start in (self._positive(Z), self._positive(Z + self._inner)):
-            state = _State(start, mu, np.zeros(len(self.root)), np.zeros(len(self.feasible.equation_values)))
+            state = _State(start, mu, np.zeros(len(self.root)), np.zeros(len(self.feasible_set.equation_values)))
             for _ in range(CONVEX_STEPS):
                 cost, _, state = min((self._cost(s), k, s) for k, s in enumerate(self._mended(state)))
                 gain, best = self.value - self.size * cost - best, max(best, self.value - self.size * cost)
@@ -323,7 +323,7 @@ class ConvexProblem:
     def _inner(self) -> Vector:
         """φ D(δ°)⁻¹, stacked, which costs `ROOM` and gives mending room wherever the point is not on the boundary."""
         _, values = self._conditions
-        found, order = np.zeros_like(values), max(float(self.feasible.stack.identity.sum()), 1.0)
+        found, order = np.zeros_like(values), max(float(self.feasible_set.stack.identity.sum()), 1.0)
         for rows in self._groups:
             eigenvalues, vectors = np.linalg.eigh(vector_to_symmetric(values[rows]))
             largest = eigenvalues[:, -1:]
@@ -340,7 +340,7 @@ class ConvexProblem:
             self.gradient @ over / self.size,
             self.root @ over / np.sqrt(self.size),
             self.rows @ over,
-            self.feasible.equation_matrix @ over,
+            self.feasible_set.equation_matrix @ over,
         )
 
     def _missing(self, state: "_State") -> Vector:
@@ -369,7 +369,7 @@ class ConvexProblem:
     @cached_property
     def _bodies(self) -> npt.NDArray[np.intp]:
         """Rows of the stacked blocks of links, (links, 10)."""
-        stack = self.feasible.stack
+        stack = self.feasible_set.stack
         links = [rows for block, rows in zip(stack.blocks, stack.slices, strict=True) if block.kind == "link"]
         return np.array([np.arange(rows.start, rows.stop) for rows in links])
 

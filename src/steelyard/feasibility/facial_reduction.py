@@ -4,8 +4,8 @@ Minimise c·v subject to 1 + Σ v_j B_j ⪰ 0 has a finite infimum exactly where
 set goes on in a direction in which c does not change, all those Z are singular, in the same directions: they lie on a
 face of the cone, Z = U W Uᵀ. The infimum then is approached without being reached, or not everywhere, and a solver
 stalls; on the face it does not (facial reduction: Borwein and Wolkowicz 1981). What Uᵀ (Σ v_j B_j) U does not see is
-loose: an objective is bounded where it does not change along that, and unbounded otherwise, even where it falls more
-and more slowly, such as with the square root of a mass.
+their lineality space: an objective is bounded where it does not change along that, and unbounded otherwise, even where
+it falls more and more slowly, such as with the square root of a mass.
 """
 
 from dataclasses import dataclass, field
@@ -16,10 +16,10 @@ import scipy.sparse as sparse
 
 from steelyard.conic import Cone, ConicProblem
 
-from .bounds.normalised_problem import ACCURACY, Ball, DualPoint, RepeatedProblem, RoundProblem
+from .bounds.normalised_problem import ACCURACY, Ball, DualPoint, NormalisedProblem, RepeatedProblem
 from .bounds.slice import BlockGroup, null_space
 
-__all__ = ["BoundedFace", "bounded_face"]
+__all__ = ["MinimalFace", "minimal_face"]
 
 Vector = npt.NDArray[np.float64]
 Matrix = npt.NDArray[np.float64]
@@ -28,12 +28,12 @@ ZERO = 1e-5
 """Eigenvalues of the point in the middle of the face (the traces add to the number of rows) below this are zero. Most
 are below 1e-8 or above 1e-2; where the guess is wrong, a bound is less sharp, or taken for none, but never wrong."""
 
-LOOSE = 1e-3
+LINEALITY = 1e-3
 """Singular values below this are directions that the face does not see; of polished faces they are below 1e-8 or above
 1e-2."""
 
 CHANGES = 1e-5
-"""An objective of length 1 that changes by more along a loose direction is not bounded."""
+"""An objective of length 1 that changes by more along a lineality direction is not bounded."""
 
 POLISH = 8
 
@@ -42,33 +42,33 @@ ROOM = 1e-9
 
 
 @dataclass(frozen=True, eq=False)
-class BoundedFace:
-    """The face of the dual cone on which the proofs lie, for all objectives that do not change in its loose part.
+class MinimalFace:
+    """The face of the dual cone on which the proofs lie, for all objectives that do not change in its lineality part.
 
     Attributes
     ----------
-    problem : RoundProblem
+    problem : NormalisedProblem
     bases : tuple of (d, r)
         For each block an orthonormal basis U, such that Z = U W Uᵀ.
-    loose : (q, l)
+    lineality : (q, l)
         Orthonormal basis of the directions v with Uᵀ (Σ v_j B_j) U = 0 for all blocks.
     places : tuple of tuple of int
         Which blocks the groups of `reduced` hold.
-    reduced : RoundProblem
+    reduced : NormalisedProblem
         The problem with Uᵀ (1 + Σ v_j B_j) U ⪰ 0 alone, in v̂ with v = directions v̂.
     directions : (q, q - l)
     """
 
-    problem: RoundProblem = field(repr=False)
+    problem: NormalisedProblem = field(repr=False)
     bases: tuple[Matrix, ...] = field(repr=False)
-    loose: Matrix = field(repr=False)
+    lineality: Matrix = field(repr=False)
     places: tuple[tuple[int, ...], ...] = field(repr=False)
-    reduced: RoundProblem = field(repr=False)
+    reduced: NormalisedProblem = field(repr=False)
     directions: Matrix = field(repr=False)
 
     def bounds(self, objective: Vector) -> bool:
         """Whether this is the face of an objective (of length 1), so that it is bounded below."""
-        return float(np.linalg.norm(self.loose.T @ objective)) < CHANGES
+        return float(np.linalg.norm(self.lineality.T @ objective)) < CHANGES
 
     def least(self, objective: Vector) -> DualPoint:
         """Minimise an objective of length 1 on the face; the dual point is one of the whole problem."""
@@ -88,14 +88,14 @@ class BoundedFace:
         return DualPoint(tuple(found), pull, value)
 
 
-def bounded_face(problem: RoundProblem, objective: Vector | None = None) -> BoundedFace:
+def minimal_face(problem: NormalisedProblem, objective: Vector | None = None) -> MinimalFace:
     """The smallest face that holds every Z ⪰ 0 with Σ <B_j, Z> = t c_j, t ≥ 0; without c, those with 0.
 
     Parameters
     ----------
-    problem : RoundProblem
+    problem : NormalisedProblem
     objective : (q,), optional
-        c, of length 1. Not bounded, if it changes in the loose part of the face that is found.
+        c, of length 1. Not bounded, if it changes in the lineality part of the face that is found.
     """
     matrices = problem.split(_middle(problem, objective))
     bases = []
@@ -103,8 +103,8 @@ def bounded_face(problem: RoundProblem, objective: Vector | None = None) -> Boun
         values, vectors = np.linalg.eigh(group)
         bases += [v[:, e > ZERO] for e, v in zip(values, vectors, strict=True)]
     coefficients = [block for group in problem.groups for block in group.coefficients]
-    bases, loose = _polish(bases, coefficients, problem.ball, problem.unknowns)
-    directions = null_space(loose.T) if loose.shape[1] else np.eye(problem.unknowns)
+    bases, lineality = _polish(bases, coefficients, problem.ball, problem.unknowns)
+    directions = null_space(lineality.T) if lineality.shape[1] else np.eye(problem.unknowns)
     pieces: dict[int, list[tuple[int, Matrix]]] = {}
     for position, (U, B) in enumerate(zip(bases, coefficients, strict=True)):
         if U.shape[1]:
@@ -123,17 +123,17 @@ def bounded_face(problem: RoundProblem, objective: Vector | None = None) -> Boun
     ball = problem.ball
     if ball is not None:
         ball = Ball(ball.first, ball.second @ directions, ball.rate @ directions)
-    return BoundedFace(
+    return MinimalFace(
         problem=problem,
         bases=tuple(bases),
-        loose=loose,
+        lineality=lineality,
         places=tuple(tuple(position for position, _ in pieces[size]) for size in sizes),
-        reduced=RoundProblem(groups, ball, directions.shape[1], problem.solver),
+        reduced=NormalisedProblem(groups, ball, directions.shape[1], problem.solver),
         directions=directions,
     )
 
 
-def _middle(problem: RoundProblem, objective: Vector | None) -> Vector:
+def _middle(problem: NormalisedProblem, objective: Vector | None) -> Vector:
     """A stacked Z of largest rank with Σ <B_j, Z> = t c_j, from maximising the smallest eigenvalue."""
     rows, count = problem.coefficients.shape
     ball = problem.ball
@@ -178,7 +178,7 @@ def _middle(problem: RoundProblem, objective: Vector | None) -> Vector:
 def _polish(
     bases: list[Matrix], coefficients: list[Matrix], ball: Ball | None, unknowns: int
 ) -> tuple[list[Matrix], Matrix]:
-    """Turn the bases until what they do not see is zero to rounding, by Newton steps; they, and the loose directions.
+    """Turn the bases until what they do not see is zero to rounding, by Newton steps; they, and the lineality space.
 
     The point in the middle tells the bases to the root of the solver's accuracy only.
     """
@@ -186,7 +186,7 @@ def _polish(
     complements = [
         np.linalg.svd(U)[0][:, r:] if 0 < r < d else np.zeros((d, 0)) for U, (d, r) in zip(bases, shapes, strict=True)
     ]
-    loose = np.zeros((unknowns, 0))
+    lineality = np.zeros((unknowns, 0))
     for _ in range(POLISH):
         seen = [
             np.einsum("ia,qij,jb->qab", U, B, U, optimize=True).reshape(unknowns, -1)
@@ -196,38 +196,38 @@ def _polish(
             seen.append(np.hstack([ball.rate[:, None], ball.second.T]))
         stacked = np.hstack([np.zeros((unknowns, 0)), *seen])
         left, values, right = np.linalg.svd(stacked, full_matrices=True)
-        rank = int(np.sum(values > LOOSE * values.max(initial=1.0)))
-        loose, known = left[:, rank:], right[:rank]
-        missing = loose.T @ stacked
-        if not loose.shape[1] or float(np.abs(missing).max(initial=0.0)) < 1e-14:
+        rank = int(np.sum(values > LINEALITY * values.max(initial=1.0)))
+        lineality, known = left[:, rank:], right[:rank]
+        missing = lineality.T @ stacked
+        if not lineality.shape[1] or float(np.abs(missing).max(initial=0.0)) < 1e-14:
             break
-        step = _turn(bases, complements, coefficients, loose, known, missing)
+        step = _turn(bases, complements, coefficients, lineality, known, missing)
         bases = [np.linalg.qr(U + Q @ E)[0] if E.size else U for U, Q, E in zip(bases, complements, step, strict=True)]
-    return bases, loose
+    return bases, lineality
 
 
 def _turn(
     bases: list[Matrix],
     complements: list[Matrix],
     coefficients: list[Matrix],
-    loose: Matrix,
+    lineality: Matrix,
     known: Matrix,
     missing: Matrix,
 ) -> list[Matrix]:
-    """E of every block, such that the bases U + Q E see the loose directions less."""
+    """E of every block, such that the bases U + Q E see the lineality directions less."""
     width = missing.shape[1]
     columns, start = [], 0
     for U, Q, B in zip(bases, complements, coefficients, strict=True):
         r, s = U.shape[1], Q.shape[1]
         if s:
-            across = np.einsum("ql,ia,qij,jb->lab", loose, Q, B, U, optimize=True)
+            across = np.einsum("ql,ia,qij,jb->lab", lineality, Q, B, U, optimize=True)
             # The change of Uᵀ B U is Eᵀ (Qᵀ B U) and its transpose.
-            change = np.zeros((loose.shape[1], s, r, r, r))
+            change = np.zeros((lineality.shape[1], s, r, r, r))
             for a in range(r):
                 change[:, :, a, a, :] += across
                 change[:, :, a, :, a] += across
-            piece = np.zeros((loose.shape[1], s * r, width))
-            piece[:, :, start : start + r * r] = change.reshape(loose.shape[1], s * r, r * r)
+            piece = np.zeros((lineality.shape[1], s * r, width))
+            piece[:, :, start : start + r * r] = change.reshape(lineality.shape[1], s * r, r * r)
             columns.append(piece)
         start += r * r
     if not columns:

@@ -34,7 +34,7 @@ def least_eigenvalue(stack: AffineStack, parameters: Vector) -> float:
     return least
 
 
-def pull_inside(feasible: FeasibleSet, outside: Vector, inside: Vector) -> Vector:
+def pull_inside(feasible_set: FeasibleSet, outside: Vector, inside: Vector) -> Vector:
     """The point nearest to `outside`, on the line to `inside`, that is well inside.
 
     Well inside is half the margin, or a tenth of what `inside` keeps, where that is less. The set is convex, so that a
@@ -42,22 +42,22 @@ def pull_inside(feasible: FeasibleSet, outside: Vector, inside: Vector) -> Vecto
 
     Parameters
     ----------
-    feasible : FeasibleSet
+    feasible_set : FeasibleSet
     outside : (n,)
     inside : (n,)
-        A point that `feasible.contains`.
+        A point that `feasible_set.contains`.
 
     Returns
     -------
     (n,)
         Contained in the set.
     """
-    least = min(0.5 * feasible.margin, 0.1 * least_eigenvalue(feasible.stack, inside))
+    least = min(0.5 * feasible_set.margin, 0.1 * least_eigenvalue(feasible_set.stack, inside))
     low, high, best = 0.0, 1.0, inside
     for _ in range(STEPS):
         middle = 0.5 * (low + high)
         point = outside + middle * (inside - outside)
-        if least_eigenvalue(feasible.stack, point) >= least and feasible.contains(point):
+        if least_eigenvalue(feasible_set.stack, point) >= least and feasible_set.contains(point):
             high, best = middle, point
         else:
             low = middle

@@ -14,18 +14,18 @@ __all__ = ["lightest_witness"]
 Vector = npt.NDArray[np.float64]
 
 
-def lightest_witness(feasible: FeasibleSet, base: Vector, margin: float) -> Vector | None:
+def lightest_witness(feasible_set: FeasibleSet, base: Vector, margin: float) -> Vector | None:
     """The lightest parameters with K δ = β and D(δ) - margin 1 ⪰ 0, or None where the solver does not reach them."""
-    preference = lightest(feasible)
-    directions = feasible.unidentifiable
-    particular = feasible.lift @ base
+    preference = lightest(feasible_set)
+    directions = feasible_set.unidentifiable
+    particular = feasible_set.lift @ base
     matrix = sparse.csc_array(directions)
     P = sparse.csc_array(matrix.T @ matrix.multiply(preference.curvature[:, None]))
     q = directions.T @ (preference.gradient + preference.curvature * particular)
-    stack = feasible.stack
+    stack = feasible_set.stack
     coefficients = stack.coefficients @ matrix
     values = stack.constant + stack.coefficients @ particular - margin * stack.identity
-    equations = feasible.equation_matrix @ directions
+    equations = feasible_set.equation_matrix @ directions
     # Rows without unknowns are constants, which the caller has found to be positive.
     decided = np.zeros(len(values), dtype=bool)
     decided[: stack.scalar_count] = np.diff(sparse.csr_array(coefficients).indptr)[: stack.scalar_count] == 0
@@ -33,7 +33,7 @@ def lightest_witness(feasible: FeasibleSet, base: Vector, margin: float) -> Vect
         P=P,
         q=q,
         A=sparse.csc_array(sparse.vstack([sparse.csc_array(equations), -coefficients[~decided]], format="csc")),
-        b=np.concatenate([feasible.equation_values - feasible.equation_matrix @ particular, values[~decided]]),
+        b=np.concatenate([feasible_set.equation_values - feasible_set.equation_matrix @ particular, values[~decided]]),
         cones=(
             Cone("zero", len(equations)),
             Cone("nonnegative", stack.scalar_count - int(decided.sum())),
@@ -43,4 +43,4 @@ def lightest_witness(feasible: FeasibleSet, base: Vector, margin: float) -> Vect
     solution = solve(problem)
     if not solution.outcome.usable or not np.all(np.isfinite(solution.primal)):
         return None
-    return feasible.project_on_equations(particular + directions @ solution.primal)
+    return feasible_set.project_on_equations(particular + directions @ solution.primal)

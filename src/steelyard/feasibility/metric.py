@@ -41,14 +41,14 @@ class Metric:
     factor: Matrix | None = field(repr=False)
 
     @classmethod
-    def of(cls, metric: Any, covariance: Any, feasible: FeasibleSet, standard: bool) -> "Metric":
+    def of(cls, metric: Any, covariance: Any, feasible_set: FeasibleSet, standard: bool) -> "Metric":
         """From what the user gave.
 
         Parameters
         ----------
         metric : None, (k, k) or an object with `reduced` such as `Information`
         covariance : None or (k, k)
-        feasible : FeasibleSet
+        feasible_set : FeasibleSet
         standard : bool
             Whether differences are of standard parameters, k = n, rather than of base parameters, k = n_b.
 
@@ -57,7 +57,7 @@ class Metric:
         InputError
             If both are given, or a matrix is not what it has to be.
         """
-        count = feasible.parameter_count if standard else feasible.K.shape[0]
+        count = feasible_set.parameter_count if standard else feasible_set.K.shape[0]
         kind = "standard" if standard else "base"
         if metric is not None and covariance is not None:
             raise InputError("give either metric= or covariance=, not both; the metric is the inverse of a covariance.")
@@ -67,14 +67,14 @@ class Metric:
             return cls("Euclidean", None)
         if hasattr(metric, "reduced"):
             factor = np.asarray(metric.reduced().R, dtype=float)
-            if factor.ndim != 2 or factor.shape[1] != feasible.K.shape[0]:
+            if factor.ndim != 2 or factor.shape[1] != feasible_set.K.shape[0]:
                 raise InputError(
                     f"metric belongs to another model: its reduced regression has R of shape {factor.shape}, but this "
-                    f"model has {feasible.K.shape[0]} base parameters; use the Information of the same model."
+                    f"model has {feasible_set.K.shape[0]} base parameters; use the Information of the same model."
                 )
             if not np.all(np.isfinite(factor)) or not np.any(factor):
                 raise InputError("metric holds no usable samples; give the Information of a recording that moves.")
-            return cls("data", factor @ feasible.K if standard else factor)
+            return cls("data", factor @ feasible_set.K if standard else factor)
         return cls("given", _root(_symmetric(metric, "metric", count, kind)))
 
     def squared(self, difference: Vector) -> float:

@@ -107,21 +107,21 @@ def _rounded(value: float, step: Decimal, direction: str) -> str:
     return text if text not in ("-0", "") else "0"
 
 
-def base_expressions(feasible: FeasibleSet) -> tuple[str, ...]:
+def base_expressions(feasible_set: FeasibleSet) -> tuple[str, ...]:
     """Each base parameter as a combination of standard ones, e.g. ``"Lzz1 + m2"``."""
-    base = feasible.model.base_parameters()
+    base = feasible_set.model.base_parameters()
     expressions = getattr(base, "expressions", None)
     if expressions is not None:
         return tuple(expressions)
-    names = feasible.model.parameter_names
-    return tuple(combination(row, names, digits=6) for row in feasible.K)
+    names = feasible_set.model.parameter_names
+    return tuple(combination(row, names, digits=6) for row in feasible_set.K)
 
 
-def base_names(feasible: FeasibleSet) -> tuple[str, ...]:
+def base_names(feasible_set: FeasibleSet) -> tuple[str, ...]:
     """Short names: the parameter that leads the combination, with an R (regrouped) where it is not alone."""
-    names = feasible.model.parameter_names
-    leading = np.asarray(feasible.model.base_parameters().independent, dtype=np.intp)
-    alone = np.count_nonzero(feasible.K, axis=1) == 1
+    names = feasible_set.model.parameter_names
+    leading = np.asarray(feasible_set.model.base_parameters().independent, dtype=np.intp)
+    alone = np.count_nonzero(feasible_set.K, axis=1) == 1
     return tuple(f"{names[i]}{'' if single else 'R'}" for i, single in zip(leading, alone, strict=True))
 
 

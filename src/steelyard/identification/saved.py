@@ -156,7 +156,7 @@ def _proved_anew(
         f"The proof is valid, but {here}, and for its own the same is not proved; verify the certificate alone, "
         "without ROBOT, or make another with: steelyard check ROBOT ESTIMATE --output FILE"
     )
-    return replace(verified, valid=False, sentence=sentence, gap=0.0, reach=0.0)
+    return replace(verified, valid=False, sentence=sentence, gap=0.0, trace_bound=0.0)
 
 
 def correct_estimate(

@@ -35,7 +35,7 @@ def test_one_uncertain_parameter(two_links, confidence):
     assert (found["cx2"].lower, found["cx2"].upper) == pytest.approx(
         (0.3 / 1.5, 0.3 * (0.25 + half) / SQUARE), rel=1e-6
     )
-    assert found["lx2"].decided
+    assert found["lx2"].identifiable
     assert found.confidence == confidence
 
 

@@ -60,11 +60,11 @@ def test_moments_of_a_pendulum_of_bounded_mass(pendulum):
 def test_what_the_motion_shows_is_decided(pendulum):
     found = parameter_intervals(FeasibleSet(pendulum), [LZZ, LX, LY])
     for name, value in (("Lzz1", LZZ), ("lx1", LX), ("ly1", LY)):
-        assert found[name].decided
+        assert found[name].identifiable
         assert found[name].width == 0.0
-        assert found[name].looseness == 0.0
+        assert found[name].relative_width == 0.0
         assert value in found[name]
-    assert not found["m1"].decided
+    assert not found["m1"].identifiable
 
 
 def test_box_bounds_what_mass_leaves_open(pendulum):
@@ -126,7 +126,7 @@ def test_equations_count(two_links):
     feasible = FeasibleSet(two_links, constraints=[TotalMass(equal=3.0)])
     found = parameter_intervals(feasible, ARM, names=["m1", "m2", "total mass"])
     assert (found["m1"].lower, found["m1"].upper) == pytest.approx((1.5, 2.0), rel=1e-6)
-    assert found["total mass"].decided
+    assert found["total mass"].identifiable
     assert found["total mass"].attained_lower == pytest.approx(3.0)
 
 
@@ -159,8 +159,8 @@ def test_words(two_links):
     assert str(found["m2"]) == "The mass of forearm (m2) lies between 1 and 1.5 kg."
     assert str(found["m1"]) == "The mass of upper arm (m1) is at least 0 kg; nothing bounds it from above."
     assert str(found["lz1"]) == "The first moment z of upper arm (lz1) may have any value."
-    assert str(found["Lzz2"]) == "The moment of inertia zz of forearm (Lzz2) is 0.25 kg m²: the motion decides it."
-    assert found["m2"].looseness == pytest.approx(1 / 3, rel=1e-5)
+    assert str(found["Lzz2"]) == "The moment of inertia zz of forearm (Lzz2) is 0.25 kg m²: it is identifiable."
+    assert found["m2"].relative_width == pytest.approx(1 / 3, rel=1e-5)
     lines = str(found).splitlines()
     assert lines[0] == 'Possible values under "full" consistency, given these base parameters.'
     assert any(line.split()[:4] == ["m2", "1", "1.5", "kg"] for line in lines)
@@ -177,12 +177,12 @@ def body_of(stand_in, inertial_symbols):
     return stand_in(names, [[(1.0, name)] for name in names], ("body",))
 
 
-def test_everything_is_decided_where_everything_is_identifiable(stand_in, inertial_symbols):
+def test_all_is_told_identifiable_where_everything_is_identifiable(stand_in, inertial_symbols):
     base = [1.0, 0.0, 0.0, 1.0, 0.0, 1.0, 0.1, 0.0, 0.0, 2.0]
     found = parameter_intervals(FeasibleSet(body_of(stand_in, inertial_symbols)), base)
-    assert all(interval.decided for interval in found)
+    assert all(interval.identifiable for interval in found)
     assert found["cx1"].attained_lower == pytest.approx(0.05)
-    assert "14 are decided by the motion" in str(found)
+    assert "14 are identifiable" in str(found)
 
 
 def test_point_on_the_boundary_is_told(pendulum):

@@ -130,7 +130,7 @@ def check_a_robot(seed, count, point_cloud_parameters):
         value = value_of(model, interval.name, truth)
         slack = 1e-9 * max(abs(value), 1e-3 * size)
         assert interval.lower - slack <= value <= interval.upper + slack, interval.name
-        if interval.bounded and not interval.decided:
+        if interval.bounded and not interval.identifiable:
             gaps.append(interval.tolerance / interval.width)
         for parameters, end in (
             (interval.lower_parameters, interval.attained_lower),

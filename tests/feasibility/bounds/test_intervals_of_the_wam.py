@@ -33,7 +33,7 @@ def test_masses_are_bounded_though_not_identifiable(fitted):
     """Forearm and wrist of the real WAM: no mass is a base parameter, yet each is known to within a factor of 2.3."""
     feasible, fit = fitted
     found = parameter_intervals(feasible, fit.base, names=["m3", "m4", "m5", "m6", "m7"])
-    assert not any(interval.decided for interval in found)
+    assert not any(interval.identifiable for interval in found)
     assert all(found[name].bounded and found[name].upper < 2.3 * found[name].lower for name in ("m4", "m5", "m6", "m7"))
     # What the motion does not show may be as heavy as it likes in the shoulder.
     assert found["m3"].upper == np.inf
@@ -69,7 +69,7 @@ def test_corrected_estimate_of_the_thesis(thesis_wam, table_4_9, consistency):
             assert interval.lower - 1e-9 <= value <= interval.upper + 1e-9, interval.name
     assert all(found[f"m{link}"].bounded for link in range(1, 8))
     # Offsets of joint and motor are shown only together, and nothing bounds either.
-    assert found["Fom7"].decided is False
+    assert found["Fom7"].identifiable is False
     assert (found["Fom7"].lower, found["Fom7"].upper) == (-np.inf, np.inf)
 
 

@@ -118,7 +118,7 @@ def test_a_shift_costs_reach(refutation):
     shifted["proof"]["shift"] = "1e-9"
     found = verify_document(shifted)
     assert found
-    assert found.reach == pytest.approx(found.gap / 1e-9)
+    assert found.trace_bound == pytest.approx(found.gap / 1e-9)
     assert found.sentence.startswith("Proved in exact arithmetic, as far as the traces")
     shifted["proof"]["shift"] = "-1e-9"
     assert not verify_document(shifted)

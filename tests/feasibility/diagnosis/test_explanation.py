@@ -19,7 +19,7 @@ def test_two_bodies_that_conflict(two_links, consistency):
     feasible = FeasibleSet(two_links, consistency)
     found = explain_infeasibility(feasible, HEAVY)
     assert found.status == "infeasible"
-    (conflict,) = found.conflicts
+    (conflict,) = found.subsystems
     assert set(conflict.conditions) == BODIES
     assert sum(conflict.shares) == pytest.approx(1.0)
     assert conflict.value < conflict.threshold
@@ -29,7 +29,7 @@ def test_two_bodies_that_conflict(two_links, consistency):
 def test_no_robot_has_less_along_the_direction(two_links, consistency, point_cloud_parameters):
     """Random arms are all on the other side, as far as they like to the threshold."""
     feasible = FeasibleSet(two_links, consistency)
-    (conflict,) = explain_infeasibility(feasible, HEAVY).conflicts
+    (conflict,) = explain_infeasibility(feasible, HEAVY).subsystems
     rng = np.random.default_rng(41)
     values = []
     for _ in range(2000):
@@ -67,7 +67,7 @@ def test_reasons_without_a_condition_in_common(two_links):
     base = HEAVY.copy()
     base[1], base[5] = -0.2, -0.1
     found = explain_infeasibility(FeasibleSet(two_links), base)
-    assert [set(conflict.conditions) for conflict in found.conflicts] == [
+    assert [set(conflict.conditions) for conflict in found.subsystems] == [
         {"joint 1: Fvj >= 0"},
         {"joint 2: Fvj >= 0"},
         BODIES,
@@ -80,7 +80,7 @@ def test_reasons_without_a_condition_in_common(two_links):
 def test_leaving_out_any_condition_of_a_conflict_ends_it(two_links):
     feasible = FeasibleSet(two_links, constraints=[TotalMass(maximum=0.8), TotalMass(minimum=0.1, links=["upper arm"])])
     base = np.array([1.5, 0.1, 0.25, 0.3, 0.4, 0.1])  # the forearm needs 1 kg
-    (conflict,) = explain_infeasibility(feasible, base).conflicts
+    (conflict,) = explain_infeasibility(feasible, base).subsystems
     assert set(conflict.conditions) == {
         "link 2 (forearm): inertia",
         "link 1 (upper arm): inertia",
@@ -97,7 +97,7 @@ def test_leaving_out_any_condition_of_a_conflict_ends_it(two_links):
 def test_equations_take_part(two_links):
     base = np.array([1.5, 0.1, 0.25, 0.3, 0.4, 0.1])
     feasible = FeasibleSet(two_links, constraints=[TotalMass(equal=0.8, links=["forearm"])])
-    (conflict,) = explain_infeasibility(feasible, base).conflicts
+    (conflict,) = explain_infeasibility(feasible, base).subsystems
     assert set(conflict.conditions) == {"link 2 (forearm): inertia", "mass of forearm = 0.8 kg"}
 
 
@@ -113,7 +113,7 @@ def test_triangle_inequality_of_one_body(stand_in, inertial_symbols):
         assert degrees[name].share == pytest.approx(1 / 3, rel=1e-5)
         assert degrees[name].change == pytest.approx(sign / 3, rel=1e-5)
         assert degrees[name].alone == pytest.approx(sign, rel=1e-5)
-    (conflict,) = found.conflicts
+    (conflict,) = found.subsystems
     np.testing.assert_allclose(conflict.direction[[0, 3, 5]], [-1, 1, 1], atol=1e-6)
     assert explain_infeasibility(FeasibleSet(model, "inertia"), found.base).status == "feasible"
 
@@ -209,7 +209,7 @@ def test_rank_correlation_is_that_of_scipy(two_links):
 def test_feasible_estimate_needs_no_explanation(two_links):
     found = explain_infeasibility(FeasibleSet(two_links), [1.5, 0.1, 0.25, 0.3, 0.4, 0.1])
     assert found.status == "feasible"
-    assert found.conflicts == ()
+    assert found.subsystems == ()
     assert str(found).startswith("Nothing to explain")
     assert all(degree.change == degree.alone == 0.0 for degree in found.degrees)
 
@@ -224,7 +224,7 @@ def test_words(two_links):
     assert any(line.split()[0] == "Lzz1R" and line.endswith("Lzz1 + m2") for line in lines[len(sentences) :])
     assert "<strong>The estimate is infeasible" in found._repr_html_()
     plain = found.to_dict()
-    assert plain["conflicts"][0]["value"] < plain["conflicts"][0]["threshold"]
+    assert plain["subsystems"][0]["value"] < plain["subsystems"][0]["threshold"]
     assert {entry["name"]: entry["alone"] for entry in plain["degrees"]}["lx2"] is None
 
 
@@ -240,11 +240,11 @@ def test_culprits_of_the_wam(thesis_wam, table_4_9, consistency):
     pairs."""
     feasible = FeasibleSet(thesis_wam, consistency)
     found = explain_infeasibility(feasible, table_4_9["WLS"])
-    alone = {conflict.conditions[0]: conflict.value for conflict in found.conflicts if len(conflict.conditions) == 1}
+    alone = {conflict.conditions[0]: conflict.value for conflict in found.subsystems if len(conflict.conditions) == 1}
     assert alone["joint 2: Fcj >= 0"] == pytest.approx(-0.0703)
     assert alone["joint 4: Iam >= 0"] == pytest.approx(-0.0458)
     assert alone["joint 5: Fcj >= 0"] == pytest.approx(-0.002)
-    bodies = [conflict for conflict in found.conflicts if "link" in conflict.conditions[0]]
+    bodies = [conflict for conflict in found.subsystems if "link" in conflict.conditions[0]]
     assert bodies
     assert all("link" in name for conflict in bodies for name in conflict.conditions)
     changes = {degree.name: degree.change for degree in found.degrees}
@@ -262,7 +262,7 @@ def test_without_the_conflicts_the_wam_is_feasible(thesis_wam, table_4_9):
     feasible = FeasibleSet(thesis_wam, "inertia", terms=False)
     found = explain_infeasibility(feasible, table_4_9["WLS"])
     assert check(feasible, base=table_4_9["WLS"]).status == "infeasible"
-    named = {name for conflict in found.conflicts for name in conflict.conditions}
+    named = {name for conflict in found.subsystems for name in conflict.conditions}
     assert named
     assert all("link" in name for name in named)
 

@@ -1,7 +1,7 @@
-"""The middle of a section, and the units in which the section is round.
+"""The middle of a slice, and the units in which the slice is round.
 
-The analytic centre minimises -Σ log det D_b, with a bound on the sum of the traces, since the section may go on
-without end. In the metric of that function's Hessian the section contains the unit ball around the centre, and what
+The analytic center minimises -Σ log det D_b, with a bound on the sum of the traces, since the slice may go on
+without end. In the metric of that function's Hessian the slice contains the unit ball around the center, and what
 it holds below the bound lies within a ball whose radius is the number of rows of all blocks (Nesterov and
 Nemirovskii, 1994). So links of 50 g beside links of 50 kg are all of size 1.
 """
@@ -12,30 +12,30 @@ from functools import cached_property
 import numpy as np
 import numpy.typing as npt
 
-from .slice import BlockGroup, Section
+from .slice import BlockGroup, Slice
 
-__all__ = ["Middle", "middle_of"]
+__all__ = ["AnalyticCenter", "analytic_center"]
 
 Vector = npt.NDArray[np.float64]
 Matrix = npt.NDArray[np.float64]
 
 TRACE_FACTOR = 10.0
-"""The bound on the sum of the traces while the centre is looked for, relative to that of the starting point."""
+"""The bound on the sum of the traces while the center is looked for, relative to that of the starting point."""
 
 STEPS = 200
 
 CLOSE_ENOUGH = 1e-2
-"""Newton decrement at which the centre is found."""
+"""Newton decrement at which the center is found."""
 
 
 @dataclass(frozen=True, eq=False)
-class Middle:
-    """A section in units of its own: w = centre + units v; every block is L (1 + Σ v_j B_j) Lᵀ.
+class AnalyticCenter:
+    """A slice in units of its own: w = center + units v; every block is L (1 + Σ v_j B_j) Lᵀ.
 
     Attributes
     ----------
-    section : Section
-    centre : (q,)
+    slice : Slice
+    center : (q,)
     units : (q, q)
     factors : tuple of (b, d, d)
         Inverses of L, of the blocks of each group.
@@ -45,8 +45,8 @@ class Middle:
         The bound on the sum of the traces for which this is the middle.
     """
 
-    section: Section = field(repr=False)
-    centre: Vector = field(repr=False)
+    slice: Slice = field(repr=False)
+    center: Vector = field(repr=False)
     units: Matrix = field(repr=False)
     factors: tuple[Matrix, ...] = field(repr=False)
     groups: tuple[BlockGroup, ...] = field(repr=False)
@@ -55,26 +55,26 @@ class Middle:
     @cached_property
     def parameters(self) -> Vector:
         """δ in the middle."""
-        return self.section.parameters(self.centre)
+        return self.slice.parameters(self.center)
 
     @cached_property
     def directions(self) -> Matrix:
         """δ changes by directions v, (n, q)."""
-        return np.asarray(self.section.directions @ self.section.bounded_basis @ self.units)
+        return np.asarray(self.slice.directions @ self.slice.bounded_basis @ self.units)
 
     @cached_property
     def ball(self) -> tuple[Vector, Matrix]:
         """u = first + second v; ‖u‖ ≤ 1."""
-        k = self.section.region.shape[1]
-        return self.centre[:k], self.units[:k]
+        k = self.slice.region.shape[1]
+        return self.center[:k], self.units[:k]
 
 
-def middle_of(section: Section, start: Vector) -> Middle:
-    """Find the middle of a section, from any point inside it.
+def analytic_center(slice_: Slice, start: Vector) -> AnalyticCenter:
+    """Find the middle of a slice, from any point inside it.
 
     Parameters
     ----------
-    section : Section
+    slice : Slice
     start : (q,)
         w, strictly inside.
 
@@ -83,14 +83,14 @@ def middle_of(section: Section, start: Vector) -> Middle:
     numpy.linalg.LinAlgError
         If the start is not inside.
     """
-    row = section.feasible.trace_row
-    along = (row @ section.directions) @ section.bounded_basis
-    offset = float(row @ section.reference)
+    row = slice_.feasible_set.trace_row
+    along = (row @ slice_.directions) @ slice_.bounded_basis
+    offset = float(row @ slice_.reference)
     bound = TRACE_FACTOR * max(offset + float(along @ start), 1e-9)
-    k, centre = section.region.shape[1], start
+    k, center = slice_.region.shape[1], start
     for _ in range(STEPS):
-        gradient, hessian, factors = _derivatives(section, centre, k)
-        rest = bound - offset - float(along @ centre)
+        gradient, hessian, factors = _derivatives(slice_, center, k)
+        rest = bound - offset - float(along @ center)
         gradient = gradient + along / rest
         hessian = hessian + np.outer(along, along) / rest**2
         root = _root(hessian)
@@ -98,17 +98,17 @@ def middle_of(section: Section, start: Vector) -> Middle:
         if np.linalg.norm(half) < CLOSE_ENOUGH:
             break
         step = np.linalg.solve(root.T, half)
-        centre = centre + _length(section, factors, centre[:k], step, k, float(along @ step) / rest) * step
-    gradient, hessian, factors = _derivatives(section, centre, k)
-    rest = bound - offset - float(along @ centre)
+        center = center + _length(slice_, factors, center[:k], step, k, float(along @ step) / rest) * step
+    gradient, hessian, factors = _derivatives(slice_, center, k)
+    rest = bound - offset - float(along @ center)
     units = np.asarray(np.linalg.inv(_root(hessian + np.outer(along, along) / rest**2)).T, dtype=float)
     groups = []
-    for group, inverse in zip(section.groups, factors, strict=True):
+    for group, inverse in zip(slice_.groups, factors, strict=True):
         turned = _congruent(inverse, group.coefficients)
         coefficients = np.einsum("qr,bqij->brij", units, turned)
         unit = np.broadcast_to(np.eye(group.size), group.constants.shape)
         groups.append(BlockGroup(group.size, group.indices, unit, coefficients))
-    return Middle(section, centre, units, factors, tuple(groups), bound)
+    return AnalyticCenter(slice_, center, units, factors, tuple(groups), bound)
 
 
 def _congruent(inverse: Matrix, matrices: Matrix) -> Matrix:
@@ -124,11 +124,11 @@ def _root(hessian: Matrix) -> Matrix:
     return np.asarray(root / scale[:, None], dtype=float)
 
 
-def _derivatives(section: Section, point: Vector, k: int) -> tuple[Vector, Matrix, tuple[Matrix, ...]]:
+def _derivatives(slice_: Slice, point: Vector, k: int) -> tuple[Vector, Matrix, tuple[Matrix, ...]]:
     """Gradient and Hessian of -Σ log det D_b - log(1 - ‖u‖²), and L⁻¹ of the blocks of each group."""
     count = len(point)
     gradient, hessian, factors = np.zeros(count), np.zeros((count, count)), []
-    for group in section.groups:
+    for group in slice_.groups:
         inverse = np.linalg.inv(np.linalg.cholesky(group.evaluate(point)))
         turned = _congruent(inverse, group.coefficients)
         gradient -= np.einsum("bqii->q", turned)
@@ -145,10 +145,10 @@ def _derivatives(section: Section, point: Vector, k: int) -> tuple[Vector, Matri
     return gradient, hessian, tuple(factors)
 
 
-def _length(section: Section, factors: tuple[Matrix, ...], u: Vector, step: Vector, k: int, trace_rate: float) -> float:
+def _length(slice_: Slice, factors: tuple[Matrix, ...], u: Vector, step: Vector, k: int, trace_rate: float) -> float:
     """The length t along a step that minimises the barrier: its derivative has one zero before the boundary."""
     rates = [-np.array([trace_rate])]
-    for group, inverse in zip(section.groups, factors, strict=True):
+    for group, inverse in zip(slice_.groups, factors, strict=True):
         changes = group.change(step)
         rates.append(np.linalg.eigvalsh(inverse @ changes @ inverse.transpose(0, 2, 1)).ravel())
     if k:

@@ -1,25 +1,32 @@
-"""Least values of a combination of parameters, or of a ratio of two, over a section of the feasible set.
+"""Least values of a combination of parameters, or of a ratio of two, over a slice of the feasible set.
 
 Every answer has two values: the proved one, below which nothing is (`SliceBound`), and the attained one, at parameters
-that were found inside the set. The truth lies between the two.
-"""
+that were found inside the set. The truth lies between the two."""
 
+import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 
 from steelyard.conic import Outcome
+from steelyard.errors import InputError, SolverError
+from steelyard.regression import ParameterCovariance
 
+from ..check import check
 from ..dual_bound import EPSILON, SliceBound
-from ..facial_reduction import BoundedFace, bounded_face
-from .analytic_center import Middle
-from .normalised_problem import Ball, DualPoint, RoundProblem
-from .slice import BlockGroup
+from ..facial_reduction import MinimalFace, minimal_face
+from ..feasible_set import FeasibleSet
+from ..nearest_point import light_point, nearest_in_region
+from .analytic_center import AnalyticCenter, analytic_center
+from .confidence_region import ConfidenceRegion, region_of
+from .normalised_problem import Ball, DualPoint, NormalisedProblem
+from .slice import BlockGroup, Slice
 
-__all__ = ["Bound", "BoundFinder", "Certify", "Found", "Search"]
+__all__ = ["Bound", "BoundFinder", "Certify", "Found", "Given", "Search", "given_base", "given_by", "given_region"]
 
 Vector = npt.NDArray[np.float64]
 Matrix = npt.NDArray[np.float64]
@@ -58,10 +65,10 @@ class Search:
 
     Parameters
     ----------
-    problem : RoundProblem
+    problem : NormalisedProblem
     """
 
-    def __init__(self, problem: RoundProblem) -> None:
+    def __init__(self, problem: NormalisedProblem) -> None:
         self.problem = problem
 
     def least(self, objective: Vector, certify: Certify) -> Found:
@@ -80,7 +87,7 @@ class Search:
         general = self._general_face
         known = general.bounds(unit)
         # On a face the solver does not stall; the whole problem then need only give a point.
-        rough = known and general.loose.shape[1] > 0
+        rough = known and general.lineality.shape[1] > 0
         solution = problem.least(unit, rough)
         if not known and solution.outcome is Outcome.UNBOUNDED and self._is_ray(solution.point, unit):
             return Found(None, -np.inf)
@@ -92,7 +99,7 @@ class Search:
             sound = known or -proved <= length * problem.order or problem.strain(unit, solution.dual) < STRAIN
             if sound and attained - proved <= TIGHT * max(length, -attained):
                 return Found(point, proved)
-        face = general if known else bounded_face(problem, unit)
+        face = general if known else minimal_face(problem, unit)
         if not face.bounds(unit):
             return Found(point, -np.inf)
         proved = max(proved, certify(face.least(unit), length))
@@ -102,9 +109,9 @@ class Search:
         return Found(point, proved)
 
     @cached_property
-    def _general_face(self) -> BoundedFace:
+    def _general_face(self) -> MinimalFace:
         """The face of all objectives that are bounded from both sides."""
-        return bounded_face(self.problem)
+        return minimal_face(self.problem)
 
     def _is_ray(self, point: Vector, unit: Vector) -> bool:
         """Whether the objective falls for ever along a direction that stays inside."""
@@ -124,7 +131,7 @@ SMALLEST_MASS = 1e-3
 """A ratio is proved where its denominator is at least this part of what it is in the middle, or its least value."""
 
 
-LOOSE = 1e-3
+WIDE_AT_NO_MASS = 1e-3
 """Gap between the two values of a ratio, relative to both, that is allowed where the mass may vanish."""
 
 ROOM = 1e-8
@@ -138,7 +145,7 @@ class Bound:
     Attributes
     ----------
     proved : float
-        No parameters of the section have less; -inf where it is not bounded.
+        No parameters of the slice have less; -inf where it is not bounded.
     attained : float
         A value that is reached.
     parameters : (n,) or None
@@ -154,28 +161,28 @@ UNBOUNDED = Bound(-np.inf, -np.inf, None)
 
 
 class BoundFinder:
-    """Least values over one section; only the objective changes from one to the next.
+    """Least values over one slice; only the objective changes from one to the next.
 
     Parameters
     ----------
-    middle : Middle
+    middle : AnalyticCenter
     solver : str
         As in `steelyard.conic.solve`.
     """
 
-    def __init__(self, middle: Middle, solver: str = "clarabel") -> None:
+    def __init__(self, middle: AnalyticCenter, solver: str = "clarabel") -> None:
         self.middle = middle
         self.solver = solver
         self._dual = SliceBound(middle)
-        count = len(middle.centre)
+        count = len(middle.center)
         first, second = middle.ball
         ball = Ball(first, second, np.zeros(count)) if len(first) else None
-        self._search = Search(RoundProblem(middle.groups, ball, count, solver))
+        self._search = Search(NormalisedProblem(middle.groups, ball, count, solver))
         self._found: dict[bytes, Bound] = {}
         self._ratios: dict[bytes, tuple[Search, Matrix]] = {}
 
     @property
-    def reach(self) -> float:
+    def trace_bound(self) -> float:
         """The proofs hold for parameters whose blocks have traces (kg, kg m², ...) that add to less than this."""
         return self._dual.trace_bound
 
@@ -192,11 +199,11 @@ class BoundFinder:
         return self._found[key]
 
     def _least(self, row: Vector) -> Bound:
-        section, middle = self.middle.section, self.middle
+        slice_, middle = self.middle.slice, self.middle
         value = float(row @ middle.parameters)
-        if section.is_decided(row):
+        if slice_.is_identifiable(row):
             return Bound(value - self._rounding(row), value, middle.parameters)
-        if not section.is_seen(row):
+        if not slice_.is_constrained(row):
             return UNBOUNDED
         objective = middle.directions.T @ row
         found = self._search.least(objective, lambda dual, _: self._dual.of(row, dual.matrices, dual.pull) - value)
@@ -208,7 +215,7 @@ class BoundFinder:
         return Bound(min(value + found.proved, attained - self._rounding(row)), attained, parameters)
 
     def least_ratio(self, row: Vector, mass: Vector, moments: Sequence[Vector] = ()) -> Bound:
-        """The least value of (row · δ) / (mass · δ), for a mass that is positive all over the section.
+        """The least value of (row · δ) / (mass · δ), for a mass that is positive all over the slice.
 
         Parameters
         ----------
@@ -216,8 +223,8 @@ class BoundFinder:
         moments : sequence of (n,)
             Combinations with (row · δ)² ≤ (moment · δ) (mass · δ) in the whole set, such as moments of inertia.
         """
-        section, middle = self.middle.section, self.middle
-        if not section.is_seen(row):
+        slice_, middle = self.middle.slice, self.middle
+        if not slice_.is_constrained(row):
             return UNBOUNDED
         weight = float(mass @ middle.parameters)
         ratio = float(row @ middle.parameters) / weight
@@ -234,7 +241,7 @@ class BoundFinder:
             return UNBOUNDED
         point = units @ found.point
         attained, proved = float(objective @ point), found.proved
-        if lightest == 0.0 and attained - proved > LOOSE * max(float(np.linalg.norm(own)), -attained):
+        if lightest == 0.0 and attained - proved > WIDE_AT_NO_MASS * max(float(np.linalg.norm(own)), -attained):
             # Where the mass may vanish, nothing is proved by a bound for masses above the floor.
             proved = -np.inf
         proved += ratio
@@ -292,26 +299,26 @@ class BoundFinder:
             ]
             first, second = middle.ball
             ball = Ball(first, weight * second - np.outer(first, rates), -rates) if len(first) else None
-            problem, units = RoundProblem((positive, *groups), ball, len(rates), self.solver).rounded()
+            problem, units = NormalisedProblem((positive, *groups), ball, len(rates), self.solver).rounded()
             self._ratios[key] = Search(problem), units
         return self._ratios[key]
 
     def _contained(self, parameters_at: Callable[[float], Vector]) -> Vector:
         """Parameters on the way from the middle (0) to a point (1), as far as their eigenvalues come out positive."""
-        feasible = self.middle.section.feasible
+        feasible_set = self.middle.slice.feasible_set
         for back in (0.0, 1e-8, 1e-7, 1e-6, 1e-5, 1e-4, 1e-3, 1e-2, 0.1, 0.5):
             parameters = parameters_at(1.0 - back)
-            if np.all(feasible.stack.smallest_eigenvalues(parameters) >= 0.0):
+            if np.all(feasible_set.stack.smallest_eigenvalues(parameters) >= 0.0):
                 return parameters
         return self.middle.parameters
 
     def _mass_duals(self, mass: Vector) -> tuple[Matrix, ...]:
         """Z of each group with Σ <D_b, Z_b> = mass · δ, in the units of the middle; zero where no block says so."""
-        feasible, found, told = self.middle.section.feasible, [], False
+        feasible_set, found, told = self.middle.slice.feasible_set, [], False
         for group, inverse in zip(self.middle.groups, self.middle.factors, strict=True):
             matrices = np.zeros(group.constants.shape)
             for position, index in enumerate(group.indices):
-                block = feasible.blocks[index]
+                block = feasible_set.blocks[index]
                 diagonal = np.zeros((block.size, len(mass)))
                 diagonal[:, block.indices] = np.diagonal(block.coefficients, axis1=1, axis2=2).T
                 same = np.flatnonzero(np.all(diagonal == mass, axis=1) & (np.diagonal(block.constant) == 0))
@@ -324,3 +331,116 @@ class BoundFinder:
 
     def _rounding(self, row: Vector) -> float:
         return EPSILON * float(np.abs(row) @ np.abs(self.middle.parameters))
+
+
+@dataclass(frozen=True, eq=False)
+class Given:
+    """What is known of the base parameters, and the search for bounds over what they leave possible.
+
+    Attributes
+    ----------
+    finder : BoundFinder
+    base : (n_b,)
+    confidence : float or None
+        Of the region; None for a point.
+    distance : float
+        How far outside the set the estimate is, in units of the region; 0 where it is feasible.
+    """
+
+    finder: BoundFinder = field(repr=False)
+    base: Vector = field(repr=False)
+    confidence: float | None
+    distance: float
+
+
+def given_by(
+    feasible_set: FeasibleSet,
+    base: npt.ArrayLike | None,
+    information: Any,
+    covariance: npt.ArrayLike | ParameterCovariance | None,
+    weights: Any,
+    confidence: float,
+    solver: str,
+) -> Given:
+    """What the arguments of `parameter_intervals` tell of the base parameters: a point, or a confidence region."""
+    region = region_of(feasible_set, base, information, covariance, weights, confidence)
+    return given_base(feasible_set, base, solver) if region is None else given_region(feasible_set, region, solver)
+
+
+def given_base(feasible_set: FeasibleSet, base: npt.ArrayLike | None, solver: str) -> Given:
+    """The base parameters are known exactly.
+
+    Raises
+    ------
+    InputError
+        If no physically possible robot has them.
+    SolverError
+        If the parameters behind them are a set without an inside.
+    """
+    if base is None:
+        raise InputError("nothing is given of the robot; give its base parameters as base=, or data as information=.")
+    beta = feasible_set.as_base(base)
+    start = _witness(feasible_set, beta)
+    return Given(_finder(Slice.of(feasible_set, beta), start, solver), beta, None, 0.0)
+
+
+def given_region(feasible_set: FeasibleSet, region: ConfidenceRegion, solver: str) -> Given:
+    """The base parameters lie within a confidence region.
+
+    Raises
+    ------
+    InputError
+        If no feasible parameters lie within it.
+    SolverError
+        If the parameters behind them are a set without an inside.
+    """
+    nearest = nearest_in_region(feasible_set, region.base, region.axes, region.unknown, solver)
+    relative = nearest.distance / region.radius
+    if relative >= 1.0:
+        needed = region.probability(nearest.distance)
+        wider = f" (it takes the region of {100 * needed:.4g} %)" if needed < 1 - 1e-6 else ""
+        raise InputError(
+            f"no physically possible robot lies within the {100 * region.confidence:g} % region of the estimate: the "
+            f"nearest one lies {relative:.3g} times as far away as its edge{wider}; where rows were taken for "
+            "independent ones, give the Information of the samples with its batch_means, which tell how alike "
+            f"neighbouring errors are, otherwise a covariance= that is at least {_above(relative**2):g} times as large."
+        )
+    slice_ = Slice.of(feasible_set, region.base, region.radius * region.axes, region.unknown)
+    start = light_point(feasible_set, region.base, region.axes, region.unknown, nearest, region.radius, solver)
+    outside = relative if relative > 1e-3 else 0.0
+    return Given(_finder(slice_, start, solver), region.base, region.confidence, outside)
+
+
+def _witness(feasible_set: FeasibleSet, base: Vector) -> Vector:
+    """Parameters of the set with K δ = β."""
+    verdict = check(feasible_set, base=base)
+    if verdict.feasible and verdict.parameters is not None:
+        return np.asarray(verdict.parameters)
+    if verdict.feasible is None:
+        raise InputError(
+            "these base parameters are closer to the boundary of what is possible than can be told (margin "
+            f"{verdict.margin:.3g}), which leaves no interval to search; take those of `correct` or `fit`."
+        )
+    raise InputError(
+        f"no physically possible robot has these base parameters (largest margin {verdict.margin:.3g} under "
+        f'"{feasible_set.consistency}" consistency), so that no interval exists; take those of `correct` or `fit`, or '
+        "give the data as information=, so that the confidence region of the estimate is searched."
+    )
+
+
+def _finder(slice_: Slice, start: Vector, solver: str) -> BoundFinder:
+    try:
+        middle = analytic_center(slice_, slice_.coordinates(start))
+    except np.linalg.LinAlgError:
+        raise SolverError(
+            "the parameters that these base parameters leave possible are a set without an inside, as for links "
+            "without extent; give base parameters a little further inside, such as those of `correct` with a larger "
+            "margin."
+        ) from None
+    return BoundFinder(middle, solver)
+
+
+def _above(value: float) -> float:
+    """Two digits, rounded up."""
+    step = 10.0 ** (math.floor(math.log10(value)) - 1)
+    return round(math.ceil(value / step + 1e-9) * step, 12)

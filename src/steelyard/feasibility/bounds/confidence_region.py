@@ -70,7 +70,7 @@ class ConfidenceRegion:
 
 
 def region_of(
-    feasible: FeasibleSet,
+    feasible_set: FeasibleSet,
     base: npt.ArrayLike | None,
     information: Any,
     covariance: npt.ArrayLike | ParameterCovariance | None,
@@ -87,8 +87,8 @@ def region_of(
     if information is not None and covariance is not None:
         raise InputError("information= and covariance= both tell how certain the estimate is; give only one of them.")
     if information is not None:
-        reduced = reduced_regression(information, weights, feasible)
-        beta = solve(reduced) if base is None else feasible.as_base(base)
+        reduced = reduced_regression(information, weights, feasible_set)
+        beta = solve(reduced) if base is None else feasible_set.as_base(base)
         if isinstance(information, Information):
             found = ParameterCovariance.of(information, beta, weights)
         else:
@@ -96,7 +96,7 @@ def region_of(
     elif covariance is not None:
         if base is None:
             raise InputError("covariance= needs the estimate that it belongs to; give base= too.")
-        beta = feasible.as_base(base)
+        beta = feasible_set.as_base(base)
         if isinstance(covariance, ParameterCovariance):
             found = covariance
         else:
@@ -111,7 +111,7 @@ def region_of(
     return ConfidenceRegion(beta, found, confidence)
 
 
-def reduced_regression(data: Any, weights: Any, feasible: FeasibleSet) -> Reduced:
+def reduced_regression(data: Any, weights: Any, feasible_set: FeasibleSet) -> Reduced:
     """The reduced regression of an Information, or what already is one.
 
     Raises
@@ -124,7 +124,7 @@ def reduced_regression(data: Any, weights: Any, feasible: FeasibleSet) -> Reduce
     if missing:
         raise InputError(f"information must be an Information (or its reduced form), got {data!r}.")
     R, rho = np.asarray(reduced.R, dtype=float), np.asarray(reduced.rho, dtype=float)
-    count = feasible.K.shape[0]
+    count = feasible_set.K.shape[0]
     if R.ndim != 2 or R.shape[1] != count or rho.shape != (R.shape[0],):
         raise InputError(
             f"the data belongs to another model: its reduced regression has R of shape {R.shape}, but the feasible "

@@ -14,9 +14,7 @@ from steelyard.regression import ParameterCovariance
 
 from ..feasible_set import FeasibleSet
 from ..wording import html_table, outward, percent, plain, text_table
-from .bound_finder import Bound, BoundFinder
-from .confidence_region import region_of
-from .given import given_base, given_region
+from .bound_finder import Bound, BoundFinder, given_by
 from .quantities import Combination, Quantity, quantities
 
 __all__ = ["ParameterInterval", "ParameterIntervals", "interval_of", "parameter_intervals"]
@@ -41,7 +39,7 @@ class ParameterInterval:
         Values that robots are known to have; between them everything is possible.
     lower_parameters, upper_parameters : (n,) or None
         Those robots. Where a value is only approached as masses elsewhere grow, they are very heavy.
-    decided : bool
+    identifiable : bool
         Whether the base parameters alone decide the value.
     """
 
@@ -54,18 +52,18 @@ class ParameterInterval:
     attained_upper: float
     lower_parameters: Vector | None = field(repr=False)
     upper_parameters: Vector | None = field(repr=False)
-    decided: bool
+    identifiable: bool
 
     @property
     def width(self) -> float:
-        """Upper less lower end; 0 where decided."""
-        return 0.0 if self.decided else self.upper - self.lower
+        """Upper less lower end; 0 where identifiable."""
+        return 0.0 if self.identifiable else self.upper - self.lower
 
     @property
-    def looseness(self) -> float:
+    def relative_width(self) -> float:
         """The width over the largest size: 0 is identifiable; above 1 not even the sign is known."""
         size = max(abs(self.lower), abs(self.upper))
-        if self.decided or size == 0.0:
+        if self.identifiable or size == 0.0:
             return 0.0
         return self.width / size if math.isfinite(size) else math.inf
 
@@ -87,8 +85,8 @@ class ParameterInterval:
         unit = f" {self.unit}" if self.unit else ""
         name = self.meaning if self.meaning == self.name else f"{self.meaning} ({self.name})"
         subject = f"The {name}" if self.meaning != self.name else name
-        if self.decided:
-            return f"{subject} is {plain(self.attained_lower, 6)}{unit}: the motion decides it."
+        if self.identifiable:
+            return f"{subject} is {plain(self.attained_lower, 6)}{unit}: it is identifiable."
         low, high = outward(self.lower, self.upper)
         if self.bounded:
             return f"{subject} lies between {low} and {high}{unit}."
@@ -101,7 +99,7 @@ class ParameterInterval:
     def to_dict(self) -> dict[str, Any]:
         """As plain data, for JSON; infinite ends are None."""
         numbers = ("lower", "upper", "attained_lower", "attained_upper")
-        found: dict[str, Any] = {"name": self.name, "meaning": self.meaning, "unit": self.unit, "decided": self.decided}
+        found: dict[str, Any] = {key: getattr(self, key) for key in ("name", "meaning", "unit", "identifiable")}
         for key in numbers:
             value = float(getattr(self, key))
             found[key] = value if math.isfinite(value) else None
@@ -121,7 +119,7 @@ class ParameterIntervals:
         Of the region that the base parameters may lie in; None for a point.
     distance : float
         How far outside the set the estimate itself is, in units of the region; 0 where it is feasible.
-    reach : float
+    trace_bound : float
         The proofs hold for robots whose blocks have traces (kg, kg m², ...) that add to less than this.
     """
 
@@ -130,7 +128,7 @@ class ParameterIntervals:
     consistency: str
     confidence: float | None
     distance: float
-    reach: float
+    trace_bound: float
 
     def __getitem__(self, name: str) -> ParameterInterval:
         for interval in self.intervals:
@@ -149,12 +147,12 @@ class ParameterIntervals:
         given = "these base parameters"
         if self.confidence is not None:
             given = f"base parameters in the {100 * self.confidence:g} % region of the estimate"
-        decided = sum(i.decided for i in self.intervals)
-        bounded = sum(i.bounded and not i.decided for i in self.intervals)
+        identifiable = sum(i.identifiable for i in self.intervals)
+        bounded = sum(i.bounded and not i.identifiable for i in self.intervals)
         found = [
             f'Possible values under "{self.consistency}" consistency, given {given}.',
-            f"Of {len(self)} quantities, {decided} are decided by the motion, {bounded} more are bounded by what is "
-            f"physically possible, and {len(self) - decided - bounded} are not bounded on one side at least.",
+            f"Of {len(self)} quantities, {identifiable} are identifiable, {bounded} more are bounded by what is "
+            f"physically possible, and {len(self) - identifiable - bounded} are not bounded on one side at least.",
         ]
         if self.distance > 0:
             found.append(
@@ -166,18 +164,18 @@ class ParameterIntervals:
     def _rows(self) -> list[tuple[str, ...]]:
         found: list[tuple[str, ...]] = []
         for i in self.intervals:
-            low, high = outward(i.lower, i.upper) if not i.decided else (plain(i.attained_lower, 6),) * 2
-            loose = "decided" if i.decided else ("open" if not i.bounded else percent(i.looseness, 2))
-            found.append((i.name, low, high, i.unit, loose, i.meaning))
+            low, high = outward(i.lower, i.upper) if not i.identifiable else (plain(i.attained_lower, 6),) * 2
+            width = "open" if not i.bounded else percent(i.relative_width, 2)
+            found.append((i.name, low, high, i.unit, "identifiable" if i.identifiable else width, i.meaning))
         return found
 
     def __str__(self) -> str:
-        heads = ("name", "lower", "upper", "unit", "loose", "meaning")
+        heads = ("name", "lower", "upper", "unit", "relative width", "meaning")
         return "\n".join((*self.sentences(), text_table(heads, self._rows(), numbers=(1, 2, 4))))
 
     def _repr_html_(self) -> str:
         return html_table(
-            " ".join(self.sentences()), ("name", "lower", "upper", "unit", "loose", "meaning"), self._rows()
+            " ".join(self.sentences()), ("name", "lower", "upper", "unit", "relative width", "meaning"), self._rows()
         )
 
     def to_dict(self) -> dict[str, Any]:
@@ -186,14 +184,14 @@ class ParameterIntervals:
             "consistency": self.consistency,
             "confidence": self.confidence,
             "distance": self.distance,
-            "reach": self.reach,
+            "trace_bound": self.trace_bound,
             "base": self.base.tolist(),
             "intervals": [interval.to_dict() for interval in self.intervals],
         }
 
 
 def parameter_intervals(
-    feasible: FeasibleSet,
+    feasible_set: FeasibleSet,
     base: npt.ArrayLike | None = None,
     *,
     information: Any = None,
@@ -211,7 +209,7 @@ def parameter_intervals(
 
     Parameters
     ----------
-    feasible : FeasibleSet
+    feasible_set : FeasibleSet
         Its constraints count; a `TotalMass` bounds much that else is open.
     base : (n_b,), optional
         Base parameters β. Alone, they are taken as exact, and must be feasible; not needed with `information`, whose
@@ -254,7 +252,7 @@ def parameter_intervals(
     -----
     K δ = β is put into the conditions, which leaves c·δ to be minimised and maximised over D(δ) ⪰ 0 (with a
     second-order cone for the region). A quotient such as a centre of mass is made linear after Charnes and Cooper
-    (1962). All blocks are scaled by their own values at the analytic centre, so that links of very different sizes do
+    (1962). All blocks are scaled by their own values at the analytic center, so that links of very different sizes do
     not disturb each other. An end that is only approached as masses elsewhere grow without limit is found by facial
     reduction (Borwein and Wolkowicz 1981).
 
@@ -272,29 +270,28 @@ def parameter_intervals(
     >>> print(parameter_intervals(FeasibleSet(model), base=[0.5, 1.0, 0.0])["m1"])
     The mass of link1 (m1) is at least 2 kg; nothing bounds it from above.
     """
-    chosen = quantities(feasible, names, combinations)
+    chosen = quantities(feasible_set, names, combinations)
     with one_thread():
-        region = region_of(feasible, base, information, covariance, weights, confidence)
-        given = given_region(feasible, region, solver) if region is not None else given_base(feasible, base, solver)
+        given = given_by(feasible_set, base, information, covariance, weights, confidence, solver)
         found = tuple(interval_of(given.finder, quantity) for quantity in chosen)
     return ParameterIntervals(
-        found, given.base, feasible.consistency, given.confidence, given.distance, given.finder.reach
+        found, given.base, feasible_set.consistency, given.confidence, given.distance, given.finder.trace_bound
     )
 
 
 def interval_of(finder: BoundFinder, quantity: Quantity) -> ParameterInterval:
     """Both ends of one quantity."""
-    section = finder.middle.section
-    decided = section.is_decided(quantity.row) and (quantity.mass is None or section.is_decided(quantity.mass))
+    rows = (quantity.row,) if quantity.mass is None else (quantity.row, quantity.mass)
+    identifiable = all(finder.middle.slice.is_identifiable(row) for row in rows)
     if quantity.mass is None:
         low, high = finder.least(quantity.row), finder.least(-quantity.row)
     else:
         low = finder.least_ratio(quantity.row, quantity.mass, quantity.moments)
         high = finder.least_ratio(-quantity.row, quantity.mass, quantity.moments)
-    return _interval(quantity, low, high, decided)
+    return _interval(quantity, low, high, identifiable)
 
 
-def _interval(quantity: Quantity, low: Bound, high: Bound, decided: bool) -> ParameterInterval:
+def _interval(quantity: Quantity, low: Bound, high: Bound, identifiable: bool) -> ParameterInterval:
     lower = max(low.proved, 0.0) if quantity.never_negative else low.proved
     return ParameterInterval(
         name=quantity.name,
@@ -306,5 +303,5 @@ def _interval(quantity: Quantity, low: Bound, high: Bound, decided: bool) -> Par
         attained_upper=-high.attained,
         lower_parameters=low.parameters,
         upper_parameters=high.parameters,
-        decided=decided,
+        identifiable=identifiable,
     )

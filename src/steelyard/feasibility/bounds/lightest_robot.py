@@ -12,8 +12,7 @@ from steelyard.regression import ParameterCovariance
 
 from ..feasible_set import FeasibleSet
 from ..wording import html_table, plain, text_table
-from .confidence_region import region_of
-from .given import given_base, given_region
+from .bound_finder import given_by
 from .quantities import Quantity, quantities
 
 __all__ = ["LeastMass", "LightestRobot", "lightest_robot"]
@@ -111,7 +110,7 @@ class LightestRobot:
 
 
 def lightest_robot(
-    feasible: FeasibleSet,
+    feasible_set: FeasibleSet,
     base: npt.ArrayLike | None = None,
     *,
     information: Any = None,
@@ -124,7 +123,7 @@ def lightest_robot(
 
     Parameters
     ----------
-    feasible, base, information, covariance, confidence, weights, solver
+    feasible_set, base, information, covariance, confidence, weights, solver
         As in `parameter_intervals`.
 
     Returns
@@ -149,10 +148,9 @@ def lightest_robot(
     >>> print(lightest_robot(FeasibleSet(model), base=[0.5, 1.0, 0.0]).sentences()[0])
     The lightest robot with these base parameters weighs 2 kg, under "full" consistency.
     """
-    names = [str(feasible.model.parameter_names[i]) for i in feasible.mass_indices]
+    names = [str(feasible_set.model.parameter_names[i]) for i in feasible_set.mass_indices]
     with one_thread():
-        region = region_of(feasible, base, information, covariance, weights, confidence)
-        given = given_region(feasible, region, solver) if region is not None else given_base(feasible, base, solver)
+        given = given_by(feasible_set, base, information, covariance, weights, confidence, solver)
 
         def least(quantity: Quantity) -> LeastMass:
             found = given.finder.least(quantity.row)
@@ -160,5 +158,5 @@ def lightest_robot(
             attained = found.attained if math.isfinite(found.attained) else 0.0
             return LeastMass(quantity.name, quantity.meaning, max(found.proved, 0.0), attained, parameters)
 
-        total, *links = (least(quantity) for quantity in quantities(feasible, ["total mass", *names]))
-    return LightestRobot(total, tuple(links), given.base, feasible.consistency, given.confidence)
+        total, *links = (least(quantity) for quantity in quantities(feasible_set, ["total mass", *names]))
+    return LightestRobot(total, tuple(links), given.base, feasible_set.consistency, given.confidence)

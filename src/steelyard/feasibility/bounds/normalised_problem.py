@@ -13,7 +13,7 @@ from steelyard.lmi import symmetric_to_vector, vector_to_symmetric
 
 from .slice import BlockGroup
 
-__all__ = ["Ball", "DualPoint", "RepeatedProblem", "RoundProblem", "RoundSolution"]
+__all__ = ["Ball", "DualPoint", "NormalisedProblem", "NormalisedSolution", "RepeatedProblem"]
 
 Vector = npt.NDArray[np.float64]
 Matrix = npt.NDArray[np.float64]
@@ -137,7 +137,7 @@ class DualPoint:
 
 
 @dataclass(frozen=True, eq=False)
-class RoundSolution:
+class NormalisedSolution:
     """What the solver found for one objective.
 
     Attributes
@@ -153,7 +153,7 @@ class RoundSolution:
     dual: DualPoint
 
 
-class RoundProblem:
+class NormalisedProblem:
     """Minimise c·v subject to 1 + Σ v_j B_j ⪰ 0 for every block, and v in the ball.
 
     Parameters
@@ -202,7 +202,7 @@ class RoundProblem:
             found += [Cone("nonnegative", count)] if group.size == 1 else [Cone("semidefinite", group.size)] * count
         return tuple(found)
 
-    def rounded(self) -> tuple["RoundProblem", Matrix]:
+    def rounded(self) -> tuple["NormalisedProblem", Matrix]:
         """The same problem in units in which it is round around v = 0, and those units: v = units v'."""
         hessian = self.coefficients.T @ self.coefficients
         if self.ball is not None:
@@ -221,7 +221,7 @@ class RoundProblem:
         ball = self.ball
         if ball is not None:
             ball = Ball(ball.first, ball.second @ units, ball.rate @ units)
-        return RoundProblem(groups, ball, self.unknowns, self.solver), units
+        return NormalisedProblem(groups, ball, self.unknowns, self.solver), units
 
     def split(self, stacked: Vector) -> tuple[Matrix, ...]:
         """Symmetric matrices of each group, from a stacked vector."""
@@ -274,9 +274,9 @@ class RoundProblem:
             share = min(share, self.ball.share_inside(point))
         return (1.0 - 1e-9) * share * point
 
-    def least(self, objective: Vector, rough: bool = False) -> RoundSolution:
+    def least(self, objective: Vector, rough: bool = False) -> NormalisedSolution:
         """Minimise objective · v, perhaps roughly; the objective should be of length 1."""
         outcome, point, dual = (self._rough if rough else self._repeated).solve(objective)
         rows = len(self.identity)
         value = -float(self._repeated.problem.b @ dual)
-        return RoundSolution(outcome, point, DualPoint(self.split(dual[:rows]), dual[rows + 1 :], value))
+        return NormalisedSolution(outcome, point, DualPoint(self.split(dual[:rows]), dual[rows + 1 :], value))

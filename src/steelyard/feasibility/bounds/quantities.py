@@ -48,7 +48,7 @@ class Quantity:
 
 
 def quantities(
-    feasible: FeasibleSet,
+    feasible_set: FeasibleSet,
     names: Sequence[str] | None = None,
     combinations: Mapping[str, Combination] | None = None,
 ) -> tuple[Quantity, ...]:
@@ -56,7 +56,7 @@ def quantities(
 
     Parameters
     ----------
-    feasible : FeasibleSet
+    feasible_set : FeasibleSet
     names : sequence of str, optional
         Standard parameters, ``"total mass"``, and ``"cx1"``, ``"cy1"``, ``"cz1"`` for the centre of mass of the first
         link. All of them where absent.
@@ -68,8 +68,8 @@ def quantities(
     InputError
         For an unknown name, or a row that does not fit.
     """
-    own = {name: _combination(feasible, name, value) for name, value in (combinations or {}).items()}
-    standard = {quantity.name: quantity for quantity in _standard(feasible)}
+    own = {name: _combination(feasible_set, name, value) for name, value in (combinations or {}).items()}
+    standard = {quantity.name: quantity for quantity in _standard(feasible_set)}
     for name in own:
         if name in standard:
             raise InputError(
@@ -89,10 +89,10 @@ def quantities(
     return tuple(known[name] for name in dict.fromkeys([*chosen, *own]))
 
 
-def _standard(feasible: FeasibleSet) -> list[Quantity]:
-    names = list(feasible.model.parameter_names)
-    links = list(feasible.model.robot.link_names)
-    positive, units = _positive(feasible), _units(feasible)
+def _standard(feasible_set: FeasibleSet) -> list[Quantity]:
+    names = list(feasible_set.model.parameter_names)
+    links = list(feasible_set.model.robot.link_names)
+    positive, units = _positive(feasible_set), _units(feasible_set)
     identity = np.eye(len(names))
     found = []
     inertial = {f"{symbol}{i + 1}": (symbol, link) for i, link in enumerate(links) for symbol in _INERTIAL}
@@ -105,11 +105,11 @@ def _standard(feasible: FeasibleSet) -> list[Quantity]:
         else:
             unit, meaning = units.get(index, ""), name
         found.append(Quantity(name, meaning, unit, identity[index], never_negative=index in positive))
-    total = identity[feasible.mass_indices].sum(axis=0)
+    total = identity[feasible_set.mass_indices].sum(axis=0)
     found.append(Quantity("total mass", "mass of all links", "kg", total, never_negative=True))
     for i, link in enumerate(links):
         for axis in "xyz":
-            row, mass = identity[names.index(f"l{axis}{i + 1}")], identity[feasible.mass_indices[i]]
+            row, mass = identity[names.index(f"l{axis}{i + 1}")], identity[feasible_set.mass_indices[i]]
             moments = tuple(identity[names.index(f"L{other}{other}{i + 1}")] for other in "xyz" if other != axis)
             found.append(Quantity(f"c{axis}{i + 1}", f"centre of mass {axis} of {link}", "m", row, mass, moments))
     return found
@@ -118,12 +118,12 @@ def _standard(feasible: FeasibleSet) -> list[Quantity]:
 _INERTIAL = ("Lxx", "Lxy", "Lxz", "Lyy", "Lyz", "Lzz", "lx", "ly", "lz", "m")
 
 
-def _positive(feasible: FeasibleSet) -> set[int]:
+def _positive(feasible_set: FeasibleSet) -> set[int]:
     """Indices of the parameters that the conditions themselves keep from being negative."""
-    names = {name: index for index, name in enumerate(feasible.model.parameter_names)}
-    links = range(1, len(feasible.model.robot.link_names) + 1)
+    names = {name: index for index, name in enumerate(feasible_set.model.parameter_names)}
+    links = range(1, len(feasible_set.model.robot.link_names) + 1)
     found = {names[f"{symbol}{link}"] for link in links for symbol in ("Lxx", "Lyy", "Lzz", "m")}
-    for block in feasible.blocks:
+    for block in feasible_set.blocks:
         if (
             block.size == 1
             and len(block.indices) == 1
@@ -134,11 +134,13 @@ def _positive(feasible: FeasibleSet) -> set[int]:
     return found
 
 
-def _units(feasible: FeasibleSet) -> dict[int, str]:
+def _units(feasible_set: FeasibleSet) -> dict[int, str]:
     """Units of the parameters of drive terms, where they are told."""
-    found = {int(b.indices[0]): b.unit for b in feasible.blocks if b.kind == "term" and len(b.indices) == 1 and b.unit}
-    names = {name: index for index, name in enumerate(feasible.model.parameter_names)}
-    robot = feasible.model.robot
+    found = {
+        int(b.indices[0]): b.unit for b in feasible_set.blocks if b.kind == "term" and len(b.indices) == 1 and b.unit
+    }
+    names = {name: index for index, name in enumerate(feasible_set.model.parameter_names)}
+    robot = feasible_set.model.robot
     for position, joint in enumerate(getattr(robot, "joints", ())):
         for term in getattr(robot, "terms", ()):
             for parameter in term.parameters:
@@ -156,8 +158,8 @@ def _numbers(name: str, value: npt.ArrayLike) -> Vector:
         raise InputError(f"the coefficients of combination {name!r} must be numbers, got {value!r}.") from None
 
 
-def _combination(feasible: FeasibleSet, name: str, value: Combination) -> Quantity:
-    names = list(feasible.model.parameter_names)
+def _combination(feasible_set: FeasibleSet, name: str, value: Combination) -> Quantity:
+    names = list(feasible_set.model.parameter_names)
     row = np.zeros(len(names))
     if isinstance(value, Mapping):
         for key, coefficient in value.items():
@@ -177,8 +179,8 @@ def _combination(feasible: FeasibleSet, name: str, value: Combination) -> Quanti
         row = given.copy()
     if not np.all(np.isfinite(row)) or not np.any(row):
         raise InputError(f"combination {name!r} must have finite coefficients, not all of them zero.")
-    positive = _positive(feasible)
+    positive = _positive(feasible_set)
     used = np.flatnonzero(row)
-    masses = set(feasible.mass_indices.tolist())
+    masses = set(feasible_set.mass_indices.tolist())
     unit = "kg" if masses.issuperset(used.tolist()) else ""
     return Quantity(name, name, unit, row, never_negative=all(int(i) in positive and row[i] > 0 for i in used))

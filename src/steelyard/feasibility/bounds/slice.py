@@ -1,4 +1,4 @@
-"""A section of the feasible set: the parameters that an estimate, or its confidence region, leaves possible.
+"""A slice of the feasible set: the parameters that an estimate, or its confidence region, leaves possible.
 
 δ = reference + M u + N d, with ‖u‖ ≤ 1 and any d. The columns of M span the confidence region of the base parameters
 (there are none where the base parameters are given as a point), those of N are the directions that the motion does
@@ -16,7 +16,7 @@ from steelyard.lmi import AffineBlock
 
 from ..feasible_set import FeasibleSet
 
-__all__ = ["BlockGroup", "Section"]
+__all__ = ["BlockGroup", "Slice"]
 
 Vector = npt.NDArray[np.float64]
 Matrix = npt.NDArray[np.float64]
@@ -54,60 +54,60 @@ class BlockGroup:
 
 
 @dataclass(frozen=True, eq=False)
-class Section:
+class Slice:
     """Parameters δ = reference + M u + N d that satisfy the equations of the set, ‖u‖ ≤ 1.
 
     Attributes
     ----------
-    feasible : FeasibleSet
+    feasible_set : FeasibleSet
     reference : (n,)
     region : (n, k)
         M; k is 0 where the base parameters are a point.
-    free : (n, p)
+    unidentifiable : (n, p)
         N.
     """
 
-    feasible: FeasibleSet
+    feasible_set: FeasibleSet
     reference: Vector = field(repr=False)
     region: Matrix = field(repr=False)
-    free: Matrix = field(repr=False)
+    unidentifiable: Matrix = field(repr=False)
 
     @classmethod
     def of(
-        cls, feasible: FeasibleSet, base: Vector, spread: Matrix | None = None, unknown: Matrix | None = None
-    ) -> "Section":
-        """The section of β = base + spread u + unknown v, with ‖u‖ ≤ 1 and any v.
+        cls, feasible_set: FeasibleSet, base: Vector, spread: Matrix | None = None, unknown: Matrix | None = None
+    ) -> "Slice":
+        """The slice of β = base + spread u + unknown v, with ‖u‖ ≤ 1 and any v.
 
         Parameters
         ----------
-        feasible : FeasibleSet
+        feasible_set : FeasibleSet
         base : (n_b,)
         spread : (n_b, k), optional
             Half axes of the confidence region.
         unknown : (n_b, j), optional
             Directions of the base parameters that are not bounded at all.
         """
-        reference = feasible.lift @ base
-        region = feasible.lift @ (np.zeros((len(base), 0)) if spread is None else spread)
-        free = feasible.unidentifiable
+        reference = feasible_set.lift @ base
+        region = feasible_set.lift @ (np.zeros((len(base), 0)) if spread is None else spread)
+        unidentifiable = feasible_set.unidentifiable
         if unknown is not None:
-            free = np.hstack([free, feasible.lift @ unknown])
-        if feasible.equalities:
-            reference, region, free = _within_equations(feasible, reference, region, free)
-        return cls(feasible, reference, region, free)
+            unidentifiable = np.hstack([unidentifiable, feasible_set.lift @ unknown])
+        if feasible_set.equalities:
+            reference, region, unidentifiable = _within_equations(feasible_set, reference, region, unidentifiable)
+        return cls(feasible_set, reference, region, unidentifiable)
 
     @cached_property
     def directions(self) -> Matrix:
         """[M N], (n, k + p)."""
-        return np.hstack([self.region, self.free])
+        return np.hstack([self.region, self.unidentifiable])
 
     @cached_property
     def _stacked(self) -> Matrix:
         """Coefficients of all blocks in (u, d)."""
-        return np.asarray(self.feasible.stack.coefficients @ self.directions)
+        return np.asarray(self.feasible_set.stack.coefficients @ self.directions)
 
     @cached_property
-    def unseen(self) -> Matrix:
+    def unconstrained(self) -> Matrix:
         """Directions of d that change no block at all, (p, l), orthonormal: nothing bounds them."""
         stacked = self._stacked[:, self.region.shape[1] :]
         return null_space(stacked)
@@ -115,8 +115,8 @@ class Section:
     @cached_property
     def bounded_basis(self) -> Matrix:
         """Orthonormal basis of the other directions of (u, d), (k + p, q): the coordinates w."""
-        k, p = self.region.shape[1], self.free.shape[1]
-        others = null_space(self.unseen.T) if self.unseen.shape[1] else np.eye(p)
+        k, p = self.region.shape[1], self.unidentifiable.shape[1]
+        others = null_space(self.unconstrained.T) if self.unconstrained.shape[1] else np.eye(p)
         basis = np.zeros((k + p, k + others.shape[1]))
         basis[:k, :k] = np.eye(k)
         basis[k:, k:] = others
@@ -124,32 +124,32 @@ class Section:
 
     @cached_property
     def groups(self) -> tuple[BlockGroup, ...]:
-        """The blocks that are not the same in the whole section, by size, as functions of w."""
-        return grouped(self.feasible.blocks, self.directions @ self.bounded_basis, self.reference)
+        """The blocks that are not the same in the whole slice, by size, as functions of w."""
+        return grouped(self.feasible_set.blocks, self.directions @ self.bounded_basis, self.reference)
 
     @cached_property
     def fixed(self) -> tuple[int, ...]:
         """Indices of the other blocks."""
         varying = {int(i) for group in self.groups for i in group.indices}
-        return tuple(i for i in range(len(self.feasible.blocks)) if i not in varying)
+        return tuple(i for i in range(len(self.feasible_set.blocks)) if i not in varying)
 
     def parameters(self, coordinates: Vector) -> Vector:
         """δ at w."""
         return np.asarray(self.reference + self.directions @ (self.bounded_basis @ coordinates))
 
     def coordinates(self, parameters: Vector) -> Vector:
-        """W of parameters in the section."""
+        """W of parameters in the slice."""
         stacked = np.linalg.lstsq(self.directions, parameters - self.reference)[0]
         return np.asarray(self.bounded_basis.T @ stacked)
 
-    def is_seen(self, row: Vector) -> bool:
+    def is_constrained(self, row: Vector) -> bool:
         """Whether a combination c·δ depends on no direction that nothing bounds."""
-        along = (row @ self.free) @ self.unseen
-        size = float(np.abs(row).max(initial=0.0) * np.abs(self.free).max(initial=0.0))
+        along = (row @ self.unidentifiable) @ self.unconstrained
+        size = float(np.abs(row).max(initial=0.0) * np.abs(self.unidentifiable).max(initial=0.0))
         return bool(np.all(np.abs(along) <= 1e-9 * size))
 
-    def is_decided(self, row: Vector) -> bool:
-        """Whether a combination c·δ has the same value in the whole section."""
+    def is_identifiable(self, row: Vector) -> bool:
+        """Whether a combination c·δ has the same value in the whole slice."""
         along = row @ self.directions
         size = np.abs(row) @ np.abs(self.directions)
         return bool(np.all(np.abs(along) <= ROUNDING * size))
@@ -191,13 +191,13 @@ def null_space(matrix: Matrix) -> Matrix:
 
 
 def _within_equations(
-    feasible: FeasibleSet, reference: Vector, region: Matrix, free: Matrix
+    feasible_set: FeasibleSet, reference: Vector, region: Matrix, unidentifiable: Matrix
 ) -> tuple[Vector, Matrix, Matrix]:
-    """The part of a section in which the equations of the constraints hold."""
-    left, values = feasible.equation_matrix, feasible.equation_values
-    across = left @ free
+    """The part of a slice in which the equations of the constraints hold."""
+    left, values = feasible_set.equation_matrix, feasible_set.equation_values
+    across = left @ unidentifiable
     inverse = np.linalg.pinv(across, rcond=1e-10)
-    # What no free direction can mend restricts the region itself.
+    # What no unidentifiable direction can mend restricts the region itself.
     rest = np.eye(len(values)) - across @ inverse
     wall, missing = rest @ (left @ region), rest @ (values - left @ reference)
     inside = null_space(wall)
@@ -205,6 +205,6 @@ def _within_equations(
         shift = np.linalg.pinv(wall, rcond=1e-10) @ missing
         reference = reference + region @ shift
         region = region @ inside * np.sqrt(max(0.0, 1.0 - float(shift @ shift)))
-    reference = reference + free @ (inverse @ (values - left @ reference))
-    region = region - free @ (inverse @ (left @ region))
-    return reference, region, free @ null_space(across)
+    reference = reference + unidentifiable @ (inverse @ (values - left @ reference))
+    region = region - unidentifiable @ (inverse @ (left @ region))
+    return reference, region, unidentifiable @ null_space(across)

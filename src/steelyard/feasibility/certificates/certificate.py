@@ -51,13 +51,13 @@ class FeasibilityCertificate:
     given: Literal["base", "parameters"] = "base"
 
     @classmethod
-    def of_parameters(cls, feasible: FeasibleSet, parameters: Vector) -> "FeasibilityCertificate":
+    def of_parameters(cls, feasible_set: FeasibleSet, parameters: Vector) -> "FeasibilityCertificate":
         """The certificate that these very parameters are feasible, as the decimal numbers that they print.
 
         Its `base` holds the doubles that are nearest to the exact K δ.
         """
-        exact = _products(exact_conditions(feasible).base_map, exact_vector(parameters))
-        return cls(feasible, np.array([float(value) for value in exact]), parameters, "parameters")
+        exact = _products(exact_conditions(feasible_set).base_map, exact_vector(parameters))
+        return cls(feasible_set, np.array([float(value) for value in exact]), parameters, "parameters")
 
     @property
     def base_expressions(self) -> tuple[str, ...]:
@@ -145,7 +145,7 @@ class InfeasibilityCertificate:
     @classmethod
     def exact(
         cls,
-        feasible: FeasibleSet,
+        feasible_set: FeasibleSet,
         base: Vector,
         direction: Sequence[Fraction],
         dual: Mapping[int, ExactMatrix],
@@ -159,7 +159,7 @@ class InfeasibilityCertificate:
             Fraction(2) ** (total.numerator.bit_length() - total.denominator.bit_length()) if total > 0 else Fraction(1)
         )
         return cls(
-            feasible,
+            feasible_set,
             base,
             tuple(value / unit for value in direction),
             {index: [[value / unit for value in row] for row in matrix] for index, matrix in dual.items()},

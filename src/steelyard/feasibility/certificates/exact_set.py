@@ -48,39 +48,39 @@ def _condition(block: AffineBlock) -> MatrixCondition:
     )
 
 
-def exact_conditions(feasible: FeasibleSet) -> Statement:
+def exact_conditions(feasible_set: FeasibleSet) -> Statement:
     """The statement of a feasible set without a base parameter vector (zeros); made once for each set."""
-    found = _cache.get(feasible)
+    found = _cache.get(feasible_set)
     if found is None:
-        base = feasible.model.base_parameters()
-        K = feasible.K
+        base = feasible_set.model.base_parameters()
+        K = feasible_set.K
         rows = tuple({int(k): exact_number(row[k]) for k in np.flatnonzero(row)} for row in K)
         equations = []
-        for equality in feasible.equalities:
+        for equality in feasible_set.equalities:
             coefficients: dict[int, Fraction] = {}
             for index, value in zip(equality.indices, equality.coefficients, strict=True):
                 coefficients[int(index)] = coefficients.get(int(index), Fraction(0)) + exact_number(float(value))
             equation = Equation(equality.name, coefficients, exact_number(equality.value), Fraction(0))
             equations.append(replace(equation, tolerance=EQUATION_TOLERANCE * equation.scale))
-        names = tuple(str(name) for name in feasible.model.parameter_names)
+        names = tuple(str(name) for name in feasible_set.model.parameter_names)
         leading = tuple(names[i] for i in np.asarray(base.independent, dtype=np.intp))
         found = Statement(
-            robot=str(getattr(feasible.model.robot, "name", "robot")),
-            consistency=feasible.consistency,
+            robot=str(getattr(feasible_set.model.robot, "name", "robot")),
+            consistency=feasible_set.consistency,
             parameter_names=names,
             base_expressions=tuple(getattr(base, "expressions", leading)),
             base=(Fraction(0),) * len(K),
             base_map=rows,
-            conditions=tuple(_condition(block) for block in feasible.blocks),
+            conditions=tuple(_condition(block) for block in feasible_set.blocks),
             equations=tuple(equations),
         )
-        _cache[feasible] = found
+        _cache[feasible_set] = found
     return found
 
 
 def speaks_of(
     document: Mapping[str, Any],
-    feasible: FeasibleSet,
+    feasible_set: FeasibleSet,
     base: npt.NDArray[np.float64] | None = None,
     *,
     rounding: Fraction = Fraction(0),
@@ -95,7 +95,7 @@ def speaks_of(
     ----------
     document : mapping
         A certificate as plain data.
-    feasible : FeasibleSet
+    feasible_set : FeasibleSet
     base : (n_b,), optional
         Each must be the double that is nearest to the certificate's exact number.
     rounding : Fraction
@@ -103,7 +103,7 @@ def speaks_of(
         robot's own statement; otherwise it shows alone that it was made for the same robot, see `LAST_DIGITS`.
     """
     found = Statement.from_dict(document["statement"])
-    expected = exact_conditions(feasible)
+    expected = exact_conditions(feasible_set)
     for name in ("consistency", "parameter_names"):
         if getattr(found, name) != getattr(expected, name):
             return name.replace("_", " ")
@@ -156,6 +156,6 @@ def _same_equation(a: Equation, b: Equation, rounding: Fraction) -> bool:
     )
 
 
-def exact_statement(feasible: FeasibleSet, base: Sequence[Fraction]) -> Statement:
+def exact_statement(feasible_set: FeasibleSet, base: Sequence[Fraction]) -> Statement:
     """The question whether these base parameters are feasible."""
-    return replace(exact_conditions(feasible), base=tuple(base))
+    return replace(exact_conditions(feasible_set), base=tuple(base))

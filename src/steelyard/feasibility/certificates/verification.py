@@ -67,7 +67,7 @@ def body_matrix(inertial: Sequence[Fraction], consistency: str) -> Matrix:
     ]
 
 
-LEAST_REACH, LEAST_RELATIVE_REACH = 10**6, 10**4
+LEAST_TRACE_BOUND, LEAST_RELATIVE_TRACE_BOUND = 10**6, 10**4
 """A proof of infeasibility up to a size must reach this far, in kg and kg m², and this many times the largest base
 parameter: a robot beyond is none that anybody weighs. Below that, every robot is "infeasible"."""
 
@@ -83,7 +83,7 @@ class CertificateCheck:
         What is proved, or what is wrong.
     gap : float
         By how much the dual point contradicts feasibility; 0 for a witness.
-    reach : float
+    trace_bound : float
         Sum of the traces of the links' and terms' matrices (kg, kg m² and units of friction) up to which
         infeasibility is proved; infinite where it is proved without restriction.
     """
@@ -91,7 +91,7 @@ class CertificateCheck:
     valid: bool
     sentence: str
     gap: float = 0.0
-    reach: float = float("inf")
+    trace_bound: float = float("inf")
 
     def __bool__(self) -> bool:
         return self.valid
@@ -145,7 +145,7 @@ def verify_dual_point(
     Σ <D_b(δ), Z_b> = Σ <D_b0, Z_b> + yᵀβ - λᵀ E δ
 
     for all δ with K δ = β. The left side is not negative where Z_b ⪰ 0 and δ is feasible, so that a negative right side
-    proves infeasibility. With Z_b + shift 1 ⪰ 0 alone it proves it for all δ up to a size, the reach.
+    proves infeasibility. With Z_b + shift 1 ⪰ 0 alone it proves it for all δ up to a size, the trace bound.
 
     Parameters
     ----------
@@ -192,20 +192,20 @@ def verify_dual_point(
         return refused("its dual point does not contradict feasibility")
     gap = nearest_double(-value)
     if shift:
-        reach = nearest_double(-value / shift)
-        bound = f"the traces of their matrices add to less than {reach:.3g} (kg and kg m²)"
+        trace_bound = nearest_double(-value / shift)
+        bound = f"the traces of their matrices add to less than {trace_bound:.3g} (kg and kg m²)"
         largest = max((abs(number) for number in statement.base), default=Fraction(0))
-        if -value < shift * max(Fraction(LEAST_REACH), LEAST_RELATIVE_REACH * largest):
+        if -value < shift * max(Fraction(LEAST_TRACE_BOUND), LEAST_RELATIVE_TRACE_BOUND * largest):
             return refused(
-                f"it excludes only parameters as far as {bound}, and must reach {LEAST_REACH:.0e} and "
-                f"{LEAST_RELATIVE_REACH:.0e} times the largest base parameter"
+                f"it excludes only parameters as far as {bound}, and must reach {LEAST_TRACE_BOUND:.0e} and "
+                f"{LEAST_RELATIVE_TRACE_BOUND:.0e} times the largest base parameter"
             )
         return CertificateCheck(
             True,
             f"Proved in exact arithmetic, as far as {bound}: no parameters with these base parameters satisfy "
             f"{_stated(statement)}.",
             gap,
-            reach,
+            trace_bound,
         )
     return CertificateCheck(
         True,

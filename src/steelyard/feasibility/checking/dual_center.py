@@ -1,4 +1,4 @@
-"""Newton's method for the centre of the dual points: it meets a feasible point, or runs into a proof of none.
+"""Newton's method for the center of the dual points: it meets a feasible point, or runs into a proof of none.
 
 The function v(W) - Σ log det W_b, with v(W) = Σ <D_b(δ), W_b> for dual points W, has a minimum exactly where the base
 parameters are strictly feasible: there W_b⁻¹ = D_b(δ) for a δ in the middle of its fibre. Otherwise it falls without
@@ -20,7 +20,7 @@ from steelyard.lmi import AffineStack, symmetric_to_vector, vector_to_symmetric
 from ..feasible_set import FeasibleSet
 from .margin import BlockProblem, DualPoint
 
-__all__ = ["Centre", "Fibre", "Metric", "centre"]
+__all__ = ["Center", "Fibre", "Metric", "center"]
 
 Vector = npt.NDArray[np.float64]
 Matrix = npt.NDArray[np.float64]
@@ -31,23 +31,23 @@ class Fibre:
 
     Parameters
     ----------
-    feasible : FeasibleSet
+    feasible_set : FeasibleSet
     origin : (n,)
         A δ of the fibre; close to what is looked for, nothing large has to cancel.
     bases : tuple of (d, r)
         Of the face of the dual points.
     """
 
-    def __init__(self, feasible: FeasibleSet, origin: Vector, bases: tuple[Matrix, ...]) -> None:
-        problem = BlockProblem.of(feasible, origin, bases)
+    def __init__(self, feasible_set: FeasibleSet, origin: Vector, bases: tuple[Matrix, ...]) -> None:
+        problem = BlockProblem.of(feasible_set, origin, bases)
         stack = problem.stack
-        self.feasible, self.bases, self.stack, self.used = feasible, bases, stack, problem.used
-        self._equations = feasible.equation_matrix @ feasible.unidentifiable
+        self.feasible_set, self.bases, self.stack, self.used = feasible_set, bases, stack, problem.used
+        self._equations = feasible_set.equation_matrix @ feasible_set.unidentifiable
         directions: Matrix = np.eye(stack.parameter_count)
         self.origin = origin
         if len(self._equations):
-            values = feasible.equation_values - feasible.equation_matrix @ origin
-            self.origin = origin + feasible.unidentifiable @ np.linalg.lstsq(self._equations, values)[0]
+            values = feasible_set.equation_values - feasible_set.equation_matrix @ origin
+            self.origin = origin + feasible_set.unidentifiable @ np.linalg.lstsq(self._equations, values)[0]
             directions = linalg.null_space(self._equations)
         # Directions that leave no trace in the blocks drop out.
         columns = stack.coefficients @ directions
@@ -60,7 +60,7 @@ class Fibre:
             sizes = np.abs(np.diag(triangle))
             rank = int(np.sum(sizes > 1e-10 * sizes.max(initial=0.0)))
             steps = directions[:, order[:rank]]
-        self.directions = feasible.unidentifiable @ steps
+        self.directions = feasible_set.unidentifiable @ steps
         self.columns = stack.coefficients @ steps
 
     def blocks(self, parameters: Vector) -> tuple[Matrix, ...]:
@@ -68,7 +68,7 @@ class Fibre:
         found = []
         for index in self.used:
             basis = self.bases[index]
-            found.append(basis.T @ self.feasible.blocks[index].evaluate(parameters) @ basis)
+            found.append(basis.T @ self.feasible_set.blocks[index].evaluate(parameters) @ basis)
         return tuple(found)
 
     def matrices(self, point: DualPoint) -> tuple[Matrix, ...]:
@@ -77,7 +77,7 @@ class Fibre:
 
     def point(self, matrices: Sequence[Matrix]) -> DualPoint:
         """The dual point of W of the blocks that are used, with the multipliers of the equations that belong to it."""
-        full: list[Matrix] = [np.zeros((0, 0))] * len(self.feasible.blocks)
+        full: list[Matrix] = [np.zeros((0, 0))] * len(self.feasible_set.blocks)
         vector = np.zeros(self.columns.shape[0])
         for index, place, matrix in zip(self.used, self.stack.slices, matrices, strict=True):
             full[index] = matrix
@@ -189,7 +189,7 @@ LARGEST = 1e60
 
 
 @dataclass(frozen=True, eq=False)
-class Centre:
+class Center:
     """Where the iterations stopped.
 
     Attributes
@@ -209,7 +209,7 @@ class Centre:
     value: float
 
 
-def centre(fibre: Fibre, matrices: tuple[Matrix, ...], iterations: int) -> Centre | None:
+def center(fibre: Fibre, matrices: tuple[Matrix, ...], iterations: int) -> Center | None:
     """Iterate from a dual point inside the cone; None where rounding leads out of it.
 
     Parameters
@@ -247,7 +247,7 @@ def centre(fibre: Fibre, matrices: tuple[Matrix, ...], iterations: int) -> Centr
         matrices = tuple(
             matrix + length * change for matrix, change in zip(matrices, metric.expanded(step), strict=True)
         )
-    return Centre(matrices, parameters, inside, value)
+    return Center(matrices, parameters, inside, value)
 
 
 def _line_minimum(slope: float, eigenvalues: Vector, value: float) -> float:

@@ -14,12 +14,12 @@ from ..certificates import InfeasibilityCertificate
 from ..certificates.exact_set import exact_conditions, exact_vector
 from ..certificates.rational import SparseRows, exact_number, zero_combination_basis
 from ..certificates.statement import Matrix as ExactMatrix
-from ..certificates.verification import LEAST_REACH, LEAST_RELATIVE_REACH
+from ..certificates.verification import LEAST_RELATIVE_TRACE_BOUND, LEAST_TRACE_BOUND
 from ..feasible_set import FeasibleSet
 from .face import DualFace, dual_face, orthogonal
 from .margin import DualPoint
 
-__all__ = ["least_reach", "prove_infeasible", "prove_infeasible_up_to_a_size"]
+__all__ = ["least_trace_bound", "prove_infeasible", "prove_infeasible_up_to_a_size"]
 
 Vector = npt.NDArray[np.float64]
 Matrix = npt.NDArray[np.float64]
@@ -48,18 +48,18 @@ _cache: WeakKeyDictionary[FeasibleSet, _DualSpace] = WeakKeyDictionary()
 
 
 def prove_infeasible(
-    feasible: FeasibleSet, parameters: Vector, base: Vector, point: DualPoint, middle: DualPoint | None = None
+    feasible_set: FeasibleSet, parameters: Vector, base: Vector, point: DualPoint, middle: DualPoint | None = None
 ) -> InfeasibilityCertificate | None:
     """The certificate that a dual point amounts to, or None where it does not prove anything.
 
     The point is moved a little towards the middle of the face, as far as the contradiction allows, so that what
     rounding takes away leaves it semidefinite; then its free unknowns are taken as decimal numbers, and the others
     follow exactly. Where the face itself is not exact in decimals, the full matrices are repaired, at the price of a
-    finite reach.
+    finite trace bound.
 
     Parameters
     ----------
-    feasible : FeasibleSet
+    feasible_set : FeasibleSet
     parameters : (n,)
         Some δ with the base parameters β, such as P_b β; one near the middle of the fibre leaves little to cancel.
     base : (n_b,)
@@ -69,43 +69,43 @@ def prove_infeasible(
     middle : DualPoint, optional
         Inside the cone, and satisfying its equations; that of the face where absent.
     """
-    face = dual_face(feasible)
+    face = dual_face(feasible_set)
     middle = DualPoint(face.interior, face.multipliers) if middle is None else middle
-    value, middle_value = (_value(feasible, parameters, face, p) for p in (point, middle))
+    value, middle_value = (_value(feasible_set, parameters, face, p) for p in (point, middle))
     if not value < 0:
         return None
     unit = -value / middle_value if middle_value > 0 else 1.0
-    for candidate in (point, _projected(feasible, face, point)):
+    for candidate in (point, _projected(feasible_set, face, point)):
         for share in (0.3, 1e-3, 1e-6):
-            certificate = _on_the_face(feasible, face, _moved(candidate, middle, share * unit), base)
+            certificate = _on_the_face(feasible_set, face, _moved(candidate, middle, share * unit), base)
             if certificate is not None and certificate.verify():
                 return certificate
     best: tuple[float, InfeasibilityCertificate | None] = (0.0, None)
     for share in (0.3, 1e-4):
-        moved = _projected(feasible, face, _moved(point, middle, share * unit))
-        certificate = _beside_the_face(feasible, face, moved, base)
+        moved = _projected(feasible_set, face, _moved(point, middle, share * unit))
+        certificate = _beside_the_face(feasible_set, face, moved, base)
         verified = certificate.verify() if certificate is not None else None
-        if verified and verified.reach > best[0]:
-            best = (verified.reach, certificate)
+        if verified and verified.trace_bound > best[0]:
+            best = (verified.trace_bound, certificate)
     return best[1]
 
 
 def prove_infeasible_up_to_a_size(
-    feasible: FeasibleSet, point: DualPoint, base: Vector
+    feasible_set: FeasibleSet, point: DualPoint, base: Vector
 ) -> InfeasibilityCertificate | None:
     """The certificate that a dual point of the whole blocks amounts to, where it reaches far enough to count.
 
     Where the face is not seen clearly, as with axes a thousandth of a degree from parallel, nothing is asked of it.
     """
-    whole = tuple(np.eye(block.size) for block in feasible.blocks)
-    nothing = np.zeros(feasible.parameter_count)
-    certificate = _beside_the_face(feasible, DualFace(whole, (), whole, point.multipliers, nothing), point, base)
+    whole = tuple(np.eye(block.size) for block in feasible_set.blocks)
+    nothing = np.zeros(feasible_set.parameter_count)
+    certificate = _beside_the_face(feasible_set, DualFace(whole, (), whole, point.multipliers, nothing), point, base)
     return certificate if certificate is not None and certificate.verify() else None
 
 
-def least_reach(base: Vector) -> float:
+def least_trace_bound(base: Vector) -> float:
     """How far a proof up to a size must reach to count, in kg and kg m²."""
-    return max(LEAST_REACH, LEAST_RELATIVE_REACH * float(np.abs(base).max(initial=0.0)))
+    return max(LEAST_TRACE_BOUND, LEAST_RELATIVE_TRACE_BOUND * float(np.abs(base).max(initial=0.0)))
 
 
 def _moved(point: DualPoint, middle: DualPoint, step: float) -> DualPoint:
@@ -113,32 +113,32 @@ def _moved(point: DualPoint, middle: DualPoint, step: float) -> DualPoint:
     return DualPoint(matrices, point.multipliers + step * middle.multipliers)
 
 
-def _projected(feasible: FeasibleSet, face: DualFace, point: DualPoint) -> DualPoint:
-    return DualPoint(*orthogonal(feasible, face.bases, point.matrices, point.multipliers))
+def _projected(feasible_set: FeasibleSet, face: DualFace, point: DualPoint) -> DualPoint:
+    return DualPoint(*orthogonal(feasible_set, face.bases, point.matrices, point.multipliers))
 
 
-def _value(feasible: FeasibleSet, particular: Vector, face: DualFace, point: DualPoint) -> float:
+def _value(feasible_set: FeasibleSet, particular: Vector, face: DualFace, point: DualPoint) -> float:
     """Σ <D_b(δ), Z_b> + λ·(E δ - f), the same for all δ with the same base parameters."""
-    value = float(point.multipliers @ (feasible.equation_matrix @ particular - feasible.equation_values))
-    for block, basis, W in zip(feasible.blocks, face.bases, point.matrices, strict=True):
+    value = float(point.multipliers @ (feasible_set.equation_matrix @ particular - feasible_set.equation_values))
+    for block, basis, W in zip(feasible_set.blocks, face.bases, point.matrices, strict=True):
         value += float(np.sum((basis.T @ block.evaluate(particular) @ basis) * W))
     return value
 
 
-def _gradient(feasible: FeasibleSet, matrices: Sequence[Matrix], multipliers: Vector) -> Vector:
-    gradient = feasible.equation_matrix.T @ multipliers
-    for block, Z in zip(feasible.blocks, matrices, strict=True):
+def _gradient(feasible_set: FeasibleSet, matrices: Sequence[Matrix], multipliers: Vector) -> Vector:
+    gradient = feasible_set.equation_matrix.T @ multipliers
+    for block, Z in zip(feasible_set.blocks, matrices, strict=True):
         np.add.at(gradient, block.indices, np.einsum("cij,ij->c", block.coefficients, Z))
     return np.asarray(gradient)
 
 
 def _on_the_face(
-    feasible: FeasibleSet, face: DualFace, point: DualPoint, base: Vector
+    feasible_set: FeasibleSet, face: DualFace, point: DualPoint, base: Vector
 ) -> InfeasibilityCertificate | None:
-    space = _dual_space(feasible, face)
+    space = _dual_space(feasible_set, face)
     matrices = [U @ W @ U.T for U, W in zip(face.bases, point.matrices, strict=True)]
-    direction = _gradient(feasible, matrices, point.multipliers)[
-        np.asarray(feasible.model.base_parameters().independent)
+    direction = _gradient(feasible_set, matrices, point.multipliers)[
+        np.asarray(feasible_set.model.base_parameters().independent)
     ]
     floats = [float(point.matrices[b][i, j]) for b, i, j in space.places]
     scale = max((abs(value) for value in floats), default=0.0)
@@ -146,7 +146,7 @@ def _on_the_face(
         return None
     values = [exact_number(float(v)) for v in np.concatenate([floats, point.multipliers, direction]) / scale]
     found = space.complete(values)
-    count, equations = len(space.places), len(feasible.equalities)
+    count, equations = len(space.places), len(feasible_set.equalities)
     duals: dict[int, ExactMatrix] = {}
     small: dict[int, dict[tuple[int, int], Fraction]] = {}
     for (b, i, j), value in zip(space.places, found[:count], strict=True):
@@ -155,7 +155,7 @@ def _on_the_face(
         if any(elements.values()):
             duals[b] = _expanded(face.exact_bases[b], elements)
     return InfeasibilityCertificate.exact(
-        feasible, base, found[count + equations :], duals, found[count : count + equations], Fraction(0)
+        feasible_set, base, found[count + equations :], duals, found[count : count + equations], Fraction(0)
     )
 
 
@@ -172,10 +172,10 @@ def _expanded(basis: ExactMatrix, elements: dict[tuple[int, int], Fraction]) -> 
     ]
 
 
-def _dual_space(feasible: FeasibleSet, face: DualFace) -> _DualSpace:
-    found = _cache.get(feasible)
+def _dual_space(feasible_set: FeasibleSet, face: DualFace) -> _DualSpace:
+    found = _cache.get(feasible_set)
     if found is None:
-        conditions = exact_conditions(feasible)
+        conditions = exact_conditions(feasible_set)
         places: list[tuple[int, int, int]] = []
         rows: SparseRows = [{} for _ in conditions.parameter_names]
         for b, (condition, basis) in enumerate(zip(conditions.conditions, face.exact_bases, strict=True)):
@@ -204,23 +204,23 @@ def _dual_space(feasible: FeasibleSet, face: DualFace) -> _DualSpace:
         preference = [0] * len(places) + [2] * len(conditions.equations) + [1] * len(conditions.base_map)
         pivots, free = zero_combination_basis(rows, total, preference)
         found = _DualSpace(tuple(places), {k: dict(row) for k, row in pivots.items()}, free)
-        _cache[feasible] = found
+        _cache[feasible_set] = found
     return found
 
 
 def _beside_the_face(
-    feasible: FeasibleSet, face: DualFace, point: DualPoint, base: Vector
+    feasible_set: FeasibleSet, face: DualFace, point: DualPoint, base: Vector
 ) -> InfeasibilityCertificate | None:
     """Take y as it is and let the blocks of the links absorb the residual; the shift makes up for what they lose."""
-    conditions = exact_conditions(feasible)
+    conditions = exact_conditions(feasible_set)
     matrices = [U @ W @ U.T for U, W in zip(face.bases, point.matrices, strict=True)]
     scale = max((float(np.abs(Z).max(initial=0.0)) for Z in matrices), default=0.0)
     if not np.isfinite(scale) or scale == 0.0:
         return None
-    gradient = _gradient(feasible, [Z / scale for Z in matrices], point.multipliers / scale)
+    gradient = _gradient(feasible_set, [Z / scale for Z in matrices], point.multipliers / scale)
     direction, multipliers = _balanced(
-        feasible,
-        exact_vector(gradient[np.asarray(feasible.model.base_parameters().independent)]),
+        feasible_set,
+        exact_vector(gradient[np.asarray(feasible_set.model.base_parameters().independent)]),
         exact_vector(point.multipliers / scale),
     )
     rest = [Fraction(0)] * len(conditions.parameter_names)
@@ -244,7 +244,7 @@ def _beside_the_face(
     for b, condition in enumerate(conditions.conditions):
         if not condition.physical:
             continue
-        change = _absorb(feasible, b, [rest[k] for k in condition.coefficients])
+        change = _absorb(feasible_set, b, [rest[k] for k in condition.coefficients])
         if change is None:
             return None
         dual = duals[b]
@@ -258,17 +258,17 @@ def _beside_the_face(
         shift = max(shift, exact_number(max(0.0, -2.0 * smallest) + 1e-15 * largest))
     if any(rest):
         return None
-    return InfeasibilityCertificate.exact(feasible, base, direction, duals, multipliers, shift)
+    return InfeasibilityCertificate.exact(feasible_set, base, direction, duals, multipliers, shift)
 
 
 def _balanced(
-    feasible: FeasibleSet, direction: tuple[Fraction, ...], multipliers: tuple[Fraction, ...]
+    feasible_set: FeasibleSet, direction: tuple[Fraction, ...], multipliers: tuple[Fraction, ...]
 ) -> tuple[list[Fraction], list[Fraction]]:
     """y and λ, changed by rounding, that leave alone what no condition holds, such as an offset of a motor.
 
     Where such a parameter is a part of several base parameters, nothing else makes up for what rounding leaves of it.
     """
-    conditions = exact_conditions(feasible)
+    conditions = exact_conditions(feasible_set)
     held = {parameter for condition in conditions.conditions for parameter in condition.coefficients}
     rows: dict[int, dict[int, Fraction]] = {}
     for column, row in enumerate(conditions.base_map):
@@ -286,10 +286,10 @@ def _balanced(
     return found[: len(direction)], found[len(direction) :]
 
 
-def _absorb(feasible: FeasibleSet, index: int, residual: list[Fraction]) -> ExactMatrix | None:
+def _absorb(feasible_set: FeasibleSet, index: int, residual: list[Fraction]) -> ExactMatrix | None:
     """A symmetric matrix Z with <D_i, Z> = residual_i, from the dual basis of the coefficients; None where there is
     none."""
-    block = feasible.blocks[index]
+    block = feasible_set.blocks[index]
     size = block.size
     if not any(residual):
         return [[Fraction(0)] * size for _ in range(size)]

@@ -61,27 +61,27 @@ class DualFace:
     unseen: Vector
 
 
-def dual_face(feasible: FeasibleSet) -> DualFace:
+def dual_face(feasible_set: FeasibleSet) -> DualFace:
     """The face of a feasible set; it depends on the robot and the constraints alone, and is made once."""
-    found = _cache.get(feasible)
+    found = _cache.get(feasible_set)
     if found is None:
-        found = _dual_face(feasible)
-        _cache[feasible] = found
+        found = _dual_face(feasible_set)
+        _cache[feasible_set] = found
     return found
 
 
-def _dual_face(feasible: FeasibleSet) -> DualFace:
-    whole = [np.eye(block.size) for block in feasible.blocks]
-    stack = BlockProblem.of(feasible, np.zeros(feasible.parameter_count), whole).stack
-    middle = _middle(feasible, stack)
+def _dual_face(feasible_set: FeasibleSet) -> DualFace:
+    whole = [np.eye(block.size) for block in feasible_set.blocks]
+    stack = BlockProblem.of(feasible_set, np.zeros(feasible_set.parameter_count), whole).stack
+    middle = _middle(feasible_set, stack)
     if middle is None:  # nothing is known of the face: keep all of it
-        exact = tuple(_complement(block.size, np.zeros((0, block.size))) for block in feasible.blocks)
-        none = np.zeros(feasible.parameter_count)
-        return DualFace(tuple(whole), exact, tuple(whole), np.zeros(len(feasible.equalities)), none)
+        exact = tuple(_complement(block.size, np.zeros((0, block.size))) for block in feasible_set.blocks)
+        none = np.zeros(feasible_set.parameter_count)
+        return DualFace(tuple(whole), exact, tuple(whole), np.zeros(len(feasible_set.equalities)), none)
     duals, recession, multipliers = middle
     nulls = [_null_vectors(dual) for dual in duals]
     if any(len(null) for null in nulls):
-        polished, added = polished_pair(stack, _unseen(feasible), duals, recession)
+        polished, added = polished_pair(stack, _unseen(feasible_set), duals, recession)
         finer = [_null_vectors(dual) for dual in polished]
         if [len(null) for null in finer] == [len(null) for null in nulls]:
             duals, nulls, recession = polished, finer, added
@@ -91,29 +91,29 @@ def _dual_face(feasible: FeasibleSet) -> DualFace:
     ]
     inverses = [np.linalg.pinv(basis) if basis.shape[1] else basis.T for basis in bases]
     interior = tuple(inverse @ dual @ inverse.T for inverse, dual in zip(inverses, duals, strict=True))
-    nearest, factors = orthogonal(feasible, bases, interior, multipliers)
+    nearest, factors = orthogonal(feasible_set, bases, interior, multipliers)
     # Where the equations themselves are noise, as with axes that are parallel but for a thousandth, this leads astray.
     if _smallest(nearest) > 0.5 * _smallest(interior):
         interior, multipliers = nearest, factors
-    unseen = np.zeros(feasible.parameter_count)
+    unseen = np.zeros(feasible_set.parameter_count)
     if any(len(null) for null in nulls):
-        directions = _unseen(feasible)
+        directions = _unseen(feasible_set)
         blocks = np.concatenate([symmetric_to_vector(recession[index]) for index in stack.order])
         steps = np.linalg.lstsq(stack.coefficients @ directions, blocks, rcond=1e-10)[0]
-        unseen = feasible.unidentifiable @ (directions @ steps)
+        unseen = feasible_set.unidentifiable @ (directions @ steps)
     return DualFace(tuple(bases), tuple(exact_bases), tuple(interior), multipliers, unseen)
 
 
 def orthogonal(
-    feasible: FeasibleSet, bases: Sequence[Matrix], matrices: Sequence[Matrix], multipliers: Vector
+    feasible_set: FeasibleSet, bases: Sequence[Matrix], matrices: Sequence[Matrix], multipliers: Vector
 ) -> tuple[tuple[Matrix, ...], Vector]:
     """The nearest W and multipliers that satisfy the equations of a dual point to rounding.
 
     A solver satisfies them to its tolerance, relative to the largest numbers in them.
     """
-    problem = BlockProblem.of(feasible, np.zeros(feasible.parameter_count), bases)
+    problem = BlockProblem.of(feasible_set, np.zeros(feasible_set.parameter_count), bases)
     stack = problem.stack
-    equations = feasible.equation_matrix @ feasible.unidentifiable
+    equations = feasible_set.equation_matrix @ feasible_set.unidentifiable
     matrix = np.vstack([stack.coefficients.toarray(), equations]).T
     matrix /= np.maximum(np.linalg.norm(matrix, axis=1, keepdims=True), np.finfo(float).tiny)
     found = np.concatenate([np.zeros(len(stack.constant)), multipliers])
@@ -131,22 +131,24 @@ def _smallest(matrices: Sequence[Matrix]) -> float:
     return min((float(np.linalg.eigvalsh(matrix)[0]) for matrix in matrices if len(matrix)), default=0.0)
 
 
-def _unseen(feasible: FeasibleSet) -> Matrix:
+def _unseen(feasible_set: FeasibleSet) -> Matrix:
     """Directions that neither the motion nor the equations of constraints show, (n_d, ...)."""
-    count = feasible.unidentifiable.shape[1]
-    if not feasible.equalities:
+    count = feasible_set.unidentifiable.shape[1]
+    if not feasible_set.equalities:
         return np.eye(count)
-    return np.asarray(linalg.null_space(feasible.equation_matrix @ feasible.unidentifiable))
+    return np.asarray(linalg.null_space(feasible_set.equation_matrix @ feasible_set.unidentifiable))
 
 
-def _middle(feasible: FeasibleSet, stack: AffineStack) -> tuple[tuple[Matrix, ...], tuple[Matrix, ...], Vector] | None:
+def _middle(
+    feasible_set: FeasibleSet, stack: AffineStack
+) -> tuple[tuple[Matrix, ...], tuple[Matrix, ...], Vector] | None:
     """Maximise s subject to Z_b - s 1 ⪰ 0, Σ tr Z_b = 1, and the equations of a dual point.
 
     Returns Z_b; the blocks of mass that can be added without showing, where there is any; and the multipliers of the
     constraints' equations. None where the solver fails.
     """
     rows, count = len(stack.constant), stack.parameter_count
-    equations = feasible.equation_matrix @ feasible.unidentifiable
+    equations = feasible_set.equation_matrix @ feasible_set.unidentifiable
     extra = len(equations)
     A = sparse.vstack(
         [

@@ -27,7 +27,7 @@ class BlockProblem:
 
     Attributes
     ----------
-    feasible : FeasibleSet
+    feasible_set : FeasibleSet
     particular : (n,)
         P_b β, or another δ with K δ = β.
     used : tuple of int
@@ -36,7 +36,7 @@ class BlockProblem:
         As functions of δ_d.
     """
 
-    feasible: FeasibleSet
+    feasible_set: FeasibleSet
     particular: Vector
     used: tuple[int, ...]
     stack: AffineStack
@@ -44,7 +44,7 @@ class BlockProblem:
     @classmethod
     def of(
         cls,
-        feasible: FeasibleSet,
+        feasible_set: FeasibleSet,
         particular: Vector,
         bases: Sequence[Matrix],
         scalings: Sequence[Matrix] | None = None,
@@ -53,7 +53,7 @@ class BlockProblem:
 
         Parameters
         ----------
-        feasible : FeasibleSet
+        feasible_set : FeasibleSet
         particular : (n,)
             Some δ with the base parameters β, such as P_b β.
         bases : sequence of (d, r)
@@ -61,9 +61,9 @@ class BlockProblem:
         scalings : sequence of (r, r), optional
             C, with T = U C; unit matrices where absent.
         """
-        directions = feasible.unidentifiable
+        directions = feasible_set.unidentifiable
         used, blocks = [], []
-        for index, (block, basis) in enumerate(zip(feasible.blocks, bases, strict=True)):
+        for index, (block, basis) in enumerate(zip(feasible_set.blocks, bases, strict=True)):
             if not basis.shape[1]:
                 continue
             used.append(index)
@@ -76,21 +76,21 @@ class BlockProblem:
                 constant = _congruent(constant, scalings[index])
                 coefficients = _congruent(coefficients, scalings[index])
             blocks.append(AffineBlock(found.name, constant, found.indices, coefficients, found.kind))
-        return cls(feasible, particular, tuple(used), AffineStack(tuple(blocks), directions.shape[1]))
+        return cls(feasible_set, particular, tuple(used), AffineStack(tuple(blocks), directions.shape[1]))
 
     def parameters(self, dependent: Vector) -> Vector:
         """δ from δ_d."""
-        return self.feasible.project_on_equations(self.particular + self.feasible.unidentifiable @ dependent)
+        return self.feasible_set.project_on_equations(self.particular + self.feasible_set.unidentifiable @ dependent)
 
     def conic(self, slack: sparse.csc_array, cost: Vector, bounds: Matrix, trace_bound: float | None) -> ConicProblem:
         """Minimise costᵀ s subject to blocks + slack s ⪰ 0, bounds [s, 1] ≥ 0, the equations and the trace bound.
 
         The trace bound is on the sum of the traces of the blocks of links and terms.
         """
-        feasible, stack = self.feasible, self.stack
+        feasible_set, stack = self.feasible_set, self.stack
         unknowns, extra = stack.parameter_count, len(cost)
-        equations = feasible.equation_matrix @ feasible.unidentifiable
-        equation_values = feasible.equation_values - feasible.equation_matrix @ self.particular
+        equations = feasible_set.equation_matrix @ feasible_set.unidentifiable
+        equation_values = feasible_set.equation_values - feasible_set.equation_matrix @ self.particular
         trace, constant = np.zeros((0, unknowns)), np.zeros(0)
         if trace_bound is not None:
             trace, constant = np.zeros((1, unknowns)), np.array([trace_bound])
@@ -157,7 +157,7 @@ class Margin:
 
 
 def largest_margin(
-    feasible: FeasibleSet,
+    feasible_set: FeasibleSet,
     base: Vector,
     bases: Sequence[Matrix],
     scalings: Sequence[Matrix] | None = None,
@@ -168,7 +168,7 @@ def largest_margin(
 
     Parameters
     ----------
-    feasible : FeasibleSet
+    feasible_set : FeasibleSet
     base : (n_b,)
     bases : sequence of (d, r)
         U_b; unit matrices for the whole blocks.
@@ -182,7 +182,7 @@ def largest_margin(
     """
     if scalings is None:
         scalings = [np.eye(U.shape[1]) for U in bases]
-    problem = BlockProblem.of(feasible, feasible.lift @ base, bases, scalings)
+    problem = BlockProblem.of(feasible_set, feasible_set.lift @ base, bases, scalings)
     stack = problem.stack
     unit = sparse.csc_array(-stack.identity[:, None])
     cap = np.array([[-1.0, MARGIN_CAP]])
@@ -191,14 +191,14 @@ def largest_margin(
     matrices = dict(zip(problem.used, stack.matrices(solution.dual[start:]), strict=True))
     point = DualPoint(
         tuple(C @ matrices[b] @ C.T if b in matrices else np.zeros((0, 0)) for b, C in enumerate(scalings)),
-        -solution.dual[: len(feasible.equalities)],
+        -solution.dual[: len(feasible_set.equalities)],
     )
     if solution.outcome is Outcome.INFEASIBLE:
         return Margin(-np.inf, problem.parameters(np.zeros(stack.parameter_count)), point)
     return Margin(float(solution.primal[-1]), problem.parameters(solution.primal[:-1]), point)
 
 
-def least_violations(feasible: FeasibleSet, base: Vector) -> Vector:
+def least_violations(feasible_set: FeasibleSet, base: Vector) -> Vector:
     """Solve min Σ s_b subject to D_b(δ) + s_b 1 ⪰ 0, s_b ≥ 0, K δ = β: by how much each block is short.
 
     Returns
@@ -206,8 +206,10 @@ def least_violations(feasible: FeasibleSet, base: Vector) -> Vector:
     (blocks,)
         s_b, in the order of `FeasibleSet.blocks`.
     """
-    problem = BlockProblem.of(feasible, feasible.lift @ base, [np.eye(block.size) for block in feasible.blocks])
-    stack, count = problem.stack, len(feasible.blocks)
+    problem = BlockProblem.of(
+        feasible_set, feasible_set.lift @ base, [np.eye(block.size) for block in feasible_set.blocks]
+    )
+    stack, count = problem.stack, len(feasible_set.blocks)
     rows, columns = [], []
     for position, (block, place) in enumerate(zip(stack.blocks, stack.slices, strict=True)):
         rows.append(place.start + np.cumsum(np.arange(1, block.size + 1)) - 1)

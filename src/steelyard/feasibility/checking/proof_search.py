@@ -7,8 +7,8 @@ import numpy.typing as npt
 
 from ..certificates import FeasibilityCertificate, InfeasibilityCertificate
 from ..feasible_set import FeasibleSet
-from .dual_center import Fibre, centre
-from .exact_dual_point import least_reach, prove_infeasible, prove_infeasible_up_to_a_size
+from .dual_center import Fibre, center
+from .exact_dual_point import least_trace_bound, prove_infeasible, prove_infeasible_up_to_a_size
 from .face import dual_face
 from .margin import MARGIN_CAP, TRACE_BOUND, DualPoint, largest_margin
 from .witness import SCALED_ACCURACY, proved_witness, raised_witness, scaled_witness
@@ -23,7 +23,7 @@ TURNS, FIRST_STEPS, LATER_STEPS = 5, 40, 25
 
 FARTHEST = 1e6
 
-CAP_REACHED, BOUND_OF_REACH = 1e-6, 10.0
+CAP_REACHED, TRACE_BOUND_FACTOR = 1e-6, 10.0
 
 ADDITIONS = (0.0, 1e2, 1e4, 1e6, 1e8)
 """Mass beside the face, kg, with which a margin on the face is tried: 1e10 kg leave no digits of a margin of 1e-6."""
@@ -45,7 +45,7 @@ class Decision:
     margin: float
 
 
-def decide(feasible: FeasibleSet, base: Vector) -> Decision:
+def decide(feasible_set: FeasibleSet, base: Vector) -> Decision:
     """Look for parameters, and for a dual point, until one of them is a proof.
 
     The first tries are the largest margin of the blocks as they are, and on the face of the dual points. Where this
@@ -53,32 +53,32 @@ def decide(feasible: FeasibleSet, base: Vector) -> Decision:
     brought it to the middle, for a witness those in which the blocks near the best parameters so far are about unit
     matrices. What is small beside other links, or close to the boundary, then has the solver's full accuracy.
     """
-    whole = [np.eye(block.size) for block in feasible.blocks]
-    face = dual_face(feasible).bases
+    whole = [np.eye(block.size) for block in feasible_set.blocks]
+    face = dual_face(feasible_set).bases
     bound = TRACE_BOUND * max(1.0, float(np.abs(base).max(initial=0.0)))
-    first = largest_margin(feasible, base, whole, trace_bound=bound)
-    found = proved_witness(feasible, base, first.parameters)
+    first = largest_margin(feasible_set, base, whole, trace_bound=bound)
+    found = proved_witness(feasible_set, base, first.parameters)
     if found is not None and first.value >= MARGIN_CAP * (1 - CAP_REACHED):
         return Decision(found, first.value)
     # On the face no bound on the traces is needed, so that this is the largest margin of all robots, however heavy.
-    restricted = largest_margin(feasible, base, face, [_orthonormal(U) for U in face])
+    restricted = largest_margin(feasible_set, base, face, [_orthonormal(U) for U in face])
     margin = restricted.value if np.isfinite(restricted.value) else first.value
     if found is not None:
-        return Decision(found, max(first.value, min(margin, _attained(feasible, restricted.parameters))))
-    particular = feasible.lift @ base
+        return Decision(found, max(first.value, min(margin, _attained(feasible_set, restricted.parameters))))
+    particular = feasible_set.lift @ base
     if restricted.value < 0:
-        refuted = prove_infeasible(feasible, particular, base, restricted.point)
+        refuted = prove_infeasible(feasible_set, particular, base, restricted.point)
         if refuted is not None:
             return Decision(refuted, margin)
-    proof = _centred_proof(feasible, base)
+    proof = _centred_proof(feasible_set, base)
     if proof is not None:
         return Decision(proof, margin)
-    witness = scaled_witness(feasible, base, first.parameters)
+    witness = scaled_witness(feasible_set, base, first.parameters)
     if witness is not None or first.value >= 0:
         return Decision(witness, margin)
-    # The shift that makes up for rounding costs about half of the reach.
-    bounded = largest_margin(feasible, base, whole, trace_bound=BOUND_OF_REACH * least_reach(base))
-    return Decision(prove_infeasible_up_to_a_size(feasible, bounded.point, base), min(margin, bounded.value))
+    # The shift that makes up for rounding costs about half of the trace bound.
+    bounded = largest_margin(feasible_set, base, whole, trace_bound=TRACE_BOUND_FACTOR * least_trace_bound(base))
+    return Decision(prove_infeasible_up_to_a_size(feasible_set, bounded.point, base), min(margin, bounded.value))
 
 
 def _orthonormal(basis: Matrix) -> Matrix:
@@ -90,32 +90,32 @@ def _orthonormal(basis: Matrix) -> Matrix:
     return np.asarray(np.linalg.inv(np.linalg.qr(basis)[1])) if basis.shape[1] else np.zeros((0, 0))
 
 
-def _attained(feasible: FeasibleSet, parameters: Vector) -> float:
+def _attained(feasible_set: FeasibleSet, parameters: Vector) -> float:
     """The largest margin that parameters have, with mass added beside the face that does not show.
 
     The face is known to the accuracy of floating point, so a margin on it counts where some robot has it.
     """
-    unseen = dual_face(feasible).unseen
+    unseen = dual_face(feasible_set).unseen
     return max(
-        float(feasible.stack.smallest_eigenvalues(parameters + amount * unseen).min(initial=np.inf))
+        float(feasible_set.stack.smallest_eigenvalues(parameters + amount * unseen).min(initial=np.inf))
         for amount in ADDITIONS
     )
 
 
-def _centred_proof(feasible: FeasibleSet, base: Vector) -> InfeasibilityCertificate | FeasibilityCertificate | None:
+def _centred_proof(feasible_set: FeasibleSet, base: Vector) -> InfeasibilityCertificate | FeasibilityCertificate | None:
     """A proof of either by Newton's method and margins in its metric; None where neither was met."""
-    face = dual_face(feasible)
-    fibre = Fibre(feasible, feasible.lift @ base, face.bases)
+    face = dual_face(feasible_set)
+    fibre = Fibre(feasible_set, feasible_set.lift @ base, face.bases)
     matrices = fibre.matrices(DualPoint(face.interior, face.multipliers))
     for turn in range(TURNS):
-        found = centre(fibre, matrices, FIRST_STEPS if turn == 0 else LATER_STEPS)
+        found = center(fibre, matrices, FIRST_STEPS if turn == 0 else LATER_STEPS)
         if found is None:
             return None
         if found.feasible:
-            return raised_witness(feasible, base, found.parameters)
+            return raised_witness(feasible_set, base, found.parameters)
         middle = fibre.point(found.matrices)
         if found.value < 0:
-            proof = prove_infeasible(feasible, found.parameters, base, middle, middle)
+            proof = prove_infeasible(feasible_set, found.parameters, base, middle, middle)
             if proof is not None:
                 return proof
         try:
@@ -125,15 +125,15 @@ def _centred_proof(feasible: FeasibleSet, base: Vector) -> InfeasibilityCertific
         blocks = metric.stacked(fibre.blocks(found.parameters))
         margin, along, dual = metric.largest_margin(blocks, MARGIN_CAP, SCALED_ACCURACY)
         if margin > 0:
-            return raised_witness(feasible, base, found.parameters + fibre.directions @ metric.along(along))
+            return raised_witness(feasible_set, base, found.parameters + fibre.directions @ metric.along(along))
         point = fibre.point(metric.expanded(dual))
-        proof = prove_infeasible(feasible, found.parameters, base, point, middle)
+        proof = prove_infeasible(feasible_set, found.parameters, base, point, middle)
         if proof is not None:
             return proof
         parameters = found.parameters + fibre.directions @ metric.along(along)
-        fibre = Fibre(feasible, parameters if np.all(np.isfinite(parameters)) else found.parameters, face.bases)
+        fibre = Fibre(feasible_set, parameters if np.all(np.isfinite(parameters)) else found.parameters, face.bases)
         # As far towards the solver's point as the cone allows.
         lowest = min(float(np.linalg.eigvalsh(matrix)[0]) for matrix in metric.stack.matrices(dual))
-        reach = min(FARTHEST, 0.5 / max(-lowest, 1e-16))
-        matrices = tuple(W + reach * V for W, V in zip(found.matrices, metric.expanded(dual), strict=True))
+        farthest = min(FARTHEST, 0.5 / max(-lowest, 1e-16))
+        matrices = tuple(W + farthest * V for W, V in zip(found.matrices, metric.expanded(dual), strict=True))
     return None

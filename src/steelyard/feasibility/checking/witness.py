@@ -31,32 +31,32 @@ SHORT_DECIMAL, MAP_ACCURACY = 10**10, 1e-13
 _cache: WeakKeyDictionary[FeasibleSet, Matrix] = WeakKeyDictionary()
 
 
-def proved_witness(feasible: FeasibleSet, base: Vector, parameters: Vector) -> FeasibilityCertificate | None:
+def proved_witness(feasible_set: FeasibleSet, base: Vector, parameters: Vector) -> FeasibilityCertificate | None:
     """The certificate that parameters amount to, or None where they do not prove anything."""
     if not np.all(np.isfinite(parameters)):
         return None
     # Far from definite, exact arithmetic is not needed to see it.
-    for block, smallest in zip(feasible.blocks, feasible.stack.smallest_eigenvalues(parameters), strict=True):
+    for block, smallest in zip(feasible_set.blocks, feasible_set.stack.smallest_eigenvalues(parameters), strict=True):
         if smallest < -1e-9 * max(1.0, float(np.abs(block.evaluate(parameters)).max(initial=0.0))):
             return None
-    if not _beyond_rounding(feasible, parameters):
+    if not _beyond_rounding(feasible_set, parameters):
         return None
-    certificate = FeasibilityCertificate(feasible, base, parameters)
+    certificate = FeasibilityCertificate(feasible_set, base, parameters)
     return certificate if certificate.verify() else None
 
 
-def _beyond_rounding(feasible: FeasibleSet, parameters: Vector) -> bool:
+def _beyond_rounding(feasible_set: FeasibleSet, parameters: Vector) -> bool:
     """Whether the blocks stay definite for all maps K that round to the one given.
 
     Elements of K that are no short decimals are rounded. Parameters of tonnes could make a robot of grams possible that
     is not, by what rounding leaves of terms that cancel.
     """
-    change = _rounding_of_map(feasible) @ np.abs(parameters)
+    change = _rounding_of_map(feasible_set) @ np.abs(parameters)
     if not np.any(change):
         return True
-    affected = np.zeros(feasible.parameter_count)
-    affected[np.asarray(feasible.model.base_parameters().independent, dtype=np.intp)] = change
-    for block in feasible.blocks:
+    affected = np.zeros(feasible_set.parameter_count)
+    affected[np.asarray(feasible_set.model.base_parameters().independent, dtype=np.intp)] = change
+    for block in feasible_set.blocks:
         norms = np.abs(block.coefficients).sum(axis=2).max(axis=1)
         loss = float(affected[block.indices] @ norms)
         if loss > 0 and block.size > 1 and block.smallest_eigenvalue(parameters) <= loss:
@@ -64,28 +64,28 @@ def _beyond_rounding(feasible: FeasibleSet, parameters: Vector) -> bool:
     return True
 
 
-def _rounding_of_map(feasible: FeasibleSet) -> Matrix:
+def _rounding_of_map(feasible_set: FeasibleSet) -> Matrix:
     """Bound on the rounding errors of the elements of K."""
-    found = _cache.get(feasible)
+    found = _cache.get(feasible_set)
     if found is None:
-        found = np.zeros_like(feasible.K)
-        for i, j in zip(*np.nonzero(feasible.K), strict=True):
-            value = float(feasible.K[i, j])
+        found = np.zeros_like(feasible_set.K)
+        for i, j in zip(*np.nonzero(feasible_set.K), strict=True):
+            value = float(feasible_set.K[i, j])
             if exact_number(value).denominator > SHORT_DECIMAL:
                 found[i, j] = MAP_ACCURACY * abs(value)
-        _cache[feasible] = found
+        _cache[feasible_set] = found
     return found
 
 
-def raised_witness(feasible: FeasibleSet, base: Vector, parameters: Vector) -> FeasibilityCertificate | None:
+def raised_witness(feasible_set: FeasibleSet, base: Vector, parameters: Vector) -> FeasibilityCertificate | None:
     """Add mass that does not show until blocks that are definite on the face of the dual points are definite.
 
     With U on the face and V beside it, D = [[D_UU, D_UV], [D_VU, D_VV + s G]] is positive definite for s large enough,
     since D_UU is.
     """
-    face = dual_face(feasible)
+    face = dual_face(feasible_set)
     amount = 0.0
-    for block, U in zip(feasible.blocks, face.bases, strict=True):
+    for block, U in zip(feasible_set.blocks, face.bases, strict=True):
         size, rank = U.shape
         if rank == size:
             continue
@@ -107,29 +107,29 @@ def raised_witness(feasible: FeasibleSet, base: Vector, parameters: Vector) -> F
     for factor in (1.1, 3.0, 30.0, 1e3):
         if factor * amount > LARGEST_ADDITION:
             break
-        found = proved_witness(feasible, base, parameters + factor * amount * face.unseen)
+        found = proved_witness(feasible_set, base, parameters + factor * amount * face.unseen)
         if found is not None:
             return found
     return None
 
 
-def scaled_witness(feasible: FeasibleSet, base: Vector, parameters: Vector) -> FeasibilityCertificate | None:
+def scaled_witness(feasible_set: FeasibleSet, base: Vector, parameters: Vector) -> FeasibilityCertificate | None:
     """Parameters inside the set, from margins of blocks that are scaled at the best parameters so far."""
-    whole = [np.eye(block.size) for block in feasible.blocks]
+    whole = [np.eye(block.size) for block in feasible_set.blocks]
     for floor in FLOORS:
-        scalings = _scalings(feasible, whole, parameters, floor)
-        found = largest_margin(feasible, base, whole, scalings, 1e6 * len(whole), SCALED_ACCURACY)
-        certificate = proved_witness(feasible, base, found.parameters)
+        scalings = _scalings(feasible_set, whole, parameters, floor)
+        found = largest_margin(feasible_set, base, whole, scalings, 1e6 * len(whole), SCALED_ACCURACY)
+        certificate = proved_witness(feasible_set, base, found.parameters)
         if certificate is not None:
             return certificate
         parameters = found.parameters
     return None
 
 
-def _scalings(feasible: FeasibleSet, bases: Sequence[Matrix], parameters: Vector, floor: float) -> list[Matrix]:
+def _scalings(feasible_set: FeasibleSet, bases: Sequence[Matrix], parameters: Vector, floor: float) -> list[Matrix]:
     """C_b with C_bᵀ U_bᵀ |D_b(δ)| U_b C_b = 1, where eigenvalues below `floor` times the largest count as that."""
     found = []
-    for block, U in zip(feasible.blocks, bases, strict=True):
+    for block, U in zip(feasible_set.blocks, bases, strict=True):
         values, vectors = np.linalg.eigh(U.T @ block.evaluate(parameters) @ U)
         size = np.abs(values)
         largest = float(size.max(initial=0.0)) or 1.0

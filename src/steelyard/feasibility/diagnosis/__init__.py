@@ -8,6 +8,6 @@ if TYPE_CHECKING:
     from .explanation import BaseParameterDegree as BaseParameterDegree
     from .explanation import InfeasibilityExplanation as InfeasibilityExplanation
     from .explanation import explain_infeasibility as explain_infeasibility
-    from .irreducible_subsystem import Conflict as Conflict
+    from .irreducible_subsystem import IrreducibleInfeasibleSubsystem as IrreducibleInfeasibleSubsystem
 
 __all__ = import_at_first_use(__name__, __file__)

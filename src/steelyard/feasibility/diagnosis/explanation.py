@@ -18,7 +18,7 @@ from ..check import check
 from ..feasible_set import FeasibleSet
 from ..nearest_point import nearest_in_region
 from ..wording import base_expressions, base_names, combination, html_table, percent, plain, text_table
-from .irreducible_subsystem import Conflict, find_conflicts
+from .irreducible_subsystem import IrreducibleInfeasibleSubsystem, irreducible_infeasible_subsystems
 
 __all__ = [
     "BaseParameterDegree",
@@ -31,7 +31,7 @@ __all__ = [
 Vector = npt.NDArray[np.float64]
 
 ABSENT = 1e-7
-"""A base parameter with less weight than this in a conflict cannot end it."""
+"""A base parameter with less weight than this in a contradiction cannot end it."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -77,38 +77,44 @@ class BaseParameterDegree:
 
 
 def change_alone(
-    feasible: FeasibleSet, base: Vector, index: int, conflicts: tuple[Conflict, ...], solver: str
+    feasible_set: FeasibleSet,
+    base: Vector,
+    index: int,
+    subsystems: tuple[IrreducibleInfeasibleSubsystem, ...],
+    solver: str,
 ) -> float:
     """The smallest change of one base parameter that makes all of them feasible; infinite where there is none.
 
     Parameters
     ----------
-    feasible : FeasibleSet
+    feasible_set : FeasibleSet
     base : (n_b,)
     index : int
-    conflicts : tuple of Conflict
+    subsystems : tuple of IrreducibleInfeasibleSubsystem
         Of these base parameters; each must end.
     solver : str
     """
-    if not conflicts:
+    if not subsystems:
         return 0.0
-    weights = np.array([conflict.direction[index] for conflict in conflicts])
+    weights = np.array([subsystem.direction[index] for subsystem in subsystems])
     if np.any(np.abs(weights) < ABSENT) or np.any(np.sign(weights) != np.sign(weights[0])):
         return float("inf")
     sign = float(np.sign(weights[0]))
-    stack, unit = feasible.stack, sign * feasible.lift[:, index]
-    needed = max((conflict.threshold - conflict.value) / abs(w) for conflict, w in zip(conflicts, weights, strict=True))
-    # In units of what the conflicts tell to be necessary.
-    directions = np.hstack([needed * unit[:, None], feasible.unidentifiable])
-    reference, count = feasible.lift @ base, directions.shape[1]
+    stack, unit = feasible_set.stack, sign * feasible_set.lift[:, index]
+    needed = max(
+        (subsystem.threshold - subsystem.value) / abs(w) for subsystem, w in zip(subsystems, weights, strict=True)
+    )
+    # In units of what the contradictions tell to be necessary.
+    directions = np.hstack([needed * unit[:, None], feasible_set.unidentifiable])
+    reference, count = feasible_set.lift @ base, directions.shape[1]
     coefficients = stack.coefficients @ directions
     values = stack.constant + stack.coefficients @ reference
-    equations = feasible.equation_matrix @ directions
+    equations = feasible_set.equation_matrix @ directions
     problem = ConicProblem(
         P=sparse.csc_array((count, count)),
         q=np.concatenate([[1.0], np.zeros(count - 1)]),
         A=sparse.csc_array(np.vstack([equations, -coefficients])),
-        b=np.concatenate([feasible.equation_values - feasible.equation_matrix @ reference, values]),
+        b=np.concatenate([feasible_set.equation_values - feasible_set.equation_matrix @ reference, values]),
         cones=(
             Cone("zero", len(equations)),
             Cone("nonnegative", stack.scalar_count),
@@ -123,15 +129,15 @@ def change_alone(
     ):
         return float("inf")
     left = values + coefficients @ solution.primal
-    if _smallest_eigenvalue(feasible, left) < -1e-4 * needed * float(
+    if _smallest_eigenvalue(feasible_set, left) < -1e-4 * needed * float(
         np.abs(stack.coefficients @ unit).max(initial=0.0)
     ):
         return float("inf")
     return float(sign * needed * solution.primal[0])
 
 
-def _smallest_eigenvalue(feasible: FeasibleSet, stacked: Vector) -> float:
-    return min((float(np.linalg.eigvalsh(D)[0]) for D in feasible.stack.matrices(stacked)), default=0.0)
+def _smallest_eigenvalue(feasible_set: FeasibleSet, stacked: Vector) -> float:
+    return min((float(np.linalg.eigvalsh(D)[0]) for D in feasible_set.stack.matrices(stacked)), default=0.0)
 
 
 def rank_correlation(first: Vector, second: Vector) -> tuple[float, float]:
@@ -177,7 +183,7 @@ class InfeasibilityExplanation:
         Largest margin (`Verdict.margin`).
     shares : tuple of (str, float)
         Conditions that keep the estimate out, with their shares in the squared distance, largest first.
-    conflicts : tuple of Conflict
+    subsystems : tuple of IrreducibleInfeasibleSubsystem
         Small sets of conditions that contradict each other. No condition is in two of them, and without them the rest
         can hold.
     degrees : tuple of BaseParameterDegree
@@ -202,7 +208,7 @@ class InfeasibilityExplanation:
     status: str
     margin: float
     shares: tuple[tuple[str, float], ...]
-    conflicts: tuple[Conflict, ...]
+    subsystems: tuple[IrreducibleInfeasibleSubsystem, ...]
     degrees: tuple[BaseParameterDegree, ...]
     distance: float
     probability: float | None
@@ -223,12 +229,12 @@ class InfeasibilityExplanation:
                 f"It cannot be told whether the estimate is feasible {kind}: it is too close to the boundary (margin "
                 f"{self.margin:.3g}).",
             )
-        count = len(self.conflicts)
+        count = len(self.subsystems)
         several = f", for {count} reasons that have no condition in common" if count > 1 else ", for one reason"
         found = [f"The estimate is infeasible {kind}{several if count else ', by very little'}."]
         names = [degree.name for degree in self.degrees]
-        for number, conflict in enumerate(self.conflicts, start=1):
-            found.append(f"{number}. {conflict}: {_in_words(conflict, self.base, names)}.")
+        for number, subsystem in enumerate(self.subsystems, start=1):
+            found.append(f"{number}. {subsystem}: {_in_words(subsystem, self.base, names)}.")
         if self.region is None:
             found.append(f"The nearest feasible base parameters lie {plain(self.distance)} away.")
         else:
@@ -302,15 +308,15 @@ class InfeasibilityExplanation:
             "correlation": number(self.correlation),
             "chance": number(self.chance),
             "shares": [{"name": name, "share": share} for name, share in self.shares],
-            "conflicts": [
+            "subsystems": [
                 {
-                    "conditions": list(conflict.conditions),
-                    "shares": [number(share) for share in conflict.shares],
-                    "direction": conflict.direction.tolist(),
-                    "value": conflict.value,
-                    "threshold": conflict.threshold,
+                    "conditions": list(subsystem.conditions),
+                    "shares": [number(share) for share in subsystem.shares],
+                    "direction": subsystem.direction.tolist(),
+                    "value": subsystem.value,
+                    "threshold": subsystem.threshold,
                 }
-                for conflict in self.conflicts
+                for subsystem in self.subsystems
             ],
             "degrees": [
                 {
@@ -329,18 +335,18 @@ class InfeasibilityExplanation:
         }
 
 
-def _in_words(conflict: Conflict, base: Vector, names: list[str]) -> str:
+def _in_words(subsystem: IrreducibleInfeasibleSubsystem, base: Vector, names: list[str]) -> str:
     """The combination that is impossible, with its largest terms."""
-    parts = np.abs(conflict.direction * base)
+    parts = np.abs(subsystem.direction * base)
     order = np.argsort(-parts, kind="stable")
     kept = [i for i in order if parts[i] > 1e-3 * parts.max(initial=0.0)]
-    text = combination(conflict.direction[kept], [names[i] for i in kept], most=4)
-    least = "negative" if abs(conflict.threshold) < 1e-12 else f"below {plain(conflict.threshold)}"
-    return f"{text} is {plain(conflict.value)}, and in no robot {least}"
+    text = combination(subsystem.direction[kept], [names[i] for i in kept], most=4)
+    least = "negative" if abs(subsystem.threshold) < 1e-12 else f"below {plain(subsystem.threshold)}"
+    return f"{text} is {plain(subsystem.value)}, and in no robot {least}"
 
 
 def explain_infeasibility(
-    feasible: FeasibleSet,
+    feasible_set: FeasibleSet,
     base: npt.ArrayLike | None = None,
     *,
     information: Any = None,
@@ -352,7 +358,7 @@ def explain_infeasibility(
 
     Parameters
     ----------
-    feasible : FeasibleSet
+    feasible_set : FeasibleSet
     base : (n_b,), optional
         The estimate; least squares where `information` is given.
     information : Information, optional
@@ -393,12 +399,12 @@ def explain_infeasibility(
     1. body of link1 cannot hold by itself: Lzz1 is -0.6, and in no robot negative.
     """
     with one_thread():
-        region = region_of(feasible, base, information, covariance, weights)
+        region = region_of(feasible_set, base, information, covariance, weights)
         if region is None and base is None:
             raise InputError("nothing is given of the estimate; give it as base=, or data as information=.")
-        beta = region.base if region is not None else feasible.as_base(base if base is not None else ())
-        verdict = check(feasible, base=beta)
-        names = tuple(zip(base_names(feasible), base_expressions(feasible), strict=True))
+        beta = region.base if region is not None else feasible_set.as_base(base if base is not None else ())
+        verdict = check(feasible_set, base=beta)
+        names = tuple(zip(base_names(feasible_set), base_expressions(feasible_set), strict=True))
         count = len(beta)
         deviation = region.covariance.standard_error if region is not None else np.full(count, np.nan)
         if verdict.feasible is not False:
@@ -410,7 +416,7 @@ def explain_infeasibility(
                 status=verdict.status,
                 margin=verdict.margin,
                 shares=(),
-                conflicts=(),
+                subsystems=(),
                 degrees=degrees,
                 distance=0.0,
                 probability=None if region is None else 0.0,
@@ -419,18 +425,20 @@ def explain_infeasibility(
                 chance=None,
                 base=beta,
                 nearest=beta,
-                consistency=feasible.consistency,
+                consistency=feasible_set.consistency,
             )
         axes, unknown = (region.axes, region.unknown) if region is not None else (np.eye(count), np.zeros((count, 0)))
-        nearest = nearest_in_region(feasible, beta, axes, unknown, solver)
-        corrected = feasible.K @ nearest.parameters
+        nearest = nearest_in_region(feasible_set, beta, axes, unknown, solver)
+        corrected = feasible_set.K @ nearest.parameters
         change = corrected - beta
         measure = np.eye(count) if region is None else region.in_deviations()
         pulled = measure.T @ (measure @ change)
         squared = float(change @ pulled)
         shares = change * pulled / squared if squared > 0 else np.zeros(count)
-        conflicts = find_conflicts(feasible, beta)
-        alone = [change_alone(feasible, beta, i, conflicts, solver) if conflicts else math.inf for i in range(count)]
+        subsystems = irreducible_infeasible_subsystems(feasible_set, beta)
+        alone = [
+            change_alone(feasible_set, beta, i, subsystems, solver) if subsystems else math.inf for i in range(count)
+        ]
     kept = [i for i in np.argsort(-nearest.shares) if nearest.shares[i] > SMALLEST_SHARE]
     degrees = tuple(
         BaseParameterDegree(*name, *(float(value) for value in values))
@@ -440,8 +448,8 @@ def explain_infeasibility(
     return InfeasibilityExplanation(
         status=verdict.status,
         margin=verdict.margin,
-        shares=tuple((feasible.blocks[i].name, float(nearest.shares[i])) for i in kept),
-        conflicts=conflicts,
+        shares=tuple((feasible_set.blocks[i].name, float(nearest.shares[i])) for i in kept),
+        subsystems=subsystems,
         degrees=degrees,
         distance=math.sqrt(max(squared, 0.0)),
         probability=None if region is None else region.probability(math.sqrt(max(squared, 0.0))),
@@ -450,7 +458,7 @@ def explain_infeasibility(
         chance=chance,
         base=beta,
         nearest=corrected,
-        consistency=feasible.consistency,
+        consistency=feasible_set.consistency,
     )
 
 

@@ -1,4 +1,4 @@
-"""Which conditions contradict each other: small sets of them that no parameters satisfy together."""
+"""Which conditions contradict each other: irreducible infeasible subsystems, which no parameters satisfy together."""
 
 from dataclasses import dataclass, field
 
@@ -11,7 +11,7 @@ from steelyard.lmi import AffineStack, symmetric_to_vector
 
 from ..feasible_set import FeasibleSet
 
-__all__ = ["Conflict", "find_conflicts", "separation"]
+__all__ = ["IrreducibleInfeasibleSubsystem", "irreducible_infeasible_subsystems", "separation"]
 
 Vector = npt.NDArray[np.float64]
 Matrix = npt.NDArray[np.float64]
@@ -23,11 +23,11 @@ TAKES_PART = 1e-6
 """Share of a condition in a contradiction below which it takes no part."""
 
 MOST = 50
-"""Conflicts that are looked for."""
+"""Subsystems that are looked for."""
 
 
 @dataclass(frozen=True, eq=False)
-class Conflict:
+class IrreducibleInfeasibleSubsystem:
     """Conditions that no parameters with these base parameters satisfy together, but without any one of them some do.
 
     For every robot that satisfies them, direction · β is at least `threshold`; here it is `value`, which is less.
@@ -73,7 +73,7 @@ class Separation:
     multipliers: dict[int, float]
 
 
-def separation(feasible: FeasibleSet, base: Vector, blocks: list[int], equations: list[int]) -> Separation | None:
+def separation(feasible_set: FeasibleSet, base: Vector, blocks: list[int], equations: list[int]) -> Separation | None:
     """Why no δ with K δ = β satisfies some of the conditions; None where there is no clear reason.
 
     Minimise Σ <D_b(δ), Z_b> over Z_b ⪰ 0 with traces that add to 1 and whose product with D(δ) is the same for all δ
@@ -81,12 +81,12 @@ def separation(feasible: FeasibleSet, base: Vector, blocks: list[int], equations
     """
     if not blocks:
         return None
-    particular = feasible.lift @ base
-    stack = AffineStack(tuple(feasible.blocks[i] for i in blocks), feasible.parameter_count)
-    rows = np.asarray(stack.coefficients @ feasible.unidentifiable)
+    particular = feasible_set.lift @ base
+    stack = AffineStack(tuple(feasible_set.blocks[i] for i in blocks), feasible_set.parameter_count)
+    rows = np.asarray(stack.coefficients @ feasible_set.unidentifiable)
     values = stack.constant + stack.coefficients @ particular
-    left = feasible.equation_matrix[equations] @ feasible.unidentifiable
-    missing = feasible.equation_matrix[equations] @ particular - feasible.equation_values[equations]
+    left = feasible_set.equation_matrix[equations] @ feasible_set.unidentifiable
+    missing = feasible_set.equation_matrix[equations] @ particular - feasible_set.equation_values[equations]
     count, extra = len(values), len(equations)
     # Each block in units of its own numbers, which changes the shares but not the sign.
     units = np.ones(count)
@@ -125,46 +125,48 @@ def separation(feasible: FeasibleSet, base: Vector, blocks: list[int], equations
     )
 
 
-def find_conflicts(feasible: FeasibleSet, base: Vector) -> tuple[Conflict, ...]:
-    """Sets of conditions that conflict, no condition in two of them; after the last one the rest can hold together.
+def irreducible_infeasible_subsystems(
+    feasible_set: FeasibleSet, base: Vector
+) -> tuple[IrreducibleInfeasibleSubsystem, ...]:
+    """Irreducible infeasible subsystems, no condition in two of them; after the last one the rest can hold together.
 
     Each is found by leaving out one condition after the other, as long as what is left still conflicts.
 
     Parameters
     ----------
-    feasible : FeasibleSet
+    feasible_set : FeasibleSet
     base : (n_b,)
     """
-    blocks = list(range(len(feasible.blocks)))
-    equations = list(range(len(feasible.equalities)))
-    found: list[Conflict] = []
-    # A condition that β alone decides is a conflict of its own.
-    for index in _violated_alone(feasible, base):
-        reason = separation(feasible, base, [index], [])
+    blocks = list(range(len(feasible_set.blocks)))
+    equations = list(range(len(feasible_set.equalities)))
+    found: list[IrreducibleInfeasibleSubsystem] = []
+    # A condition that β alone decides is a subsystem of its own.
+    for index in _violated_alone(feasible_set, base):
+        reason = separation(feasible_set, base, [index], [])
         if reason is not None:
-            found.append(_conflict(feasible, base, reason))
+            found.append(_subsystem(feasible_set, base, reason))
             blocks.remove(index)
     while len(found) < MOST:
-        reason = separation(feasible, base, blocks, equations)
+        reason = separation(feasible_set, base, blocks, equations)
         if reason is None:
             break
-        reason = _smallest(feasible, base, reason)
-        found.append(_conflict(feasible, base, reason))
+        reason = _smallest(feasible_set, base, reason)
+        found.append(_subsystem(feasible_set, base, reason))
         blocks = [i for i in blocks if i not in reason.matrices]
     return tuple(found)
 
 
-def _violated_alone(feasible: FeasibleSet, base: Vector) -> list[int]:
-    particular = feasible.lift @ base
+def _violated_alone(feasible_set: FeasibleSet, base: Vector) -> list[int]:
+    particular = feasible_set.lift @ base
     found = []
-    for index, block in enumerate(feasible.blocks):
-        substituted = block.substitute(feasible.unidentifiable, particular)
+    for index, block in enumerate(feasible_set.blocks):
+        substituted = block.substitute(feasible_set.unidentifiable, particular)
         if not len(substituted.indices) and np.linalg.eigvalsh(substituted.constant)[0] < 0:
             found.append(index)
     return found
 
 
-def _smallest(feasible: FeasibleSet, base: Vector, reason: Separation) -> Separation:
+def _smallest(feasible_set: FeasibleSet, base: Vector, reason: Separation) -> Separation:
     """Leave out conditions, those with the smallest share first, as long as the others still conflict."""
     reason = _taking_part(reason)
     tried: set[tuple[str, int]] = set()
@@ -178,7 +180,7 @@ def _smallest(feasible: FeasibleSet, base: Vector, reason: Separation) -> Separa
         tried.add((kind, index))
         blocks = [i for i in reason.matrices if (kind, i) != ("block", index)]
         equations = [i for i in reason.multipliers if (kind, i) != ("equation", index)]
-        smaller = separation(feasible, base, sorted(blocks), sorted(equations))
+        smaller = separation(feasible_set, base, sorted(blocks), sorted(equations))
         if smaller is not None:
             reason = _taking_part(smaller)
 
@@ -191,23 +193,23 @@ def _taking_part(reason: Separation) -> Separation:
     )
 
 
-def _conflict(feasible: FeasibleSet, base: Vector, reason: Separation) -> Conflict:
-    gradient, constant = np.zeros(feasible.parameter_count), 0.0
+def _subsystem(feasible_set: FeasibleSet, base: Vector, reason: Separation) -> IrreducibleInfeasibleSubsystem:
+    gradient, constant = np.zeros(feasible_set.parameter_count), 0.0
     for index, Z in reason.matrices.items():
-        block = feasible.blocks[index]
+        block = feasible_set.blocks[index]
         np.add.at(gradient, block.indices, symmetric_to_vector(block.coefficients) @ symmetric_to_vector(Z))
         constant += float(np.sum(block.constant * Z))
     for index, multiplier in reason.multipliers.items():
-        gradient += multiplier * feasible.equation_matrix[index]
-        constant -= multiplier * float(feasible.equation_values[index])
-    direction = feasible.lift.T @ gradient
+        gradient += multiplier * feasible_set.equation_matrix[index]
+        constant -= multiplier * float(feasible_set.equation_values[index])
+    direction = feasible_set.lift.T @ gradient
     size = float(np.abs(direction).max(initial=0.0)) or 1.0
     direction = np.where(np.abs(direction) < 1e-9 * size, 0.0, direction / size)
     order = sorted(reason.matrices, key=lambda i: -float(np.trace(reason.matrices[i])))
-    names = [feasible.blocks[i].name for i in order] + [feasible.equalities[i].name for i in reason.multipliers]
+    names = [feasible_set.blocks[i].name for i in order] + [feasible_set.equalities[i].name for i in reason.multipliers]
     total = sum(float(np.trace(Z)) for Z in reason.matrices.values()) or 1.0
     shares = [float(np.trace(reason.matrices[i])) / total for i in order] + [float("nan")] * len(reason.multipliers)
-    return Conflict(
+    return IrreducibleInfeasibleSubsystem(
         tuple(names),
         tuple(shares),
         direction,
