@@ -132,5 +132,10 @@ def test_rows_too_few_decide_nothing(arm):
 def test_evidence_can_be_looked_at(arm):
     choice = decide(Processing(), [log(arm, 1, 1e-4)], arm[0]).cutoff_choice
     assert choice is not None
-    assert len(choice.table[0]) == len(choice.titles)
+    assert [len(row) for row in choice.table] == 2 * [len(choice.titles)]
+    assert [trace["name"] for trace in choice.figure()["data"]] == ["joint 1", "joint 2", "all"]
+    # Each joint by itself would choose the candidate with the least error of its own.
+    least = [choice.candidates[np.argmin(errors)] for errors in choice.joint_errors.T]
+    np.testing.assert_array_equal(choice.joint_cutoffs, least)
+    np.testing.assert_allclose(choice.error, np.exp(np.log(choice.joint_errors).mean(axis=1)))
     assert f"{choice.cutoff:.4g} Hz" in choice._repr_html_()

@@ -241,3 +241,18 @@ def test_fortran_arrays_become_c_order() -> None:
     samples = Samples(q=q, dq=q, ddq=q, torque=q)
     assert samples.q.flags.c_contiguous
     np.testing.assert_array_equal(samples.q, q)
+
+
+def test_options_are_given_in_one_way():
+    recording = Recording(
+        t=np.arange(2000) / RATE, q=np.sin(np.arange(2000) / 300.0)[:, None], torque=np.ones((2000, 1))
+    )
+    options = {"cutoff": 5.0, "velocity_threshold": None, "exclude_joints": [1], "trim": 0.1}
+    with pytest.raises(InputError, match=r"a Processing and trim beside it; give one or the other"):
+        recording.process(Processing(cutoff=5.0), trim=0.1)
+    with pytest.raises(InputError, match="leaves none to use"):
+        recording.process(**options)
+    moving = Recording(t=recording.t, q=recording.q, torque=recording.q)
+    del options["exclude_joints"]
+    both = moving.process(Processing.from_dict(options)), moving.process(**options)
+    np.testing.assert_array_equal(both[0].ddq, both[1].ddq)

@@ -6,10 +6,10 @@ from steelyard.first_use import import_at_first_use
 
 if TYPE_CHECKING:
     from .butterworth import Butterworth as Butterworth
-    from .fourier import FourierFit as FourierFit
-    from .fourier import FourierSeries as FourierSeries
-    from .fourier import Period as Period
-    from .fourier import find_period as find_period
+    from .fourier_series import FourierFit as FourierFit
+    from .fourier_series import FourierSeries as FourierSeries
+    from .fourier_series import Period as Period
+    from .fourier_series import find_period as find_period
     from .kalman import KalmanSmoother as KalmanSmoother
     from .kalman import SmoothedMotion as SmoothedMotion
     from .motion_filter import Motion as Motion
