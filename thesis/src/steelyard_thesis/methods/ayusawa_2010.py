@@ -9,12 +9,10 @@ from typing import ClassVar
 import numpy as np
 import numpy.typing as npt
 
-from steelyard.dynamics.threads import one_thread
 from steelyard.errors import InputError
-from steelyard.feasibility import FeasibleSet
-from steelyard.regression import Estimate, Information
+from steelyard.regression import Estimate
 
-from .method import Problem, Progress, Weights
+from .method import Method, Problem, Progress
 from .point_mass_program import PointMassProgram
 from .point_masses import Corners, boxes_of_links, inertia_of_points, masses_near, points_in_box
 from .quadratic_solver import find_quadratic_solver, solve_quadratic
@@ -31,7 +29,7 @@ LIFTS = 6
 
 
 @dataclass(frozen=True)
-class Ayusawa2010:
+class Ayusawa2010(Method):
     """Least squares over links made of point masses at fixed places, none of them negative.
 
     Every link is a set of points p at fixed places of its bounding box, and δ = R p (thesis 2.74). Then p > 0 suffices
@@ -41,7 +39,9 @@ class Ayusawa2010:
 
     The inertial parameters that so many points can make are a polyhedral cone within the feasible cone (thesis 2.78):
     the answer is always feasible (also under ``"full"`` consistency), and never better than that of `steelyard.fit` but
-    for what fixed places cannot make. The points keep the centre of mass, and the whole body, within the box.
+    for what fixed places cannot make. The prior of `fit`, standard parameters of CAD, gives p̂: the masses that come
+    nearest to them, spread as evenly as that allows; links with an unknown parameter have none. The points keep the
+    centre of mass, and the whole body, within the box.
 
     Parameters
     ----------
@@ -121,42 +121,8 @@ class Ayusawa2010:
         find_quadratic_solver(self.solver)
         points_in_box(self.kinds, self.subdivisions, self.points)
 
-    def fit(
-        self,
-        information: Information,
-        feasible: FeasibleSet,
-        *,
-        weights: Weights = "joint",
-        prior: npt.ArrayLike | None = None,
-        progress: Progress | None = None,
-    ) -> Estimate:
-        """Identify; see `Method.fit`.
-
-        Parameters
-        ----------
-        information : Information
-        feasible : FeasibleSet
-        weights : "joint", None or (N,)
-        prior : (n,), optional
-            Standard parameters of CAD, from which p̂ is made: the masses that come nearest to them, spread as evenly as
-            that allows. Links with an unknown parameter have none.
-        progress : callable, optional
-
-        Raises
-        ------
-        InputError
-            For a constraint that is not linear, or a solver that does not take what the set holds.
-        SolverError
-            If the solver finds no point.
-        MissingExtraError
-            If the solver is not installed.
-        """
-        problem = Problem.of(information, feasible, weights)
-        known = problem.as_prior(prior)
-        with one_thread():
-            return self._fit(problem, known, progress)
-
     def _fit(self, problem: Problem, prior: Vector | None, progress: Progress | None) -> Estimate:
+        """Identify; a solver that finds no point raises `SolverError`, one that is not installed `MissingExtraError`."""
         boxes, remarks = boxes_of_links(problem, self.boxes, self.default_size, prior)
         places = points_in_box(self.kinds, self.subdivisions, self.points)
         R = inertia_of_points(boxes, places)

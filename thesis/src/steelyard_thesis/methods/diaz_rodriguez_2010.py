@@ -19,7 +19,7 @@ from steelyard.regression import Estimate, Information
 
 from .brute_force import GridSearch, search_grid
 from .elimination import Elimination
-from .method import Problem, Progress, Weights
+from .method import Method, Problem, Progress, Weights
 
 __all__ = ["DiazRodriguez2010", "ReductionStep"]
 
@@ -110,11 +110,13 @@ class _Refutations:
 
 
 @dataclass(frozen=True)
-class DiazRodriguez2010:
+class DiazRodriguez2010(Method):
     """Least squares of fewer and fewer base parameters, until they are feasible.
 
     As long as the estimate is infeasible, the base parameter with the largest relative standard deviation is taken out
     of the model (held at zero), and the rest is estimated anew. What is left at the end are the "relevant" parameters.
+    The answer is the first reduction that is feasible, with standard parameters that prove it; where there is none, the
+    unreduced least squares without standard parameters, and a remark. A prior is not used.
 
     Its known flaws: nothing says that any reduction is feasible, nor that the one found has an error worth having; a
     parameter that is zero is a physical statement that nobody has made. Where all ten parameters of a link are
@@ -232,51 +234,23 @@ class DiazRodriguez2010:
         excluded = tuple(names[index] for index in elimination.removed)
         return ReductionStep(excluded, base, problem.information.relative_error(base), possible, distance)
 
-    def fit(
-        self,
-        information: Information,
-        feasible: FeasibleSet,
-        *,
-        weights: Weights = "joint",
-        prior: npt.ArrayLike | None = None,
-        progress: Progress | None = None,
-    ) -> Estimate:
-        """Identify; see `Method.fit`.
-
-        Parameters
-        ----------
-        information : Information
-        feasible : FeasibleSet
-        weights : "joint", None or (N,)
-        prior : (n,), optional
-            Not used.
-        progress : callable, optional
-
-        Returns
-        -------
-        Estimate
-            The first reduction that is feasible, with standard parameters that prove it. Where there is none, the
-            unreduced least squares without standard parameters, and a remark.
-        """
-        problem = Problem.of(information, feasible, weights)
-        problem.as_prior(prior)
-        refutations = _Refutations(feasible)
+    def _fit(self, problem: Problem, prior: Vector | None, progress: Progress | None) -> Estimate:
+        refutations = _Refutations(problem.feasible)
         first: Vector | None = None
         search: GridSearch | None = None
-        with one_thread():
-            for elimination in self._models(problem):
-                base = elimination.base
-                first = base if first is None else first
-                parameters = None
-                if self.feasibility == "search":
-                    search = search_grid(problem, base, self.levels, self.budget, self.seed, progress)
-                    parameters = search.parameters
-                elif refutations.decide(base):
-                    parameters = check(feasible, base=base).parameters
-                if parameters is not None:
-                    return self._estimate(problem, elimination, parameters, search)
-                if progress is not None:
-                    progress(f"{len(elimination.removed)} parameters taken out")
+        for elimination in self._models(problem):
+            base = elimination.base
+            first = base if first is None else first
+            parameters = None
+            if self.feasibility == "search":
+                search = search_grid(problem, base, self.levels, self.budget, self.seed, progress)
+                parameters = search.parameters
+            elif refutations.decide(base):
+                parameters = check(problem.feasible, base=base).parameters
+            if parameters is not None:
+                return self._estimate(problem, elimination, parameters, search)
+            if progress is not None:
+                progress(f"{len(elimination.removed)} parameters taken out")
         count = len(elimination.removed)
         remarks = [f"No reduced model, with up to {count} base parameters taken out, has a feasible estimate."]
         if search is not None:

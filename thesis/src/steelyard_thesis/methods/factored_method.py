@@ -2,19 +2,17 @@
 
 from __future__ import annotations
 
-from abc import ABC, abstractmethod
+from abc import abstractmethod
 from dataclasses import dataclass
-from typing import ClassVar
 
 import numpy as np
 import numpy.typing as npt
 
-from steelyard.dynamics.threads import one_thread
 from steelyard.feasibility import FeasibleSet
-from steelyard.regression import Estimate, Information
+from steelyard.regression import Estimate
 
 from .factored_fit import FACTORED_SOLVERS, FactoredFit, FactoredSolver
-from .method import Problem, Progress, Weights, require_choice, require_positive
+from .method import Method, Problem, Progress, require_choice, require_positive
 from .starting_point import starting_point
 
 __all__ = ["FactoredMethod"]
@@ -23,11 +21,11 @@ Vector = npt.NDArray[np.float64]
 
 
 @dataclass(frozen=True)
-class FactoredMethod(ABC):
-    """Nonlinear least squares over a change of variables that every feasible answer has; see the methods themselves."""
+class FactoredMethod(Method):
+    """Nonlinear least squares over a change of variables that every feasible answer has; see the methods themselves.
 
-    name: ClassVar[str]
-    source: ClassVar[str]
+    The prior is where the descent starts.
+    """
 
     solver: FactoredSolver = "newton"
     iterations: int = 1000
@@ -37,23 +35,12 @@ class FactoredMethod(ABC):
         require_choice(self, "solver", FACTORED_SOLVERS)
         require_positive(self, "iterations", "tolerance")
 
-    def fit(
-        self,
-        information: Information,
-        feasible: FeasibleSet,
-        *,
-        weights: Weights = "joint",
-        prior: npt.ArrayLike | None = None,
-        progress: Progress | None = None,
-    ) -> Estimate:
-        """Identify; see `Method.fit`. The prior is where the descent starts."""
-        problem = Problem.of(information, feasible, weights)
+    def _fit(self, problem: Problem, prior: Vector | None, progress: Progress | None) -> Estimate:
         problem.refuse_constraints(self.name)
-        with one_thread():
-            descent = self._descent(problem, progress)
-            start = starting_point(problem, problem.as_prior(prior))
-            outcome = descent.solve(start, self.solver, self.iterations, self.tolerance, progress)
-            parameters = self._answer(feasible, outcome.parameters, start)
+        descent = self._descent(problem, progress)
+        start = starting_point(problem, prior)
+        outcome = descent.solve(start, self.solver, self.iterations, self.tolerance, progress)
+        parameters = self._answer(problem.feasible, outcome.parameters, start)
         return problem.estimate(self.name, parameters, remarks=[outcome.sentence()])
 
     @abstractmethod

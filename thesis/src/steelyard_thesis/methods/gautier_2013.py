@@ -8,13 +8,12 @@ from typing import ClassVar, Literal
 import numpy as np
 import numpy.typing as npt
 
-from steelyard.dynamics.threads import one_thread
 from steelyard.errors import InputError
 from steelyard.feasibility import FeasibleSet
-from steelyard.regression import Estimate, Information
+from steelyard.regression import Estimate
 
 from .elimination import Elimination
-from .method import Problem, Progress, Weights
+from .method import Method, Problem, Progress
 
 __all__ = ["Gautier2013", "degrees_of_infeasibility"]
 
@@ -25,14 +24,15 @@ LEAST_SINGULAR_VALUE = 1e-10
 
 
 @dataclass(frozen=True)
-class Gautier2013:
+class Gautier2013(Method):
     """Standard parameters as near as possible to those of CAD, along the directions that the data shows well.
 
     1. Base parameters are taken out one after the other, that of the largest relative standard deviation first, until
        the largest one is at most `largest_ratio` times the smallest one (Pham and Gautier 1991). The n_e that are left
        are the essential parameters.
     2. In the standard parameters that take part in them, the regression W K has n_e singular values worth having:
-       δ = δ̂ + V₁ Σ₁⁻¹ U₁ᵀ (ω - W K δ̂), which of all δ with that torque is the one closest to the prior δ̂.
+       δ = δ̂ + V₁ Σ₁⁻¹ U₁ᵀ (ω - W K δ̂), which of all δ with that torque is the one closest to the prior δ̂: that given
+       to `fit`, zero where it is unknown, or that of the robot's description.
 
     The answer is a least squares solution: whether it is feasible is a matter of luck and of a prior well within the
     feasible set. The remarks give the degree of infeasibility: what must be added to the diagonal of a link's matrix
@@ -100,49 +100,23 @@ class Gautier2013:
                 progress(f"{len(elimination.kept)} parameters left")
         return elimination
 
-    def fit(
-        self,
-        information: Information,
-        feasible: FeasibleSet,
-        *,
-        weights: Weights = "joint",
-        prior: npt.ArrayLike | None = None,
-        progress: Progress | None = None,
-    ) -> Estimate:
-        """Identify; see `Method.fit`.
-
-        Parameters
-        ----------
-        information : Information
-        feasible : FeasibleSet
-        weights : "joint", None or (N,)
-        prior : (n,), optional
-            Standard parameters of CAD; what is unknown is zero. Those of the robot's description where absent.
-        progress : callable, optional
-
-        Raises
-        ------
-        InputError
-            For ``closest="relative"`` without any parameter known before.
-        """
-        problem = Problem.of(information, feasible, weights)
-        known = problem.as_prior(prior)
+    def _fit(self, problem: Problem, prior: Vector | None, progress: Progress | None) -> Estimate:
         remarks = []
+        known = prior
         if known is None:
-            known = np.asarray(feasible.model.robot.parameters, dtype=np.float64)
+            known = np.asarray(problem.feasible.model.robot.parameters, dtype=np.float64)
         if not np.any(np.isfinite(known)):
             remarks.append("No prior is known, so the answer is the one closest to zero.")
         reference = np.nan_to_num(known)
         if self.closest == "relative" and not np.any(reference):
             raise InputError('closest="relative" needs a prior; give prior=, the standard parameters of CAD.')
-        with one_thread():
-            elimination = self.essential(problem, progress)
-            parameters = self._near(problem, elimination, reference)
-        names = information.base_expressions
+        elimination = self.essential(problem, progress)
+        parameters = self._near(problem, elimination, reference)
+        names = problem.information.base_expressions
         excluded = [names[index] for index in elimination.removed]
         if excluded:
             remarks.append(f"Not essential: {'; '.join(excluded)}.")
-        degrees = degrees_of_infeasibility(feasible, parameters)
+        degrees = degrees_of_infeasibility(problem.feasible, parameters)
         if degrees:
             worst, (block, *_) = max(degrees.values()), sorted(degrees, key=lambda name: -degrees[name])
             remarks.append(f"Degree of infeasibility: {worst:.3g} ({block}).")

@@ -2,15 +2,17 @@
 
 from __future__ import annotations
 
+from abc import ABC, abstractmethod
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
-from typing import ClassVar, Literal, Protocol, runtime_checkable
+from typing import ClassVar, Literal
 
 import numpy as np
 import numpy.typing as npt
 
 from steelyard.dynamics import Model
+from steelyard.dynamics.threads import one_thread
 from steelyard.errors import InputError
 from steelyard.estimators.reduced import ReducedRegression
 from steelyard.feasibility import FeasibilityCertificate, FeasibleSet
@@ -32,8 +34,7 @@ HEAVY = 1e3
 """A link heavier than this many times what is typical of the robot is remarked on."""
 
 
-@runtime_checkable
-class Method(Protocol):
+class Method(ABC):
     """An identification method: a frozen dataclass whose fields are the method's own settings, as published."""
 
     name: ClassVar[str]
@@ -70,7 +71,20 @@ class Method(Protocol):
         Estimate
             `parameters` where the method gives standard parameters; `consistency` only where they are proved feasible.
             A method that does not converge returns the best that it has and says so in `remarks`.
+
+        Raises
+        ------
+        InputError
+            For data of another model, a prior of the wrong length, and constraints that the method cannot express.
         """
+        problem = Problem.of(information, feasible, weights)
+        known = problem.as_prior(prior)
+        with one_thread():
+            return self._fit(problem, known, progress)
+
+    @abstractmethod
+    def _fit(self, problem: Problem, prior: Vector | None, progress: Progress | None) -> Estimate:
+        """Identify from reduced data; the prior is checked, (n,) with NaN where unknown."""
 
 
 @dataclass(frozen=True, eq=False)

@@ -2,18 +2,13 @@
 
 from __future__ import annotations
 
-from abc import ABC, abstractmethod
+from abc import abstractmethod
 from dataclasses import dataclass
-from typing import ClassVar
 
-import numpy.typing as npt
-
-from steelyard.dynamics.threads import one_thread
-from steelyard.feasibility import FeasibleSet
-from steelyard.regression import Estimate, Information
+from steelyard.regression import Estimate
 
 from .link_conditions import LinkConditions
-from .method import Problem, Progress, Weights, require_choice, require_positive
+from .method import Method, Problem, Progress, Vector, require_choice, require_positive
 from .nonlinear_program import NonlinearProgram
 from .nonlinear_solvers import SOLVERS, SolverName, solve_program
 from .starting_point import starting_point
@@ -22,11 +17,8 @@ __all__ = ["NonlinearMethod"]
 
 
 @dataclass(frozen=True)
-class NonlinearMethod(ABC):
+class NonlinearMethod(Method):
     """Regression over standard parameters under nonlinear conditions (thesis 2.69); see the methods themselves."""
-
-    name: ClassVar[str]
-    source: ClassVar[str]
 
     solver: SolverName = "slsqp"
     iterations: int = 1000
@@ -39,38 +31,26 @@ class NonlinearMethod(ABC):
         require_choice(self, "solver", SOLVERS)
         require_positive(self, "iterations", "tolerance", "residual_weight", zero=["prior_weight"])
 
-    def fit(
-        self,
-        information: Information,
-        feasible: FeasibleSet,
-        *,
-        weights: Weights = "joint",
-        prior: npt.ArrayLike | None = None,
-        progress: Progress | None = None,
-    ) -> Estimate:
-        """Identify; see `Method.fit`. Linear constraints of the set are honoured."""
-        problem = Problem.of(information, feasible, weights)
-        known = problem.as_prior(prior)
-        base = problem.least_squares if known is None else problem.base_of(known)
+    def _fit(self, problem: Problem, prior: Vector | None, progress: Progress | None) -> Estimate:
+        base = problem.least_squares if prior is None else problem.base_of(prior)
         conditions = self._conditions()
         remarks = []
-        with one_thread():
-            point = inside = starting_point(problem, known)
-            for step, condition in enumerate(conditions, 1):
-                program = NonlinearProgram(
-                    problem,
-                    condition,
-                    residual_weight=self.residual_weight,
-                    prior_weight=self.prior_weight,
-                    prior_base=base,
-                    triangle=self.triangle_inequality,
-                )
-                last = step == len(conditions)
-                outcome = solve_program(
-                    program, point, self.solver, self.iterations, self.tolerance, progress, inside, repair=last
-                )
-                point = outcome.parameters
-                remarks.append(outcome.sentence(f"Step {step}" if len(conditions) > 1 else ""))
+        point = inside = starting_point(problem, prior)
+        for step, condition in enumerate(conditions, 1):
+            program = NonlinearProgram(
+                problem,
+                condition,
+                residual_weight=self.residual_weight,
+                prior_weight=self.prior_weight,
+                prior_base=base,
+                triangle=self.triangle_inequality,
+            )
+            last = step == len(conditions)
+            outcome = solve_program(
+                program, point, self.solver, self.iterations, self.tolerance, progress, inside, repair=last
+            )
+            point = outcome.parameters
+            remarks.append(outcome.sentence(f"Step {step}" if len(conditions) > 1 else ""))
         title = f"{self.name}, with the triangle inequality" if self.triangle_inequality else self.name
         return problem.estimate(title, point, remarks=remarks)
 
