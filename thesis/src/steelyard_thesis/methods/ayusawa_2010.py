@@ -122,7 +122,7 @@ class Ayusawa2010(Method):
         points_in_box(self.kinds, self.subdivisions, self.points)
 
     def _fit(self, problem: Problem, prior: Vector | None, progress: Progress | None) -> Estimate:
-        """Identify; a solver that finds no point raises `SolverError`, one that is not installed `MissingExtraError`."""
+        """Identify; a solver without an answer raises `SolverError`, one that is not installed `MissingExtraError`."""
         boxes, remarks = boxes_of_links(problem, self.boxes, self.default_size, prior)
         places = points_in_box(self.kinds, self.subdivisions, self.points)
         R = inertia_of_points(boxes, places)
