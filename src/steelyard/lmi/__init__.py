@@ -12,15 +12,15 @@ if TYPE_CHECKING:
     from .base_dependent import base_variable_names as base_variable_names
     from .base_dependent import to_base_dependent as to_base_dependent
     from .base_dependent import to_standard as to_standard
-    from .expression import LinearExpression as LinearExpression
-    from .expression import as_expression as as_expression
-    from .expression import parse_expression as parse_expression
-    from .expression import variables as variables
     from .inequality import LinearMatrixInequality as LinearMatrixInequality
     from .inequality import block_diagonal as block_diagonal
     from .inequality import inequality_of_program as inequality_of_program
-    from .least_squares import distance_inequality as distance_inequality
-    from .least_squares import residual_inequality as residual_inequality
+    from .linear_expression import LinearExpression as LinearExpression
+    from .linear_expression import as_expression as as_expression
+    from .linear_expression import parse_expression as parse_expression
+    from .linear_expression import variables as variables
+    from .residual_inequality import distance_inequality as distance_inequality
+    from .residual_inequality import residual_inequality as residual_inequality
     from .stack import AffineStack as AffineStack
 
 __all__ = import_at_first_use(__name__, __file__)

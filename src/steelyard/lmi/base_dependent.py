@@ -8,8 +8,8 @@ import numpy as np
 
 from steelyard.errors import InputError
 
-from .expression import LinearExpression
 from .inequality import LinearMatrixInequality
+from .linear_expression import LinearExpression
 
 __all__ = ["base_variable_names", "to_base_dependent", "to_standard"]
 

@@ -15,7 +15,7 @@ from steelyard.errors import InputError
 from steelyard.files import suggestion
 
 from .affine import AffineBlock, is_positive_definite
-from .expression import LinearExpression, as_expression, distinct_names
+from .linear_expression import LinearExpression, as_expression, distinct_names
 from .matrices import (
     block_from_coefficients,
     block_of_expressions,

@@ -12,7 +12,7 @@ import numpy.typing as npt
 from steelyard.errors import InputError
 
 from .affine import AffineBlock
-from .expression import LinearExpression, as_expression
+from .linear_expression import LinearExpression, as_expression
 
 __all__ = [
     "block_from_coefficients",

@@ -7,7 +7,7 @@ import re
 from collections.abc import Sequence
 from typing import Any
 
-from .expression import LinearExpression, number_text
+from .linear_expression import LinearExpression, number_text
 
 __all__ = ["latex_matrix", "latex_name", "matrix_html", "matrix_text"]
 

@@ -11,8 +11,8 @@ import numpy.typing as npt
 from steelyard.errors import InputError
 
 from .affine import AffineBlock
-from .expression import distinct_names
 from .inequality import LinearMatrixInequality
+from .linear_expression import distinct_names
 
 __all__ = ["distance_inequality", "residual_inequality"]
 
