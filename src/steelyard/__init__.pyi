@@ -29,7 +29,7 @@ from .excitation.design import design_excitation as design_excitation
 from .excitation.excitation_design import ExcitationDesign as ExcitationDesign
 from .excitation.fourier import FourierTrajectory as FourierTrajectory
 from .excitation.motion_limits import MotionLimits as MotionLimits
-from .excitation.saving import load_trajectory as load_trajectory
+from .excitation.trajectory_files import load_trajectory as load_trajectory
 from .feasibility.bounds.intervals import parameter_intervals as parameter_intervals
 from .feasibility.bounds.lightest_robot import lightest_robot as lightest_robot
 from .feasibility.certificates.document import verify_certificate as verify_certificate

@@ -15,9 +15,9 @@ if TYPE_CHECKING:
     from .motion_limits import MotionLimits as MotionLimits
     from .motion_limits import limits_from_file as limits_from_file
     from .quintic import QuinticTrajectory as QuinticTrajectory
-    from .saving import load_trajectory as load_trajectory
-    from .saving import save_trajectory as save_trajectory
     from .spline import SplineTrajectory as SplineTrajectory
     from .trajectory import Trajectory as Trajectory
+    from .trajectory import save_trajectory as save_trajectory
+    from .trajectory_files import load_trajectory as load_trajectory
 
 __all__ = import_at_first_use(__name__, __file__)

@@ -15,8 +15,7 @@ from steelyard.files import replaced_folder, write_json
 
 from .limit_margins import Margin
 from .motion_limits import MotionLimits
-from .saving import save_trajectory
-from .trajectory import Trajectory
+from .trajectory import Trajectory, save_trajectory
 
 __all__ = ["FORMAT", "ExcitationDesign", "nearest_first"]
 

@@ -3,14 +3,14 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from pathlib import Path
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from steelyard.errors import InputError
 
-from .trajectory import sample_times, times_of
+from .trajectory import SampledTrajectory, times_of
 
 __all__ = ["FourierTrajectory", "RestToRestTrajectory", "ramp_phase"]
 
@@ -18,7 +18,7 @@ Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True, eq=False)
-class FourierTrajectory:
+class FourierTrajectory(SampledTrajectory):
     """Joint positions as Fourier series of their velocities (thesis eq. 4.19, 4.20; Swevers et al. 1997).
 
     ``dq_k(t) = sum_i a_ki cos(w i t) + b_ki sin(w i t)`` with ``w = 2 pi frequency`` and i from 1 to H.
@@ -94,11 +94,10 @@ class FourierTrajectory:
         t = np.arange(round(periods * self.period * rate)) / rate
         return (t, *self.motion(t))
 
-    def save(self, path: str | Path) -> None:
-        """Write one period, see :func:`steelyard.excitation.save_trajectory`."""
-        from .saving import save_trajectory
-
-        save_trajectory(self, path)
+    def to_dict(self) -> dict[str, Any]:
+        """Return the coefficients as plain data."""
+        arrays = {name: getattr(self, name).tolist() for name in ("a", "b", "center")}
+        return {"family": "fourier", **arrays, "frequency": self.frequency}
 
 
 def ramp_phase(u: Array) -> tuple[Array, Array, Array]:
@@ -124,7 +123,7 @@ def ramp_phase(u: Array) -> tuple[Array, Array, Array]:
 
 
 @dataclass(frozen=True, eq=False)
-class RestToRestTrajectory:
+class RestToRestTrajectory(SampledTrajectory):
     """Whole periods of a Fourier series, with a start from rest and a stop to rest (thesis section 4.3.3).
 
     During the ramp-up time the joints run along the path of the series with a speed that rises from nothing, and
@@ -201,13 +200,6 @@ class RestToRestTrajectory:
         q, dq, ddq = self.series.motion(phase[:, 0])
         return q, dq * rate, ddq * rate**2 + dq * change
 
-    def sample(self, rate: float) -> tuple[Array, Array, Array, Array]:
-        """Return t (S,), q, dq and ddq (S, N) from rest to rest at `rate` Hz."""
-        t = sample_times(self.duration, rate)
-        return (t, *self.motion(t))
-
-    def save(self, path: str | Path) -> None:
-        """Write it, see :func:`steelyard.excitation.save_trajectory`."""
-        from .saving import save_trajectory
-
-        save_trajectory(self, path)
+    def to_dict(self) -> dict[str, Any]:
+        """Return the coefficients and the ramps as plain data."""
+        return {**self.series.to_dict(), "ramp_time": self.ramp_time, "periods": self.periods}

@@ -4,14 +4,14 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from pathlib import Path
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from steelyard.errors import InputError
 
-from .trajectory import sample_times, times_of
+from .trajectory import SampledTrajectory, times_of
 
 __all__ = ["QuinticTrajectory", "hermite"]
 
@@ -55,7 +55,7 @@ def hermite(u: Array, span: Array) -> tuple[Array, Array, Array]:
 
 
 @dataclass(frozen=True, eq=False)
-class QuinticTrajectory:
+class QuinticTrajectory(SampledTrajectory):
     """Motions given at some instants, joined by polynomials of degree five: two continuous derivatives.
 
     Attributes
@@ -141,13 +141,6 @@ class QuinticTrajectory:
         dq[outside] = ddq[outside] = 0.0
         return q, dq, ddq
 
-    def sample(self, rate: float) -> tuple[Array, Array, Array, Array]:
-        """Return t (S,), q, dq and ddq (S, N) from the first to the last point at `rate` Hz."""
-        t = sample_times(self.duration, rate)
-        return (t, *self.motion(t))
-
-    def save(self, path: str | Path) -> None:
-        """Write it, see :func:`steelyard.excitation.save_trajectory`."""
-        from .saving import save_trajectory
-
-        save_trajectory(self, path)
+    def to_dict(self) -> dict[str, Any]:
+        """Return the instants and the motion at them as plain data."""
+        return {"family": "quintic", **{name: getattr(self, name).tolist() for name in ("times", "q", "dq", "ddq")}}

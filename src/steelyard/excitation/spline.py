@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import cached_property
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -12,7 +11,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from steelyard.errors import InputError
 
-from .trajectory import sample_times, times_of
+from .trajectory import SampledTrajectory, times_of
 
 __all__ = ["DEGREE", "SplineTrajectory", "clamped_knots"]
 
@@ -27,7 +26,7 @@ def clamped_knots(count: int, duration: float) -> Array:
 
 
 @dataclass(frozen=True, eq=False)
-class SplineTrajectory:
+class SplineTrajectory(SampledTrajectory):
     """Joint positions as B-splines of degree five with evenly spread knots: four continuous derivatives.
 
     The first and the last control point of each joint are each taken three times, so that the motion starts from rest
@@ -85,13 +84,6 @@ class SplineTrajectory:
         q, dq, ddq = (np.asarray(s(clipped), dtype=np.float64) for s in self._splines)
         return q, np.where(inside, dq, 0.0), np.where(inside, ddq, 0.0)
 
-    def sample(self, rate: float) -> tuple[Array, Array, Array, Array]:
-        """Return t (S,), q, dq and ddq (S, N) from rest to rest at `rate` Hz."""
-        t = sample_times(self.duration, rate)
-        return (t, *self.motion(t))
-
-    def save(self, path: str | Path) -> None:
-        """Write it, see :func:`steelyard.excitation.save_trajectory`."""
-        from .saving import save_trajectory
-
-        save_trajectory(self, path)
+    def to_dict(self) -> dict[str, Any]:
+        """Return the control points and the duration as plain data."""
+        return {"family": "spline", "points": self.points.tolist(), "duration": self.duration}

@@ -1,18 +1,25 @@
-"""What every trajectory can do: tell its motion at any time, be sampled, be saved."""
+"""What every trajectory can do: tell its motion at any time, be sampled, be saved as a file."""
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from pathlib import Path
-from typing import Protocol, runtime_checkable
+from typing import Any, BinaryIO, Protocol, runtime_checkable
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from steelyard.errors import InputError
+from steelyard.files import replaced_file, write_json, write_text
 
-__all__ = ["Trajectory", "sample_times", "times_of"]
+from .ros import joint_trajectory_text
+
+__all__ = ["FORMAT", "SUFFIXES", "SampledTrajectory", "Trajectory", "sample_times", "save_trajectory", "times_of"]
 
 Array = NDArray[np.float64]
+FORMAT = "steelyard-trajectory-1"
+SUFFIXES = (".json", ".csv", ".parquet", ".yaml", ".yml")
+TABLE_RATE, ROS_RATE = 1000.0, 100.0  # Hz
 
 
 @runtime_checkable
@@ -75,3 +82,98 @@ def sample_times(duration: float, rate: float) -> Array:
     if not (np.isfinite(rate) and rate > 0.0):
         raise InputError(f"rate must be positive, in Hz, got {rate!r}.")
     return np.arange(int(np.ceil(duration * rate - 1e-9)) + 1) / rate
+
+
+class SampledTrajectory:
+    """What the trajectories of this room share: they are sampled from their first to their last instant, and saved."""
+
+    def sample(self: Trajectory, rate: float) -> tuple[Array, Array, Array, Array]:
+        """Return t (S,), q, dq and ddq (S, N) from the first to the last instant at `rate` Hz."""
+        t = sample_times(self.duration, rate)
+        return (t, *self.motion(t))
+
+    def save(self: Trajectory, path: str | Path) -> None:
+        """Write it, see :func:`steelyard.excitation.save_trajectory`."""
+        save_trajectory(self, path)
+
+
+def save_trajectory(
+    trajectory: Trajectory,
+    path: str | Path,
+    *,
+    rate: float | None = None,
+    joint_names: Sequence[str] | None = None,
+) -> None:
+    """Write a trajectory; the file appears whole or not at all.
+
+    Parameters
+    ----------
+    trajectory : Trajectory
+    path : str or Path
+        ``.json`` holds the coefficients, from which `load_trajectory` makes the same trajectory. The others hold
+        samples: ``.csv`` and ``.parquet`` columns t, q1 …, dq1 …, ddq1 …, and ``.yaml`` a ROS 2
+        ``trajectory_msgs/msg/JointTrajectory``.
+    rate : float, optional
+        Of the samples, Hz: 1000 by default, 100 for ROS, whose controllers interpolate.
+    joint_names : sequence of str, optional
+        For ROS and JSON; joint1, joint2 and so on by default.
+
+    Raises
+    ------
+    InputError
+        If the suffix, the rate or the names do not fit, or the trajectory has no coefficients.
+
+    Examples
+    --------
+    >>> import tempfile
+    >>> from steelyard.excitation import QuinticTrajectory, load_trajectory
+    >>> trajectory = QuinticTrajectory.point_to_point([[0.0], [1.0]], [2.0])
+    >>> with tempfile.TemporaryDirectory() as folder:
+    ...     save_trajectory(trajectory, Path(folder) / "move.json")
+    ...     load_trajectory(Path(folder) / "move.json").duration
+    2.0
+    """
+    target = Path(path)
+    suffix = target.suffix.lower()
+    if suffix not in SUFFIXES:
+        raise InputError(f"{target}: a trajectory is saved as {', '.join(SUFFIXES)}, got the suffix {target.suffix!r}.")
+    names = tuple(joint_names or (f"joint{k + 1}" for k in range(trajectory.joint_count)))
+    if len(names) != trajectory.joint_count or len(set(names)) < len(names):
+        raise InputError(
+            f"{target}: {trajectory.joint_count} different joint names are needed, got {', '.join(names)}."
+        )
+    if suffix == ".json":
+        write_json({"format": FORMAT, "joint_names": list(names), **_coefficients(trajectory)}, target, indent=None)
+        return
+    ros = suffix in (".yaml", ".yml")
+    t = sample_times(trajectory.duration, (ROS_RATE if ros else TABLE_RATE) if rate is None else rate)
+    motion = trajectory.motion(t)
+    if ros:
+        write_text(joint_trajectory_text(names, t, *motion), target)
+        return
+    with replaced_file(target) as file:
+        _write_table(file, suffix, t, motion)
+
+
+def _coefficients(trajectory: Trajectory) -> dict[str, Any]:
+    to_dict = getattr(trajectory, "to_dict", None)
+    if to_dict is None:
+        raise InputError(
+            f"A trajectory of type {type(trajectory).__name__} has no coefficients that are known here; save it as "
+            ".csv, .parquet or .yaml."
+        )
+    found: dict[str, Any] = to_dict()
+    return found
+
+
+def _write_table(file: BinaryIO, suffix: str, t: Array, motion: tuple[Array, Array, Array]) -> None:
+    import polars
+
+    columns = {"t": t}
+    for name, values in zip(("q", "dq", "ddq"), motion, strict=True):
+        columns |= {f"{name}{k + 1}": values[:, k] for k in range(values.shape[1])}
+    frame = polars.DataFrame(columns)
+    if suffix == ".csv":
+        frame.write_csv(file)
+    else:
+        frame.write_parquet(file)

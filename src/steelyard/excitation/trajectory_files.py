@@ -1,0 +1,115 @@
+"""Reads trajectories that were saved: coefficients as JSON, samples as CSV, Parquet or a ROS 2 JointTrajectory."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from steelyard.errors import InputError
+from steelyard.files import read_json, reading_table, require_file, shown
+
+from .fourier import FourierTrajectory, RestToRestTrajectory
+from .quintic import QuinticTrajectory
+from .ros import read_joint_trajectory
+from .spline import SplineTrajectory
+from .trajectory import FORMAT, SUFFIXES, Trajectory
+
+__all__ = ["load_trajectory"]
+
+Array = NDArray[np.float64]
+LARGEST, LONGEST = 1e12, 1e7  # of positions and their derivatives; s
+
+
+def load_trajectory(path: str | Path) -> Trajectory:
+    """Read what `save_trajectory` wrote.
+
+    Parameters
+    ----------
+    path : str or Path
+
+    Returns
+    -------
+    Trajectory
+        The same one from JSON. From samples, the polynomials of degree five that pass through them, with their
+        velocities and accelerations.
+
+    Raises
+    ------
+    InputError
+        If the file is missing or is something else.
+    """
+    source = Path(path)
+    suffix = source.suffix.lower()
+    if suffix not in SUFFIXES:
+        raise InputError(
+            f"{source}: a trajectory is read from {', '.join(SUFFIXES)}, got the suffix {source.suffix!r}."
+        )
+    trajectory = _loaded(source, suffix)
+    if trajectory.duration <= LONGEST:
+        with np.errstate(all="ignore"):
+            motion = trajectory.motion(np.linspace(0.0, trajectory.duration, 200))
+    if not trajectory.duration <= LONGEST or not all(np.all(np.abs(values) <= LARGEST) for values in motion):
+        raise InputError(f"{source}: holds a motion beyond {LARGEST:g} rad or m, or {LONGEST:g} s; save it again.")
+    return trajectory
+
+
+def _loaded(source: Path, suffix: str) -> Trajectory:
+    try:
+        if suffix == ".json":
+            return _from_document(read_json(source), source)
+        if suffix in (".yaml", ".yml"):
+            return QuinticTrajectory(*read_joint_trajectory(source))
+        return QuinticTrajectory(*_read_table(source, suffix))
+    except OSError as error:
+        raise InputError(f"{source}: cannot be read ({error.strerror or error}).") from None
+    except InputError as error:
+        message = str(error)
+        raise InputError(message if message.startswith(str(source)) else f"{source}: {message}") from None
+    except (ValueError, KeyError, TypeError, AttributeError) as error:
+        raise InputError(f"{source}: is not a trajectory that was saved by steelyard ({shown(str(error))}).") from None
+
+
+def _make_fourier(document: dict[str, Any]) -> Trajectory:
+    series = FourierTrajectory(**{name: document[name] for name in ("a", "b", "center", "frequency")})
+    return (
+        RestToRestTrajectory(series, document["ramp_time"], document["periods"]) if "ramp_time" in document else series
+    )
+
+
+_FAMILIES: dict[str, Callable[[dict[str, Any]], Trajectory]] = {
+    "fourier": _make_fourier,
+    "spline": lambda d: SplineTrajectory(d["points"], d["duration"]),
+    "quintic": lambda d: QuinticTrajectory(d["times"], d["q"], d["dq"], d["ddq"]),
+}
+
+
+def _from_document(document: dict[str, Any], source: Path) -> Trajectory:
+    if document["format"] != FORMAT:
+        raise InputError(f"{source}: format is {shown(document['format'])}, expected {FORMAT!r}.")
+    make = _FAMILIES.get(document["family"])
+    if make is None:
+        raise InputError(f"{source}: family is {shown(document['family'])}, expected one of {', '.join(_FAMILIES)}.")
+    return make(document)
+
+
+def _read_table(path: Path, suffix: str) -> tuple[Array, Array, Array, Array]:
+    import polars
+
+    require_file(path, "give a trajectory")
+    with reading_table(path, "a table"):
+        frame = polars.read_csv(path, glob=False) if suffix == ".csv" else polars.read_parquet(path, glob=False)
+    count = sum(name.startswith("q") for name in frame.columns)
+    wanted = ["t", *(f"{name}{k + 1}" for name in ("q", "dq", "ddq") for k in range(count))]
+    missing = [name for name in wanted if name not in frame.columns]
+    if missing or count == 0:
+        raise InputError(
+            f"{path}: a trajectory has the columns t, q1 …, dq1 …, ddq1 …, but {(missing or ['q1'])[0]} is missing."
+        )
+    with reading_table(path, "numbers"):
+        values = frame.select(wanted).cast(polars.Float64).to_numpy()
+    t, q, dq, ddq = np.split(values, [1, 1 + count, 1 + 2 * count], axis=1)
+    return t[:, 0] - t[0, 0], q, dq, ddq
