@@ -11,7 +11,7 @@ import time
 import numpy as np
 
 import steelyard as sy
-from steelyard.excitation import ExcitationDesign, MotionLimits
+from steelyard.excitation import ExcitationDesign, MotionLimits, SearchOptions
 from steelyard.identification.wam import TRAJECTORIES, wam_model
 from steelyard_thesis import minimise_with_cobyla
 
@@ -47,16 +47,15 @@ def main() -> None:
     found, beside = [], []
     for seed in range(arguments.seeds):
         begin = time.perf_counter()
-        design = sy.design_excitation(model, limits, seed=seed, starts=arguments.starts)
+        design = sy.design_excitation(model, limits, search=SearchOptions(seed=seed, starts=arguments.starts))
         seconds = time.perf_counter() - begin
         found.append((condition_number(model, design.sample(1000.0)[1:]), seconds))
         kept = "kept" if within(limits, design) else "PASSED"
         line = f"{seed:>6}{found[-1][0]:>12.3f}{seconds:>10.2f}{kept:>8}"
         if not arguments.no_cobyla:
             begin = time.perf_counter()
-            other = sy.design_excitation(
-                model, limits, seed=seed, minimiser=minimise_with_cobyla, starts=1000, time_limit=10.0 * seconds
-            )
+            search = SearchOptions(seed=seed, minimiser=minimise_with_cobyla, starts=1000, time_limit=10.0 * seconds)
+            other = sy.design_excitation(model, limits, search=search)
             longer = time.perf_counter() - begin
             beside.append(condition_number(model, other.sample(1000.0)[1:]))
             kept = "kept" if within(limits, other) else "PASSED"

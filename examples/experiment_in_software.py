@@ -6,6 +6,7 @@ python examples/experiment_in_software.py
 import numpy as np
 
 import steelyard as sy
+from steelyard.excitation import SearchOptions
 
 # A planar arm that moves under gravity, with friction; its true parameters are what the identification is to find.
 robot = sy.Robot.from_dh([(0, 0.5, 0, "q"), (0, 0.4, 0, "q")], name="arm", gravity=(0, -9.81, 0))
@@ -19,7 +20,9 @@ for symbol, values in truth.items():
 
 # 1. A motion that shows the parameters, within limits; from rest to rest, two periods.
 limits = {"lower": -2.0, "upper": 2.0, "velocity": 3.0, "acceleration": 10.0}
-design = sy.design_excitation(model, limits, period=5.0, harmonics=4, periods=2, starts=4, parameters=delta)
+design = sy.design_excitation(
+    model, limits, period=5.0, harmonics=4, periods=2, search=SearchOptions(starts=4), parameters=delta
+)
 print(design)
 
 # 2. The robot plays it under a controller; its encoders and its torque measurement are what they are.

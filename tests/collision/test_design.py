@@ -9,7 +9,7 @@ from pinocchio_distances import PinocchioDistances, pinocchio, urdf
 
 import steelyard as sy
 from steelyard.collision import RobotGeometry, geometry_from_dict
-from steelyard.excitation.design import design_excitation
+from steelyard.excitation import SearchOptions, design_excitation
 
 LIMITS = {"velocity": 2.0, "acceleration": 6.0}
 MARGIN = 0.02
@@ -46,7 +46,7 @@ def test_a_designed_motion_keeps_clear_of_everything():
     }
     constraints = geometry_from_dict(tables, robot)
     model = sy.Model(robot)
-    options = {"period": 10.0, "harmonics": 4, "starts": 1, "seed": 3, "workers": 1}
+    options = {"period": 10.0, "harmonics": 4, "search": SearchOptions(starts=1, seed=3, workers=1)}
     geometry = RobotGeometry.from_urdf(robot)
     moving = ["upper_arm_link", "forearm_link", "wrist_1_link", "wrist_2_link", "wrist_3_link"]
     watched = [pair for links in constraints[0].watched for pair in links]

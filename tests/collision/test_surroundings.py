@@ -7,6 +7,7 @@ import pytest
 
 import steelyard as sy
 from steelyard.collision import RobotGeometry, SelfCollision, surroundings
+from steelyard.excitation import SearchOptions
 
 URDF = """<robot name="arm">
   <link name="base"><collision><origin xyz="0 0 0.05"/><geometry><cylinder radius="0.08" length="0.1"/></geometry>
@@ -26,7 +27,7 @@ URDF = """<robot name="arm">
     <axis xyz="0 1 0"/><limit lower="-2.9" upper="2.9" velocity="3" effort="50"/></joint>
   <joint name="mount" type="fixed"><parent link="fore"/><child link="tool0"/><origin xyz="0.32 0 0"/></joint>
 </robot>"""
-QUICK = {"period": 5.0, "harmonics": 2, "starts": 1, "workers": 1}
+QUICK = {"period": 5.0, "harmonics": 2, "search": SearchOptions(starts=1, workers=1)}
 LIMITS = {"velocity": 3.0, "acceleration": 8.0}
 
 
@@ -182,7 +183,11 @@ def test_an_arm_with_meshes_is_looked_at_by_pinocchio():
     path = distances.urdf("ur5_robot")
     robot = sy.Robot.from_urdf(path)
     design = sy.design_excitation(
-        sy.Model(robot), {"velocity": 2.5, "acceleration": 8.0}, period=10.0, harmonics=5, starts=2, workers=1
+        sy.Model(robot),
+        {"velocity": 2.5, "acceleration": 8.0},
+        period=10.0,
+        harmonics=5,
+        search=SearchOptions(starts=2, workers=1),
     )
     assert [sentence[:5] for sentence in design.unchecked] == ["Floor"]
     geometry = RobotGeometry.from_urdf(robot)

@@ -1,12 +1,22 @@
 """Designs: better than chance, within every limit, the same again, and clear about what cannot be."""
 
+from dataclasses import fields
+
 import numpy as np
 import pytest
 
 import steelyard as sy
-from steelyard.excitation import MotionLimits
+from steelyard.excitation import ExcitationObjective, MotionLimits, SearchOptions
 
-QUICK = {"period": 5.0, "harmonics": 3, "starts": 2, "workers": 1}
+
+def designed(model, limits=None, **options):
+    """Design with options by name, whichever object they belong to; quickly where nothing else is asked for."""
+    given = {"period": 5.0, "harmonics": 3, "starts": 2, "workers": 1} | options
+    objective, search = (
+        kind(**{field.name: given.pop(field.name) for field in fields(kind) if field.name in given})
+        for kind in (ExcitationObjective, SearchOptions)
+    )
+    return sy.design_excitation(model, limits, objective=objective, search=search, **given)
 
 
 def condition_number(model, motion):
@@ -21,13 +31,13 @@ def motions_of(design, rate):
 @pytest.fixture(scope="module")
 def plain(arm, arm_limits):
     """The design that several tests look at."""
-    return sy.design_excitation(arm, arm_limits, **QUICK)
+    return designed(arm, arm_limits)
 
 
 @pytest.mark.parametrize("family", ["fourier", "spline", "quintic"])
 def test_every_limit_is_kept_between_the_samples_too(arm, arm_limits, arm_parameters, family):
     limits = arm_limits | {"torque": [30.0, 60.0, 14.0], "power": 60.0, "total_power": 70.0}
-    design = sy.design_excitation(arm, limits, family=family, parameters=arm_parameters, **QUICK)
+    design = designed(arm, limits, family=family, parameters=arm_parameters)
     q, dq, ddq = motions_of(design, 3700.0)
     assert np.all(q >= arm_limits["lower"])
     assert np.all(q <= arm_limits["upper"])
@@ -74,7 +84,7 @@ def best_of_chance(model, limits):
 
 
 def test_information_of_the_samples_has_the_same_condition_number(arm, arm_limits):
-    design = sy.design_excitation(arm, arm_limits, rate=500.0, **QUICK)
+    design = designed(arm, arm_limits, rate=500.0)
     _, q, dq, ddq = design.sample(500.0)
     information = sy.Information.from_samples(arm, sy.Samples(q=q, dq=dq, ddq=ddq, torque=np.ones_like(q)))
     assert information.condition_number == pytest.approx(design.condition_number, rel=1e-9)
@@ -84,7 +94,7 @@ def test_information_of_the_samples_has_the_same_condition_number(arm, arm_limit
 def test_motions_that_show_next_to_nothing_are_as_good_as_they_can_be_and_said_to_be_bad(arm, arm_limits, family):
     """At a thousandth of the speed the condition number is some 1e7; the search used to stop at 4e8, where it began."""
     slow = arm_limits | {"velocity": 0.01, "acceleration": 0.05}
-    design = sy.design_excitation(arm, slow, family=family, **QUICK)
+    design = designed(arm, slow, family=family)
     own = condition_number(arm, design.sample(1000.0)[1:])
     assert own == pytest.approx(design.condition_number, rel=1e-3)
     assert own < 3e7
@@ -92,28 +102,28 @@ def test_motions_that_show_next_to_nothing_are_as_good_as_they_can_be_and_said_t
     assert len(design.unshown) > 3
     assert "cannot identify what was asked" in design.remarks[0]
     assert "limits of velocity, which the motion uses up" in design.remarks[0]
-    quick = sy.design_excitation(arm, arm_limits, family=family, **QUICK)
+    quick = designed(arm, arm_limits, family=family)
     assert quick.identifies
     assert quick.unshown == ()
     # Where all else is known, the friction of one joint is shown even so.
-    easy = sy.design_excitation(arm, slow, family=family, subset=["Fcj1"], nuisance="known", **QUICK)
+    easy = designed(arm, slow, family=family, subset=["Fcj1"], nuisance="known")
     assert easy.identifies
 
 
 @pytest.mark.slow
 def test_the_same_arguments_give_the_same_motion_with_any_number_of_workers(arm, arm_limits, tmp_path):
     for name, workers in (("one", 1), ("two", 2)):
-        design = sy.design_excitation(arm, arm_limits, **(QUICK | {"workers": workers, "starts": 3}))
+        design = designed(arm, arm_limits, workers=workers, starts=3)
         design.save_all(tmp_path / name)
     for file in sorted((tmp_path / "one").iterdir()):
         assert file.read_bytes() == (tmp_path / "two" / file.name).read_bytes(), file.name
-    other = sy.design_excitation(arm, arm_limits, seed=1, **QUICK)
+    other = designed(arm, arm_limits, seed=1)
     assert other.condition_number != design.condition_number
 
 
 @pytest.mark.slow
 def test_a_criterion_is_best_where_it_was_asked_for(arm, arm_limits):
-    designs = {kind: sy.design_excitation(arm, arm_limits, criterion=kind, **QUICK) for kind in ("condition", "d", "a")}
+    designs = {kind: designed(arm, arm_limits, criterion=kind) for kind in ("condition", "d", "a")}
     covariances = {}
     for kind, design in designs.items():
         base = arm.base_parameters()
@@ -133,8 +143,8 @@ def test_a_subset_is_shown_better_where_it_was_asked_for(arm, arm_limits):
         rows = np.abs(base.K[:, arm.link_columns[2]]).max(axis=1) > 0
         return np.trace(np.linalg.inv(matrix.T @ matrix)[np.ix_(rows, rows)])
 
-    whole = sy.design_excitation(arm, arm_limits, criterion="a", **QUICK)
-    payload = sy.design_excitation(arm, arm_limits, criterion="a", subset="payload", **QUICK)
+    whole = designed(arm, arm_limits, criterion="a")
+    payload = designed(arm, arm_limits, criterion="a", subset="payload")
     assert variance(payload) < variance(whole)
     assert payload.figure == pytest.approx(variance(payload), rel=1e-6)
 
@@ -142,11 +152,11 @@ def test_a_subset_is_shown_better_where_it_was_asked_for(arm, arm_limits):
 @pytest.mark.slow
 def test_noise_weights_the_rows(arm, arm_limits):
     noise = np.array([0.1, 1.0, 4.0])
-    design = sy.design_excitation(arm, arm_limits, noise=noise, **QUICK)
+    design = designed(arm, arm_limits, noise=noise)
     base = arm.base_parameters()
     matrix = arm.regressor(*design.sample(1000.0)[1:])[:, :, base.independent] / noise[:, None]
     assert design.figure == pytest.approx(np.linalg.cond(matrix.reshape(-1, base.count)), rel=1e-6)
-    plain = sy.design_excitation(arm, arm_limits, **QUICK)
+    plain = designed(arm, arm_limits)
     assert design.condition_number > plain.condition_number
 
 
@@ -154,11 +164,11 @@ def test_noise_weights_the_rows(arm, arm_limits):
 @pytest.mark.parametrize("kind", ["trajectory", "design", "information"])
 def test_a_second_motion_counts_the_first_as_prior_information(arm, arm_limits, kind):
     narrow = arm_limits | {"velocity": [2.5, 0.3, 0.3]}  # joints 2 and 3 hardly move
-    first = sy.design_excitation(arm, narrow, **QUICK)
+    first = designed(arm, narrow)
     _, q, dq, ddq = first.sample(1000.0)
     information = sy.Information.from_samples(arm, sy.Samples(q=q, dq=dq, ddq=ddq, torque=np.zeros_like(q)))
     known = {"trajectory": first.excitation, "design": first, "information": information}[kind]
-    second = sy.design_excitation(arm, arm_limits, prior_information=known, **QUICK)
+    second = designed(arm, arm_limits, prior_information=known)
     both = [np.vstack(pair) for pair in zip((q, dq, ddq), second.sample(1000.0)[1:], strict=True)]
     assert second.combined_condition_number == pytest.approx(condition_number(arm, both), rel=1e-6)
     assert second.figure == pytest.approx(second.combined_condition_number, rel=1e-6)
@@ -173,7 +183,7 @@ def test_ctrl_c_keeps_the_best_so_far(arm, arm_limits):
         if len(said) == 2:
             raise KeyboardInterrupt
 
-    design = sy.design_excitation(arm, arm_limits, progress=impatient, **(QUICK | {"starts": 50}))
+    design = designed(arm, arm_limits, progress=impatient, starts=50)
     assert design.status == "interrupted"
     assert 2 <= design.finished_starts < 50
     assert any("interrupted after" in remark for remark in design.remarks)
@@ -181,7 +191,7 @@ def test_ctrl_c_keeps_the_best_so_far(arm, arm_limits):
 
 
 def test_a_time_limit_ends_with_the_best_so_far(arm, arm_limits):
-    design = sy.design_excitation(arm, arm_limits, time_limit=0.3, **(QUICK | {"starts": 500}))
+    design = designed(arm, arm_limits, time_limit=0.3, starts=500)
     assert design.status == "time limit"
     assert design.finished_starts < 500
     assert design.margins[0].clearance >= 0.0
@@ -195,7 +205,7 @@ def test_a_minimiser_of_ones_own_is_called_for_each_start(arm, arm_limits, plain
         assert not stop()
         return 0.1 * start
 
-    design = sy.design_excitation(arm, arm_limits, minimiser=standing_still, **(QUICK | {"workers": workers}))
+    design = designed(arm, arm_limits, minimiser=standing_still, workers=workers)
     assert design.method == "standing_still"
     assert plain.method == "gradient"
     assert design.finished_starts == 2
@@ -220,18 +230,18 @@ def test_a_constraint_of_ones_own_is_kept(arm, arm_limits, plain):
             return slope, np.zeros_like(q), np.zeros_like(q)
 
     assert (motions_of(plain, 1000.0)[0][:, 1:].sum(axis=1)).max() > -0.4
-    kept = sy.design_excitation(arm, arm_limits, constraints=[Coupled()], **QUICK)
+    kept = designed(arm, arm_limits, constraints=[Coupled()])
     assert (motions_of(kept, 1000.0)[0][:, 1:].sum(axis=1)).max() <= -0.5
     assert any(m.name == "cable" for m in kept.margins)
 
 
 @pytest.mark.slow
 def test_margin_periods_and_lead(arm, arm_limits):
-    design = sy.design_excitation(arm, arm_limits, margin=0.2, periods=3, ramp_time=1.5, **QUICK)
+    design = designed(arm, arm_limits, margin=0.2, periods=3, ramp_time=1.5)
     assert design.trajectory.duration == pytest.approx(3 * 5.0 + 2 * 1.5)
     assert np.abs(motions_of(design, 1000.0)[1]).max() <= 0.8 * 2.5
     assert design.excitation.duration == pytest.approx(5.0)
-    plain = sy.design_excitation(arm, arm_limits, ramp_time=0.0, **QUICK)
+    plain = designed(arm, arm_limits, ramp_time=0.0)
     assert isinstance(plain.trajectory, sy.FourierTrajectory)
 
 
@@ -243,7 +253,7 @@ def test_designs_show_themselves(plain):
 
 def test_limits_that_cannot_be_kept_are_named(arm, arm_limits, arm_parameters):
     with pytest.raises(sy.SolverError, match=r"cannot even rest .* torque, joint2 within 0\.5") as caught:
-        sy.design_excitation(arm, arm_limits | {"torque": {"joint2": 0.5}}, parameters=arm_parameters, **QUICK)
+        designed(arm, arm_limits | {"torque": {"joint2": 0.5}}, parameters=arm_parameters)
     assert "\n" not in str(caught.value)
 
     class Stillness:
@@ -260,12 +270,12 @@ def test_limits_that_cannot_be_kept_are_named(arm, arm_limits, arm_parameters):
             return np.zeros_like(q), np.zeros_like(q), np.zeros_like(q)
 
     with pytest.raises(sy.SolverError, match=r"No motion was found .* stillness, a, is passed by 1"):
-        sy.design_excitation(arm, arm_limits, constraints=[Stillness()], **QUICK)
+        designed(arm, arm_limits, constraints=[Stillness()])
 
 
 def test_joints_without_limits_of_position(arm):
     limits = MotionLimits.of(arm.robot.joint_names, lower={"joint2": 0.5}, velocity=2.0, acceleration=6.0)
-    design = sy.design_excitation(arm, limits, **QUICK)
+    design = designed(arm, limits)
     q, dq, ddq = motions_of(design, 1000.0)
     assert q[:, 1].min() >= 0.5
     assert np.abs(dq).max() <= 2.0
@@ -297,7 +307,7 @@ def test_bad_arguments_are_refused_in_one_sentence(arm, arm_limits, options, mes
     if "parameters" in options:
         options = options | {"limits": arm_limits | {"torque": 50.0}}
     with pytest.raises(sy.InputError, match=message) as caught:
-        sy.design_excitation(arm, **({"limits": arm_limits} | QUICK | options))
+        designed(arm, **({"limits": arm_limits} | options))
     assert "\n" not in str(caught.value)
 
 
@@ -308,7 +318,7 @@ def test_a_limits_file_may_hold_a_workspace(arm, tmp_path):
         "lower = -1.5\nupper = 1.5\nvelocity = 2.0\nacceleration = 6.0\n"
         f'[workspace]\nlink = "{arm.robot.link_names[-1]}"\nlower = [-inf, -inf, 0.2]\nupper = [inf, inf, inf]\n'
     )
-    design = sy.design_excitation(arm, path, **QUICK)
+    design = designed(arm, path)
     q = motions_of(design, 1000.0)[0]
     assert arm.pose(q, arm.robot.link_names[-1])[:, 2, 3].min() >= 0.2 - 1e-9
     assert any("workspace" in margin.name for margin in design.margins)
@@ -324,16 +334,16 @@ def test_what_a_constraint_has_to_say_is_passed_on(arm, arm_limits):
         def vjp(self, q, dq, ddq, weights):
             return np.zeros_like(q), np.zeros_like(q), np.zeros_like(q)
 
-    design = sy.design_excitation(arm, arm_limits, constraints=[Talkative()], ramp_time=0.0, **QUICK)
+    design = designed(arm, arm_limits, constraints=[Talkative()], ramp_time=0.0)
     assert "Something was left out." in design.remarks
     assert any("starts and ends at speed" in remark for remark in design.remarks)
     with pytest.raises(sy.InputError, match="several periods need a start and a stop"):
-        sy.design_excitation(arm, arm_limits, ramp_time=0.0, periods=2, **QUICK)
+        designed(arm, arm_limits, ramp_time=0.0, periods=2)
 
 
 def test_processes_are_not_branched_off_beside_jax(arm, arm_limits, plain):
     """JAX warns of it, and with reason; the answer is the same with threads."""
     pytest.importorskip("jax", reason="JAX is not installed")
-    options = QUICK | {"workers": 2}
-    design = sy.design_excitation(arm, arm_limits, **options)
+    options = {"workers": 2}
+    design = designed(arm, arm_limits, **options)
     assert design.condition_number == plain.condition_number

@@ -47,6 +47,7 @@ def excite(
     ] = None,
 ) -> None:
     """Design a motion that shows a robot's parameters, within all its limits: exit 3 where it cannot identify them."""
+    from steelyard.excitation import ExcitationObjective, SearchOptions
     from steelyard.identification import excite as run
     from steelyard.report import require_folder
 
@@ -58,9 +59,7 @@ def excite(
             prior_information=prior_information,
             estimate=estimate,
             family=family.value,
-            criterion=criterion.value,
-            subset=subset or None,
-            nuisance=nuisance.value,
+            objective=ExcitationObjective(criterion=criterion.value, subset=subset or None, nuisance=nuisance.value),
             harmonics=harmonics,
             points=points,
             period=period,
@@ -68,9 +67,7 @@ def excite(
             ramp_time=ramp_time,
             margin=margin,
             rate=rate,
-            starts=starts,
-            seed=seed,
-            time_limit=time_limit,
+            search=SearchOptions(starts=starts, seed=seed, time_limit=time_limit),
             progress=say,
         )
         written = design.save_all(output)

@@ -5,6 +5,7 @@ from typing import TYPE_CHECKING
 from steelyard.first_use import import_at_first_use
 
 if TYPE_CHECKING:
+    from .design import ExcitationObjective as ExcitationObjective
     from .design import design_excitation as design_excitation
     from .excitation_design import ExcitationDesign as ExcitationDesign
     from .fourier import FourierTrajectory as FourierTrajectory
@@ -14,6 +15,7 @@ if TYPE_CHECKING:
     from .motion_constraints import MotionConstraint as MotionConstraint
     from .motion_limits import MotionLimits as MotionLimits
     from .motion_limits import limits_from_file as limits_from_file
+    from .motion_search import SearchOptions as SearchOptions
     from .quintic import QuinticTrajectory as QuinticTrajectory
     from .spline import SplineTrajectory as SplineTrajectory
     from .trajectory import Trajectory as Trajectory

@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-import os
 from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal
 
@@ -22,7 +22,7 @@ from .family import Family, make_family
 from .limit_margins import Margin, Verifier, keeps_all, margins_of
 from .motion_constraints import MotionConstraint, joint_limits, torque_limits
 from .motion_limits import MotionLimits, limits_from_file
-from .motion_search import Minimiser, Search, resting_configurations
+from .motion_search import Search, SearchOptions, resting_configurations
 from .trajectory import Trajectory
 from .vjp import RegressorInformation
 from .workers import single_threaded
@@ -30,7 +30,7 @@ from .workers import single_threaded
 if TYPE_CHECKING:
     from steelyard.collision.surroundings import Surroundings
 
-__all__ = ["design_excitation"]
+__all__ = ["ExcitationObjective", "design_excitation"]
 
 Array = NDArray[np.float64]
 _WATCHED = (
@@ -41,6 +41,33 @@ _NAMED = 5  # parameters
 _SHORT = 40  # characters
 _USED_UP = 0.01  # of the scale of a limit: what is nearer to it counts as using it up
 _SMOOTHNESS = 0.02  # of the velocity scale: width of the smooth sign
+
+
+@dataclass(frozen=True, kw_only=True)
+class ExcitationObjective:
+    """What an excitation is to show, and how that is measured.
+
+    Attributes
+    ----------
+    criterion : {"condition", "d", "a"}
+        Condition number of the base regressor (Gautier and Khalil 1992), determinant of its information matrix
+        (D-optimality) or trace of the inverse of that, the sum of variances (A-optimality; Pukelsheim 2006).
+    subset : str or sequence of str, optional
+        Which parameters the motion is to show: names of joints, links or parameters, or ``"payload"``, the last link.
+    nuisance : {"unknown", "known"}
+        Whether those beyond the subset are estimated too, or known already.
+    noise : array_like, optional
+        (N,) standard deviation of each joint's torque, by whose inverse its rows are weighted.
+    prior_information : Information, Trajectory or ExcitationDesign, optional
+        What is known or planned already: the criterion counts both together. The noise of an Information is taken
+        from `noise`, too.
+    """
+
+    criterion: Literal["condition", "d", "a"] = "condition"
+    subset: str | Sequence[str] | None = None
+    nuisance: Literal["unknown", "known"] = "unknown"
+    noise: ArrayLike | None = None
+    prior_information: Information | Trajectory | ExcitationDesign | None = None
 
 
 @single_threaded
@@ -54,21 +81,13 @@ def design_excitation(
     points: int | None = None,
     ramp_time: float | None = None,
     periods: int = 1,
-    criterion: Literal["condition", "d", "a"] = "condition",
-    subset: str | Sequence[str] | None = None,
-    nuisance: Literal["unknown", "known"] = "unknown",
-    noise: ArrayLike | None = None,
-    prior_information: Information | Trajectory | ExcitationDesign | None = None,
+    objective: ExcitationObjective | None = None,
     constraints: Sequence[MotionConstraint] = (),
     self_collision: bool = True,
     parameters: ArrayLike | None = None,
     margin: float = 0.0,
     rate: float = 1000.0,
-    minimiser: Minimiser | None = None,
-    starts: int = 8,
-    seed: int = 0,
-    workers: int | None = None,
-    time_limit: float | None = None,
+    search: SearchOptions | None = None,
     progress: Callable[[str], None] | None = None,
 ) -> ExcitationDesign:
     """Design a motion that shows a robot's parameters (thesis section 4.3.2).
@@ -99,18 +118,8 @@ def design_excitation(
         oscillation of the highest harmonic.
     periods : int
         How many periods of a Fourier series are played.
-    criterion : {"condition", "d", "a"}
-        Condition number of the base regressor (Gautier and Khalil 1992), determinant of its information matrix
-        (D-optimality) or trace of the inverse of that, the sum of variances (A-optimality; Pukelsheim 2006).
-    subset : str or sequence of str, optional
-        Which parameters the motion is to show: names of joints, links or parameters, or ``"payload"``, the last link.
-    nuisance : {"unknown", "known"}
-        Whether those beyond the subset are estimated too, or known already.
-    noise : array_like, optional
-        (N,) standard deviation of each joint's torque, by whose inverse its rows are weighted.
-    prior_information : Information, Trajectory or ExcitationDesign, optional
-        What is known or planned already: the criterion counts both together. The noise of an Information is taken
-        from `noise`, too.
+    objective : ExcitationObjective, optional
+        What the motion is to show, and how that is measured; by default all parameters, by the condition number.
     constraints : sequence of MotionConstraint
         Further ones, such as clearances from a table or of bodies from each other.
     self_collision : bool
@@ -123,15 +132,8 @@ def design_excitation(
         Fraction of each limit that is left free.
     rate : float
         At which the motion will be recorded, Hz.
-    minimiser : callable, optional
-        Another way to minimise from each start, called with the :class:`DesignProblem`, the (N P,) coefficients to
-        start at, and a function that tells whether to stop now; returns better coefficients. By default the search
-        uses the gradient and refines the best results.
-    starts, seed : int
-    workers : int, optional
-        How many starts run side by side; as many as there are processors by default.
-    time_limit : float, optional
-        s, after which the best so far is taken.
+    search : SearchOptions, optional
+        How long and from where the best motion is searched for.
     progress : callable, optional
         Called with a few words after each step.
 
@@ -151,12 +153,15 @@ def design_excitation(
     >>> import steelyard as sy
     >>> model = sy.Model(sy.Robot.from_dh([(0, 0.5, 0, "q"), (0, 0.4, 0, "q")], gravity=(0, -9.81, 0)))
     >>> limits = {"lower": -1.5, "upper": 1.5, "velocity": 2.0, "acceleration": 6.0}
-    >>> design = design_excitation(model, limits, period=5.0, harmonics=3, starts=2, workers=1)
+    >>> design = design_excitation(model, limits, period=5.0, harmonics=3, search=SearchOptions(starts=2, workers=1))
     >>> design.condition_number < 10, design.margins[0].clearance >= 0
     (True, True)
     """
     say = progress or (lambda _: None)
-    _check_options(starts, workers, time_limit, rate, seed)
+    if not (np.isfinite(rate) and rate > 0.0):
+        raise InputError(f"rate must be positive, got {rate!r}.")
+    asked = ExcitationObjective() if objective is None else objective
+    options = SearchOptions() if search is None else search
     chosen = make_family(
         family, period=period, harmonics=harmonics, points=points, ramp_time=ramp_time, periods=periods
     )
@@ -174,12 +179,12 @@ def design_excitation(
     for constraint in constraints:
         remarks += getattr(constraint, "remarks", ())
     bounds = _limits(model, limits, where, remarks, parameters).reduced(margin)
-    measure = Criterion(criterion, make_subset(model, subset, nuisance))
-    weights = _weights(model, noise)
+    measure = Criterion(asked.criterion, make_subset(model, asked.subset, asked.nuisance))
+    weights = _weights(model, asked.noise)
     problem = _problem(model, chosen, bounds, measure, weights, rate, (*constraints,), parameters)
-    prior = _prior(model, prior_information, weights, rate)
+    prior = _prior(model, asked.prior_information, weights, rate)
     problem = problem.with_prior(prior)
-    configurations, obstacle = resting_configurations(problem, bounds, seed, starts)
+    configurations, obstacle = resting_configurations(problem, bounds, options.seed, options.starts)
     if not configurations:
         raise SolverError(
             f"The robot cannot even rest within its limits: no configuration was found that keeps {obstacle}; widen "
@@ -204,19 +209,7 @@ def design_excitation(
     def figure(x: Array) -> float:
         return measure.figure(spectrum(x))
 
-    search = Search(
-        problem,
-        Verifier(chosen),
-        figure,
-        bounds,
-        minimiser,
-        starts,
-        seed,
-        workers or _processors(),
-        time_limit,
-        say,
-    )
-    result = search.run(configurations)
+    result = Search(problem, Verifier(chosen), figure, bounds, options, say).run(configurations)
     assert result.best.x is not None
     coefficients = problem.coefficients(result.best.x)
     excitation, trajectory = chosen.excitation(coefficients), chosen.trajectory(coefficients)
@@ -227,7 +220,7 @@ def design_excitation(
     own = _information(model, excitation, rate)
     if np.abs(motion[1][0]).max() > 1e-6:
         remarks.append("The motion starts and ends at speed, without a ramp-up: bring the robot to this speed first.")
-    remarks += _notes(result.status, result.finished, starts)
+    remarks += _notes(result.status, result.finished, options.starts)
     shown = identifiability(spectrum(result.best.x), measure.subset, problem.count * model.joint_count)
     unchecked = around.missing(motion[0])
     remarks = [*unchecked, *remarks]
@@ -239,10 +232,10 @@ def design_excitation(
         trajectory=trajectory,
         excitation=excitation,
         condition_number=own.condition_number,
-        combined_condition_number=_combined(model, own, prior_information, rate),
-        criterion=criterion,
+        combined_condition_number=_combined(model, own, asked.prior_information, rate),
+        criterion=asked.criterion,
         figure=result.best.figure,
-        subset=() if subset is None else measure.subset.names,
+        subset=() if asked.subset is None else measure.subset.names,
         terms=tuple(term.kind for term in model.robot.terms),
         parameter_count=model.parameter_count,
         base_count=model.base_parameters().count,
@@ -252,24 +245,15 @@ def design_excitation(
         limits=bounds,
         margins=margins,
         family=family,
-        method="gradient" if minimiser is None else getattr(minimiser, "__name__", type(minimiser).__name__),
+        method=options.method,
         status=result.status,
         rate=rate,
         ramp_time=chosen.window[0],
-        seed=seed,
-        starts=starts,
+        seed=options.seed,
+        starts=options.starts,
         finished_starts=result.finished,
         remarks=tuple(remarks),
     )
-
-
-def _check_options(starts: int, workers: int | None, time_limit: float | None, rate: float, seed: int) -> None:
-    for name, number, least in (("starts", starts, 1), ("workers", workers, 1), ("seed", seed, 0)):
-        if number is not None and (isinstance(number, bool) or int(number) != number or number < least):
-            raise InputError(f"{name} must be a whole number of at least {least}, got {number!r}.")
-    for name, value in (("time_limit", time_limit), ("rate", rate)):
-        if value is not None and not (np.isfinite(value) and value > 0.0):
-            raise InputError(f"{name} must be positive, got {value!r}.")
 
 
 def _geometry(model: Model, sections: Mapping[str, Any], folder: Path, where: str) -> Sequence[MotionConstraint]:
@@ -455,10 +439,3 @@ def _notes(status: str, finished: int, starts: int) -> list[str]:
     if status == "time limit":
         return [f"The time limit came after {finished} of {starts} starts; this is the best motion so far."]
     return []
-
-
-def _processors() -> int:
-    try:
-        return len(os.sched_getaffinity(0))
-    except AttributeError:  # not on every system
-        return os.cpu_count() or 1

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import time
 from collections.abc import Callable, Mapping, Sequence
 from concurrent.futures import FIRST_COMPLETED, BrokenExecutor, Future, wait
@@ -11,7 +12,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from steelyard.errors import SolverError
+from steelyard.errors import InputError, SolverError
 
 from .augmented_lagrangian import COARSE, FINE, Iterate, minimise
 from .design_problem import DesignProblem
@@ -19,7 +20,7 @@ from .limit_margins import Margin, Verifier, keeps_all
 from .motion_limits import MotionLimits
 from .workers import Flag, Pool, pool_of
 
-__all__ = ["Candidate", "Minimiser", "Search", "SearchResult", "resting_configurations"]
+__all__ = ["Candidate", "Minimiser", "Search", "SearchOptions", "SearchResult", "resting_configurations"]
 
 Array = NDArray[np.float64]
 # From a problem, the (N P,) coefficients to start at, and what tells whether to stop now, to better coefficients.
@@ -27,6 +28,56 @@ Minimiser = Callable[[DesignProblem, Array, Callable[[], bool]], Array]
 _CONFIGURATIONS = 4000
 _REFINED = 4  # one in so many starts is refined
 _ROUNDS = 3  # in which instants that were violated join those that the minimisation looks at
+
+
+@dataclass(frozen=True, kw_only=True)
+class SearchOptions:
+    """How long, and from where, the best motion is searched for.
+
+    Attributes
+    ----------
+    minimiser : callable, optional
+        Another way to minimise from each start, called with the :class:`DesignProblem`, the (N P,) coefficients to
+        start at, and a function that tells whether to stop now; returns better coefficients. By default the search
+        uses the gradient and refines the best results.
+    starts, seed : int
+    workers : int, optional
+        How many starts run side by side; as many as there are processors by default.
+    time_limit : float, optional
+        s, after which the best so far is taken.
+
+    Raises
+    ------
+    InputError
+        If one of them cannot be.
+    """
+
+    minimiser: Minimiser | None = None
+    starts: int = 8
+    seed: int = 0
+    workers: int | None = None
+    time_limit: float | None = None
+
+    def __post_init__(self) -> None:
+        for name, least in (("starts", 1), ("workers", 1), ("seed", 0)):
+            number = getattr(self, name)
+            if number is not None and (isinstance(number, bool) or int(number) != number or number < least):
+                raise InputError(f"{name} must be a whole number of at least {least}, got {number!r}.")
+        if self.time_limit is not None and not (np.isfinite(self.time_limit) and self.time_limit > 0.0):
+            raise InputError(f"time_limit must be positive, got {self.time_limit!r}.")
+
+    @property
+    def method(self) -> str:
+        """Name of what minimises: ``"gradient"``, or that of the minimiser that is given."""
+        given = self.minimiser
+        return "gradient" if given is None else getattr(given, "__name__", type(given).__name__)
+
+
+def _processors() -> int:
+    try:
+        return len(os.sched_getaffinity(0))
+    except AttributeError:  # not on every system
+        return os.cpu_count() or 1
 
 
 @dataclass(frozen=True, eq=False)
@@ -74,11 +125,7 @@ class Search:
     figure : callable
         From coefficients x to the criterion with the exact sign.
     limits : MotionLimits
-    minimiser : callable or None
-        By which each start is minimised; None for the own one, which uses gradients and refines the best results.
-    starts, seed, workers : int
-    time_limit : float or None
-        s.
+    options : SearchOptions
     say : callable
         Called with a few words after each step.
     """
@@ -87,11 +134,7 @@ class Search:
     verifier: Verifier
     figure: Callable[[Array], float]
     limits: MotionLimits
-    minimiser: Minimiser | None
-    starts: int
-    seed: int
-    workers: int
-    time_limit: float | None
+    options: SearchOptions
     say: Callable[[str], None]
     _halt: Flag = field(default_factory=Flag)
     _deadline: float = float("inf")
@@ -112,19 +155,19 @@ class Search:
         KeyboardInterrupt
             If it comes before any such motion was found.
         """
-        if self.time_limit is not None:
-            self._deadline = time.monotonic() + self.time_limit
+        if self.options.time_limit is not None:
+            self._deadline = time.monotonic() + self.options.time_limit
         found: dict[int, Candidate] = {}
         status = "finished"
-        workers = min(self.workers, self.starts)
+        workers = min(self.options.workers or _processors(), self.options.starts)
         self._compile()
         with pool_of(self._work, workers) as pool:
             try:
-                tasks = {k: (k, configurations[k % len(configurations)], None) for k in range(self.starts)}
+                tasks = {k: (k, configurations[k % len(configurations)], None) for k in range(self.options.starts)}
                 self._collect(pool, tasks, found)
-                if self.minimiser is None and not self._stopped():
+                if self.options.minimiser is None and not self._stopped():
                     self._stage = "refining the best, "
-                    chosen = sorted(found.values(), key=self._rank)[: -(-self.starts // _REFINED)]
+                    chosen = sorted(found.values(), key=self._rank)[: -(-self.options.starts // _REFINED)]
                     self._collect(pool, {c.index: (c.index, configurations[0], c) for c in chosen}, found)
             except KeyboardInterrupt:
                 self._halt.set()
@@ -206,9 +249,9 @@ class Search:
             return self._refined(found)
         if self._stopped() and k > 0:
             return None
-        x = self._random_start(np.random.default_rng([self.seed, k]), configuration)
-        if self.minimiser is not None:
-            return self._judged(k, Iterate(self.minimiser(self.problem, x, self._stopped), []))
+        x = self._random_start(np.random.default_rng([self.options.seed, k]), configuration)
+        if self.options.minimiser is not None:
+            return self._judged(k, Iterate(self.options.minimiser(self.problem, x, self._stopped), []))
         return self._judged(k, minimise(self.problem, Iterate(x, []), COARSE, self._stopped))
 
     def _refined(self, candidate: Candidate) -> Candidate:

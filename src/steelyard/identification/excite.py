@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 from steelyard.dynamics import Model
-from steelyard.excitation import ExcitationDesign, Trajectory, design_excitation, load_trajectory
+from steelyard.excitation import ExcitationDesign, ExcitationObjective, Trajectory, design_excitation, load_trajectory
 from steelyard.regression import Information
 from steelyard.robot import RobotFile
 
@@ -20,6 +21,7 @@ def excite(
     robot: str | Path | RobotFile,
     limits: str | Path | None = None,
     *,
+    objective: ExcitationObjective | None = None,
     prior_information: str | Path | None = None,
     estimate: str | Path | None = None,
     progress: Callable[[str], None] | None = None,
@@ -33,6 +35,8 @@ def excite(
         URDF or robot.toml.
     limits : str or Path, optional
         A limits file (TOML); without it the limits are those of the robot.
+    objective : ExcitationObjective, optional
+        Of :func:`steelyard.design_excitation`.
     prior_information : str or Path, optional
         A trajectory, or an Information that was saved, of what is known already.
     estimate : str or Path, optional
@@ -40,7 +44,7 @@ def excite(
     progress : callable, optional
         Called with a few words after each step.
     **options
-        Of :func:`steelyard.design_excitation`.
+        Further ones of :func:`steelyard.design_excitation`.
 
     Returns
     -------
@@ -56,10 +60,13 @@ def excite(
     file = robot if isinstance(robot, RobotFile) else RobotFile.load(robot)
     model = Model.from_file(file)
     parameters = None if estimate is None else parameters_of_estimate(model, estimate)
+    asked = ExcitationObjective() if objective is None else objective
+    if prior_information is not None:
+        asked = replace(asked, prior_information=_known(prior_information))
     return design_excitation(
         model,
         limits,
-        prior_information=None if prior_information is None else _known(prior_information),
+        objective=asked,
         parameters=parameters,
         progress=progress,
         **options,

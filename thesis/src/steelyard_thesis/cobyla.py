@@ -45,9 +45,9 @@ def minimise_with_cobyla(
     >>> import steelyard as sy
     >>> model = sy.Model(sy.Robot.from_dh([(0, 0.5, 0, "q"), (0, 0.4, 0, "q")], gravity=(0, -9.81, 0)))
     >>> limits = {"lower": -1.5, "upper": 1.5, "velocity": 2.0, "acceleration": 6.0}
-    >>> design = sy.design_excitation(
-    ...     model, limits, minimiser=minimise_with_cobyla, period=5.0, harmonics=2, starts=2, workers=1, time_limit=0.5
-    ... )
+    >>> from steelyard.excitation import SearchOptions
+    >>> search = SearchOptions(minimiser=minimise_with_cobyla, starts=2, workers=1, time_limit=0.5)
+    >>> design = sy.design_excitation(model, limits, period=5.0, harmonics=2, search=search)
     >>> design.method
     'minimise_with_cobyla'
     """
