@@ -70,8 +70,8 @@ from .robot.inertia import Inertia as Inertia
 from .robot.joint import Joint as Joint
 from .robot.joint import Link as Link
 from .robot.robot import Robot as Robot
-from .robot.term import Term as Term
-from .robot.term import TermParameter as TermParameter
+from .robot.robot import Term as Term
+from .robot.robot import TermParameter as TermParameter
 from .simulation.actuators import Actuators as Actuators
 from .simulation.contact import ElasticContact as ElasticContact
 from .simulation.sensors import Sensors as Sensors

@@ -5,12 +5,12 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from functools import cached_property
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from steelyard.codegen import generate
+from steelyard import codegen  # its files are loaded when code is generated
 from steelyard.errors import InputError
 from steelyard.graph import Function, Kernel
 from steelyard.lmi import AffineBlock
@@ -26,9 +26,6 @@ from .model_source import DEFAULT_FUNCTIONS, model_project
 from .regressor import regressor_with_numpy, term_torques
 from .terms import term_from_dict
 from .threads import one_thread
-
-if TYPE_CHECKING:
-    from steelyard.codegen import SymbolicFunction
 
 __all__ = ["Model"]
 
@@ -451,7 +448,7 @@ class Model:
         project = model_project(
             self._functions, functions, base=base, gravity=gravity, sign=sign, parameters=parameters
         )
-        return generate(project, language, Path(directory))
+        return codegen.generate(project, language, Path(directory))
 
     def symbolic(
         self,
@@ -461,7 +458,7 @@ class Model:
         base: bool = False,
         gravity: str = "fixed",
         substitute: Mapping[str, float | str] | None = None,
-    ) -> SymbolicFunction:
+    ) -> codegen.SymbolicFunction:
         """Return a function of the model as SymPy expressions.
 
         Parameters
@@ -486,23 +483,17 @@ class Model:
         MissingExtraError
             If SymPy is not installed.
         """
-        from steelyard.codegen import sympy_function
-
-        return sympy_function(
+        return codegen.sympy_function(
             self.function(name, base=base, gravity=gravity), closed=closed, substitute=substitute or {}
         )
 
     def casadi(self, name: str, *, base: bool = False, gravity: str = "fixed", sign: str = "exact") -> Any:
         """Return a function of the model as a ``casadi.Function``, which CasADi differentiates; see `function`."""
-        from steelyard.codegen import casadi_function
-
-        return casadi_function(self.function(name, base=base, gravity=gravity, sign=sign))
+        return codegen.casadi_function(self.function(name, base=base, gravity=gravity, sign=sign))
 
     def jax(self, name: str, *, base: bool = False, gravity: str = "fixed", sign: str = "exact") -> Any:
         """Return a function of the model for JAX, to compile, map and differentiate; see `function`."""
-        from steelyard.codegen import jax_function
-
-        return jax_function(self.function(name, base=base, gravity=gravity, sign=sign))
+        return codegen.jax_function(self.function(name, base=base, gravity=gravity, sign=sign))
 
     @property
     def functions(self) -> tuple[str, ...]:

@@ -8,8 +8,7 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from steelyard import __version__
-from steelyard.codegen import Constant, Project
+from steelyard import __version__, codegen
 from steelyard.errors import InputError
 from steelyard.graph import Function
 from steelyard.robot import Inertia, Robot
@@ -49,7 +48,7 @@ def model_project(
     gravity: str = "fixed",
     sign: str = "exact",
     parameters: ArrayLike | None = None,
-) -> Project:
+) -> codegen.Project:
     """Collect functions of a model for one source project.
 
     Parameters
@@ -79,14 +78,14 @@ def model_project(
         "lengths": random.uniform(0.2, 0.6, (_SAMPLES, len(robot.lengths))),
     }
     constants = [
-        Constant("joint_count", robot.dof, "number of joint coordinates"),
-        Constant("link_count", len(robot.links), "number of moving links"),
-        Constant("parameter_count", len(functions.layout.names), "number of standard parameters"),
+        codegen.Constant("joint_count", robot.dof, "number of joint coordinates"),
+        codegen.Constant("link_count", len(robot.links), "number of moving links"),
+        codegen.Constant("parameter_count", len(functions.layout.names), "number of standard parameters"),
     ]
     if base:
         independent = functions.base_parameters()
         reference["base_parameters"] = np.tile(independent.values(standard), (_SAMPLES, 1))
-        constants.append(Constant("base_parameter_count", independent.count, "number of base parameters"))
+        constants.append(codegen.Constant("base_parameter_count", independent.count, "number of base parameters"))
     if len(set(names)) < len(names):
         twice = next(name for name in names if list(names).count(name) > 1)
         raise InputError(f"functions names {twice!r} twice; name each function once.")
@@ -95,7 +94,7 @@ def model_project(
     )
     built = _told_apart(list(recorded))
     used = {argument.name for function in built for argument in function.arguments}
-    return Project(
+    return codegen.Project(
         robot.name,
         built,
         _description(robot, parameters is not None),

@@ -5,6 +5,7 @@ from typing import Literal
 import numpy as np
 import numpy.typing as npt
 
+from steelyard import estimators
 from steelyard.dynamics import Model
 from steelyard.errors import InputError
 from steelyard.feasibility import TieBreak
@@ -12,7 +13,6 @@ from steelyard.feasibility.certificates import FeasibilityCertificate
 from steelyard.feasibility.feasible_set import FeasibleSet
 from steelyard.regression import Estimate, Information, ParameterCovariance, method_name
 
-from .l_curve import l_curve
 from .prior import Prior
 from .reduced_fit import fit_reduced
 
@@ -107,7 +107,7 @@ def fit(
         if weight != "corner" or prior is None:
             expected = 'a positive number or "corner", and needs a prior' if prior is None else 'a number or "corner"'
             raise InputError(f"prior_weight must be {expected}; got {weight!r}.")
-        weight = l_curve(info, feasible_set, prior, weights=values, solver=solver).corner
+        weight = estimators.l_curve(info, feasible_set, prior, weights=values, solver=solver).corner
     found = fit_reduced(problem, feasible_set, prefer, residual_slack, prior, weight, solver)
 
     model = feasible_set.model

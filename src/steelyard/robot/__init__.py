@@ -12,10 +12,10 @@ if TYPE_CHECKING:
     from .joint import Joint as Joint
     from .joint import JointKind as JointKind
     from .joint import Link as Link
+    from .robot import Condition as Condition
     from .robot import Robot as Robot
-    from .term import Condition as Condition
-    from .term import Term as Term
-    from .term import TermParameter as TermParameter
+    from .robot import Term as Term
+    from .robot import TermParameter as TermParameter
     from .urdf_writer import write_urdf as write_urdf
 
 __all__ = import_at_first_use(__name__, __file__)

@@ -9,16 +9,14 @@ from collections.abc import Mapping, Sequence
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import ArrayLike
 
 from steelyard.errors import InputError
 from steelyard.files import shown
 
 from .joint import Joint, JointKind, Link
 from .placement import rotation_x, rotation_z, translation
-from .robot import Robot
 
-__all__ = ["robot_from_dh"]
+__all__ = ["dh_joints"]
 
 _Shifts = dict[str, tuple[float, float, float]]
 LONGEST_CELL = 200
@@ -43,10 +41,10 @@ class _Affine(NamedTuple):
         return _Affine(self.slope + other.slope, self.constant + other.constant, used)
 
 
-def robot_from_dh(
-    rows: Sequence[Sequence[float | str]], convention: str, name: str, gravity: ArrayLike, where: str = "DH table"
-) -> Robot:
-    """See `Robot.from_dh`; `where` begins the messages."""
+def dh_joints(
+    rows: Sequence[Sequence[float | str]], convention: str, where: str = "DH table"
+) -> tuple[tuple[Joint, ...], tuple[Link, ...]]:
+    """Return the joints and links of a robot, see `Robot.from_dh`; `where` begins the messages."""
     if convention not in ("standard", "modified"):
         raise InputError(f'{where}: the convention must be "standard" or "modified", got {convention!r}')
     if isinstance(rows, str | bytes) or not hasattr(rows, "__len__"):
@@ -55,7 +53,7 @@ def robot_from_dh(
         raise InputError(f"{where} has no rows; give one row (alpha, a, d, theta) for each joint")
     joints = tuple(_joint(row, number, convention, where) for number, row in enumerate(rows, start=1))
     links = tuple(Link(f"link{number}") for number in range(1, len(joints) + 1))
-    return Robot(name, joints, links, np.asarray(gravity, dtype=object))
+    return joints, links
 
 
 def _joint(row: Sequence[float | str], number: int, convention: str, where: str) -> Joint:

@@ -9,11 +9,13 @@ from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+
 from steelyard.errors import InputError
 from steelyard.files import TomlTable, read_toml, shown, suggestion
 from steelyard.files.toml_table import is_number
 
-from .dh import robot_from_dh
+from .dh import dh_joints
 from .robot import Robot
 
 __all__ = ["RobotFile"]
@@ -151,8 +153,8 @@ def _describe(path: Path, description: dict[str, Any]) -> Robot:
         lengths = description.get("lengths", {})
         if not isinstance(lengths, dict) or not all(is_number(value) for value in lengths.values()):
             raise table.refuse("lengths", "a table of names and numbers in m")
-        robot = robot_from_dh(rows, description.get("convention", "standard"), path.stem, gravity, where)
-        return robot.with_lengths(lengths)
+        joints, links = dh_joints(rows, description.get("convention", "standard"), where)
+        return Robot(path.stem, joints, links, np.asarray(gravity, dtype=object)).with_lengths(lengths)
 
     urdf, tip = table.text("urdf", "a path") or "", table.text("tip", "the name of a link")
     locked = description.get("locked", [])

@@ -7,10 +7,10 @@ from collections.abc import Iterable, Mapping
 from dataclasses import replace
 from numbers import Real
 from pathlib import Path
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import NDArray
 
 from steelyard.errors import InputError
 from steelyard.files import suggestion
@@ -18,10 +18,9 @@ from steelyard.files import suggestion
 from .inertia import Inertia
 from .joint import Attachment, Joint, JointKind, Link
 from .placement import axis_frame, inverse, motion_z
-from .robot import Robot
 from .urdf_document import ONE_DOF, UrdfDocument, UrdfJoint, read_document
 
-__all__ = ["robot_from_urdf"]
+__all__ = ["urdf_parts"]
 
 Matrix = NDArray[np.float64]
 
@@ -43,15 +42,13 @@ class _Place(NamedTuple):
     locked: bool
 
 
-def robot_from_urdf(
-    path: str | Path, tip: str | None, locked: Iterable[str] | Mapping[str, float], gravity: ArrayLike
-) -> Robot:
-    """See `Robot.from_urdf`."""
+def urdf_parts(path: str | Path, tip: str | None, locked: Iterable[str] | Mapping[str, float]) -> dict[str, Any]:
+    """Return the fields of the robot that a URDF describes, all but gravity, see `Robot.from_urdf`."""
     document = read_document(path)
     positions = _positions(document, locked)
     root, children = _tree(document)
     chain = None if tip is None else _chain(document, tip)
-    return _Assembly(document, positions, children, chain).robot(root, gravity)
+    return _Assembly(document, positions, children, chain).parts(root)
 
 
 def _positions(document: UrdfDocument, locked: Iterable[str] | Mapping[str, float]) -> dict[str, float]:
@@ -138,7 +135,7 @@ class _Assembly:
         self.names: list[str] = []
         self.attachments: dict[int, list[Attachment]] = {-1: []}
 
-    def robot(self, root: str, gravity: ArrayLike) -> Robot:
+    def parts(self, root: str) -> dict[str, Any]:
         stack = [_Place(root, -1, np.eye(4), False)]
         pending: list[tuple[_Place, UrdfJoint]] = []
         # Depth first without recursion: the children of a link are pushed in reverse, so that the first is taken first.
@@ -149,15 +146,14 @@ class _Assembly:
         if not self.joints:
             where = "" if self.chain is None else " between the root and the tip"
             raise InputError(f"{self.document.path}: no joint moves{where}; unlock a joint or choose another file")
-        return Robot(
-            name=self.document.name,
-            joints=self._numbered(),
-            links=self._links(),
-            gravity=np.asarray(gravity, dtype=object),
-            base_link=root,
-            base_attachments=tuple(self.attachments[-1]),
-            source=self.document.path,
-        )
+        return {
+            "name": self.document.name,
+            "joints": self._numbered(),
+            "links": self._links(),
+            "base_link": root,
+            "base_attachments": tuple(self.attachments[-1]),
+            "source": self.document.path,
+        }
 
     def _push(self, place: _Place, pending: list[tuple[_Place, UrdfJoint]]) -> None:
         pending += [(place, joint) for joint in reversed(self.children[place.link])]

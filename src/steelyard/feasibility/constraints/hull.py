@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from steelyard.collision.mesh_files import read_mesh
+from steelyard import collision
 from steelyard.errors import InputError
 from steelyard.files import read_bytes, read_text, require_file, shown
 from steelyard.files.npy import read_array
@@ -403,7 +403,7 @@ def _columns(path: Path) -> Matrix:
 
 
 def _mesh(path: Path) -> Matrix:
-    return read_mesh(path)[0]
+    return collision.read_mesh(path)[0]
 
 
 _READERS = {".npy": _array, ".csv": _columns, ".txt": _columns, ".xyz": _columns}
