@@ -250,6 +250,8 @@ def test_options_are_given_in_one_way():
     options = {"cutoff": 5.0, "velocity_threshold": None, "exclude_joints": [1], "trim": 0.1}
     with pytest.raises(InputError, match=r"a Processing and trim beside it; give one or the other"):
         recording.process(Processing(cutoff=5.0), trim=0.1)
+    with pytest.raises(InputError, match=r"given 4\.8; give a Processing, or its options by name"):
+        recording.process(4.8)  # type: ignore[arg-type]
     with pytest.raises(InputError, match="leaves none to use"):
         recording.process(**options)
     moving = Recording(t=recording.t, q=recording.q, torque=recording.q)

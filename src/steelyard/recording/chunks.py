@@ -38,6 +38,7 @@ if TYPE_CHECKING:
 __all__ = ["Chunk", "process_chunks", "read_chunks"]
 
 CHUNK_ROWS = 200_000
+"""Rows of a chunk where none are stated."""
 
 PIECE_ROWS = 50_000
 """Rows that are processed together, at least; four times what the filters need around them, where that is more."""

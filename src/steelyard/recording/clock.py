@@ -45,11 +45,13 @@ SURE = 0.2
 JITTER_SILENT = 0.01
 """Largest deviation of an interval from the period, as a fraction of it, that nobody needs to hear of."""
 GAP = 1.5
+"""Periods; longer intervals are looked at for missing rows."""
 TOGETHER, MANY = 2.0, 64
 """Where the mean interval over many rows is so many times the median one, rows were written several at a time."""
 CLEAR_INTERVAL = 0.42
 """Of a period: where all intervals are so near to whole multiples of it, each tells how many rows it spans."""
 BLOCK, MOST_BLOCKS = 128, 200
+"""Rows of a block, within which stamps must keep in phase with a period, and blocks by which the period is searched."""
 COARSE, FINE, FINEST = 0.15, 0.0015, 0.0001
 """Of the period: half widths of the searches for it."""
 FEW_ROWS, WANDERING = 8, 1.8
@@ -66,7 +68,9 @@ NEIGHBOURS = 40
 ENOUGH = 10
 """Rows on the shorter side without which a single missing row cannot be told from jitter."""
 MISSING = 0.6
+"""Periods by which stamps must stay behind after a long interval for a row to count as missing there."""
 MOST_PASSES = 100
+"""Passes over a log; each finds those gaps that are the clearest within a window."""
 
 
 @dataclass(frozen=True, eq=False)

@@ -25,6 +25,7 @@ __all__ = [
 ]
 
 POWER_SHARE = 0.999
+"""Share of the power of the positions that lies below the dynamic frequency."""
 DECAYED = 1e-17
 """What is left of a filter's transient, as a fraction, where it no longer counts."""
 SETTLED = 1e-3

@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Any, Self
 import numpy as np
 
 from steelyard.errors import InputError
+from steelyard.files import shown
 
 from .automatic import decide, settle
 from .clock import CLOCK_ROWS, FEWEST_ROWS
@@ -180,6 +181,10 @@ class Recording(Measurements):
         """
         if processing is None:
             processing = Processing.from_dict(options, "process()")
+        elif not isinstance(processing, Processing):
+            raise InputError(
+                f"process() was given {shown(processing)}; give a Processing, or its options by name: cutoff=4.8."
+            )
         elif options:
             raise InputError(
                 f"process() was given a Processing and {', '.join(options)} beside it; give one or the other."

@@ -17,10 +17,15 @@ __all__ = ["ResidualAnalysis", "Spectra", "choose_cutoff", "motion_spectra", "re
 
 Array = NDArray[np.float64]
 CANDIDATES = 96
+"""Cutoffs that are compared; a parabola through the best and its neighbours refines the choice."""
 TRIED = 24
+"""Cutoffs of the residual analysis, each of which filters the whole excerpt."""
 MOST_ROWS = 100_000
+"""Rows in the middle of a log by which the cutoff is chosen."""
 FEWEST = 64
+"""Rows without which no spectrum is estimated."""
 MOTION_SHARE = 0.99
+"""Share of the power of a joint's positions below the frequency from which the end of the motion is searched."""
 HIGHEST = 0.4
 """Fraction of the sample rate; what lies above it is taken for the work of filters in the drive."""
 STRAIGHT = 0.5

@@ -24,10 +24,13 @@ __all__ = ["DelayEstimate", "advanced", "estimate_delay"]
 
 Array = NDArray[np.float64]
 MOST_ROWS = 20_000
+"""Rows at most by which torques are regressed on the motion, evenly spread over the log."""
 SEGMENTS = 10
+"""Segments of the log, left out one at a time for the standard deviation."""
 UNRESOLVED = 0.1
 """Of a row: where in it a jump of Coulomb friction falls is not seen."""
 SURE = 3.0
+"""Standard deviations from zero at which a delay is certain enough to be taken out."""
 SPREAD = float(np.log(5.0) / (np.log(1.0 + np.sqrt(2.0)) / 6.0))
 """A second pass of the same filter lowers its cutoff (order 3) by a factor of (1 + √2)^(1/6); the delay's change is
 carried on to a factor of 5, for what a filter does to a motion with friction is seen in full over such a range."""

@@ -32,14 +32,18 @@ Array = NDArray[np.float64]
 NORMAL = 1.4826
 """Standard deviation of a normal distribution over its median absolute deviation."""
 FEWEST = 5
+"""Rows at an extreme without which a torque does not count as clipped."""
 LONGEST_LEAST = 3
+"""Rows in a row among them; noise alone hardly stands at one value for so long."""
 CROWDED = 4.0
 """Rows at the level over rows just below it, in a band as wide: a smooth maximum has fewer than two and a half."""
 AT_REST = "at rest while the torque changes"
 LEAST_TIME = 0.02
+"""s, the shortest rest."""
 TURN = 3.0
 """A rest is longer than this many times the time that a joint takes to turn around within the tolerance."""
 PARTS = 6
+"""Parts of a rest, whose mean torques are compared with the scatter about them."""
 TOGETHER = 0.7
 """Share of a joint's rest in which all joints are at rest, from which it is a rest of the robot."""
 

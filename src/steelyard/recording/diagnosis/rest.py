@@ -44,6 +44,7 @@ LARGEST = 0.1
 UR10, KR300) are least with thresholds of 0.02 to 0.2 of it, and nearly flat between; those of the Kinova Gen3, whose
 runs last seconds, rise from 0.1 on."""
 BINS = 6
+"""Bins of low velocities, whose limits grow by `RATIO`."""
 RATIO = 1.6
 """Of the limits of neighbouring bins of velocities, of which the last ends at `LARGEST`."""
 CHANCE = 1e-3
@@ -51,7 +52,9 @@ CHANCE = 1e-3
 CLEAR = 0.05
 """Share of the friction that lacks at the lowest velocities, below which a lack of friction is let be."""
 FEWEST_PASSES = 4
+"""Passes through a bin without which its mean residual says nothing."""
 MOST_ROWS = 20_000
+"""Rows of all logs together, at most, by which friction near rest is judged."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -194,7 +197,7 @@ def velocity_thresholds(samples: Sequence[Samples], noise: Array, model: Model |
     """Choose for each joint the velocity from which its rows are used.
 
     Two things make rows near rest useless. Where the velocity is within its noise, the sign of Coulomb friction is
-    anyone's guess: the threshold is three standard deviations of the noise. And a joint that sticks, or whose friction
+    not certain: the threshold is three standard deviations of the noise. And a joint that sticks, or whose friction
     turns its sign smoothly, has less friction near rest than Coulomb's law says. That shows in the torques: they are
     regressed on the motion by rows faster than 0.3 of a joint's usual velocity, and the residual against the direction
     of motion is averaged over each pass through a bin of low velocities. Where the passes through the slowest bin show

@@ -15,11 +15,13 @@ from .motion_filter import Array, Motion, MotionFilter, Response, positive, whol
 __all__ = ["FourierFit", "FourierSeries", "Period", "find_period"]
 
 MOST_HARMONICS = 60
+"""Harmonics at most where neither their number nor a cutoff is stated."""
 FALSE_ALARM = 1e-3
 """Probability with which noise alone would be taken for a harmonic."""
 REPEATS = 0.02
 """Largest squared difference of positions one period apart, as a fraction of that of unrelated ones."""
 LEAST_OVERLAP = 0.2
+"""Share of the log that still overlaps with itself at the longest lag."""
 
 
 @dataclass(frozen=True, eq=False)

@@ -20,6 +20,7 @@ MODELS = {"acceleration": 3, "jerk": 4}
 PRIOR = 1e8
 """Variance of the state before the first row, in units of the noise; so large that it tells nothing."""
 STEADY = 1e-13
+"""Relative change of the covariance from one row to the next below which the gains stay constant."""
 
 
 @dataclass(frozen=True, eq=False)
