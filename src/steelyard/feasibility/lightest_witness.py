@@ -4,7 +4,7 @@ import numpy as np
 import numpy.typing as npt
 import scipy.sparse as sparse
 
-from steelyard.conic import Cone, ConicProblem, solve
+from steelyard.conic import Cone, ConicProblem, Rows, solve
 
 from .feasible_set import FeasibleSet
 from .tie_break import lightest
@@ -22,24 +22,14 @@ def lightest_witness(feasible_set: FeasibleSet, base: Vector, margin: float) -> 
     matrix = sparse.csc_array(directions)
     P = sparse.csc_array(matrix.T @ matrix.multiply(preference.curvature[:, None]))
     q = directions.T @ (preference.gradient + preference.curvature * particular)
-    stack = feasible_set.stack
-    coefficients = stack.coefficients @ matrix
-    values = stack.constant + stack.coefficients @ particular - margin * stack.identity
-    equations = feasible_set.equation_matrix @ directions
+    equations, blocks = feasible_set.rows(directions, particular, margin)
     # Rows without unknowns are constants, which the caller has found to be positive.
-    decided = np.zeros(len(values), dtype=bool)
-    decided[: stack.scalar_count] = np.diff(sparse.csr_array(coefficients).indptr)[: stack.scalar_count] == 0
-    problem = ConicProblem(
-        P=P,
-        q=q,
-        A=sparse.csc_array(sparse.vstack([sparse.csc_array(equations), -coefficients[~decided]], format="csc")),
-        b=np.concatenate([feasible_set.equation_values - feasible_set.equation_matrix @ particular, values[~decided]]),
-        cones=(
-            Cone("zero", len(equations)),
-            Cone("nonnegative", stack.scalar_count - int(decided.sum())),
-            *(Cone("semidefinite", size) for size in stack.matrix_sizes),
-        ),
-    )
+    scalars, count = blocks.cones[0], len(blocks.right)
+    kept = np.diff(sparse.csr_array(blocks.matrix).indptr) > 0
+    kept[scalars.size :] = True
+    left = Cone("nonnegative", scalars.size - count + int(kept.sum()))
+    rows = (equations, Rows(sparse.csr_array(blocks.matrix)[kept], blocks.right[kept], left, *blocks.cones[1:]))
+    problem = ConicProblem.from_rows(q, rows, P)
     solution = solve(problem)
     if not solution.outcome.usable or not np.all(np.isfinite(solution.primal)):
         return None

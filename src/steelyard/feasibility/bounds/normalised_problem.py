@@ -1,6 +1,6 @@
 """Linear objectives over a set that is round in its own units: one problem, of which only the objective changes."""
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import Any
 
@@ -8,7 +8,7 @@ import numpy as np
 import numpy.typing as npt
 import scipy.sparse as sparse
 
-from steelyard.conic import Cone, ConicProblem, Outcome, solve
+from steelyard.conic import Cone, ConicProblem, Outcome, Rows, solve
 from steelyard.lmi import symmetric_to_vector, vector_to_symmetric
 
 from .slice import BlockGroup
@@ -42,7 +42,7 @@ class RepeatedProblem:
         """How it ended, the point x, and the dual point z."""
         problem = self.problem
         if self.solver != "clarabel":
-            changed = ConicProblem(problem.P, objective, problem.A, problem.b, problem.cones)
+            changed = replace(problem, q=objective)
             solution = solve(changed, accuracy=self.accuracy, solver=self.solver)
             return solution.outcome, solution.primal, solution.dual
         self._clarabel.update(q=objective)
@@ -236,19 +236,11 @@ class NormalisedProblem:
     @cached_property
     def _repeated(self) -> RepeatedProblem:
         """The rows of the ball come last."""
-        pieces, right, cones = [-self.coefficients], [self.identity], list(self.cones)
+        rows = [Rows(-self.coefficients, self.identity, *self.cones)]
         if self.ball is not None:
-            pieces += [-self.ball.rate[None], -self.ball.second]
-            right += [np.ones(1), self.ball.first]
-            cones.append(Cone("second-order", 1 + len(self.ball.first)))
-        count = self.unknowns
-        problem = ConicProblem(
-            P=sparse.csc_array((count, count)),
-            q=np.zeros(count),
-            A=sparse.csc_array(np.vstack(pieces)),
-            b=np.concatenate(right),
-            cones=tuple(cones),
-        )
+            left, right = np.vstack([-self.ball.rate[None], -self.ball.second]), np.append(1.0, self.ball.first)
+            rows.append(Rows(left, right, Cone("second-order", len(right))))
+        problem = ConicProblem.from_rows(np.zeros(self.unknowns), rows)
         return RepeatedProblem(problem, self.solver, ACCURACY)
 
     def strain(self, objective: Vector, dual: DualPoint) -> float:

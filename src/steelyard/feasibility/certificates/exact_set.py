@@ -4,7 +4,6 @@ from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from fractions import Fraction
 from typing import Any
-from weakref import WeakKeyDictionary
 
 import numpy as np
 import numpy.typing as npt
@@ -21,8 +20,6 @@ LAST_DIGITS = Fraction(1, 10**12)
 """What numbers of one robot may differ by between processors: base parameters of joints that mimic others, facets of
 flat hulls and the like are found in floating point. 4e-15 was seen for the fingers of a Panda; lengths that anybody
 measured anew differ by more."""
-
-_cache: WeakKeyDictionary[FeasibleSet, Statement] = WeakKeyDictionary()
 
 
 def exact_vector(values: npt.NDArray[np.float64]) -> tuple[Fraction, ...]:
@@ -50,32 +47,32 @@ def _condition(block: AffineBlock) -> MatrixCondition:
 
 def exact_conditions(feasible_set: FeasibleSet) -> Statement:
     """The statement of a feasible set without a base parameter vector (zeros); made once for each set."""
-    found = _cache.get(feasible_set)
-    if found is None:
-        base = feasible_set.model.base_parameters()
-        K = feasible_set.K
-        rows = tuple({int(k): exact_number(row[k]) for k in np.flatnonzero(row)} for row in K)
-        equations = []
-        for equality in feasible_set.equalities:
-            coefficients: dict[int, Fraction] = {}
-            for index, value in zip(equality.indices, equality.coefficients, strict=True):
-                coefficients[int(index)] = coefficients.get(int(index), Fraction(0)) + exact_number(float(value))
-            equation = Equation(equality.name, coefficients, exact_number(equality.value), Fraction(0))
-            equations.append(replace(equation, tolerance=EQUATION_TOLERANCE * equation.scale))
-        names = tuple(str(name) for name in feasible_set.model.parameter_names)
-        leading = tuple(names[i] for i in np.asarray(base.independent, dtype=np.intp))
-        found = Statement(
-            robot=str(getattr(feasible_set.model.robot, "name", "robot")),
-            consistency=feasible_set.consistency,
-            parameter_names=names,
-            base_expressions=tuple(getattr(base, "expressions", leading)),
-            base=(Fraction(0),) * len(K),
-            base_map=rows,
-            conditions=tuple(_condition(block) for block in feasible_set.blocks),
-            equations=tuple(equations),
-        )
-        _cache[feasible_set] = found
-    return found
+    return feasible_set.kept(_exact_conditions)
+
+
+def _exact_conditions(feasible_set: FeasibleSet) -> Statement:
+    base = feasible_set.model.base_parameters()
+    K = feasible_set.K
+    rows = tuple({int(k): exact_number(row[k]) for k in np.flatnonzero(row)} for row in K)
+    equations = []
+    for equality in feasible_set.equalities:
+        coefficients: dict[int, Fraction] = {}
+        for index, value in zip(equality.indices, equality.coefficients, strict=True):
+            coefficients[int(index)] = coefficients.get(int(index), Fraction(0)) + exact_number(float(value))
+        equation = Equation(equality.name, coefficients, exact_number(equality.value), Fraction(0))
+        equations.append(replace(equation, tolerance=EQUATION_TOLERANCE * equation.scale))
+    names = tuple(str(name) for name in feasible_set.model.parameter_names)
+    leading = tuple(names[i] for i in np.asarray(base.independent, dtype=np.intp))
+    return Statement(
+        robot=str(getattr(feasible_set.model.robot, "name", "robot")),
+        consistency=feasible_set.consistency,
+        parameter_names=names,
+        base_expressions=tuple(getattr(base, "expressions", leading)),
+        base=(Fraction(0),) * len(K),
+        base_map=rows,
+        conditions=tuple(_condition(block) for block in feasible_set.blocks),
+        equations=tuple(equations),
+    )
 
 
 def speaks_of(

@@ -12,9 +12,8 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 import scipy.linalg as linalg
-import scipy.sparse as sparse
 
-from steelyard.conic import Cone, ConicProblem, Outcome, solve
+from steelyard.conic import Cone, ConicProblem, Outcome, Rows, solve
 from steelyard.lmi import AffineStack, symmetric_to_vector, vector_to_symmetric
 
 from ..feasible_set import FeasibleSet
@@ -158,23 +157,11 @@ class Metric:
 
         Returns t, q and the dual vector, its part across the fibre only.
         """
-        rows, count = self.Q.shape
-        A = np.zeros((rows + 1, count + 1))
-        A[0, -1] = 1.0
-        A[1:, :-1] = -self.Q
-        A[1:, -1] = self.stack.identity
-        cost = np.zeros(count + 1)
-        cost[-1] = -1.0
-        problem = ConicProblem(
-            P=sparse.csc_array((count + 1, count + 1)),
-            q=cost,
-            A=sparse.csc_array(A),
-            b=np.concatenate([[cap], constant]),
-            cones=(
-                Cone("nonnegative", 1 + self.stack.scalar_count),
-                *(Cone("semidefinite", size) for size in self.stack.matrix_sizes),
-            ),
-        )
+        count = self.Q.shape[1]
+        cost = np.append(np.zeros(count), -1.0)
+        capped = Rows(-cost[None], np.array([cap]), Cone("nonnegative", 1))
+        blocks = Rows(np.column_stack([-self.Q, self.stack.identity]), constant, *self.stack.cones)
+        problem = ConicProblem.from_rows(cost, (capped, blocks))
         solution = solve(problem, accuracy=accuracy)
         if solution.outcome is Outcome.INFEASIBLE or not np.all(np.isfinite(solution.primal)):
             return -np.inf, np.zeros(count), self.across(solution.dual[1:])

@@ -3,7 +3,6 @@
 from collections.abc import Sequence
 from dataclasses import dataclass
 from fractions import Fraction
-from weakref import WeakKeyDictionary
 
 import numpy as np
 import numpy.typing as npt
@@ -42,9 +41,6 @@ class _DualSpace:
         for pivot, row in self.pivots.items():
             found[pivot] = sum((value * values[column] for column, value in row.items()), Fraction(0))
         return found
-
-
-_cache: WeakKeyDictionary[FeasibleSet, _DualSpace] = WeakKeyDictionary()
 
 
 def prove_infeasible(
@@ -135,7 +131,7 @@ def _gradient(feasible_set: FeasibleSet, matrices: Sequence[Matrix], multipliers
 def _on_the_face(
     feasible_set: FeasibleSet, face: DualFace, point: DualPoint, base: Vector
 ) -> InfeasibilityCertificate | None:
-    space = _dual_space(feasible_set, face)
+    space = feasible_set.kept(_dual_space)
     matrices = [U @ W @ U.T for U, W in zip(face.bases, point.matrices, strict=True)]
     direction = _gradient(feasible_set, matrices, point.multipliers)[
         np.asarray(feasible_set.model.base_parameters().independent)
@@ -172,40 +168,37 @@ def _expanded(basis: ExactMatrix, elements: dict[tuple[int, int], Fraction]) -> 
     ]
 
 
-def _dual_space(feasible_set: FeasibleSet, face: DualFace) -> _DualSpace:
-    found = _cache.get(feasible_set)
-    if found is None:
-        conditions = exact_conditions(feasible_set)
-        places: list[tuple[int, int, int]] = []
-        rows: SparseRows = [{} for _ in conditions.parameter_names]
-        for b, (condition, basis) in enumerate(zip(conditions.conditions, face.exact_bases, strict=True)):
-            rank = len(basis[0])
-            for i in range(rank):
-                for j in range(i, rank):
-                    column = len(places)
-                    places.append((b, i, j))
-                    for parameter, elements in condition.coefficients.items():
-                        value = Fraction(0)
-                        for (p, q), element in elements.items():
-                            value += element * basis[p][i] * basis[q][j]
-                            if p != q:
-                                value += element * basis[q][i] * basis[p][j]
-                        if value:
-                            rows[parameter][column] = value * (1 if i == j else 2)
-        start = len(places)
-        for e, equation in enumerate(conditions.equations):
-            for parameter, coefficient in equation.coefficients.items():
-                rows[parameter][start + e] = coefficient
-        start += len(conditions.equations)
-        for i, row in enumerate(conditions.base_map):
-            for parameter, coefficient in row.items():
-                rows[parameter][start + i] = -coefficient
-        total = start + len(conditions.base_map)
-        preference = [0] * len(places) + [2] * len(conditions.equations) + [1] * len(conditions.base_map)
-        pivots, free = zero_combination_basis(rows, total, preference)
-        found = _DualSpace(tuple(places), {k: dict(row) for k, row in pivots.items()}, free)
-        _cache[feasible_set] = found
-    return found
+def _dual_space(feasible_set: FeasibleSet) -> _DualSpace:
+    face = dual_face(feasible_set)
+    conditions = exact_conditions(feasible_set)
+    places: list[tuple[int, int, int]] = []
+    rows: SparseRows = [{} for _ in conditions.parameter_names]
+    for b, (condition, basis) in enumerate(zip(conditions.conditions, face.exact_bases, strict=True)):
+        rank = len(basis[0])
+        for i in range(rank):
+            for j in range(i, rank):
+                column = len(places)
+                places.append((b, i, j))
+                for parameter, elements in condition.coefficients.items():
+                    value = Fraction(0)
+                    for (p, q), element in elements.items():
+                        value += element * basis[p][i] * basis[q][j]
+                        if p != q:
+                            value += element * basis[q][i] * basis[p][j]
+                    if value:
+                        rows[parameter][column] = value * (1 if i == j else 2)
+    start = len(places)
+    for e, equation in enumerate(conditions.equations):
+        for parameter, coefficient in equation.coefficients.items():
+            rows[parameter][start + e] = coefficient
+    start += len(conditions.equations)
+    for i, row in enumerate(conditions.base_map):
+        for parameter, coefficient in row.items():
+            rows[parameter][start + i] = -coefficient
+    total = start + len(conditions.base_map)
+    preference = [0] * len(places) + [2] * len(conditions.equations) + [1] * len(conditions.base_map)
+    pivots, free = zero_combination_basis(rows, total, preference)
+    return _DualSpace(tuple(places), {k: dict(row) for k, row in pivots.items()}, free)
 
 
 def _beside_the_face(

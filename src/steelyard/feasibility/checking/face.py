@@ -9,7 +9,6 @@ exact proofs need to have room (facial reduction: Borwein and Wolkowicz 1981; Pe
 from collections.abc import Sequence
 from dataclasses import dataclass
 from fractions import Fraction
-from weakref import WeakKeyDictionary
 
 import numpy as np
 import numpy.typing as npt
@@ -31,8 +30,6 @@ Matrix = npt.NDArray[np.float64]
 
 ZERO_EIGENVALUE = 1e-7
 """Eigenvalues of the point in the middle (traces add to 1) below this count as zero; others are above 1e-5 or so."""
-
-_cache: WeakKeyDictionary[FeasibleSet, "DualFace"] = WeakKeyDictionary()
 
 
 @dataclass(frozen=True, eq=False)
@@ -63,11 +60,7 @@ class DualFace:
 
 def dual_face(feasible_set: FeasibleSet) -> DualFace:
     """The face of a feasible set; it depends on the robot and the constraints alone, and is made once."""
-    found = _cache.get(feasible_set)
-    if found is None:
-        found = _dual_face(feasible_set)
-        _cache[feasible_set] = found
-    return found
+    return feasible_set.kept(_dual_face)
 
 
 def _dual_face(feasible_set: FeasibleSet) -> DualFace:

@@ -1,7 +1,6 @@
 """Parameters that prove feasibility, from what solvers leave close to the boundary or far out of scale."""
 
 from collections.abc import Sequence
-from weakref import WeakKeyDictionary
 
 import numpy as np
 import numpy.typing as npt
@@ -28,8 +27,6 @@ LARGEST_ADDITION = 1e12
 SHORT_DECIMAL, MAP_ACCURACY = 10**10, 1e-13
 """Denominators of elements of K that count as exact, and the relative accuracy of the others."""
 
-_cache: WeakKeyDictionary[FeasibleSet, Matrix] = WeakKeyDictionary()
-
 
 def proved_witness(feasible_set: FeasibleSet, base: Vector, parameters: Vector) -> FeasibilityCertificate | None:
     """The certificate that parameters amount to, or None where they do not prove anything."""
@@ -51,7 +48,7 @@ def _beyond_rounding(feasible_set: FeasibleSet, parameters: Vector) -> bool:
     Elements of K that are no short decimals are rounded. Parameters of tonnes could make a robot of grams possible that
     is not, by what rounding leaves of terms that cancel.
     """
-    change = _rounding_of_map(feasible_set) @ np.abs(parameters)
+    change = feasible_set.kept(_rounding_of_map) @ np.abs(parameters)
     if not np.any(change):
         return True
     affected = np.zeros(feasible_set.parameter_count)
@@ -66,14 +63,11 @@ def _beyond_rounding(feasible_set: FeasibleSet, parameters: Vector) -> bool:
 
 def _rounding_of_map(feasible_set: FeasibleSet) -> Matrix:
     """Bound on the rounding errors of the elements of K."""
-    found = _cache.get(feasible_set)
-    if found is None:
-        found = np.zeros_like(feasible_set.K)
-        for i, j in zip(*np.nonzero(feasible_set.K), strict=True):
-            value = float(feasible_set.K[i, j])
-            if exact_number(value).denominator > SHORT_DECIMAL:
-                found[i, j] = MAP_ACCURACY * abs(value)
-        _cache[feasible_set] = found
+    found = np.zeros_like(feasible_set.K)
+    for i, j in zip(*np.nonzero(feasible_set.K), strict=True):
+        value = float(feasible_set.K[i, j])
+        if exact_number(value).denominator > SHORT_DECIMAL:
+            found[i, j] = MAP_ACCURACY * abs(value)
     return found
 
 

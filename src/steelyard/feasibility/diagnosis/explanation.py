@@ -6,9 +6,8 @@ from typing import Any
 
 import numpy as np
 import numpy.typing as npt
-import scipy.sparse as sparse
 
-from steelyard.conic import Cone, ConicProblem, Outcome, solve
+from steelyard.conic import ConicProblem, Outcome, solve
 from steelyard.dynamics.threads import one_thread
 from steelyard.errors import InputError
 from steelyard.regression import ParameterCovariance
@@ -107,20 +106,9 @@ def change_alone(
     # In units of what the contradictions tell to be necessary.
     directions = np.hstack([needed * unit[:, None], feasible_set.unidentifiable])
     reference, count = feasible_set.lift @ base, directions.shape[1]
-    coefficients = stack.coefficients @ directions
-    values = stack.constant + stack.coefficients @ reference
-    equations = feasible_set.equation_matrix @ directions
-    problem = ConicProblem(
-        P=sparse.csc_array((count, count)),
-        q=np.concatenate([[1.0], np.zeros(count - 1)]),
-        A=sparse.csc_array(np.vstack([equations, -coefficients])),
-        b=np.concatenate([feasible_set.equation_values - feasible_set.equation_matrix @ reference, values]),
-        cones=(
-            Cone("zero", len(equations)),
-            Cone("nonnegative", stack.scalar_count),
-            *(Cone("semidefinite", size) for size in stack.matrix_sizes),
-        ),
-    )
+    equations, blocks = feasible_set.rows(directions, reference)
+    cost = np.concatenate([[1.0], np.zeros(count - 1)])
+    problem = ConicProblem.from_rows(cost, (equations, blocks))
     solution = solve(problem, solver=solver)
     if (
         solution.outcome is Outcome.INFEASIBLE
@@ -128,7 +116,7 @@ def change_alone(
         or not np.all(np.isfinite(solution.primal))
     ):
         return float("inf")
-    left = values + coefficients @ solution.primal
+    left = blocks.right - blocks.matrix @ solution.primal
     if _smallest_eigenvalue(feasible_set, left) < -1e-4 * needed * float(
         np.abs(stack.coefficients @ unit).max(initial=0.0)
     ):
