@@ -46,23 +46,24 @@ def pytest_configure() -> None:
             providers.is_local_module_file = lambda path: False
 
 
-# What the examples of a file import.
+# What the examples of a file, or of the files of a folder, import.
 NEEDS = {
     "casadi_function.py": "casadi",
     "jax_function.py": "jax",
     "symbolic_function.py": "sympy",
     "symbols.py": "sympy",
-    "sympy_function.py": "sympy",
-    "closed_form.py": "sympy",
-    "polynomials.py": "sympy",
-    "quantifier_elimination.py": "sympy",
+    "closed_form": "sympy",
+    "obstacles.py": "coal",
+    "self_collision.py": "coal",
 }
 
 
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
     """Mark the examples whose extra is missing."""
     for item in items:
-        extra = NEEDS.get(item.path.name) if isinstance(item, pytest.DoctestItem) else None
+        if not isinstance(item, pytest.DoctestItem):
+            continue
+        extra = NEEDS.get(item.path.name, NEEDS.get(item.path.parent.name))
         if extra is not None and find_spec(extra) is None:
             item.add_marker(pytest.mark.skip(reason=f"{extra} is not installed"))
 
