@@ -112,7 +112,7 @@ def description() -> str:
 
 def recording(model: sy.Model, parameters: np.ndarray, seed: int, duration: float = 6.0) -> sy.Recording:
     random = np.random.default_rng(seed)
-    count = model.joint_count
+    count = model.dof
     waves = random.normal(size=(2, count, 4)) * 0.3
     trajectory = sy.FourierTrajectory(a=waves[0], b=waves[1], center=np.zeros(count), frequency=1.0 / duration)
     t, q, dq, ddq = trajectory.sample(200.0, duration)
@@ -287,7 +287,7 @@ def test_settings_are_read(page: str, place: Path) -> None:
         (place / "given.toml").write_text(text.replace("forearm.stl", "forearm.obj"), encoding="utf-8")
         file = sy.RobotFile.load(place / "given.toml")
         model = sy.Model.from_file(file)
-        assert model.joint_count in (3, 6, 7)
+        assert model.dof in (3, 6, 7)
         LogColumns.from_dict(file.section("log"), page)
         Processing.from_dict(file.section("processing"), page)
         from steelyard.feasibility import constraints_from_dict

@@ -33,8 +33,8 @@ def test_gravity_and_coriolis_are_those_of_pinocchio(arm, random, bent):
 def test_feed_forward_is_equation_4_16(arm, random, bent):
     model, parameters, plant, _ = arm
     q, dq = bent(model, random)
-    wanted = tuple(random.normal(size=(3, model.joint_count)))
-    kp, kd = random.uniform(1.0, 9.0, (2, model.joint_count))
+    wanted = tuple(random.normal(size=(3, model.dof)))
+    kp, kd = random.uniform(1.0, 9.0, (2, model.dof))
     controller = FeedforwardTracking(
         model, parameters, lambda t: wanted, kp=kp, kd=kd, sample_time=1e-5, velocity=MeasuredVelocity()
     )
@@ -48,8 +48,8 @@ def test_feed_forward_is_equation_4_16(arm, random, bent):
 def test_computed_torque_makes_double_integrators(arm, random, bent):
     """Equation 2.26: the accelerations that follow, by Pinocchio, are those that were commanded."""
     model, parameters, plant, _ = arm
-    wanted = tuple(random.normal(size=(3, model.joint_count)))
-    kp, kd = random.uniform(1.0, 90.0, (2, model.joint_count))
+    wanted = tuple(random.normal(size=(3, model.dof)))
+    kp, kd = random.uniform(1.0, 90.0, (2, model.dof))
     controller = ComputedTorque(model, parameters, lambda t: wanted, kp=kp, kd=kd, velocity=MeasuredVelocity())
     for _ in range(10):
         q, dq = bent(model, random, 3.0)

@@ -45,10 +45,10 @@ def motion(model, seed, held=()):
     """Sums of four sines, 0.7 where a joint is held; exact derivatives."""
     random = np.random.default_rng(seed)
     t = np.arange(round(DURATION * RATE))[:, None] / RATE
-    q, dq, ddq = np.zeros((3, len(t), model.joint_count))
+    q, dq, ddq = np.zeros((3, len(t), model.dof))
     for k in range(1, 5):
         w = 2 * np.pi * 0.25 * k
-        a, b = random.normal(size=(2, model.joint_count)) * 0.3
+        a, b = random.normal(size=(2, model.dof)) * 0.3
         a[list(held)] = b[list(held)] = 0.0
         q += a * np.sin(w * t) + b * np.cos(w * t)
         dq += w * (a * np.cos(w * t) - b * np.sin(w * t))

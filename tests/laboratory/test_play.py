@@ -151,7 +151,7 @@ def lively(count, seed=0):
 def test_arms_without_friction_follow(file, rate, sensors):
     """Nothing but the controller damps them; their links weigh a thousand times more at the base than at the wrist."""
     model, delta, oracle = frictionless(file)
-    motion = lively(model.joint_count)
+    motion = lively(model.dof)
     log = play(model, delta, motion, rate=rate, sensors=sensors)
     assert np.abs(log.q - motion.motion(log.t)[0]).max() < 0.02
     if sensors is None:
@@ -163,7 +163,7 @@ def test_arms_without_friction_follow(file, rate, sensors):
         )
         # Torques of another motion, since base parameters take rounded placements of a URDF as they are.
         found = sy.least_squares(information).base
-        other = [np.ascontiguousarray(x[::50]) for x in lively(model.joint_count, seed=1).motion(log.t)]
+        other = [np.ascontiguousarray(x[::50]) for x in lively(model.dof, seed=1).motion(log.t)]
         expected = np.array([oracle.torque(*row) for row in zip(*other, strict=True)])
         predicted = model.kernel("inverse_dynamics", base=True)(*other, found).reshape(expected.shape)
         assert np.abs(predicted - expected).max() < 1e-6 * np.abs(expected).max()
@@ -179,7 +179,7 @@ def test_the_default_controller_holds_the_robot_of_pinocchio(file, rate, exact):
     from steelyard.simulation import Measurement
 
     model, delta, oracle = frictionless(file)
-    motion = lively(model.joint_count)
+    motion = lively(model.dof)
     reference = TrajectoryReference(motion, sample_time=1.0 / rate)
     velocity = MeasuredVelocity() if exact else FilteredDifference(30.0)
     default = import_module("steelyard.identification.play")._default_controller
@@ -203,7 +203,7 @@ def test_the_default_controller_holds_the_robot_of_pinocchio(file, rate, exact):
 def test_a_rate_that_is_too_low_is_the_cause_that_is_told():
     model, delta, _ = frictionless("panda.urdf")
     with pytest.raises(sy.InputError, match=r"control loop of 10 Hz .* natural frequency of no more than") as found:
-        play(model, delta, lively(model.joint_count), rate=10.0, sensors=ENCODERS)
+        play(model, delta, lively(model.dof), rate=10.0, sensors=ENCODERS)
     assert "parameters" not in str(found.value)
     with pytest.raises(sy.InputError, match=r"believed to be 0.01 to 0.01 times the true one"):
-        play(model, delta, lively(model.joint_count), nominal=0.01 * delta)
+        play(model, delta, lively(model.dof), nominal=0.01 * delta)

@@ -118,7 +118,7 @@ def _parameters(random, model):
 
 
 def _from_motion(random, model, truth):
-    joints = model.joint_count
+    joints = model.dof
     count = 60 * joints
     amplitude = 10 ** (-random.uniform(0.0, 5.0, joints) * (random.random(joints) < 0.4))
     still = (random.random(joints) < 0.15) & (np.arange(joints) < joints - 1)
@@ -135,7 +135,7 @@ def _from_motion(random, model, truth):
 
 def _from_spectrum(random, model, truth):
     """The regressor of a motion, its singular values replaced by those of a condition number."""
-    joints, count = model.joint_count, 60 * model.joint_count
+    joints, count = model.dof, 60 * model.dof
     q, dq, ddq = random.normal(size=(3, count, joints)) * np.array([1.0, 1.0, 3.0])[:, None, None]
     W = model.regressor(q, dq, ddq).reshape(count * joints, -1)[:, np.asarray(model.base_parameters().independent)]
     lengths = np.linalg.norm(W, axis=0)

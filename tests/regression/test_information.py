@@ -24,7 +24,7 @@ def arm():
 
 def samples_of(model, count, seed=0, noise=(0.5, 0.2, 0.05), mask=None):
     random = np.random.default_rng(seed)
-    q, dq, ddq = random.normal(size=(3, count, model.joint_count)) * np.array([1.0, 2.0, 5.0])[:, None, None]
+    q, dq, ddq = random.normal(size=(3, count, model.dof)) * np.array([1.0, 2.0, 5.0])[:, None, None]
     parameters = np.random.default_rng(99).normal(size=model.parameter_count)
     torque = model.inverse_dynamics(q, dq, ddq, parameters) + random.normal(size=q.shape) * noise
     return sy.Samples(q=q, dq=dq, ddq=ddq, torque=torque, mask=mask)
@@ -42,7 +42,7 @@ def stacked(model, samples):
     base = model.base_parameters()
     H = model.regressor(samples.q, samples.dq, samples.ddq)[:, :, base.independent]
     keep = np.ones(samples.q.shape, dtype=bool) if samples.mask is None else samples.mask
-    return [(H[keep[:, k], k], samples.torque[keep[:, k], k]) for k in range(model.joint_count)]
+    return [(H[keep[:, k], k], samples.torque[keep[:, k], k]) for k in range(model.dof)]
 
 
 def gram(factor):

@@ -46,7 +46,7 @@ def samples_of(model, count, keep, seed, mask=None):
 
 def regressors(model, samples):
     H = model.regressor(samples.q, samples.dq, samples.ddq)[:, :, model.base_parameters().independent]
-    return [H[:, k] for k in range(model.joint_count)]
+    return [H[:, k] for k in range(model.dof)]
 
 
 def independent(information, weights="joint"):

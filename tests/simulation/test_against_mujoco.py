@@ -77,12 +77,12 @@ def fall_in_mujoco(world, order, q0, t):
 def test_two_seconds_of_free_fall(case, method):
     model, world, order = case
     delta = np.nan_to_num(model.robot.parameters)
-    q0 = -0.2 * np.arange(model.joint_count)  # a start from which the Panda's fall is not chaotic
+    q0 = -0.2 * np.arange(model.dof)  # a start from which the Panda's fall is not chaotic
     result = simulate(
         model,
         delta,
         q0,
-        np.zeros(model.joint_count),
+        np.zeros(model.dof),
         2.0,
         method=method,
         relative_tolerance=1e-12,

@@ -194,7 +194,7 @@ class AdaptiveForceControl(ControlBlock):
             model,
             parameters,
             tool,
-            "pose" if model.joint_count >= 6 else "position",
+            "pose" if model.dof >= 6 else "position",
             base=base,
             compensate_drives=compensate_drives,
             sign_width=sign_width,

@@ -101,7 +101,7 @@ class ControlBlock(ABC):
             inertia in the model is not that of a robot.
         """
         places = np.asarray(q, dtype=np.float64)
-        count = self._part.joint_count
+        count = self._part.dof
         if places.ndim == 0 or places.shape[-1] != count or not np.isfinite(places).all():
             raise InputError(f"A gain margin needs finite positions of {count} joints, (..., {count}), got {q!r}.")
         found = self._loop(places.reshape(-1, count))
@@ -165,7 +165,7 @@ class ControlBlock(ABC):
         self._accept(measurement)
         self._shape = measurement.q.shape
         self._velocity.start(measurement)
-        self._check_gains(measurement.q.reshape(-1, self._part.joint_count))
+        self._check_gains(measurement.q.reshape(-1, self._part.dof))
 
     def torque(self, measurement: Measurement) -> Array:
         """Return the commanded joint torques (..., N), N·m or N.
@@ -188,9 +188,9 @@ class ControlBlock(ABC):
         """Refuse what would make wrong torques, before anything remembers it."""
         q, dq, force = measurement.q, measurement.dq, measurement.force
         shape = getattr(q, "shape", None) if self._shape is None else self._shape
-        right = isinstance(q, np.ndarray) and q.ndim > 0 and q.shape == shape and q.shape[-1] == self._part.joint_count
+        right = isinstance(q, np.ndarray) and q.ndim > 0 and q.shape == shape and q.shape[-1] == self._part.dof
         if not right or q.dtype.kind not in "fi":
-            self._refuse("positions", q, f"(..., {self._part.joint_count})" if self._shape is None else f"{shape}")
+            self._refuse("positions", q, f"(..., {self._part.dof})" if self._shape is None else f"{shape}")
         if dq is not None and not (isinstance(dq, np.ndarray) and dq.shape == shape and dq.dtype.kind in "fi"):
             self._refuse("velocities", dq, f"{q.shape}")
         wanted = (*q.shape[:-1], 6)
@@ -214,7 +214,7 @@ class ControlBlock(ABC):
             else f"as a {type(found).__name__}"
         )
         raise InputError(
-            f"The controller is for {self._part.model.robot.name} with {self._part.joint_count} joints, got {what} "
+            f"The controller is for {self._part.model.robot.name} with {self._part.dof} joints, got {what} "
             f"{kind}; they must be an array of numbers of shape {expected}."
         )
 

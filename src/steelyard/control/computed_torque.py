@@ -119,17 +119,17 @@ class ComputedTorque(ControlBlock):
             sample_time,
             velocity,
         )
-        self.reference = joint_reference(reference, model.joint_count, sample_time=self.sample_time)
-        self._kp = joint_gains(kp, model.joint_count, "kp")
-        self._kd = joint_gains(kd, model.joint_count, "kd")
-        self._ki = joint_gains(ki, model.joint_count, "ki")
-        self._band = joint_gains(integral_limit, model.joint_count, "integral_limit")
+        self.reference = joint_reference(reference, model.dof, sample_time=self.sample_time)
+        self._kp = joint_gains(kp, model.dof, "kp")
+        self._kd = joint_gains(kd, model.dof, "kd")
+        self._ki = joint_gains(ki, model.dof, "ki")
+        self._band = joint_gains(integral_limit, model.dof, "integral_limit")
         self._largest = self._kp * self._band / np.where(self._ki > 0.0, self._ki, 1.0)
         if torque_limit is None:
             robot = model.robot
             efforts = [robot.joints[k].effort_limit for k in robot.driving_joints]
             torque_limit = efforts if self._ki.any() else np.inf
-        self._torque_limit = joint_limits(torque_limit, model.joint_count)
+        self._torque_limit = joint_limits(torque_limit, model.dof)
         self._limited = bool(np.isfinite(self._torque_limit).any())
         self._tool = tool
         self._sensor = ForceSensing()
@@ -167,7 +167,7 @@ class ComputedTorque(ControlBlock):
             torque = self._within_limits(torque, self._part(self._dynamics, q, dq, 0.0 * command))
         if self._tool is not None:
             force = self._sensor.wrench(measurement)
-            jacobian = self._part.matrix(self._tool.jacobian, (6, self._part.joint_count), q)
+            jacobian = self._part.matrix(self._tool.jacobian, (6, self._part.dof), q)
             torque -= (force[..., None, :] @ jacobian)[..., 0, :]
         return torque
 

@@ -87,9 +87,9 @@ class FeedforwardTracking(ControlBlock):
         functions = ("computed_torque", *["total_inertia_matrix"] * coupled, *["drive_torque"] * compensate_drives)
         super().__init__(ModelPart(model, parameters, functions, base=base), sample_time, velocity)
         self._coupled, self._compensates = bool(coupled), bool(compensate_drives)
-        self.reference = joint_reference(reference, model.joint_count, sample_time=self.sample_time)
-        self._kp = joint_gains(kp, model.joint_count, "kp")
-        self._kd = joint_gains(kd, model.joint_count, "kd")
+        self.reference = joint_reference(reference, model.dof, sample_time=self.sample_time)
+        self._kp = joint_gains(kp, model.dof, "kp")
+        self._kd = joint_gains(kd, model.dof, "kd")
         self._check_gains(configurations_of(self.reference))
 
     def _feedback(self, q: Array) -> Feedback:
@@ -105,7 +105,7 @@ class FeedforwardTracking(ControlBlock):
         torque = self._part("computed_torque", q, dq, acceleration)
         feedback = self._kp * (wanted - q) + self._kd * (speed - dq)
         if self._coupled:
-            count = self._part.joint_count
+            count = self._part.dof
             feedback = applied(self._part.matrix("total_inertia_matrix", (count, count), q), feedback)
         torque += feedback
         if self._compensates:

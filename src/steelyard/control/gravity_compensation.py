@@ -65,7 +65,7 @@ class GravityCompensation(ControlBlock):
         functions = ("gravity", "coriolis") if coriolis else ("gravity",)
         super().__init__(ModelPart(model, parameters, functions, base=base), sample_time, velocity)
         self._coriolis = coriolis
-        self._damping = joint_gains(damping, model.joint_count, "damping")
+        self._damping = joint_gains(damping, model.dof, "damping")
         self._damps = bool(self._damping.any())
         self._check_gains(self._part.configurations(), share=0.5)
 

@@ -89,9 +89,9 @@ class ModelPart:
         self._calls: dict[tuple[str, tuple[int, ...]], Callable[..., Array]] = {}
 
     @property
-    def joint_count(self) -> int:
+    def dof(self) -> int:
         """Number N of joints."""
-        return self.model.joint_count
+        return self.model.dof
 
     def __call__(self, name: str, *motion: Array) -> Array:
         """Return the outputs of a function side by side, (..., elements).
@@ -121,12 +121,12 @@ class ModelPart:
 
     def configurations(self) -> Array:
         """Return random joint positions (64, N), the same at every call, for what depends on where the robot is."""
-        return np.random.default_rng(0).uniform(-np.pi, np.pi, (64, self.joint_count))
+        return np.random.default_rng(0).uniform(-np.pi, np.pi, (64, self.dof))
 
     def nominal(self, name: str, q: Array) -> Array:
         """Return a function of the positions that is a square matrix, at configurations (P, N)."""
         found = self.model.kernel(name, base=self.base)(q, self.parameters)
-        return np.asarray(found).reshape(len(q), self.joint_count, self.joint_count)
+        return np.asarray(found).reshape(len(q), self.dof, self.dof)
 
     def resistance(self, q: Array) -> tuple[Array, Array]:
         """Return what resists the joints: inertia matrices of links and rotors, and viscous friction, (P, N, N) each.
@@ -134,7 +134,7 @@ class ModelPart:
         Viscous friction is the slope of the other torques between 1 and 2 rad/s, beyond the jump of Coulomb friction.
         What of it would drive the joints instead is left out.
         """
-        count, rows = self.joint_count, len(q)
+        count, rows = self.dof, len(q)
         drive = self.model.kernel("drive_torque", base=self.base)
         still = np.zeros_like(q)
         columns = []

@@ -89,9 +89,9 @@ class PositionTracking(ControlBlock):
         velocity: VelocityEstimator | None = None,
     ) -> None:
         super().__init__(ModelPart(model, parameters, ("computed_torque",), base=base), sample_time, velocity)
-        self.reference = joint_reference(reference, model.joint_count, sample_time=self.sample_time)
-        self._kp = joint_gains(kp, model.joint_count, "kp")
-        self._kd = joint_gains(kd, model.joint_count, "kd")
+        self.reference = joint_reference(reference, model.dof, sample_time=self.sample_time)
+        self._kp = joint_gains(kp, model.dof, "kp")
+        self._kd = joint_gains(kd, model.dof, "kd")
         self.control_start = positive(control_start, "control_start", zero=True)
         self.reference_start = positive(reference_start, "reference_start", zero=True)
         if self.reference_start < self.control_start:

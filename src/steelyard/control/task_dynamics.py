@@ -57,7 +57,7 @@ class Posture:
         InputError
             If the shape of one does not fit, or there is a stiffness without positions.
         """
-        count = model.joint_count
+        count = model.dof
         stiffness = joint_gains(self.stiffness, count, "the posture's stiffness")
         if self.q is None and stiffness.any():
             raise InputError("The posture has a stiffness and no positions; give it q, or leave the stiffness out.")
@@ -200,9 +200,9 @@ class TaskDynamics:
         self.part = part
         self._tool = tool
         self.rows = task_axes(axes)
-        if len(self.rows) > part.joint_count:
+        if len(self.rows) > part.dof:
             raise InputError(
-                f"A task of {len(self.rows)} axes is too much for {part.model.robot.name} with {part.joint_count} "
+                f"A task of {len(self.rows)} axes is too much for {part.model.robot.name} with {part.dof} "
                 "joints; name fewer axes, such as axes='position'."
             )
         self._all_rows = self.rows == tuple(range(6))
@@ -243,7 +243,7 @@ class TaskDynamics:
 
     def _usual(self) -> float:
         """Return five times the lower quartile, over random postures, of the mass in the heaviest direction."""
-        count = self.part.joint_count
+        count = self.part.dof
         q = self.part.configurations()
         jacobian = self.chosen_rows(self.part.matrix(self._tool.jacobian, (6, count), q))
         matrix = self.part.matrix(self._matrix, (count, count), q)
@@ -266,7 +266,7 @@ class TaskDynamics:
         q, dq : ndarray
             (..., N).
         """
-        count = self.part.joint_count
+        count = self.part.dof
         pose = self.pose(q)
         full = self.part.matrix(self._tool.jacobian, (6, count), q)
         rate = self.part.matrix(self._tool.jacobian_rate, (6, count), q, dq)

@@ -92,8 +92,8 @@ class Model:
         return cls(file.robot.with_terms(*terms) if terms else file.robot)
 
     @property
-    def joint_count(self) -> int:
-        """Number N of joints."""
+    def dof(self) -> int:
+        """Number N of degrees of freedom: of the joints that move by themselves, without mimic joints."""
         return self.robot.dof
 
     @property
@@ -511,7 +511,7 @@ class Model:
 
     @cached_property
     def _base(self) -> BaseParameters:
-        joint_frames(self.robot, [0.0] * self.joint_count, np)  # refuses lengths without a value
+        joint_frames(self.robot, [0.0] * self.dof, np)  # refuses lengths without a value
         with one_thread():
             return model_base_parameters(self._layout, _sampled_regressor)
 

@@ -209,8 +209,8 @@ def _weighted(
     errors = [np.vstack([part for _, part in residuals(model, chunk, base)]) for chunk in chunks]
     used = [np.ones(e.shape, dtype=bool) if c.mask is None else c.mask for c, e in zip(chunks, errors, strict=True)]
     torque = np.sqrt(np.mean([np.mean(chunk.torque**2) for chunk in chunks]))
-    scales = np.full(model.joint_count, max(LEAST_SCALE * torque, np.finfo(float).tiny))
-    for k in range(model.joint_count):
+    scales = np.full(model.dof, max(LEAST_SCALE * torque, np.finfo(float).tiny))
+    for k in range(model.dof):
         own = np.concatenate([e[u[:, k], k] for e, u in zip(errors, used, strict=True)])
         if len(own):
             scales[k] = max(scales[k], NORMAL_DEVIATION * float(np.median(np.abs(own - np.median(own)))))

@@ -221,7 +221,7 @@ def design_excitation(
     if np.abs(motion[1][0]).max() > 1e-6:
         remarks.append("The motion starts and ends at speed, without a ramp-up: bring the robot to this speed first.")
     remarks += _notes(result.status, result.finished, options.starts)
-    shown = identifiability(spectrum(result.best.x), measure.subset, problem.count * model.joint_count)
+    shown = identifiability(spectrum(result.best.x), measure.subset, problem.count * model.dof)
     unchecked = around.missing(motion[0])
     remarks = [*unchecked, *remarks]
     if shown.unshown:
@@ -314,11 +314,11 @@ def _link_columns(model: Model) -> NDArray[np.intp]:
 
 def _weights(model: Model, noise: ArrayLike | None) -> Array:
     if noise is None:
-        return np.ones(model.joint_count)
+        return np.ones(model.dof)
     values = np.asarray(noise, dtype=np.float64)
-    if values.shape != (model.joint_count,) or not np.isfinite(values).all() or (values <= 0.0).any():
+    if values.shape != (model.dof,) or not np.isfinite(values).all() or (values <= 0.0).any():
         raise InputError(
-            f"noise must be {model.joint_count} positive numbers, one standard deviation for each joint, got {noise!r}."
+            f"noise must be {model.dof} positive numbers, one standard deviation for each joint, got {noise!r}."
         )
     return np.asarray(1.0 / values)
 
@@ -388,10 +388,9 @@ def _known(model: Model, prior_information: Information | Trajectory | Excitatio
     if isinstance(prior_information, Information):
         return prior_information
     motion = prior_information.excitation if isinstance(prior_information, ExcitationDesign) else prior_information
-    if motion.joint_count != model.joint_count:
+    if motion.dof != model.dof:
         raise InputError(
-            f"The prior information is of a motion of {motion.joint_count} joints, but {model.robot.name} has "
-            f"{model.joint_count}."
+            f"The prior information is of a motion of {motion.dof} joints, but {model.robot.name} has {model.dof}."
         )
     return _information(model, motion, rate)
 

@@ -58,7 +58,7 @@ class FourierTrajectory(SampledTrajectory):
             raise InputError(f"frequency must be positive, in Hz, got {self.frequency}.")
 
     def __repr__(self) -> str:
-        return f"FourierTrajectory({self.joint_count} joints, {self.harmonics} harmonics, period {self.period:g} s)"
+        return f"FourierTrajectory({self.dof} joints, {self.harmonics} harmonics, period {self.period:g} s)"
 
     @property
     def period(self) -> float:
@@ -71,7 +71,7 @@ class FourierTrajectory(SampledTrajectory):
         return self.period
 
     @property
-    def joint_count(self) -> int:
+    def dof(self) -> int:
         """Number N of joints."""
         return len(self.center)
 
@@ -175,9 +175,9 @@ class RestToRestTrajectory(SampledTrajectory):
         return 2.0 * self.ramp_time + self.periods * self.series.period
 
     @property
-    def joint_count(self) -> int:
+    def dof(self) -> int:
         """Number N of joints."""
-        return self.series.joint_count
+        return self.series.dof
 
     def phase(self, t: ArrayLike) -> tuple[Array, Array, Array]:
         """Return the time of the series at times (S,), s, and its first and second derivative."""

@@ -115,7 +115,7 @@ class QuinticTrajectory(SampledTrajectory):
         return cls(np.concatenate([[0.0], np.cumsum(lengths)]), places, still, still)
 
     def __repr__(self) -> str:
-        return f"QuinticTrajectory({self.joint_count} joints, {len(self.times)} points, {self.duration:g} s)"
+        return f"QuinticTrajectory({self.dof} joints, {len(self.times)} points, {self.duration:g} s)"
 
     @property
     def duration(self) -> float:
@@ -123,7 +123,7 @@ class QuinticTrajectory(SampledTrajectory):
         return float(self.times[-1])
 
     @property
-    def joint_count(self) -> int:
+    def dof(self) -> int:
         """Number N of joints."""
         return int(self.q.shape[1])
 

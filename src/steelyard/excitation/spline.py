@@ -61,10 +61,10 @@ class SplineTrajectory(SampledTrajectory):
             raise InputError(f"duration must be positive, in s, got {self.duration!r}.")
 
     def __repr__(self) -> str:
-        return f"SplineTrajectory({self.joint_count} joints, {self.points.shape[1]} points, {self.duration:g} s)"
+        return f"SplineTrajectory({self.dof} joints, {self.points.shape[1]} points, {self.duration:g} s)"
 
     @property
-    def joint_count(self) -> int:
+    def dof(self) -> int:
         """Number N of joints."""
         return len(self.points)
 

@@ -30,7 +30,7 @@ class Trajectory(Protocol):
     ----------
     duration : float
         s, from the first to the last instant.
-    joint_count : int
+    dof : int
         Number N of joints.
     """
 
@@ -40,7 +40,7 @@ class Trajectory(Protocol):
         ...
 
     @property
-    def joint_count(self) -> int:
+    def dof(self) -> int:
         """Number N of joints."""
         ...
 
@@ -137,11 +137,9 @@ def save_trajectory(
     suffix = target.suffix.lower()
     if suffix not in SUFFIXES:
         raise InputError(f"{target}: a trajectory is saved as {', '.join(SUFFIXES)}, got the suffix {target.suffix!r}.")
-    names = tuple(joint_names or (f"joint{k + 1}" for k in range(trajectory.joint_count)))
-    if len(names) != trajectory.joint_count or len(set(names)) < len(names):
-        raise InputError(
-            f"{target}: {trajectory.joint_count} different joint names are needed, got {', '.join(names)}."
-        )
+    names = tuple(joint_names or (f"joint{k + 1}" for k in range(trajectory.dof)))
+    if len(names) != trajectory.dof or len(set(names)) < len(names):
+        raise InputError(f"{target}: {trajectory.dof} different joint names are needed, got {', '.join(names)}.")
     if suffix == ".json":
         write_json({"format": FORMAT, "joint_names": list(names), **_coefficients(trajectory)}, target, indent=None)
         return

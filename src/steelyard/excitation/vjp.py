@@ -118,7 +118,7 @@ class RegressorInformation:
         )
         self._count = model.base_parameters().count
         joints, columns = np.divmod(self._regressor.places, self._count)
-        self._joints = [(np.flatnonzero(joints == k), columns[joints == k]) for k in range(model.joint_count)]
+        self._joints = [(np.flatnonzero(joints == k), columns[joints == k]) for k in range(model.dof)]
         self._squares = np.asarray(joint_weights, dtype=np.float64) ** 2
 
     def information(self, q: Array, dq: Array, ddq: Array) -> tuple[Array, list[Array]]:

@@ -107,7 +107,7 @@ def identify(
     constraints = constraints_from_dict(file.section("constraints"), folder=file.path.parent)
     feasible = FeasibleSet(model, consistency, list(constraints))
 
-    say(f"{model.robot.name}: {model.joint_count} joints, {model.base_parameters().count} base parameters")
+    say(f"{model.robot.name}: {model.dof} joints, {model.base_parameters().count} base parameters")
     reader.decide(logs, say)
     parts: list[tuple[str, str, Information, _Thinned]] = []
     sums = BatchSums(empty_factors(model))

@@ -121,10 +121,8 @@ def play(
     for name, value, unit in (("periods", periods, ""), ("rate", rate, " Hz")):
         if not 0.0 < value < np.inf:
             raise InputError(f"{name} must be positive, got {value!r}{unit}.")
-    if trajectory.joint_count != model.joint_count:
-        raise InputError(
-            f"The trajectory moves {trajectory.joint_count} joints, but {model.robot.name} has {model.joint_count}."
-        )
+    if trajectory.dof != model.dof:
+        raise InputError(f"The trajectory moves {trajectory.dof} joints, but {model.robot.name} has {model.dof}.")
     _check_periods(trajectory, periods)
     reference = TrajectoryReference(trajectory, repeat=periods > 1.0, sample_time=1.0 / rate)
     start, speed, _ = reference.at(0.0)
@@ -222,7 +220,7 @@ def _default_controller(
 
 def _inertia(model: Model, parameters: Array, q: Array, base: bool) -> Array:
     """Return the inertia matrices (P, N, N) of links and rotors; they must be positive definite."""
-    n = model.joint_count
+    n = model.dof
     matrices = np.asarray(model.kernel("total_inertia_matrix", base=base)(q, parameters)).reshape(-1, n, n)
     values, vectors = np.linalg.eigh(matrices)
     worst = int(np.argmin(values[:, 0]))

@@ -106,16 +106,16 @@ def simulate_files(
     parameters, base, whose = _parameters(model, estimate)
     if torque is not None and follow is not None:
         raise InputError("Give either --torque or --follow: the motors obey one of them.")
-    if initial is not None and len(initial) != model.joint_count:
+    if initial is not None and len(initial) != model.dof:
         raise InputError(
-            f"--initial gives {len(initial)} positions, but {model.robot.name} has {model.joint_count} joints: "
+            f"--initial gives {len(initial)} positions, but {model.robot.name} has {model.dof} joints: "
             f"{', '.join(model.robot.joint_names)}."
         )
-    q0, dq0 = np.zeros(model.joint_count) if initial is None else np.array(initial), np.zeros(model.joint_count)
+    q0, dq0 = np.zeros(model.dof) if initial is None else np.array(initial), np.zeros(model.dof)
     motors: Any = None
     notes: tuple[str, ...] = ()
     if torque is not None:
-        motors = TorqueTable.read(torque, model.joint_count, rate)
+        motors = TorqueTable.read(torque, model.dof, rate)
         duration = motors.duration if duration is None else duration
         notes = motors.notes(duration)
     if follow is not None:
@@ -123,10 +123,8 @@ def simulate_files(
         from steelyard.excitation import load_trajectory
 
         trajectory = load_trajectory(follow)
-        if trajectory.joint_count != model.joint_count:
-            raise InputError(
-                f"{follow}: moves {trajectory.joint_count} joints, but {model.robot.name} has {model.joint_count}."
-            )
+        if trajectory.dof != model.dof:
+            raise InputError(f"{follow}: moves {trajectory.dof} joints, but {model.robot.name} has {model.dof}.")
         start = trajectory.motion(np.zeros(1))
         q0, dq0 = start[0][0] if initial is None else q0, start[1][0]
         kp, kd = gains

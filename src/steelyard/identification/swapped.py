@@ -36,7 +36,7 @@ def swapped_torques(model: Model, samples: Samples) -> tuple[str, ...]:
     torque = samples.torque[::step]
     columns = model.base_columns
     values = columns.kernel(samples.q[::step], samples.dq[::step], samples.ddq[::step])
-    joints = range(model.joint_count)
+    joints = range(model.dof)
     error = np.ones((len(joints), len(joints)))  # of the torque of joint j, fitted by the regressor of joint i
     for i, block in enumerate(np.split(values, np.cumsum([len(c) for c in columns.joints])[:-1], axis=1)):
         error[i] = _errors(block, torque)
@@ -78,7 +78,7 @@ def swapped_positions(model: Model, samples: Samples) -> tuple[str, ...]:
         errors = information.joint_relative_error(least_squares(information, "joint").base)
         return float(np.exp(np.mean(np.log(np.maximum(errors[np.isfinite(errors)], 1e-3)))))
 
-    joints = model.joint_count
+    joints = model.dof
     reach = joints if joints <= _ALL_PAIRS else 2
     fallen = {}
     given = error(list(range(joints)))

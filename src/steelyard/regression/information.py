@@ -174,7 +174,7 @@ class Information:
             The same numbers, to the last bit, wherever the samples were cut.
         """
         base, names = model.base_parameters(), tuple(model.robot.joint_names)
-        matrix = None if covariance is None else as_covariance(covariance, model.joint_count)
+        matrix = None if covariance is None else as_covariance(covariance, model.dof)
         own = BatchSums(empty_factors(model)) if batch_means and matrix is None and sums is None else None
         by_joint = JointReduction(model, own if sums is None else sums)
         whole = None if matrix is None else WhitenedReduction(model, matrix, batch_means)

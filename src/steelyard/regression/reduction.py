@@ -46,9 +46,9 @@ WHOLE_BLOCK = 1024
 def require_joints(model: Model, samples: Samples) -> None:
     """Raise InputError unless the samples have as many joints as the model."""
     joints = np.shape(samples.q)[1]
-    if joints != model.joint_count:
+    if joints != model.dof:
         raise InputError(
-            f"The samples have {joints} joints, but {model.robot.name} has {model.joint_count}: "
+            f"The samples have {joints} joints, but {model.robot.name} has {model.dof}: "
             "check which columns of the log were read."
         )
 

@@ -69,7 +69,7 @@ def residual_covariance(
             f"residual_covariance needs the model's {count} base parameters, all finite, got an array of shape "
             f"{base.shape}."
         )
-    joints = model.joint_count
+    joints = model.dof
     sums, counts = np.zeros((joints, joints)), np.zeros((joints, joints))
     for chunk in [samples] if isinstance(samples, Samples) else samples:
         require_joints(model, chunk)

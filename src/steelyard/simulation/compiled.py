@@ -135,7 +135,7 @@ class MotionFunctions:
     def __init__(self, model: Model, base: bool, smooth: bool, each: bool) -> None:
         self._model = ref(model)  # these functions are kept by the model's life, and must not prolong it
         self.base, self.smooth, self.each = base, smooth, each
-        self.count = model.joint_count
+        self.count = model.dof
         self.parameter_count = model.base_parameters().count if base else model.parameter_count
         self._dynamics = forward_dynamics_function(model.robot, "automatic")
         self._kernels: dict[str, Kernel] = {}

@@ -136,7 +136,7 @@ class Contact:
             )
         self.environment = environment
         self._point = np.array(environment.point, dtype=np.float64)
-        self._count = model.joint_count
+        self._count = model.dof
         self._pose = model.kernel(f"pose({environment.link})")
         self._jacobian = model.kernel(f"jacobian({environment.link})")
 

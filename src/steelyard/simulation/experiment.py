@@ -84,7 +84,7 @@ class Experiment:
 
     def __init__(self, request: Request, relative: float, absolute: float, seed: int, options: dict[str, Any]) -> None:
         self.request, self.options, self.seed = request, options, seed
-        self.runs, self.count = request.runs, request.model.joint_count
+        self.runs, self.count = request.runs, request.model.dof
         functions = motion_functions(
             request.model, base=request.base, smooth=request.sign_width > 0.0, each=request.each
         )

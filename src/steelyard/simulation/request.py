@@ -85,7 +85,7 @@ environment, stopping_conditions, rate
         self._rates()
 
     def _arrays(self) -> None:
-        n = self.model.joint_count
+        n = self.model.dof
         given = {"q0": self.q0, "dq0": self.dq0, "parameters": self.parameters}
         arrays: dict[str, Array] = {}
         for name, value in given.items():
@@ -185,7 +185,7 @@ environment, stopping_conditions, rate
 
     def _rubs(self) -> bool:
         """Tell whether there is Coulomb friction: torques that jump as the velocities change their signs."""
-        n, rows = self.model.joint_count, np.atleast_2d(self.parameters)
+        n, rows = self.model.dof, np.atleast_2d(self.parameters)
         kernel = self.model.kernel("drive_torque", base=self.base)
         slow, still = 1e-12 * (1.0 + np.arange(n) / 7.0), np.zeros(n)
         jumps = [kernel.sample(still, slow, still, p) - kernel.sample(still, -slow, still, p) for p in rows]

@@ -118,7 +118,7 @@ class SimulationResult:
         return self.q.ndim == 3
 
     @property
-    def joint_count(self) -> int:
+    def dof(self) -> int:
         """Number N of joints."""
         return int(self.q.shape[-1])
 
@@ -150,7 +150,7 @@ class SimulationResult:
         state = self._of_method(times) if self.pieces else self._of_cubics(times)
         if np.ndim(t) == 0:
             state = state[..., 0, :]
-        return state[..., : self.joint_count], state[..., self.joint_count :]
+        return state[..., : self.dof], state[..., self.dof :]
 
     def _of_method(self, times: Array) -> Array:
         begins = np.array([piece[0] for piece in self.pieces])
@@ -243,7 +243,7 @@ class SimulationResult:
         return save_result(self, Path(path))
 
     def __repr__(self) -> str:
-        size = f"{len(self.t)} samples x {self.joint_count} joints, {self.method}"
+        size = f"{len(self.t)} samples x {self.dof} joints, {self.method}"
         if not isinstance(self.status, Status):
             counts = ", ".join(f"{self.status.count(s)} {s.value}" for s in Status if s in self.status)
             return f"SimulationResult({len(self.q)} runs, {size}: {counts})"
@@ -317,8 +317,8 @@ def _columns(result: SimulationResult) -> dict[str, NDArray[np.float64] | NDArra
         columns["run"] = np.repeat(np.arange(runs), samples)
     columns["t"] = np.tile(result.t, runs)
     for name, values in (("q", result.q), ("dq", result.dq), ("ddq", result.ddq), ("tau", result.torque)):
-        flat = values.reshape(-1, result.joint_count)
-        columns |= {f"{name}{k + 1}": flat[:, k] for k in range(result.joint_count)}
+        flat = values.reshape(-1, result.dof)
+        columns |= {f"{name}{k + 1}": flat[:, k] for k in range(result.dof)}
     for name in ("kinetic_energy", "potential_energy", "dissipated"):
         columns[name] = getattr(result, name).reshape(-1)
     return columns

@@ -57,8 +57,8 @@ def test_effects_are_those_that_pinocchio_tells(arm, gross):
     delta = standard(arm, gross.estimate)
     pinocchio, model, data = in_pinocchio(arm, delta)
     _, true_model, true_data = in_pinocchio(arm, arm.truth)
-    viscous = delta[[arm.model.parameter_names.index(f"Fvj{k + 1}") for k in range(arm.model.joint_count)]]
-    zero = np.zeros(arm.model.joint_count)
+    viscous = delta[[arm.model.parameter_names.index(f"Fvj{k + 1}") for k in range(arm.model.dof)]]
+    zero = np.zeros(arm.model.dof)
     least, energy, error, weight, true_weight, swing, true_swing, power = ([] for _ in range(8))
     for q, dq, ddq, torque in zip(states.q, states.dq, states.ddq, states.torque, strict=True):
         matrix = pinocchio.crba(model, data, q)
@@ -93,7 +93,7 @@ def test_the_true_parameters_have_no_effects(arm):
 def test_a_possible_arm_has_the_same_gravity_torques(arm, gross):
     """Made by hand: heavy links, first moments that make up for them, and large inertias."""
     model, random = arm.model, np.random.default_rng(4)
-    q = random.uniform(-np.pi, np.pi, (200, model.joint_count))
+    q = random.uniform(-np.pi, np.pi, (200, model.dof))
     zero = np.zeros_like(q)
     delta = standard(arm, gross.estimate)
     regressor = model.regressor(q, zero, zero).reshape(-1, model.parameter_count)
@@ -125,7 +125,7 @@ def test_skew_symmetry_and_the_potential_say_nothing(arm, gross):
 
 
 def test_released_the_estimate_runs_away_at_constant_energy_and_its_correction_does_not(arm, gross):
-    starts = np.random.default_rng(8).uniform(-np.pi, np.pi, (3, arm.model.joint_count))
+    starts = np.random.default_rng(8).uniform(-np.pi, np.pi, (3, arm.model.dof))
     result = released(arm, [gross.estimate, gross.corrected], starts, 2.0)
     diverged = np.array([status is Status.DIVERGED for status in result.status])
     assert diverged[:3].any()
@@ -140,7 +140,7 @@ def test_released_the_estimate_runs_away_at_constant_energy_and_its_correction_d
 
 def test_computed_torque_is_positive_feedback_where_the_matrix_is_not_positive_definite(arm, gross):
     """The closed loop about rest, by NumPy: e'' + M⁻¹ M̂ (Kd e' + Kp e) = 0."""
-    n = arm.model.joint_count
+    n = arm.model.dof
     matrix = arm.model.kernel("total_inertia_matrix", base=True)
     q = np.random.default_rng(5).uniform(-np.pi, np.pi, (100, n))
     true_matrices = matrix(q, arm.base).reshape(-1, n, n)
@@ -160,7 +160,7 @@ def test_computed_torque_is_positive_feedback_where_the_matrix_is_not_positive_d
 
 
 def test_carried_by_true_gravity_the_arm_stays(arm):
-    q = np.random.default_rng(6).uniform(-np.pi, np.pi, (2, arm.model.joint_count))
+    q = np.random.default_rng(6).uniform(-np.pi, np.pi, (2, arm.model.dof))
     np.testing.assert_allclose(guided(arm, [arm.base], q, 1.0).final_q, q, atol=1e-6)
 
 

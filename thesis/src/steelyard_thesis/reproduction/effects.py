@@ -41,7 +41,7 @@ class States:
     def random(cls, subject: Subject, count: int, seed: int = 81) -> States:
         """Draw postures from the whole turn, velocities of 1 rad/s and accelerations of 3 rad/s², rms."""
         random = np.random.default_rng(seed)
-        n = subject.model.joint_count
+        n = subject.model.dof
         q = random.uniform(-np.pi, np.pi, (count, n))
         dq, ddq = random.normal(size=(count, n)), 3.0 * random.normal(size=(count, n))
         return cls(q, dq, ddq, subject.model.inverse_dynamics(q, dq, ddq, subject.truth))
@@ -76,7 +76,7 @@ class Effects:
 
 
 def _matrices(model: Model, q: Array, base: Array) -> Array:
-    n = model.joint_count
+    n = model.dof
     return np.asarray(model.kernel("total_inertia_matrix", base=True)(q, base)).reshape(len(q), n, n)
 
 
@@ -123,7 +123,7 @@ def identities(subject: Subject, base: Array, states: States) -> tuple[float, fl
     skew = float(np.abs(power - twice).max() / np.abs(twice).max())
     potential = model.kernel("potential_energy", base=True)
     gravity = model.kernel("gravity", base=True)(q, base)
-    steps = _STEP * np.eye(model.joint_count)
+    steps = _STEP * np.eye(model.dof)
     gradient = np.stack([(_flat(potential(q + s, base)) - _flat(potential(q - s, base))) for s in steps], axis=1)
     return skew, float(np.abs(gradient / (2.0 * _STEP) - gravity).max() / np.abs(gravity).max())
 
@@ -209,8 +209,8 @@ def hangs_unstably(subject: Subject, base: Array) -> bool:
     def slope(q: Array) -> Array:
         return _flat(gravity(q[None], base))
 
-    found: Any = minimize(height, np.full(model.joint_count, 0.1), jac=slope, method="BFGS")
-    steps = 1e-5 * np.eye(model.joint_count)
+    found: Any = minimize(height, np.full(model.dof, 0.1), jac=slope, method="BFGS")
+    steps = 1e-5 * np.eye(model.dof)
     stiffness = np.stack(
         [_flat(gravity((found.x + s)[None], base) - gravity((found.x - s)[None], base)) for s in steps]
     )
@@ -254,7 +254,7 @@ def held(subject: Subject, bases: Sequence[Array], starts: Array, duration: floa
     """
     _, q = _batch(subject, bases, starts)
     model = subject.model
-    n = model.joint_count
+    n = model.dof
     matrix, bias = model.kernel("total_inertia_matrix", base=True), model.kernel("coriolis", base=True)
     gravity = model.kernel("gravity", base=True)
     plant = np.tile(_without_friction(subject), (len(q), 1))

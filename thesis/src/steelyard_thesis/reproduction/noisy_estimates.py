@@ -86,7 +86,7 @@ def random_subject(seed: int) -> Subject:
 
     Examples
     --------
-    >>> random_subject(3).model.joint_count in (3, 4, 5, 6)
+    >>> random_subject(3).model.dof in (3, 4, 5, 6)
     True
     """
     random = np.random.default_rng([81, seed])
@@ -143,7 +143,7 @@ def cases(subject: Subject, noises: tuple[float, ...], draws: int) -> Iterator[C
     rms = np.sqrt(np.mean(samples.torque**2, axis=0))
     for level, noise in enumerate(noises):
         for draw in range(draws):
-            random = np.random.default_rng([subject.model.joint_count, level, draw])
+            random = np.random.default_rng([subject.model.dof, level, draw])
             torque = samples.torque + noise * rms * random.standard_normal(samples.torque.shape)
             noisy = Samples(q=samples.q, dq=samples.dq, ddq=samples.ddq, torque=torque)
             data = Information.from_samples(subject.model, noisy, batch_means=False)

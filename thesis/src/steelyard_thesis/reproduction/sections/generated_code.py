@@ -101,7 +101,7 @@ def _time_of_c(folder: Path, model: Model) -> float:
     compiler = shutil.which("gcc") or shutil.which("cc")
     if compiler is None:
         return float("nan")
-    n, p = model.joint_count, model.parameter_count
+    n, p = model.dof, model.parameter_count
     loop = f"""
 #include "arm.h"
 double run(long count) {{
@@ -128,7 +128,7 @@ def _time_of_python(folder: Path, model: Model) -> float:
     exec(compile(source.read_text(encoding="utf-8"), str(source), "exec"), names)
     function = names["inverse_dynamics"]
     assert callable(function)
-    q, delta = np.linspace(0.1, 0.7, model.joint_count), np.linspace(0.5, 1.0, model.parameter_count)
+    q, delta = np.linspace(0.1, 0.7, model.dof), np.linspace(0.5, 1.0, model.parameter_count)
     return _best(lambda: function(q, 0.5 * q, -q, delta))
 
 

@@ -93,7 +93,7 @@ def findings(group: str, subject: Subject, found: Sequence[Case]) -> list[Findin
     if not chosen:
         return []
     states, few = States.random(subject, _STATES), States.random(subject, _FEW_STATES)
-    n = subject.model.joint_count
+    n = subject.model.dof
     starts = np.random.default_rng(8).uniform(-np.pi, np.pi, (_STARTS, n))
     bases = [base for case in chosen for base in (case.estimate, case.corrected)]
     fell = _times(released(subject, bases, starts, _DURATION))

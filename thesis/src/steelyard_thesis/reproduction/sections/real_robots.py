@@ -166,7 +166,7 @@ def certified(robot: RealRobot, base: NDArray[np.float64]) -> str:
 
 def positive_definite_share(model: Model, base: NDArray[np.float64], q: NDArray[np.float64]) -> float:
     """Return the share of postures (S, N) with a positive definite inertia matrix of links and rotors."""
-    n = model.joint_count
+    n = model.dof
     matrices = model.kernel("total_inertia_matrix", base=True)(q, base).reshape(len(q), n, n)
     return float(np.mean(np.linalg.eigvalsh(matrices)[:, 0] > 0.0))
 
@@ -181,7 +181,7 @@ def _rows(robot: RealRobot, outcomes: list[Outcome]) -> Iterator[tuple[str | flo
     first = outcomes[0].estimate
     assert first is not None
     least = _criterion(robot, first.base)
-    q = np.random.default_rng(2014).uniform(-np.pi, np.pi, (_POSTURES, robot.model.joint_count))
+    q = np.random.default_rng(2014).uniform(-np.pi, np.pi, (_POSTURES, robot.model.dof))
     for outcome in outcomes:
         found = outcome.estimate
         if found is None:
