@@ -11,8 +11,8 @@ from steelyard.lmi import is_positive_definite
 
 from .certificates import FeasibilityCertificate, InfeasibilityCertificate
 from .checking import MARGIN_CAP, decide, largest_margin, least_violations
+from .checking.witness import lightest_witness
 from .feasible_set import FeasibleSet
-from .lightest_witness import lightest_witness
 
 __all__ = ["Verdict", "Violation", "check"]
 

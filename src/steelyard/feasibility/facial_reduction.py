@@ -1,28 +1,286 @@
-"""Whether a linear objective is bounded below on a set that goes on without end, and the face on which its proof lies.
+"""Facial reduction: on which face of the cone proofs lie, where a set goes on without end (Borwein and Wolkowicz 1981).
 
 Minimise c·v subject to 1 + Σ v_j B_j ⪰ 0 has a finite infimum exactly where some Z ⪰ 0 has <B_j, Z> = c_j. Where the
 set goes on in a direction in which c does not change, all those Z are singular, in the same directions: they lie on a
 face of the cone, Z = U W Uᵀ. The infimum then is approached without being reached, or not everywhere, and a solver
-stalls; on the face it does not (facial reduction: Borwein and Wolkowicz 1981). What Uᵀ (Σ v_j B_j) U does not see is
-their lineality space: an objective is bounded where it does not change along that, and unbounded otherwise, even where
-it falls more and more slowly, such as with the square root of a mass.
+stalls; on the face it does not. What Uᵀ (Σ v_j B_j) U does not see is the lineality space of the problem on the face:
+an objective is bounded where it does not change along that, and unbounded otherwise, even where it falls more and more
+slowly, such as with the square root of a mass. `MinimalFace` is that face for the objectives of a slice.
+
+`DualFace` is the face for c = 0, on which every proof of infeasibility lies. Where mass can be added that no motion
+shows, as on the axis of the first joint, a condition cannot fail in the directions of that mass, however large the
+other parameters are. Restricting every block D to the complement, Uᵀ D U, leaves a problem whose dual has interior
+points, which solvers need to be accurate and exact proofs need to have room (Permenter and Parrilo 2018).
+
+Both begin with a dual point of greatest rank. They differ in how its null spaces are brought from the accuracy of a
+solver to that of floating point. Exact proofs need the null spaces themselves, which D Z = 0 fixes where Z + D is
+definite (`polished_pair`). Bounds need only bases that see nothing of the lineality space, also where Z + D is
+singular, as for an objective that falls with the square root of a mass (`_polish`).
 """
 
+from collections.abc import Sequence
 from dataclasses import dataclass, field
+from fractions import Fraction
 
 import numpy as np
 import numpy.typing as npt
+import scipy.linalg as linalg
 import scipy.sparse as sparse
 
-from steelyard.conic import Cone, ConicProblem
+from steelyard.conic import Cone, ConicProblem, solve
+from steelyard.lmi import AffineStack, symmetric_to_vector, vector_to_symmetric
 
 from .bounds.normalised_problem import ACCURACY, Ball, DualPoint, NormalisedProblem, RepeatedProblem
 from .bounds.slice import BlockGroup, null_space
+from .certificates.rational import exact_number
+from .checking.margin import BlockProblem
+from .feasible_set import FeasibleSet
 
-__all__ = ["MinimalFace", "minimal_face"]
+__all__ = ["DualFace", "MinimalFace", "dual_face", "minimal_face", "orthogonal", "polished_pair"]
 
 Vector = npt.NDArray[np.float64]
 Matrix = npt.NDArray[np.float64]
+
+ZERO_EIGENVALUE = 1e-7
+"""Eigenvalues of the point in the middle (traces add to 1) below this count as zero; others are above 1e-5 or so."""
+
+
+@dataclass(frozen=True, eq=False)
+class DualFace:
+    """For every block a basis U, such that all dual matrices are U W Uᵀ, and W of a point in the middle.
+
+    Attributes
+    ----------
+    bases : tuple of (d, r)
+        r may be 0 (nothing of the block can contradict) up to d.
+    exact_bases : tuple of list of rows of Fraction
+        The same in decimal numbers.
+    interior : tuple of (r, r)
+        W, positive definite.
+    multipliers : (equations,)
+        Of the equations, beside W.
+    recession : (n,)
+        Unidentifiable parameters that can be added without end, whose blocks fill the complement of U; zeros where
+        there are none.
+    """
+
+    bases: tuple[Matrix, ...]
+    exact_bases: tuple[list[list[Fraction]], ...]
+    interior: tuple[Matrix, ...]
+    multipliers: Vector
+    recession: Vector
+
+
+def dual_face(feasible_set: FeasibleSet) -> DualFace:
+    """The face of a feasible set; it depends on the robot and the constraints alone, and is made once."""
+    return feasible_set.kept(_dual_face)
+
+
+def _dual_face(feasible_set: FeasibleSet) -> DualFace:
+    whole = [np.eye(block.size) for block in feasible_set.blocks]
+    stack = BlockProblem.of(feasible_set, np.zeros(feasible_set.parameter_count), whole).stack
+    middle = _dual_point_of_greatest_rank(feasible_set, stack)
+    if middle is None:  # nothing is known of the face: keep all of it
+        exact = tuple(_complement(block.size, np.zeros((0, block.size))) for block in feasible_set.blocks)
+        none = np.zeros(feasible_set.parameter_count)
+        return DualFace(tuple(whole), exact, tuple(whole), np.zeros(len(feasible_set.equalities)), none)
+    duals, recession, multipliers = middle
+    nulls = [_null_vectors(dual) for dual in duals]
+    if any(len(null) for null in nulls):
+        polished, added = polished_pair(stack, _unidentifiable(feasible_set), duals, recession)
+        finer = [_null_vectors(dual) for dual in polished]
+        if [len(null) for null in finer] == [len(null) for null in nulls]:
+            duals, nulls, recession = polished, finer, added
+    exact_bases = [_complement(len(dual), null) for dual, null in zip(duals, nulls, strict=True)]
+    bases = [
+        np.array([[float(value) for value in row] for row in exact]).reshape(len(exact), -1) for exact in exact_bases
+    ]
+    inverses = [np.linalg.pinv(basis) if basis.shape[1] else basis.T for basis in bases]
+    interior = tuple(inverse @ dual @ inverse.T for inverse, dual in zip(inverses, duals, strict=True))
+    nearest, factors = orthogonal(feasible_set, bases, interior, multipliers)
+    # Where the equations themselves are noise, as with axes that are parallel but for a thousandth, this leads astray.
+    if _smallest(nearest) > 0.5 * _smallest(interior):
+        interior, multipliers = nearest, factors
+    growth = np.zeros(feasible_set.parameter_count)
+    if any(len(null) for null in nulls):
+        directions = _unidentifiable(feasible_set)
+        blocks = np.concatenate([symmetric_to_vector(recession[index]) for index in stack.order])
+        steps = np.linalg.lstsq(stack.coefficients @ directions, blocks, rcond=1e-10)[0]
+        growth = feasible_set.unidentifiable @ (directions @ steps)
+    return DualFace(tuple(bases), tuple(exact_bases), tuple(interior), multipliers, growth)
+
+
+def orthogonal(
+    feasible_set: FeasibleSet, bases: Sequence[Matrix], matrices: Sequence[Matrix], multipliers: Vector
+) -> tuple[tuple[Matrix, ...], Vector]:
+    """The nearest W and multipliers that satisfy the equations of a dual point to rounding.
+
+    A solver satisfies them to its tolerance, relative to the largest numbers in them.
+    """
+    problem = BlockProblem.of(feasible_set, np.zeros(feasible_set.parameter_count), bases)
+    stack = problem.stack
+    equations = feasible_set.equation_matrix @ feasible_set.unidentifiable
+    matrix = np.vstack([stack.coefficients.toarray(), equations]).T
+    matrix /= np.maximum(np.linalg.norm(matrix, axis=1, keepdims=True), np.finfo(float).tiny)
+    found = np.concatenate([np.zeros(len(stack.constant)), multipliers])
+    for place, index in zip(stack.slices, problem.used, strict=True):
+        found[place] = symmetric_to_vector(matrices[index])
+    for _ in range(2):
+        found -= np.linalg.lstsq(matrix, matrix @ found, rcond=1e-9)[0]
+    nearest = list(matrices)
+    for index, W in zip(problem.used, stack.matrices(found[: len(stack.constant)]), strict=True):
+        nearest[index] = W
+    return tuple(nearest), found[len(stack.constant) :]
+
+
+def _smallest(matrices: Sequence[Matrix]) -> float:
+    return min((float(np.linalg.eigvalsh(matrix)[0]) for matrix in matrices if len(matrix)), default=0.0)
+
+
+def _unidentifiable(feasible_set: FeasibleSet) -> Matrix:
+    """Directions that neither the motion nor the equations of constraints show, (n_d, ...)."""
+    count = feasible_set.unidentifiable.shape[1]
+    if not feasible_set.equalities:
+        return np.eye(count)
+    return np.asarray(linalg.null_space(feasible_set.equation_matrix @ feasible_set.unidentifiable))
+
+
+def _dual_point_of_greatest_rank(
+    feasible_set: FeasibleSet, stack: AffineStack
+) -> tuple[tuple[Matrix, ...], tuple[Matrix, ...], Vector] | None:
+    """Maximise s subject to Z_b - s 1 ⪰ 0, Σ tr Z_b = 1, and the equations of a dual point.
+
+    Returns Z_b; the blocks of mass that can be added without showing, where there is any; and the multipliers of the
+    constraints' equations. None where the solver fails.
+    """
+    rows, count = len(stack.constant), stack.parameter_count
+    equations = feasible_set.equation_matrix @ feasible_set.unidentifiable
+    extra = len(equations)
+    A = sparse.vstack(
+        [
+            sparse.hstack([stack.coefficients.T, sparse.csc_array(equations.T), sparse.csc_array((count, 1))]),
+            sparse.hstack([sparse.csc_array(stack.identity[None]), sparse.csc_array((1, extra + 1))]),
+            sparse.hstack(
+                [-sparse.eye_array(rows), sparse.csc_array((rows, extra)), sparse.csc_array(stack.identity[:, None])]
+            ),
+        ],
+        format="csc",
+    )
+    unknowns = rows + extra + 1
+    cost = np.zeros(unknowns)
+    cost[-1] = -1.0
+    problem = ConicProblem(
+        P=sparse.csc_array((unknowns, unknowns)),
+        q=cost,
+        A=sparse.csc_array(A),
+        b=np.concatenate([np.zeros(count), [1.0], np.zeros(rows)]),
+        cones=(
+            Cone("zero", count + 1),
+            Cone("nonnegative", stack.scalar_count),
+            *(Cone("semidefinite", size) for size in stack.matrix_sizes),
+        ),
+    )
+    solution = solve(problem, accuracy=1e-9)
+    if not solution.outcome.usable or not np.all(np.isfinite(solution.primal)):
+        return None
+    start = len(solution.dual) - rows
+    return stack.matrices(solution.primal[:rows]), stack.matrices(solution.dual[start:]), solution.primal[rows:-1]
+
+
+def _null_vectors(dual: Matrix) -> Matrix:
+    values, vectors = np.linalg.eigh(dual)
+    return np.asarray(vectors[:, values < ZERO_EIGENVALUE].T)
+
+
+def _complement(size: int, null: Matrix) -> list[list[Fraction]]:
+    """Decimal basis of the complement, exactly orthogonal to the null vectors as rounded in reduced echelon form."""
+    pivots = np.zeros(0, dtype=np.intp)
+    if len(null):
+        _, _, order = linalg.qr(null, mode="economic", pivoting=True)
+        pivots = np.sort(order[: len(null)])
+    others = np.setdiff1d(np.arange(size), pivots)
+    rows = np.linalg.solve(null[:, pivots], null[:, others]) if len(null) else np.zeros((0, size))
+    basis = [[Fraction(0)] * len(others) for _ in range(size)]
+    for column, other in enumerate(others):
+        basis[other][column] = Fraction(1)
+        for row, pivot in enumerate(pivots):
+            basis[pivot][column] = -_short_decimal(float(rows[row, column]))
+    return basis
+
+
+def _short_decimal(value: float) -> Fraction:
+    """The shortest decimal within the accuracy of the refinement."""
+    for digits in range(10):
+        short = round(value, digits)
+        if abs(short - value) <= 1e-12 * max(1.0, abs(value)):
+            return exact_number(short)
+    return exact_number(value)
+
+
+PAIR_STEPS, CONVERGED, DIVERGED = 8, 1e-14, 1e6
+
+
+def polished_pair(
+    stack: AffineStack, unidentifiable: Matrix, duals: tuple[Matrix, ...], recession: tuple[Matrix, ...]
+) -> tuple[tuple[Matrix, ...], tuple[Matrix, ...]]:
+    """Dual matrices Z_b whose null spaces are right to rounding, by Newton's method on D_b Z_b = 0.
+
+    D runs through the blocks of parameters that nothing shows, Z through all that is orthogonal to them. A solver
+    ends with D Z of about its tolerance, so that null vectors are accurate to its root only. Where Z + D is definite,
+    D Z = 0 fixes the null spaces: for a change of both with δD Z + D δZ = 0, the product <δD, δZ>, which is zero,
+    would be negative unless the null spaces stay. Other freedom is left by least-norm steps.
+
+    Parameters
+    ----------
+    stack : AffineStack
+        Blocks in the parameters that the motion does not show.
+    unidentifiable : (n_d, ...)
+        Directions that the equations of constraints do not show either.
+    duals, recession : tuple of (d, d)
+        Z and D of a solver.
+
+    Returns
+    -------
+    duals, recession : tuple of (d, d)
+        As they came, where the method does not converge.
+    """
+    columns = stack.coefficients @ unidentifiable
+    lengths = np.linalg.norm(columns, axis=0)
+    left, singular, _ = np.linalg.svd(columns[:, lengths > 0] / lengths[lengths > 0], full_matrices=True)
+    rank = int(np.sum(singular > 1e-10 * singular.max(initial=0.0)))
+    values = [np.concatenate([symmetric_to_vector(M) for M in _stacked(stack, m)]) for m in (recession, duals)]
+    point = np.concatenate([left[:, :rank].T @ values[0], left[:, rank:].T @ values[1]])
+    scale = float(np.linalg.norm(point))
+    if scale == 0.0:
+        return duals, recession
+    directions = [vector_to_symmetric(left[rows].T) for rows in stack.slices]
+    best = np.inf
+    for _ in range(PAIR_STEPS):
+        D, Z = stack.matrices(left[:, :rank] @ point[:rank]), stack.matrices(left[:, rank:] @ point[rank:])
+        residual = np.concatenate([(d @ z).ravel() for d, z in zip(D, Z, strict=True)])
+        error = float(np.linalg.norm(residual))
+        if not error < DIVERGED * scale:
+            break
+        if error <= CONVERGED * scale:
+            return Z, D
+        if error > 0.5 * best and error <= 1e-11 * scale:
+            return Z, D
+        best = min(best, error)
+        jacobian = np.concatenate(
+            [
+                np.concatenate([M[:rank] @ z, d @ M[rank:]]).reshape(len(point), -1)
+                for M, d, z in zip(directions, D, Z, strict=True)
+            ],
+            axis=1,
+        ).T
+        # LAPACK's gelsd, the default, does not converge on some of these matrices.
+        point = point - linalg.lstsq(jacobian, residual, cond=1e-9, lapack_driver="gelsy")[0]
+    return duals, recession
+
+
+def _stacked(stack: AffineStack, matrices: tuple[Matrix, ...]) -> list[Matrix]:
+    return [matrices[index] for index in stack.order]
+
 
 ZERO = 1e-5
 """Eigenvalues of the point in the middle of the face (the traces add to the number of rows) below this are zero. Most
@@ -97,7 +355,7 @@ def minimal_face(problem: NormalisedProblem, objective: Vector | None = None) ->
     objective : (q,), optional
         c, of length 1. Not bounded, if it changes in the lineality part of the face that is found.
     """
-    matrices = problem.split(_middle(problem, objective))
+    matrices = problem.split(_proof_of_greatest_rank(problem, objective))
     bases = []
     for group in matrices:
         values, vectors = np.linalg.eigh(group)
@@ -133,7 +391,7 @@ def minimal_face(problem: NormalisedProblem, objective: Vector | None = None) ->
     )
 
 
-def _middle(problem: NormalisedProblem, objective: Vector | None) -> Vector:
+def _proof_of_greatest_rank(problem: NormalisedProblem, objective: Vector | None) -> Vector:
     """A stacked Z of largest rank with Σ <B_j, Z> = t c_j, from maximising the smallest eigenvalue."""
     rows, count = problem.coefficients.shape
     ball = problem.ball

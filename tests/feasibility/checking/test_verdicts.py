@@ -9,7 +9,7 @@ from random_instances import KINDS, random_instance
 
 import steelyard as sy
 from steelyard.feasibility import verify_document
-from steelyard.feasibility.checking.face import dual_face
+from steelyard.feasibility.facial_reduction import dual_face
 
 BAND = 1e-9
 

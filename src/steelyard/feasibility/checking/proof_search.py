@@ -6,10 +6,10 @@ import numpy as np
 import numpy.typing as npt
 
 from ..certificates import FeasibilityCertificate, InfeasibilityCertificate
+from ..facial_reduction import dual_face
 from ..feasible_set import FeasibleSet
 from .dual_center import Fibre, center
 from .exact_dual_point import least_trace_bound, prove_infeasible, prove_infeasible_up_to_a_size
-from .face import dual_face
 from .margin import MARGIN_CAP, TRACE_BOUND, DualPoint, largest_margin
 from .witness import SCALED_ACCURACY, proved_witness, raised_witness, scaled_witness
 
@@ -95,9 +95,9 @@ def _attained(feasible_set: FeasibleSet, parameters: Vector) -> float:
 
     The face is known to the accuracy of floating point, so a margin on it counts where some robot has it.
     """
-    unseen = dual_face(feasible_set).unseen
+    recession = dual_face(feasible_set).recession
     return max(
-        float(feasible_set.stack.smallest_eigenvalues(parameters + amount * unseen).min(initial=np.inf))
+        float(feasible_set.stack.smallest_eigenvalues(parameters + amount * recession).min(initial=np.inf))
         for amount in ADDITIONS
     )
 
