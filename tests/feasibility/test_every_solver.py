@@ -89,5 +89,5 @@ def test_constrained_fits_of_the_real_wam(solver, real_wam, consistency, terms, 
 
 
 def test_unknown_solvers_are_said(two_links):
-    with pytest.raises(InputError, match="no solver 'csdq'; did you mean \"csdp\""):
+    with pytest.raises(InputError, match=r'no solver .csdq. .*; did you mean "csdp"'):
         correct(FeasibleSet(two_links), base=np.zeros(6), solver="csdq")
