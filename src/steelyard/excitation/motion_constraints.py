@@ -197,22 +197,12 @@ def predicted_parameters(model: Model, parameters: ArrayLike | None) -> Array:
 
 
 @dataclass(frozen=True, eq=False)
-class TorqueLimit:
-    """A limit on the magnitude of each joint's torque.
-
-    Attributes
-    ----------
-    torque : CompiledVjp
-        Inverse dynamics at the parameters.
-    joint_names : tuple of str
-    limit : ndarray
-        (N,) N·m or N; infinite where there is none.
-    """
+class _MagnitudeLimit:
+    """What limits on the magnitude of a quantity of each joint share."""
 
     torque: CompiledVjp
     joint_names: tuple[str, ...]
     limit: Array
-    name: str = "torque"
 
     @cached_property
     def _columns(self) -> NDArray[np.intp]:
@@ -227,6 +217,22 @@ class TorqueLimit:
     def scale(self) -> Array:
         """The limits themselves."""
         return np.asarray(self.limit[self._columns])
+
+
+@dataclass(frozen=True, eq=False)
+class TorqueLimit(_MagnitudeLimit):
+    """A limit on the magnitude of each joint's torque.
+
+    Attributes
+    ----------
+    torque : CompiledVjp
+        Inverse dynamics at the parameters.
+    joint_names : tuple of str
+    limit : ndarray
+        (N,) N·m or N; infinite where there is none.
+    """
+
+    name: str = "torque"
 
     def clearance(self, q: Array, dq: Array, ddq: Array) -> Array:
         """Return limit less magnitude, (S, m), N·m or N."""
@@ -240,7 +246,7 @@ class TorqueLimit:
 
 
 @dataclass(frozen=True, eq=False)
-class PowerLimit:
+class PowerLimit(_MagnitudeLimit):
     """A limit on the magnitude of torque times velocity of each joint, W.
 
     Attributes
@@ -251,24 +257,7 @@ class PowerLimit:
         (N,) W; infinite where there is none.
     """
 
-    torque: CompiledVjp
-    joint_names: tuple[str, ...]
-    limit: Array
     name: str = "power"
-
-    @cached_property
-    def _columns(self) -> NDArray[np.intp]:
-        return np.flatnonzero(np.isfinite(self.limit))
-
-    @cached_property
-    def labels(self) -> tuple[str, ...]:
-        """Joint and limit of each column."""
-        return tuple(f"{self.joint_names[k]} within {self.limit[k]:.6g}" for k in self._columns)
-
-    @cached_property
-    def scale(self) -> Array:
-        """The limits themselves."""
-        return np.asarray(self.limit[self._columns])
 
     def clearance(self, q: Array, dq: Array, ddq: Array) -> Array:
         """Return limit less magnitude, (S, m), W."""
