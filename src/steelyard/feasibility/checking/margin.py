@@ -7,7 +7,7 @@ import numpy as np
 import numpy.typing as npt
 import scipy.sparse as sparse
 
-from steelyard.conic import Cone, ConicProblem, Outcome, solve
+from steelyard.conic import Cone, ConicProblem, Outcome, Rows, solve
 from steelyard.lmi import AffineBlock, AffineStack
 
 from ..feasible_set import FeasibleSet
@@ -98,22 +98,20 @@ class BlockProblem:
                 if block.kind != "constraint":
                     np.add.at(trace[0], block.indices, np.trace(block.coefficients, axis1=1, axis2=2))
                     constant[0] -= np.trace(block.constant)
-        rows = [
-            sparse.hstack([sparse.csc_array(equations), sparse.csc_array((len(equations), extra))]),
-            sparse.hstack([sparse.csc_array(trace), sparse.csc_array((len(trace), extra))]),
-            sparse.hstack([sparse.csc_array((len(bounds), unknowns)), sparse.csc_array(-bounds[:, :-1])]),
-            sparse.hstack([-stack.coefficients, -slack]),
-        ]
-        return ConicProblem(
-            P=sparse.csc_array((unknowns + extra, unknowns + extra)),
-            q=np.concatenate([np.zeros(unknowns), cost]),
-            A=sparse.csc_array(sparse.vstack(rows, format="csc")),
-            b=np.concatenate([equation_values, constant, bounds[:, -1], stack.constant]),
-            cones=(
-                Cone("zero", len(equations)),
-                Cone("nonnegative", len(trace) + len(bounds) + stack.scalar_count),
-                *(Cone("semidefinite", size) for size in stack.matrix_sizes),
-            ),
+        bounding = sparse.vstack(
+            [
+                sparse.hstack([sparse.csc_array(trace), sparse.csc_array((len(trace), extra))]),
+                sparse.hstack([sparse.csc_array((len(bounds), unknowns)), sparse.csc_array(-bounds[:, :-1])]),
+            ]
+        )
+        most = np.concatenate([constant, bounds[:, -1]])
+        return ConicProblem.from_rows(
+            np.concatenate([np.zeros(unknowns), cost]),
+            [
+                Rows(equations, equation_values, Cone("zero", len(equations))),
+                Rows(sparse.csc_array(bounding), most, Cone("nonnegative", len(most))),
+                Rows(sparse.csc_array(sparse.hstack([-stack.coefficients, -slack])), stack.constant, *stack.cones),
+            ],
         )
 
 

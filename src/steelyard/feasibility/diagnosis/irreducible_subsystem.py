@@ -4,9 +4,8 @@ from dataclasses import dataclass, field
 
 import numpy as np
 import numpy.typing as npt
-import scipy.sparse as sparse
 
-from steelyard.conic import Cone, ConicProblem, Outcome, solve
+from steelyard.conic import Cone, ConicProblem, Outcome, Rows, solve
 from steelyard.lmi import AffineStack, symmetric_to_vector
 
 from ..feasible_set import FeasibleSet
@@ -87,30 +86,19 @@ def separation(feasible_set: FeasibleSet, base: Vector, blocks: list[int], equat
     values = stack.constant + stack.coefficients @ particular
     left = feasible_set.equation_matrix[equations] @ feasible_set.unidentifiable
     missing = feasible_set.equation_matrix[equations] @ particular - feasible_set.equation_values[equations]
-    count, extra = len(values), len(equations)
+    count = len(values)
     # Each block in units of its own numbers, which changes the shares but not the sign.
     units = np.ones(count)
     for block, place in zip(stack.blocks, stack.slices, strict=True):
         size = max(float(np.abs(values[place]).max(initial=0.0)), float(np.abs(block.constant).max(initial=0.0)))
         units[place] = 1.0 / size if size > 1e-9 else 1.0
-    problem = ConicProblem(
-        P=sparse.csc_array((count + extra, count + extra)),
-        q=np.concatenate([units * values, missing]),
-        A=sparse.csc_array(
-            np.vstack(
-                [
-                    np.hstack([(units[:, None] * rows).T, left.T]),
-                    np.concatenate([stack.identity, np.zeros(extra)])[None],
-                    np.hstack([-np.eye(count), np.zeros((count, extra))]),
-                ]
-            )
-        ),
-        b=np.concatenate([np.zeros(rows.shape[1]), [1.0], np.zeros(count)]),
-        cones=(
-            Cone("zero", rows.shape[1] + 1),
-            Cone("nonnegative", stack.scalar_count),
-            *(Cone("semidefinite", size) for size in stack.matrix_sizes),
-        ),
+    problem = ConicProblem.from_rows(
+        np.concatenate([units * values, missing]),
+        [
+            Rows(np.hstack([(units[:, None] * rows).T, left.T]), np.zeros(rows.shape[1]), Cone("zero", rows.shape[1])),
+            Rows(stack.identity[None], np.ones(1), Cone("zero", 1)),
+            Rows(-np.eye(count), np.zeros(count), *stack.cones),
+        ],
     )
     solution = solve(problem, accuracy=1e-9)
     if solution.outcome is Outcome.INFEASIBLE or not np.all(np.isfinite(solution.primal)):
