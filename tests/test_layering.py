@@ -171,3 +171,50 @@ def test_violations_are_found(source: str, module: str) -> None:
 )
 def test_proper_imports_pass(source: str, module: str, is_package: bool) -> None:
     assert violations(source, module, is_package) == []
+
+
+def needed_at_import(tree: ast.Module) -> Iterator[ast.stmt]:
+    """Yield the statements that run when a file is imported: not those in functions, nor those for type checkers."""
+    waiting = list(tree.body)
+    while waiting:
+        node = waiting.pop()
+        yield node
+        if isinstance(node, ast.If) and "TYPE_CHECKING" not in ast.unparse(node.test):
+            waiting += [*node.body, *node.orelse]
+
+
+def homes_of(package: Path) -> dict[str, str]:
+    """For the names that packages hand out, the modules that they come from."""
+    found = {}
+    for path in package.rglob("__init__.py"):
+        for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
+            if isinstance(node, ast.ImportFrom) and node.level == 1 and node.module:
+                place = module_of(path)
+                found.update({f"{place}.{alias.name}": f"{place}.{node.module}" for alias in node.names})
+    return found
+
+
+def test_the_longest_chain_of_imports_is_short() -> None:
+    """From what identifies a robot down to what needs nothing: who reads one file must not have to read twenty."""
+    homes, paths = homes_of(PACKAGE), {module_of(path): path for path in FILES if path.name != "__init__.py"}
+
+    def needs(module: str) -> set[str]:
+        tree = ast.parse(paths[module].read_text(encoding="utf-8"))
+        source = "\n".join(
+            ast.unparse(n) for n in needed_at_import(tree) if isinstance(n, (ast.Import, ast.ImportFrom))
+        )
+        found = set()
+        for _, name in imported_modules(source, module, is_package=False):
+            while name in homes:
+                name = homes[name]
+            found.add(name if name in paths else name.rpartition(".")[0])
+        return {name for name in found if name in paths}
+
+    lengths: dict[str, int] = {}
+
+    def length(module: str) -> int:
+        if module not in lengths:
+            lengths[module] = 1 + max(map(length, needs(module)), default=0)
+        return lengths[module]
+
+    assert 5 < length("steelyard.identification.identify") <= 15

@@ -9,6 +9,8 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import Any
 
+from steelyard.graph.expression import is_zero
+
 from .kinematics import (
     ZERO,
     JointFrame,
@@ -17,7 +19,6 @@ from .kinematics import (
     add,
     cross,
     dot,
-    is_zero,
     matrix_add,
     product,
     scale,

@@ -14,7 +14,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from steelyard.errors import InputError
-from steelyard.graph import Node
 from steelyard.robot import Joint, Robot
 
 __all__ = ["JointFrame", "Matrix3", "Vector3", "add", "cross", "dot", "joint_frames", "link_poses", "scale", "times"]
@@ -70,13 +69,6 @@ def product(a: Matrix3, b: Matrix3) -> Matrix3:
     """Return the product of two matrices."""
     columns = transposed(b)
     return tuple(tuple(dot(row, column) for column in columns) for row in a)  # type: ignore[return-value]
-
-
-def is_zero(value: Any) -> bool:
-    """Tell whether a scalar is the constant 0."""
-    if isinstance(value, Node):
-        return value is value.graph.zero
-    return isinstance(value, float) and value == 0.0
 
 
 def unit_vector(a: Vector3) -> tuple[int, float] | None:

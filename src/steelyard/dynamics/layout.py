@@ -9,9 +9,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from steelyard.graph.expression import is_zero
 from steelyard.robot import INERTIA_SYMBOLS, Robot
-
-from .kinematics import is_zero
 
 __all__ = ["ParameterLayout"]
 

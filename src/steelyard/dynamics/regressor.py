@@ -14,7 +14,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from .kinematics import ZERO, JointFrame, Vector3, add, cross, dot, is_zero, joint_frames, scale, times, transposed
+from steelyard.graph.expression import is_zero
+
+from .kinematics import ZERO, JointFrame, Vector3, add, cross, dot, joint_frames, scale, times, transposed
 from .layout import ParameterLayout
 from .newton_euler import Motion, link_motions, robot_gravity
 from .regrouping import JointLine, joint_line

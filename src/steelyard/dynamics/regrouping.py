@@ -12,7 +12,9 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
-from .kinematics import ZERO, JointFrame, Vector3, add, is_zero, scale, unit_vector
+from steelyard.graph.expression import is_zero
+
+from .kinematics import ZERO, JointFrame, Vector3, add, scale, unit_vector
 
 __all__ = ["JointLine", "joint_line", "regrouped"]
 

@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-__all__ = ["Graph", "Node", "cos", "evaluate", "operation_count", "reachable", "sign", "sin", "sqrt"]
+__all__ = ["Graph", "Node", "cos", "evaluate", "is_zero", "operation_count", "reachable", "sign", "sin", "sqrt"]
 
 _UNARY = {"neg", "sin", "cos", "sign", "sqrt"}
 
@@ -249,6 +249,13 @@ class Graph:
 
 def _number(node: Node) -> float:
     return node.value  # type: ignore[return-value]
+
+
+def is_zero(value: Any) -> bool:
+    """Tell whether a scalar is the constant 0."""
+    if isinstance(value, Node):
+        return value is value.graph.zero
+    return isinstance(value, float) and value == 0.0
 
 
 def sin(a: Node) -> Node:

@@ -6,12 +6,11 @@ from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from steelyard.dynamics import Model
 from steelyard.errors import InputError
 from steelyard.files import plain, read_json, shown, write_json
 from steelyard.recording import Samples
@@ -20,6 +19,9 @@ from steelyard.recording.samples import regrouped
 from .batch_means import BATCH_LENGTHS, BatchMeans, BatchSums, added
 from .factor import Factor, Reduced, combined, inverse_deviations, solve, triangular, undetermined_columns
 from .reduction import BLOCK, JointReduction, WhitenedReduction, as_covariance, empty_factors, require_joints
+
+if TYPE_CHECKING:
+    from steelyard.dynamics import Model
 
 __all__ = ["Information"]
 

@@ -3,17 +3,20 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from steelyard.dynamics import Model
 from steelyard.dynamics.threads import one_thread
 from steelyard.errors import InputError
 from steelyard.recording import Samples
 
 from .batch_means import BatchMeans, BatchSums
 from .factor import Factor, triangular
+
+if TYPE_CHECKING:
+    from steelyard.dynamics import Model
 
 __all__ = [
     "BLOCK",

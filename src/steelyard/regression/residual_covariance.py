@@ -3,16 +3,19 @@
 from __future__ import annotations
 
 from collections.abc import Iterable
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from steelyard.dynamics import Model
 from steelyard.errors import InputError
 from steelyard.recording import Samples
 
 from .estimate import Estimate
 from .reduction import require_joints, residuals
+
+if TYPE_CHECKING:
+    from steelyard.dynamics import Model
 
 __all__ = ["residual_covariance"]
 

@@ -9,7 +9,7 @@ from typing import Any, Protocol
 import numpy as np
 import numpy.typing as npt
 
-from steelyard.dynamics import BaseParameters
+from steelyard import dynamics
 from steelyard.errors import InputError
 from steelyard.lmi import AffineBlock
 
@@ -43,7 +43,7 @@ class ModelLike(Protocol):
     def parameter_names(self) -> Sequence[str]:
         """Names of the standard parameters, (n,)."""
 
-    def base_parameters(self) -> BaseParameters:
+    def base_parameters(self) -> dynamics.BaseParameters:
         """The base parameters β = K δ, with K = [1 K_d] Pᵀ (thesis 2.41, 3.9)."""
 
     def conditions(self, consistency: str) -> tuple[AffineBlock, ...]:
