@@ -1,7 +1,9 @@
 """The plan of the house: which room may import which, and what no file may be."""
 
 import ast
+import graphlib
 import importlib
+from collections import Counter
 from collections.abc import Iterator
 from pathlib import Path
 
@@ -92,6 +94,34 @@ def test_files_keep_to_the_plan(place: str) -> None:
         assert "steelyard_thesis" not in source, f"{path}: the package beside this one knows it, and not the reverse"
         assert violations(source, module_of(path), path.name == "__init__.py") == [], path
         assert path.stem not in EMPTY_NAMES, f"{path}: a module is named by what it is about"
+
+
+def imports_of_files() -> dict[str, set[str]]:
+    """Which file imports which, annotations and imports within functions included."""
+    modules = {module_of(path): path for path in FILES}
+    found: dict[str, set[str]] = {}
+    for module, path in modules.items():
+        if path.name == "__init__.py":
+            continue
+        names = [name for _, name in imported_modules(path.read_text(encoding="utf-8"), module, False)]
+        origins = {name if name in modules else name.rpartition(".")[0] for name in names}
+        found[module] = {o for o in origins if o in modules and modules[o].name != "__init__.py"} - {module}
+    return found
+
+
+def test_no_files_import_each_other_in_a_circle() -> None:
+    list(graphlib.TopologicalSorter(imports_of_files()).static_order())  # names the circle where there is one
+
+
+def test_a_circle_is_found() -> None:
+    with pytest.raises(graphlib.CycleError):
+        list(graphlib.TopologicalSorter({"a": {"b"}, "b": {"a"}}).static_order())
+
+
+def test_no_two_files_have_one_name() -> None:
+    # A command has the name of what it calls.
+    counts = Counter(path.stem for path in FILES if path.stem != "__init__" and path.parent.name != "cli")
+    assert [name for name, count in counts.items() if count > 1] == []
 
 
 WRITERS = {"write_text", "write_bytes", "replace", "rename", "mkstemp", "mkdtemp", "NamedTemporaryFile"}
