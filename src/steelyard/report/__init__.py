@@ -8,10 +8,10 @@ if TYPE_CHECKING:
     from .charts import Chart as Chart
     from .charts import Curve as Curve
     from .charts import charts_markup as charts_markup
-    from .document import Section as Section
-    from .document import html_document as html_document
     from .html import report_html as report_html
     from .html import write_report as write_report
+    from .html_document import Section as Section
+    from .html_document import html_document as html_document
     from .picture import torque_picture as torque_picture
     from .picture import torque_svg as torque_svg
     from .results import require_apart as require_apart

@@ -9,8 +9,8 @@ from steelyard.files import write_text
 from steelyard.identification import Identification
 
 from . import sections
-from .document import Section, html_document
 from .figures import torque_figures
+from .html_document import Section, html_document
 from .markup import Markup
 from .processing import processing
 from .summary import summary
