@@ -9,14 +9,13 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from exported_functions import odd_function as odd_function
+from exported_functions import wam_with_friction as wam_with_friction
 from numpy.typing import NDArray
 
 import steelyard as sy
 from steelyard.codegen import Constant, Project, generate
 from steelyard.graph import Argument, Function, Graph, Output, cos, sign, sin, sqrt
-
-from .exported import odd_function as odd_function
-from .exported import wam_with_friction as wam_with_friction
 
 Array = NDArray[np.float64]
 Compiled = Callable[..., list[Array]]

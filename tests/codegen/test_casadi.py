@@ -4,12 +4,11 @@ import sys
 
 import numpy as np
 import pytest
+from exported_functions import complex_step, deep_chain, difference, inputs_of, of_kernel
 
 import steelyard as sy
 from steelyard.codegen import casadi_function
 from steelyard.graph import Argument, Function, Graph, Output, sign
-
-from .exported import complex_step, deep_chain, difference, inputs_of, of_kernel
 
 casadi = pytest.importorskip("casadi", reason="CasADi is not installed")
 

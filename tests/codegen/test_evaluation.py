@@ -5,13 +5,12 @@ from fractions import Fraction
 
 import numpy as np
 import pytest
+from exported_functions import deep_chain, inputs_of
 
 import steelyard as sy
 from steelyard.codegen import evaluate_over
 from steelyard.codegen.schedule import repeated_operations, schedule
 from steelyard.graph import Argument, Function, Graph, Output, sin
-
-from .exported import deep_chain, inputs_of
 
 
 def test_numbers_of_any_kind(odd_function: Function, random: np.random.Generator) -> None:

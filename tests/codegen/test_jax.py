@@ -6,12 +6,11 @@ from collections.abc import Iterator
 
 import numpy as np
 import pytest
+from exported_functions import complex_step, difference, inputs_of, of_kernel
 
 import steelyard as sy
 from steelyard.codegen import jax_function
 from steelyard.graph import Argument, Function, Graph, Output, sign
-
-from .exported import complex_step, difference, inputs_of, of_kernel
 
 jax = pytest.importorskip("jax", reason="JAX is not installed")
 LOWERINGS = ("scalars", "vectors")
