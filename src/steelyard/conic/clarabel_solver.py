@@ -11,7 +11,7 @@ from .problem import Cone, ConicProblem, ConicSolution, Outcome
 from .scaling import Scaling, equilibrate, scaling_around
 from .solver import FEATURES, Solver
 
-__all__ = ["CLARABEL", "solve_with_clarabel"]
+__all__ = ["CLARABEL", "clarabel_cone", "clarabel_outcome", "clarabel_settings", "solve_with_clarabel"]
 
 _OUTCOMES = {
     "Solved": Outcome.SOLVED,
@@ -141,7 +141,28 @@ def _error(balanced: ConicProblem, balance: Scaling, found: ConicSolution) -> fl
     return optimality_error(balanced, primal, slack, dual)
 
 
-def _cone(cone: Cone) -> Any:
+def clarabel_outcome(found: Any) -> Outcome:
+    """How a run of Clarabel ended."""
+    return _OUTCOMES.get(str(found.status), Outcome.STOPPED)
+
+
+def clarabel_settings(accuracy: float) -> Any:
+    """Settings of a quiet run on one thread that leaves the problem as it is.
+
+    Only without presolving and decomposition can the objective be changed afterwards.
+    """
+    import clarabel
+
+    settings = clarabel.DefaultSettings()
+    settings.verbose = False
+    settings.max_threads = 1
+    settings.tol_gap_abs = settings.tol_gap_rel = settings.tol_feas = accuracy
+    settings.presolve_enable = False
+    settings.chordal_decomposition_enable = False
+    return settings
+
+
+def clarabel_cone(cone: Cone) -> Any:
     """Clarabel's own object."""
     import clarabel
 
@@ -162,13 +183,8 @@ def _run(
     """One run, its answer in the units of the problem."""
     import clarabel
 
-    settings = clarabel.DefaultSettings()
-    settings.verbose = False
+    settings = clarabel_settings(accuracy)
     settings.max_iter = iterations
-    settings.max_threads = 1
-    settings.tol_gap_abs = settings.tol_gap_rel = settings.tol_feas = accuracy
-    settings.presolve_enable = False
-    settings.chordal_decomposition_enable = False
     settings.equilibrate_enable = attempt.own_scaling
     settings.static_regularization_constant = attempt.regularisation
     settings.max_step_fraction = attempt.longest_step
@@ -176,7 +192,7 @@ def _run(
     # Clarabel reads the classic matrix classes of SciPy.
     P = sparse.csc_matrix(scaled.P if problem.balanced else sparse.triu(scaled.P, format="csc"))
     A = sparse.csc_matrix(scaled.A)
-    cones = [_cone(cone) for cone in problem.cones if cone.size]
+    cones = [clarabel_cone(cone) for cone in problem.cones if cone.size]
     try:
         found = clarabel.DefaultSolver(P, scaled.q, A, scaled.b, cones, settings).solve()
     except BaseException as error:
@@ -185,10 +201,9 @@ def _run(
             raise
         nowhere, rows = np.full(len(problem.q), np.nan), np.full(len(problem.b), np.nan)
         return ConicSolution(Outcome.STOPPED, "Panic", nowhere, rows, rows, np.nan, 0, 0.0, "Clarabel")
-    status = str(found.status)
     solution = ConicSolution(
-        outcome=_OUTCOMES.get(status, Outcome.STOPPED),
-        status=status,
+        outcome=clarabel_outcome(found),
+        status=str(found.status),
         primal=np.asarray(found.x),
         slack=np.asarray(found.s),
         dual=np.asarray(found.z),

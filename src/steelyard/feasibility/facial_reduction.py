@@ -27,10 +27,11 @@ import numpy.typing as npt
 import scipy.linalg as linalg
 import scipy.sparse as sparse
 
-from steelyard.conic import Cone, ConicProblem, solve
+from steelyard.conic import Cone, ConicProblem, Rows, solve
+from steelyard.conic.repeated_problem import RepeatedProblem
 from steelyard.lmi import AffineStack, symmetric_to_vector, vector_to_symmetric
 
-from .bounds.normalised_problem import ACCURACY, Ball, DualPoint, NormalisedProblem, RepeatedProblem
+from .bounds.normalised_problem import ACCURACY, Ball, DualPoint, NormalisedProblem
 from .bounds.slice import BlockGroup, null_space
 from .certificates.rational import exact_number
 from .checking.margin import BlockProblem
@@ -156,29 +157,23 @@ def _dual_point_of_greatest_rank(
     rows, count = len(stack.constant), stack.parameter_count
     equations = feasible_set.equation_matrix @ feasible_set.unidentifiable
     extra = len(equations)
-    A = sparse.vstack(
+    dual_equations = sparse.vstack(
         [
             sparse.hstack([stack.coefficients.T, sparse.csc_array(equations.T), sparse.csc_array((count, 1))]),
             sparse.hstack([sparse.csc_array(stack.identity[None]), sparse.csc_array((1, extra + 1))]),
-            sparse.hstack(
-                [-sparse.eye_array(rows), sparse.csc_array((rows, extra)), sparse.csc_array(stack.identity[:, None])]
-            ),
-        ],
-        format="csc",
+        ]
     )
-    unknowns = rows + extra + 1
-    cost = np.zeros(unknowns)
+    eigenvalues = sparse.hstack(
+        [-sparse.eye_array(rows), sparse.csc_array((rows, extra)), sparse.csc_array(stack.identity[:, None])]
+    )
+    cost = np.zeros(rows + extra + 1)
     cost[-1] = -1.0
-    problem = ConicProblem(
-        P=sparse.csc_array((unknowns, unknowns)),
-        q=cost,
-        A=sparse.csc_array(A),
-        b=np.concatenate([np.zeros(count), [1.0], np.zeros(rows)]),
-        cones=(
-            Cone("zero", count + 1),
-            Cone("nonnegative", stack.scalar_count),
-            *(Cone("semidefinite", size) for size in stack.matrix_sizes),
-        ),
+    problem = ConicProblem.from_rows(
+        cost,
+        [
+            Rows(sparse.csc_array(dual_equations), np.append(np.zeros(count), 1.0), Cone("zero", count + 1)),
+            Rows(sparse.csc_array(eigenvalues), np.zeros(rows), *stack.cones),
+        ],
     )
     solution = solve(problem, accuracy=1e-9)
     if not solution.outcome.usable or not np.all(np.isfinite(solution.primal)):
@@ -412,23 +407,23 @@ def _proof_of_greatest_rank(problem: NormalisedProblem, objective: Vector | None
     eigenvalues = sparse.hstack(
         [-sparse.eye_array(rows), sparse.csc_array((rows, rounds + 1)), sparse.csc_array(problem.identity[:, None])]
     )
-    pieces = [equations, sparse.csc_array(total[None]), share, most, eigenvalues]
-    cones = [Cone("zero", count + 1), Cone("nonnegative", 2), *problem.cones]
+    pieces = [
+        Rows(
+            sparse.csc_array(sparse.vstack([equations, sparse.csc_array(total[None])])),
+            np.append(np.zeros(count), 1.0),
+            Cone("zero", count + 1),
+        ),
+        Rows(sparse.csc_array(sparse.vstack([share, most])), np.array([0.0, 1.0]), Cone("nonnegative", 2)),
+        Rows(sparse.csc_array(eigenvalues), np.zeros(rows), *problem.cones),
+    ]
     if ball is not None:
-        pieces.append(
-            sparse.hstack([sparse.csc_array((rounds, rows)), -sparse.eye_array(rounds), sparse.csc_array((rounds, 2))])
+        round_rows = sparse.hstack(
+            [sparse.csc_array((rounds, rows)), -sparse.eye_array(rounds), sparse.csc_array((rounds, 2))]
         )
-        cones.append(Cone("second-order", rounds))
+        pieces.append(Rows(sparse.csc_array(round_rows), np.zeros(rounds), Cone("second-order", rounds)))
     cost = np.zeros(unknowns)
     cost[-1] = -1.0
-    right = np.concatenate([np.zeros(count), [1.0, 0.0, 1.0], np.zeros(rows + rounds)])
-    conic = ConicProblem(
-        P=sparse.csc_array((unknowns, unknowns)),
-        q=cost,
-        A=sparse.csc_array(sparse.vstack(pieces, format="csc")),
-        b=right,
-        cones=tuple(cones),
-    )
+    conic = ConicProblem.from_rows(cost, pieces)
     _, found, _ = RepeatedProblem(conic, "clarabel", ACCURACY).solve(cost)
     return np.where(np.isfinite(found), found, 0.0)[:rows]
 
