@@ -4,7 +4,7 @@ import ast
 import graphlib
 import importlib
 from collections import Counter
-from collections.abc import Iterator
+from collections.abc import Callable, Iterable, Iterator
 from pathlib import Path
 
 import pytest
@@ -36,10 +36,10 @@ FILES = sorted(PACKAGE.rglob("*.py"))
 ENTRY_POINT = PACKAGE / "__main__.py"  # runs when it is imported
 
 
-def imported_modules(source: str, module: str, is_package: bool) -> Iterator[tuple[int, str]]:
-    """Yield line and full name of everything that a module imports, wherever in the file the import stands."""
+def imports_in(nodes: Iterable[ast.AST], module: str, is_package: bool) -> Iterator[tuple[int, str]]:
+    """Yield line and full name of everything that these parts of a module import."""
     package = module if is_package else module.rpartition(".")[0]
-    for node in ast.walk(ast.parse(source)):
+    for node in nodes:
         if isinstance(node, ast.Import):
             yield from ((node.lineno, alias.name) for alias in node.names)
         elif isinstance(node, ast.ImportFrom):
@@ -55,7 +55,7 @@ def violations(source: str, module: str, is_package: bool = False) -> list[str]:
     if inside in ([], ["__main__"]):
         return []  # the package itself may name every room
     found = []
-    for line, name in imported_modules(source, module, is_package):
+    for line, name in imports_in(ast.walk(ast.parse(source)), module, is_package):
         first, *rest = name.split(".")
         if first == "pickle":
             found.append(f"line {line}: pickle")
@@ -96,26 +96,71 @@ def test_files_keep_to_the_plan(place: str) -> None:
         assert path.stem not in EMPTY_NAMES, f"{path}: a module is named by what it is about"
 
 
-def imports_of_files() -> dict[str, set[str]]:
-    """Which file imports which, annotations and imports within functions included."""
-    modules = {module_of(path): path for path in FILES}
-    found: dict[str, set[str]] = {}
-    for module, path in modules.items():
-        if path.name == "__init__.py":
-            continue
-        names = [name for _, name in imported_modules(path.read_text(encoding="utf-8"), module, False)]
-        origins = {name if name in modules else name.rpartition(".")[0] for name in names}
-        found[module] = {o for o in origins if o in modules and modules[o].name != "__init__.py"} - {module}
+def needed_at_import(tree: ast.Module) -> Iterator[ast.stmt]:
+    """Yield the statements that run when a file is imported: not those in functions, nor those for type checkers."""
+    waiting = list(tree.body)
+    while waiting:
+        node = waiting.pop()
+        yield node
+        if isinstance(node, ast.If) and "TYPE_CHECKING" not in ast.unparse(node.test):
+            waiting += [*node.body, *node.orelse]
+
+
+def homes_of(package: Path) -> dict[str, str]:
+    """For the names that packages hand out, the modules that they come from."""
+    found = {}
+    for path in package.rglob("__init__.py"):
+        for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
+            if isinstance(node, ast.ImportFrom) and node.level == 1 and node.module:
+                place = module_of(path)
+                found.update({f"{place}.{alias.name}": f"{place}.{node.module}" for alias in node.names})
+    return found
+
+
+def imports_of_files(parts: Callable[[ast.Module], Iterable[ast.AST]]) -> dict[str, set[str]]:
+    """Tell for each file which others these parts of it import, directly or as what a package hands out."""
+    homes, paths = homes_of(PACKAGE), {module_of(path): path for path in FILES if path.name != "__init__.py"}
+
+    def home_of(name: str) -> str:
+        home = homes.get(name, name)
+        while home not in paths and f"{home}.{name.rpartition('.')[2]}" in homes:  # handed on by another package
+            home = homes[f"{home}.{name.rpartition('.')[2]}"]
+        return home if home in paths else home.rpartition(".")[0]
+
+    found = {}
+    for module, path in paths.items():
+        nodes = parts(ast.parse(path.read_text(encoding="utf-8")))
+        names = {home_of(name) for _, name in imports_in(nodes, module, is_package=False)}
+        found[module] = names & paths.keys() - {module}
     return found
 
 
 def test_no_files_import_each_other_in_a_circle() -> None:
-    list(graphlib.TopologicalSorter(imports_of_files()).static_order())  # names the circle where there is one
+    """Annotations and imports within functions included."""
+    list(graphlib.TopologicalSorter(imports_of_files(ast.walk)).static_order())  # names the circle where there is one
 
 
-def test_a_circle_is_found() -> None:
+def test_a_circle_is_found(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """One that leads through a package, and one that only a type checker sees."""
+    room = tmp_path / "steelyard" / "room"
+    room.mkdir(parents=True)
+    (room / "__init__.py").write_text("from .a import A as A")
+    (room / "a.py").write_text("from typing import TYPE_CHECKING\nif TYPE_CHECKING:\n    from .b import B")
+    (room / "b.py").write_text("from steelyard.room import A")
+    monkeypatch.setitem(globals(), "PACKAGE", tmp_path / "steelyard")
+    monkeypatch.setitem(globals(), "FILES", sorted(room.glob("*.py")))
+    assert imports_of_files(needed_at_import) == {"steelyard.room.a": set(), "steelyard.room.b": {"steelyard.room.a"}}
     with pytest.raises(graphlib.CycleError):
-        list(graphlib.TopologicalSorter({"a": {"b"}, "b": {"a"}}).static_order())
+        list(graphlib.TopologicalSorter(imports_of_files(ast.walk)).static_order())
+
+
+def test_the_longest_chain_of_imports_is_short() -> None:
+    """From what identifies a robot down to what needs nothing: who reads one file must not have to read twenty."""
+    needs = imports_of_files(needed_at_import)
+    lengths: dict[str, int] = {}
+    for module in graphlib.TopologicalSorter(needs).static_order():
+        lengths[module] = 1 + max((lengths[needed] for needed in needs[module]), default=0)
+    assert 5 < lengths["steelyard.identification.identify"] <= 15
 
 
 def test_no_two_files_have_one_name() -> None:
@@ -201,51 +246,3 @@ def test_violations_are_found(source: str, module: str) -> None:
 )
 def test_proper_imports_pass(source: str, module: str, is_package: bool) -> None:
     assert violations(source, module, is_package) == []
-
-
-def needed_at_import(tree: ast.Module) -> Iterator[ast.stmt]:
-    """Yield the statements that run when a file is imported: not those in functions, nor those for type checkers."""
-    waiting = list(tree.body)
-    while waiting:
-        node = waiting.pop()
-        yield node
-        if isinstance(node, ast.If) and "TYPE_CHECKING" not in ast.unparse(node.test):
-            waiting += [*node.body, *node.orelse]
-
-
-def homes_of(package: Path) -> dict[str, str]:
-    """For the names that packages hand out, the modules that they come from."""
-    found = {}
-    for path in package.rglob("__init__.py"):
-        for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
-            if isinstance(node, ast.ImportFrom) and node.level == 1 and node.module:
-                place = module_of(path)
-                found.update({f"{place}.{alias.name}": f"{place}.{node.module}" for alias in node.names})
-    return found
-
-
-def test_the_longest_chain_of_imports_is_short() -> None:
-    """From what identifies a robot down to what needs nothing: who reads one file must not have to read twenty."""
-    homes, paths = homes_of(PACKAGE), {module_of(path): path for path in FILES if path.name != "__init__.py"}
-
-    def needs(module: str) -> set[str]:
-        tree = ast.parse(paths[module].read_text(encoding="utf-8"))
-        source = "\n".join(
-            ast.unparse(n) for n in needed_at_import(tree) if isinstance(n, (ast.Import, ast.ImportFrom))
-        )
-        found = set()
-        for _, name in imported_modules(source, module, is_package=False):
-            home = homes.get(name, name)
-            while home not in paths and f"{home}.{name.rpartition('.')[2]}" in homes:  # handed on by another package
-                home = homes[f"{home}.{name.rpartition('.')[2]}"]
-            found.add(home if home in paths else home.rpartition(".")[0])
-        return {name for name in found if name in paths}
-
-    lengths: dict[str, int] = {}
-
-    def length(module: str) -> int:
-        if module not in lengths:
-            lengths[module] = 1 + max(map(length, needs(module)), default=0)
-        return lengths[module]
-
-    assert 5 < length("steelyard.identification.identify") <= 15

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, ClassVar
 
 from .assignments import CALLS
 from .naming import NamedFunction
-from .python_project import PythonProject, shape_literal
+from .python_project import EVALUATED_ON_ARRAYS, PythonProject, shape_literal
 from .schedule import Schedule, prefers_vectors, schedule
 from .text import number_lines, wrapped_lines
 
@@ -184,10 +184,7 @@ class _JaxProject(PythonProject):
             f"import {self.name} as module  # noqa: E402",
             "",
             "",
-            "def evaluated(function, arrays):",
-            "    results = function(*map(np.array, arrays))",
-            "    results = results if isinstance(results, tuple) else (results,)",
-            "    return [np.ravel(result).tolist() for result in results]",
+            *EVALUATED_ON_ARRAYS,
         ]
 
     def use(self) -> list[str]:

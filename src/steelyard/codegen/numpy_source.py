@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, ClassVar
 
 from .assignments import CALLS
 from .naming import NamedFunction
-from .python_project import PythonProject, shape_literal
+from .python_project import EVALUATED_ON_ARRAYS, PythonProject, shape_literal
 
 if TYPE_CHECKING:
     from .project import Project
@@ -83,10 +83,7 @@ class _NumPyProject(PythonProject):
             f"import {self.name} as module",
             "",
             "",
-            "def evaluated(function, arrays):",
-            "    results = function(*map(np.array, arrays))",
-            "    results = results if isinstance(results, tuple) else (results,)",
-            "    return [np.ravel(result).tolist() for result in results]",
+            *EVALUATED_ON_ARRAYS,
         ]
 
     def use(self) -> list[str]:

@@ -21,7 +21,7 @@ if TYPE_CHECKING:
 
     from .project import Project
 
-__all__ = ["PythonProject", "python_self_test", "shape_literal"]
+__all__ = ["EVALUATED_ON_ARRAYS", "PythonProject", "python_self_test", "shape_literal"]
 
 _CHECK = '''
 class ReferenceValues(unittest.TestCase):
@@ -92,6 +92,15 @@ annotations list tuple str int float len range zip map sum
 """
 _RESERVED = frozenset([*_BUILTINS.split(), *keyword.kwlist])
 _WIDTH = 100
+
+
+EVALUATED_ON_ARRAYS = (
+    "def evaluated(function, arrays):",
+    "    results = function(*map(np.array, arrays))",
+    "    results = results if isinstance(results, tuple) else (results,)",
+    "    return [np.ravel(result).tolist() for result in results]",
+)
+"""How a self-test calls a function of arrays, with NumPy as np."""
 
 
 class PythonProject(ABC):
