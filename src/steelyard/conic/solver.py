@@ -1,9 +1,9 @@
 """The solvers by name, the table of what each can do, and `solve`, which hands a problem to one of them."""
 
-import html
 from collections.abc import Callable
 from dataclasses import dataclass, field
 
+from steelyard.display import html_table
 from steelyard.errors import InputError, MissingExtraError, SolverError
 from steelyard.files import suggestion
 
@@ -259,10 +259,7 @@ class SolverTable:
         return str(self)
 
     def _repr_html_(self) -> str:
-        def line(cells: tuple[str, ...], tag: str) -> str:
-            return "<tr>" + "".join(f"<{tag}>{html.escape(cell)}</{tag}>" for cell in cells) + "</tr>"
-
-        return f"<table>{line(self.headings, 'th')}{''.join(line(row, 'td') for row in self.rows)}</table>"
+        return html_table("", self.headings, self.rows)
 
 
 def _row(solver: Solver) -> tuple[str, ...]:

@@ -11,6 +11,7 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from steelyard.display import html_table
 from steelyard.robot import Robot
 
 from .exact_placement import ExactMatrix, robot_with_right_angles
@@ -73,8 +74,7 @@ class BaseParameters:
         return f"BaseParameters({self.count} of {len(self.parameter_names)})"
 
     def _repr_html_(self) -> str:
-        rows = "".join(f"<tr><td>{i + 1}</td><td>{text}</td></tr>" for i, text in enumerate(self.expressions))
-        return f"<table><caption>{self.count} base parameters</caption>{rows}</table>"
+        return html_table(f"{self.count} base parameters", (), enumerate(self.expressions, start=1))
 
     @property
     def count(self) -> int:

@@ -7,12 +7,13 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
+from steelyard.display import html_table, text_table
 from steelyard.dynamics.threads import one_thread
 from steelyard.errors import InputError
 from steelyard.feasibility.bounds.confidence_region import reduced_regression
 from steelyard.feasibility.feasible_set import FeasibleSet
 from steelyard.feasibility.growth import mass_bound_of
-from steelyard.feasibility.wording import html_table, percent, text_table
+from steelyard.feasibility.wording import percent
 from steelyard.lmi import vector_to_symmetric
 
 from .reduced import ReducedRegression

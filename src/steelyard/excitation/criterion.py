@@ -235,10 +235,6 @@ class Criterion:
         values, vectors = _positive(roots[::-1] ** 2), rows[::-1].T
         return values, directions @ vectors if known else vectors
 
-    def better(self, a: float, b: float) -> bool:
-        """Tell whether the figure `a` is better than `b`."""
-        return a > b if self.kind == "d" else a < b
-
     def _spectral(self, values: Array, sharpness: float, power: float) -> tuple[float, Array]:
         """Return the objective and its derivatives by eigenvalues of the information, or of its inverse (power -1)."""
         count = len(values)

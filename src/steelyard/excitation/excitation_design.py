@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import html
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -11,6 +10,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from steelyard.display import html_table
 from steelyard.files import replaced_folder, write_json
 
 from .limit_margins import Margin
@@ -201,18 +201,12 @@ class ExcitationDesign:
         )
 
     def _repr_html_(self) -> str:
-        rows = "".join(
-            f"<tr><td>{html.escape(m.name)}</td><td>{html.escape(m.label)}</td><td>{m.clearance:.4g}</td>"
-            f"<td>{m.time:.3f}</td></tr>"
-            for m in self.nearest()
-        )
-        head = "<tr><th>limit</th><th>nearest part</th><th>margin</th><th>time, s</th></tr>"
-        notes = "".join(f"<li>{html.escape(remark)}</li>" for remark in self.remarks)
-        title = html.escape(
+        rows = [(m.name, m.label, f"{m.clearance:.4g}", f"{m.time:.3f}") for m in self.nearest()]
+        title = (
             f"{self.robot_name}: {self.family}, {self.trajectory.duration:g} s, "
             f"condition number {self.condition_number:.4g}"
         )
-        return f"<table><caption>{title}</caption>{head}{rows}</table>" + (f"<ul>{notes}</ul>" if notes else "")
+        return html_table(title, ("limit", "nearest part", "margin", "time, s"), rows, self.remarks)
 
 
 def nearest_first(margins: Sequence[Margin]) -> tuple[Margin, ...]:

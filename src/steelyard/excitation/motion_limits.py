@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import html
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, fields, replace
 from pathlib import Path
@@ -11,6 +10,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from steelyard.display import html_table
 from steelyard.errors import InputError
 from steelyard.files import read_toml, shown
 from steelyard.robot import Robot
@@ -221,14 +221,11 @@ class MotionLimits:
         return f"MotionLimits({len(self.joint_names)} joints: {', '.join(kinds) or 'none'})"
 
     def _repr_html_(self) -> str:
-        head = "".join(f"<th>{name}</th>" for name in ("joint", *JOINT_FIELDS))
-        rows = "".join(
-            f"<tr><td>{html.escape(joint)}</td>"
-            + "".join(f"<td>{getattr(self, name)[k]:.4g}</td>" for name in JOINT_FIELDS)
-            + "</tr>"
+        rows = [
+            (joint, *(f"{getattr(self, name)[k]:.4g}" for name in JOINT_FIELDS))
             for k, joint in enumerate(self.joint_names)
-        )
-        return f"<table><tr>{head}</tr>{rows}</table>"
+        ]
+        return html_table("", ("joint", *JOINT_FIELDS), rows)
 
 
 def _number(value: ArrayLike | str, what: str) -> float:

@@ -10,6 +10,7 @@ import numpy.typing as npt
 import scipy.sparse as sparse
 
 from steelyard.conic import Cone, Rows
+from steelyard.display import html_table
 from steelyard.errors import InputError
 from steelyard.files import suggestion
 from steelyard.lmi import AffineBlock, AffineStack, LinearMatrixInequality
@@ -110,9 +111,9 @@ class FeasibleSet:
     def _repr_html_(self) -> str:
         import html
 
-        rows = "".join(f"<tr><td>{html.escape(b.name)}</td><td>{b.size} × {b.size}</td></tr>" for b in self.blocks)
-        rows += "".join(f"<tr><td>{html.escape(e.name)}</td><td>equation</td></tr>" for e in self.equalities)
-        return f"<p>{html.escape(repr(self))}</p><table><tr><th>block</th><th>size</th></tr>{rows}</table>"
+        rows = [(block.name, f"{block.size} × {block.size}") for block in self.blocks]
+        rows += [(equality.name, "equation") for equality in self.equalities]
+        return f"<p>{html.escape(repr(self))}</p>" + html_table("", ("block", "size"), rows)
 
     @property
     def parameter_count(self) -> int:

@@ -1,6 +1,5 @@
-"""Tables as text and as HTML, numbers rounded outward, and combinations of parameters in words."""
+"""Numbers rounded outward, and combinations of parameters in words."""
 
-import html
 import math
 from collections.abc import Sequence
 from decimal import ROUND_CEILING, ROUND_FLOOR, Decimal
@@ -10,38 +9,9 @@ import numpy.typing as npt
 
 from .feasible_set import FeasibleSet
 
-__all__ = ["base_expressions", "base_names", "combination", "html_table", "outward", "percent", "plain", "text_table"]
+__all__ = ["base_expressions", "base_names", "combination", "outward", "percent", "plain"]
 
 Vector = npt.NDArray[np.float64]
-
-
-def text_table(heads: Sequence[str], rows: Sequence[Sequence[str]], numbers: Sequence[int] = ()) -> str:
-    """Columns side by side, those of `numbers` flush right.
-
-    Examples
-    --------
-    >>> print(text_table(("name", "kg"), [("arm", "1.5"), ("forearm", "12")], numbers=(1,)))
-    name      kg
-    arm      1.5
-    forearm   12
-    """
-    table = [list(heads), *(list(row) for row in rows)]
-    widths = [max(len(row[i]) for row in table) for i in range(len(heads))]
-    lines = []
-    for row in table:
-        cells = [c.rjust(w) if i in numbers else c.ljust(w) for i, (c, w) in enumerate(zip(row, widths, strict=True))]
-        lines.append("  ".join(cells).rstrip())
-    return "\n".join(lines)
-
-
-def html_table(caption: str, heads: Sequence[str], rows: Sequence[Sequence[str]]) -> str:
-    """A table whose cells are escaped."""
-
-    def line(cells: Sequence[str], tag: str) -> str:
-        return "<tr>" + "".join(f"<{tag}>{html.escape(cell)}</{tag}>" for cell in cells) + "</tr>"
-
-    body = "".join(line(row, "td") for row in rows)
-    return f"<table><caption>{html.escape(caption)}</caption>{line(heads, 'th')}{body}</table>"
 
 
 def plain(value: float, digits: int = 4) -> str:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import html
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from typing import Any, Self
@@ -10,6 +9,7 @@ from typing import Any, Self
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from steelyard.display import html_table
 from steelyard.errors import InputError
 
 from .samples import read_only_matrix, read_only_vector, require_finite
@@ -166,16 +166,11 @@ class Measurements:
         return f"{type(self).__name__}({self.source!r}, {size}{timing}{extra})"
 
     def _repr_html_(self) -> str:
-        rows = "".join(
-            f"<tr><td>{html.escape(self.joint_label(j))}</td>"
-            f"<td>{self.q[:, j].min():.4g} … {self.q[:, j].max():.4g}</td>"
-            f"<td>{self.torque[:, j].min():.4g} … {self.torque[:, j].max():.4g}</td></tr>"
+        rows = [
+            (self.joint_label(j), *(f"{a[:, j].min():.4g} … {a[:, j].max():.4g}" for a in (self.q, self.torque)))
             for j in range(self.joint_count)
-        )
-        notes = "".join(f"<li>{html.escape(remark)}</li>" for remark in self.remarks)
-        head = "<tr><th>joint</th><th>position</th><th>torque</th></tr>"
-        table = f"<table><caption>{html.escape(repr(self))}</caption>{head}{rows}</table>"
-        return table + (f"<ul>{notes}</ul>" if notes else "")
+        ]
+        return html_table(repr(self), ("joint", "position", "torque"), rows, self.remarks)
 
 
 def check_order(t: NDArray[np.float64], where: Callable[[int], str], source: str) -> None:

@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-import html
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
+from steelyard.display import html_table
 from steelyard.errors import InputError
 
 from .filters import FourierFit, FourierSeries
@@ -62,14 +62,12 @@ class PeriodicAverage:
         )
 
     def _repr_html_(self) -> str:
-        head = (
-            "<tr><th>joint</th><th>noise of the position</th><th>noise of the torque</th><th>of the average</th></tr>"
-        )
-        rows = "".join(
-            f"<tr><td>{j + 1}</td><td>{a:.3g}</td><td>{b:.3g}</td><td>{b / np.sqrt(self.periods):.3g}</td></tr>"
-            for j, (a, b) in enumerate(zip(self.position_deviation, self.torque_deviation, strict=True))
-        )
-        return f"<table><caption>{html.escape(repr(self))}</caption>{head}{rows}</table>"
+        heads = ("joint", "noise of the position", "noise of the torque", "of the average")
+        pairs = zip(self.position_deviation, self.torque_deviation, strict=True)
+        rows = [
+            (j, f"{a:.3g}", f"{b:.3g}", f"{b / np.sqrt(self.periods):.3g}") for j, (a, b) in enumerate(pairs, start=1)
+        ]
+        return html_table(repr(self), heads, rows)
 
 
 def average_periods(

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import html
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from typing import Self, TypeVar
@@ -10,6 +9,7 @@ from typing import Self, TypeVar
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from steelyard.display import html_table
 from steelyard.errors import InputError
 
 from .cutoff.choice import CutoffChoice
@@ -169,18 +169,13 @@ class Samples:
         return f"Samples({self.count} rows x {self.joint_count} joints, {rows})"
 
     def _repr_html_(self) -> str:
-        titles = ("joint", "rows used", "q", "max |dq|", "max |ddq|", "max |torque|")
-        head = "<tr>" + "".join(f"<th>{title}</th>" for title in titles) + "</tr>"
+        heads = ("joint", "rows used", "q", "max |dq|", "max |ddq|", "max |torque|")
         rows = []
         for j, used in enumerate(self.used):
             q, dq, ddq, torque = (array[:, j] for array in (self.q, self.dq, self.ddq, self.torque))
-            rows.append(
-                f"<tr><td>{j + 1}</td><td>{used}</td><td>{q.min():.4g} … {q.max():.4g}</td>"
-                f"<td>{np.abs(dq).max():.4g}</td><td>{np.abs(ddq).max():.4g}</td><td>{np.abs(torque).max():.4g}</td></tr>"
-            )
-        notes = "".join(f"<li>{html.escape(remark)}</li>" for remark in self.remarks)
-        table = f"<table><caption>{html.escape(repr(self))}</caption>{head}{''.join(rows)}</table>"
-        return table + (f"<ul>{notes}</ul>" if notes else "")
+            greatest = (f"{np.abs(array).max():.4g}" for array in (dq, ddq, torque))
+            rows.append((j + 1, used, f"{q.min():.4g} … {q.max():.4g}", *greatest))
+        return html_table(repr(self), heads, rows, self.remarks)
 
 
 def regrouped(parts: Iterable[Samples], count: int) -> Iterator[Samples]:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import html
 from collections.abc import Mapping
 from dataclasses import dataclass, field, fields
 from pathlib import Path
@@ -11,6 +10,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from steelyard.display import html_table
 from steelyard.errors import InputError
 from steelyard.files import plain, read_json, shown, write_json
 
@@ -158,12 +158,11 @@ class Estimate:
 
     def _repr_html_(self) -> str:
         relative = self.relative_standard_error
-        rows = "".join(
-            f"<tr><td>{html.escape(text)}</td><td>{value:.5g}</td><td>{100 * s:.3g} %</td></tr>"
+        rows = [
+            (text, f"{value:.5g}", f"{100 * s:.3g} %")
             for text, value, s in zip(self.base_expressions, self.base, relative, strict=True)
-        )
-        caption = f"{self.method}, relative error {self.relative_error:.2%}"
-        return f"<table><caption>{html.escape(caption)}</caption>{rows}</table>"
+        ]
+        return html_table(f"{self.method}, relative error {self.relative_error:.2%}", (), rows)
 
     def to_dict(self) -> dict[str, Any]:
         """Return it as plain data, numbers that are not finite as None."""

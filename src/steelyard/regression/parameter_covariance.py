@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-import html
 from dataclasses import dataclass, field
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from steelyard.display import html_table
 from steelyard.errors import InputError
 
 from .batch_means import BATCH_LENGTHS
@@ -66,15 +66,13 @@ class ResidualCorrelation:
         return f"ResidualCorrelation(one row in {least:.3g} to {most:.3g} is independent)"
 
     def _repr_html_(self) -> str:
-        head = "<tr><th>joint</th><th>rows</th><th>independent</th><th>batch</th><th>settled</th></tr>"
-        rows = "".join(
-            f"<tr><td>{html.escape(name)}</td><td>{count}</td><td>{effective:.0f}</td><td>{batch}</td>"
-            f"<td>{'yes' if ok else 'no'}</td></tr>"
+        rows = [
+            (name, count, f"{effective:.0f}", batch, "yes" if ok else "no")
             for name, count, effective, batch, ok in zip(
                 self.joint_names, self.count, self.effective_count, self.batch_length, self.settled, strict=True
             )
-        )
-        return f"<table><caption>{html.escape(repr(self))}</caption>{head}{rows}</table>"
+        ]
+        return html_table(repr(self), ("joint", "rows", "independent", "batch", "settled"), rows)
 
 
 @dataclass(frozen=True, eq=False)

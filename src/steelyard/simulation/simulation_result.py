@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import html
 import os
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
@@ -12,6 +11,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from steelyard.display import html_table
 from steelyard.errors import InputError
 from steelyard.files import replaced_file
 from steelyard.recording import Recording
@@ -251,14 +251,12 @@ class SimulationResult:
         return f"SimulationResult({size}: {self.status.value} at {self.end_time:.6g} s{text})"
 
     def _repr_html_(self) -> str:
-        head = "<tr><th>joint</th><th>position</th><th>speed at most</th><th>torque at most</th></tr>"
-        rows = "".join(
-            f"<tr><td>{html.escape(name)}</td><td>{_range(self.q[..., k])}</td>"
-            f"<td>{_most(self.dq[..., k])}</td><td>{_most(self.torque[..., k])}</td></tr>"
+        rows = [
+            (name, _range(self.q[..., k]), _most(self.dq[..., k]), _most(self.torque[..., k]))
             for k, name in enumerate(self.joint_names)
-        )
-        energy = f"<p>Energy: {_range(self.energy)} J</p>"
-        return f"<table><caption>{html.escape(repr(self))}</caption>{head}{rows}</table>{energy}"
+        ]
+        table = html_table(repr(self), ("joint", "position", "speed at most", "torque at most"), rows)
+        return f"{table}<p>Energy: {_range(self.energy)} J</p>"
 
 
 def _range(values: Array) -> str:

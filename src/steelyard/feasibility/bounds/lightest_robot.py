@@ -7,11 +7,12 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
+from steelyard.display import html_table, text_table
 from steelyard.dynamics.threads import one_thread
 from steelyard.regression import ParameterCovariance
 
 from ..feasible_set import FeasibleSet
-from ..wording import html_table, plain, text_table
+from ..wording import plain
 from .bound_finder import given_by
 from .quantities import Quantity, quantities
 

@@ -8,6 +8,7 @@ import numpy as np
 import numpy.typing as npt
 
 from steelyard.conic import ConicProblem, Outcome, solve
+from steelyard.display import html_table, text_table
 from steelyard.dynamics.threads import one_thread
 from steelyard.errors import InputError
 from steelyard.regression import ParameterCovariance
@@ -16,7 +17,7 @@ from ..bounds.confidence_region import region_of
 from ..check import check
 from ..feasible_set import FeasibleSet
 from ..nearest_point import nearest_in_region
-from ..wording import base_expressions, base_names, combination, html_table, percent, plain, text_table
+from ..wording import base_expressions, base_names, combination, percent, plain
 from .irreducible_subsystem import IrreducibleInfeasibleSubsystem, irreducible_infeasible_subsystems
 
 __all__ = [

@@ -10,6 +10,8 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from steelyard.display import html_table
+
 __all__ = ["Curve", "CutoffChoice", "Plot"]
 
 Array = NDArray[np.float64]
@@ -115,14 +117,8 @@ class CutoffChoice:
         return "".join(_picture(plot, self.cutoff) for plot in self.plots)
 
     def _repr_html_(self) -> str:
-        head = "".join(f"<th>{title}</th>" for title in self.titles)
-        rows = "".join(
-            "<tr>" + "".join(f"<td>{html.escape(cell)}</td>" for cell in row) + "</tr>" for row in self.table
-        )
-        return (
-            f"<p>{html.escape(self.remark)}</p>{self.svg()}"
-            f"<table><caption>{html.escape(repr(self))}</caption><tr>{head}</tr>{rows}</table>"
-        )
+        table = html_table(repr(self), self.titles, self.table)
+        return f"<p>{html.escape(self.remark)}</p>{self.svg()}{table}"
 
 
 def _picture(plot: Plot, mark: float) -> str:

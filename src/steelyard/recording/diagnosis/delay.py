@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import html
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
@@ -10,6 +9,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from steelyard.display import html_table
 from steelyard.dynamics.threads import one_thread
 from steelyard.errors import InputError
 
@@ -76,12 +76,9 @@ class DelayEstimate:
         )
 
     def _repr_html_(self) -> str:
-        rows = "".join(
-            f"<tr><td>{j + 1}</td><td>{1e3 * d:.3g}</td><td>{1e3 * s:.2g}</td></tr>"
-            for j, (d, s) in enumerate(zip(self.joint_delays, self.joint_deviations, strict=True))
-        )
-        head = "<tr><th>joint</th><th>delay, ms</th><th>±</th></tr>"
-        return f"<table><caption>{html.escape(repr(self))}</caption>{head}{rows}</table>"
+        pairs = zip(self.joint_delays, self.joint_deviations, strict=True)
+        rows = [(j, f"{1e3 * d:.3g}", f"{1e3 * s:.2g}") for j, (d, s) in enumerate(pairs, start=1)]
+        return html_table(repr(self), ("joint", "delay, ms", "±"), rows)
 
 
 def estimate_delay(samples: Samples, model: Model | None = None, longest: float = 0.05) -> DelayEstimate:

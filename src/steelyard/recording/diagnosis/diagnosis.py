@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
-import html
 from collections.abc import Collection
 from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
+
+from steelyard.display import html_table
 
 from ..clock import ClockStatistics, clock_statistics
 from ..measurements import Measurements
@@ -75,24 +76,10 @@ class Diagnosis:
         return "\n".join((repr(self), *self.sentences()))
 
     def _repr_html_(self) -> str:
-        items = "".join(f"<li>{html.escape(sentence)}</li>" for sentence in self.sentences())
-        head = "<tr><th>joint</th><th>position: step</th><th>noise</th><th>torque: step</th><th>noise</th></tr>"
-        rows = "".join(
-            f"<tr><td>{j + 1}</td>" + "".join(f"<td>{value:.3g}</td>" for value in values) + "</tr>"
-            for j, values in enumerate(
-                zip(
-                    self.position_resolution,
-                    self.position_noise,
-                    self.torque_resolution,
-                    self.torque_noise,
-                    strict=True,
-                )
-            )
-        )
-        return (
-            f"<table><caption>{html.escape(repr(self))}; {html.escape(repr(self.clock))}</caption>{head}{rows}</table>"
-            + (f"<ul>{items}</ul>" if items else "")
-        )
+        columns = (self.position_resolution, self.position_noise, self.torque_resolution, self.torque_noise)
+        rows = [(j, *(f"{value:.3g}" for value in row)) for j, row in enumerate(zip(*columns, strict=True), start=1)]
+        heads = ("joint", "position: step", "noise", "torque: step", "noise")
+        return html_table(f"{self!r}; {self.clock!r}", heads, rows, self.sentences())
 
 
 def diagnose(recording: Measurements) -> Diagnosis:
