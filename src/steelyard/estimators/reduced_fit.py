@@ -13,6 +13,7 @@ from steelyard.feasibility.growth import growing_links, mass_bound_of
 from steelyard.feasibility.interior import MARGIN_FACTORS, least_eigenvalue, pull_inside
 from steelyard.feasibility.tie_break import TieBreak, closest_to_cad, lightest
 from steelyard.feasibility.units import Units
+from steelyard.feasibility.wording import percent
 from steelyard.regression import Reduced, column_lengths
 
 from .prior import PreparedPrior, Prior
@@ -299,7 +300,7 @@ def _within(gap: float) -> str:
     """How near the choice is to the best one, where that is not near enough to go without saying."""
     if not np.isfinite(gap) or gap > LOOSE_CHOICE:
         return ", as far as the solver could tell"
-    return f" to within {100 * gap:.1g} %" if gap > CLOSE_CHOICE else ""
+    return f" to within {percent(gap, 1)}" if gap > CLOSE_CHOICE else ""
 
 
 def _rounded_down(value: float) -> float:
