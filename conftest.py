@@ -30,7 +30,7 @@ SHARED = Path(__file__).resolve().parent.parent / "shared"
 
 # Property tests try the same examples every time; `--hypothesis-profile=random` looks for new ones.
 settings.register_profile("steelyard", deadline=None, derandomize=True, database=None, max_examples=50)
-# Its parent is named, because Hypothesis itself draws the same examples every time where it sees a build server (CI=true).
+# Its parent is named: where Hypothesis sees a build server (CI=true), its own default is the same examples every time.
 settings.register_profile(
     "random", settings.get_profile("default"), deadline=None, derandomize=False, print_blob=True, max_examples=200
 )
