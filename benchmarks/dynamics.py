@@ -131,7 +131,7 @@ def ours(case, function, *, threads=1, compact=False):
     """Return our batch kernel, which writes into an array that is there."""
     kernel, arrays = case.model.kernel(function), case.arguments(function)
     if compact:
-        kernel = sy.Kernel(case.model.function(function), compact=True)
+        kernel = sy.graph.Kernel(case.model.function(function), compact=True)
     out = np.empty((len(case.q), kernel.width))
     return lambda: kernel(*arrays, out=out, threads=threads)
 

@@ -26,7 +26,7 @@ design = sy.design_excitation(
 print(design)
 
 # 2. The robot plays it under a controller; its encoders and its torque measurement are what they are.
-sensors = sy.Sensors(encoder_resolution=2 * np.pi / 65536, torque_noise=0.2)
+sensors = sy.simulation.Sensors(encoder_resolution=2 * np.pi / 65536, torque_noise=0.2)
 log = sy.play(model, delta, design.trajectory, sensors=sensors, seed=1)
 
 # 3. From the log to a model that is physically possible, with a proof.

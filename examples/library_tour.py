@@ -25,7 +25,7 @@ random = np.random.default_rng(1)
 information = sy.Information.empty(model)
 for _ in range(2):
     a, b = random.normal(size=(2, 3, 5)) * 0.6
-    trajectory = sy.FourierTrajectory(a=a, b=b, center=np.zeros(3), frequency=0.1)
+    trajectory = sy.excitation.FourierTrajectory(a=a, b=b, center=np.zeros(3), frequency=0.1)
     _, q, dq, ddq = trajectory.sample(rate=200.0)
     torque = model.inverse_dynamics(q, dq, ddq, truth) + random.normal(size=q.shape) * [1.0, 1.0, 0.3]
     information = information + sy.Information.from_samples(model, sy.Samples(q=q, dq=dq, ddq=ddq, torque=torque))

@@ -14,7 +14,7 @@ import pytest
 import steelyard as sy
 from steelyard import collision as geometry
 from steelyard.cli import main
-from steelyard.excitation import MotionLimits, limits_from_file
+from steelyard.excitation import FourierTrajectory, MotionLimits, limits_from_file
 from steelyard.recording import LogColumns, Processing
 
 ROOT = Path(__file__).resolve().parent.parent
@@ -114,7 +114,7 @@ def recording(model: sy.Model, parameters: np.ndarray, seed: int, duration: floa
     random = np.random.default_rng(seed)
     count = model.dof
     waves = random.normal(size=(2, count, 4)) * 0.3
-    trajectory = sy.FourierTrajectory(a=waves[0], b=waves[1], center=np.zeros(count), frequency=1.0 / duration)
+    trajectory = FourierTrajectory(a=waves[0], b=waves[1], center=np.zeros(count), frequency=1.0 / duration)
     t, q, dq, ddq = trajectory.sample(200.0, duration)
     torque = model.inverse_dynamics(q, dq, ddq, parameters) + random.normal(size=q.shape) * 0.05
     return sy.Recording(t=t, q=q, torque=torque, source="simulation", joint_names=model.robot.joint_names)
@@ -200,9 +200,7 @@ def _mass_four(place: Path) -> dict[str, Any]:
 def _seven_joints(place: Path) -> dict[str, Any]:
     rows = [("pi/2", 0.0, 0.3, "q")] * 7
     model = sy.Model(sy.Robot.from_dh(rows))
-    trajectory = sy.FourierTrajectory(
-        a=np.full((7, 1), 0.3), b=np.zeros((7, 1)), center=np.zeros(7), frequency=1 / 12.5
-    )
+    trajectory = FourierTrajectory(a=np.full((7, 1), 0.3), b=np.zeros((7, 1)), center=np.zeros(7), frequency=1 / 12.5)
     t, q, _, _ = trajectory.sample(100.0, 55.0)
     random = np.random.default_rng(3)
     torque = np.sin(q) * 10 + random.normal(size=q.shape) * 0.1
@@ -290,7 +288,7 @@ def test_settings_are_read(page: str, place: Path) -> None:
         assert model.dof in (3, 6, 7)
         LogColumns.from_dict(file.section("log"), page)
         Processing.from_dict(file.section("processing"), page)
-        from steelyard.feasibility import constraints_from_dict
+        from steelyard.feasibility.constraints import constraints_from_dict
 
         sy.FeasibleSet(model, "full", list(constraints_from_dict(file.section("constraints"), folder=place)))
 

@@ -1,8 +1,10 @@
 """The names that users call: where they are, what they take, and that importing them is cheap."""
 
+import importlib
 import inspect
 import subprocess
 import sys
+from pathlib import Path
 
 import pytest
 
@@ -15,16 +17,22 @@ NAMES = (
     "Estimate",
     "FeasibleSet",
     "Identification",
+    "Inertia",
     "Information",
     "InputError",
+    "Joint",
+    "Link",
     "Model",
     "MotorSide",
     "Offset",
     "Recording",
     "Robot",
+    "RobotFile",
     "RotorInertia",
     "Samples",
+    "Term",
     "TotalMass",
+    "Verdict",
     "Viscous",
     "check",
     "correct",
@@ -35,6 +43,7 @@ NAMES = (
     "play",
     "simulate",
 )
+STUB = Path(sy.__file__).with_suffix(".pyi")
 HEAVY = ("clarabel", "llvmlite", "lxml", "plotly", "polars", "rich", "scipy", "typer")
 
 
@@ -46,6 +55,22 @@ def test_name_is_public(name: str) -> None:
     assert callable(found)
     assert found.__module__.startswith("steelyard.")
     assert found.__doc__
+
+
+# Names that most programs call stand at the top, what a specialist calls stands in its room, and what nobody calls in
+# the file that defines it. A name above these bounds needs one that leaves.
+@pytest.mark.parametrize(("package", "most"), [("steelyard", 48), ("steelyard.feasibility", 37)])
+def test_few_names_are_public(package: str, most: int) -> None:
+    assert len(importlib.import_module(package).__all__) <= most
+
+
+def test_rooms_need_no_import_of_their_own() -> None:
+    rooms = [line.split()[-1] for line in STUB.read_text(encoding="utf-8").splitlines() if line.startswith("from . ")]
+    assert len(rooms) > 12
+    assert set(rooms) <= set(dir(sy))
+    assert not set(rooms) & set(sy.__all__)
+    used = "; ".join(f"assert steelyard.{room}.__all__" for room in rooms)
+    assert "steelyard" in _loaded_after(f"import steelyard; {used}")
 
 
 def test_unknown_name_is_refused() -> None:

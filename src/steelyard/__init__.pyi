@@ -1,11 +1,22 @@
-# The public names, one a line and each from where it is defined: what type checkers read, and what __init__.py looks
-# names up in.
+# The rooms, and the public names that need none, one a line and each from where it is defined: what type checkers read,
+# and what __init__.py looks names up in.
 
-from .control.computed_torque import ComputedTorque as ComputedTorque
-from .control.feedforward_tracking import FeedforwardTracking as FeedforwardTracking
-from .control.gravity_compensation import GravityCompensation as GravityCompensation
-from .control.impedance import ImpedanceControl as ImpedanceControl
-from .control.task_space import TaskSpaceControl as TaskSpaceControl
+from . import codegen as codegen
+from . import collision as collision
+from . import conic as conic
+from . import control as control
+from . import dynamics as dynamics
+from . import estimators as estimators
+from . import excitation as excitation
+from . import feasibility as feasibility
+from . import graph as graph
+from . import identification as identification
+from . import lmi as lmi
+from . import recording as recording
+from . import regression as regression
+from . import report as report
+from . import robot as robot
+from . import simulation as simulation
 from .dynamics.base_parameters import BaseParameters as BaseParameters
 from .dynamics.model import Model as Model
 from .dynamics.terms import Coulomb as Coulomb
@@ -18,45 +29,19 @@ from .errors import MissingExtraError as MissingExtraError
 from .errors import SolverError as SolverError
 from .errors import SteelyardError as SteelyardError
 from .estimators.fit import fit as fit
-from .estimators.l_curve import l_curve as l_curve
-from .estimators.prior import ConstantPullbackPrior as ConstantPullbackPrior
-from .estimators.prior import EntropicPrior as EntropicPrior
-from .estimators.prior import EuclideanPrior as EuclideanPrior
-from .estimators.robust import robust_information as robust_information
-from .estimators.shadow_prices import shadow_prices as shadow_prices
-from .estimators.smallest_mass import smallest_total_mass as smallest_total_mass
 from .excitation.design import design_excitation as design_excitation
 from .excitation.excitation_design import ExcitationDesign as ExcitationDesign
-from .excitation.fourier import FourierTrajectory as FourierTrajectory
 from .excitation.motion_limits import MotionLimits as MotionLimits
 from .excitation.trajectory_files import load_trajectory as load_trajectory
-from .feasibility.bounds.intervals import parameter_intervals as parameter_intervals
-from .feasibility.bounds.lightest_robot import lightest_robot as lightest_robot
-from .feasibility.certificates.document import verify_certificate as verify_certificate
 from .feasibility.check import Verdict as Verdict
 from .feasibility.check import check as check
 from .feasibility.constraints.center_of_mass import CenterOfMassBox as CenterOfMassBox
-from .feasibility.constraints.center_of_mass import CenterOfMassSphere as CenterOfMassSphere
-from .feasibility.constraints.density import DensityInBox as DensityInBox
-from .feasibility.constraints.density import DensityInEllipsoid as DensityInEllipsoid
-from .feasibility.constraints.hull import CenterOfMassHull as CenterOfMassHull
-from .feasibility.constraints.linear import ConfidenceInterval as ConfidenceInterval
-from .feasibility.constraints.linear import LinearBound as LinearBound
-from .feasibility.constraints.linear import confidence_intervals as confidence_intervals
-from .feasibility.constraints.masses import MeasuredMass as MeasuredMass
 from .feasibility.constraints.masses import TotalMass as TotalMass
-from .feasibility.constraints.symmetry import EqualLinks as EqualLinks
-from .feasibility.constraints.symmetry import SymmetricLink as SymmetricLink
 from .feasibility.correct import correct as correct
-from .feasibility.diagnosis.explanation import explain_infeasibility as explain_infeasibility
 from .feasibility.feasible_set import FeasibleSet as FeasibleSet
-from .feasibility.tie_break import TieBreak as TieBreak
-from .graph.expression import Graph as Graph
-from .graph.kernel import Kernel as Kernel
 from .identification.identify import identify as identify
 from .identification.play import play as play
 from .identification.result import Identification as Identification
-from .lmi.inequality import LinearMatrixInequality as LinearMatrixInequality
 from .recording.columns import LogColumns as LogColumns
 from .recording.options import Processing as Processing
 from .recording.recording import Recording as Recording
@@ -64,7 +49,6 @@ from .recording.samples import Samples as Samples
 from .regression.estimate import Estimate as Estimate
 from .regression.information import Information as Information
 from .regression.least_squares import least_squares as least_squares
-from .regression.residual_covariance import residual_covariance as residual_covariance
 from .robot.file import RobotFile as RobotFile
 from .robot.inertia import Inertia as Inertia
 from .robot.joint import Joint as Joint
@@ -72,11 +56,7 @@ from .robot.joint import Link as Link
 from .robot.robot import Robot as Robot
 from .robot.robot import Term as Term
 from .robot.robot import TermParameter as TermParameter
-from .simulation.actuators import Actuators as Actuators
-from .simulation.contact import ElasticContact as ElasticContact
-from .simulation.sensors import Sensors as Sensors
 from .simulation.simulate import simulate as simulate
 from .simulation.simulation_result import SimulationResult as SimulationResult
-from .simulation.stopping_conditions import StoppingConditions as StoppingConditions
 
 __version__: str

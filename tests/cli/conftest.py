@@ -64,7 +64,7 @@ def place(tmp_path):
     (tmp_path / "robot.toml").write_text(ROBOT_FILE)
     model = sy.Model.load(tmp_path / "robot.toml")
     random = np.random.default_rng(3)
-    trajectory = sy.FourierTrajectory(
+    trajectory = sy.excitation.FourierTrajectory(
         a=random.normal(size=(2, 4)) * 0.6, b=random.normal(size=(2, 4)) * 0.6, center=np.zeros(2), frequency=0.2
     )
     t, q, dq, ddq = trajectory.sample(200.0, 2.0)

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 import steelyard as sy
-from steelyard.excitation import ExcitationObjective, MotionLimits, SearchOptions
+from steelyard.excitation import ExcitationObjective, FourierTrajectory, MotionLimits, SearchOptions
 
 
 def designed(model, limits=None, **options):
@@ -69,7 +69,7 @@ def best_of_chance(model, limits):
     middle = 0.5 * (np.array(limits["lower"]) + limits["upper"])
     best = np.inf
     for _ in range(60):
-        series = sy.FourierTrajectory(random.normal(size=(3, 3)), random.normal(size=(3, 3)), np.zeros(3), 0.2)
+        series = FourierTrajectory(random.normal(size=(3, 3)), random.normal(size=(3, 3)), np.zeros(3), 0.2)
         _, q, dq, ddq = series.sample(100.0)
         size = np.max(
             [
@@ -242,7 +242,7 @@ def test_margin_periods_and_lead(arm, arm_limits):
     assert np.abs(motions_of(design, 1000.0)[1]).max() <= 0.8 * 2.5
     assert design.excitation.duration == pytest.approx(5.0)
     plain = designed(arm, arm_limits, ramp_time=0.0)
-    assert isinstance(plain.trajectory, sy.FourierTrajectory)
+    assert isinstance(plain.trajectory, FourierTrajectory)
 
 
 def test_designs_show_themselves(plain):
@@ -298,7 +298,7 @@ def test_joints_without_limits_of_position(arm):
         ({"noise": [1.0, 2.0]}, "noise must be 3 positive numbers"),
         ({"criterion": "e"}, "criterion must be one of"),
         (
-            {"prior_information": sy.FourierTrajectory([[1.0]], [[1.0]], [0.0], 1.0)},
+            {"prior_information": FourierTrajectory([[1.0]], [[1.0]], [0.0], 1.0)},
             "of a motion of 1 joints, but arm has 3",
         ),
     ],

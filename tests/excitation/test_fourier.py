@@ -4,10 +4,11 @@ import numpy as np
 import pytest
 
 import steelyard as sy
+from steelyard.excitation import FourierTrajectory
 
 
 def test_derivatives_are_derivatives(random):
-    trajectory = sy.FourierTrajectory(
+    trajectory = FourierTrajectory(
         a=random.normal(size=(3, 5)), b=random.normal(size=(3, 5)), center=random.normal(size=3), frequency=0.2
     )
     t = np.linspace(0.0, 5.0, 50)
@@ -21,7 +22,7 @@ def test_derivatives_are_derivatives(random):
 
 
 def test_sampling_covers_whole_periods():
-    trajectory = sy.FourierTrajectory(a=np.ones((1, 1)), b=np.zeros((1, 1)), center=np.zeros(1), frequency=0.08)
+    trajectory = FourierTrajectory(a=np.ones((1, 1)), b=np.zeros((1, 1)), center=np.zeros(1), frequency=0.08)
     t, q, _, _ = trajectory.sample(1000.0, periods=3)
     assert (len(t), t[0], t[-1]) == (37500, 0.0, pytest.approx(37.499))
     assert q.shape == (37500, 1)
@@ -29,6 +30,6 @@ def test_sampling_covers_whole_periods():
 
 def test_sizes_that_do_not_fit_are_refused():
     with pytest.raises(sy.InputError, match="of one shape"):
-        sy.FourierTrajectory(a=np.ones((2, 3)), b=np.ones((2, 2)), center=np.zeros(2), frequency=1.0)
+        FourierTrajectory(a=np.ones((2, 3)), b=np.ones((2, 2)), center=np.zeros(2), frequency=1.0)
     with pytest.raises(sy.InputError, match="frequency must be positive"):
-        sy.FourierTrajectory(a=np.ones((1, 1)), b=np.ones((1, 1)), center=np.zeros(1), frequency=0.0)
+        FourierTrajectory(a=np.ones((1, 1)), b=np.ones((1, 1)), center=np.zeros(1), frequency=0.0)

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 import steelyard as sy
-from steelyard.excitation import MotionLimits, limits_from_file
+from steelyard.excitation import FourierTrajectory, MotionLimits, limits_from_file
 
 URDF = """<robot name="hand"><link name="palm"/><link name="a"/><link name="b"/><link name="c"/>
 <joint name="finger" type="revolute"><parent link="palm"/><child link="a"/><axis xyz="0 0 1"/>
@@ -52,7 +52,7 @@ def test_margin_is_left_free_on_both_sides():
 
 def test_envelope_holds_the_motions(random):
     motions = [
-        sy.FourierTrajectory(random.normal(size=(2, 3)), random.normal(size=(2, 3)), random.normal(size=2), 0.3)
+        FourierTrajectory(random.normal(size=(2, 3)), random.normal(size=(2, 3)), random.normal(size=2), 0.3)
         for _ in range(2)
     ]
     limits = MotionLimits.envelope(motions, ["a", "b"], 500.0)

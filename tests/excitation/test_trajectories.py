@@ -4,7 +4,13 @@ import numpy as np
 import pytest
 
 import steelyard as sy
-from steelyard.excitation import QuinticTrajectory, RestToRestTrajectory, SplineTrajectory, Trajectory
+from steelyard.excitation import (
+    FourierTrajectory,
+    QuinticTrajectory,
+    RestToRestTrajectory,
+    SplineTrajectory,
+    Trajectory,
+)
 from steelyard.excitation.family import FourierFamily, QuinticFamily, SplineFamily, make_family
 
 FAMILIES = [
@@ -137,7 +143,7 @@ def test_what_cannot_be_is_refused_in_one_sentence(make, message):
 
 
 def test_leads_and_rates_must_be_positive():
-    series = sy.FourierTrajectory(a=[[1.0]], b=[[0.0]], center=[0.0], frequency=1.0)
+    series = FourierTrajectory(a=[[1.0]], b=[[0.0]], center=[0.0], frequency=1.0)
     with pytest.raises(sy.InputError, match="ramp_time must be positive"):
         RestToRestTrajectory(series, 0.0)
     with pytest.raises(sy.InputError, match="periods must be"):

@@ -43,7 +43,7 @@ def true_parameters(model):
 
 def trajectory(seed):
     random = np.random.default_rng(seed)
-    return sy.FourierTrajectory(
+    return sy.excitation.FourierTrajectory(
         a=random.normal(size=(3, 4)), b=random.normal(size=(3, 4)), center=random.normal(size=3), frequency=0.1
     )
 

@@ -48,7 +48,7 @@ def pendulum():
 
 
 def wave():
-    return sy.FourierTrajectory(a=[[1.0, 0.4]], b=[[0.5, -0.7]], center=[0.2], frequency=0.5)
+    return sy.excitation.FourierTrajectory(a=[[1.0, 0.4]], b=[[0.5, -0.7]], center=[0.2], frequency=0.5)
 
 
 @pytest.mark.slow
@@ -117,7 +117,7 @@ def test_a_robot_that_cannot_follow_is_told(pendulum):
         play(model, delta, wave(), tolerance=0.0)
     with pytest.raises(sy.InputError, match=r"rate must be positive, got 0 Hz"):
         play(model, delta, wave(), rate=0)
-    two = sy.FourierTrajectory(a=np.ones((2, 1)), b=np.ones((2, 1)), center=np.zeros(2), frequency=1.0)
+    two = sy.excitation.FourierTrajectory(a=np.ones((2, 1)), b=np.ones((2, 1)), center=np.zeros(2), frequency=1.0)
     with pytest.raises(sy.InputError, match="moves 2 joints"):
         play(model, delta, two)
     once = QuinticTrajectory.point_to_point([[0.0], [1.0]], [1.0])
@@ -142,7 +142,7 @@ def frictionless(file):
 def lively(count, seed=0):
     random = np.random.default_rng(seed)
     a, b = random.uniform(-0.8, 0.8, (2, count, 3))
-    return sy.FourierTrajectory(a=a, b=b, center=random.uniform(-0.5, 0.5, count), frequency=0.25)
+    return sy.excitation.FourierTrajectory(a=a, b=b, center=random.uniform(-0.5, 0.5, count), frequency=0.25)
 
 
 @pytest.mark.slow

@@ -22,7 +22,8 @@ from steelyard.dynamics.terms import term_from_dict
 from steelyard.errors import InputError
 from steelyard.excitation import MotionLimits, QuinticTrajectory, load_trajectory, save_trajectory
 from steelyard.excitation.motion_limits import limits_from_file
-from steelyard.feasibility import constraints_from_dict, load_certificate, verify_document
+from steelyard.feasibility import load_certificate, verify_document
+from steelyard.feasibility.constraints import constraints_from_dict
 from steelyard.feasibility.constraints.hull import read_points
 from steelyard.recording import LogColumns, Processing, process_chunks
 from steelyard.regression.least_squares import least_squares

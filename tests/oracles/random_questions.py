@@ -77,7 +77,7 @@ def _constraints(rng: np.random.Generator, robot: sy.Robot) -> list[Any]:
     if rng.random() < 0.6:
         found.append(sy.CenterOfMassBox(link, (-size,) * 3, (size,) * 3))
     if rng.random() < 0.4:
-        found.append(sy.SymmetricLink(other, plane="xz"))
+        found.append(sy.feasibility.SymmetricLink(other, plane="xz"))
     return found
 
 
@@ -139,7 +139,7 @@ def margin_by_cvxpy(question: Question, solver: str = "CLARABEL", **options: Any
             if isinstance(constraint, sy.CenterOfMassBox) and constraint.link == name:
                 size = float(np.asarray(constraint.upper)[0])
                 conditions += [size * m - value >= t for value in (lx, ly, lz, -lx, -ly, -lz)]
-            if isinstance(constraint, sy.SymmetricLink) and constraint.link == name:
+            if isinstance(constraint, sy.feasibility.SymmetricLink) and constraint.link == name:
                 conditions += [xy == 0, yz == 0, ly == 0]
     for constraint in feasible.constraints:
         if isinstance(constraint, sy.TotalMass):

@@ -78,8 +78,8 @@ def fit(
     --------
     steelyard.least_squares : The same without regard to physics.
     steelyard.correct : The nearest feasible parameters, without data.
-    steelyard.l_curve : Residual against distance from the prior, for all weights.
-    steelyard.smallest_total_mass : The least mass with which an estimate is possible at all.
+    steelyard.estimators.l_curve : Residual against distance from the prior, for all weights.
+    steelyard.estimators.smallest_total_mass : The least mass with which an estimate is possible at all.
 
     References
     ----------

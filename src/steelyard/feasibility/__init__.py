@@ -15,7 +15,6 @@ if TYPE_CHECKING:
     from .certificates import FeasibilityCertificate as FeasibilityCertificate
     from .certificates import InfeasibilityCertificate as InfeasibilityCertificate
     from .certificates import load_certificate as load_certificate
-    from .certificates import speaks_of as speaks_of
     from .certificates import verify_certificate as verify_certificate
     from .certificates import verify_document as verify_document
     from .check import Verdict as Verdict
@@ -35,7 +34,6 @@ if TYPE_CHECKING:
     from .constraints import SymmetricLink as SymmetricLink
     from .constraints import TotalMass as TotalMass
     from .constraints import confidence_intervals as confidence_intervals
-    from .constraints import constraints_from_dict as constraints_from_dict
     from .correct import Correction as Correction
     from .correct import correct as correct
     from .diagnosis import BaseParameterDegree as BaseParameterDegree

@@ -14,7 +14,8 @@ from steelyard.dynamics import Model
 from steelyard.dynamics.threads import in_one_thread
 from steelyard.errors import InputError
 from steelyard.estimators.fit import fit
-from steelyard.feasibility import FeasibleSet, check, constraints_from_dict
+from steelyard.feasibility import FeasibleSet, check
+from steelyard.feasibility.constraints import constraints_from_dict
 from steelyard.recording import (
     CutoffChoice,
     LogColumns,

@@ -111,7 +111,7 @@ def play(
     >>> model = sy.Model(sy.Robot.from_dh([(0, 1.0, 0, "q")], gravity=(0, -9.81, 0)))
     >>> point_mass = np.zeros(10)
     >>> point_mass[9] = 2.0
-    >>> wave = sy.FourierTrajectory(a=[[1.0]], b=[[0.5]], center=[0.0], frequency=0.5)
+    >>> wave = sy.excitation.FourierTrajectory(a=[[1.0]], b=[[0.5]], center=[0.0], frequency=0.5)
     >>> log = play(model, point_mass, wave)
     >>> log.count, log.joint_count
     (2000, 1)

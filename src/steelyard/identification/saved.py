@@ -18,15 +18,15 @@ from steelyard.feasibility import (
     FeasibleSet,
     Verdict,
     check,
-    constraints_from_dict,
     correct,
     load_certificate,
-    speaks_of,
     verify_certificate,
     verify_document,
 )
+from steelyard.feasibility.certificates import speaks_of
 from steelyard.feasibility.certificates.exact_set import LAST_DIGITS
 from steelyard.feasibility.certificates.rational import nearest_double, parse_number
+from steelyard.feasibility.constraints import constraints_from_dict
 from steelyard.regression import Estimate
 from steelyard.robot import RobotFile
 

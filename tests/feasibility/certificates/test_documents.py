@@ -10,8 +10,8 @@ import numpy as np
 import pytest
 
 from steelyard.errors import InputError
-from steelyard.feasibility import FeasibleSet, TotalMass, check, load_certificate, speaks_of, verify_certificate
-from steelyard.feasibility.certificates import FeasibilityCertificate, verify_document
+from steelyard.feasibility import FeasibleSet, TotalMass, check, load_certificate, verify_certificate
+from steelyard.feasibility.certificates import FeasibilityCertificate, speaks_of, verify_document
 
 GOOD = [1.5, 0.1, 0.25, 0.3, 0.4, 0.1]
 BAD = [0.5, 0.1, 0.25, 0.3, 0.4, 0.1]

@@ -20,8 +20,8 @@ from steelyard.feasibility import (
     MeasuredMass,
     SymmetricLink,
     TotalMass,
-    constraints_from_dict,
 )
+from steelyard.feasibility.constraints import constraints_from_dict
 from steelyard.regression import Information, least_squares
 from steelyard.robot import Robot
 
