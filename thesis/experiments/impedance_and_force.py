@@ -29,7 +29,7 @@ from steelyard.dynamics import Model
 from steelyard.files import write_text
 from steelyard.identification.wam import ENCODER_COUNTS, true_parameters, wam_model
 from steelyard.report import Chart, Curve, Section, charts_markup, html_document, require_folder
-from steelyard.report.markup import Markup, table
+from steelyard.report.html_document import Markup, table
 from steelyard.simulation import ElasticContact, Measurement, Sensors, SimulationResult, simulate
 
 Array = NDArray[np.float64]

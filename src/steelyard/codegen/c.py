@@ -6,9 +6,8 @@ from typing import TYPE_CHECKING
 
 from .assignments import Listing, Syntax
 from .c_family import SIGN, CFamily, c_self_test, cmake
-from .c_words import C_RESERVED
 from .documentation import elements_lines, function_lines, readme
-from .naming import NamedFunction, naming, shared_arguments
+from .naming import C_RESERVED, NamedFunction, naming, shared_arguments
 from .text import comment_lines, marker, number
 
 if TYPE_CHECKING:

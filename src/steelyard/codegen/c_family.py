@@ -10,8 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from .assignments import Listing, Syntax, listing
-from .c_words import PROJECT_RESERVED
-from .naming import NamedFunction, Naming, project_name
+from .naming import PROJECT_RESERVED, NamedFunction, Naming, project_name
 from .partition import Part, Partition, Store, partition
 from .reference import Reference
 from .text import Names, marker, number, number_lines

@@ -6,9 +6,17 @@ from typing import TYPE_CHECKING
 
 from .assignments import Listing, Syntax
 from .c_family import SIGN, CFamily, cmake, cpp_self_test
-from .c_words import C_RESERVED, PROJECT_RESERVED
 from .documentation import elements_lines, function_lines, readme
-from .naming import NamedFunction, Naming, naming, project_name, shadowing, shared_arguments
+from .naming import (
+    C_RESERVED,
+    PROJECT_RESERVED,
+    NamedFunction,
+    Naming,
+    naming,
+    project_name,
+    shadowing,
+    shared_arguments,
+)
 from .text import comment_lines, marker, number
 
 if TYPE_CHECKING:

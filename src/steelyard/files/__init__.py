@@ -13,10 +13,11 @@ if TYPE_CHECKING:
     from .reading import read_json as read_json
     from .reading import read_text as read_text
     from .reading import read_toml as read_toml
+    from .reading import reading_table as reading_table
     from .reading import require_file as require_file
     from .reading import shown as shown
     from .suggestion import suggestion as suggestion
-    from .tables import reading_table as reading_table
+    from .toml_table import TomlSection as TomlSection
     from .toml_table import TomlTable as TomlTable
     from .writing import plain as plain
     from .writing import replaced_file as replaced_file

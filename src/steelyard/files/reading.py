@@ -2,13 +2,17 @@
 
 from __future__ import annotations
 
+import contextlib
 import json
 import math
 import os
 import stat
 import tomllib
-from collections.abc import Mapping
-from typing import Any
+import warnings
+from collections.abc import Iterator, Mapping
+from typing import IO, Any
+
+import numpy as np
 
 from steelyard.errors import InputError
 
@@ -16,10 +20,13 @@ __all__ = [
     "LARGEST_JSON",
     "LARGEST_TEXT",
     "parse_json",
+    "read_array",
+    "read_array_header",
     "read_bytes",
     "read_json",
     "read_text",
     "read_toml",
+    "reading_table",
     "require_file",
     "shown",
 ]
@@ -238,3 +245,90 @@ def _is_unicode(text: str) -> bool:
     except UnicodeEncodeError:  # half of a pair of surrogates
         return False
     return True
+
+
+def read_array_header(stream: IO[bytes]) -> tuple[tuple[int, ...], bool, np.dtype[Any]]:
+    """Return shape, whether columns come first, and type of the array whose data the stream stands at afterwards.
+
+    Raises
+    ------
+    ValueError
+        For anything that is no header.
+    """
+    try:
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore")  # about headers of Python 2
+            version = np.lib.format.read_magic(stream)
+            read = np.lib.format.read_array_header_1_0 if version == (1, 0) else np.lib.format.read_array_header_2_0
+            shape, column_major, kind = read(stream)
+    except OSError:
+        raise
+    except Exception as error:  # the header is parsed as a Python expression, with all that can happen there
+        reason = " ".join(str(error).split())[:100] or type(error).__name__
+        raise ValueError(f"the header of an array cannot be read, {reason}") from None
+    if any(isinstance(size, bool) or size < 0 for size in shape):
+        raise ValueError(f"an array has the shape {shape}")
+    return shape, column_major, kind
+
+
+def read_array(stream: IO[bytes], size: int) -> np.ndarray[Any, Any]:
+    """Read an array of numbers from a stream of `size` bytes.
+
+    Raises
+    ------
+    ValueError
+        For anything that is no array of numbers, or is shorter than its header claims.
+    """
+    shape, column_major, kind = read_array_header(stream)
+    count = math.prod(shape)
+    if kind.kind not in "fiub" or count * kind.itemsize > size:
+        raise ValueError(f"{count} values of type {kind} do not fit into {size} bytes")
+    data = stream.read(count * kind.itemsize)
+    if len(data) < count * kind.itemsize:
+        raise ValueError("the array ends before its last value")
+    return np.frombuffer(data, dtype=kind).reshape(shape, order="F" if column_major else "C")
+
+
+@contextlib.contextmanager
+def _silent() -> Iterator[None]:
+    """Keep what a panic prints from the terminal: Rust writes it to the file of standard error itself."""
+    try:
+        kept = os.dup(2)
+    except OSError:  # there is no standard error
+        yield
+        return
+    nowhere = os.open(os.devnull, os.O_WRONLY)
+    try:
+        os.dup2(nowhere, 2)
+        yield
+    finally:
+        os.dup2(kept, 2)
+        os.close(kept)
+        os.close(nowhere)
+
+
+@contextlib.contextmanager
+def reading_table(path: str | os.PathLike[str], kind: str) -> Iterator[None]:
+    """Say in one sentence why Polars cannot read a file.
+
+    Parameters
+    ----------
+    path : str or path
+    kind : str
+        What the file should be, such as "Parquet".
+
+    Raises
+    ------
+    InputError
+        For whatever Polars raises, a panic of its Rust code among it, which is no `Exception`.
+    """
+    from polars.exceptions import PanicException, PolarsError
+
+    try:
+        with _silent():
+            yield
+    except InputError:
+        raise
+    except (PolarsError, PanicException, OSError, ValueError, TypeError, OverflowError) as error:
+        lines = str(error).splitlines() or [type(error).__name__]
+        raise InputError(f"{path} cannot be read as {kind}: {lines[0][:200]}; save it again.") from None

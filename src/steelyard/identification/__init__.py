@@ -5,20 +5,20 @@ from typing import TYPE_CHECKING
 from steelyard.first_use import import_at_first_use
 
 if TYPE_CHECKING:
-    from .demonstration import demonstrate as demonstrate
     from .excite import excite as excite
-    from .explained import EstimateExplanation as EstimateExplanation
-    from .explained import explain_estimate as explain_estimate
     from .identify import identify as identify
     from .play import play as play
     from .result import Identification as Identification
     from .result import Prediction as Prediction
     from .result import Trace as Trace
+    from .saved import EstimateExplanation as EstimateExplanation
     from .saved import check_certificate as check_certificate
     from .saved import check_estimate as check_estimate
     from .saved import correct_estimate as correct_estimate
+    from .saved import explain_estimate as explain_estimate
     from .saved import parameters_for_source as parameters_for_source
     from .saved import parameters_of_description as parameters_of_description
     from .saved import parameters_of_estimate as parameters_of_estimate
+    from .wam import demonstrate as demonstrate
 
 __all__ = import_at_first_use(__name__, __file__)

@@ -35,9 +35,8 @@ from steelyard.regression.batch_means import BatchSums
 from steelyard.regression.reduction import empty_factors
 from steelyard.robot import RobotFile
 
-from .plausible import implausible_mass
+from .log_checks import implausible_mass, swapped_positions, swapped_torques
 from .result import Identification, Prediction, Trace
-from .swapped import swapped_positions, swapped_torques
 
 __all__ = ["identify"]
 

@@ -1,16 +1,31 @@
-"""The seven-joint WAM arm of thesis chapter 4, as a simulated robot with known parameters."""
+"""The seven-joint WAM arm of thesis chapter 4, simulated with known parameters, and the demonstration of it."""
 
 from __future__ import annotations
+
+from collections.abc import Callable
+from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
 
 from steelyard.dynamics import Coulomb, Model, MotorSide, Offset, Viscous
 from steelyard.excitation import FourierTrajectory
+from steelyard.files import write_text
 from steelyard.recording import Recording
 from steelyard.robot import Inertia, Robot
 
-__all__ = ["ENCODER_COUNTS", "TRAJECTORIES", "robot_toml", "simulated_log", "true_parameters", "wam_model"]
+from .identify import identify
+from .result import Identification
+
+__all__ = [
+    "ENCODER_COUNTS",
+    "TRAJECTORIES",
+    "demonstrate",
+    "robot_toml",
+    "simulated_log",
+    "true_parameters",
+    "wam_model",
+]
 
 Array = NDArray[np.float64]
 
@@ -196,3 +211,35 @@ cutoff = 4.8
 order = 3
 trim = 0.5
 """
+
+
+def demonstrate(
+    folder: str | Path, *, seed: int = 2014, progress: Callable[[str], None] | None = None
+) -> Identification:
+    """Simulate recordings of the WAM on trajectories A and B, identify from A and validate on B.
+
+    Parameters
+    ----------
+    folder : str or Path
+        Receives ``robot.toml``, ``trajectory-a.csv`` and ``trajectory-b.csv``.
+    seed : int
+        Of the noise.
+    progress : callable, optional
+        Called with a few words before each step.
+
+    Returns
+    -------
+    Identification
+    """
+    say = progress or (lambda _: None)
+    place = Path(folder)
+    place.mkdir(parents=True, exist_ok=True)
+    robot_file = place / "robot.toml"
+    write_text(robot_toml(), robot_file)
+    model = wam_model()
+    logs = []
+    for name in ("A", "B"):
+        say(f"simulating the arm on trajectory {name}")
+        logs.append(place / f"trajectory-{name.lower()}.csv")
+        simulated_log(model, name, seed).save(logs[-1])
+    return identify(robot_file, logs[:1], validate=logs[1:], progress=progress)

@@ -9,9 +9,7 @@ from math import pi
 from typing import Any
 
 from steelyard.errors import InputError
-from steelyard.files import suggestion
-
-from .section import Section
+from steelyard.files import TomlSection, suggestion
 
 __all__ = ["LABELS", "Layout", "LogColumns", "label_columns", "resolve"]
 
@@ -55,7 +53,7 @@ NAMED = ("{name}_{family}", "{family}_{name}", "{name}.{family}", "{name}/{famil
 
 
 @dataclass(frozen=True)
-class LogColumns(Section):
+class LogColumns(TomlSection):
     """Which columns of a log are what, in which units: the `[log]` section of robot.toml.
 
     Every key may be left out; what is left out is looked for in the header by the rules of `resolve`.

@@ -11,12 +11,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from steelyard.errors import InputError
-from steelyard.files import suggestion
+from steelyard.files import TomlSection, suggestion
 
 from .columns import number
 from .filters import Butterworth, FourierFit, KalmanSmoother, MotionFilter, SavitzkyGolay, whole
 from .measurements import Measurements
-from .section import Section
 from .survey import stuck_torques
 
 __all__ = ["AUTO", "FILTERS", "Processing", "filter_from"]
@@ -46,7 +45,7 @@ how a message puts that."""
 
 
 @dataclass(frozen=True)
-class Processing(Section):
+class Processing(TomlSection):
     """How a recording becomes samples (thesis, section 4.3.3): the `[processing]` section of robot.toml.
 
     The steps, in this order: rows are placed on an even clock where they are not, torques are moved by the delay,

@@ -11,7 +11,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from steelyard.errors import InputError
 
-from .markup import Markup, escape
+from .html_document import Markup, escape
 
 __all__ = ["Chart", "Curve", "charts_markup"]
 

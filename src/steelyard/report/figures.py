@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from steelyard.identification import Identification, Prediction
 
 from .extent import shared_words, short_names, shown_logs
-from .markup import Markup, escape, percent
+from .html_document import Markup, escape, percent
 
 __all__ = ["default_log", "torque_data", "torque_figures"]
 

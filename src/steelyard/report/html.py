@@ -10,9 +10,7 @@ from steelyard.identification import Identification
 
 from . import sections
 from .figures import torque_figures
-from .html_document import Section, html_document
-from .markup import Markup
-from .processing import processing
+from .html_document import Markup, Section, html_document
 from .summary import summary
 
 __all__ = ["report_html", "write_report"]
@@ -24,7 +22,7 @@ _SECTIONS: tuple[tuple[str, str, Callable[[Identification], Markup]], ...] = (
     ("base", "Base parameters", sections.base_parameters),
     ("link-parameters", "Links", sections.links),
     ("joint-parameters", "Joints", sections.joints),
-    ("processing", "Processing of the logs", processing),
+    ("processing", "Processing of the logs", sections.processing),
     ("sources", "Provenance", sections.provenance),
 )
 

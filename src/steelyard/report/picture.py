@@ -13,7 +13,7 @@ from steelyard.identification import Identification, Prediction
 
 from .extent import shown_logs
 from .figures import default_log
-from .markup import escape, percent
+from .html_document import escape, percent
 from .summary import is_proved
 
 __all__ = ["torque_picture", "torque_svg"]

@@ -1,4 +1,4 @@
-"""The sections of the report below the first screen, but for the figures."""
+"""The sections of the report below the first screen, except for the figures."""
 
 from __future__ import annotations
 
@@ -13,9 +13,9 @@ from steelyard import __version__
 from steelyard.identification import Identification
 
 from .extent import MOST_LOGS, shared_words, short_names, shown_logs
-from .markup import Markup, escape, number, percent, table
+from .html_document import Markup, escape, number, percent, table
 
-__all__ = ["base_parameters", "errors", "joints", "link_properties", "links", "provenance", "violations"]
+__all__ = ["base_parameters", "errors", "joints", "link_properties", "links", "processing", "provenance", "violations"]
 
 Array = NDArray[np.float64]
 MOST_ROWS = 500
@@ -245,3 +245,25 @@ def _flat(prefix: str, options: dict[str, object]) -> list[tuple[str, str]]:
         else:
             rows.append((f"{prefix} {name}", "none" if value is None else str(value)))
     return rows
+
+
+def processing(identification: Identification) -> Markup:
+    """Return how the logs were processed, with the evidence where the data decided."""
+    options = identification.options.get("processing") or {}
+    assert isinstance(options, dict)
+    chosen = identification.cutoff_choices
+    rows = [(str(name), str(value)) for name, value in options.items()]
+    parts: list[str] = []
+    if rows:
+        parts.append(
+            table("Options of [processing]", ("Option", "Value"), rows, identifier="processing-options", texts=[1])
+        )
+    else:
+        parts.append("<p>The logs were processed with the defaults.</p>")
+    for index, (log, choice) in enumerate(chosen):
+        parts.append(
+            f"<p>{escape(choice.explanation)}</p><p><b>{escape(log)}</b>: {escape(choice.remark)}</p>"
+            f'<div class="plots">{choice.svg()}</div>'
+            + table(f"Evidence: {log}", choice.titles, choice.table, identifier=f"cutoff-{index}")
+        )
+    return Markup("".join(parts))

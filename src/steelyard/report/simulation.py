@@ -15,8 +15,7 @@ from steelyard.files import replaced_folder, write_json, write_text
 from steelyard.identification.simulated import FileSimulation
 
 from .charts import Chart, Curve, charts_markup
-from .html_document import Section, html_document
-from .markup import Markup, escape, table
+from .html_document import Markup, Section, escape, html_document, table
 
 __all__ = ["save_simulation", "simulation_html"]
 

@@ -7,7 +7,7 @@ import numpy as np
 from steelyard.identification import Identification
 
 from .extent import gathered, short_names, shown_logs
-from .markup import Markup, escape, percent
+from .html_document import Markup, escape, percent
 
 __all__ = ["NOTIONS", "is_proved", "summary"]
 

@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from steelyard.graph import Kernel
-from steelyard.graph.addresses import address_of
+from steelyard.graph.kernel import address_of
 
 from .arguments import checked_torque
 from .compiled import MotionFunctions

@@ -10,9 +10,9 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from steelyard.errors import InputError
+from steelyard.files import TomlSection
 
 from ..columns import number
-from ..section import Section
 
 __all__ = ["Motion", "MotionFilter", "Response", "positive", "whole"]
 
@@ -39,7 +39,7 @@ class Response(NamedTuple):
 
 
 @dataclass(frozen=True)
-class MotionFilter(Section):
+class MotionFilter(TomlSection):
     """A filter of positions without phase shift, which also gives their derivatives.
 
     Its fields are the keys of the table ``filter`` in ``[processing]`` beside ``kind``.

@@ -6,7 +6,7 @@ from collections.abc import Sequence
 
 from steelyard import report
 from steelyard.report import charts_markup, html_document
-from steelyard.report.markup import Markup, escape, table
+from steelyard.report.html_document import Markup, escape, table
 
 from .comparison import Comparison
 from .section import Section, SectionResult, Table

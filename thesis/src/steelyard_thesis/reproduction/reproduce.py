@@ -16,7 +16,7 @@ from steelyard.errors import InputError
 from steelyard.files import write_text
 from steelyard.report import Section as Part
 from steelyard.report import html_document, require_folder
-from steelyard.report.markup import Markup
+from steelyard.report.html_document import Markup
 
 from .page import reproduction_page, section_markup
 from .section import Context, Section, SectionResult
