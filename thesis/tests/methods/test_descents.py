@@ -6,10 +6,10 @@ import pytest
 from steelyard.feasibility import FeasibleSet
 from steelyard.regression import Information
 from steelyard_thesis.methods import Nakanishi2008, NakanishiCorrected, Problem, Rucker2022, Ting2006
-from steelyard_thesis.methods.bayesian_regression import relevance_regression
 from steelyard_thesis.methods.factored_fit import FACTORED_SOLVERS, FactoredFit
 from steelyard_thesis.methods.parametrisations import CholeskyOfBody, LogCholesky
 from steelyard_thesis.methods.starting_point import starting_point
+from steelyard_thesis.methods.ting_2006 import relevance_regression
 
 
 @pytest.mark.parametrize("map_", [CholeskyOfBody(), LogCholesky()], ids=str)

@@ -9,7 +9,7 @@ from .mata_2005 import Mata2005 as Mata2005
 from .method import Method as Method
 from .method import Problem as Problem
 from .nakanishi_2008 import Nakanishi2008 as Nakanishi2008
-from .nakanishi_corrected import NakanishiCorrected as NakanishiCorrected
+from .nakanishi_2008 import NakanishiCorrected as NakanishiCorrected
 from .rucker_2022 import Rucker2022 as Rucker2022
 from .ting_2006 import Ting2006 as Ting2006
 from .yoshida_2000 import VirtualParameterSearch as VirtualParameterSearch
