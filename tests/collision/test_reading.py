@@ -7,9 +7,9 @@ import numpy as np
 import pytest
 
 from steelyard import Robot
-from steelyard.collision import Box, Capsule, Cylinder, Mesh, PlacedShape, RobotGeometry, Sphere, engine
+from steelyard.collision import Box, Capsule, Cylinder, Mesh, PlacedShape, RobotGeometry, Sphere, shapes
 from steelyard.collision.mesh_files import find_mesh, read_mesh
-from steelyard.collision.pairs import read_srdf
+from steelyard.collision.self_collision import read_srdf
 from steelyard.errors import InputError, MissingExtraError
 
 LINKS = """
@@ -186,9 +186,9 @@ def test_without_packages_the_extra_is_named(tmp_path, monkeypatch):
     path.write_text("")
     with pytest.raises(MissingExtraError, match=r"pip install 'steelyard\[collision\]'"):
         read_mesh(path)
-    monkeypatch.setattr(engine, "coal_or_none", lambda: None)
+    monkeypatch.setattr(shapes, "coal_or_none", lambda: None)
     with pytest.raises(MissingExtraError, match=r"need the package coal.*pip install 'steelyard\[collision\]'"):
-        engine.require_coal()
+        shapes.require_coal()
 
 
 def test_srdf(tmp_path):

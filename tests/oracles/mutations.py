@@ -17,7 +17,7 @@ import numpy as np
 import steelyard as sy
 from steelyard.collision import geometry_from_dict
 from steelyard.collision.mesh_files import read_meshes
-from steelyard.collision.pairs import read_srdf
+from steelyard.collision.self_collision import read_srdf
 from steelyard.dynamics.terms import term_from_dict
 from steelyard.errors import InputError
 from steelyard.excitation import MotionLimits, QuinticTrajectory, load_trajectory, save_trajectory

@@ -7,8 +7,8 @@ import steelyard as sy
 from steelyard.errors import InputError
 from steelyard.simulation import Event, Sensors, joint_limits, simulate
 from steelyard.simulation.compiled import motion_functions
-from steelyard.simulation.experiment import first_impossible
 from steelyard.simulation.plant import Plant
+from steelyard.simulation.simulate import first_impossible
 
 ADAPTIVE = ("dormand_prince", "dop853", "radau", "bdf", "lsoda")
 METHODS = (*ADAPTIVE, "runge_kutta_4", "rosenbrock")

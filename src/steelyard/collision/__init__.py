@@ -10,9 +10,9 @@ if TYPE_CHECKING:
     from .mesh_files import read_mesh as read_mesh
     from .obstacles import Obstacle as Obstacle
     from .obstacles import ObstacleClearance as ObstacleClearance
-    from .pairs import LeftOut as LeftOut
     from .robot_geometry import PlacedShape as PlacedShape
     from .robot_geometry import RobotGeometry as RobotGeometry
+    from .self_collision import LeftOut as LeftOut
     from .self_collision import SelfCollision as SelfCollision
     from .shapes import Box as Box
     from .shapes import Capsule as Capsule

@@ -13,9 +13,8 @@ from numpy.typing import NDArray
 from steelyard.errors import InputError
 
 from .configurations import LinkPlacements
-from .engine import require_coal
 from .robot_geometry import PlacedShape
-from .shapes import Mesh
+from .shapes import Mesh, require_coal
 
 __all__ = ["Nearest", "PairDistances", "segment_distance_bound"]
 

@@ -20,7 +20,7 @@ from steelyard.errors import InputError, MissingExtraError
 from steelyard.files import require_file
 
 from . import mesh_child
-from .engine import coal_or_none
+from .shapes import coal_or_none
 
 __all__ = ["MeshArrays", "find_mesh", "read_mesh", "read_meshes"]
 

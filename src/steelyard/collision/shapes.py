@@ -2,17 +2,30 @@
 
 from __future__ import annotations
 
+import importlib
 from abc import ABC, abstractmethod
 from dataclasses import dataclass, field
-from functools import cached_property
+from functools import cache, cached_property
 from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from steelyard.errors import InputError
+from steelyard.errors import InputError, MissingExtraError
 
-__all__ = ["Box", "Capsule", "Cylinder", "Mesh", "Shape", "Sphere", "SweptSegment", "convex_hull", "most_neighbours"]
+__all__ = [
+    "Box",
+    "Capsule",
+    "Cylinder",
+    "Mesh",
+    "Shape",
+    "Sphere",
+    "SweptSegment",
+    "coal_or_none",
+    "convex_hull",
+    "most_neighbours",
+    "require_coal",
+]
 
 Array = NDArray[np.float64]
 Indices = NDArray[np.intp]
@@ -434,3 +447,29 @@ def _swept_segment(vertices: ArrayLike) -> SweptSegment:
     ends = np.array([[low, *middle[1:]], [high, *middle[1:]]]) @ axes
     # What rounding may have taken from the radius.
     return SweptSegment(ends[0], ends[1], radius * (1.0 + 1e-12) + 1e-15)
+
+
+@cache
+def coal_or_none() -> Any:
+    """Return the module coal, or None where it is absent."""
+    try:
+        return importlib.import_module("coal")
+    except ImportError:
+        return None
+
+
+def require_coal() -> Any:
+    """Return the module coal.
+
+    Raises
+    ------
+    MissingExtraError
+        When it is not installed.
+    """
+    coal = coal_or_none()
+    if coal is None:
+        raise MissingExtraError(
+            "Distances between bodies need the package coal, which is not installed; "
+            "pip install 'steelyard[collision]'."
+        )
+    return coal

@@ -14,9 +14,9 @@ from steelyard.robot import Robot
 
 from .configuration_constraint import SAMPLES_AT_ONCE
 from .configurations import place_links
-from .engine import coal_or_none
 from .robot_geometry import RobotGeometry, shapes_from_urdf
 from .self_collision import SelfCollision
+from .shapes import coal_or_none
 from .workspace import TablePlane
 
 __all__ = ["MARGIN", "Surroundings"]

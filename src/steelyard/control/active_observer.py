@@ -6,8 +6,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from steelyard.errors import InputError
-
-from .gains import positive
+from steelyard.simulation.arguments import positive
 
 __all__ = ["ActiveObserver"]
 
@@ -92,8 +91,8 @@ class ActiveObserver:
         self._fixed[n:, n:] = np.eye(order) + np.eye(order, k=1)
         self._push = np.outer(self._control, np.eye(size)[n])  # how the disturbance enters
         self._output = np.concatenate((H, np.zeros(order)))
-        self._measured = positive(measurement_noise, "measurement_noise") ** 2
-        driven = positive(disturbance_noise, "disturbance_noise") ** 2
+        self._measured = positive(measurement_noise, "measurement_noise", "1") ** 2
+        driven = positive(disturbance_noise, "disturbance_noise", "1") ** 2
         spread = np.broadcast_to(np.asarray(state_noise, dtype=np.float64), (n,)) ** 2
         self._driven = np.diag(np.concatenate((spread, np.zeros(order - 1), [driven])))
         self._begin = np.diag(np.concatenate((np.full(n, self._measured), np.full(order, 100.0 * driven))))

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, Unpack
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -12,16 +12,14 @@ from numpy.typing import ArrayLike, NDArray
 from steelyard.dynamics import Model
 from steelyard.errors import InputError
 from steelyard.simulation import Measurement
+from steelyard.simulation.arguments import positive
 
 from .active_observer import ActiveObserver
-from .block import ControlBlock
-from .gains import positive, symmetric_gains
-from .poses import pose_reference
 from .sampled_loop import Feedback
 from .stiffness import StiffnessEstimator
-from .task_dynamics import Posture, TaskDynamics, applied
+from .task_dynamics import applied
+from .task_space import TaskControl, TaskOptions, symmetric_gains
 from .tool import Tool, require_force
-from .velocities import VelocityEstimator
 
 __all__ = ["AdaptiveForceControl", "ForceControlOptions", "ForceLoop", "force_loop"]
 
@@ -124,7 +122,7 @@ class ForceControlOptions:
     approach_speed: float = 0.02
 
 
-class AdaptiveForceControl(ControlBlock):
+class AdaptiveForceControl(TaskControl):
     """Presses with a wanted force on an environment of unknown stiffness, and follows poses along the other axes.
 
     After Cortesão, Park and Khatib (2006), whose scheme is figure 2.2 of the thesis. Task-space computed torque makes
@@ -180,37 +178,18 @@ class AdaptiveForceControl(ControlBlock):
         kp: ArrayLike,
         kd: ArrayLike,
         options: ForceControlOptions | None = None,
-        posture: Posture | None = None,
-        base: bool = False,
-        compensate_drives: bool = False,
-        sign_width: float = 0.01,
-        largest_mass: float | None = None,
-        length: float = 0.3,
-        sample_time: float = 0.001,
-        velocity: VelocityEstimator | None = None,
+        **task: Unpack[TaskOptions],
     ) -> None:
+        super().__init__(model, parameters, tool, reference, "pose" if model.dof >= 6 else "position", **task)
         tuning = ForceControlOptions() if options is None else options
-        self._task = TaskDynamics.of_model(
-            model,
-            parameters,
-            tool,
-            "pose" if model.dof >= 6 else "position",
-            base=base,
-            compensate_drives=compensate_drives,
-            sign_width=sign_width,
-            largest_mass=largest_mass,
-            length=length,
-        )
-        super().__init__(self._task.part, sample_time, velocity)
-        self.reference = pose_reference(reference)
         count = len(self._task.rows)
         self._kp, self._kd = symmetric_gains(kp, count, "kp"), symmetric_gains(kd, count, "kd")
         self._normal = np.zeros(count)
         self._normal[:3] = _direction(normal)
         self._wanted = force if callable(force) else _constant(force)
-        bandwidth = positive(tuning.bandwidth, "bandwidth")
+        bandwidth = positive(tuning.bandwidth, "bandwidth", "rad/s")
         self._damping = (
-            2.0 * bandwidth if tuning.velocity_gain is None else positive(tuning.velocity_gain, "velocity_gain")
+            2.0 * bandwidth if tuning.velocity_gain is None else positive(tuning.velocity_gain, "velocity_gain", "1/s")
         )
         loop = force_loop(bandwidth, self._damping, self.sample_time)
         self._gains = loop.gains
@@ -219,7 +198,8 @@ class AdaptiveForceControl(ControlBlock):
             loop.control,
             [1.0, 0.0],
             measurement_noise=tuning.force_noise,
-            disturbance_noise=positive(tuning.disturbance_rate, "disturbance_rate") * float(np.sqrt(self.sample_time)),
+            disturbance_noise=positive(tuning.disturbance_rate, "disturbance_rate", "m/s²/√s")
+            * float(np.sqrt(self.sample_time)),
             order=tuning.order,
         )
         # What the sensor's noise hides in one sample shows in several.
@@ -233,11 +213,10 @@ class AdaptiveForceControl(ControlBlock):
             else tuning.stiffness
         )
         self._jump = _JUMP * tuning.force_noise
-        contact_force = positive(tuning.contact_force, "contact_force")
+        contact_force = positive(tuning.contact_force, "contact_force", "N")
         self._threshold = max(contact_force, 5.0 * quiet)
         self._obvious = max(contact_force, 5.0 * tuning.force_noise)
-        self._speed = positive(tuning.approach_speed, "approach_speed")
-        self._posture = (Posture() if posture is None else posture).of(model)
+        self._speed = positive(tuning.approach_speed, "approach_speed", "m/s")
         self.contact = self._jumped = np.zeros((), dtype=np.bool_)
         self._smooth: Array = np.zeros(())
         self._wrench: Array = np.zeros(6)

@@ -11,8 +11,8 @@ from numpy.typing import ArrayLike, NDArray
 
 from steelyard.errors import InputError
 from steelyard.simulation import Measurement
+from steelyard.simulation.arguments import positive
 
-from .gains import positive
 from .model_part import ModelPart
 from .sampled_loop import Feedback, SampledLoop
 from .velocities import NumericalDifference, VelocityEstimator
@@ -49,7 +49,7 @@ class ControlBlock(ABC):
 
     def __init__(self, part: ModelPart, sample_time: float, velocity: VelocityEstimator | None = None) -> None:
         self._part = part
-        self.sample_time = positive(sample_time, "sample_time")
+        self.sample_time = positive(sample_time, "sample_time", "s")
         self._velocity = NumericalDifference() if velocity is None else velocity
         self._shape: tuple[int, ...] | None = None
 

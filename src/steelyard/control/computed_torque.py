@@ -9,9 +9,9 @@ from numpy.typing import ArrayLike, NDArray
 
 from steelyard.dynamics import Model
 from steelyard.simulation import Measurement
+from steelyard.simulation.arguments import per_joint
 
 from .block import ControlBlock
-from .gains import joint_gains, joint_limits
 from .joint_references import configurations_of, joint_reference
 from .model_part import ModelPart
 from .sampled_loop import Feedback
@@ -120,16 +120,16 @@ class ComputedTorque(ControlBlock):
             velocity,
         )
         self.reference = joint_reference(reference, model.dof, sample_time=self.sample_time)
-        self._kp = joint_gains(kp, model.dof, "kp")
-        self._kd = joint_gains(kd, model.dof, "kd")
-        self._ki = joint_gains(ki, model.dof, "ki")
-        self._band = joint_gains(integral_limit, model.dof, "integral_limit")
+        self._kp = per_joint(kp, model.dof, "kp", finite=True)
+        self._kd = per_joint(kd, model.dof, "kd", finite=True)
+        self._ki = per_joint(ki, model.dof, "ki", finite=True)
+        self._band = per_joint(integral_limit, model.dof, "integral_limit", finite=True)
         self._largest = self._kp * self._band / np.where(self._ki > 0.0, self._ki, 1.0)
         if torque_limit is None:
             robot = model.robot
             efforts = [robot.joints[k].effort_limit for k in robot.driving_joints]
             torque_limit = efforts if self._ki.any() else np.inf
-        self._torque_limit = joint_limits(torque_limit, model.dof)
+        self._torque_limit = per_joint(torque_limit, model.dof, "torque_limit", zero=False)
         self._limited = bool(np.isfinite(self._torque_limit).any())
         self._tool = tool
         self._sensor = ForceSensing()

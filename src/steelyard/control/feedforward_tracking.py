@@ -9,9 +9,9 @@ from numpy.typing import ArrayLike, NDArray
 
 from steelyard.dynamics import Model
 from steelyard.simulation import Measurement
+from steelyard.simulation.arguments import per_joint
 
 from .block import ControlBlock
-from .gains import joint_gains
 from .joint_references import configurations_of, joint_reference
 from .model_part import ModelPart
 from .sampled_loop import Feedback
@@ -88,8 +88,8 @@ class FeedforwardTracking(ControlBlock):
         super().__init__(ModelPart(model, parameters, functions, base=base), sample_time, velocity)
         self._coupled, self._compensates = bool(coupled), bool(compensate_drives)
         self.reference = joint_reference(reference, model.dof, sample_time=self.sample_time)
-        self._kp = joint_gains(kp, model.dof, "kp")
-        self._kd = joint_gains(kd, model.dof, "kd")
+        self._kp = per_joint(kp, model.dof, "kp", finite=True)
+        self._kd = per_joint(kd, model.dof, "kd", finite=True)
         self._check_gains(configurations_of(self.reference))
 
     def _feedback(self, q: Array) -> Feedback:

@@ -7,9 +7,9 @@ from numpy.typing import ArrayLike, NDArray
 
 from steelyard.dynamics import Model
 from steelyard.simulation import Measurement
+from steelyard.simulation.arguments import per_joint
 
 from .block import ControlBlock
-from .gains import joint_gains
 from .model_part import ModelPart
 from .sampled_loop import Feedback
 from .velocities import VelocityEstimator
@@ -65,7 +65,7 @@ class GravityCompensation(ControlBlock):
         functions = ("gravity", "coriolis") if coriolis else ("gravity",)
         super().__init__(ModelPart(model, parameters, functions, base=base), sample_time, velocity)
         self._coriolis = coriolis
-        self._damping = joint_gains(damping, model.dof, "damping")
+        self._damping = per_joint(damping, model.dof, "damping", finite=True)
         self._damps = bool(self._damping.any())
         self._check_gains(self._part.configurations(), share=0.5)
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Any
+from typing import Any, Unpack
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -12,20 +12,18 @@ from steelyard.dynamics import Model
 from steelyard.errors import InputError
 from steelyard.simulation import Measurement
 
-from .block import ControlBlock
-from .gains import symmetric_gains
-from .poses import PoseTarget, pose_reference
+from .poses import PoseTarget
 from .sampled_loop import Feedback
-from .task_dynamics import Posture, TaskDynamics, applied
+from .task_dynamics import applied
+from .task_space import TaskControl, TaskOptions, symmetric_gains
 from .tool import ForceSensing, Tool
-from .velocities import VelocityEstimator
 
 __all__ = ["ImpedanceControl"]
 
 Array = NDArray[np.float64]
 
 
-class ImpedanceControl(ControlBlock):
+class ImpedanceControl(TaskControl):
     """Shapes how the tool answers the force of the environment (thesis eq. 2.35 to 2.39; Hogan 1985).
 
     With a force sensor and a desired `inertia` A, the deviation e of the tool from its reference obeys
@@ -89,28 +87,9 @@ class ImpedanceControl(ControlBlock):
         inertia: ArrayLike | None = None,
         frame: str = "base",
         axes: str | Sequence[str] = "pose",
-        posture: Posture | None = None,
-        base: bool = False,
-        compensate_drives: bool = False,
-        sign_width: float = 0.01,
-        largest_mass: float | None = None,
-        length: float = 0.3,
-        sample_time: float = 0.001,
-        velocity: VelocityEstimator | None = None,
+        **options: Unpack[TaskOptions],
     ) -> None:
-        self._task = TaskDynamics.of_model(
-            model,
-            parameters,
-            tool,
-            axes,
-            base=base,
-            compensate_drives=compensate_drives,
-            sign_width=sign_width,
-            largest_mass=largest_mass,
-            length=length,
-        )
-        super().__init__(self._task.part, sample_time, velocity)
-        self.reference = pose_reference(reference)
+        super().__init__(model, parameters, tool, reference, axes, **options)
         rows = self._task.rows
         self._stiffness = symmetric_gains(stiffness, len(rows), "stiffness")
         self._damping = symmetric_gains(damping, len(rows), "damping")
@@ -126,7 +105,6 @@ class ImpedanceControl(ControlBlock):
                 "frame='target' turns the axes of the task, which needs axes='pose', 'position' or 'orientation'."
             )
         self._turned = frame == "target"
-        self._posture = (Posture() if posture is None else posture).of(model)
         self._check_gains(self._part.configurations(), share=0.5)
 
     @property

@@ -9,8 +9,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from steelyard.errors import InputError
-
-from .gains import positive
+from steelyard.simulation.arguments import positive
 
 __all__ = [
     "ConstantReference",
@@ -126,9 +125,9 @@ class TrajectoryReference:
             )
         self.trajectory = trajectory
         self.duration = float(duration)
-        self.start = positive(start, "start", zero=True)
+        self.start = positive(start, "start", "s", zero=True)
         self.repeat = bool(repeat)
-        self._rate = 1.0 / positive(sample_time, "sample_time")
+        self._rate = 1.0 / positive(sample_time, "sample_time", "s")
         self._blocks: dict[int, tuple[Array, Array, Array]] = {}
         q, _, _ = self._motion(np.array([0.0, self.duration]))
         self._ends = tuple((place, np.zeros_like(place), np.zeros_like(place)) for place in q)

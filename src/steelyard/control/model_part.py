@@ -10,8 +10,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from steelyard.dynamics import Model
 from steelyard.errors import InputError
-
-from .gains import positive
+from steelyard.simulation.arguments import positive
 
 __all__ = ["ModelPart"]
 
@@ -78,7 +77,7 @@ class ModelPart:
                 f"A controller of {model.robot.name} needs a finite number for every one of its {kind}; {bad} has none."
             )
         self.parameters = values
-        self._sign = "smooth" if positive(sign_width, "sign_width", zero=True) else "exact"
+        self._sign = "smooth" if positive(sign_width, "sign_width", "rad/s", zero=True) else "exact"
         self._kernels = {name: model.kernel(name, base=self.base, sign=self._sign) for name in self.functions}
         self._given: Mapping[str, Array] = {
             "parameters": values,

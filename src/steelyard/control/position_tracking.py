@@ -10,9 +10,9 @@ from numpy.typing import ArrayLike, NDArray
 from steelyard.dynamics import Model
 from steelyard.errors import InputError
 from steelyard.simulation import Measurement
+from steelyard.simulation.arguments import per_joint, positive
 
 from .block import ControlBlock
-from .gains import joint_gains, positive
 from .joint_references import configurations_of, joint_reference
 from .model_part import ModelPart
 from .sampled_loop import Feedback
@@ -90,10 +90,10 @@ class PositionTracking(ControlBlock):
     ) -> None:
         super().__init__(ModelPart(model, parameters, ("computed_torque",), base=base), sample_time, velocity)
         self.reference = joint_reference(reference, model.dof, sample_time=self.sample_time)
-        self._kp = joint_gains(kp, model.dof, "kp")
-        self._kd = joint_gains(kd, model.dof, "kd")
-        self.control_start = positive(control_start, "control_start", zero=True)
-        self.reference_start = positive(reference_start, "reference_start", zero=True)
+        self._kp = per_joint(kp, model.dof, "kp", finite=True)
+        self._kd = per_joint(kd, model.dof, "kd", finite=True)
+        self.control_start = positive(control_start, "control_start", "s", zero=True)
+        self.reference_start = positive(reference_start, "reference_start", "s", zero=True)
         if self.reference_start < self.control_start:
             raise InputError(
                 f"The reference must not start before the control: control_start is {self.control_start:g} s and "

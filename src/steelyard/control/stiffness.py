@@ -6,8 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from steelyard.errors import InputError
-
-from .gains import positive
+from steelyard.simulation.arguments import positive
 
 __all__ = ["StiffnessEstimator"]
 
@@ -75,17 +74,17 @@ class StiffnessEstimator:
         upper: float = 1e6,
         smoothing: float = 0.0,
     ) -> None:
-        self._initial = positive(initial, "initial")
-        self._lower, self._upper = positive(lower, "lower"), positive(upper, "upper")
+        self._initial = positive(initial, "initial", "N/m")
+        self._lower, self._upper = positive(lower, "lower", "N/m"), positive(upper, "upper", "N/m")
         if not self._lower <= self._initial <= self._upper:
             raise InputError(
                 f"The initial stiffness must be between lower and upper, got {lower:g} <= {initial:g} <= {upper:g}."
             )
-        self._way = positive(smallest_way, "smallest_way")
-        self._force = positive(smallest_force, "smallest_force")
-        self._keep = float(np.exp(-1.0 / positive(memory, "memory")))
-        self._span = positive(span, "span")
-        self._smoothing = positive(smoothing, "smoothing", zero=True)
+        self._way = positive(smallest_way, "smallest_way", "m")
+        self._force = positive(smallest_force, "smallest_force", "N")
+        self._keep = float(np.exp(-1.0 / positive(memory, "memory", "1")))
+        self._span = positive(span, "span", "s")
+        self._smoothing = positive(smoothing, "smoothing", "s", zero=True)
         self.start(())
 
     def start(self, shape: tuple[int, ...]) -> None:

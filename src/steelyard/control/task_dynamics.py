@@ -10,8 +10,8 @@ from numpy.typing import ArrayLike, NDArray
 
 from steelyard.dynamics import Model
 from steelyard.errors import InputError
+from steelyard.simulation.arguments import per_joint, positive
 
-from .gains import joint_gains, positive
 from .model_part import ModelPart
 from .poses import PoseTarget, rotation_vector
 from .sampled_loop import Feedback
@@ -58,13 +58,13 @@ class Posture:
             If the shape of one does not fit, or there is a stiffness without positions.
         """
         count = model.dof
-        stiffness = joint_gains(self.stiffness, count, "the posture's stiffness")
+        stiffness = per_joint(self.stiffness, count, "the posture's stiffness", finite=True)
         if self.q is None and stiffness.any():
             raise InputError("The posture has a stiffness and no positions; give it q, or leave the stiffness out.")
         place = np.zeros(count) if self.q is None else np.array(self.q, dtype=np.float64)
         if place.shape != (count,) or not np.isfinite(place).all():
             raise InputError(f"The posture's q must be {count} finite numbers, got {self.q!r}.")
-        return Posture(place, stiffness, joint_gains(self.damping, count, "the posture's damping"))
+        return Posture(place, stiffness, per_joint(self.damping, count, "the posture's damping", finite=True))
 
     def acceleration(self, q: Array, dq: Array) -> Array:
         """Return joint accelerations (..., N), of a posture that `of` returned."""
@@ -208,30 +208,10 @@ class TaskDynamics:
         self._all_rows = self.rows == tuple(range(6))
         self._compensates = compensate_drives
         self._matrix, self._torque, *_ = self.needed(tool, compensate_drives)
-        weights = np.array([1.0, 1.0, 1.0, *[positive(length, "length")] * 3])[list(self.rows)]
+        weights = np.array([1.0, 1.0, 1.0, *[positive(length, "length", "m")] * 3])[list(self.rows)]
         self._squares = np.outer(weights, weights)
-        self.largest_mass = self._usual() if largest_mass is None else positive(largest_mass, "largest_mass")
+        self.largest_mass = self._usual() if largest_mass is None else positive(largest_mass, "largest_mass", "kg")
         self._least = 1.0 / self.largest_mass
-
-    @classmethod
-    def of_model(
-        cls,
-        model: Model,
-        parameters: ArrayLike,
-        tool: Tool,
-        axes: str | Sequence[str],
-        *,
-        base: bool,
-        compensate_drives: bool,
-        sign_width: float,
-        largest_mass: float | None,
-        length: float,
-    ) -> TaskDynamics:
-        """Return the dynamics of a tool by a model and its parameters, see :class:`TaskSpaceControl`."""
-        functions = cls.needed(tool, compensate_drives)
-        width = sign_width if compensate_drives else 0.0
-        part = ModelPart(model, parameters, functions, base=base, point=tool.point, sign_width=width)
-        return cls(part, tool, axes, compensate_drives=compensate_drives, largest_mass=largest_mass, length=length)
 
     @staticmethod
     def needed(tool: Tool, compensate_drives: bool = False) -> tuple[str, ...]:

@@ -3,28 +3,85 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Any
+from typing import Any, TypedDict, Unpack
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from steelyard.dynamics import Model
+from steelyard.errors import InputError
 from steelyard.simulation import Measurement
 
 from .block import ControlBlock
-from .gains import symmetric_gains
+from .model_part import ModelPart
 from .poses import pose_reference
 from .sampled_loop import Feedback
 from .task_dynamics import Posture, TaskDynamics, applied
 from .tool import ForceSensing, Tool
 from .velocities import VelocityEstimator
 
-__all__ = ["TaskSpaceControl"]
+__all__ = ["TaskControl", "TaskOptions", "TaskSpaceControl", "symmetric_gains"]
 
 Array = NDArray[np.float64]
 
 
-class TaskSpaceControl(ControlBlock):
+class TaskOptions(TypedDict, total=False):
+    """The options that every controller of a tool takes by keyword; :class:`TaskSpaceControl` documents them."""
+
+    posture: Posture | None
+    base: bool
+    compensate_drives: bool
+    sign_width: float
+    largest_mass: float | None
+    length: float
+    sample_time: float
+    velocity: VelocityEstimator | None
+
+
+class TaskControl(ControlBlock):
+    """What the controllers of a tool share: the dynamics at the tool, its reference, and the null-space motion.
+
+    Parameters
+    ----------
+    model, parameters, tool, reference, axes
+        As in :class:`TaskSpaceControl`.
+    posture, base, compensate_drives, sign_width, largest_mass, length, sample_time, velocity
+        The `TaskOptions`, with their defaults; as in :class:`TaskSpaceControl`.
+
+    Attributes
+    ----------
+    reference : PoseReference
+    """
+
+    def __init__(
+        self,
+        model: Model,
+        parameters: ArrayLike,
+        tool: Tool,
+        reference: Any,
+        axes: str | Sequence[str],
+        *,
+        posture: Posture | None = None,
+        base: bool = False,
+        compensate_drives: bool = False,
+        sign_width: float = 0.01,
+        largest_mass: float | None = None,
+        length: float = 0.3,
+        sample_time: float = 0.001,
+        velocity: VelocityEstimator | None = None,
+    ) -> None:
+        functions = TaskDynamics.needed(tool, compensate_drives)
+        width = sign_width if compensate_drives else 0.0
+        part = ModelPart(model, parameters, functions, base=base, point=tool.point, sign_width=width)
+        super().__init__(part, sample_time, velocity)
+        self._task = TaskDynamics(
+            part, tool, axes, compensate_drives=compensate_drives, largest_mass=largest_mass, length=length
+        )
+        self.reference = pose_reference(reference)
+        self._posture = (Posture() if posture is None else posture).of(model)
+
+
+class TaskSpaceControl(TaskControl):
     """Linearises the robot at its tool and tracks a motion of it (thesis eq. 2.28 to 2.34).
 
     The tool's acceleration is commanded, ``a = d²x_r/dt² + Kd (dx_r/dt - dx/dt) + Kp e``, with e the way and the
@@ -93,32 +150,12 @@ class TaskSpaceControl(ControlBlock):
         kp: ArrayLike,
         kd: ArrayLike,
         axes: str | Sequence[str] = "pose",
-        posture: Posture | None = None,
-        base: bool = False,
-        compensate_drives: bool = False,
-        sign_width: float = 0.01,
         sensing: bool = False,
-        largest_mass: float | None = None,
-        length: float = 0.3,
-        sample_time: float = 0.001,
-        velocity: VelocityEstimator | None = None,
+        **options: Unpack[TaskOptions],
     ) -> None:
-        self._task = TaskDynamics.of_model(
-            model,
-            parameters,
-            tool,
-            axes,
-            base=base,
-            compensate_drives=compensate_drives,
-            sign_width=sign_width,
-            largest_mass=largest_mass,
-            length=length,
-        )
-        super().__init__(self._task.part, sample_time, velocity)
-        self.reference = pose_reference(reference)
+        super().__init__(model, parameters, tool, reference, axes, **options)
         self._kp = symmetric_gains(kp, len(self._task.rows), "kp")
         self._kd = symmetric_gains(kd, len(self._task.rows), "kd")
-        self._posture = (Posture() if posture is None else posture).of(model)
         self._sensing = ForceSensing() if sensing else None
         self._check_gains(self._part.configurations(), share=0.5)
 
@@ -142,3 +179,51 @@ class TaskSpaceControl(ControlBlock):
         if self._sensing is not None:
             torque -= applied(np.swapaxes(state.full, -1, -2), self._sensing.wrench(measurement))
         return torque
+
+
+def symmetric_gains(values: ArrayLike, count: int, name: str, *, definite: bool = False) -> Array:
+    """Return a symmetric matrix of gains in task space.
+
+    Parameters
+    ----------
+    values : array_like
+        A number, (k,) for a diagonal, or a symmetric (k, k) matrix.
+    count : int
+        k.
+    name : str
+        For the message.
+    definite : bool
+        Whether it must be positive definite, instead of semidefinite.
+
+    Returns
+    -------
+    ndarray
+        (k, k).
+
+    Raises
+    ------
+    InputError
+        If the shape is another one, or the matrix is not symmetric, finite and positive.
+
+    Examples
+    --------
+    >>> symmetric_gains([1.0, 2.0], 2, "stiffness").tolist()
+    [[1.0, 0.0], [0.0, 2.0]]
+    """
+    try:
+        gains = np.asarray(values, dtype=np.float64)
+    except (TypeError, ValueError):
+        raise InputError(f"{name} must be numbers, got {values!r}.") from None
+    if gains.shape not in ((), (count,), (count, count)):
+        raise InputError(
+            f"{name} must be one number, {count} numbers or a {count} x {count} matrix, one row for each axis of the "
+            f"task, got shape {gains.shape}."
+        )
+    matrix = gains if gains.ndim == 2 else np.diag(np.broadcast_to(gains, (count,)))
+    if not np.isfinite(matrix).all() or not np.allclose(matrix, matrix.T, rtol=1e-9, atol=0.0):
+        raise InputError(f"{name} must be finite and symmetric, got {gains.tolist()}.")
+    values_, scale = np.linalg.eigvalsh(matrix), float(np.abs(matrix).max(initial=0.0))
+    if (values_.min() <= 0.0) if definite else (values_.min() < -1e-9 * scale):
+        word = "definite" if definite else "semidefinite"
+        raise InputError(f"{name} must be positive {word}; its smallest eigenvalue is {values_.min():.3g}.")
+    return np.array(matrix)

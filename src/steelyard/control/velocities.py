@@ -9,8 +9,7 @@ from numpy.typing import NDArray
 
 from steelyard.errors import InputError
 from steelyard.simulation import Measurement
-
-from .gains import positive
+from steelyard.simulation.arguments import positive
 
 __all__ = ["FilteredDifference", "MeasuredVelocity", "NumericalDifference", "VelocityEstimator"]
 
@@ -116,7 +115,7 @@ class FilteredDifference:
     """
 
     def __init__(self, cutoff: float) -> None:
-        self._rate = 2.0 * np.pi * positive(cutoff, "cutoff")
+        self._rate = 2.0 * np.pi * positive(cutoff, "cutoff", "Hz")
         self._time = 0.0
         self._place: Array | None = None
         self._last: Array | None = None

@@ -14,8 +14,7 @@ from numpy.typing import NDArray
 
 from steelyard.errors import InputError, SolverError
 
-from .augmented_lagrangian import COARSE, FINE, Iterate, minimise
-from .design_problem import DesignProblem
+from .design_problem import COARSE, FINE, DesignProblem, Iterate, minimise
 from .limit_margins import Margin, Verifier, keeps_all
 from .motion_limits import MotionLimits
 from .workers import Flag, Pool, pool_of

@@ -12,13 +12,13 @@ if TYPE_CHECKING:
     from .controller import Measurement as Measurement
     from .events import Event as Event
     from .events import Occurrence as Occurrence
+    from .events import Status as Status
     from .events import at_time as at_time
     from .events import joint_limits as joint_limits
     from .sensors import Sensors as Sensors
     from .simulate import simulate as simulate
     from .simulation_result import Measured as Measured
     from .simulation_result import SimulationResult as SimulationResult
-    from .status import Status as Status
     from .stopping_conditions import StoppingConditions as StoppingConditions
 
 __all__ = import_at_first_use(__name__, __file__)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from enum import StrEnum
 from typing import Any
 
 import numpy as np
@@ -12,7 +13,7 @@ from numpy.typing import ArrayLike, NDArray
 from steelyard.errors import InputError
 from steelyard.robot import Robot
 
-__all__ = ["Event", "Occurrence", "at_time", "joint_limits"]
+__all__ = ["Event", "Occurrence", "Status", "at_time", "joint_limits"]
 
 Array = NDArray[np.float64]
 
@@ -87,6 +88,33 @@ class Occurrence:
     q: Array
     dq: Array
     run: int = 0
+
+
+class Status(StrEnum):
+    """How a run ended.
+
+    Attributes
+    ----------
+    FINISHED
+        At the end of its duration.
+    EVENT
+        At an event that ends runs.
+    DIVERGED
+        Nothing could be computed beyond, a joint became absurdly fast, or the energy of a passive robot grew beyond
+        reason.
+    STOPPED
+        By a stopping condition.
+
+    Examples
+    --------
+    >>> Status.DIVERGED == "diverged"
+    True
+    """
+
+    FINISHED = "finished"
+    EVENT = "event"
+    DIVERGED = "diverged"
+    STOPPED = "stopped"
 
 
 def at_time(t: float, name: str | None = None, terminal: bool = True) -> Event:

@@ -12,8 +12,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from .compiled import DAMPING, rosenbrock, runge_kutta_4
+from .events import Status
 from .plant import Plant
-from .status import Status
 from .watch import ABSURD_SPEED, Rows, Watch
 
 __all__ = ["FIXED_STEP_METHODS", "LIBRARY_METHODS", "DormandPrince", "FixedStep", "Integrator", "LibraryMethod"]

@@ -6,25 +6,30 @@ from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike
+from numpy.typing import ArrayLike, NDArray
 
 from steelyard.dynamics import Model
 from steelyard.dynamics.threads import one_thread
 from steelyard.errors import InputError
 
 from .actuators import Actuators
-from .arguments import positive
+from .arguments import checked_torque, positive
+from .compiled import motion_functions
 from .contact import Environment
-from .controller import Controller
-from .events import Event
-from .experiment import Experiment
-from .plant import TorqueFunction
+from .controller import Controller, Measurement
+from .events import Event, Status
+from .integrators import FIXED_STEP_METHODS, DormandPrince, FixedStep, Integrator, LibraryMethod
+from .plant import Plant, TorqueFunction
 from .request import Request
-from .sensors import Sensors
-from .simulation_result import SimulationResult
+from .sensors import SensorReadings, Sensors
+from .simulation_result import Measured, SimulationResult
 from .stopping_conditions import StoppingConditions
+from .watch import Watch
 
-__all__ = ["simulate"]
+__all__ = ["Experiment", "first_impossible", "least_inertia", "simulate"]
+
+Array = NDArray[np.float64]
+MOST = 400  # matrices that are looked at in all the runs, and at least eight of each run
 
 
 def simulate(
@@ -154,3 +159,295 @@ def simulate(
     # A run that diverges passes through infinity: its status says so, not a warning.
     with one_thread(), np.errstate(over="ignore", invalid="ignore", divide="ignore"):
         return Experiment(request, relative_tolerance, absolute_tolerance, seed, options).result()
+
+
+class Experiment:
+    """Runs what a request asks for.
+
+    Parameters
+    ----------
+    request : Request
+    relative, absolute : float
+        Tolerances.
+    seed : int
+    options : dict
+        For the result.
+    """
+
+    def __init__(self, request: Request, relative: float, absolute: float, seed: int, options: dict[str, Any]) -> None:
+        self.request, self.options, self.seed = request, options, seed
+        self.runs, self.count = request.runs, request.model.dof
+        functions = motion_functions(
+            request.model, base=request.base, smooth=request.sign_width > 0.0, each=request.each
+        )
+        held = request.sample_time is not None or request.function is None
+        self.plant = Plant(
+            functions,
+            request.parameters,
+            request.sign_width,
+            self.runs,
+            None if held else request.function,
+            request.contact,
+        )
+        adaptive = request.method not in FIXED_STEP_METHODS
+        self.watch = Watch(
+            self.plant,
+            request.state,
+            request.events,
+            request.duration,
+            passive=request.torque is None and request.contact is None,
+            times=None if request.is_ticked else request.times,
+            dense=adaptive and not request.is_batch,
+        )
+        self.integrator = self._integrator(relative, absolute)
+        self.states = np.full((self.runs, len(request.times), 2 * self.count), np.nan)
+        self.torques = np.full((self.runs, len(request.times), self.count), np.nan)
+        sensors = request.sensors
+        self.readings = None if sensors is None else sensors.start(self.runs, self.count, seed)
+        self.seen = None if self.readings is None else _Log(self.readings, self.torques.shape)
+
+    def _integrator(self, relative: float, absolute: float) -> Integrator:
+        request, common = self.request, (self.plant, self.watch, self.request.state)
+        if request.method in FIXED_STEP_METHODS:
+            return FixedStep(*common, request.method, request.largest_step)
+        if request.method == "dormand_prince":
+            return DormandPrince(*common, relative, absolute)
+        return LibraryMethod(*common, request.method, relative, absolute)
+
+    def result(self) -> SimulationResult:
+        """Run, and return what was recorded."""
+        if self.request.is_ticked:
+            self._by_ticks()
+        else:
+            self.watch.begin()
+            if not self.watch.ended.all():
+                self.integrator.advance(0.0, self.request.duration)
+            assert self.watch.samples is not None
+            self.states = self.watch.samples
+        if self.request.sample_time is None:
+            self._torques_afterwards()
+        return self._assembled()
+
+    def _by_ticks(self) -> None:
+        """Sense, command and integrate, tick by tick."""
+        request, plant, watch, integrator, n = self.request, self.plant, self.watch, self.integrator, self.count
+        ticks, commanded = request.ticks.tolist(), request.sample_time is not None
+        controller = request.controller
+        drives = None if request.actuators is None else request.actuators.start(self.runs, n)
+        check = None
+        if request.stopping_conditions is not None:
+            names = tuple(request.model.robot.joint_names)
+            check = request.stopping_conditions.start(len(ticks), names, 0.0, request.tick)
+        last = len(ticks) - 1
+        for k, t in enumerate(ticks):
+            state = integrator.state
+            if commanded:
+                measurement = self._measurement(t, state)
+                if k == 0 and controller is not None:
+                    controller.start(measurement)
+                command = self._command(t, measurement, state)
+                plant.held[...] = command if drives is None else drives.apply(command, request.tick)
+            if k % request.every == 0:
+                self._record(k // request.every, t, state)
+            elif commanded and self.readings is not None:
+                self.readings.torque(t, plant.held)
+            if k == 0:
+                watch.begin()
+            if check is not None:
+                for run, reason in check.reason(k, state[:, :n], state[:, n:]).items():
+                    watch.end(run, Status.STOPPED, t, f"stopped at {t:.6g} s: {reason}", state[run])
+            if k == last or watch.ended.all():
+                return
+            integrator.advance(t, ticks[k + 1])
+
+    def _measurement(self, t: float, state: Array) -> Measurement:
+        """Return what a controller sees, (N,) of one run or (R, N) of a batch."""
+        n, contact = self.count, self.plant.contact
+        q, dq = state[:, :n], state[:, n:]
+        force = None if contact is None else contact.state(t, q, dq)[1]
+        if self.readings is not None:
+            seen = self.readings.measure(t, q, dq, force)
+            q, dq, torque, force = seen.q, seen.dq, seen.torque, seen.force  # type: ignore[assignment]
+        else:
+            q, dq = q.copy(), dq.copy()
+            torque = self.plant.held.copy()
+        if self.request.is_batch:
+            return Measurement(t, q, dq, torque, force)
+        one = (None if x is None else x[0] for x in (dq, torque, force))
+        return Measurement(t, q[0], *one)
+
+    def _command(self, t: float, measurement: Measurement, state: Array) -> Array:
+        if self.request.controller is None:
+            assert self.request.function is not None
+            return self.plant.called(self.request.function, t, state)
+        shape = (self.runs, self.count) if self.request.is_batch else (self.count,)
+        torque = checked_torque(self.request.controller.torque(measurement), shape)
+        torque = torque if self.request.is_batch else torque[np.newaxis]
+        self.plant.notice(t, state, torque)
+        return torque
+
+    def _record(self, row: int, t: float, state: Array) -> None:
+        ended = self.watch.ended
+        if not ended.any():
+            self.states[:, row] = state
+            self.torques[:, row] = self.plant.held
+        else:
+            self.states[~ended, row] = state[~ended]
+            self.torques[~ended, row] = self.plant.held[~ended]
+        if self.seen is not None and self.request.sample_time is not None:
+            self.seen.record(row, t, self.plant.held)
+
+    def _torques_afterwards(self) -> None:
+        """Fill in the torques of a function, and what sensors would have seen, at the samples."""
+        request, n = self.request, self.count
+        for row, t in enumerate(request.times.tolist()):
+            state = self.states[:, row]
+            known = np.isfinite(state).all(axis=1)
+            if not known.any():
+                return
+            if request.function is None:
+                self.torques[known, row] = 0.0
+            else:
+                self.torques[known, row] = self.plant.called(request.function, t, state)[known]
+            if self.seen is not None and self.readings is not None:
+                contact = self.plant.contact
+                q, dq = np.ascontiguousarray(state[:, :n]), np.ascontiguousarray(state[:, n:])
+                force = None if contact is None else contact.state(t, q, dq)[1]
+                self.readings.measure(t, q, dq, force)
+                self.seen.record(row, t, self.torques[:, row])
+
+    def _assembled(self) -> SimulationResult:
+        """Compute accelerations and energies at the samples, and put the result together."""
+        request, watch, n = self.request, self.watch, self.count
+        shape = self.states.shape[:2]
+        accelerations, energies = np.full((*shape, n), np.nan), np.full((*shape, 3), np.nan)
+        forces = None if request.contact is None else np.full((*shape, 6), np.nan)
+        for run in range(self.runs):
+            known = np.isfinite(self.states[run]).all(axis=1)
+            state, torque = self.states[run, known], self.torques[run, known]
+            if request.contact is not None and forces is not None and len(state):
+                times = request.times[known][:, np.newaxis]
+                jacobian, wrench = request.contact.state(times, state[:, :n], state[:, n:])
+                forces[run, known] = wrench
+                torque = torque + (wrench[:, np.newaxis] @ jacobian)[:, 0]
+            if len(state):
+                accelerations[run, known], energies[run, known] = self.plant.along(run, state, torque)
+        power = energies[..., 2]
+        gaps = np.diff(request.times) * 0.5 * (power[:, 1:] + power[:, :-1])
+        dissipated = np.concatenate([0.0 * power[:, :1], np.cumsum(gaps, axis=1)], axis=1)
+        watch.end_time[~watch.ended] = request.duration
+        final = np.where(watch.ended[:, np.newaxis], watch.final, self.integrator.state)
+        seen = None if self.seen is None else self.seen.measured(np.isfinite(self.states).all(axis=2))
+        for run in range(self.runs):
+            watch.message[run] += self._impossible(run)
+        arrays = {
+            "q": self.states[..., :n],
+            "dq": self.states[..., n:],
+            "ddq": accelerations,
+            "torque": self.torques,
+            "kinetic_energy": energies[..., 0],
+            "potential_energy": energies[..., 1],
+            "dissipated": dissipated,
+        }
+        whole = SimulationResult(
+            t=request.times,
+            status=tuple(watch.status),
+            end_time=watch.end_time,
+            message=tuple(watch.message),
+            final_q=final[:, :n],
+            final_dq=final[:, n:],
+            joint_names=tuple(request.model.robot.joint_names),
+            method=request.method,
+            events=tuple(sorted(watch.occurrences, key=lambda o: (o.t, o.run))),
+            measured=seen,
+            force=forces,
+            options=self.options,
+            pieces=tuple(watch.pieces or ()),
+            **arrays,
+        )
+        return whole if request.is_batch else whole.run(0)
+
+    def _impossible(self, run: int) -> str:
+        """Say whether a run's inertia matrix was that of a robot that could not exist: where it diverged, or before."""
+        cause = "these parameters are not physically possible, which steelyard check (steelyard.check) explains"
+        if self.watch.status[run] is Status.DIVERGED:
+            least = float(least_inertia(self.plant, run, self.watch.final[[run], : self.count])[0])
+            if least <= 0.0:
+                return f"; the inertia matrix has the eigenvalue {least:.3g} there: {cause}"
+        q = self.states[run, :, : self.count]
+        known = np.flatnonzero(np.isfinite(q).all(axis=1))
+        found = first_impossible(self.plant, run, q[known]) if known.size else None
+        if found is None:
+            return ""
+        t = self.request.times[known[found[0]]]
+        text = f"the inertia matrix is not positive definite at {t:.6g} s (eigenvalue {found[1]:.3g})"
+        return f"{'; ' if self.watch.message[run] else ''}{text}: {cause}"
+
+
+class _Log:
+    """What the sensors saw at the samples."""
+
+    def __init__(self, readings: SensorReadings, shape: tuple[int, ...]) -> None:
+        self._readings = readings
+        self.q, self.dq, self.torque = (np.full(shape, np.nan) for _ in range(3))
+        self.force = np.full((*shape[:2], 6), np.nan)
+        self._has = [False, False]
+
+    def record(self, row: int, t: float, applied: Array) -> None:
+        self.torque[:, row] = self._readings.torque(t, applied)
+        last = self._readings.last
+        self.q[:, row] = last.q
+        if last.dq is not None:
+            self.dq[:, row] = last.dq
+            self._has[0] = True
+        if last.force is not None:
+            self.force[:, row] = last.force
+            self._has[1] = True
+
+    def measured(self, known: NDArray[np.bool_]) -> Measured:
+        """Return it, without what came after the ends of the runs."""
+        for array in (self.q, self.dq, self.torque, self.force):
+            array[~known] = np.nan
+        return Measured(self.q, self.torque, self.dq if self._has[0] else None, self.force if self._has[1] else None)
+
+
+def least_inertia(plant: Plant, run: int, q: Array) -> Array:
+    """Return the least eigenvalues (m,) of a run's total inertia matrices at q (m, N); NaN where not finite."""
+    functions, n = plant.functions, plant.count
+    parameters = plant.parameters[run] if functions.each else plant.parameters
+    kernel = functions.model.kernel("total_inertia_matrix", base=functions.base)
+    if functions.each or len(q) == 1:
+        matrices = np.array([kernel.sample(np.ascontiguousarray(x), parameters) for x in q]).reshape(-1, n, n)
+    else:
+        matrices = kernel(np.ascontiguousarray(q), parameters).reshape(-1, n, n)
+    finite = np.isfinite(matrices).all(axis=(1, 2))
+    least = np.full(len(q), np.nan)
+    least[finite] = np.linalg.eigvalsh(matrices[finite])[:, 0]
+    return least
+
+
+def first_impossible(plant: Plant, run: int, q: Array) -> tuple[int, float] | None:
+    """Find the first of a run's positions (S, N) at which its inertia matrix is not positive definite.
+
+    Parameters
+    ----------
+    plant : Plant
+    run : int
+    q : ndarray
+        (S, N) of the samples: the first, and some evenly among the others, are looked at; where one of them is
+        impossible, all between it and the one before are.
+
+    Returns
+    -------
+    (int, float) or None
+        The sample and the least eigenvalue there.
+    """
+    some = np.unique(np.linspace(0, len(q) - 1, min(len(q), max(8, MOST // plant.runs))).round().astype(np.intp))
+    found = np.flatnonzero(least_inertia(plant, run, q[some]) <= 0.0)
+    if not found.size:
+        return None
+    place = int(found[0])
+    begin, end = (0 if place == 0 else int(some[place - 1]) + 1), int(some[place]) + 1
+    least = least_inertia(plant, run, q[begin:end])
+    first = int(np.flatnonzero(least <= 0.0)[0])
+    return begin + first, float(least[first])

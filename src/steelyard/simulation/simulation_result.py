@@ -16,8 +16,7 @@ from steelyard.errors import InputError
 from steelyard.files import replaced_file
 from steelyard.recording import Recording
 
-from .events import Occurrence
-from .status import Status
+from .events import Occurrence, Status
 from .watch import Interpolant
 
 __all__ = ["Measured", "SimulationResult", "save_result"]

@@ -11,9 +11,8 @@ from scipy.optimize import brentq
 
 from steelyard.errors import InputError
 
-from .events import Event, Occurrence
+from .events import Event, Occurrence, Status
 from .plant import Plant
-from .status import Status
 
 __all__ = ["ABSURD_SPEED", "Interpolant", "Runaway", "Watch"]
 

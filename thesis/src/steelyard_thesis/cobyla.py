@@ -9,8 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from steelyard.excitation.augmented_lagrangian import Stopped
-from steelyard.excitation.design_problem import DesignProblem
+from steelyard.excitation.design_problem import DesignProblem, Stopped
 
 __all__ = ["minimise_with_cobyla"]
 
