@@ -7,9 +7,9 @@ import numpy as np
 import pytest
 
 from steelyard.conic import find_solver
-from steelyard.estimators import EntropicPrior, fit_reduced, l_curve, smallest_total_mass
+from steelyard.estimators import EntropicPrior, fit_reduced, l_curve
 from steelyard.estimators.fit import fit
-from steelyard.feasibility import FeasibleSet, TieBreak, TotalMass, check, verify_document
+from steelyard.feasibility import FeasibleSet, TieBreak, TotalMass, check, lightest_robot, verify_document
 from steelyard.regression import Information
 from steelyard.robot import Inertia
 
@@ -135,14 +135,14 @@ def test_smallest_mass_of_a_fit(real_wam):
     feasible = FeasibleSet(model, "full", [TotalMass(maximum=27.0)])
     fit = fit_reduced(reduced, feasible)
     free = FeasibleSet(model, "full")
-    found = smallest_total_mass(free, base=fit.base)
-    assert found.mass <= fit.total_mass * (1 + 1e-6)
+    found = lightest_robot(free, fit.base).total
+    assert found.proved <= found.attained <= fit.total_mass * (1 + 1e-6)
     # The optimum lies at the bound because more mass would fit better: hardly less can have these base parameters.
-    assert found.mass == pytest.approx(27.0, rel=1e-2)
+    assert found.attained == pytest.approx(27.0, rel=1e-2)
     names = [f"base {i}" for i in range(57)]
     info = Information.from_factor(reduced.R, reduced.rho, reduced.residual2, reduced.count, names)
-    region = smallest_total_mass(free, base=fit.base, information=info, confidence=0.95)
-    assert region.mass < found.mass
+    region = lightest_robot(free, fit.base, information=info).total
+    assert region.attained < found.proved
 
 
 def test_prior_from_cad(real_wam, shared_data):

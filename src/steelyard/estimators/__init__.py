@@ -20,7 +20,5 @@ if TYPE_CHECKING:
     from .shadow_prices import ShadowPrice as ShadowPrice
     from .shadow_prices import ShadowPrices as ShadowPrices
     from .shadow_prices import shadow_prices as shadow_prices
-    from .smallest_mass import SmallestMass as SmallestMass
-    from .smallest_mass import smallest_total_mass as smallest_total_mass
 
 __all__ = import_at_first_use(__name__, __file__)

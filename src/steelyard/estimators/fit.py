@@ -79,7 +79,7 @@ def fit(
     steelyard.least_squares : The same without regard to physics.
     steelyard.correct : The nearest feasible parameters, without data.
     steelyard.estimators.l_curve : Residual against distance from the prior, for all weights.
-    steelyard.estimators.smallest_total_mass : The least mass with which an estimate is possible at all.
+    steelyard.feasibility.lightest_robot : The least mass with which an estimate is possible at all.
 
     References
     ----------

@@ -10,7 +10,7 @@ import scipy.linalg
 
 from steelyard.conic import Cone, ConicSolution, Outcome, Rows
 from steelyard.errors import SolverError
-from steelyard.feasibility.cone_program import Conditions, Part, Program, total
+from steelyard.feasibility.cone_program import Conditions, Part, Program, total, unidentifiable_conditions
 from steelyard.feasibility.dual_bound import PARAMETER_BOUND, ConvexProblem, Multipliers
 from steelyard.feasibility.feasible_set import FeasibleSet
 from steelyard.feasibility.interior import pull_inside
@@ -43,11 +43,6 @@ PRICE = 1e-6
 def base_dependent_conditions(feasible: FeasibleSet) -> Conditions:
     """Over (β, δ_d)."""
     return Conditions(feasible, feasible.base_dependent)
-
-
-def unidentifiable_conditions(feasible: FeasibleSet) -> Conditions:
-    """Over what the motion does not show."""
-    return Conditions(feasible, feasible.unidentifiable)
 
 
 @dataclass(frozen=True, eq=False)
@@ -257,10 +252,8 @@ class Fitting:
         typical = self.units.parameters
         # Links of a thousandth stand beside others; the point found tells their sizes.
         units = self.units.around(self._origin).parameters if around else typical
-        sizes = np.abs(conditions.matrix / units[:, None]).max(axis=0, initial=0.0)
-        columns = 1.0 / np.where(sizes > 0, sizes, 1.0)
         origin = self._origin + feasible.lift @ (base - feasible.K @ self._origin)
-        return Program(feasible, conditions, units, columns, origin, margin, typical)
+        return Program.along(feasible, conditions, units, origin, margin, typical)
 
     @property
     def is_determined(self) -> bool:

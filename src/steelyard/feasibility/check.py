@@ -11,8 +11,8 @@ from steelyard.lmi import is_positive_definite
 
 from .certificates import FeasibilityCertificate, InfeasibilityCertificate
 from .checking import MARGIN_CAP, decide, largest_margin, least_violations
-from .checking.witness import lightest_witness
 from .feasible_set import FeasibleSet
+from .tie_break import lightest_parameters
 
 __all__ = ["Verdict", "Violation", "check"]
 
@@ -218,7 +218,7 @@ def _lighter(witness: FeasibilityCertificate, margin: float) -> FeasibilityCerti
     margin among those of moderate size.
     """
     feasible_set = witness.feasible_set
-    parameters = lightest_witness(feasible_set, witness.base, 0.5 * min(margin, feasible_set.margin))
+    parameters = lightest_parameters(feasible_set, witness.base, 0.5 * min(margin, feasible_set.margin))
     if parameters is not None:
         lighter = FeasibilityCertificate(feasible_set, witness.base, parameters)
         if lighter.verify():

@@ -15,7 +15,7 @@ from steelyard.conic import ConicProblem, ConicSolution, Rows, solve
 
 from .feasible_set import FeasibleSet
 
-__all__ = ["Conditions", "Part", "Program", "total", "upper_triangle"]
+__all__ = ["Conditions", "Part", "Program", "total", "unidentifiable_conditions", "upper_triangle"]
 
 Vector = npt.NDArray[np.float64]
 Matrix = npt.NDArray[np.float64]
@@ -112,6 +112,11 @@ class Conditions:
         return np.where(self.diagonal, found[self.first], 0.0)
 
 
+def unidentifiable_conditions(feasible: FeasibleSet) -> Conditions:
+    """The conditions over the directions that the motion does not show; `FeasibleSet.kept` makes them once a set."""
+    return Conditions(feasible, feasible.unidentifiable)
+
+
 @dataclass(frozen=True, eq=False)
 class Part:
     """½ zᵀP z + q · z over z = (x̂, own), where x̂ are the unknowns of the program.
@@ -193,6 +198,20 @@ class Program:
     origin: Vector = field(repr=False)
     margin: float
     typical: Vector | None = field(default=None, repr=False)
+
+    @classmethod
+    def along(
+        cls,
+        feasible: FeasibleSet,
+        conditions: Conditions,
+        units: Vector,
+        origin: Vector,
+        margin: float,
+        typical: Vector | None = None,
+    ) -> "Program":
+        """A program whose unknowns are measured such that a step of 1 changes no parameter by more than its unit."""
+        sizes = np.abs(conditions.matrix / units[:, None]).max(axis=0, initial=0.0)
+        return cls(feasible, conditions, units, 1.0 / np.where(sizes > 0, sizes, 1.0), origin, margin, typical)
 
     @cached_property
     def _scaling(self) -> tuple[Vector, Vector]:

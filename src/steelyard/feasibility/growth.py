@@ -73,7 +73,7 @@ def _analyse(feasible: FeasibleSet, directions: Matrix) -> tuple[int, ...]:
     masses = feasible.mass_indices
     if not np.any(directions[masses]):
         return ()
-    units = Units.from_sizes(feasible, np.full(feasible.parameter_count, np.inf)).with_cad().parameters
+    units = Units.of(feasible).parameters
     sizes = np.abs(directions / units[:, None]).max(axis=0)
     directions = directions / np.where(sizes > 0, sizes, 1.0)
     conditions = Conditions(feasible, directions)

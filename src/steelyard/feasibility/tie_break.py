@@ -9,11 +9,11 @@ import scipy.sparse as sparse
 
 from steelyard.errors import InputError
 
-from .cone_program import Part, Program
+from .cone_program import Part, Program, unidentifiable_conditions
 from .feasible_set import FeasibleSet
 from .units import Units, lengths_of_links
 
-__all__ = ["TieBreak", "closest_to_cad", "lightest"]
+__all__ = ["TieBreak", "closest_to_cad", "lightest", "lightest_parameters"]
 
 Vector = npt.NDArray[np.float64]
 Matrix = npt.NDArray[np.float64]
@@ -166,6 +166,28 @@ def lightest(feasible: FeasibleSet, units: Units | None = None) -> TieBreak:
     sizes = np.ones(feasible.parameter_count) if units is None else units.parameters
     total = 1.0 if units is None else units.total_mass
     return TieBreak("the lightest", FREE_WEIGHT * total / sizes**2, gradient)
+
+
+def lightest_parameters(feasible: FeasibleSet, base: Vector, margin: float) -> Vector | None:
+    """The lightest parameters with given base parameters, or None where the solver does not reach them.
+
+    Parameters
+    ----------
+    feasible : FeasibleSet
+    base : (n_b,)
+        β; K δ = β.
+    margin : float
+        The blocks keep this distance from the boundary, in SI or, for small links, in their own units.
+
+    Returns
+    -------
+    (n,) or None
+        As the solver left them: whether the set contains them is for the caller to check.
+    """
+    conditions = feasible.kept(unidentifiable_conditions)
+    program = Program.along(feasible, conditions, Units.of(feasible).parameters, feasible.lift @ base, margin)
+    solution = program.solve(lightest(feasible).part(program))
+    return program.parameters(solution.primal) if solution.usable else None
 
 
 def closest_to_cad(feasible: FeasibleSet) -> TieBreak:

@@ -81,6 +81,11 @@ class Units:
         return float(self.masses.sum())
 
     @classmethod
+    def of(cls, feasible: FeasibleSet) -> "Units":
+        """Units of a robot of which no data tells: those of the description, or 1 kg and the typical length."""
+        return cls.from_sizes(feasible, np.full(feasible.parameter_count, np.inf)).with_cad()
+
+    @classmethod
     def from_sizes(cls, feasible: FeasibleSet, sizes: Vector) -> "Units":
         """The same mass and length for all links.
 

@@ -13,7 +13,7 @@ import numpy as np
 import numpy.typing as npt
 
 from steelyard.conic import Outcome
-from steelyard.errors import InputError, SolverError
+from steelyard.errors import InputError
 from steelyard.regression import ParameterCovariance
 
 from ..check import check
@@ -26,7 +26,18 @@ from .confidence_region import ConfidenceRegion, region_of
 from .normalised_problem import Ball, DualPoint, NormalisedProblem
 from .slice import BlockGroup, Slice
 
-__all__ = ["Bound", "BoundFinder", "Certify", "Found", "Given", "Search", "given_base", "given_by", "given_region"]
+__all__ = [
+    "Bound",
+    "BoundFinder",
+    "Certify",
+    "Found",
+    "Given",
+    "NoInteriorError",
+    "Search",
+    "given_base",
+    "given_by",
+    "given_region",
+]
 
 Vector = npt.NDArray[np.float64]
 Matrix = npt.NDArray[np.float64]
@@ -42,6 +53,10 @@ STRAIN = 1e-2
 
 Certify = Callable[[DualPoint, float], float]
 """From a dual point, for an objective of length 1, and that objective's true length, to the least value it proves."""
+
+
+class NoInteriorError(InputError):
+    """The parameters that are left possible are a set without an interior, from which no search can start."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -374,8 +389,8 @@ def given_base(feasible_set: FeasibleSet, base: npt.ArrayLike | None, solver: st
     ------
     InputError
         If no physically possible robot has them.
-    SolverError
-        If the parameters behind them are a set without an inside.
+    NoInteriorError
+        If the parameters behind them are a set without an interior, or cannot be told from one.
     """
     if base is None:
         raise InputError("nothing is given of the robot; give its base parameters as base=, or data as information=.")
@@ -391,8 +406,8 @@ def given_region(feasible_set: FeasibleSet, region: ConfidenceRegion, solver: st
     ------
     InputError
         If no feasible parameters lie within it.
-    SolverError
-        If the parameters behind them are a set without an inside.
+    NoInteriorError
+        If the parameters behind them are a set without an interior.
     """
     nearest = nearest_in_region(feasible_set, region.base, region.axes, region.unknown, solver)
     relative = nearest.distance / region.radius
@@ -417,7 +432,7 @@ def _witness(feasible_set: FeasibleSet, base: Vector) -> Vector:
     if verdict.feasible and verdict.parameters is not None:
         return np.asarray(verdict.parameters)
     if verdict.feasible is None:
-        raise InputError(
+        raise NoInteriorError(
             "these base parameters are closer to the boundary of what is possible than can be told (margin "
             f"{verdict.margin:.3g}), which leaves no interval to search; take those of `correct` or `fit`."
         )
@@ -432,8 +447,8 @@ def _finder(slice_: Slice, start: Vector, solver: str) -> BoundFinder:
     try:
         middle = analytic_center(slice_, slice_.coordinates(start))
     except np.linalg.LinAlgError:
-        raise SolverError(
-            "the parameters that these base parameters leave possible are a set without an inside, as for links "
+        raise NoInteriorError(
+            "the parameters that these base parameters leave possible are a set without an interior, as for links "
             "without extent; give base parameters a little further inside, such as those of `correct` with a larger "
             "margin."
         ) from None

@@ -11,9 +11,13 @@ from steelyard.display import html_table, text_table
 from steelyard.dynamics.threads import one_thread
 from steelyard.regression import ParameterCovariance
 
+from ..cone_program import Program, unidentifiable_conditions
+from ..dual_bound import ConvexProblem, Multipliers
 from ..feasible_set import FeasibleSet
+from ..tie_break import TieBreak
+from ..units import Units
 from ..wording import plain
-from .bound_finder import given_by
+from .bound_finder import BoundFinder, NoInteriorError, given_by
 from .quantities import Quantity, quantities
 
 __all__ = ["LeastMass", "LightestRobot", "lightest_robot"]
@@ -42,6 +46,9 @@ class LeastMass:
     proved: float
     attained: float
     parameters: Vector = field(repr=False)
+
+    def __str__(self) -> str:
+        return f"The {self.meaning} is at least {plain(self.attained)} kg."
 
 
 @dataclass(frozen=True, eq=False)
@@ -130,6 +137,7 @@ def lightest_robot(
     Returns
     -------
     LightestRobot
+        Where the base parameters leave no room, as those of point masses, its robots lie on the boundary of the set.
 
     Raises
     ------
@@ -150,14 +158,53 @@ def lightest_robot(
     The lightest robot with these base parameters weighs 2 kg, under "full" consistency.
     """
     names = [str(feasible_set.model.parameter_names[i]) for i in feasible_set.mass_indices]
+    total, *links = quantities(feasible_set, ["total mass", *names])
     with one_thread():
-        given = given_by(feasible_set, base, information, covariance, weights, confidence, solver)
+        try:
+            given = given_by(feasible_set, base, information, covariance, weights, confidence, solver)
+        except NoInteriorError as error:
+            if base is None or information is not None or covariance is not None:
+                raise
+            beta, probability = feasible_set.as_base(base), None
+            found = [_on_the_boundary(feasible_set, beta, mass, solver, error) for mass in (total, *links)]
+        else:
+            beta, probability = given.base, given.confidence
+            found = [_inside(given.finder, mass) for mass in (total, *links)]
+    return LightestRobot(found[0], tuple(found[1:]), beta, feasible_set.consistency, probability)
 
-        def least(quantity: Quantity) -> LeastMass:
-            found = given.finder.least(quantity.row)
-            parameters = found.parameters if found.parameters is not None else given.finder.middle.parameters
-            attained = found.attained if math.isfinite(found.attained) else 0.0
-            return LeastMass(quantity.name, quantity.meaning, max(found.proved, 0.0), attained, parameters)
 
-        total, *links = (least(quantity) for quantity in quantities(feasible_set, ["total mass", *names]))
-    return LightestRobot(total, tuple(links), given.base, feasible_set.consistency, given.confidence)
+def _inside(finder: BoundFinder, mass: Quantity) -> LeastMass:
+    """The least mass where there is room to search in."""
+    found = finder.least(mass.row)
+    parameters = found.parameters if found.parameters is not None else finder.middle.parameters
+    attained = found.attained if math.isfinite(found.attained) else 0.0
+    return LeastMass(mass.name, mass.meaning, max(found.proved, 0.0), attained, parameters)
+
+
+def _on_the_boundary(
+    feasible_set: FeasibleSet, base: Vector, mass: Quantity, solver: str, error: NoInteriorError
+) -> LeastMass:
+    """The least mass where all masses are points, from one cone program and the bound that its dual point proves."""
+    conditions, nothing = feasible_set.kept(unidentifiable_conditions), np.zeros((0, feasible_set.parameter_count))
+    units = Units.of(feasible_set).parameters
+    program = Program.along(feasible_set, conditions, units, feasible_set.lift @ base, 0.0)
+    objective = TieBreak(mass.name, np.zeros(feasible_set.parameter_count), mass.row).part(program)
+    solution = program.solve(objective, solver=solver)
+    if not solution.usable:
+        raise error
+    parameters = program.parameters(solution.primal)
+    attained = float(mass.row @ parameters)
+    problem = ConvexProblem(
+        feasible_set=feasible_set,
+        point=parameters,
+        directions=conditions.matrix,
+        units=program.columns,
+        value=attained,
+        gradient=mass.row,
+        root=nothing,
+        rows=nothing,
+        slack=np.zeros(0),
+        size=units[feasible_set.mass_indices].sum(),
+    )
+    proved = problem.lower_bound(Multipliers(program.stacked_dual(solution.dual), np.zeros(0)))
+    return LeastMass(mass.name, mass.meaning, max(proved, 0.0), max(attained, 0.0), parameters)
