@@ -4,7 +4,9 @@ import contextlib
 import csv
 import importlib
 import os
+import sys
 import tempfile
+from collections.abc import Callable, Mapping
 from importlib.util import find_spec
 from pathlib import Path
 
@@ -114,3 +116,32 @@ def random():
     import numpy as np
 
     return np.random.default_rng(20141129)
+
+
+@pytest.fixture
+def no_extensions(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Begin without registered extensions and loaded ones, and end as it was before."""
+    monkeypatch.setattr("steelyard.extensions._REGISTERED", {})
+    monkeypatch.setattr("steelyard.extensions._LOADED", {})
+
+
+@pytest.fixture
+def install(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, no_extensions: None) -> Callable[..., None]:
+    """Return a function that installs a package: its name, the text of its one file, and its entry points of one kind.
+
+    The file of a package `name` is the module `of_name`.
+    """
+
+    def install(name: str, kind: str, entries: Mapping[str, str], text: str = "") -> None:
+        place = tmp_path / f"site_{name}"
+        metadata = place / f"{name}-1.0.dist-info"
+        metadata.mkdir(parents=True)
+        (metadata / "METADATA").write_text(f"Metadata-Version: 2.1\nName: {name}\nVersion: 1.0\n")
+        lines = "\n".join(f"{entry} = {target}" for entry, target in entries.items())
+        (metadata / "entry_points.txt").write_text(f"[steelyard.{kind}]\n{lines}\n")
+        (place / f"of_{name}.py").write_text(text)
+        monkeypatch.syspath_prepend(str(place))
+        monkeypatch.delitem(sys.modules, f"of_{name}", raising=False)
+        importlib.invalidate_caches()
+
+    return install

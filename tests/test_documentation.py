@@ -228,7 +228,7 @@ PREPARATION: dict[str, Callable[[Path], dict[str, Any]]] = {
 
 
 @pytest.mark.parametrize("page", pages_with("python"))
-def test_python_runs(page: str, place: Path) -> None:
+def test_python_runs(page: str, place: Path, no_extensions: None) -> None:
     if page.endswith(("symbolic-models.md", "closed-form.md")):
         pytest.importorskip("sympy", reason="symbolic models need SymPy")
     if "thesis/" in page:

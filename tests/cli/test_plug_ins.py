@@ -10,30 +10,13 @@ PAGE = Path(__file__).resolve().parents[2] / "docs" / "how-to" / "extend.md"
 COMMAND = "def joints() -> None:\n    'Count.'\n    print('two')\n"
 
 
-@pytest.fixture
-def install(tmp_path, monkeypatch):
-    """Return a function that installs a package: its name, its entry points, and the text of its one file."""
-
-    def install(name, entries, text=""):
-        place = tmp_path / f"site_{name}"
-        metadata = place / f"{name}-1.0.dist-info"
-        metadata.mkdir(parents=True)
-        (metadata / "METADATA").write_text(f"Metadata-Version: 2.1\nName: {name}\nVersion: 1.0\n")
-        lines = "\n".join(f"{command} = {target}" for command, target in entries.items())
-        (metadata / "entry_points.txt").write_text(f"[steelyard.commands]\n{lines}\n")
-        (place / f"of_{name}.py").write_text(text)
-        monkeypatch.syspath_prepend(str(place))
-
-    return install
-
-
 def test_the_example_of_the_documentation_is_a_command(run, place, install):
     text = PAGE.read_text(encoding="utf-8").partition("\n## A command\n")[2].partition("\n## ")[0]
     (project,) = re.findall(r"^```toml\n(.*?)^```", text, re.MULTILINE | re.DOTALL)
     (module,) = re.findall(r"^```python\n(.*?)^```", text, re.MULTILINE | re.DOTALL)
     entries = tomllib.loads(project)["project"]["entry-points"]["steelyard.commands"]
     assert entries == {"joints": "names.command:joints"}
-    install("names", {"joints": "of_names:joints"}, module)
+    install("names", "commands", {"joints": "of_names:joints"}, module)
     assert run("joints", place / "pair.urdf") == (0, "shoulder elbow\n", "")
     code, out, err = run("joints", place / "absent.urdf")
     assert (code, out) == (2, "")
@@ -49,7 +32,7 @@ def test_a_package_may_bring_commands_of_its_own(run, install):
     text = (
         "import typer\napp = typer.Typer()\n@app.command()\ndef one(): print(1)\n@app.command()\ndef two(): print(2)\n"
     )
-    install("several", {"several": "of_several:app"}, text)
+    install("several", "commands", {"several": "of_several:app"}, text)
     assert run("several", "two") == (0, "2\n", "")
 
 
@@ -66,8 +49,8 @@ BROKEN = {
 @pytest.mark.parametrize("name", BROKEN)
 def test_a_package_that_cannot_be_had_is_named_and_in_nobodys_way(run, place, install, name):
     target, text, reason = BROKEN[name]
-    install(name, {"joints": target}, text)
-    install("sound", {"sound": "of_sound:joints"}, COMMAND)
+    install(name, "commands", {"joints": target}, text)
+    install("sound", "commands", {"sound": "of_sound:joints"}, COMMAND)
     assert run("inspect", place / "pair.urdf")[0::2] == (0, "")  # not a word
     assert run("sound") == (0, "two\n", "")
     code, out, err = run("joints")
@@ -84,7 +67,7 @@ def test_a_package_that_cannot_be_had_is_named_and_in_nobodys_way(run, place, in
 def test_a_fault_is_that_of_the_package(run, install, tmp_path, monkeypatch):
     monkeypatch.setattr("tempfile.tempdir", str(tmp_path))
     entries = {"joints": "of_faulty:joints", "inspect": "of_faulty:joints"}
-    install("faulty", entries, "def joints(): 1 / 0\n")
+    install("faulty", "commands", entries, "def joints(): 1 / 0\n")
     code, out, err = run("joints")
     assert (code, out) == (70, "")
     assert err.startswith("steelyard: a fault of faulty, ZeroDivisionError (division by zero)")
@@ -93,7 +76,7 @@ def test_a_fault_is_that_of_the_package(run, install, tmp_path, monkeypatch):
 
 
 def test_a_command_of_ones_own_cannot_be_taken(run, place, install):
-    install("thief", {"inspect": "of_thief:joints"}, COMMAND)
+    install("thief", "commands", {"inspect": "of_thief:joints"}, COMMAND)
     assert "shoulder" in run("inspect", place / "pair.urdf")[1]
     code, out, err = run("--help")
     assert code == 0
@@ -102,15 +85,15 @@ def test_a_command_of_ones_own_cannot_be_taken(run, place, install):
 
 
 def test_two_packages_with_one_command_are_both_named(run, install):
-    install("first", {"joints": "of_first:joints"}, COMMAND)
-    install("second", {"joints": "of_second:joints"}, COMMAND)
+    install("first", "commands", {"joints": "of_first:joints"}, COMMAND)
+    install("second", "commands", {"joints": "of_second:joints"}, COMMAND)
     told = "steelyard: The command `joints` is offered by first and second: uninstall all of them but one.\n"
     assert run("joints") == (2, "", told)
     assert run("--help")[2] == told
 
 
 def test_without_its_package_reproduce_says_how_to_get_it(run, monkeypatch):
-    monkeypatch.setattr("steelyard.cli.plug_ins.entry_points", lambda **which: ())
+    monkeypatch.setattr("steelyard.extensions.entry_points", lambda **which: ())
     code, out, err = run("reproduce", "4.2", "--output", "anywhere")
     assert (code, out) == (2, "")
     assert err.count("\n") == 1
@@ -123,3 +106,12 @@ def test_an_unknown_command_is_refused_as_before(run):
     code, _, err = run("weight")
     assert code == 2
     assert "No such command 'weight'" in err
+
+
+def test_a_mistyped_command_of_a_package_is_suggested_without_importing_it(run, install):
+    install("faulty", "commands", {"joints": "of_faulty:joints"}, "1 / 0\n")
+    code, out, err = run("jonts")
+    assert (code, out) == (2, "")
+    assert "No such command 'jonts'. Did you mean 'joints'?" in err
+    assert "Did you mean 'identify'?" in run("idenfity")[2]
+    assert "No such command 'weight'.\n" in run("weight")[2]

@@ -13,14 +13,12 @@ from steelyard.conic import (
     Solver,
     external_solver,
     find_solver,
-    register_solver,
-    registered_solvers,
     solve,
     solver_table,
-    unregister_solver,
 )
 from steelyard.conic.clarabel_solver import solve_with_clarabel
 from steelyard.errors import InputError, MissingExtraError, SolverError
+from steelyard.extensions import register, unregister
 from steelyard.lmi import symmetric_to_vector
 
 
@@ -76,11 +74,13 @@ def test_table_says_how_to_install_what_is_absent(monkeypatch, tmp_path):
 
 
 def test_table_escapes_html():
-    register_solver(Solver("plug", "Plug", "<b>fast</b> & good", solve_with_clarabel, frozenset({"nonnegative"})))
+    register(
+        "solvers", "plug", Solver("plug", "Plug", "<b>fast</b> & good", solve_with_clarabel, frozenset({"nonnegative"}))
+    )
     try:
         assert "&lt;b&gt;fast&lt;/b&gt; &amp; good" in solver_table()._repr_html_()
     finally:
-        unregister_solver("plug")
+        unregister("solvers", "plug")
 
 
 def test_plug_in(interval):
@@ -90,13 +90,13 @@ def test_plug_in(interval):
         seen.append((accuracy, iterations))
         return solve_with_clarabel(problem, accuracy, iterations)
 
-    register_solver(Solver("mine", "Mine", "a test", run, frozenset({"nonnegative"})))
+    register("solvers", "mine", Solver("mine", "Mine", "a test", run, frozenset({"nonnegative"})))
     try:
         assert solve(interval, accuracy=1e-6, iterations=30, solver="Mine").primal[0] == pytest.approx(1.0, abs=1e-5)
         assert seen == [(1e-6, 30)]
-        assert registered_solvers()[-1].title == "Mine"
+        assert solver_table().solvers[-1].title == "Mine"
     finally:
-        unregister_solver("mine")
+        unregister("solvers", "mine")
     with pytest.raises(InputError, match="no solver 'mine'"):
         find_solver("mine")
 
@@ -115,11 +115,11 @@ def test_unknown_names_get_the_closest(interval, name, close):
 )
 def test_plug_ins_that_do_not_fit(name, features):
     with pytest.raises(InputError):
-        register_solver(Solver(name, "T", "d", solve_with_clarabel, frozenset(features)))
+        register("solvers", name, Solver(name, "T", "d", solve_with_clarabel, frozenset(features)))
 
 
 def test_features_that_a_solver_lacks_are_named(interval, conic):
-    register_solver(Solver("linear", "Linear", "d", solve_with_clarabel, frozenset({"nonnegative"})))
+    register("solvers", "linear", Solver("linear", "Linear", "d", solve_with_clarabel, frozenset({"nonnegative"})))
     try:
         solve(interval, solver="linear")
         with pytest.raises(InputError, match=r"Linear does not take a quadratic objective; use solver=\"clarabel\""):
@@ -127,7 +127,7 @@ def test_features_that_a_solver_lacks_are_named(interval, conic):
         with pytest.raises(InputError, match="Linear does not take the semidefinite cone"):
             solve(conic(None, [0.0], [[1.0]], [1.0], Cone("semidefinite", 1)), solver="linear")
     finally:
-        unregister_solver("linear")
+        unregister("solvers", "linear")
 
 
 @pytest.mark.parametrize(("accuracy", "iterations"), [(0.0, 10), (2.0, 10), (np.nan, 10), (1e-8, 0)])

@@ -27,7 +27,7 @@ def run(monkeypatch, capsys):
     """Return a function that runs ``steelyard`` as it is where this package is installed."""
     ((name, target),) = PROJECT["entry-points"]["steelyard.commands"].items()
     entry = EntryPoint(name, target, "steelyard.commands")
-    monkeypatch.setattr("steelyard.cli.plug_ins.entry_points", lambda group, name=None: [entry])
+    monkeypatch.setattr("steelyard.extensions.entry_points", lambda group, name=None: [entry])
 
     def run(*arguments):
         monkeypatch.setattr(sys, "argv", ["steelyard", *map(str, arguments)])

@@ -11,7 +11,6 @@ __all__ = [
     "DistanceMetric",
     "Family",
     "Gravity",
-    "Language",
     "NuisanceParameters",
     "Preference",
     "Sign",
@@ -52,20 +51,6 @@ class Preference(Enum):
     LIGHTEST = "lightest"
 
     value: Literal["auto", "cad", "lightest"]
-
-
-class Language(Enum):
-    """The languages that source is generated in."""
-
-    C = "c"
-    CPP = "cpp"
-    PYTHON = "python"
-    RUST = "rust"
-    JULIA = "julia"
-    OCTAVE = "octave"
-    MATLAB = "matlab"
-    CASADI = "casadi"
-    JAX = "jax"
 
 
 class Sign(Enum):

@@ -9,7 +9,7 @@ import typer
 
 from steelyard.errors import InputError
 
-from .choices import Gravity, Language, Sign
+from .choices import Gravity, Sign
 from .screen import echo
 
 __all__ = ["generate"]
@@ -17,7 +17,12 @@ __all__ = ["generate"]
 
 def generate(
     robot: Annotated[Path, typer.Argument(help="URDF or robot.toml.")],
-    language: Annotated[Language | None, typer.Option(help="Language of the source.")] = None,
+    language: Annotated[
+        str | None,
+        typer.Option(
+            help="c, cpp, python, rust, julia, octave, matlab, casadi or jax, or a language that a package adds."
+        ),
+    ] = None,
     output: Annotated[
         Path | None, typer.Option("--output", "-o", help="Folder for the files; made where it is missing.")
     ] = None,
@@ -46,7 +51,7 @@ def generate(
     if language is None or output is None:
         raise InputError("Give --language and --output: what to write, and the folder for it.")
     written = model.generate(
-        language.value,
+        language,
         function or DEFAULT_FUNCTIONS,
         directory=output,
         base=base,

@@ -3,19 +3,19 @@
 from __future__ import annotations
 
 import sys
-from importlib.metadata import EntryPoint, entry_points
+from difflib import get_close_matches
 from typing import Any
 
 import typer
 import typer.core
 
 from steelyard.errors import InputError
+from steelyard.extensions import Extensions
 
 from .screen import sentence
 
-__all__ = ["GROUP", "SETTINGS", "Commands", "author"]
+__all__ = ["COMMANDS", "SETTINGS", "Commands", "author"]
 
-GROUP = "steelyard.commands"
 # Of every command of this program: errors are told in one sentence, and help is plain text.
 SETTINGS: dict[str, Any] = {"add_completion": False, "pretty_exceptions_enable": False, "rich_markup_mode": None}
 _ELSEWHERE = {
@@ -33,13 +33,12 @@ class Commands(typer.core.TyperGroup):
     def list_commands(self, ctx: Any) -> list[str]:
         """Name the commands; one of another package that cannot be had is told on standard error and left out."""
         found = super().list_commands(ctx)
-        for name in sorted({entry.name for entry in entry_points(group=GROUP)}):
+        for name in COMMANDS.names():
             try:
                 if name in self.commands:
-                    raise InputError(
-                        f"The command `{name}` of {_packages(name)} is left out: steelyard has one of that name."
-                    )
-                _load(name)
+                    whose = COMMANDS.packages(name)
+                    raise InputError(f"The command `{name}` of {whose} is left out: steelyard has one of that name.")
+                COMMANDS.get(name)
             except InputError as error:
                 print(f"steelyard: {sentence(error)}", file=sys.stderr)
             else:
@@ -54,45 +53,27 @@ class Commands(typer.core.TyperGroup):
         InputError
             If it is that of a package that cannot be imported, or that is known and not installed.
         """
-        own = super().get_command(ctx, cmd_name)
-        if own is not None:
-            return own
-        if entry_points(group=GROUP, name=cmd_name):
-            return _load(cmd_name)
-        if cmd_name in _ELSEWHERE:
+        found = super().get_command(ctx, cmd_name) or COMMANDS.get(cmd_name)
+        if found is None and cmd_name in _ELSEWHERE:
             raise InputError(_ELSEWHERE[cmd_name])
-        return None
+        return found
+
+    def resolve_command(self, ctx: Any, args: list[str]) -> Any:
+        """Find the command that a line begins with; one of a similar name, also of another package, is suggested."""
+        name = args[0]
+        if not name.startswith("-") and self.get_command(ctx, name) is None:
+            near = [repr(one) for one in get_close_matches(name, [*self.commands, *COMMANDS.names()])]
+            ctx.fail(f"No such command {name!r}." + (f" Did you mean {', '.join(near)}?" if near else ""))
+        return super().resolve_command(ctx, args)
 
 
 def author(app: typer.Typer, command: str) -> str:
     """Return whose a command is: steelyard's own, or that of the packages that offer it."""
     own = command in {getattr(known.callback, "__name__", "") for known in app.registered_commands}
-    return "steelyard itself" if own else _packages(command) or "steelyard itself"
+    return "steelyard itself" if own else COMMANDS.packages(command) or "steelyard itself"
 
 
-def _package(entry: EntryPoint) -> str:
-    return entry.dist.name if entry.dist is not None else entry.value
-
-
-def _packages(name: str) -> str:
-    return " and ".join(sorted({_package(entry) for entry in entry_points(group=GROUP, name=name)}))
-
-
-def _load(name: str) -> Any:
-    """Return the command that another package offers under a name."""
-    entry, *others = entry_points(group=GROUP, name=name)
-    if others:
-        raise InputError(f"The command `{name}` is offered by {_packages(name)}: uninstall all of them but one.")
-    try:
-        return _command(name, entry.load())
-    except (Exception, SystemExit) as error:
-        raise InputError(
-            f"The command `{name}` of {_package(entry)} cannot be loaded ({type(error).__name__}: {error}); upgrade or "
-            "uninstall that package."
-        ) from error
-
-
-def _command(name: str, offered: object) -> Any:
+def _command(name: str, offered: Any) -> Any:
     if isinstance(offered, typer.Typer):
         return typer.main.get_command(offered)
     if not callable(offered):
@@ -100,3 +81,6 @@ def _command(name: str, offered: object) -> Any:
     app = typer.Typer(**SETTINGS)
     app.command(name)(offered)
     return typer.main.get_command(app)
+
+
+COMMANDS: Extensions[Any] = Extensions("commands", "command", {}, _command)

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import importlib
 import math
 import os
 import re
@@ -15,26 +14,16 @@ import numpy as np
 from numpy.typing import NDArray
 
 from steelyard.errors import InputError
-from steelyard.files import replaced_folder, suggestion, write_bytes
+from steelyard.extensions import Extensions, faults_told
+from steelyard.files import replaced_folder, shown, suggestion, write_bytes
 from steelyard.graph import Function
 from steelyard.graph.expression import reachable
 
 from .reference import Reference, reference_of
 from .text import MARKER
 
-__all__ = ["Constant", "Project", "files", "generate", "languages"]
+__all__ = ["LANGUAGES", "Constant", "Project", "files", "generate", "languages"]
 
-# Where the writer of each language stands: module and function, imported when it is needed.
-_WRITERS = {
-    "c": "c:write",
-    "cpp": "cpp:write",
-    "rust": "rust:write",
-    "python": "numpy_source:write",
-    "octave": "octave:write",
-    "julia": "julia:write",
-    "jax": "jax_source:write",
-    "casadi": "casadi_source:write",
-}
 _ALIASES = {"c99": "c", "c++": "cpp", "numpy": "python", "matlab": "octave"}
 _IDENTIFIER = re.compile(r"[A-Za-z][A-Za-z0-9_]*")
 
@@ -131,25 +120,42 @@ class Project:
         return {function.name: reference_of(function, self.reference) for function in self.functions}
 
 
+Writer = Callable[[Project], dict[str, str]]
+"""What a language is: a function that returns the files of a project as text, by relative path."""
+
+
+def _checked_writer(name: str, offered: object) -> Writer:
+    if not callable(offered):
+        raise TypeError(f"expected a function of a steelyard.codegen.Project, got {shown(offered)}")
+    return offered
+
+
+LANGUAGES: Extensions[Writer] = Extensions(
+    "languages",
+    "language",
+    {
+        "c": f"{__package__}.c:write",
+        "cpp": f"{__package__}.cpp:write",
+        "rust": f"{__package__}.rust:write",
+        "python": f"{__package__}.numpy_source:write",
+        "octave": f"{__package__}.octave:write",
+        "julia": f"{__package__}.julia:write",
+        "jax": f"{__package__}.jax_source:write",
+        "casadi": f"{__package__}.casadi_source:write",
+    },
+    _checked_writer,
+)
+
+
 def languages() -> tuple[str, ...]:
-    """Return the names of the languages.
+    """Return the names of the languages, those that other packages add too.
 
     Examples
     --------
     >>> "c" in languages()
     True
     """
-    return tuple(_WRITERS)
-
-
-def _writer(language: str) -> Callable[[Project], dict[str, str]]:
-    name = _ALIASES.get(str(language).lower(), str(language).lower())
-    if name not in _WRITERS:
-        hint = suggestion(name, [*_WRITERS, *_ALIASES])
-        raise InputError(f"{language!r} is no language that is generated; there are {', '.join(_WRITERS)}: {hint}")
-    module, function = _WRITERS[name].split(":")
-    writer: Callable[[Project], dict[str, str]] = getattr(importlib.import_module(f"{__package__}.{module}"), function)
-    return writer
+    return LANGUAGES.names()
 
 
 def files(project: Project, language: str) -> dict[str, str]:
@@ -166,9 +172,33 @@ def files(project: Project, language: str) -> dict[str, str]:
     Raises
     ------
     InputError
-        Where the language is unknown, or the reference values do not fit the functions.
+        Where the language is unknown or its writer fails, or the reference values do not fit the functions.
     """
-    return dict(sorted(_writer(language)(project).items()))
+    name = _ALIASES.get(str(language).lower(), str(language).lower())
+    writer = LANGUAGES.get(name)
+    if writer is None:
+        known = LANGUAGES.names()
+        hint = suggestion(name, [*known, *_ALIASES])
+        raise InputError(f"{language!r} is no language that is generated; there are {', '.join(known)}: {hint}")
+    if name in LANGUAGES.own:
+        return dict(sorted(writer(project).items()))
+    with faults_told(f"The language `{name}` cannot write {project.name!r}", "mend its package"):
+        return _checked_files(writer(project))
+
+
+def _checked_files(given: object) -> dict[str, str]:
+    """Return what another package's writer gives, if these are files that `generate` can write, and write again."""
+    if not isinstance(given, dict) or not given:
+        raise TypeError(f"expected a dict of texts by relative path, got {shown(given)}")
+    for name, text in given.items():
+        path = PurePosixPath(name)
+        if path.is_absolute() or not path.parts or any(part == ".." or "\\" in part for part in path.parts):
+            raise ValueError(f"{name!r} is no path within the folder")
+        if not isinstance(text, str):
+            raise TypeError(f"{name} must be text, got {shown(text)}")
+        if MARKER not in text.partition("\n")[0]:
+            raise ValueError(f"the first line of {name} must hold {MARKER!r}, by which it is known as generated")
+    return dict(sorted(given.items()))
 
 
 def generate(project: Project, language: str, directory: Path) -> tuple[Path, ...]:

@@ -18,7 +18,14 @@ from .scaling import Scaling, equilibrate, scaling_around
 from .semidefinite_program import SemidefiniteProgram
 from .solver import Solver
 
-__all__ = ["EXTERNAL_SOLVERS", "infeasibility_problem", "recession_problem", "solve_with_program"]
+__all__ = [
+    "CSDP_SOLVER",
+    "DSDP_SOLVER",
+    "SDPA_SOLVER",
+    "infeasibility_problem",
+    "recession_problem",
+    "solve_with_program",
+]
 
 Vector = npt.NDArray[np.float64]
 
@@ -247,8 +254,8 @@ def recession_problem(problem: ConicProblem) -> ConicProblem:
     )
 
 
-EXTERNAL_SOLVERS = tuple(
-    Solver(
+def _solver(program: ExternalSolver) -> Solver:
+    return Solver(
         name=program.title.lower(),
         title=program.title,
         description=program.method,
@@ -261,6 +268,7 @@ EXTERNAL_SOLVERS = tuple(
         remedy=program.remedy,
         is_package=False,
     )
-    for program in (CSDP, DSDP, SDPA)
-)
-"""The external programs as solvers by name."""
+
+
+CSDP_SOLVER, DSDP_SOLVER, SDPA_SOLVER = (_solver(program) for program in (CSDP, DSDP, SDPA))
+"""The external programs as solvers."""

@@ -1,30 +1,30 @@
 """The solvers by name, the table of what each can do, and `solve`, which hands a problem to one of them."""
 
-from collections.abc import Callable
-from dataclasses import dataclass, field
+import contextlib
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass, field, replace
+
+import numpy as np
 
 from steelyard.display import html_table
 from steelyard.errors import InputError, MissingExtraError, SolverError
-from steelyard.files import suggestion
+from steelyard.extensions import Extensions, faults_told
+from steelyard.files import shown, suggestion
 
 from .problem import CONE_KINDS, ConicProblem, ConicSolution
 
 __all__ = [
     "FEATURES",
+    "SOLVERS",
     "Solver",
     "SolverTable",
     "find_solver",
-    "register_solver",
-    "registered_solvers",
     "solve",
     "solver_table",
-    "unregister_solver",
 ]
 
 FEATURES = ("quadratic", *CONE_KINDS)
 """What a problem may hold that a solver must know: a quadratic objective, and the kinds of cones."""
-
-_REGISTERED: dict[str, "Solver"] = {}
 
 
 @dataclass(frozen=True)
@@ -70,10 +70,11 @@ class Solver:
     ...     run=lambda problem, accuracy, iterations: solve_with_clarabel(problem, accuracy / 10, iterations),
     ...     native=frozenset(FEATURES),
     ... )
-    >>> register_solver(careful)
+    >>> from steelyard.extensions import register, unregister
+    >>> register("solvers", "careful", careful)
     >>> find_solver("careful").description
     'Clarabel with a tenth of the tolerance'
-    >>> unregister_solver("careful")
+    >>> unregister("solvers", "careful")
     """
 
     name: str
@@ -102,7 +103,7 @@ class Solver:
             needed.add("quadratic")
         for feature in FEATURES:
             if feature in needed and feature not in self.native | self.rewritten:
-                others = [s.name for s in _REGISTERED.values() if feature in s.native | s.rewritten]
+                others = [s.name for s in _known() if feature in s.native | s.rewritten]
                 what = "a quadratic objective" if feature == "quadratic" else f"the {feature} cone"
                 raise InputError(f"{self.title} does not take {what}; use {_either(others)}.")
 
@@ -112,43 +113,34 @@ def _either(names: list[str]) -> str:
     return " or ".join(quoted) if quoted else "another solver"
 
 
-def register_solver(solver: Solver) -> None:
-    """Make a solver known by its name to `solve`, `correct` and `fit`; an earlier one of that name is replaced.
-
-    Parameters
-    ----------
-    solver : Solver
-
-    Raises
-    ------
-    InputError
-        If its name is not one lower-case word, or it claims features that do not exist.
-    """
-    if not solver.name.isidentifier() or solver.name != solver.name.lower():
-        raise InputError(f"the name of a solver must be one word in lower case, got {solver.name!r}.")
-    unknown = sorted((solver.native | solver.rewritten).difference(FEATURES))
+def _checked_solver(name: str, offered: object) -> Solver:
+    if not isinstance(offered, Solver):
+        raise TypeError(f"expected a steelyard.conic.Solver, got {shown(offered)}")
+    unknown = sorted((offered.native | offered.rewritten).difference(FEATURES))
     if unknown:
-        raise InputError(
-            f"solver {solver.name!r} claims {unknown[0]!r}, which is no feature of a problem; these are "
-            f"{', '.join(FEATURES)}."
-        )
-    _REGISTERED[solver.name] = solver
+        raise TypeError(f"{unknown[0]!r} is no feature of a problem; these are {', '.join(FEATURES)}")
+    return offered if offered.name == name else replace(offered, name=name)
 
 
-def unregister_solver(name: str) -> None:
-    """Forget a solver.
+SOLVERS: Extensions[Solver] = Extensions(
+    "solvers",
+    "solver",
+    {
+        "clarabel": f"{__package__}.clarabel_solver:CLARABEL",
+        "scs": f"{__package__}.scs_solver:SCS",
+        "csdp": f"{__package__}.file_solver:CSDP_SOLVER",
+        "dsdp": f"{__package__}.file_solver:DSDP_SOLVER",
+        "sdpa": f"{__package__}.file_solver:SDPA_SOLVER",
+    },
+    _checked_solver,
+)
 
-    Raises
-    ------
-    InputError
-        If there is none of that name.
-    """
-    del _REGISTERED[find_solver(name).name]
 
-
-def registered_solvers() -> tuple[Solver, ...]:
-    """All solvers, in the order in which they were registered."""
-    return tuple(_REGISTERED.values())
+def _known() -> Iterator[Solver]:
+    """Yield all solvers, without those of packages that cannot be loaded."""
+    for name in SOLVERS.names():
+        with contextlib.suppress(InputError):
+            yield find_solver(name)
 
 
 def find_solver(name: str) -> Solver:
@@ -157,12 +149,13 @@ def find_solver(name: str) -> Solver:
     Raises
     ------
     InputError
-        If there is none; names the closest one.
+        If there is none, or its package cannot be loaded; names the closest one.
     """
-    if isinstance(name, str) and name.lower() in _REGISTERED:
-        return _REGISTERED[name.lower()]
-    known = list(_REGISTERED)
-    raise InputError(f"there is no solver {name!r} (solver_table() shows them); {suggestion(str(name), known)}")
+    found = SOLVERS.get(name.lower()) if isinstance(name, str) else None
+    if found is None:
+        close = suggestion(str(name), SOLVERS.names())
+        raise InputError(f"there is no solver {name!r} (solver_table() shows them); {close}")
+    return found
 
 
 def solve(
@@ -218,7 +211,22 @@ def solve(
     if not chosen.installed():
         error = MissingExtraError if chosen.is_package else SolverError
         raise error(f"{chosen.title} is not installed; install it with: {chosen.remedy}")
-    return chosen.run(problem, accuracy, iterations)
+    if chosen.name in SOLVERS.own:
+        return chosen.run(problem, accuracy, iterations)
+    with faults_told(f"{chosen.title} failed", 'use another solver, such as solver="clarabel"', SolverError):
+        return _checked_solution(chosen.run(problem, accuracy, iterations), problem)
+
+
+def _checked_solution(found: object, problem: ConicProblem) -> ConicSolution:
+    """Return what a solver of another package gives, if it is a solution of this problem by its shapes."""
+    if not isinstance(found, ConicSolution):
+        raise TypeError(f"expected a ConicSolution, got {shown(found)}")
+    rows, unknowns = problem.A.shape
+    for name, size in (("primal", unknowns), ("slack", rows), ("dual", rows)):
+        values = np.asarray(getattr(found, name))
+        if values.shape != (size,) or (found.usable and not np.isfinite(values).all()):
+            raise ValueError(f"expected {size} finite numbers as {name}, got shape {values.shape}")
+    return found
 
 
 _HEADINGS = ("solver", "method", "access", *FEATURES, "proof", "here", "otherwise install with")
@@ -291,4 +299,4 @@ def solver_table() -> SolverTable:
     >>> table.headings[3:9]
     ('quadratic', 'zero', 'nonnegative', 'second-order', 'semidefinite', 'exponential')
     """
-    return SolverTable(registered_solvers())
+    return SolverTable(tuple(_known()))

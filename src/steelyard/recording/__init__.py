@@ -28,7 +28,6 @@ if TYPE_CHECKING:
     from .filters import SavitzkyGolay as SavitzkyGolay
     from .filters import find_period as find_period
     from .formats import LogFile as LogFile
-    from .formats import register_log_format as register_log_format
     from .measurements import Measurements as Measurements
     from .options import Processing as Processing
     from .periodic import PeriodicAverage as PeriodicAverage

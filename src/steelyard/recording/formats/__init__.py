@@ -11,7 +11,6 @@ if TYPE_CHECKING:
     from .log_file import flattened as flattened
     from .registry import LogFiles as LogFiles
     from .registry import Source as Source
-    from .registry import register_log_format as register_log_format
     from .registry import write_log as write_log
 
 __all__ = import_at_first_use(__name__, __file__)

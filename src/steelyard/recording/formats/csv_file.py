@@ -32,7 +32,6 @@ class CsvFile(LogFile):
     (as `numpy.savetxt` writes it). A comma as decimal sign is understood in files separated by semicolons.
     """
 
-    suffixes = (".csv", ".txt", ".tsv", ".dat", ".log")
     saved_as = ".csv"
 
     def __init__(self, path: Path) -> None:

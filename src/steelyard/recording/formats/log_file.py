@@ -46,8 +46,6 @@ class LogFile(ABC):
         is turned into one.
     """
 
-    suffixes: ClassVar[tuple[str, ...]]
-    """The suffixes of the files, in lower case and with the dot, such as ``(".parquet", ".pq")``."""
     saved_as: ClassVar[str | None] = None
     """The suffix under which `write` saves recordings; None where the format is only read."""
 

@@ -42,7 +42,6 @@ class NpzFile(LogFile):
     Other arrays are passed over. Nothing pickled is read.
     """
 
-    suffixes = (".npz",)
     saved_as = ".npz"
 
     def __init__(self, path: Path) -> None:

@@ -21,7 +21,6 @@ __all__ = ["ParquetFile"]
 class ParquetFile(LogFile):
     """A Parquet file of numeric columns; a column of dates and times counts as seconds since 1970."""
 
-    suffixes = (".parquet", ".pq")
     saved_as = ".parquet"
 
     def __init__(self, path: Path) -> None:

@@ -5,111 +5,49 @@ from __future__ import annotations
 import contextlib
 import os
 from collections.abc import Iterator, Mapping, Sequence
-from importlib.metadata import entry_points
 from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
 
 from steelyard.errors import InputError
+from steelyard.extensions import Extensions
 from steelyard.files import replaced_file, require_file, shown
 from steelyard.files.suggestion import closest
 
-from .csv_file import CsvFile
 from .log_file import Columns, LogFile, column_length
-from .npz_file import NpzFile
-from .parquet_file import ParquetFile
 
-__all__ = ["LogFiles", "Source", "log_format", "open_log", "register_log_format", "write_log"]
+__all__ = ["LOG_FORMATS", "LogFiles", "Source", "log_format", "open_log", "write_log"]
 
 Source = str | os.PathLike[str] | Sequence[str | os.PathLike[str]]
 MOST_COLUMNS = 5000
 REMEDY = "give the path of a CSV, Parquet or NPZ file"
-GROUP = "steelyard.log_formats"
-"""The group of entry points by which installed packages add formats."""
-FORMATS: list[type[LogFile]] = [CsvFile, ParquetFile, NpzFile]
 
 
-def register_log_format(kind: type[LogFile]) -> type[LogFile]:
-    """Add a format of logs to those that are read; it may stand above a class as a decorator.
-
-    A package that is installed need not call this: it names its class in the group of entry points
-    ``steelyard.log_formats``.
-
-    Raises
-    ------
-    InputError
-        Where the class is no `LogFile`, names no suffix, or one that another format has.
-
-    Examples
-    --------
-    >>> import numpy as np, pathlib, tempfile
-    >>> from steelyard.recording import LogFile, Recording, register_log_format
-    >>> @register_log_format
-    ... class BinaryLog(LogFile):
-    ...     suffixes = (".f64",)
-    ...
-    ...     def __init__(self, path):
-    ...         super().__init__(path)
-    ...         self.names = ("t", "q1", "tau1")
-    ...
-    ...     def read(self, names):
-    ...         rows = np.fromfile(self.path).reshape(-1, 3)
-    ...         return {name: rows[:, self.names.index(name)] for name in names}
-    >>> t = np.arange(300) / 100
-    >>> path = pathlib.Path(tempfile.mkdtemp()) / "log.f64"
-    >>> np.column_stack([t, np.sin(t), np.cos(t)]).tofile(path)
-    >>> Recording.read(path)
-    Recording('log.f64', 300 rows x 1 joints, 2.99 s at 100 Hz)
-    """
-    if not (isinstance(kind, type) and issubclass(kind, LogFile)):
-        raise InputError(f"{shown(kind)} is no format of logs; derive a class from steelyard.recording.LogFile.")
-    suffixes = getattr(kind, "suffixes", ())
-    if not suffixes or any(not suffix.startswith(".") or suffix != suffix.lower() for suffix in suffixes):
-        raise InputError(
-            f"the format {kind.__name__} has the suffixes {shown(suffixes)}; give one at least, in lower case and with "
-            'a dot, such as (".mat",).'
-        )
-    for other in FORMATS:
-        both = [suffix for suffix in suffixes if suffix in other.suffixes]
-        if both and not _same(kind, other):
-            raise InputError(f"the formats {kind.__name__} and {other.__name__} both claim {both[0]}; leave one out.")
-    FORMATS[:] = [other for other in FORMATS if not _same(kind, other)]  # as when a notebook's cell is run again
-    FORMATS.append(kind)
-    return kind
+def _checked_format(suffix: str, offered: object) -> type[LogFile]:
+    if isinstance(offered, type) and issubclass(offered, LogFile):
+        return offered
+    raise TypeError(f"expected a class derived from steelyard.recording.LogFile, got {shown(offered)}")
 
 
-def _same(kind: type[LogFile], other: type[LogFile]) -> bool:
-    return (kind.__module__, kind.__qualname__) == (other.__module__, other.__qualname__)
+_CSV, _PARQUET = f"{__package__}.csv_file:CsvFile", f"{__package__}.parquet_file:ParquetFile"
+LOG_FORMATS: Extensions[type[LogFile]] = Extensions(
+    "log_formats",
+    "format of logs",
+    {
+        **dict.fromkeys(("csv", "txt", "tsv", "dat", "log"), _CSV),
+        **dict.fromkeys(("parquet", "pq"), _PARQUET),
+        "npz": f"{__package__}.npz_file:NpzFile",
+    },
+    _checked_format,
+)
+"""By the suffix of the files, in lower case and without the dot."""
+_SAVED = (".csv", ".parquet", ".npz")
 
 
 def log_format(suffix: str) -> type[LogFile] | None:
-    """Return the format of files with a suffix; packages that add formats are asked where none of ours has it."""
-    for kind in FORMATS:
-        if suffix.lower() in kind.suffixes:
-            return kind
-    _load_installed()
-    return next((kind for kind in FORMATS if suffix.lower() in kind.suffixes), None)
-
-
-def _load_installed() -> None:
-    """Register the formats of all installed packages, once."""
-    for entry in entry_points(group=GROUP):
-        try:
-            kind = entry.load()
-        except Exception as error:  # another package may raise anything
-            package = entry.dist.name if entry.dist is not None else entry.value
-            raise InputError(
-                f"the format of logs {entry.name!r}, which the package {package} adds, cannot be loaded: "
-                f"{type(error).__name__}: {error}; mend that package or uninstall it."
-            ) from None
-        if kind not in FORMATS:
-            register_log_format(kind)
-
-
-def _suffixes() -> list[str]:
-    """Return the suffixes of all formats that are known."""
-    return [suffix for kind in FORMATS for suffix in kind.suffixes]
+    """Return the format of files with a suffix such as ``".csv"``; None where there is none."""
+    return LOG_FORMATS.get(suffix.lower().removeprefix("."))
 
 
 def write_log(path: Path, arrays: Mapping[str, NDArray[np.float64]]) -> Path:
@@ -122,9 +60,8 @@ def write_log(path: Path, arrays: Mapping[str, NDArray[np.float64]]) -> Path:
     """
     kind = log_format(path.suffix)
     if kind is None or kind.saved_as != path.suffix.lower():
-        saved = [kind.saved_as for kind in FORMATS if kind.saved_as is not None]
         raise InputError(
-            f"{path} has the suffix {path.suffix!r}; recordings are saved as {', '.join(saved[:-1])} or {saved[-1]}."
+            f"{path} has the suffix {path.suffix!r}; recordings are saved as {', '.join(_SAVED[:-1])} or {_SAVED[-1]}."
         )
     with replaced_file(path) as file:
         kind.write(file, arrays)
@@ -281,7 +218,8 @@ def open_log(path: Path) -> LogFile:
         raise InputError(f"{path} does not exist{_neighbour(path)}; {REMEDY}.")
     kind = log_format(path.suffix)
     if kind is None:
-        raise InputError(f"{path} has the suffix {path.suffix!r}; logs are read from {', '.join(_suffixes())}.")
+        known = ", ".join(f".{suffix}" for suffix in LOG_FORMATS.names())
+        raise InputError(f"{path} has the suffix {path.suffix!r}; logs are read from {known}.")
     require_file(path, REMEDY)
     with _reading(path):
         if path.stat().st_size == 0:
