@@ -131,7 +131,7 @@ def test_nothing_described_is_nothing(folder):
     ("text", "message"),
     [
         ("[colision]", r"limits.toml: 'colision' is no table of geometry; did you mean \"collision\"\?"),
-        ("collision = 3", r"limits.toml, \[collision\]: a table is expected, got 3"),
+        ("collision = 3", r"limits.toml, \[collision\] must be a table with .*, got 3"),
         ("[collision]\nmargn = 1", r"limits.toml, \[collision\]: 'margn' is not known here; did you mean \"margin\"\?"),
         ("[collision]\nself = 1", r"\[collision\]: self must be true or false, got 1"),
         ('[collision]\nmargin = "1 cm"', r"\[collision\]: margin must be a number, finite, got '1 cm'"),

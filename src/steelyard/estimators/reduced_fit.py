@@ -14,6 +14,7 @@ from steelyard.feasibility.interior import MARGIN_FACTORS, least_eigenvalue, pul
 from steelyard.feasibility.tie_break import TieBreak, closest_to_cad, lightest
 from steelyard.feasibility.units import Units
 from steelyard.feasibility.wording import percent
+from steelyard.files import read_number
 from steelyard.regression import Reduced, column_lengths
 
 from .prior import PreparedPrior, Prior
@@ -152,7 +153,7 @@ def fit_reduced(
     SolverError
         If the set is empty or no point of it was found.
     """
-    _check_number(residual_slack, "residual_slack", "5e-4", least=0.0)
+    read_number(residual_slack, "residual_slack", "a number of at least 0, such as 5e-4", least=0)
     regression = ReducedRegression.of(reduced, feasible_set)
     scale = regression.units(feasible_set)
     units = scale.with_cad()
@@ -163,10 +164,9 @@ def fit_reduced(
     else:
         if not isinstance(prior, Prior):
             raise InputError(f"prior must be a prior such as EntropicPrior(), got {prior!r}.")
-        _check_number(prior_weight, "prior_weight", "1.0", least=0.0)
-        if prior_weight == 0:
-            raise InputError("prior_weight must be positive, got 0; leave the prior out instead.")
-        fitting.prior, fitting.prior_weight = prior.prepare(feasible_set), float(prior_weight)
+        expected = "a positive number such as 1.0 (leave the prior out instead of giving 0)"
+        fitting.prior_weight = read_number(prior_weight, "prior_weight", expected, above=0)
+        fitting.prior = prior.prepare(feasible_set)
     growing = () if prior is not None else growing_links(feasible_set, regression.undetermined)
     bound = mass_bound_of(feasible_set, scale) if growing else np.inf
 
@@ -309,11 +309,6 @@ def _rounded_down(value: float) -> float:
         return 0.0
     unit = 10.0 ** (np.floor(np.log10(value)) - 2)
     return float(np.floor(value / unit * (1 + 1e-9)) * unit)
-
-
-def _check_number(value: float, name: str, example: str, least: float) -> None:
-    if isinstance(value, bool) or not isinstance(value, (int, float)) or not least <= value < np.inf:
-        raise InputError(f"{name} must be a number of at least {least:g}, such as {example}, got {value!r}.")
 
 
 def _report(

@@ -10,6 +10,7 @@ import numpy.typing as npt
 from steelyard.dynamics import Model
 from steelyard.errors import InputError
 from steelyard.feasibility.feasible_set import FeasibleSet
+from steelyard.files import read_number
 from steelyard.recording import Samples
 from steelyard.regression import Factor, Information, least_squares
 from steelyard.regression.information import FILTERED
@@ -145,9 +146,12 @@ def robust_information(
     >>> robust.huber.converged
     True
     """
-    _check_positive(threshold, "threshold", "1.345")
-    _check_positive(iterations, "iterations", "50")
-    _check_positive(accuracy, "accuracy", "1e-3")
+    for name, value, example in (
+        ("threshold", threshold, 1.345),
+        ("iterations", iterations, 50),
+        ("accuracy", accuracy, 1e-3),
+    ):
+        read_number(value, name, f"a positive number, such as {example:g}", above=0)
     if options and feasible_set is None:
         raise InputError(
             f"robust_information takes {', '.join(options)} only with feasible_set=...; give a FeasibleSet."
@@ -223,8 +227,3 @@ def _weighted(
         threshold, scales, float(np.sum(lower) / np.sum(counts)), lower / counts, least, iteration, False
     )
     return scales, _reduced(model, chunks, [np.sqrt(w) for w in weights]), record
-
-
-def _check_positive(value: Any, name: str, example: str) -> None:
-    if isinstance(value, bool) or not isinstance(value, (int, float)) or not 0 < value < np.inf:
-        raise InputError(f"{name} must be a positive number, such as {example}, got {value!r}.")

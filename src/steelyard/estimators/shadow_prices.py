@@ -14,6 +14,7 @@ from steelyard.feasibility.bounds.confidence_region import reduced_regression
 from steelyard.feasibility.feasible_set import FeasibleSet
 from steelyard.feasibility.growth import mass_bound_of
 from steelyard.feasibility.wording import percent
+from steelyard.files import read_number
 from steelyard.lmi import vector_to_symmetric
 
 from .reduced import ReducedRegression
@@ -229,16 +230,14 @@ def shadow_prices(
     >>> [(price.name, round(price.squared_saving, 3)) for price in prices.active]
     [('body of link1', 0.01)]
     """
-    if mass_bound is not None and (
-        isinstance(mass_bound, bool) or not isinstance(mass_bound, (int, float)) or not 0 < mass_bound < math.inf
-    ):
-        raise InputError(f"mass_bound must be a positive number of kg, got {mass_bound!r}.")
+    if mass_bound is not None:
+        mass_bound = read_number(mass_bound, "mass_bound", "a positive number of kg", above=0)
     reduced = reduced_regression(info, weights, feasible_set)
     norm2 = float(reduced.norm2)
     with one_thread():
         regression = ReducedRegression.of(reduced, feasible_set)
         scale = regression.units(feasible_set)
-        bound = mass_bound_of(feasible_set, scale) if mass_bound is None else float(mass_bound)
+        bound = mass_bound_of(feasible_set, scale) if mass_bound is None else mass_bound
         gaps = []
 
         def least(allowed: FeasibleSet) -> Optimum:

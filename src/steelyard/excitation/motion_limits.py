@@ -8,11 +8,11 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import NDArray
 
 from steelyard.display import html_table
 from steelyard.errors import InputError
-from steelyard.files import read_toml, shown
+from steelyard.files import TomlTable, read_number, read_toml, shown
 from steelyard.robot import Robot
 
 from .trajectory import Trajectory
@@ -166,7 +166,7 @@ class MotionLimits:
             if key in changes:
                 raise InputError(f"{where}: torque and effort are the same limit; keep one of them.")
             if key == "total_power":
-                changes[key] = _number(value, f"{where}: total_power")
+                changes[key] = read_number(value, f"{where}: total_power", infinite=True)
             else:
                 changes[key] = self._row(key, value, where)
         try:
@@ -181,16 +181,18 @@ class MotionLimits:
             for name, number in value.items():
                 if name not in names:
                     raise InputError(f"{where}: {key} names a joint {name!r}; the joints are {', '.join(names)}.")
-                row[names.index(name)] = _number(number, f"{where}: {key} of {name}")
+                row[names.index(name)] = read_number(number, f"{where}: {key} of {name}", infinite=True)
             return np.asarray(row)
         if not isinstance(value, list | tuple | np.ndarray) or (isinstance(value, np.ndarray) and value.ndim == 0):
-            return np.full(len(names), _number(value, f"{where}: {key}"))
+            return np.full(len(names), read_number(value, f"{where}: {key}", infinite=True))
         values: list[Any] = list(value)
         if len(values) != len(names):
             raise InputError(
                 f"{where}: {key} has {len(values)} values, but there are {len(names)} joints: {', '.join(names)}."
             )
-        return np.array([_number(v, f"{where}: {key} of {n}") for n, v in zip(names, values, strict=True)])
+        return np.array(
+            [read_number(v, f"{where}: {key} of {n}", infinite=True) for n, v in zip(names, values, strict=True)]
+        )
 
     def reduced(self, margin: float) -> MotionLimits:
         """Return limits that leave a fraction of these free: 0.1 keeps a tenth of each range and magnitude."""
@@ -226,14 +228,6 @@ class MotionLimits:
             for k, joint in enumerate(self.joint_names)
         ]
         return html_table("", ("joint", *JOINT_FIELDS), rows)
-
-
-def _number(value: ArrayLike | str, what: str) -> float:
-    if isinstance(value, bool | np.bool_) or not isinstance(value, int | float | np.integer | np.floating):
-        raise InputError(f"{what} must be a number, got {shown(value)}.")
-    if np.isnan(value):
-        raise InputError(f"{what} must be a number, got nan.")
-    return float(value)
 
 
 # The limits file: what the joints may do, and what the robot must keep clear of, as TOML.
@@ -274,20 +268,11 @@ def limits_from_file(path: str | Path) -> tuple[dict[str, Any], dict[str, Any]]:
     """
     place = Path(path)
     content = read_toml(place, remedy="give a limits file")
-    table = content.pop("limits", {})
-    if not isinstance(table, dict):
-        raise InputError(f"{place}: limits must be a table [limits], got {shown(table)}.")
-    limits = dict(table)
-    sections: dict[str, Any] = {}
-    for key, value in content.items():
-        if key in _LIMITS:
-            if key in limits:
-                raise InputError(f"{place}: {key} stands both at the top and in [limits]; keep one of them.")
-            limits[key] = value
-        else:
-            sections[key] = value
-    unknown = [key for key in limits if key not in _LIMITS]
-    unknown += [key for key, value in sections.items() if not isinstance(value, dict | list)]
-    if unknown:
-        raise InputError(f"{place}: {shown(unknown[0])} is no limit; there are {', '.join(_LIMITS)}.")
+    limits = dict(TomlTable(content.pop("limits", {}), f"{place}, [limits]", _LIMITS, "is no limit"))
+    sections = {key: value for key, value in content.items() if key not in _LIMITS and isinstance(value, dict | list)}
+    above = {key: value for key, value in content.items() if key not in sections}
+    for key, value in TomlTable(above, str(place), _LIMITS, "is no limit").items():
+        if key in limits:
+            raise InputError(f"{place}: {key} stands both at the top and in [limits]; keep one of them.")
+        limits[key] = value
     return limits, sections

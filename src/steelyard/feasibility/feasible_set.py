@@ -1,6 +1,5 @@
 """The set of parameters that a real robot can have."""
 
-import math
 from collections.abc import Callable, Collection, Sequence
 from functools import cached_property
 from typing import Any, Literal, TypeVar
@@ -12,7 +11,7 @@ import scipy.sparse as sparse
 from steelyard.conic import Cone, Rows
 from steelyard.display import html_table
 from steelyard.errors import InputError
-from steelyard.files import suggestion
+from steelyard.files import read_number, suggestion
 from steelyard.lmi import AffineBlock, AffineStack, LinearMatrixInequality
 from steelyard.robot.inertia import INERTIA_SYMBOLS
 
@@ -73,14 +72,12 @@ class FeasibleSet:
         if consistency not in ("full", "inertia"):
             close = suggestion(str(consistency), ("full", "inertia"))
             raise InputError(f'consistency must be "full" or "inertia", got {consistency!r}; {close}')
-        if not (isinstance(margin, (int, float)) and math.isfinite(margin) and margin > 0):
-            raise InputError(f"margin must be a positive number such as 1e-6, got {margin!r}.")
         if not isinstance(constraints, (list, tuple)):
             raise InputError(f"constraints must be a list, got {constraints!r}; write constraints=[...].")
         self.model = model
         self.consistency: Literal["full", "inertia"] = consistency
         self.constraints = tuple(constraints)
-        self.margin = float(margin)
+        self.margin = read_number(margin, "margin", "a positive number such as 1e-6", above=0)
         self.terms = bool(terms)
         self._kept: dict[Callable[[FeasibleSet], Any], Any] = {}
         for constraint in self.constraints:

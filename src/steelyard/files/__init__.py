@@ -6,6 +6,9 @@ from steelyard.first_use import import_at_first_use
 
 if TYPE_CHECKING:
     from .folder import replaced_folder as replaced_folder
+    from .numbers import is_number as is_number
+    from .numbers import is_real as is_real
+    from .numbers import read_number as read_number
     from .reading import LARGEST_JSON as LARGEST_JSON
     from .reading import LARGEST_TEXT as LARGEST_TEXT
     from .reading import parse_json as parse_json

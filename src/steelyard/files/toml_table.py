@@ -10,12 +10,11 @@ from typing import Any, ClassVar, Self
 
 from steelyard.errors import InputError
 
+from .numbers import is_number
 from .reading import shown
 from .suggestion import suggestion
 
 __all__ = ["TomlSection", "TomlTable"]
-
-LARGEST = 1e15  # in SI units
 
 
 class TomlTable(Mapping[str, Any]):
@@ -50,7 +49,7 @@ class TomlTable(Mapping[str, Any]):
 
     def __init__(self, content: object, where: str, keys: Sequence[str], unknown: str = "is not known here") -> None:
         if not isinstance(content, Mapping):
-            raise InputError(f"{where}: a table is expected, got {shown(content)}")
+            raise InputError(f"{where} must be a table with {', '.join(keys)}, got {shown(content)}")
         for key in content:
             if key not in keys:
                 raise InputError(f"{where}: {shown(key)} {unknown}; {suggestion(str(key), keys)}")
@@ -64,6 +63,14 @@ class TomlTable(Mapping[str, Any]):
 
     def __len__(self) -> int:
         return len(self.content)
+
+    def require(self, *keys: str) -> None:
+        """Raise InputError where one of these keys is absent."""
+        for key in keys:
+            if key not in self.content:
+                *first, last = keys
+                listed = f"{', '.join(first)} and {last}" if first else last
+                raise InputError(f"{self.where} lacks {key!r}; give {listed}")
 
     def refuse(self, key: str, expected: str) -> InputError:
         """Return the error that says what the value of a key must be, and what it is."""
@@ -116,11 +123,6 @@ class TomlTable(Mapping[str, Any]):
         if not isinstance(value, list) or not all(isinstance(one, Mapping) for one in value):
             raise InputError(f"{self.where}: {name} must be written as [[{name}]], one table each, got {shown(value)}")
         return [(f"{self.where}, [[{name}]] number {number}", one) for number, one in enumerate(value, start=1)]
-
-
-def is_number(value: object) -> bool:
-    """Tell whether a value is a number of a size that things have; a truth value is none."""
-    return isinstance(value, int | float) and not isinstance(value, bool) and abs(value) <= LARGEST
 
 
 @dataclass(frozen=True)

@@ -12,7 +12,7 @@ import numpy.typing as npt
 
 from steelyard.conic import SemidefiniteProgram
 from steelyard.errors import InputError
-from steelyard.files import suggestion
+from steelyard.files import read_number, suggestion
 
 from .affine import AffineBlock, is_positive_definite
 from .linear_expression import LinearExpression, as_expression, distinct_names
@@ -288,9 +288,8 @@ class LinearMatrixInequality:
         block 1:
         [ m1 - 0.5 ] ⪰ 0
         """
-        if isinstance(margin, bool) or not isinstance(margin, (int, float)) or not np.isfinite(margin):
-            raise InputError(f"margin must be a finite number such as 1e-6, got {margin!r}.")
-        blocks = (replace(block, constant=block.constant - margin * np.eye(block.size)) for block in self.blocks)
+        distance = read_number(margin, "margin", "a finite number such as 1e-6")
+        blocks = (replace(block, constant=block.constant - distance * np.eye(block.size)) for block in self.blocks)
         return replace(self, blocks=tuple(blocks), strict=False)
 
     def with_names(self, names: Sequence[str]) -> LinearMatrixInequality:

@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Sequence
 
 import numpy as np
 import numpy.typing as npt
 
 from steelyard.errors import InputError
+from steelyard.files import read_number
 
 from .affine import AffineBlock
 from .inequality import LinearMatrixInequality
@@ -100,9 +100,8 @@ def residual_inequality(
     ⎣ -3*beta2 + 6            0                     1            ⎦ ⪰ 0
     """
     rows, values = _finite(matrix, "matrix", 2), _finite(vector, "vector", 1)
-    if isinstance(constant, bool) or not isinstance(constant, (int, float)) or not 0 <= constant < math.inf:
-        raise InputError(f"constant must be a number of at least 0, the squared norm of rho2, got {constant!r}.")
-    return _schur(rows, values, float(constant), names, bound, "squared residual <= u")
+    offset = read_number(constant, "constant", "a number of at least 0, the squared norm of rho2", least=0)
+    return _schur(rows, values, offset, names, bound, "squared residual <= u")
 
 
 def _schur(

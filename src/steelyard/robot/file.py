@@ -12,8 +12,7 @@ from typing import Any
 import numpy as np
 
 from steelyard.errors import InputError
-from steelyard.files import TomlTable, read_toml, shown, suggestion
-from steelyard.files.toml_table import is_number
+from steelyard.files import TomlTable, is_number, read_toml, shown, suggestion
 
 from .dh import dh_joints
 from .robot import Robot

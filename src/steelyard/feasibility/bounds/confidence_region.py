@@ -7,6 +7,7 @@ import numpy as np
 import numpy.typing as npt
 
 from steelyard.errors import InputError
+from steelyard.files import read_number
 from steelyard.regression import Information, ParameterCovariance, Reduced
 from steelyard.regression.factor import solve
 
@@ -36,9 +37,8 @@ class ConfidenceRegion:
     confidence: float
 
     def __post_init__(self) -> None:
-        given = self.confidence
-        if isinstance(given, bool) or not isinstance(given, (int, float)) or not 0 < given < 1:
-            raise InputError(f"confidence must be a probability between 0 and 1, such as 0.95, got {given!r}.")
+        expected = "a probability between 0 and 1, such as 0.95"
+        read_number(self.confidence, "confidence", expected, above=0, below=1)
 
     @property
     def axes(self) -> Matrix:

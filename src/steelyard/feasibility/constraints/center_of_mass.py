@@ -14,7 +14,7 @@ from steelyard.errors import InputError
 from steelyard.lmi import AffineBlock
 
 from .constraint import Equality, ModelLike
-from .entries import read_number, read_vector, table
+from .entries import read_quantity, read_vector, table
 from .links import LinkParameters, equation, scalar_block
 
 __all__ = ["CenterOfMassBox", "CenterOfMassSphere"]
@@ -132,9 +132,7 @@ class CenterOfMassSphere:
     def __post_init__(self) -> None:
         where = f"of CenterOfMassSphere of link {self.link!r}"
         object.__setattr__(self, "center", read_vector(self.center, f"center {where}", "m"))
-        object.__setattr__(self, "radius", read_number(self.radius, f"radius {where}", "m"))
-        if self.radius < 0:
-            raise InputError(f"radius {where} must be at least 0 m, got {self.radius:g}.")
+        object.__setattr__(self, "radius", read_quantity(self.radius, f"radius {where}", "m", nonnegative=True))
 
     @classmethod
     def from_dict(cls, entry: Mapping[str, Any], folder: Path | None = None) -> CenterOfMassSphere:

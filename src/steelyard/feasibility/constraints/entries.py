@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import math
-import numbers
 from collections.abc import Mapping, Sequence
 from typing import Any
 
@@ -11,26 +9,19 @@ import numpy as np
 import numpy.typing as npt
 
 from steelyard.errors import InputError
-from steelyard.files import TomlTable, shown
+from steelyard.files import TomlTable, read_number
 from steelyard.robot.placement import rpy_rotation
 
-__all__ = ["check_keys", "is_number", "read_number", "read_placement", "read_rotation", "read_vector", "table"]
+__all__ = ["read_placement", "read_quantity", "read_rotation", "read_vector", "table"]
 
 Matrix = npt.NDArray[np.float64]
 Rows = tuple[tuple[float, ...], ...]
 
 _ROTATION_ERROR = 1e-6
-LARGEST = 1e15  # in SI units, of what is not infinite
+"""Rows of a matrix that was written with six digits are orthogonal and of length 1 to about this."""
 
 
-def check_keys(entry: Any, known: Sequence[str], where: str) -> None:
-    """Refuse what is no table, and unknown keys, with the closest known one."""
-    if not isinstance(entry, Mapping):
-        raise InputError(f"{where} in [constraints] must be a table with {', '.join(known)}, got {shown(entry)}.")
-    TomlTable(entry, f"{where} in [constraints]", known)
-
-
-def table(entry: Any, where: str, required: Sequence[str], optional: Sequence[str] = ()) -> dict[str, Any]:
+def table(entry: Any, kind: str, required: Sequence[str] = (), optional: Sequence[str] = ()) -> TomlTable:
     """A table of ``[constraints]`` with all of its required keys and no unknown one.
 
     Raises
@@ -38,44 +29,24 @@ def table(entry: Any, where: str, required: Sequence[str], optional: Sequence[st
     InputError
         If it is no table, a key is missing or unknown.
     """
-    check_keys(entry, (*required, *optional), where)
-    missing = [key for key in required if key not in entry]
-    if missing:
-        *first, last = required
-        listed = f"{', '.join(first)} and {last}" if first else last
-        raise InputError(f"[[constraints.{where}]] lacks {missing[0]!r}; give {listed}.")
-    return dict(entry)
+    found = TomlTable(entry, f"[[constraints.{kind}]]", (*required, *optional))
+    found.require(*required)
+    return found
 
 
-def is_number(value: Any) -> bool:
-    """Whether it is a real number, which a truth value is not."""
-    return isinstance(value, numbers.Real) and not isinstance(value, bool | np.bool_)
-
-
-def read_number(value: Any, what: str, unit: str, *, positive: bool = False, infinite: bool = False) -> float:
-    """A number; `what` and `unit` stand in the message.
-
-    Parameters
-    ----------
-    value : object
-    what, unit : str
-    positive : bool
-        Whether it must be above 0.
-    infinite : bool
-        Whether it may be infinite.
+def read_quantity(value: Any, what: str, unit: str = "", *, positive: bool = False, nonnegative: bool = False) -> float:
+    """A finite number; `what` and `unit` stand in the message.
 
     Raises
     ------
     InputError
         If it is not a number, or not such a one.
     """
-    expected = f"a {'positive ' if positive else ''}number{f' of {unit}' if unit else ''}"
-    if not is_number(value):
-        raise InputError(f"{what} must be {expected}, got {shown(value)}.")
-    number = float(value)
-    if (not abs(number) <= LARGEST and not (infinite and math.isinf(number))) or (positive and number <= 0):
-        raise InputError(f"{what} must be {expected}, got {number:g}.")
-    return number + 0.0
+    if nonnegative:
+        expected = f"a number of at least 0 {unit}".rstrip()
+    else:
+        expected = f"a {'positive ' if positive else ''}number{f' of {unit}' if unit else ''}"
+    return read_number(value, what, expected, above=0 if positive else None, least=0 if nonnegative else None)
 
 
 def read_vector(value: Any, what: str, unit: str) -> tuple[float, float, float]:

@@ -19,7 +19,7 @@ from steelyard.files.reading import read_array
 from steelyard.lmi import AffineBlock
 
 from .constraint import Equality, ModelLike
-from .entries import read_number, read_placement, table
+from .entries import read_placement, read_quantity, table
 from .links import LinkParameters, equation
 
 __all__ = ["CenterOfMassHull", "ConvexHullForm", "convex_hull", "read_points"]
@@ -92,9 +92,7 @@ class CenterOfMassHull:
         bad = ~(np.abs(points) <= _FARTHEST)
         if bad.any():
             raise InputError(f"{where} has a point that is not finite, or beyond {_FARTHEST:g} m: {points[bad][0]}.")
-        tolerance = read_number(self.tolerance, f"tolerance of {where}", "m")
-        if tolerance < 0:
-            raise InputError(f"tolerance of {where} must be at least 0 m, got {tolerance:g}.")
+        tolerance = read_quantity(self.tolerance, f"tolerance of {where}", "m", nonnegative=True)
         object.__setattr__(self, "tolerance", tolerance)
         object.__setattr__(self, "points", tuple(map(tuple, convex_hull(points).vertices.tolist())))
 
@@ -142,7 +140,7 @@ class CenterOfMassHull:
                 "scale=1 where it is in metres."
             )
         if scale is not None:
-            points = points * read_number(scale, f"{path}: scale", "m per unit", positive=True)
+            points = points * read_quantity(scale, f"{path}: scale", "m per unit", positive=True)
         if placement is not None:
             matrix = np.asarray(read_placement(placement, f"{path}: placement"))
             points = points @ matrix[:3, :3].T + matrix[:3, 3]
@@ -162,10 +160,8 @@ class CenterOfMassHull:
                 if key in given:
                     raise InputError(f"[[constraints.center_of_mass_hull]] takes {key} with a mesh only; remove it.")
             return cls(**given)
-        mesh = given.pop("mesh")
-        if not isinstance(mesh, str) or not mesh:
-            raise InputError(f"[[constraints.center_of_mass_hull]] must have a path as mesh, got {mesh!r}.")
-        return cls.from_mesh(path=Path(folder or ".") / mesh, **given)
+        path = Path(folder or ".") / (given.text("mesh", "a path") or "")
+        return cls.from_mesh(path=path, **{key: value for key, value in given.items() if key != "mesh"})
 
     @cached_property
     def hull(self) -> ConvexHullForm:

@@ -13,12 +13,12 @@ import numpy as np
 import numpy.typing as npt
 
 from steelyard.errors import InputError
-from steelyard.files import suggestion
+from steelyard.files import is_real, read_number, suggestion
 from steelyard.lmi import AffineBlock, LinearExpression, as_expression
 from steelyard.regression import Estimate
 
 from .constraint import Equality, ModelLike
-from .entries import is_number, read_number, table
+from .entries import read_quantity, table
 from .links import scalar_block
 
 __all__ = ["ConfidenceInterval", "LinearBound", "confidence_intervals"]
@@ -67,7 +67,7 @@ class LinearBound:
         where = f"LinearBound of {self.expression}"
         for key in ("minimum", "maximum", "equal"):
             if getattr(self, key) is not None:
-                value = read_number(getattr(self, key), f"{key} of {where}", "", infinite=key != "equal")
+                value = read_number(getattr(self, key), f"{key} of {where}", infinite=key != "equal")
                 object.__setattr__(self, key, None if np.isinf(value) and _open(key, value) else value)
         if self.unit is not None and not isinstance(self.unit, str):
             raise InputError(f"unit of {where} must be a text, got {self.unit!r}.")
@@ -153,12 +153,10 @@ class ConfidenceInterval:
     def __post_init__(self) -> None:
         object.__setattr__(self, "expression", _combination(self.expression, "ConfidenceInterval"))
         where = f"ConfidenceInterval of {self.expression}"
-        object.__setattr__(self, "value", read_number(self.value, f"value of {where}", ""))
-        deviation = read_number(self.standard_deviation, f"standard_deviation of {where}", "")
-        if deviation < 0:
-            raise InputError(f"standard_deviation of {where} must be at least 0, got {deviation:g}.")
+        object.__setattr__(self, "value", read_quantity(self.value, f"value of {where}"))
+        deviation = read_quantity(self.standard_deviation, f"standard_deviation of {where}", nonnegative=True)
         object.__setattr__(self, "standard_deviation", deviation)
-        factor = read_number(self.deviations, f"deviations of {where}", "", positive=True)
+        factor = read_quantity(self.deviations, f"deviations of {where}", positive=True)
         object.__setattr__(self, "deviations", factor)
         object.__setattr__(self, "base_expressions", tuple(self.base_expressions))
 
@@ -291,7 +289,7 @@ def _open(key: str, value: float) -> bool:
 
 
 def _combination(expression: Any, where: str) -> LinearExpression:
-    if is_number(expression):
+    if is_real(expression):
         raise InputError(f"{where} must have a combination of parameters such as 'Lyy1 + Iam1', got {expression!r}.")
     found = as_expression(expression, where=f"expression of {where}")
     if not found.names:

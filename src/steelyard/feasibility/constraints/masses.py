@@ -11,10 +11,11 @@ from typing import Any
 import numpy as np
 
 from steelyard.errors import InputError
+from steelyard.files import is_real
 from steelyard.lmi import AffineBlock
 
 from .constraint import Equality, ModelLike
-from .entries import check_keys, is_number, read_number, table
+from .entries import read_quantity, table
 from .links import LinkParameters, scalar_block
 
 __all__ = ["MeasuredMass", "TotalMass"]
@@ -59,7 +60,7 @@ class TotalMass:
             value = getattr(self, key)
             if value is None:
                 continue
-            if not is_number(value) or not math.isfinite(value):
+            if not is_real(value) or not math.isfinite(value):
                 raise InputError(f"TotalMass must have a finite number of kg as {key}, got {value!r}.")
             if value < 0 or (value == 0 and key != "minimum"):
                 raise InputError(f"TotalMass must have a positive {key}, got {value} kg; masses are positive.")
@@ -79,8 +80,7 @@ class TotalMass:
     @classmethod
     def from_dict(cls, entry: Mapping[str, Any], folder: Path | None = None) -> TotalMass:
         """From ``{"maximum": 27.0}``, as in ``robot.toml``."""
-        check_keys(entry, ("maximum", "minimum", "equal", "links"), "total_mass")
-        return cls(**entry)
+        return cls(**table(entry, "total_mass", (), ("maximum", "minimum", "equal", "links")))
 
     def blocks(self, model: ModelLike) -> tuple[AffineBlock, ...]:
         """Bounds as 1 x 1 blocks."""
@@ -139,13 +139,13 @@ class MeasuredMass:
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "links", _links(self.links, "MeasuredMass"))
-        object.__setattr__(self, "value", read_number(self.value, "value of MeasuredMass", "kg", positive=True))
+        object.__setattr__(self, "value", read_quantity(self.value, "value of MeasuredMass", "kg", positive=True))
         if self.standard_deviation is not None:
-            deviation = read_number(self.standard_deviation, "standard_deviation of MeasuredMass", "kg")
-            if deviation < 0:
-                raise InputError(f"standard_deviation of MeasuredMass must be at least 0 kg, got {deviation:g}.")
+            deviation = read_quantity(
+                self.standard_deviation, "standard_deviation of MeasuredMass", "kg", nonnegative=True
+            )
             object.__setattr__(self, "standard_deviation", deviation)
-        factor = read_number(self.deviations, "deviations of MeasuredMass", "", positive=True)
+        factor = read_quantity(self.deviations, "deviations of MeasuredMass", positive=True)
         object.__setattr__(self, "deviations", factor)
 
     def __repr__(self) -> str:

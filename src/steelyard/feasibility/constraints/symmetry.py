@@ -11,12 +11,13 @@ import numpy as np
 import numpy.typing as npt
 
 from steelyard.errors import InputError
+from steelyard.files import is_real
 from steelyard.lmi import AffineBlock
 from steelyard.robot.inertia import transformation
 from steelyard.robot.placement import axis_frame
 
 from .constraint import Equality, ModelLike
-from .entries import is_number, read_placement, read_vector, table
+from .entries import read_placement, read_vector, table
 from .links import LinkParameters, equation, independent_rows
 
 __all__ = ["EqualLinks", "SymmetricLink"]
@@ -221,7 +222,7 @@ class EqualLinks:
 
 def _is_list(value: Any) -> bool:
     """Whether it is several planes rather than one."""
-    return not isinstance(value, str) and not all(map(is_number, value))
+    return not isinstance(value, str) and not all(map(is_real, value))
 
 
 def _several(value: Any, where: str) -> Any:

@@ -6,13 +6,13 @@ from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Any
 
-from steelyard.errors import InputError
+from steelyard.files import TomlTable
 from steelyard.regression import Estimate
 
 from .center_of_mass import CenterOfMassBox, CenterOfMassSphere
 from .constraint import Constraint
 from .density import DensityInBox, DensityInEllipsoid
-from .entries import check_keys, table
+from .entries import table
 from .hull import CenterOfMassHull
 from .linear import ConfidenceInterval, LinearBound, confidence_intervals
 from .masses import MeasuredMass, TotalMass
@@ -64,10 +64,10 @@ def constraints_from_dict(section: Mapping[str, Any], folder: str | Path | None 
         "symmetric_link": SymmetricLink.from_dict,
         "equal_links": EqualLinks.from_dict,
     }
-    check_keys(section, tuple(kinds), "the section")
+    tables = TomlTable(section, "[constraints]", tuple(kinds), "is no kind of constraint")
     place = None if folder is None else Path(folder)
     found: list[Constraint] = []
-    for key, entries in section.items():
+    for key, entries in tables.items():
         for entry in entries if isinstance(entries, (list, tuple)) else [entries]:
             if key == "confidence_interval" and isinstance(entry, Mapping) and "estimate" in entry:
                 found.extend(_of_estimate(entry, place))
@@ -79,12 +79,8 @@ def constraints_from_dict(section: Mapping[str, Any], folder: str | Path | None 
 def _of_estimate(entry: Mapping[str, Any], folder: Path | None) -> tuple[ConfidenceInterval, ...]:
     """All intervals of a saved estimate."""
     given = table(entry, "confidence_interval", ("estimate",), ("deviations", "combinations"))
-    path = given.pop("estimate")
-    if not isinstance(path, str) or not path:
-        raise InputError(f"[[constraints.confidence_interval]] must have a path as estimate, got {path!r}.")
+    path = given.text("estimate", "a path") or ""
     combinations = given.get("combinations")
     if combinations is not None and not isinstance(combinations, list):
-        raise InputError(
-            f"[[constraints.confidence_interval]] must have a list of texts as combinations, got {combinations!r}."
-        )
-    return confidence_intervals(Estimate.load(Path(folder or ".") / path), **given)
+        raise given.refuse("combinations", "a list of texts")
+    return confidence_intervals(Estimate.load(Path(folder or ".") / path), given.get("deviations", 3.0), combinations)
