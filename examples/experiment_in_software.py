@@ -31,9 +31,9 @@ log = sy.play(model, delta, design.trajectory, sensors=sensors, seed=1)
 
 # 3. From the log to a model that is physically possible, with a proof.
 information = sy.Information.from_samples(model, log.process(cutoff="auto", velocity_threshold=0.05))
-feasible = sy.FeasibleSet(model)
-estimate = sy.fit(information, feasible)
-verdict = sy.check(feasible, parameters=estimate.parameters)
+feasible_set = sy.FeasibleSet(model)
+estimate = sy.fit(information, feasible_set)
+verdict = sy.check(feasible_set, parameters=estimate.parameters)
 print(verdict)
 error = estimate.relative_error
 print(f"relative error of the torques {error:.2%}")

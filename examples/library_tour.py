@@ -33,13 +33,13 @@ print(information)
 
 # Plain least squares, and whether such a robot could exist.
 plain = sy.least_squares(information)
-feasible = sy.FeasibleSet(model, constraints=[sy.TotalMass(maximum=10.0)])
+feasible_set = sy.FeasibleSet(model, constraints=[sy.TotalMass(maximum=10.0)])
 print(plain)
-print(sy.check(feasible, base=plain.base))
+print(sy.check(feasible_set, base=plain.base))
 
 # The best robot that can.
-answer = sy.fit(information, feasible)
+answer = sy.fit(information, feasible_set)
 print(answer)
-print(sy.check(feasible, parameters=answer.parameters))
+print(sy.check(feasible_set, parameters=answer.parameters))
 error = np.abs(answer.base - base.values(truth)).max() / np.abs(base.values(truth)).max()
 print(f"largest error of a base parameter: {error:.1%} of the largest one")

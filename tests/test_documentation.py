@@ -162,9 +162,16 @@ def _identified(place: Path) -> dict[str, Any]:
     """The names of somebody who has identified a robot."""
     model = sy.Model.load(place / "robot.toml")
     info = sy.Information.from_samples(model, sy.Recording.read(place / "run1.csv", joints=6).process(cutoff=10.0))
-    feasible = sy.FeasibleSet(model)
-    estimate = sy.fit(info, feasible)
-    found = {"sy": sy, "model": model, "info": info, "information": info, "feasible": feasible, "estimate": estimate}
+    feasible_set = sy.FeasibleSet(model)
+    estimate = sy.fit(info, feasible_set)
+    found = {
+        "sy": sy,
+        "model": model,
+        "info": info,
+        "information": info,
+        "feasible_set": feasible_set,
+        "estimate": estimate,
+    }
     return found | {"delta": estimate.parameters, "beta": estimate.base, "base": estimate.base}
 
 
@@ -177,10 +184,17 @@ def _small(place: Path) -> dict[str, Any]:
     truth = np.array([0.1, 0, 0, 0.1, 0, 0.1, -0.2, 0, 0, 2.0, 0.1] * 2)
     torque = model.inverse_dynamics(q, dq, ddq, truth) + random.normal(size=q.shape) * 0.1
     info = sy.Information.from_samples(model, sy.Samples(q=q, dq=dq, ddq=ddq, torque=torque))
-    feasible = sy.FeasibleSet(model)
+    feasible_set = sy.FeasibleSet(model)
     estimate = sy.least_squares(info)
-    found = {"sy": sy, "model": model, "info": info, "information": info, "feasible": feasible, "estimate": estimate}
-    parameters = sy.fit(info, feasible).parameters
+    found = {
+        "sy": sy,
+        "model": model,
+        "info": info,
+        "information": info,
+        "feasible_set": feasible_set,
+        "estimate": estimate,
+    }
+    parameters = sy.fit(info, feasible_set).parameters
     return found | {"delta": parameters, "beta": estimate.base, "base": estimate.base}
 
 
@@ -193,8 +207,8 @@ def _mass_four(place: Path) -> dict[str, Any]:
     q, dq, ddq = random.normal(size=(3, 300, 4))
     torque = model.inverse_dynamics(q, dq, ddq, truth) + random.normal(size=q.shape) * 0.1
     info = sy.Information.from_samples(model, sy.Samples(q=q, dq=dq, ddq=ddq, torque=torque))
-    feasible = sy.FeasibleSet(model)
-    return names | {"model": model, "info": info, "feasible": feasible, "estimate": sy.fit(info, feasible)}
+    feasible_set = sy.FeasibleSet(model)
+    return names | {"model": model, "info": info, "feasible_set": feasible_set, "estimate": sy.fit(info, feasible_set)}
 
 
 def _seven_joints(place: Path) -> dict[str, Any]:
@@ -211,7 +225,7 @@ def _seven_joints(place: Path) -> dict[str, Any]:
 
 def _solvers(place: Path) -> dict[str, Any]:
     names = _small(place)
-    program = names["feasible"].inequality.with_margin(1e-3).program(names["model"].parameter_names[9])
+    program = names["feasible_set"].inequality.with_margin(1e-3).program(names["model"].parameter_names[9])
     program.write(place / "arch0.dat-s")
     return names | {"x": np.zeros(22), "s": np.zeros(3), "z": np.zeros(3), "objective": 0.0, "count": 1, "seconds": 0.1}
 

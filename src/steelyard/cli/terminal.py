@@ -179,8 +179,8 @@ def show_model(model: Model, consistency: Literal["full", "inertia"]) -> None:
             _text("CAD: the description gives no inertia for some links, so there is nothing to check."), soft_wrap=True
         )
         return
-    feasible = FeasibleSet(model, consistency, terms=False)
-    console.print(_text("CAD: " + str(check(feasible, parameters=np.nan_to_num(parameters)))), soft_wrap=True)
+    feasible_set = FeasibleSet(model, consistency, terms=False)
+    console.print(_text("CAD: " + str(check(feasible_set, parameters=np.nan_to_num(parameters)))), soft_wrap=True)
 
 
 def show_excitation(design: ExcitationDesign) -> None:

@@ -41,8 +41,8 @@ def fit(
     Parameters
     ----------
     info : Information
-        Of the same model as `feasible`. Its kind makes the kind of fit: from samples ordinary or joint-weighted, with a
-        `covariance` generalised, from `robust_information` robust.
+        Of the same model as `feasible_set`. Its kind makes the kind of fit: from samples ordinary or joint-weighted,
+        with a `covariance` generalised, from `robust_information` robust.
     feasible_set : FeasibleSet
     weights : "joint", None or (N,)
         As in `least_squares`. ``"joint"`` is ordinary least squares where the rows of the joints are not known apart.

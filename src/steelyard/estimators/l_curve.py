@@ -175,15 +175,15 @@ def _given(prior_weights: npt.ArrayLike) -> Vector:
     return np.unique(values)
 
 
-def _default_weights(reduced: Reduced, feasible: FeasibleSet, prior: PreparedPrior) -> Vector:
+def _default_weights(reduced: Reduced, feasible_set: FeasibleSet, prior: PreparedPrior) -> Vector:
     """From the smallest to the largest eigenvalue of what the data says in units of what the prior says."""
-    regression = ReducedRegression.of(reduced, feasible)
-    known = np.zeros(feasible.parameter_count, dtype=bool)
-    known[feasible.link_columns] = True
+    regression = ReducedRegression.of(reduced, feasible_set)
+    known = np.zeros(feasible_set.parameter_count, dtype=bool)
+    known[feasible_set.link_columns] = True
     known |= prior.diagonal > 0
     metric = prior.curvature().toarray()[np.ix_(known, known)]
     factor = np.linalg.cholesky(metric)
-    rows = scipy.linalg.solve_triangular(factor, (regression.R @ feasible.K[:, known]).T, lower=True).T
+    rows = scipy.linalg.solve_triangular(factor, (regression.R @ feasible_set.K[:, known]).T, lower=True).T
     values = np.square(np.linalg.svd(rows, compute_uv=False)) / regression.variance
     largest = float(values.max(initial=0.0)) or 1.0
     shown = values[values > largest / SPAN]

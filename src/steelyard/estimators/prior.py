@@ -43,7 +43,7 @@ class Prior(ABC):
     label: ClassVar[str] = ""
     needs_density: ClassVar[bool] = True
 
-    def prepare(self, feasible: FeasibleSet) -> "PreparedPrior":
+    def prepare(self, feasible_set: FeasibleSet) -> "PreparedPrior":
         """Check it against a model.
 
         Raises
@@ -51,41 +51,41 @@ class Prior(ABC):
         InputError
             If parameters are missing, or impossible; names the link.
         """
-        values = self._values(feasible)
-        bodies = values[feasible.link_columns]
+        values = self._values(feasible_set)
+        bodies = values[feasible_set.link_columns]
         others = np.ones(len(values), dtype=bool)
-        others[feasible.link_columns] = False
+        others[feasible_set.link_columns] = False
         known = others & np.isfinite(values) & (values != 0)
         diagonal = np.zeros(len(values))
         diagonal[known] = 1.0 / values[known] ** 2
         reference = np.where(np.isfinite(values), values, 0.0)
-        return PreparedPrior(self.label, feasible, reference, self._metric(feasible, bodies), diagonal)
+        return PreparedPrior(self.label, feasible_set, reference, self._metric(feasible_set, bodies), diagonal)
 
-    def distance(self, feasible: FeasibleSet, parameters: npt.ArrayLike) -> float:
+    def distance(self, feasible_set: FeasibleSet, parameters: npt.ArrayLike) -> float:
         """Distance of parameters δ from δ₀, without unit.
 
         Parameters
         ----------
-        feasible : FeasibleSet
+        feasible_set : FeasibleSet
         parameters : (n,)
         """
-        return self.prepare(feasible).distance(feasible.as_parameters(parameters))
+        return self.prepare(feasible_set).distance(feasible_set.as_parameters(parameters))
 
     @abstractmethod
-    def _metric(self, feasible: FeasibleSet, bodies: Matrix) -> "npt.NDArray[np.float64] | None":
+    def _metric(self, feasible_set: FeasibleSet, bodies: Matrix) -> "npt.NDArray[np.float64] | None":
         """Curvature of the distance in the inertial parameters of each link, (links, 10, 10); None for entropy."""
 
-    def _values(self, feasible: FeasibleSet) -> Vector:
-        source = feasible.model.robot.parameters if self.parameters is None else self.parameters
+    def _values(self, feasible_set: FeasibleSet) -> Vector:
+        source = feasible_set.model.robot.parameters if self.parameters is None else self.parameters
         values = np.asarray(source, dtype=float)
-        if values.shape != (feasible.parameter_count,):
+        if values.shape != (feasible_set.parameter_count,):
             raise InputError(
-                f"the prior must hold the model's {feasible.parameter_count} standard parameters, got an array of "
+                f"the prior must hold the model's {feasible_set.parameter_count} standard parameters, got an array of "
                 f"shape {values.shape}."
             )
-        names = feasible.model.robot.link_names
+        names = feasible_set.model.robot.link_names
         remedy = "give parameters=... with a value for every link" if self.parameters is None else "give one"
-        for link, body in enumerate(values[feasible.link_columns]):
+        for link, body in enumerate(values[feasible_set.link_columns]):
             where = f"link {link + 1} ({names[link]})"
             if not np.all(np.isfinite(body)):
                 source_name = "the robot description" if self.parameters is None else "the prior"
@@ -123,17 +123,17 @@ class EuclideanPrior(Prior):
     >>> from steelyard.dynamics import Model
     >>> from steelyard.feasibility import FeasibleSet
     >>> from steelyard.robot import Robot
-    >>> feasible = FeasibleSet(Model(Robot.from_dh([("0", 0.0, 0.0, "q")])))
+    >>> feasible_set = FeasibleSet(Model(Robot.from_dh([("0", 0.0, 0.0, "q")])))
     >>> body = [0.2, 0.0, 0.0, 0.2, 0.0, 0.2, 0.0, 0.0, 0.0, 5.0]
-    >>> EuclideanPrior(body).distance(feasible, [0.2, 0.0, 0.0, 0.2, 0.0, 0.2, 0.0, 0.0, 0.0, 10.0])
+    >>> EuclideanPrior(body).distance(feasible_set, [0.2, 0.0, 0.0, 0.2, 0.0, 0.2, 0.0, 0.0, 0.0, 10.0])
     0.5
     """
 
     label: ClassVar[str] = "Euclidean"
     needs_density: ClassVar[bool] = False
 
-    def _metric(self, feasible: FeasibleSet, bodies: Matrix) -> Matrix:
-        sizes = Units(feasible, bodies[:, 9], lengths_of_links(bodies, LEAST_RADIUS), 1.0).inertial
+    def _metric(self, feasible_set: FeasibleSet, bodies: Matrix) -> Matrix:
+        sizes = Units(feasible_set, bodies[:, 9], lengths_of_links(bodies, LEAST_RADIUS), 1.0).inertial
         return np.asarray([np.diag(1.0 / row**2) for row in sizes])
 
 
@@ -155,19 +155,19 @@ class EntropicPrior(Prior):
     >>> from steelyard.dynamics import Model
     >>> from steelyard.feasibility import FeasibleSet
     >>> from steelyard.robot import Robot
-    >>> feasible = FeasibleSet(Model(Robot.from_dh([("0", 0.0, 0.0, "q")])))
+    >>> feasible_set = FeasibleSet(Model(Robot.from_dh([("0", 0.0, 0.0, "q")])))
     >>> body = np.array([0.2, 0.0, 0.0, 0.2, 0.0, 0.2, 0.0, 0.0, 0.0, 5.0])
-    >>> round(EntropicPrior(body).distance(feasible, 2 * body), 6)  # 4 (2 - log 2 - 1)
+    >>> round(EntropicPrior(body).distance(feasible_set, 2 * body), 6)  # 4 (2 - log 2 - 1)
     1.227411
     """
 
     label: ClassVar[str] = "entropic"
 
-    def _metric(self, feasible: FeasibleSet, bodies: Matrix) -> None:
-        if feasible.consistency != "full":
+    def _metric(self, feasible_set: FeasibleSet, bodies: Matrix) -> None:
+        if feasible_set.consistency != "full":
             raise InputError(
-                f'EntropicPrior needs a FeasibleSet with consistency="full", got {feasible.consistency!r}, under which '
-                "pseudo-inertias may be indefinite; use ConstantPullbackPrior, or full consistency."
+                f'EntropicPrior needs a FeasibleSet with consistency="full", got {feasible_set.consistency!r}, under '
+                "which pseudo-inertias may be indefinite; use ConstantPullbackPrior, or full consistency."
             )
 
 
@@ -187,15 +187,15 @@ class ConstantPullbackPrior(Prior):
     >>> from steelyard.dynamics import Model
     >>> from steelyard.feasibility import FeasibleSet
     >>> from steelyard.robot import Robot
-    >>> feasible = FeasibleSet(Model(Robot.from_dh([("0", 0.0, 0.0, "q")])))
+    >>> feasible_set = FeasibleSet(Model(Robot.from_dh([("0", 0.0, 0.0, "q")])))
     >>> body = np.array([0.2, 0.0, 0.0, 0.2, 0.0, 0.2, 0.0, 0.0, 0.0, 5.0])
-    >>> round(ConstantPullbackPrior(body).distance(feasible, 1.1 * body), 6)  # 4 · 0.1² / 2
+    >>> round(ConstantPullbackPrior(body).distance(feasible_set, 1.1 * body), 6)  # 4 · 0.1² / 2
     0.02
     """
 
     label: ClassVar[str] = "constant-pullback"
 
-    def _metric(self, feasible: FeasibleSet, bodies: Matrix) -> Matrix:
+    def _metric(self, feasible_set: FeasibleSet, bodies: Matrix) -> Matrix:
         inverses = np.linalg.inv(pseudo_inertia(bodies))
         products = np.einsum("bij,kjl->bkil", inverses, PSEUDO_INERTIA)
         return np.asarray(np.einsum("bkij,blji->bkl", products, products))
@@ -208,7 +208,7 @@ class PreparedPrior:
     Attributes
     ----------
     label : str
-    feasible : FeasibleSet
+    feasible_set : FeasibleSet
     reference : (n,)
         δ₀, zero where unknown.
     metric : (links, 10, 10) or None
@@ -218,7 +218,7 @@ class PreparedPrior:
     """
 
     label: str
-    feasible: FeasibleSet = field(repr=False)
+    feasible_set: FeasibleSet = field(repr=False)
     reference: Vector = field(repr=False)
     metric: Matrix | None = field(repr=False)
     diagonal: Vector = field(repr=False)
@@ -231,13 +231,13 @@ class PreparedPrior:
     @property
     def bodies(self) -> Matrix:
         """Inertial parameters of every link, (links, 10)."""
-        return np.asarray(self.reference[self.feasible.link_columns])
+        return np.asarray(self.reference[self.feasible_set.link_columns])
 
     def distance(self, parameters: Vector) -> float:
         """Distance of δ from δ₀; infinite where a pseudo-inertia is not positive definite and the prior needs it."""
         error = parameters - self.reference
         value = 0.5 * float(self.diagonal @ error**2)
-        columns = self.feasible.link_columns
+        columns = self.feasible_set.link_columns
         if self.metric is not None:
             inertial = error[columns]
             return value + 0.5 * float(np.einsum("bi,bij,bj->", inertial, self.metric, inertial))
@@ -256,7 +256,7 @@ class PreparedPrior:
         """Gradient of the distance at δ, less that of its log-determinants (see `entropy`), (n,)."""
         error = parameters - self.reference
         found = self.diagonal * error
-        columns = self.feasible.link_columns
+        columns = self.feasible_set.link_columns
         if self.metric is not None:
             found[columns] += np.einsum("bij,bj->bi", self.metric, error[columns])
         else:
@@ -273,7 +273,7 @@ class PreparedPrior:
         """G whose GᵀG is half the curvature of the distance, less that of its log-determinants, (r, n)."""
         rows = [np.diag(np.sqrt(0.5 * self.diagonal))[self.diagonal > 0]]
         if self.metric is not None:
-            for body, metric in zip(self.feasible.link_columns, self.metric, strict=True):
+            for body, metric in zip(self.feasible_set.link_columns, self.metric, strict=True):
                 values, vectors = np.linalg.eigh(metric)
                 own = np.zeros((10, len(self.diagonal)))
                 own[:, body] = np.sqrt(0.5 * np.maximum(values, 0.0))[:, None] * vectors.T
@@ -282,14 +282,14 @@ class PreparedPrior:
 
     def size(self, parameters: Vector) -> float:
         """What differences between distances are relative to: a deviation by one hundredth counts, at least."""
-        return max(self.distance(parameters), 1e-4 * len(self.feasible.link_columns))
+        return max(self.distance(parameters), 1e-4 * len(self.feasible_set.link_columns))
 
     def curvature(self) -> sparse.csc_array:
         """Curvature of the distance at δ₀, (n, n)."""
         metric = self.metric
         if metric is None:
-            metric = ConstantPullbackPrior()._metric(self.feasible, self.bodies)
-        columns = self.feasible.link_columns
+            metric = ConstantPullbackPrior()._metric(self.feasible_set, self.bodies)
+        columns = self.feasible_set.link_columns
         rows = np.repeat(columns[:, :, None], 10, axis=2).ravel()
         across = np.repeat(columns[:, None, :], 10, axis=1).ravel()
         count = len(self.reference)
@@ -313,7 +313,7 @@ class PreparedPrior:
         and t ≤ log Z_ii is an exponential cone (Ben-Tal and Nemirovski, Lectures on modern convex optimization, 4.2).
         """
         shared = program.scaled_matrix.shape[1]
-        columns = self.feasible.link_columns
+        columns = self.feasible_set.link_columns
         links = len(columns)
         own = 14 * links
         q = np.concatenate([terms.q, np.zeros(own)])

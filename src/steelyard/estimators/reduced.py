@@ -79,7 +79,7 @@ class ReducedRegression:
     reciprocal_condition: float
 
     @classmethod
-    def of(cls, reduced: Reduced, feasible: FeasibleSet) -> "ReducedRegression":
+    def of(cls, reduced: Reduced, feasible_set: FeasibleSet) -> "ReducedRegression":
         """Check it against the model of the feasible set.
 
         Raises
@@ -88,7 +88,7 @@ class ReducedRegression:
             For data of another model or without usable samples.
         """
         R, rho = np.asarray(reduced.R, dtype=float), np.asarray(reduced.rho, dtype=float)
-        count = feasible.K.shape[0]
+        count = feasible_set.K.shape[0]
         if R.ndim != 2 or R.shape[1] != count or rho.shape != (R.shape[0],):
             raise InputError(
                 f"the data belongs to another model: its reduced regression has R of shape {R.shape}, but the "
@@ -168,19 +168,19 @@ class ReducedRegression:
         orthogonal, triangle = np.linalg.qr(rows)
         return np.asarray(units * scipy.linalg.solve_triangular(triangle, orthogonal.T @ right))
 
-    def sizes(self, feasible: FeasibleSet) -> Vector:
+    def sizes(self, feasible_set: FeasibleSet) -> Vector:
         """The value of each standard parameter that alone would explain all torques, (n,); infinite where none does."""
-        lengths = np.zeros(feasible.parameter_count)
-        lengths[np.asarray(feasible.model.base_parameters().independent, dtype=np.intp)] = self.lengths
-        dependent = np.asarray(feasible.model.base_parameters().dependent, dtype=np.intp)
+        lengths = np.zeros(feasible_set.parameter_count)
+        lengths[np.asarray(feasible_set.model.base_parameters().independent, dtype=np.intp)] = self.lengths
+        dependent = np.asarray(feasible_set.model.base_parameters().dependent, dtype=np.intp)
         if len(dependent):
-            lengths[dependent] = column_lengths(self.R @ feasible.K[:, dependent])
+            lengths[dependent] = column_lengths(self.R @ feasible_set.K[:, dependent])
         with np.errstate(divide="ignore"):
             return np.asarray(np.sqrt(self.norm2) / lengths)
 
-    def units(self, feasible: FeasibleSet) -> Units:
+    def units(self, feasible_set: FeasibleSet) -> Units:
         """Units of which these torques speak."""
-        return Units.from_sizes(feasible, self.sizes(feasible))
+        return Units.from_sizes(feasible_set, self.sizes(feasible_set))
 
     def objective(self, columns: Vector, base: Vector, scale: float, apart: bool = False) -> Part:
         """‖R β - ρ‖² / scale, less a constant; β = base + columns x̂ of the first n_b.

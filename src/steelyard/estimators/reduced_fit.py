@@ -206,7 +206,7 @@ def _answer(
     residual_slack: float,
 ) -> _Answer:
     """The optimum, then the choice."""
-    feasible, regression = fitting.feasible, fitting.regression
+    feasible_set, regression = fitting.feasible_set, fitting.regression
     plain = _plain(fitting, margin)
     if plain is not None:
         return _Answer(plain.parameters, plain, True)
@@ -219,7 +219,7 @@ def _answer(
         found = fitting.same_base(preference, regression.base, margin, best.parameters) if as_it_is else None
         if found is None:
             found = fitting.same_base(preference, best.base, margin, best.parameters)
-        if found is not None and found.parameters[feasible.mass_indices].sum() <= 2 * bound:
+        if found is not None and found.parameters[feasible_set.mass_indices].sum() <= 2 * bound:
             return _Answer(found.parameters, best, True, choice=found)
     ties = as_it_is or not growing or residual_slack < TIE_TOLERANCES[0]
     spent = max(residual_slack, min(PRICE_FRACTION * _price(regression, best), DEAREST))
@@ -227,23 +227,23 @@ def _answer(
     for allowed in allowances:
         limit = best.squared_residual * (1 + allowed)
         found = fitting.near(preference, margin, limit, bound)
-        if found is None or not feasible.contains(found.parameters):
+        if found is None or not feasible_set.contains(found.parameters):
             continue
         most = best.squared_residual * (1 + 1.01 * allowed) + 2 * regression.tiny
-        if regression.squared_residual(feasible.K @ found.parameters) <= most:
+        if regression.squared_residual(feasible_set.K @ found.parameters) <= most:
             return _Answer(found.parameters, best, ties, 0.0 if ties else allowed, found)
     return _Answer(best.parameters, best, best.attained)
 
 
 def _plain(fitting: Fitting, margin: float) -> Optimum | None:
     """Plain least squares, where it tells all parameters and keeps the margin."""
-    feasible, regression = fitting.feasible, fitting.regression
+    feasible_set, regression = fitting.feasible_set, fitting.regression
     if fitting.prior is not None or not fitting.is_determined:
         return None
-    parameters = feasible.lift @ regression.base
-    if not feasible.satisfies_equations(parameters):
+    parameters = feasible_set.lift @ regression.base
+    if not feasible_set.satisfies_equations(parameters):
         return None
-    if least_eigenvalue(feasible.stack, parameters) < margin or not feasible.contains(parameters):
+    if least_eigenvalue(feasible_set.stack, parameters) < margin or not feasible_set.contains(parameters):
         return None
     return Optimum(parameters, regression.base, regression.residual2, True, np.inf, regression.residual2)
 
@@ -255,27 +255,27 @@ def _price(regression: ReducedRegression, best: Optimum) -> float:
 
 
 def _preference(
-    prefer: str | TieBreak | Prior | None, feasible: FeasibleSet, units: Units
+    prefer: str | TieBreak | Prior | None, feasible_set: FeasibleSet, units: Units
 ) -> TieBreak | PreparedPrior | None:
     if isinstance(prefer, TieBreak):
-        prefer.check(feasible.parameter_count)
+        prefer.check(feasible_set.parameter_count)
         return prefer
     if isinstance(prefer, Prior):
-        return prefer.prepare(feasible)
+        return prefer.prepare(feasible_set)
     if prefer is None:
         return None
     if prefer == "lightest":
-        return lightest(feasible, units)
+        return lightest(feasible_set, units)
     if prefer == "cad":
-        return closest_to_cad(feasible)
+        return closest_to_cad(feasible_set)
     raise InputError(f'prefer must be "lightest", "cad" or None, a TieBreak or a prior, got {prefer!r}.')
 
 
-def _told_of_the_optimum(feasible: FeasibleSet, best: Optimum, gap: float, with_prior: bool) -> list[str]:
+def _told_of_the_optimum(feasible_set: FeasibleSet, best: Optimum, gap: float, with_prior: bool) -> list[str]:
     """What the measured gap leaves open, in words."""
     told = []
     if best.beyond:
-        names = feasible.model.robot.link_names
+        names = feasible_set.model.robot.link_names
         links = ", ".join(names[link] for link in best.beyond)
         told.append(
             f"The motion hardly shows some parameters of {links}: the least residual pulls them beyond "
@@ -315,10 +315,10 @@ def _report(
     fitting: Fitting, preference: TieBreak | PreparedPrior | None, growing: tuple[int, ...], answer: _Answer
 ) -> FeasibleFit:
     """Pack the answer, with remarks in words."""
-    feasible, regression, best = fitting.feasible, fitting.regression, answer.best
+    feasible_set, regression, best = fitting.feasible_set, fitting.regression, answer.best
     parameters = answer.parameters
-    base = feasible.K @ parameters
-    mass = float(parameters[feasible.mass_indices].sum())
+    base = feasible_set.K @ parameters
+    mass = float(parameters[feasible_set.mass_indices].sum())
     value = regression.squared_residual(base)
     objective = fitting.value(parameters if answer.exact else best.parameters)
     gap = max((objective - best.lower_bound) / fitting.size(objective), 0.0)
@@ -330,7 +330,7 @@ def _report(
         )
         if preference is None:
             remarks.append(f"The answer lies at that bound, with a total mass of {mass:.4g} kg.")
-    remarks += _told_of_the_optimum(feasible, best, gap, fitting.prior is not None)
+    remarks += _told_of_the_optimum(feasible_set, best, gap, fitting.prior is not None)
     distance = None
     if fitting.prior is not None:
         distance = fitting.prior.distance(parameters)
@@ -357,7 +357,7 @@ def _report(
         least = _rounded_down(answer.choice.least_mass)
         if preference.name == "the lightest" and answer.exact and least > 0.5 * mass:
             remarks.append(f"No robot lighter than {least:.3g} kg has these base parameters.")
-    names = feasible.model.robot.link_names
+    names = feasible_set.model.robot.link_names
     return FeasibleFit(
         base=base,
         parameters=parameters,
@@ -381,7 +381,7 @@ def _report(
 
 
 def _settled(
-    feasible: FeasibleSet, R: Matrix, parameters: Vector, preference: TieBreak | PreparedPrior | None
+    feasible_set: FeasibleSet, R: Matrix, parameters: Vector, preference: TieBreak | PreparedPrior | None
 ) -> Vector:
     """The same parameters, with the preferred value, or zero, where no torque shows a parameter.
 
@@ -392,7 +392,7 @@ def _settled(
 
     Parameters
     ----------
-    feasible : FeasibleSet
+    feasible_set : FeasibleSet
     R : (n_b, n_b)
         Of the reduced regression.
     parameters : (n,)
@@ -403,20 +403,20 @@ def _settled(
     -------
     (n,)
     """
-    lengths = column_lengths(R @ feasible.K)
+    lengths = column_lengths(R @ feasible_set.K)
     free = lengths <= ABSENT * lengths.max(initial=0.0)
     if not free.any():
         return parameters
-    free &= ~np.any(feasible.equation_matrix != 0.0, axis=0)
+    free &= ~np.any(feasible_set.equation_matrix != 0.0, axis=0)
     low, high = np.full(len(parameters), -np.inf), np.full(len(parameters), np.inf)
-    for block in feasible.blocks:
+    for block in feasible_set.blocks:
         used = [int(i) for i, c in zip(block.indices, block.coefficients, strict=True) if np.any(c)]
         if block.size > 1 or len(used) != 1:
             free[used] = False
             continue
         index = used[0]
         coefficient = float(block.coefficients[list(block.indices).index(index), 0, 0])
-        edge = (feasible.margin - float(block.constant[0, 0])) / coefficient
+        edge = (feasible_set.margin - float(block.constant[0, 0])) / coefficient
         if coefficient > 0:
             low[index] = max(low[index], edge)
         else:

@@ -40,9 +40,9 @@ PRICE = 1e-6
 """A mass bound stops the residual where its multiplier is more than this part of the squared residual."""
 
 
-def base_dependent_conditions(feasible: FeasibleSet) -> Conditions:
+def base_dependent_conditions(feasible_set: FeasibleSet) -> Conditions:
     """Over (β, δ_d)."""
-    return Conditions(feasible, feasible.base_dependent)
+    return Conditions(feasible_set, feasible_set.base_dependent)
 
 
 @dataclass(frozen=True, eq=False)
@@ -154,7 +154,7 @@ class Fitting:
 
     Attributes
     ----------
-    feasible : FeasibleSet
+    feasible_set : FeasibleSet
     regression : ReducedRegression
     units : Units
     solver : str
@@ -163,7 +163,7 @@ class Fitting:
         Factor of the prior's distance beside half the squared residual, in units of its variance.
     """
 
-    feasible: FeasibleSet
+    feasible_set: FeasibleSet
     regression: ReducedRegression
     units: Units
     solver: str
@@ -174,16 +174,16 @@ class Fitting:
     statuses: list[str] = field(default_factory=list)
 
     def __post_init__(self) -> None:
-        independent = np.asarray(self.feasible.model.base_parameters().independent, np.intp)
+        independent = np.asarray(self.feasible_set.model.base_parameters().independent, np.intp)
         self._scale = self.regression.scale
-        self._origin = self.feasible.lift @ self.regression.middle(self.units.parameters[independent])
+        self._origin = self.feasible_set.lift @ self.regression.middle(self.units.parameters[independent])
         self._attempt = ATTEMPTS[0]
         self._typical = self.units.parameters
 
     @cached_property
     def _reach_rows(self) -> Matrix:
         """Rows over δ that are at most 1 for robots within the reach, (k, n): one a link, two for every other."""
-        columns = self.feasible.link_columns
+        columns = self.feasible_set.link_columns
         links = np.zeros((len(columns), len(self._typical)))
         for row, own in zip(links, columns, strict=True):
             moments, mass = own[[0, 3, 5]], own[9]
@@ -201,13 +201,13 @@ class Fitting:
 
     def _base_program(self, margin: float) -> Program:
         """Over (β, δ_d)."""
-        feasible = self.feasible
-        conditions = feasible.kept(base_dependent_conditions)
-        base = feasible.model.base_parameters()
+        feasible_set = self.feasible_set
+        conditions = feasible_set.kept(base_dependent_conditions)
+        base = feasible_set.model.base_parameters()
         order = np.concatenate([np.asarray(base.independent, np.intp), np.asarray(base.dependent, np.intp)])
         typical = self.units.parameters
         units = self.units.around(self._origin).parameters if self._attempt.around else typical
-        return Program(feasible, conditions, units, units[order], self._origin, margin, typical)
+        return Program(feasible_set, conditions, units, units[order], self._origin, margin, typical)
 
     def _solve(self, program: Program, part: Part, rows: Sequence[Rows]) -> ConicSolution:
         balanced = self.is_determined and self._attempt.balanced
@@ -216,7 +216,8 @@ class Fitting:
     def _around(self, parameters: Vector) -> None:
         """Measure from this point, in units of its residual, from now on."""
         self._origin = parameters
-        self._scale = max(self.regression.squared_residual(self.feasible.K @ parameters), self.regression.least_size)
+        residual2 = self.regression.squared_residual(self.feasible_set.K @ parameters)
+        self._scale = max(residual2, self.regression.least_size)
 
     def _middle(self, program: Program) -> Vector:
         """The point of least objective without conditions, in the metric that the prior has at its centre.
@@ -228,7 +229,7 @@ class Fitting:
         matrix = program.scaled_matrix
         factor, root = self._prior_factor, np.sqrt(self._scale)
         data = self.regression.R * (program.columns[: len(self.regression.base)] / root)
-        error = self.regression.residuals(self.feasible.K @ program.origin) / root
+        error = self.regression.residuals(self.feasible_set.K @ program.origin) / root
         curvature = factor * self.prior.curvature()
         P = matrix.T @ (curvature @ matrix)
         P[: len(data), : len(data)] += 2.0 * (data.T @ data)
@@ -244,25 +245,26 @@ class Fitting:
 
     def _free_program(self, margin: float, base: Vector, around: bool) -> Program:
         """Over what neither motion nor data show, at a base vector; around parameters that have nearly that one."""
-        feasible, undetermined = self.feasible, self.regression.undetermined
+        feasible_set, undetermined = self.feasible_set, self.regression.undetermined
         if undetermined.shape[1]:
-            conditions = Conditions(feasible, np.hstack([feasible.lift @ undetermined, feasible.unidentifiable]))
+            directions = np.hstack([feasible_set.lift @ undetermined, feasible_set.unidentifiable])
+            conditions = Conditions(feasible_set, directions)
         else:
-            conditions = feasible.kept(unidentifiable_conditions)
+            conditions = feasible_set.kept(unidentifiable_conditions)
         typical = self.units.parameters
         # Links of a thousandth stand beside others; the point found tells their sizes.
         units = self.units.around(self._origin).parameters if around else typical
-        origin = self._origin + feasible.lift @ (base - feasible.K @ self._origin)
-        return Program.along(feasible, conditions, units, origin, margin, typical)
+        origin = self._origin + feasible_set.lift @ (base - feasible_set.K @ self._origin)
+        return Program.along(feasible_set, conditions, units, origin, margin, typical)
 
     @property
     def is_determined(self) -> bool:
         """Whether the base parameters tell all parameters, and the data tells all of them."""
-        return not (self.feasible.unidentifiable.shape[1] or self.regression.undetermined.shape[1])
+        return not (self.feasible_set.unidentifiable.shape[1] or self.regression.undetermined.shape[1])
 
     def objective(self, program: Program) -> Part:
         """The squared residual, and the prior beside it."""
-        base = self.feasible.K @ program.origin
+        base = self.feasible_set.K @ program.origin
         data = self.regression.objective(program.columns, base, self._scale, self._attempt.apart)
         if self.prior is None:
             return data
@@ -280,7 +282,7 @@ class Fitting:
 
     def value(self, parameters: Vector) -> float:
         """The objective at δ, in units of the squared residual."""
-        value = self.regression.squared_residual(self.feasible.K @ parameters)
+        value = self.regression.squared_residual(self.feasible_set.K @ parameters)
         if self.prior is not None:
             value += 2.0 * self.prior_weight * self.regression.variance * self.prior.distance(parameters)
         return value
@@ -330,9 +332,9 @@ class Fitting:
         self.units = best.units
         self._attempt = ATTEMPTS[0]
         self._around(best.parameters)
-        base = self.feasible.K @ best.parameters
+        base = self.feasible_set.K @ best.parameters
         squared = self.regression.squared_residual(base)
-        links = self._reach_rows[: len(self.feasible.link_columns)]
+        links = self._reach_rows[: len(self.feasible_set.link_columns)]
         beyond = tuple(np.flatnonzero(links @ best.parameters > 1.0).tolist())
         return Optimum(
             best.parameters,
@@ -360,7 +362,7 @@ class Fitting:
         if solution.outcome is Outcome.INFEASIBLE:
             below = f" and a total mass below {bound:g} kg" if np.isfinite(bound) else ""
             raise SolverError(
-                f"no parameters satisfy all of the {len(self.feasible.blocks)} conditions with margin {margin:g}"
+                f"no parameters satisfy all of the {len(self.feasible_set.blocks)} conditions with margin {margin:g}"
                 f"{below} ({solution.solver}: {solution.status}); loosen the constraints, which contradict each other."
             )
         solution.require("fit the data within the feasible set")
@@ -377,16 +379,16 @@ class Fitting:
         bounded = replace(problem, rows=-limits, slack=most - limits @ parameters)
         lower = bounded.lower_bound(Multipliers(blocks, prices), enough)
         cost = program.price_of_margin(solution.dual) * unit / self.size(value)
-        inside = self.feasible.contains(parameters)
+        inside = self.feasible_set.contains(parameters)
         return _Found(parameters, value, lower, stopped, cost, inside, self.units, margin, solution.status, blocks)
 
     def _limits(self, bound: float) -> tuple[Matrix, Vector]:
         """Rows over δ, and what they may be at most: the mass bound where there is one, then the reach."""
-        count = self.feasible.parameter_count
+        count = self.feasible_set.parameter_count
         rows = [np.zeros((0, count))]
         if np.isfinite(bound):
             mass = np.zeros((1, count))
-            mass[0, self.feasible.conditioned_masses] = 1.0 / bound
+            mass[0, self.feasible_set.conditioned_masses] = 1.0 / bound
             rows.append(mass)
         if self._attempt.bounded:
             rows.append(self._reach_rows)
@@ -395,14 +397,14 @@ class Fitting:
 
     def _pulled(self, found: "_Found", best: "_Found") -> "_Found":
         """A point just outside, moved into the set along the line to one that is inside."""
-        parameters = pull_inside(self.feasible, found.parameters, best.parameters)
+        parameters = pull_inside(self.feasible_set, found.parameters, best.parameters)
         return replace(found, parameters=parameters, value=self.value(parameters), inside=True)
 
     def _problem(self, parameters: Vector, value: float) -> ConvexProblem:
         """The objective as it looks from δ."""
-        feasible, regression = self.feasible, self.regression
-        root = regression.R @ feasible.K
-        gradient = 2.0 * (root.T @ regression.residuals(feasible.K @ parameters))
+        feasible_set, regression = self.feasible_set, self.regression
+        root = regression.R @ feasible_set.K
+        gradient = 2.0 * (root.T @ regression.residuals(feasible_set.K @ parameters))
         entropy = 0.0
         if self.prior is not None:
             factor = 2.0 * self.prior_weight * regression.variance
@@ -410,14 +412,14 @@ class Fitting:
             root = np.vstack([root, np.sqrt(factor) * self.prior.root()])
             entropy = factor * self.prior.entropy
         return ConvexProblem(
-            feasible_set=feasible,
+            feasible_set=feasible_set,
             point=parameters,
-            directions=np.eye(feasible.parameter_count),
+            directions=np.eye(feasible_set.parameter_count),
             units=self._typical,
             value=value,
             gradient=gradient,
             root=root,
-            rows=np.zeros((0, feasible.parameter_count)),
+            rows=np.zeros((0, feasible_set.parameter_count)),
             slack=np.zeros(0),
             size=self.size(value),
             entropy=entropy,
@@ -453,11 +455,11 @@ class Fitting:
         if not solution.usable:
             return None
         found = program.parameters(solution.primal)
-        if not self.feasible.contains(found):
-            inside = near + self.feasible.lift @ (base - self.feasible.K @ near)
-            if not self.feasible.contains(inside):
+        if not self.feasible_set.contains(found):
+            inside = near + self.feasible_set.lift @ (base - self.feasible_set.K @ near)
+            if not self.feasible_set.contains(inside):
                 return None
-            found = pull_inside(self.feasible, found, inside)
+            found = pull_inside(self.feasible_set, found, inside)
         problem = self._preferring(preference, found)
         problem = replace(problem, directions=program.conditions.matrix, units=program.columns)
         blocks = unit * program.stacked_dual(solution.dual)
@@ -465,23 +467,23 @@ class Fitting:
 
     def near(self, preference: TieBreak | PreparedPrior, margin: float, limit: float, bound: float) -> Choice | None:
         """The preferred parameters with a squared residual of at most `limit`, or None."""
-        regression, feasible = self.regression, self.feasible
+        regression, feasible_set = self.regression, self.feasible_set
         program = self._base_program(margin)
         objective, unit = _in_units(preference.part(program))
         radius = float(np.sqrt(max(limit - regression.outside, regression.tiny)))
-        ball = regression.ball(program.columns, radius, regression.residuals(feasible.K @ program.origin))
+        ball = regression.ball(program.columns, radius, regression.residuals(feasible_set.K @ program.origin))
         limits, most = self._limits(2 * bound)
         solution = self._solve(program, objective, (ball, _limit_rows(program, limits, most)))
         if not solution.usable:
             return None
         self.statuses.append(solution.status)
         found = program.parameters(solution.primal)
-        base = feasible.K @ found
+        base = feasible_set.K @ found
         start = program.conditions.rows.shape[0]
         behind = start + len(ball.right)
         # The residual's limit enters with its multiplier, so that its curvature counts.
         price = max(unit * float(solution.dual[start]) / (2 * radius**2), 0.0)
-        preferred, root = self._preferring(preference, found), regression.R @ feasible.K
+        preferred, root = self._preferring(preference, found), regression.R @ feasible_set.K
         problem = replace(
             preferred,
             value=preferred.value + price * (regression.squared_residual(base) - limit),
@@ -495,9 +497,9 @@ class Fitting:
 
     def _preferring(self, preference: TieBreak | PreparedPrior, parameters: Vector) -> ConvexProblem:
         """The preference as it looks from δ."""
-        count = self.feasible.parameter_count
+        count = self.feasible_set.parameter_count
         return ConvexProblem(
-            feasible_set=self.feasible,
+            feasible_set=self.feasible_set,
             point=parameters,
             directions=np.eye(count),
             units=self._typical,
@@ -513,9 +515,9 @@ class Fitting:
     def _choice(self, problem: ConvexProblem, multipliers: Multipliers, value: float) -> Choice:
         """With the bounds that the multipliers prove."""
         lower = problem.lower_bound(multipliers, problem.value - 0.1 * GAP * problem.size)
-        count = self.feasible.parameter_count
+        count = self.feasible_set.parameter_count
         masses = np.zeros(count)
-        masses[self.feasible.mass_indices] = 1.0
+        masses[self.feasible_set.mass_indices] = 1.0
         mass = float(masses @ problem.point)
         only = replace(
             problem, value=mass, gradient=masses, root=np.zeros((0, count)), size=max(mass, 1e-300), entropy=0.0

@@ -46,7 +46,7 @@ class Conditions:
 
     Parameters
     ----------
-    feasible : FeasibleSet
+    feasible_set : FeasibleSet
     matrix : (n, m)
 
     Attributes
@@ -56,10 +56,10 @@ class Conditions:
     cones : tuple of Cone
     """
 
-    def __init__(self, feasible: FeasibleSet, matrix: Matrix) -> None:
-        self.stack, self.matrix = feasible.stack, matrix
-        self.equation_matrix, self.equation_values = feasible.equation_matrix, feasible.equation_values
-        equations, blocks = feasible.rows(matrix, np.zeros(feasible.parameter_count))
+    def __init__(self, feasible_set: FeasibleSet, matrix: Matrix) -> None:
+        self.stack, self.matrix = feasible_set.stack, matrix
+        self.equation_matrix, self.equation_values = feasible_set.equation_matrix, feasible_set.equation_values
+        equations, blocks = feasible_set.rows(matrix, np.zeros(feasible_set.parameter_count))
         self.rows = blocks.matrix
         if len(equations.right):
             self.rows = sparse.csc_array(sparse.vstack([equations.matrix, blocks.matrix], format="csc"))
@@ -112,9 +112,9 @@ class Conditions:
         return np.where(self.diagonal, found[self.first], 0.0)
 
 
-def unidentifiable_conditions(feasible: FeasibleSet) -> Conditions:
+def unidentifiable_conditions(feasible_set: FeasibleSet) -> Conditions:
     """The conditions over the directions that the motion does not show; `FeasibleSet.kept` makes them once a set."""
-    return Conditions(feasible, feasible.unidentifiable)
+    return Conditions(feasible_set, feasible_set.unidentifiable)
 
 
 @dataclass(frozen=True, eq=False)
@@ -178,7 +178,7 @@ class Program:
 
     Attributes
     ----------
-    feasible : FeasibleSet
+    feasible_set : FeasibleSet
     conditions : Conditions
     units : (n,)
         Of the standard parameters.
@@ -191,7 +191,7 @@ class Program:
         Units in which the margin is measured; those of the parameters where absent.
     """
 
-    feasible: FeasibleSet
+    feasible_set: FeasibleSet
     conditions: Conditions
     units: Vector = field(repr=False)
     columns: Vector = field(repr=False)
@@ -202,7 +202,7 @@ class Program:
     @classmethod
     def along(
         cls,
-        feasible: FeasibleSet,
+        feasible_set: FeasibleSet,
         conditions: Conditions,
         units: Vector,
         origin: Vector,
@@ -211,7 +211,7 @@ class Program:
     ) -> "Program":
         """A program whose unknowns are measured such that a step of 1 changes no parameter by more than its unit."""
         sizes = np.abs(conditions.matrix / units[:, None]).max(axis=0, initial=0.0)
-        return cls(feasible, conditions, units, 1.0 / np.where(sizes > 0, sizes, 1.0), origin, margin, typical)
+        return cls(feasible_set, conditions, units, 1.0 / np.where(sizes > 0, sizes, 1.0), origin, margin, typical)
 
     @cached_property
     def _scaling(self) -> tuple[Vector, Vector]:
@@ -252,7 +252,7 @@ class Program:
     def parameters(self, unknowns: Vector) -> Vector:
         """δ of x̂."""
         found = self.origin + self.conditions.matrix @ (self.columns * unknowns[: len(self.columns)])
-        return self.feasible.project_on_equations(found)
+        return self.feasible_set.project_on_equations(found)
 
     def solve(
         self,

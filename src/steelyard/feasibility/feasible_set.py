@@ -130,8 +130,8 @@ class FeasibleSet:
         --------
         >>> from steelyard.dynamics import Model
         >>> from steelyard.robot import Robot
-        >>> feasible = FeasibleSet(Model(Robot.from_dh([("0", 0.0, 0.0, "q")])), consistency="inertia")
-        >>> print(feasible.inequality.with_margin(feasible.margin).pretty(most=3))
+        >>> feasible_set = FeasibleSet(Model(Robot.from_dh([("0", 0.0, 0.0, "q")])), consistency="inertia")
+        >>> print(feasible_set.inequality.with_margin(feasible_set.margin).pretty(most=3))
         body of link1:
         ⎡ Lxx1 - 1e-06  ⋯  -ly1       ⎤
         ⎢ ⋮             ⋱  ⋮          ⎥

@@ -29,7 +29,7 @@ KNOWN_FACTOR, SPOKEN_FACTOR = 20.0, 2.0
 """Where a mass is known, the bound is so many times that, and at least so many times what the torques speak of."""
 
 
-def growing_links(feasible: FeasibleSet, undetermined: Matrix | None = None) -> tuple[int, ...]:
+def growing_links(feasible_set: FeasibleSet, undetermined: Matrix | None = None) -> tuple[int, ...]:
     """Links whose masses may grow without end while base parameters, conditions and equations stay as they are.
 
     A direction d with K d = 0 and E d = 0 whose homogeneous matrices D_b(d) are all positive semidefinite leads from
@@ -38,7 +38,7 @@ def growing_links(feasible: FeasibleSet, undetermined: Matrix | None = None) -> 
 
     Parameters
     ----------
-    feasible : FeasibleSet
+    feasible_set : FeasibleSet
     undetermined : (n_b, u), optional
         Directions of the base parameters that the data does not show; they count as unidentifiable, too.
 
@@ -48,15 +48,15 @@ def growing_links(feasible: FeasibleSet, undetermined: Matrix | None = None) -> 
         Indices of links; empty where no mass may. Kept for each set where `undetermined` is absent.
     """
     if undetermined is not None and undetermined.shape[1]:
-        return _analyse(feasible, np.hstack([feasible.lift @ undetermined, feasible.unidentifiable]))
-    return feasible.kept(_growing_whatever_the_data)
+        return _analyse(feasible_set, np.hstack([feasible_set.lift @ undetermined, feasible_set.unidentifiable]))
+    return feasible_set.kept(_growing_whatever_the_data)
 
 
-def mass_bound_of(feasible: FeasibleSet, scale: Units) -> float:
+def mass_bound_of(feasible_set: FeasibleSet, scale: Units) -> float:
     """The mass bound, in kg; well above what CAD, the constraints and the torques say of the mass."""
-    cad = np.asarray(feasible.model.robot.parameters, dtype=float)[feasible.mass_indices]
+    cad = np.asarray(feasible_set.model.robot.parameters, dtype=float)[feasible_set.mass_indices]
     known = [float(cad.sum())] if np.all(np.isfinite(cad)) and np.all(cad > 0) else []
-    for constraint in feasible.constraints:
+    for constraint in feasible_set.constraints:
         if isinstance(constraint, TotalMass):
             known += [value for value in (constraint.minimum, constraint.equal) if value is not None]
     if known:
@@ -65,18 +65,18 @@ def mass_bound_of(feasible: FeasibleSet, scale: Units) -> float:
     return float(np.clip(MASS_BOUND, least, most))
 
 
-def _growing_whatever_the_data(feasible: FeasibleSet) -> tuple[int, ...]:
-    return _analyse(feasible, feasible.unidentifiable)
+def _growing_whatever_the_data(feasible_set: FeasibleSet) -> tuple[int, ...]:
+    return _analyse(feasible_set, feasible_set.unidentifiable)
 
 
-def _analyse(feasible: FeasibleSet, directions: Matrix) -> tuple[int, ...]:
-    masses = feasible.mass_indices
+def _analyse(feasible_set: FeasibleSet, directions: Matrix) -> tuple[int, ...]:
+    masses = feasible_set.mass_indices
     if not np.any(directions[masses]):
         return ()
-    units = Units.of(feasible).parameters
+    units = Units.of(feasible_set).parameters
     sizes = np.abs(directions / units[:, None]).max(axis=0)
     directions = directions / np.where(sizes > 0, sizes, 1.0)
-    conditions = Conditions(feasible, directions)
+    conditions = Conditions(feasible_set, directions)
     links, count = len(masses), directions.shape[1]
     scaled = sparse.csc_array(conditions.rows.multiply(conditions.row_factors(units)[:, None]))
     box = directions / units[:, None]

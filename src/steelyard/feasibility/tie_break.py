@@ -152,28 +152,28 @@ def _require_semidefinite(curvature: Matrix) -> None:
         )
 
 
-def lightest(feasible: FeasibleSet, units: Units | None = None) -> TieBreak:
+def lightest(feasible_set: FeasibleSet, units: Units | None = None) -> TieBreak:
     """Least total mass; among equals the most compact (thousandths of kg m² and friction count), then the smallest.
 
     Parameters
     ----------
-    feasible : FeasibleSet
+    feasible_set : FeasibleSet
     units : Units, optional
         In which small and large are told apart; SI where absent.
     """
-    gradient = SPREAD_WEIGHT * feasible.trace_row
-    gradient[feasible.mass_indices] = 1.0
-    sizes = np.ones(feasible.parameter_count) if units is None else units.parameters
+    gradient = SPREAD_WEIGHT * feasible_set.trace_row
+    gradient[feasible_set.mass_indices] = 1.0
+    sizes = np.ones(feasible_set.parameter_count) if units is None else units.parameters
     total = 1.0 if units is None else units.total_mass
     return TieBreak("the lightest", FREE_WEIGHT * total / sizes**2, gradient)
 
 
-def lightest_parameters(feasible: FeasibleSet, base: Vector, margin: float) -> Vector | None:
+def lightest_parameters(feasible_set: FeasibleSet, base: Vector, margin: float) -> Vector | None:
     """The lightest parameters with given base parameters, or None where the solver does not reach them.
 
     Parameters
     ----------
-    feasible : FeasibleSet
+    feasible_set : FeasibleSet
     base : (n_b,)
         β; K δ = β.
     margin : float
@@ -184,13 +184,14 @@ def lightest_parameters(feasible: FeasibleSet, base: Vector, margin: float) -> V
     (n,) or None
         As the solver left them: whether the set contains them is for the caller to check.
     """
-    conditions = feasible.kept(unidentifiable_conditions)
-    program = Program.along(feasible, conditions, Units.of(feasible).parameters, feasible.lift @ base, margin)
-    solution = program.solve(lightest(feasible).part(program))
+    conditions = feasible_set.kept(unidentifiable_conditions)
+    units = Units.of(feasible_set).parameters
+    program = Program.along(feasible_set, conditions, units, feasible_set.lift @ base, margin)
+    solution = program.solve(lightest(feasible_set).part(program))
     return program.parameters(solution.primal) if solution.usable else None
 
 
-def closest_to_cad(feasible: FeasibleSet) -> TieBreak:
+def closest_to_cad(feasible_set: FeasibleSet) -> TieBreak:
     """Least squared distance from the inertial parameters of CAD, each link measured in its own mass and size.
 
     The mass counts in units of the CAD mass m, first moments in m r, moments of inertia in m r², where r is the largest
@@ -201,17 +202,17 @@ def closest_to_cad(feasible: FeasibleSet) -> TieBreak:
     InputError
         If the robot's description has no inertial parameters.
     """
-    cad = np.asarray(feasible.model.robot.parameters, dtype=float)
-    columns = feasible.link_columns
+    cad = np.asarray(feasible_set.model.robot.parameters, dtype=float)
+    columns = feasible_set.link_columns
     known = np.all(np.isfinite(cad[columns]), axis=1) & (cad[columns[:, 9]] > 0)
     if not np.any(known):
         raise InputError(
             'prefer="cad" needs inertial parameters in the robot description, which has none; use prefer="lightest".'
         )
-    curvature = np.full(feasible.parameter_count, FREE_WEIGHT)
-    gradient = np.zeros(feasible.parameter_count)
+    curvature = np.full(feasible_set.parameter_count, FREE_WEIGHT)
+    gradient = np.zeros(feasible_set.parameter_count)
     values = cad[columns[known]]
-    sizes = Units(feasible, values[:, 9], lengths_of_links(values, LEAST_RADIUS), 1.0).inertial
+    sizes = Units(feasible_set, values[:, 9], lengths_of_links(values, LEAST_RADIUS), 1.0).inertial
     curvature[columns[known]] = 2.0 / sizes**2
     gradient[columns[known]] = -2.0 / sizes**2 * values
     return TieBreak("the closest to CAD", curvature, gradient)

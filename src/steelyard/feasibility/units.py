@@ -26,12 +26,12 @@ SPREAD = 1e3
 """A link is not taken to be lighter than the middle one by more than this factor."""
 
 
-def typical_length(feasible: FeasibleSet) -> float:
+def typical_length(feasible_set: FeasibleSet) -> float:
     """Typical distance between joints, in m: how much first moment a mass adds to the base parameters."""
-    columns = feasible.link_columns
-    independent = np.asarray(feasible.model.base_parameters().independent, dtype=np.intp)
+    columns = feasible_set.link_columns
+    independent = np.asarray(feasible_set.model.base_parameters().independent, dtype=np.intp)
     rows = np.isin(independent, columns[:, 6:9])
-    factors = np.abs(feasible.K[np.ix_(rows, columns[:, 9])])
+    factors = np.abs(feasible_set.K[np.ix_(rows, columns[:, 9])])
     factors = factors[factors > 1e-6]
     return float(np.exp(np.mean(np.log(factors)))) if len(factors) else LENGTH
 
@@ -48,7 +48,7 @@ class Units:
 
     Attributes
     ----------
-    feasible : FeasibleSet
+    feasible_set : FeasibleSet
     masses : (links,)
         In kg.
     lengths : (links,)
@@ -57,7 +57,7 @@ class Units:
         Of every other parameter, in its SI unit; one for all, or one for each.
     """
 
-    feasible: FeasibleSet = field(repr=False)
+    feasible_set: FeasibleSet = field(repr=False)
     masses: Vector
     lengths: Vector
     term: float | Vector
@@ -65,9 +65,9 @@ class Units:
     @cached_property
     def parameters(self) -> Vector:
         """One unit for each standard parameter, (n,)."""
-        units = np.empty(self.feasible.parameter_count)
-        units[_others(self.feasible)] = self.term
-        units[self.feasible.link_columns] = self.inertial
+        units = np.empty(self.feasible_set.parameter_count)
+        units[_others(self.feasible_set)] = self.term
+        units[self.feasible_set.link_columns] = self.inertial
         return units
 
     @property
@@ -81,29 +81,29 @@ class Units:
         return float(self.masses.sum())
 
     @classmethod
-    def of(cls, feasible: FeasibleSet) -> "Units":
+    def of(cls, feasible_set: FeasibleSet) -> "Units":
         """Units of a robot of which no data tells: those of the description, or 1 kg and the typical length."""
-        return cls.from_sizes(feasible, np.full(feasible.parameter_count, np.inf)).with_cad()
+        return cls.from_sizes(feasible_set, np.full(feasible_set.parameter_count, np.inf)).with_cad()
 
     @classmethod
-    def from_sizes(cls, feasible: FeasibleSet, sizes: Vector) -> "Units":
+    def from_sizes(cls, feasible_set: FeasibleSet, sizes: Vector) -> "Units":
         """The same mass and length for all links.
 
         Parameters
         ----------
-        feasible : FeasibleSet
+        feasible_set : FeasibleSet
         sizes : (n,)
             The value of each parameter that alone would explain all torques; infinite where none does.
         """
-        columns = feasible.link_columns
-        length = feasible.kept(typical_length)
+        columns = feasible_set.link_columns
+        length = feasible_set.kept(typical_length)
         inertial = sizes[columns]
         middles = [_middle(inertial[:, power == POWERS]) / length**power for power in (0.0, 1.0, 2.0)]
         masses = [mass for mass in middles if np.isfinite(mass)]
-        term = _middle(sizes[_others(feasible)])
+        term = _middle(sizes[_others(feasible_set)])
         count = len(columns)
         return cls(
-            feasible,
+            feasible_set,
             np.full(count, min(masses, default=1.0)),
             np.full(count, length),
             term if np.isfinite(term) else 1.0,
@@ -111,22 +111,22 @@ class Units:
 
     def with_cad(self) -> "Units":
         """The description's masses and lengths where it has a positive mass for every link, else these."""
-        values = np.asarray(self.feasible.model.robot.parameters, dtype=float)
-        inertial = values[self.feasible.link_columns]
+        values = np.asarray(self.feasible_set.model.robot.parameters, dtype=float)
+        inertial = values[self.feasible_set.link_columns]
         if not (np.all(np.isfinite(inertial)) and np.all(inertial[:, 9] > 0)):
             return self
         return self._of(inertial.copy())
 
     def refined(self, parameters: Vector) -> "Units":
         """Units of a point that a solver found, where links are smaller there."""
-        inertial = parameters[self.feasible.link_columns].copy()
+        inertial = parameters[self.feasible_set.link_columns].copy()
         positive = inertial[inertial[:, 9] > 0, 9]
         if not len(positive):
             return self
         inertial[:, 9] = np.maximum(inertial[:, 9], _middle(positive) / SPREAD)
         found = self._of(inertial)
         return Units(
-            self.feasible,
+            self.feasible_set,
             np.minimum(self.masses, found.masses),
             np.minimum(self.lengths, found.lengths),
             self.term,
@@ -134,23 +134,23 @@ class Units:
 
     def around(self, parameters: Vector) -> "Units":
         """Units of a point that a solver found, where links and terms are far from these, smaller or larger."""
-        inertial = parameters[self.feasible.link_columns].copy()
+        inertial = parameters[self.feasible_set.link_columns].copy()
         inertial[:, 9] = np.maximum(inertial[:, 9], self.masses / SPREAD)
-        typical = self.feasible.kept(typical_length)
+        typical = self.feasible_set.kept(typical_length)
         lengths = lengths_of_links(inertial, typical / SPREAD, typical * SPREAD)
-        terms = np.maximum(np.abs(parameters[_others(self.feasible)]), np.asarray(self.term) / SPREAD)
-        return Units(self.feasible, inertial[:, 9], lengths, terms)
+        terms = np.maximum(np.abs(parameters[_others(self.feasible_set)]), np.asarray(self.term) / SPREAD)
+        return Units(self.feasible_set, inertial[:, 9], lengths, terms)
 
     def _of(self, inertial: Matrix) -> "Units":
-        typical = self.feasible.kept(typical_length)
+        typical = self.feasible_set.kept(typical_length)
         lengths = lengths_of_links(inertial, SHORTEST * typical, LONGEST * typical)
-        return Units(self.feasible, inertial[:, 9], lengths, self.term)
+        return Units(self.feasible_set, inertial[:, 9], lengths, self.term)
 
 
-def _others(feasible: FeasibleSet) -> npt.NDArray[np.bool_]:
+def _others(feasible_set: FeasibleSet) -> npt.NDArray[np.bool_]:
     """Which parameters belong to no link, (n,)."""
-    found = np.ones(feasible.parameter_count, dtype=bool)
-    found[feasible.link_columns] = False
+    found = np.ones(feasible_set.parameter_count, dtype=bool)
+    found[feasible_set.link_columns] = False
     return found
 
 

@@ -105,7 +105,7 @@ def identify(
     model = Model.from_file(file)
     reader = _Reader(file, model, chunk_rows)
     constraints = constraints_from_dict(file.section("constraints"), folder=file.path.parent)
-    feasible = FeasibleSet(model, consistency, list(constraints))
+    feasible_set = FeasibleSet(model, consistency, list(constraints))
 
     say(f"{model.robot.name}: {model.dof} joints, {model.base_parameters().count} base parameters")
     reader.decide(logs, say)
@@ -125,11 +125,11 @@ def identify(
     say("least squares")
     unconstrained = least_squares(information, weights)
     say("is it physically possible?")
-    verdict = check(feasible, base=unconstrained.base)
+    verdict = check(feasible_set, base=unconstrained.base)
     if prefer == "auto":
         prefer = "cad" if _has_cad(model) else "lightest"
     say("feasible fit")
-    estimate = fit(information, feasible, weights=weights, prefer=prefer, residual_slack=residual_slack)
+    estimate = fit(information, feasible_set, weights=weights, prefer=prefer, residual_slack=residual_slack)
     estimate = replace(estimate, description=reader.description)
     predictions = tuple(_predict(model, unconstrained, estimate, *part) for part in parts)
     remarks = dict.fromkeys(reader.remarks)
@@ -143,7 +143,7 @@ def identify(
     return Identification(
         model=model,
         information=information,
-        feasible_set=feasible,
+        feasible_set=feasible_set,
         unconstrained=unconstrained,
         verdict=verdict,
         estimate=estimate,
@@ -158,7 +158,7 @@ def identify(
             "consistency": consistency,
             "prefer": prefer,
             "residual_slack": residual_slack,
-            "margin": feasible.margin,
+            "margin": feasible_set.margin,
             "chunk_rows": chunk_rows,
             "log": reader.columns.to_dict(),
             "processing": reader.stated.to_dict(),

@@ -81,11 +81,11 @@ def check_estimate(
     """
     file = RobotFile.load(robot)
     model = Model.from_file(file)
-    feasible = _feasible_set(file, model, consistency)
+    feasible_set = _feasible_set(file, model, consistency)
     loaded = _estimate_of(model, estimate, certified=False)
     if loaded.parameters is None:
-        return check(feasible, base=loaded.base)
-    verdict = check(feasible, parameters=loaded.parameters)
+        return check(feasible_set, base=loaded.base)
+    verdict = check(feasible_set, parameters=loaded.parameters)
     if verdict.feasible:
         # Of impossible parameters the user is told why; possible ones that the file itself contradicts are refused.
         matching_estimate(model, estimate)
@@ -127,13 +127,13 @@ def check_certificate(
     base = None
     if estimate is None:
         file = RobotFile.load(robot)
-        feasible = _feasible_set(file, Model.from_file(file), consistency)
+        feasible_set = _feasible_set(file, Model.from_file(file), consistency)
     else:
-        _, feasible, loaded = set_and_estimate(robot, estimate, consistency)
+        _, feasible_set, loaded = set_and_estimate(robot, estimate, consistency)
         base = loaded.base
-    different = speaks_of(document, feasible, base)
-    if different and not speaks_of(document, feasible, base, rounding=LAST_DIGITS):
-        return _proved_anew(document, feasible, verified, robot)
+    different = speaks_of(document, feasible_set, base)
+    if different and not speaks_of(document, feasible_set, base, rounding=LAST_DIGITS):
+        return _proved_anew(document, feasible_set, verified, robot)
     if different:
         whose = f"{estimate}" if different == "base parameters" else f"{robot} under {consistency!r} consistency"
         sentence = f"The proof is valid, but it speaks of something else: its {different} differ from those of {whose}."
@@ -148,14 +148,14 @@ def check_certificate(
 
 
 def _proved_anew(
-    document: Mapping[str, Any], feasible: FeasibleSet, verified: CertificateCheck, robot: str | Path
+    document: Mapping[str, Any], feasible_set: FeasibleSet, verified: CertificateCheck, robot: str | Path
 ) -> CertificateCheck:
     """What is proved of a robot whose numbers differ from those of a certificate in their last digits.
 
     The certificate proves nothing of this robot then, so that its base parameters are judged once more.
     """
     numbers = [nearest_double(parse_number(value)) for value in document["statement"]["base"]]
-    certificate = check(feasible, base=numbers).certificate if np.all(np.isfinite(numbers)) else None
+    certificate = check(feasible_set, base=numbers).certificate if np.all(np.isfinite(numbers)) else None
     here = f"{robot} has other last digits here, as processors make them"
     if certificate is not None and certificate.to_dict()["verdict"] == document["verdict"]:
         found = certificate.verify()
@@ -200,9 +200,9 @@ def correct_estimate(
     SolverError
         If no parameters satisfy the constraints.
     """
-    model, feasible, loaded = set_and_estimate(robot, estimate, consistency)
+    model, feasible_set, loaded = set_and_estimate(robot, estimate, consistency)
     if loaded.parameters is not None:
-        own = FeasibilityCertificate.of_parameters(feasible, loaded.parameters)
+        own = FeasibilityCertificate.of_parameters(feasible_set, loaded.parameters)
         if own.verify():
             # Others have these base parameters, too, but who has found these has reasons for them.
             return replace(
@@ -219,7 +219,7 @@ def correct_estimate(
             weights = np.diag(np.where(loaded.standard_error > 0, 1.0 / loaded.standard_error**2, 0.0))
         exact = loaded.standard_error == 0
         weights[exact, exact] = max(1.0, float(weights.max(initial=0.0)))
-    found = correct(feasible, base=loaded.base, metric=weights)
+    found = correct(feasible_set, base=loaded.base, metric=weights)
     damping, friction = model.joint_friction(found.parameters)
     told = str(found)
     if loaded.parameters is not None and found.status == "already feasible":
@@ -312,13 +312,13 @@ def _estimate_of(model: Model, estimate: str | Path, *, certified: bool) -> Esti
 
 def _require_proof(model: Model, loaded: Estimate, where: str) -> None:
     """Refuse an estimate that is not proved to be as feasible as it says."""
-    feasible = FeasibleSet(model, "inertia" if loaded.consistency == "inertia" else "full")
+    feasible_set = FeasibleSet(model, "inertia" if loaded.consistency == "inertia" else "full")
     assert loaded.parameters is not None
-    verified = FeasibilityCertificate.of_parameters(feasible, loaded.parameters).verify()
+    verified = FeasibilityCertificate.of_parameters(feasible_set, loaded.parameters).verify()
     if verified and loaded.certificate is not None:
         verified = verify_document(loaded.certificate, where)
         # Last digits may be those of another processor: the parameters were proved for this one's above.
-        different = speaks_of(loaded.certificate, feasible, loaded.base, rounding=LAST_DIGITS)
+        different = speaks_of(loaded.certificate, feasible_set, loaded.base, rounding=LAST_DIGITS)
         if verified and different:
             raise InputError(
                 f"{where}: its certificate speaks of another robot than {model.robot.name}: its {different} differ; "
@@ -474,17 +474,17 @@ def explain_estimate(
     InputError
         If a file cannot be used, or the estimate belongs to another robot.
     """
-    _, feasible, loaded = set_and_estimate(robot, estimate, consistency)
-    verdict = check(feasible, base=loaded.base)
+    _, feasible_set, loaded = set_and_estimate(robot, estimate, consistency)
+    verdict = check(feasible_set, base=loaded.base)
     if verdict.feasible is False:
         errors = loaded.standard_error
         known = not loaded.filtered_torque and bool(np.all(np.isfinite(errors)) and np.all(errors > 0))
         covariance = np.diag(errors**2) if known else None
         return EstimateExplanation(
-            False, explain_infeasibility(feasible, base=loaded.base, covariance=covariance), None, None
+            False, explain_infeasibility(feasible_set, base=loaded.base, covariance=covariance), None, None
         )
     if verdict.feasible is None:
         return EstimateExplanation(None, None, None, None)
     return EstimateExplanation(
-        True, None, lightest_robot(feasible, loaded.base), parameter_intervals(feasible, base=loaded.base)
+        True, None, lightest_robot(feasible_set, loaded.base), parameter_intervals(feasible_set, base=loaded.base)
     )

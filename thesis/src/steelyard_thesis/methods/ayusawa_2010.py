@@ -139,7 +139,7 @@ class Ayusawa2010(Method):
         solution = solve_quadratic(program, self.solver)
         parameters = program.parameters(solution.x)
         for lift in range(LIFTS):
-            if problem.feasible.contains(parameters):
+            if problem.feasible_set.contains(parameters):
                 break
             parameters = program.parameters(solution.x, self.least_mass * 10.0 ** (lift + 1))
         if not solution.converged:

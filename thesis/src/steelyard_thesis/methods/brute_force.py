@@ -75,14 +75,14 @@ def search_grid(
     -------
     GridSearch
     """
-    feasible = problem.feasible
-    dependent = np.asarray(feasible.model.base_parameters().dependent, dtype=np.intp)
+    feasible_set = problem.feasible_set
+    dependent = np.asarray(feasible_set.model.base_parameters().dependent, dtype=np.intp)
     axes = _axes(problem, levels)[dependent]
     points = float(levels) ** len(dependent)
     whole = points <= budget
     count = int(points) if whole else budget
     random = np.random.default_rng(seed)
-    lift = feasible.lift @ base
+    lift = feasible_set.lift @ base
     tried = 0
     while tried < count:
         size = min(BATCH, count - tried)
@@ -91,14 +91,14 @@ def search_grid(
         else:
             digits = random.integers(levels, size=(size, len(dependent)))
         values = np.take_along_axis(axes[None], digits[:, :, None], axis=2)[:, :, 0]
-        candidates = lift + values @ feasible.unidentifiable.T
-        for block in feasible.blocks:
+        candidates = lift + values @ feasible_set.unidentifiable.T
+        for block in feasible_set.blocks:
             candidates = candidates[_positive(block, candidates)]
             if not len(candidates):
                 break
         tried += size
         for candidate in candidates[:10]:
-            if feasible.contains(candidate):
+            if feasible_set.contains(candidate):
                 return GridSearch(candidate, tried, points)
         if progress is not None:
             progress(f"searched {tried} of {points:.3g} points")

@@ -62,13 +62,15 @@ class ReductionStep:
 class _Refutations:
     """Proofs of infeasibility so far: each refutes whatever lies on the wrong side of its hyperplane."""
 
-    def __init__(self, feasible: FeasibleSet) -> None:
-        self.feasible = feasible
+    def __init__(self, feasible_set: FeasibleSet) -> None:
+        self.feasible_set = feasible_set
         # Only where the set is a cone, a direction says yᵀβ ≥ 0 of all feasible β, without a constant.
-        self.is_cone = not np.any(feasible.equation_values) and not any(np.any(b.constant) for b in feasible.blocks)
+        self.is_cone = not np.any(feasible_set.equation_values) and not any(
+            np.any(b.constant) for b in feasible_set.blocks
+        )
         self.directions: list[Vector] = []
-        hidden = feasible.unidentifiable
-        self.known_blocks = [b for b in feasible.blocks if b.size > 1 and not np.any(hidden[b.indices])]
+        hidden = feasible_set.unidentifiable
+        self.known_blocks = [b for b in feasible_set.blocks if b.size > 1 and not np.any(hidden[b.indices])]
 
     def decide(self, base: Vector) -> bool | None:
         """Whether base parameters are feasible, None where it cannot be proved either way."""
@@ -78,10 +80,10 @@ class _Refutations:
         if self._block_refutes(base):
             return False
         # A block that the base parameters determine wholly, and which is singular, leaves nothing to look for.
-        parameters = self.feasible.lift @ base
+        parameters = self.feasible_set.lift @ base
         if not all(is_positive_definite(block.evaluate(parameters)) for block in self.known_blocks):
             return None
-        certificate = decide(self.feasible, base).certificate
+        certificate = decide(self.feasible_set, base).certificate
         if isinstance(certificate, FeasibilityCertificate):
             return True
         if isinstance(certificate, InfeasibilityCertificate):
@@ -93,16 +95,16 @@ class _Refutations:
 
     def _block_refutes(self, base: Vector) -> bool:
         """Whether a single block does: v'D(δ)v < 0 for a v with which it does not depend on what the motion hides."""
-        feasible = self.feasible
-        parameters = feasible.lift @ base
-        eigenvalues = feasible.stack.smallest_eigenvalues(parameters)
+        feasible_set = self.feasible_set
+        parameters = feasible_set.lift @ base
+        eigenvalues = feasible_set.stack.smallest_eigenvalues(parameters)
         for index in np.argsort(eigenvalues):
             if eigenvalues[index] >= 0.0:
                 break
-            block = feasible.blocks[index]
+            block = feasible_set.blocks[index]
             vector = np.linalg.eigh(block.evaluate(parameters))[1][:, 0]
             row = np.einsum("kij,i,j->k", block.coefficients, vector, vector)
-            hidden = row @ feasible.unidentifiable[block.indices]
+            hidden = row @ feasible_set.unidentifiable[block.indices]
             scale = np.abs(row) @ np.abs(parameters[block.indices]) + float(np.abs(block.constant).max())
             if np.all(np.abs(hidden) <= 1e-14 * np.abs(row).max()) and eigenvalues[index] < -CLEARLY * scale:
                 return True
@@ -180,7 +182,7 @@ class DiazRodriguez2010(Method):
     def path(
         self,
         information: Information,
-        feasible: FeasibleSet,
+        feasible_set: FeasibleSet,
         *,
         weights: Weights = "joint",
         distances: bool = True,
@@ -191,7 +193,7 @@ class DiazRodriguez2010(Method):
         Parameters
         ----------
         information : Information
-        feasible : FeasibleSet
+        feasible_set : FeasibleSet
         weights : "joint", None or (N,)
         distances : bool
             Whether to compute the distance to the feasible set, as `steelyard.correct` finds it, at every step.
@@ -202,8 +204,8 @@ class DiazRodriguez2010(Method):
         tuple of ReductionStep
             The first one has nothing taken out; the last one `most_removed` parameters.
         """
-        problem = Problem.of(information, feasible, weights)
-        refutations = _Refutations(feasible)
+        problem = Problem.of(information, feasible_set, weights)
+        refutations = _Refutations(feasible_set)
         found: list[ReductionStep] = []
         with one_thread():
             for elimination in self._models(problem):
@@ -211,7 +213,7 @@ class DiazRodriguez2010(Method):
                 possible = refutations.decide(base)
                 distance = float("nan")
                 if distances:
-                    distance = 0.0 if possible else float(np.sqrt(correct(feasible, base=base).squared_distance))
+                    distance = 0.0 if possible else float(np.sqrt(correct(feasible_set, base=base).squared_distance))
                 found.append(self._step(problem, elimination, base, possible, distance))
                 if progress is not None:
                     progress(f"{found[-1].excluded_count} parameters taken out")
@@ -235,7 +237,7 @@ class DiazRodriguez2010(Method):
         return ReductionStep(excluded, base, problem.information.relative_error(base), possible, distance)
 
     def _fit(self, problem: Problem, prior: Vector | None, progress: Progress | None) -> Estimate:
-        refutations = _Refutations(problem.feasible)
+        refutations = _Refutations(problem.feasible_set)
         first: Vector | None = None
         search: GridSearch | None = None
         for elimination in self._models(problem):
@@ -246,7 +248,7 @@ class DiazRodriguez2010(Method):
                 search = search_grid(problem, base, self.levels, self.budget, self.seed, progress)
                 parameters = search.parameters
             elif refutations.decide(base):
-                parameters = check(problem.feasible, base=base).parameters
+                parameters = check(problem.feasible_set, base=base).parameters
             if parameters is not None:
                 return self._estimate(problem, elimination, parameters, search)
             if progress is not None:

@@ -40,13 +40,13 @@ class FactoredMethod(Method):
         descent = self._descent(problem, progress)
         start = starting_point(problem, prior)
         outcome = descent.solve(start, self.solver, self.iterations, self.tolerance, progress)
-        parameters = self._answer(problem.feasible, outcome.parameters, start)
+        parameters = self._answer(problem.feasible_set, outcome.parameters, start)
         return problem.estimate(self.name, parameters, remarks=[outcome.sentence()])
 
     @abstractmethod
     def _descent(self, problem: Problem, progress: Progress | None) -> FactoredFit:
         """Return the problem in the method's variables."""
 
-    def _answer(self, feasible: FeasibleSet, parameters: Vector, start: Vector) -> Vector:
+    def _answer(self, feasible_set: FeasibleSet, parameters: Vector, start: Vector) -> Vector:
         """Return the parameters of the estimate, from where the descent ended and began."""
         return parameters

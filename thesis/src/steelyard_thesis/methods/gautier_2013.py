@@ -104,7 +104,7 @@ class Gautier2013(Method):
         remarks = []
         known = prior
         if known is None:
-            known = np.asarray(problem.feasible.model.robot.parameters, dtype=np.float64)
+            known = np.asarray(problem.feasible_set.model.robot.parameters, dtype=np.float64)
         if not np.any(np.isfinite(known)):
             remarks.append("No prior is known, so the answer is the one closest to zero.")
         reference = np.nan_to_num(known)
@@ -116,7 +116,7 @@ class Gautier2013(Method):
         excluded = [names[index] for index in elimination.removed]
         if excluded:
             remarks.append(f"Not essential: {'; '.join(excluded)}.")
-        degrees = degrees_of_infeasibility(problem.feasible, parameters)
+        degrees = degrees_of_infeasibility(problem.feasible_set, parameters)
         if degrees:
             worst, (block, *_) = max(degrees.values()), sorted(degrees, key=lambda name: -degrees[name])
             remarks.append(f"Degree of infeasibility: {worst:.3g} ({block}).")
@@ -125,7 +125,7 @@ class Gautier2013(Method):
 
     def _near(self, problem: Problem, elimination: Elimination, reference: Vector) -> Vector:
         """δ closest to the reference, by as many singular values as there are essential parameters."""
-        takes_part = np.any(problem.feasible.K[elimination.kept] != 0.0, axis=0)
+        takes_part = np.any(problem.feasible_set.K[elimination.kept] != 0.0, axis=0)
         scale = np.where(takes_part, np.abs(reference) if self.closest == "relative" else 1.0, 0.0)
         left, values, right = np.linalg.svd(problem.matrix * scale, full_matrices=False)
         count = min(len(elimination.kept), int(np.sum(values > LEAST_SINGULAR_VALUE * values.max(initial=0.0))))
@@ -133,18 +133,18 @@ class Gautier2013(Method):
         return np.asarray(reference + scale * (right[:count].T @ ((left[:, :count].T @ error) / values[:count])))
 
 
-def degrees_of_infeasibility(feasible: FeasibleSet, parameters: npt.ArrayLike) -> dict[str, float]:
+def degrees_of_infeasibility(feasible_set: FeasibleSet, parameters: npt.ArrayLike) -> dict[str, float]:
     """Return what must be added to the diagonal of each block before it is positive semidefinite, where that is not 0.
 
     Parameters
     ----------
-    feasible : FeasibleSet
+    feasible_set : FeasibleSet
     parameters : (n,)
 
     Returns
     -------
     dict from the name of a block to the amount
     """
-    eigenvalues = feasible.stack.smallest_eigenvalues(feasible.as_parameters(parameters))
-    pairs = zip(feasible.blocks, eigenvalues, strict=True)
+    eigenvalues = feasible_set.stack.smallest_eigenvalues(feasible_set.as_parameters(parameters))
+    pairs = zip(feasible_set.blocks, eigenvalues, strict=True)
     return {block.name: -float(smallest) for block, smallest in pairs if smallest < 0.0}

@@ -51,7 +51,7 @@ class LinkRegion:
 
     Attributes
     ----------
-    feasible : FeasibleSet
+    feasible_set : FeasibleSet
     link : int
     title : str
     columns : (d,)
@@ -59,7 +59,7 @@ class LinkRegion:
     blocks : tuple of AffineBlock
     """
 
-    feasible: FeasibleSet = field(repr=False)
+    feasible_set: FeasibleSet = field(repr=False)
     link: int
     title: str
     columns: Indices = field(repr=False)
@@ -73,7 +73,7 @@ class LinkRegion:
     @property
     def directions(self) -> Matrix:
         """How δ changes with the unknowns, (n, d)."""
-        return self.feasible.unidentifiable[:, self.columns]
+        return self.feasible_set.unidentifiable[:, self.columns]
 
     def _stacked(self, origin: Vector, demands: list[Demand]) -> tuple[Matrix, Vector, Vector, tuple[Cone, ...]]:
         """Coefficients of the unknowns, values at the origin, unit matrices and cones; 1 x 1 conditions first."""
@@ -140,7 +140,7 @@ class LinkRegion:
 
     def _demand(self, dual: Vector, demands: list[Demand]) -> Demand:
         """The combination of conditions in which the unknowns of this link cancel."""
-        row, constant = np.zeros(self.feasible.parameter_count), 0.0
+        row, constant = np.zeros(self.feasible_set.parameter_count), 0.0
         position = 0
         for demand in demands:
             weight = max(float(dual[position]), 0.0) / max(float(np.abs(demand.row).max()), 1e-300)
@@ -158,7 +158,7 @@ class LinkRegion:
         return Demand(row, constant, self.link)
 
 
-def regions_of_links(feasible: FeasibleSet) -> tuple[list[LinkRegion], list[AffineBlock]]:
+def regions_of_links(feasible_set: FeasibleSet) -> tuple[list[LinkRegion], list[AffineBlock]]:
     """Return the regions from the tip to the base, and the blocks that base parameters determine alone.
 
     A dependent parameter belongs to the link at which it stands in the order of the parameters; a block belongs to the
@@ -166,17 +166,17 @@ def regions_of_links(feasible: FeasibleSet) -> tuple[list[LinkRegion], list[Affi
 
     Parameters
     ----------
-    feasible : FeasibleSet
+    feasible_set : FeasibleSet
     """
-    names = [str(name) for name in feasible.model.robot.link_names]
-    dependent = np.asarray(feasible.model.base_parameters().dependent, dtype=np.intp)
-    starts = feasible.link_columns[:, 0]
+    names = [str(name) for name in feasible_set.model.robot.link_names]
+    dependent = np.asarray(feasible_set.model.base_parameters().dependent, dtype=np.intp)
+    starts = feasible_set.link_columns[:, 0]
     order = np.argsort(starts)
     owner = order[np.maximum(np.searchsorted(starts[order], dependent, side="right") - 1, 0)]
-    hidden = feasible.unidentifiable
+    hidden = feasible_set.unidentifiable
     members: dict[int, list[AffineBlock]] = {}
     known = []
-    for block in feasible.blocks:
+    for block in feasible_set.blocks:
         used = np.flatnonzero(np.any(hidden[block.indices] != 0.0, axis=0))
         if len(used):
             members.setdefault(int(owner[used].min()), []).append(block)
@@ -187,5 +187,5 @@ def regions_of_links(feasible: FeasibleSet) -> tuple[list[LinkRegion], list[Affi
         columns = np.flatnonzero(owner == link)
         title = f"link {link + 1} ({names[link]})"
         if len(columns) or link in members:
-            regions.append(LinkRegion(feasible, link, title, columns, tuple(members.get(link, ()))))
+            regions.append(LinkRegion(feasible_set, link, title, columns, tuple(members.get(link, ()))))
     return regions, known

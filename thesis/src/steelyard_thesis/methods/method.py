@@ -46,7 +46,7 @@ class Method(ABC):
     def fit(
         self,
         information: Information,
-        feasible: FeasibleSet,
+        feasible_set: FeasibleSet,
         *,
         weights: Weights = "joint",
         prior: npt.ArrayLike | None = None,
@@ -57,8 +57,8 @@ class Method(ABC):
         Parameters
         ----------
         information : Information
-            Of the same model as `feasible`.
-        feasible : FeasibleSet
+            Of the same model as `feasible_set`.
+        feasible_set : FeasibleSet
         weights : "joint", None or (N,)
             As in `steelyard.least_squares`.
         prior : (n,), optional
@@ -77,7 +77,7 @@ class Method(ABC):
         InputError
             For data of another model, a prior of the wrong length, and constraints that the method cannot express.
         """
-        problem = Problem.of(information, feasible, weights)
+        problem = Problem.of(information, feasible_set, weights)
         known = problem.as_prior(prior)
         with one_thread():
             return self._fit(problem, known, progress)
@@ -94,7 +94,7 @@ class Problem:
     Attributes
     ----------
     information : Information
-    feasible : FeasibleSet
+    feasible_set : FeasibleSet
     weights : (N,) or None
         Joint weights that are in R and ρ already.
     R : (n_b, n_b)
@@ -106,7 +106,7 @@ class Problem:
     """
 
     information: Information = field(repr=False)
-    feasible: FeasibleSet
+    feasible_set: FeasibleSet
     weights: Vector | None
     R: Matrix = field(repr=False)
     rho: Vector = field(repr=False)
@@ -114,13 +114,13 @@ class Problem:
     norm2: float
 
     @classmethod
-    def of(cls, information: Information, feasible: FeasibleSet, weights: Weights = "joint") -> Problem:
+    def of(cls, information: Information, feasible_set: FeasibleSet, weights: Weights = "joint") -> Problem:
         """Reduce and weight.
 
         Parameters
         ----------
         information : Information
-        feasible : FeasibleSet
+        feasible_set : FeasibleSet
         weights : "joint", None or (N,)
             ``"joint"`` is None where the rows of the joints are not known apart, as in `steelyard.fit`.
 
@@ -131,20 +131,20 @@ class Problem:
         """
         values = information.joint_weights(weights) if information.is_weighted(weights) else None
         reduced = information.reduced(values)
-        checked = ReducedRegression.of(reduced, feasible)
-        problem = cls(information, feasible, values, reduced.R, reduced.rho, reduced.residual2, reduced.norm2)
+        checked = ReducedRegression.of(reduced, feasible_set)
+        problem = cls(information, feasible_set, values, reduced.R, reduced.rho, reduced.residual2, reduced.norm2)
         problem.__dict__["regression"] = checked
         return problem
 
     @cached_property
     def regression(self) -> ReducedRegression:
         """The same around its least squares solution, in the form that `steelyard.fit` uses."""
-        return ReducedRegression.of(self.information.reduced(self.weights), self.feasible)
+        return ReducedRegression.of(self.information.reduced(self.weights), self.feasible_set)
 
     @cached_property
     def matrix(self) -> Matrix:
         """R K, (n_b, n): what the standard parameters do."""
-        return np.asarray(self.R @ self.feasible.K)
+        return np.asarray(self.R @ self.feasible_set.K)
 
     @property
     def least_squares(self) -> Vector:
@@ -154,25 +154,25 @@ class Problem:
     @cached_property
     def units(self) -> Units:
         """Masses and lengths that are typical of this robot: those of CAD, or those of which the torques speak."""
-        return self.regression.units(self.feasible).with_cad()
+        return self.regression.units(self.feasible_set).with_cad()
 
     @cached_property
     def links(self) -> Indices:
         """Columns of ``Lxx Lxy Lxz Lyy Lyz Lzz lx ly lz m`` of every link in δ, (links, 10)."""
-        return self.feasible.link_columns
+        return self.feasible_set.link_columns
 
     @cached_property
     def others(self) -> Indices:
         """Columns of all other parameters (of drive terms) in δ."""
-        mask = np.ones(self.feasible.parameter_count, dtype=bool)
+        mask = np.ones(self.feasible_set.parameter_count, dtype=bool)
         mask[self.links] = False
         return np.flatnonzero(mask)
 
     @cached_property
     def lower_bounds(self) -> Vector:
         """Least value of each parameter that the set states by itself, (n,): 0 for friction, -inf where none."""
-        bounds = np.full(self.feasible.parameter_count, -np.inf)
-        for block in self.feasible.blocks:
+        bounds = np.full(self.feasible_set.parameter_count, -np.inf)
+        for block in self.feasible_set.blocks:
             if block.kind != "link" and block.size == 1 and len(block.indices) == 1 and block.coefficients[0, 0, 0] > 0:
                 index = block.indices[0]
                 bounds[index] = max(bounds[index], -block.constant[0, 0] / block.coefficients[0, 0, 0])
@@ -188,9 +188,9 @@ class Problem:
         full : bool
             Whether D are the 4 x 4 pseudo-inertias of "full" consistency, else the 6 x 6 matrices of "inertia".
         """
-        found = np.zeros(self.feasible.parameter_count)
-        found[self.links[:, [0, 3, 5]]] = self.feasible.margin * (2.0 if full else 1.0)
-        found[self.links[:, 9]] = self.feasible.margin
+        found = np.zeros(self.feasible_set.parameter_count)
+        found[self.links[:, [0, 3, 5]]] = self.feasible_set.margin * (2.0 if full else 1.0)
+        found[self.links[:, 9]] = self.feasible_set.margin
         return found
 
     def squared_residual(self, parameters: Vector) -> float:
@@ -213,7 +213,7 @@ class Problem:
         if prior is None:
             return None
         values = np.asarray(prior, dtype=np.float64)
-        count = self.feasible.parameter_count
+        count = self.feasible_set.parameter_count
         if values.shape != (count,) or np.any(np.isinf(values)):
             raise InputError(
                 f"prior must hold the model's {count} standard parameters, NaN where unknown, got an array of shape "
@@ -224,8 +224,8 @@ class Problem:
     def base_of(self, parameters: Vector) -> Vector:
         """K δ, (n_b,), NaN for what depends on an unknown (NaN) parameter."""
         unknown = np.isnan(parameters)
-        base = self.feasible.K @ np.where(unknown, 0.0, parameters)
-        return np.where(np.any(self.feasible.K[:, unknown] != 0.0, axis=1), np.nan, base)
+        base = self.feasible_set.K @ np.where(unknown, 0.0, parameters)
+        return np.where(np.any(self.feasible_set.K[:, unknown] != 0.0, axis=1), np.nan, base)
 
     def refuse_constraints(self, method: str) -> None:
         """Refuse constraints beyond those of links and terms, which the method cannot express.
@@ -235,13 +235,13 @@ class Problem:
         InputError
             If the set has any.
         """
-        if self.feasible.constraints:
-            kinds = ", ".join(sorted({type(c).__name__ for c in self.feasible.constraints}))
+        if self.feasible_set.constraints:
+            kinds = ", ".join(sorted({type(c).__name__ for c in self.feasible_set.constraints}))
             raise InputError(
                 f"{method} knows the conditions of links and terms alone, but the feasible set also has {kinds}; "
                 "leave the constraints out, or use steelyard.fit."
             )
-        for block in self.feasible.blocks:
+        for block in self.feasible_set.blocks:
             if block.kind == "term" and not (block.size == 1 and len(block.indices) == 1):
                 raise InputError(
                     f"{method} knows terms whose parameters have lower bounds of their own, but {block.name!r} is a "
@@ -272,15 +272,15 @@ class Problem:
         -------
         Estimate
         """
-        information, feasible, model = self.information, self.feasible, self.feasible.model
+        information, feasible_set, model = self.information, self.feasible_set, self.feasible_set.model
         if base is None:
             if parameters is None:
                 raise InputError("an estimate needs parameters or base parameters; give one of them.")
-            base = feasible.K @ parameters
-        proved = parameters is not None and feasible.contains(parameters)
+            base = feasible_set.K @ parameters
+        proved = parameters is not None and feasible_set.contains(parameters)
         notes = [*information.remarks, *remarks]
         if parameters is not None and not proved:
-            notes.append(f'The parameters are not feasible in the sense of "{feasible.consistency}".')
+            notes.append(f'The parameters are not feasible in the sense of "{feasible_set.consistency}".')
         if parameters is not None and len(self.links):
             heaviest = float(parameters[self.links[:, 9]].max())
             if heaviest > HEAVY * float(self.units.masses.max()):
@@ -305,7 +305,7 @@ class Problem:
         certificate = None
         if proved and parameters is not None:
             # Methods that set base parameters to zero mean zero, so that these are given and the parameters follow.
-            certificate = FeasibilityCertificate(feasible, base, parameters)
+            certificate = FeasibilityCertificate(feasible_set, base, parameters)
             parameters = np.array([float(value) for value in certificate.exact_parameters])
         return Estimate(
             method=method,
@@ -322,7 +322,7 @@ class Problem:
             weights=self.weights,
             parameter_names=() if parameters is None else tuple(map(str, model.parameter_names)),
             parameters=parameters,
-            consistency=feasible.consistency if proved else None,
+            consistency=feasible_set.consistency if proved else None,
             damping=damping,
             friction=friction,
             certificate=None if certificate is None else certificate.document(),

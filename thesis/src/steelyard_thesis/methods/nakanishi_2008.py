@@ -111,7 +111,7 @@ class NakanishiCorrected(FactoredMethod):
     )
 
     def _descent(self, problem: Problem, progress: Progress | None) -> FactoredFit:
-        full = problem.feasible.consistency == "full"
+        full = problem.feasible_set.consistency == "full"
         shift = problem.margin_shift(full)
-        shift[problem.others] = problem.feasible.margin * np.isfinite(problem.lower_bounds[problem.others])
+        shift[problem.others] = problem.feasible_set.margin * np.isfinite(problem.lower_bounds[problem.others])
         return FactoredFit(problem, CholeskyOfBody(second_moments=full), problem.rho, shift=shift)

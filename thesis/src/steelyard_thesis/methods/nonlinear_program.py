@@ -62,7 +62,7 @@ class NonlinearProgram:
         """The parameters at x = 0, (n,): those whose matrices D are ε 1, and the lower bounds of terms."""
         bounds = self._term_bounds
         links = self.problem.margin_shift(self.triangle)
-        return np.asarray(np.where(np.isfinite(bounds), bounds + self.problem.feasible.margin, links))
+        return np.asarray(np.where(np.isfinite(bounds), bounds + self.problem.feasible_set.margin, links))
 
     @cached_property
     def _term_bounds(self) -> Vector:
@@ -76,12 +76,12 @@ class NonlinearProgram:
         """H, c and the constant of ½ xᵀ H x - cᵀ x + constant, in units of the squared residual of least squares."""
         problem, scale = self.problem, self.problem.regression.scale
         rows = np.sqrt(self.residual_weight / scale) * (problem.matrix * self.units)
-        base = problem.feasible.K @ self.shift
+        base = problem.feasible_set.K @ self.shift
         right = np.sqrt(self.residual_weight / scale) * (problem.rho - problem.R @ base)
         if self.prior_weight > 0.0 and self.prior_base is not None:
             known = ~np.isnan(self.prior_base)
             weight = np.sqrt(self.prior_weight / scale)
-            rows = np.vstack([rows, weight * (problem.feasible.K * self.units)[known]])
+            rows = np.vstack([rows, weight * (problem.feasible_set.K * self.units)[known]])
             right = np.concatenate([right, weight * (self.prior_base - base)[known]])
         return 2.0 * rows.T @ rows, 2.0 * rows.T @ right, float(right @ right)
 
@@ -101,9 +101,9 @@ class NonlinearProgram:
         InputError
             If a constraint is not linear.
         """
-        feasible, n = self.problem.feasible, len(self.units)
+        feasible_set, n = self.problem.feasible_set, len(self.units)
         rows, values = [], []
-        for block in feasible.blocks:
+        for block in feasible_set.blocks:
             single = block.size == 1 and len(block.indices) == 1 and block.coefficients.item() > 0.0
             if block.kind == "link" or (single and block.indices[0] in self.problem.others):
                 continue  # conditions of the links and lower bounds of terms are stated elsewhere
@@ -116,8 +116,8 @@ class NonlinearProgram:
             np.add.at(row, block.indices, block.coefficients[:, 0, 0])
             size = float(np.linalg.norm(row * self.units)) or 1.0
             rows.append(row * self.units / size)
-            values.append((block.constant[0, 0] + row @ self.shift - feasible.margin) / size)
-        E, e = feasible.equation_matrix, feasible.equation_values
+            values.append((block.constant[0, 0] + row @ self.shift - feasible_set.margin) / size)
+        E, e = feasible_set.equation_matrix, feasible_set.equation_values
         left = E * self.units
         sizes = np.maximum(np.linalg.norm(left, axis=1), 1e-300)
         equal = (e - E @ self.shift) / sizes

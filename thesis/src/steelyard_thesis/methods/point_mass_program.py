@@ -74,7 +74,7 @@ class PointMassProgram:
         links, _, count = R.shape
         rows = np.broadcast_to(problem.links[:, :, None], R.shape)
         columns = np.broadcast_to(np.arange(links * count).reshape(links, 1, count), R.shape)
-        shape = (problem.feasible.parameter_count, links * count)
+        shape = (problem.feasible_set.parameter_count, links * count)
         blocks = sparse.csc_array(sparse.coo_array((R.ravel(), (rows.ravel(), columns.ravel())), shape=shape))
         blocks.eliminate_zeros()
         program = cls(problem, blocks, np.repeat(typical, count), goal.ravel(), np.repeat(strength, count), floor)
@@ -95,7 +95,7 @@ class PointMassProgram:
     def scaled(self) -> sparse.csc_array:
         """δ of (p, o) in their units, (n, points + others)."""
         others = self.problem.others
-        shape = (self.problem.feasible.parameter_count, len(others))
+        shape = (self.problem.feasible_set.parameter_count, len(others))
         places = (others, np.arange(len(others)))
         terms = sparse.csc_array(sparse.coo_array((self.problem.units.parameters[others], places), shape=shape))
         masses = self.masses_to_inertia @ sparse.diags_array(self.typical)
@@ -113,13 +113,13 @@ class PointMassProgram:
         """The 1 x 1 blocks that are neither bounds of a single parameter of a term nor true of all these points."""
         return tuple(
             block
-            for block in self.problem.feasible.blocks
+            for block in self.problem.feasible_set.blocks
             if block.kind != "link" and block.size == 1 and not self._is_bound(block) and not self._holds(block)
         )
 
     def _holds(self, block: AffineBlock) -> bool:
         """Whether it holds whatever the masses are, such as a box around all points of a link."""
-        row = np.zeros(self.problem.feasible.parameter_count)
+        row = np.zeros(self.problem.feasible_set.parameter_count)
         np.add.at(row, block.indices, block.coefficients[:, 0, 0])
         made = np.asarray(row @ self.masses_to_inertia)
         size = float(np.abs(made).max(initial=0.0))
@@ -137,7 +137,7 @@ class PointMassProgram:
         ------
         InputError
         """
-        for block in self.problem.feasible.blocks:
+        for block in self.problem.feasible_set.blocks:
             if block.kind == "link" or block.size == 1:
                 continue
             if block.coefficients.shape == PSEUDO_INERTIA.shape and np.array_equal(block.coefficients, PSEUDO_INERTIA):
@@ -150,7 +150,7 @@ class PointMassProgram:
     @cached_property
     def has_bounds_alone(self) -> bool:
         """Whether every condition is a lower bound of an unknown."""
-        return not self.constraint_blocks and not self.problem.feasible.equalities
+        return not self.constraint_blocks and not self.problem.feasible_set.equalities
 
     @property
     def has_goal(self) -> bool:
@@ -159,10 +159,10 @@ class PointMassProgram:
 
     def conic(self) -> ConicProblem:
         """The program with sparse matrices: objective over β alone, β = K R p as equations."""
-        feasible, regression, count = self.problem.feasible, self.problem.regression, self.base_count
+        feasible_set, regression, count = self.problem.feasible_set, self.problem.regression, self.base_count
         scaled = self.scaled
-        makes = sparse.csc_array(sparse.csc_array(feasible.K) @ scaled)
-        units = np.abs(feasible.K) @ self.problem.units.parameters
+        makes = sparse.csc_array(sparse.csc_array(feasible_set.K) @ scaled)
+        units = np.abs(feasible_set.K) @ self.problem.units.parameters
         units = np.where(units > 0.0, units, 1.0)
         columns = np.concatenate([units, np.ones(scaled.shape[1])])
         data = regression.objective(columns, regression.base, regression.scale)
@@ -171,8 +171,8 @@ class PointMassProgram:
         weights[places], goals[places] = self.strength, self.goal / self.typical
         beside = (sparse.csc_array(sparse.eye_array(count)), -sparse.diags_array(1.0 / units) @ makes)
         parts = [Rows(sparse.csc_array(sparse.hstack(beside)), -regression.base / units, Cone("zero", count))]
-        if feasible.equalities:
-            rows, values = feasible.equation_matrix @ scaled, feasible.equation_values
+        if feasible_set.equalities:
+            rows, values = feasible_set.equation_matrix @ scaled, feasible_set.equation_values
             sizes = np.abs(rows).max(axis=1, initial=1e-300)
             left = np.hstack([np.zeros((len(values), count)), rows / sizes[:, None]])
             parts.append(Rows(left, values / sizes, Cone("zero", len(values))))
@@ -191,7 +191,7 @@ class PointMassProgram:
 
     def _constraint_rows(self) -> tuple[Matrix, Vector]:
         """Rows a and constants c of a·(p, o) + c ≥ 0, scaled, a little within."""
-        dense = np.zeros((len(self.constraint_blocks), self.problem.feasible.parameter_count))
+        dense = np.zeros((len(self.constraint_blocks), self.problem.feasible_set.parameter_count))
         constants = np.zeros(len(dense))
         for row, block in enumerate(self.constraint_blocks):
             np.add.at(dense[row], block.indices, block.coefficients[:, 0, 0])
@@ -219,4 +219,4 @@ class PointMassProgram:
         if floor is not None:
             lower[: self.point_count] = floor
         found = np.asarray(self.scaled @ np.maximum(unknowns, lower))
-        return self.problem.feasible.project_on_equations(found)
+        return self.problem.feasible_set.project_on_equations(found)

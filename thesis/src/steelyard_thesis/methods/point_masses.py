@@ -151,11 +151,11 @@ def boxes_of_links(
     InputError
         If a link does not exist, or a given box has no thickness.
     """
-    feasible = problem.feasible
-    names = [str(name) for name in feasible.model.robot.link_names]
+    feasible_set = problem.feasible_set
+    names = [str(name) for name in feasible_set.model.robot.link_names]
     known: dict[str, Corners] = {}
     for kind in (CenterOfMassBox, DensityInBox):
-        known |= {c.link: (c.lower, c.upper) for c in feasible.constraints if isinstance(c, kind)}
+        known |= {c.link: (c.lower, c.upper) for c in feasible_set.constraints if isinstance(c, kind)}
     for link, corners in given.items():
         if link not in names:
             raise InputError(f"boxes names the link {link!r}, which the robot does not have (links: {names}).")

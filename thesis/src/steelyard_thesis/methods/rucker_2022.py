@@ -64,7 +64,7 @@ class Rucker2022(FactoredMethod):
     def _descent(self, problem: Problem, progress: Progress | None) -> FactoredFit:
         return FactoredFit(problem, LogCholesky(), problem.rho, exponential=True)
 
-    def _answer(self, feasible: FeasibleSet, parameters: Vector, start: Vector) -> Vector:
-        if not feasible.contains(parameters) and feasible.contains(start):
-            return pull_inside(feasible, parameters, start)
+    def _answer(self, feasible_set: FeasibleSet, parameters: Vector, start: Vector) -> Vector:
+        if not feasible_set.contains(parameters) and feasible_set.contains(start):
+            return pull_inside(feasible_set, parameters, start)
         return parameters

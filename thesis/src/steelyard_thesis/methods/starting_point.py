@@ -35,7 +35,7 @@ def starting_point(problem: Problem, prior: Array | None = None) -> Array:
         NaN where unknown.
     """
     units = problem.units.parameters
-    typical = np.zeros(problem.feasible.parameter_count)
+    typical = np.zeros(problem.feasible_set.parameter_count)
     body = parameters_of_pseudo_inertia(np.diag([GYRATION2, GYRATION2, GYRATION2, 1.0]))
     typical[problem.links] = problem.units.inertial * body
     typical[problem.others] = np.where(np.isfinite(problem.lower_bounds[problem.others]), units[problem.others], 0.0)
@@ -55,7 +55,7 @@ def starting_point(problem: Problem, prior: Array | None = None) -> Array:
 
 def _with_base(problem: Problem, parameters: Array, units: Array) -> Array:
     """The parameters nearest to these, in their units, that have the base parameters of plain least squares."""
-    K = problem.feasible.K * units
-    missing = problem.least_squares - problem.feasible.K @ parameters
+    K = problem.feasible_set.K * units
+    missing = problem.least_squares - problem.feasible_set.K @ parameters
     step = K.T @ scipy.linalg.solve(K @ K.T, missing, assume_a="pos", check_finite=False)
     return np.asarray(parameters + units * step)

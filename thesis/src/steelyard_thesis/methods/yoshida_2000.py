@@ -116,13 +116,14 @@ class Yoshida2000:
     --------
     >>> import steelyard as sy
     >>> model = sy.Model(sy.Robot.from_dh([(0, 1.0, 0, "q"), (0, 1.0, 0, "q")], gravity=(0, -9.81, 0)))
-    >>> feasible = sy.FeasibleSet(model)
+    >>> feasible_set = sy.FeasibleSet(model)
     >>> model.base_parameters().expressions[:3]
     ('Lzz1 - m1 - m2', 'lx1 + m1 + m2', 'ly1')
-    >>> search = Yoshida2000().check(feasible, model.base_parameters().values([1.0, 0, 0, 1, 0, 1, 0, 0, 0, 3.0] * 2))
+    >>> base = model.base_parameters().values([1.0, 0, 0, 1, 0, 1, 0, 0, 0, 3.0] * 2)
+    >>> search = Yoshida2000().check(feasible_set, base)
     >>> search.status, search.dimensions
     ('feasible', (7, 7))
-    >>> print(Yoshida2000().check(feasible, [1.0, 1.0, 0.0, -0.1, 0.0, 0.0]))
+    >>> print(Yoshida2000().check(feasible_set, [1.0, 1.0, 0.0, -0.1, 0.0, 0.0]))
     Infeasible after 1 regions.
     The region of link 2 (link2) is empty, whatever the links beyond it are.
     """
@@ -144,13 +145,13 @@ class Yoshida2000:
                 raise InputError(f"{name} must be a positive integer, got {getattr(self, name)!r}.")
 
     def check(
-        self, feasible: FeasibleSet, base: npt.ArrayLike, *, progress: Progress | None = None
+        self, feasible_set: FeasibleSet, base: npt.ArrayLike, *, progress: Progress | None = None
     ) -> VirtualParameterSearch:
         """Look for virtual parameters.
 
         Parameters
         ----------
-        feasible : FeasibleSet
+        feasible_set : FeasibleSet
             ``"inertia"`` is the paper's; without equations.
         base : (n_b,)
         progress : callable, optional
@@ -165,23 +166,23 @@ class Yoshida2000:
         InputError
             If the base parameters do not fit the model, or the set has equations.
         """
-        if feasible.equalities:
+        if feasible_set.equalities:
             raise InputError(
                 f"the search for virtual parameters knows inequalities alone, but the set has the equation "
-                f"{feasible.equalities[0].name}; leave it out, or use steelyard.check."
+                f"{feasible_set.equalities[0].name}; leave it out, or use steelyard.check."
             )
         with one_thread():
-            return _Search(self, feasible, feasible.as_base(base), progress).run()
+            return _Search(self, feasible_set, feasible_set.as_base(base), progress).run()
 
 
 class _Search:
     """One search, from the tip to the base and back."""
 
-    def __init__(self, method: Yoshida2000, feasible: FeasibleSet, base: Vector, progress: Progress | None) -> None:
-        self.method, self.feasible, self.base, self.progress = method, feasible, base, progress
-        self.regions, self.known = regions_of_links(feasible)
+    def __init__(self, method: Yoshida2000, feasible_set: FeasibleSet, base: Vector, progress: Progress | None) -> None:
+        self.method, self.feasible_set, self.base, self.progress = method, feasible_set, base, progress
+        self.regions, self.known = regions_of_links(feasible_set)
         self.size = max(float(np.abs(base).max(initial=0.0)), 1e-300)
-        self.unknowns = np.zeros(feasible.unidentifiable.shape[1])
+        self.unknowns = np.zeros(feasible_set.unidentifiable.shape[1])
         self.largest = self.unknowns
         self.demands: list[list[Demand]] = [[] for _ in self.regions]
         self.random = np.random.default_rng(method.seed)
@@ -191,11 +192,11 @@ class _Search:
     def run(self) -> VirtualParameterSearch:
         """Go from link to link."""
         for block in self.known:
-            matrix = block.evaluate(self.feasible.lift @ self.base)
+            matrix = block.evaluate(self.feasible_set.lift @ self.base)
             smallest = float(np.linalg.eigvalsh(matrix)[0])
             if smallest < -ROUNDING * float(np.abs(matrix).max()):
                 vector = np.linalg.eigh(matrix)[1][:, 0]
-                row = np.zeros(self.feasible.parameter_count)
+                row = np.zeros(self.feasible_set.parameter_count)
                 np.add.at(row, block.indices, np.einsum("kij,i,j->k", block.coefficients, vector, vector))
                 text = f"{block.name} is determined by the base parameters and fails by {-smallest:.3g}."
                 return self._answer("infeasible", [text], direction=row)
@@ -236,7 +237,7 @@ class _Search:
         unknowns = self.unknowns.copy()
         for region in self.regions[stage:]:
             unknowns[region.columns] = 0.0
-        return np.asarray(self.feasible.lift @ self.base + self.feasible.unidentifiable @ unknowns)
+        return np.asarray(self.feasible_set.lift @ self.base + self.feasible_set.unidentifiable @ unknowns)
 
     def _look(self, stage: int) -> tuple[float, Vector, Demand | None]:
         region = self.regions[stage]
@@ -249,8 +250,8 @@ class _Search:
         region = self.regions[stage]
         if choice == 1 or not region.dimension or not region.blocks:
             return middle
-        dependent = np.asarray(self.feasible.model.base_parameters().dependent, dtype=np.intp)[region.columns]
-        objective = np.isin(dependent, self.feasible.link_columns[:, [0, 3, 5, 9]]).astype(float)
+        dependent = np.asarray(self.feasible_set.model.base_parameters().dependent, dtype=np.intp)[region.columns]
+        objective = np.isin(dependent, self.feasible_set.link_columns[:, [0, 3, 5, 9]]).astype(float)
         if choice > 1:
             objective = objective + self.random.normal(size=region.dimension) * 0.5
         kept = min(0.5 * margin, SMALL_MARGIN * self.size)
@@ -261,7 +262,7 @@ class _Search:
 
     def _who_can_help(self, demand: Demand) -> int | None:
         """The stage closest to the base whose unknowns the demand holds, None where it holds none."""
-        effects = demand.row @ self.feasible.unidentifiable
+        effects = demand.row @ self.feasible_set.unidentifiable
         position = next(k for k, region in enumerate(self.regions) if region.link == demand.link)
         scale = float(np.abs(demand.row).max())
         for stage in range(position - 1, -1, -1):
@@ -286,7 +287,7 @@ class _Search:
         value = float(demand.row @ parameters + demand.constant)
         scale = float(np.abs(demand.row) @ np.abs(parameters)) + abs(demand.constant)
         # What has not quite cancelled, times the unknowns that were met, is how far the value can be wrong.
-        error = 2.0 * float(np.abs(demand.row @ self.feasible.unidentifiable) @ self.largest)
+        error = 2.0 * float(np.abs(demand.row @ self.feasible_set.unidentifiable) @ self.largest)
         if value >= -error - ROUNDING * scale:
             text = f"{region.title} is closer to the boundary of what is possible than rounding tells."
             return self._answer("undecided", [text[0].upper() + text[1:]])
@@ -304,8 +305,8 @@ class _Search:
         return [f"The region of {title} was empty {count} times." for title, count in self.emptied.items()]
 
     def _found(self) -> VirtualParameterSearch:
-        parameters = self.feasible.lift @ self.base + self.feasible.unidentifiable @ self.unknowns
-        if not FeasibilityCertificate(self.feasible, self.base, parameters).verify():
+        parameters = self.feasible_set.lift @ self.base + self.feasible_set.unidentifiable @ self.unknowns
+        if not FeasibilityCertificate(self.feasible_set, self.base, parameters).verify():
             return self._answer("undecided", ["The parameters found are closer to the boundary than can be proved."])
         reasons = [f"A point was found in the region of every link after {self.tries} tries."]
         return self._answer("feasible", reasons, parameters)
@@ -313,7 +314,7 @@ class _Search:
     def _answer(
         self, status: str, reasons: list[str], parameters: Vector | None = None, direction: Vector | None = None
     ) -> VirtualParameterSearch:
-        independent = np.asarray(self.feasible.model.base_parameters().independent, dtype=np.intp)
+        independent = np.asarray(self.feasible_set.model.base_parameters().independent, dtype=np.intp)
         found = None if direction is None else direction[independent]
         dimensions = tuple(region.dimension for region in self.regions)
         return VirtualParameterSearch(status, parameters, found, self.tries, dimensions, tuple(reasons))

@@ -154,13 +154,13 @@ def reach(subject: Subject, base: Array, states: States) -> dict[str, float]:
         "Coriolis and centripetal": np.stack([_flat(coriolis(q, dq, unit)) for unit in units], axis=1),
         "inertia": columns(still, ddq) - weight,
     }
-    feasible = FeasibleSet(model, "full")
+    feasible_set = FeasibleSet(model, "full")
     result = {}
     for name, regressor in terms.items():
         torques = regressor @ base
         gram = regressor.T @ regressor / float(torques @ torques)
         scale = float(np.trace(gram)) / len(base)
-        found = correct(feasible, base=base, metric=gram + 1e-12 * scale * np.eye(len(base)))
+        found = correct(feasible_set, base=base, metric=gram + 1e-12 * scale * np.eye(len(base)))
         result[name] = float(np.linalg.norm(regressor @ (base - found.base)) / np.linalg.norm(torques))
     return result
 

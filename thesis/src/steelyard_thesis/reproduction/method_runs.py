@@ -40,7 +40,7 @@ class _TimeIsUpError(Exception):
 def run_method(
     fit: Callable[..., Estimate],
     information: Information,
-    feasible: FeasibleSet,
+    feasible_set: FeasibleSet,
     *,
     limit: float | None = None,
     quick: float = 1.0,
@@ -54,7 +54,7 @@ def run_method(
     fit : callable
         Such as `steelyard.fit` or the ``fit`` of an earlier method.
     information : Information
-    feasible : FeasibleSet
+    feasible_set : FeasibleSet
     limit : float, optional
         Seconds after which the method is stopped. Only for methods that take ``progress``: they are stopped when they
         next tell of it.
@@ -86,7 +86,7 @@ def run_method(
             if limit is not None:
                 options["progress"] = _clock(begin + limit)
             try:
-                estimate = fit(information, feasible, **options)
+                estimate = fit(information, feasible_set, **options)
             except (_TimeIsUpError, SteelyardError):
                 return None
             seconds.append(time.perf_counter() - begin)

@@ -138,7 +138,7 @@ def cases(subject: Subject, noises: tuple[float, ...], draws: int) -> Iterator[C
     ------
     Case
     """
-    feasible = FeasibleSet(subject.model, "full")
+    feasible_set = FeasibleSet(subject.model, "full")
     samples = subject.samples
     rms = np.sqrt(np.mean(samples.torque**2, axis=0))
     for level, noise in enumerate(noises):
@@ -148,10 +148,10 @@ def cases(subject: Subject, noises: tuple[float, ...], draws: int) -> Iterator[C
             noisy = Samples(q=samples.q, dq=samples.dq, ddq=samples.ddq, torque=torque)
             data = Information.from_samples(subject.model, noisy, batch_means=False)
             estimate = least_squares(data, weights="joint").base
-            infeasible = check(feasible, base=estimate).feasible is False
+            infeasible = check(feasible_set, base=estimate).feasible is False
             corrected, distance = estimate, 0.0
             if infeasible:
-                found = correct(feasible, base=estimate, metric=data)
+                found = correct(feasible_set, base=estimate, metric=data)
                 corrected = found.base
                 distance = float(np.sqrt(found.squared_distance / np.sum(torque**2)))
             yield Case(subject, noise, estimate, corrected, infeasible, distance)

@@ -102,18 +102,18 @@ def scaling(
         say(f"{count} links" if count != 1 else "1 link")
         information, model = free_links_problem(count)
         for kind, (runs, verdicts) in results.items():
-            feasible = FeasibleSet(model, "full" if kind == "full" else "inertia")
+            feasible_set = FeasibleSet(model, "full" if kind == "full" else "inertia")
             stopped = {name for found in runs.values() for name, run in found.items() if run is None}
-            verdicts[count] = check(feasible, base=least_squares(information).base).status
+            verdicts[count] = check(feasible_set, base=least_squares(information).base).status
             runs[count] = {
-                LEAST: run_method(_least_squares, information, feasible),
-                OURS: run_method(fit, information, feasible, repetitions=3),
+                LEAST: run_method(_least_squares, information, feasible_set),
+                OURS: run_method(fit, information, feasible_set, repetitions=3),
             }
             for name, method in METHODS[kind].items():
                 runs[count][name] = (
                     None
                     if name in stopped
-                    else run_method(method.fit, information, feasible, limit=limit, quick=0.2, repetitions=3)
+                    else run_method(method.fit, information, feasible_set, limit=limit, quick=0.2, repetitions=3)
                 )
     return results
 

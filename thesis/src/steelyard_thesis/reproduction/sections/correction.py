@@ -74,8 +74,8 @@ def _published_columns(model: Model) -> list[Comparison]:
     plain = FeasibleSet(model, "inertia")
     extra = FeasibleSet(model, "inertia", [TotalMass(maximum=27.0), *boxes()])
     result = []
-    for name, feasible in (("WLS_corrected", plain), ("WLS_feasible", plain), ("WLS_feasible_extra", extra)):
-        squared = correct(feasible, base=column("4.9", name)).squared_distance
+    for name, feasible_set in (("WLS_corrected", plain), ("WLS_feasible", plain), ("WLS_feasible_extra", extra)):
+        squared = correct(feasible_set, base=column("4.9", name)).squared_distance
         inside = "feasible" if squared <= _ROUNDING else f"outside by {np.sqrt(squared):.2g}"
         result.append(Comparison(f"{name} of table 4.9, within rounding", "feasible", inside))
     status = check(extra, base=column("4.9", "WLS_feasible")).status
@@ -83,11 +83,11 @@ def _published_columns(model: Model) -> list[Comparison]:
     return result
 
 
-def _with_full(feasible: FeasibleSet, name: str) -> tuple[str | float, ...]:
+def _with_full(feasible_set: FeasibleSet, name: str) -> tuple[str | float, ...]:
     base = column("4.9", name)
-    verdict = check(feasible, base=base)
+    verdict = check(feasible_set, base=base)
     assert verdict.certificate is None or verdict.certificate.verify()
-    return name, verdict.status, correct(feasible, base=base).squared_distance
+    return name, verdict.status, correct(feasible_set, base=base).squared_distance
 
 
 SECTION = Section("4.5", "Feasibility and correction of the estimates (table 4.9)", _compute)

@@ -43,15 +43,15 @@ def _compute(context: Context) -> SectionResult:
         cases["real arm (2013), unweighted"] = (information, FeasibleSet(real_model, "inertia"))
     method = DiazRodriguez2010()
     paths, lines, near = {}, [], []
-    for name, (information, feasible) in cases.items():
+    for name, (information, feasible_set) in cases.items():
         weights = "joint" if information.by_joint else None
         context.say(f"reductions, {name}")
-        path = method.path(information, feasible, weights=weights)
+        path = method.path(information, feasible_set, weights=weights)
         paths[name] = path
         least = least_squares(information, weights=weights).relative_error
-        best = fit(information, feasible, weights=weights).relative_error
+        best = fit(information, feasible_set, weights=weights).relative_error
         lines.append((name, *_ending(path), _percent(least), _percent(best)))
-        near += [_nearest(name, path, feasible)]
+        near += [_nearest(name, path, feasible_set)]
     published = (
         "thesis",
         f"feasible with {_PUBLISHED['excluded']} of 76 excluded",
@@ -98,17 +98,17 @@ def _closest(path: tuple[ReductionStep, ...]) -> ReductionStep:
     return min((step for step in path if 2 * step.excluded_count <= len(path[0].base)), key=lambda step: step.distance)
 
 
-def _nearest(name: str, path: tuple[ReductionStep, ...], feasible: FeasibleSet) -> tuple[str | float, ...]:
+def _nearest(name: str, path: tuple[ReductionStep, ...], feasible_set: FeasibleSet) -> tuple[str | float, ...]:
     step = _closest(path)
-    verdict = check(feasible, base=step.base)
+    verdict = check(feasible_set, base=step.base)
     fails = "; ".join(map(str, verdict.violations[:3])) or verdict.status
     return name, f"{step.excluded_count}", _percent(step.relative_error), step.distance, fails
 
 
-def _missing(path: tuple[ReductionStep, ...], feasible: FeasibleSet) -> Table:
+def _missing(path: tuple[ReductionStep, ...], feasible_set: FeasibleSet) -> Table:
     """What the nearest feasible point changes in the reduced model that comes nearest."""
     step = _closest(path)
-    nearest = correct(feasible, base=step.base).base
+    nearest = correct(feasible_set, base=step.base).base
     model = wam_model()
     truth = model.base_parameters().values(true_parameters())
     names = model.base_parameters().expressions
@@ -130,11 +130,11 @@ def _missing(path: tuple[ReductionStep, ...], feasible: FeasibleSet) -> Table:
 
 def _noise_table(context: Context) -> Table:
     """Whether any reduction is feasible is a matter of luck."""
-    feasible = FeasibleSet(wam_model(), "inertia")
+    feasible_set = FeasibleSet(wam_model(), "inertia")
     lines = []
     for seed in _SEEDS:
         context.say(f"noise {seed}")
-        path = DiazRodriguez2010().path(_simulated(seed), feasible, weights="joint", distances=False)
+        path = DiazRodriguez2010().path(_simulated(seed), feasible_set, weights="joint", distances=False)
         undecided = ", ".join(
             f"{step.excluded_count} ({_percent(step.relative_error)} %)" for step in path if step.feasible is None
         )

@@ -83,15 +83,15 @@ def _compute(context: Context) -> SectionResult:
     return SectionResult(tables=(table,), remarks=_REMARKS)
 
 
-def _lines(arm: str, information: Information, feasible: FeasibleSet) -> list[tuple[str | float, ...]]:
+def _lines(arm: str, information: Information, feasible_set: FeasibleSet) -> list[tuple[str | float, ...]]:
     weights: Literal["joint"] | None = "joint" if information.by_joint else None
     places = {box.link: (box.lower, box.upper) for box in boxes()}
     estimates: dict[str, Estimate] = {
         "WLS": least_squares(information, weights=weights),
-        "LMI-SDP": fit(information, feasible, weights=weights, prefer=None),
-        "point-mass (Ayusawa)": Ayusawa2010(boxes=places).fit(information, feasible, weights=weights),
+        "LMI-SDP": fit(information, feasible_set, weights=weights, prefer=None),
+        "point-mass (Ayusawa)": Ayusawa2010(boxes=places).fit(information, feasible_set, weights=weights),
     }
-    more = Ayusawa2010(boxes=places, subdivisions=4).fit(information, feasible, weights=weights)
+    more = Ayusawa2010(boxes=places, subdivisions=4).fit(information, feasible_set, weights=weights)
     published = {row["method"]: float(row["relative_error_percent"]) for row in rows("6.2")}
     estimates["point-mass, 125 points a link"] = more
     printed = published["WLS"]
@@ -105,7 +105,7 @@ def _lines(arm: str, information: Information, feasible: FeasibleSet) -> list[tu
             f"{published[name] - printed:.2f}" if name in published else "",
             100.0 * minimised[name],
             f"{100.0 * (minimised[name] - minimised['WLS']):.3f}",
-            check(feasible, base=estimate.base).status,
+            check(feasible_set, base=estimate.base).status,
         )
         for name, estimate in estimates.items()
     ]

@@ -116,8 +116,8 @@ def _spaced(name: str) -> str:
     return re.sub(r"(?<=[a-z])(?=[A-Z0-9])", " ", name)
 
 
-def _fitted(method: type[Method], robot: RealRobot, feasible: FeasibleSet) -> Estimate:
-    return method().fit(robot.training, feasible, weights=robot.weights, prior=robot.prior)
+def _fitted(method: type[Method], robot: RealRobot, feasible_set: FeasibleSet) -> Estimate:
+    return method().fit(robot.training, feasible_set, weights=robot.weights, prior=robot.prior)
 
 
 def _run(name: str, conditions: str, method: Callable[[], Estimate]) -> Outcome:

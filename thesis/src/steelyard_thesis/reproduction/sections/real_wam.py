@@ -67,15 +67,15 @@ def _compute(context: Context) -> SectionResult:
     table = []
     for consistency, terms, published, what in objectives:
         context.say(what)
-        feasible = FeasibleSet(model, "full" if consistency == "full" else "inertia", terms=terms)
-        estimate = fit(information, feasible, weights=None, prefer=None)
+        feasible_set = FeasibleSet(model, "full" if consistency == "full" else "inertia", terms=terms)
+        estimate = fit(information, feasible_set, weights=None, prefer=None)
         squared = _squared(information, estimate.base)
         comparisons.append(
             Comparison(
                 f"squared residual, {what}", published, squared, 1e-3 * published, f"within 0.1 %: {_NOT_ATTAINED}"
             )
         )
-        verdict = check(feasible, base=estimate.base)
+        verdict = check(feasible_set, base=estimate.base)
         table.append((what, 100.0 * estimate.relative_error, verdict.status, float(squared), published))
     columns = ("conditions", "relative error, %", "verdict", "squared residual", "published")
     remark = f"Where conditions are imposed {_NOT_ATTAINED}: see the decisions of the documentation."

@@ -55,9 +55,9 @@ def _combination(text: str) -> dict[str, float]:
 
 def _compute(context: Context) -> SectionResult:
     model = yoshida_model()
-    feasible = FeasibleSet(model, "inertia", margin=_MARGIN)
+    feasible_set = FeasibleSet(model, "inertia", margin=_MARGIN)
     context.say("verdicts and the search for virtual parameters")
-    verdicts = {name: check(feasible, base=column("6.1", key)) for name, key in _POINTS.items()}
+    verdicts = {name: check(feasible_set, base=column("6.1", key)) for name, key in _POINTS.items()}
     comparisons = [
         Comparison("β_t1 (proved exactly)", "feasible", _proved(verdicts["β_t1"])),
         Comparison("β_t2 (proved exactly)", "infeasible", _proved(verdicts["β_t2"])),
@@ -66,13 +66,13 @@ def _compute(context: Context) -> SectionResult:
     ]
     context.say("the nearest feasible point")
     given = column("6.1", "beta_t2")
-    nearest = correct(feasible, base=given)
+    nearest = correct(feasible_set, base=given)
     distance = float(np.sqrt(nearest.squared_distance))
     comparisons.append(
         Comparison("distance of β_t2 to the feasible set", float(_DISTANCE), distance, printed_precision(_DISTANCE))
     )
     printed = verdicts["β'_t2 as printed"]
-    alike, heavy = _alike(feasible, printed)
+    alike, heavy = _alike(feasible_set, printed)
     outside = _proved_distance(printed, column("6.1", "beta_t2_corrected"))
     comparisons.append(
         Comparison(
@@ -82,7 +82,7 @@ def _compute(context: Context) -> SectionResult:
             why=f"the printed digits themselves are infeasible, outside by {outside:.1e} at least (proved exactly too)",
         )
     )
-    mass = float(nearest.parameters[feasible.mass_indices].sum())
+    mass = float(nearest.parameters[feasible_set.mass_indices].sum())
     why = (
         f"the nearest point is reached by endless masses only: ours stops at {mass:.0f} kg in all, the printed one is "
         "where another solver stopped"
@@ -96,7 +96,7 @@ def _compute(context: Context) -> SectionResult:
             )
         )
     weights = _distances(context, model, given)
-    evidence = _evidence(feasible, given, nearest.base, mass, heavy)
+    evidence = _evidence(feasible_set, given, nearest.base, mass, heavy)
     chart = Chart(
         "Distance of β_t2 to robots of bounded total mass",
         "greatest total mass, kg",
@@ -138,12 +138,12 @@ def _search(key: str, *, learning: bool = True) -> str:
 
 
 def _verdict_table(verdicts: dict[str, Verdict]) -> Table:
-    feasible = FeasibleSet(yoshida_model(), "inertia")
+    feasible_set = FeasibleSet(yoshida_model(), "inertia")
     full = FeasibleSet(yoshida_model(), "full")
     lines: list[tuple[str | float, ...]] = []
     for name, key in _POINTS.items():
         base = column("6.1", key)
-        plain, learning = Yoshida2000(learning=False).check(feasible, base), Yoshida2000().check(feasible, base)
+        plain, learning = Yoshida2000(learning=False).check(feasible_set, base), Yoshida2000().check(feasible_set, base)
         lines.append(
             (
                 name,
@@ -176,22 +176,22 @@ def _proved_distance(verdict: Verdict, base: Vector) -> float:
     return float(-proof.direction @ base / np.linalg.norm(proof.direction))
 
 
-def _alike(feasible: FeasibleSet, printed: Verdict) -> tuple[str, float]:
+def _alike(feasible_set: FeasibleSet, printed: Verdict) -> tuple[str, float]:
     """Return the status of a point that prints as the corrected one, and the mass of the links that prove it."""
     proof = printed.certificate
     if not isinstance(proof, InfeasibilityCertificate):
         return _proved(printed), np.nan
-    verdict = check(feasible, base=printed.base + _WITHIN_ROUNDING * np.sign(proof.direction))
-    mass = np.nan if verdict.parameters is None else float(verdict.parameters[feasible.mass_indices].sum())
+    verdict = check(feasible_set, base=printed.base + _WITHIN_ROUNDING * np.sign(proof.direction))
+    mass = np.nan if verdict.parameters is None else float(verdict.parameters[feasible_set.mass_indices].sum())
     return _proved(verdict), mass
 
 
-def _evidence(feasible: FeasibleSet, given: Vector, nearest: Vector, mass: float, heavy: float) -> Table:
+def _evidence(feasible_set: FeasibleSet, given: Vector, nearest: Vector, mass: float, heavy: float) -> Table:
     """Bounds of the distance from both sides, each with its proof."""
     almost = given + _NEARLY * (nearest - given)
     printed = float(np.linalg.norm(column("6.1", "beta_t2_corrected") - given))
     lines = (
-        ("nothing feasible is nearer to β_t2 than", _proved_distance(check(feasible, base=almost), given)),
+        ("nothing feasible is nearer to β_t2 than", _proved_distance(check(feasible_set, base=almost), given)),
         ("a point proved feasible is as near as", float(np.linalg.norm(nearest - given))),
         ("total mass of the links that prove it, kg", mass),
         ("the printed β'_t2 is as near as", printed),
