@@ -156,7 +156,7 @@ def test_bad_weights_of_priors_are_refused(arm, truth):
         fit(info, feasible, prior_weight="corner")
     with pytest.raises(InputError, match='a number or "corner"'):
         fit(info, feasible, prior=EuclideanPrior(truth), prior_weight="knee")
-    with pytest.raises(InputError, match="prior_weight must be positive, got 0"):
+    with pytest.raises(InputError, match=r"prior_weight must be a positive number .*leave the prior out.*, got 0"):
         fit(info, feasible, prior=EuclideanPrior(truth), prior_weight=0)
     with pytest.raises(InputError, match="prior must be a prior such as"):
         fit(info, feasible, prior="cad")

@@ -18,7 +18,7 @@ from steelyard.errors import SolverError
 from .problem import Outcome
 from .semidefinite_program import SemidefiniteProgram
 
-__all__ = ["CSDP", "DSDP", "SDPA", "Answer", "ExternalSolver", "Words", "run_program"]
+__all__ = ["CSDP", "DSDP", "SDPA", "Answer", "ExternalSolver", "ProgramOutput", "run_program"]
 
 Vector = npt.NDArray[np.float64]
 
@@ -26,19 +26,21 @@ TIME_LIMIT = 600.0
 """Seconds after which a program is stopped."""
 
 PROBLEM, SOLUTION = "problem.dat-s", "problem.solution"
-"""Names of files in the temporary folder."""
+"""Names of the files in the temporary folder."""
 
 
 @dataclass(frozen=True)
-class Words:
-    """What a program said: its exit code and its text.
+class ProgramOutput:
+    """The output of one run of a program.
 
     Attributes
     ----------
     code : int
+        Exit code.
     text : str
+        Standard output, then standard error.
     folder : Path
-        Where its files lie.
+        The temporary folder in which it ran and wrote its files.
     """
 
     code: int
@@ -48,13 +50,14 @@ class Words:
 
 @dataclass(frozen=True, eq=False)
 class Answer:
-    """What a program found, with our signs.
+    """The answer of a program, with the signs of `SemidefiniteProgram`.
 
     Attributes
     ----------
     outcome : Outcome
-        As far as the program's own word goes.
+        According to the program itself; `file_solver` checks it.
     status : str
+        In the words of the program.
     x : (m,)
         For `Outcome.UNBOUNDED` a direction.
     dual : (rows,)
@@ -73,25 +76,26 @@ class Answer:
 
 @dataclass(frozen=True)
 class ExternalSolver:
-    """A program that takes SDPA files: all that differs between one and another.
+    """A program that reads SDPA files, and everything in which it differs from other such programs.
 
     Attributes
     ----------
     title : str
     executable : str
     method : str
-        In a few words.
+        The algorithm, in a few words.
     remedy : str
         How to install it.
     prepare : callable
-        ``prepare(folder, accuracy, iterations, attempt)`` writes what files it wants and returns its arguments;
-        attempts count from 0.
+        ``prepare(folder, accuracy, iterations, attempt)`` writes the files of parameters that the program needs into
+        the folder, and returns its command-line arguments; attempts count from 0.
     interpret : callable
-        ``interpret(words, program)`` returns the `Answer`; it may raise ValueError or OSError where it cannot.
+        ``interpret(output, problem)`` returns the `Answer`; it raises ValueError or OSError where the output cannot be
+        read.
     version_arguments : tuple of str
-        With which it says its version.
+        Command-line arguments with which the program prints its version.
     version_pattern : str
-        Where that stands in its words; empty where it does not say it.
+        Regular expression whose group 1 is the version in that output; empty where the program does not print one.
     """
 
     title: str
@@ -99,16 +103,16 @@ class ExternalSolver:
     method: str
     remedy: str
     prepare: Callable[[Path, float, int, int], Sequence[str]] = field(repr=False)
-    interpret: Callable[[Words, SemidefiniteProgram], Answer] = field(repr=False)
+    interpret: Callable[[ProgramOutput, SemidefiniteProgram], Answer] = field(repr=False)
     version_arguments: tuple[str, ...] = ()
     version_pattern: str = ""
 
     def installed(self) -> bool:
-        """Whether it is found in the search path."""
+        """Whether the executable is found in the search path."""
         return shutil.which(self.executable) is not None
 
     def version(self) -> str:
-        """As the program says it; empty where it does not."""
+        """The version that the program prints; empty where it prints none."""
         if not self.version_pattern:
             return ""
         try:
@@ -120,7 +124,7 @@ class ExternalSolver:
 
 
 def _call(command: Sequence[str], folder: Path | None, limit: float) -> subprocess.CompletedProcess[str]:
-    """In one thread, with numbers as in C."""
+    """Run a command in one thread, with decimal points whatever the locale."""
     environment = {**os.environ, "OMP_NUM_THREADS": "1", "OPENBLAS_NUM_THREADS": "1", "LC_ALL": "C"}
     return subprocess.run(
         command,
@@ -176,16 +180,16 @@ def run_program(
                 f"{executable} cannot be run ({error.strerror}); install {program.title} again."
             ) from error
         seconds = time.perf_counter() - start
-        words = Words(done.returncode, done.stdout + done.stderr, folder)
+        output = ProgramOutput(done.returncode, done.stdout + done.stderr, folder)
         if done.returncode < 0:
             raise SolverError(
                 f'{program.title} crashed (signal {-done.returncode}); use another solver, such as solver="clarabel".'
             )
         try:
-            answer = program.interpret(words, problem)
+            answer = program.interpret(output, problem)
         except (ValueError, OSError, IndexError) as error:
-            said = words.text.strip().splitlines()
-            last = repr(said[-1][:80]) if said else "nothing"
+            lines = output.text.strip().splitlines()
+            last = repr(lines[-1][:80]) if lines else "nothing"
             raise SolverError(
                 f"the answer of {program.title} cannot be read (exit code {done.returncode}, its last words: {last}); "
                 'use another solver, such as solver="clarabel".'
@@ -193,8 +197,8 @@ def run_program(
     return Answer(answer.outcome, answer.status, answer.x, answer.dual, answer.iterations, seconds)
 
 
-def _read_solution_file(words: Words, problem: SemidefiniteProgram) -> tuple[Vector, Vector]:
-    """x and the stacked Y from a file as CSDP and DSDP write it.
+def _read_solution_file(output: ProgramOutput, problem: SemidefiniteProgram) -> tuple[Vector, Vector]:
+    """Read x and the stacked Y from a solution file of CSDP or DSDP.
 
     Its first line is x; then come entries (matrix, block, row, column, value), where matrix 1 is F(x) and matrix 2
     is Y.
@@ -204,7 +208,7 @@ def _read_solution_file(words: Words, problem: SemidefiniteProgram) -> tuple[Vec
     ValueError, OSError
         If it is not of that form.
     """
-    first, _, rest = (words.folder / SOLUTION).read_text(encoding="ascii").partition("\n")
+    first, _, rest = (output.folder / SOLUTION).read_text(encoding="ascii").partition("\n")
     x = np.array(first.split(), dtype=float)
     entries = np.array(rest.split(), dtype=float).reshape(-1, 5)
     entries = entries[entries[:, 0] == 2]
@@ -221,7 +225,7 @@ def _stack(
     column: npt.NDArray[np.intp],
     value: Vector,
 ) -> Vector:
-    """Elements of symmetric blocks, either triangle, as one vector; elements that are not given are zero."""
+    """Stack the elements of symmetric blocks, given in either triangle, as one vector; others are zero."""
     sizes = np.asarray(problem.block_sizes)
     rows = np.where(sizes < 0, -sizes, sizes * (sizes + 1) // 2)
     starts = np.concatenate([[0], np.cumsum(rows)])
@@ -249,7 +253,8 @@ _CSDP_STATUS = {
     8: (Outcome.STOPPED, "X, Z or O is singular"),
     9: (Outcome.STOPPED, "NaN or infinite values"),
 }
-"""By exit code. CSDP's primal is our dual, so that its primal infeasibility is our unboundedness."""
+"""By exit code. The primal problem of CSDP is the dual of `SemidefiniteProgram`, so that primal infeasibility there is
+unboundedness here."""
 
 
 def _prepare_csdp(folder: Path, accuracy: float, iterations: int, attempt: int) -> Sequence[str]:
@@ -276,12 +281,12 @@ def _prepare_csdp(folder: Path, accuracy: float, iterations: int, attempt: int) 
     return [PROBLEM, SOLUTION]
 
 
-def _interpret_csdp(words: Words, problem: SemidefiniteProgram) -> Answer:
-    if words.code not in _CSDP_STATUS:
+def _interpret_csdp(output: ProgramOutput, problem: SemidefiniteProgram) -> Answer:
+    if output.code not in _CSDP_STATUS:
         raise ValueError("unknown exit code")
-    outcome, status = _CSDP_STATUS[words.code]
-    x, dual = _read_solution_file(words, problem)
-    iterations = re.findall(r"^Iter: *(\d+)", words.text, re.MULTILINE)
+    outcome, status = _CSDP_STATUS[output.code]
+    x, dual = _read_solution_file(output, problem)
+    iterations = re.findall(r"^Iter: *(\d+)", output.text, re.MULTILINE)
     return Answer(outcome, status, x, dual, int(iterations[-1]) if iterations else 0)
 
 
@@ -298,11 +303,12 @@ CSDP = ExternalSolver(
 
 
 DSDP_STARTS: tuple[dict[str, float], ...] = ({"-r0": 100.0, "-penalty": 1e6}, {}, {"-r0": 10.0, "-boundy": 1e5})
-"""How far inside the method begins, and bounds on traces and variables that it needs: one after the other. Problems
-come with all sizes near 1, for which DSDP's own choice (the second) begins so far inside that digits are lost."""
+"""Options of the attempts, in turn: how far inside the cone the method begins, and bounds on the trace and on the
+variables. Problems arrive scaled to sizes near 1. For these DSDP's own choice (the second) begins so far inside that
+digits are lost."""
 
 DSDP_ITERATIONS_FOR_ONE = 5
-"""Its iterations are cheaper and more than those of a primal-dual method."""
+"""Iterations of DSDP for one of a primal-dual method: they are cheaper, and more are needed."""
 
 
 def _prepare_dsdp(folder: Path, accuracy: float, iterations: int, attempt: int) -> Sequence[str]:
@@ -311,18 +317,18 @@ def _prepare_dsdp(folder: Path, accuracy: float, iterations: int, attempt: int) 
     return [PROBLEM, *(str(part) for option in options.items() for part in option)]
 
 
-def _interpret_dsdp(words: Words, problem: SemidefiniteProgram) -> Answer:
-    x, dual = _read_solution_file(words, problem)
-    if "Dual Infeasible" in words.text:
+def _interpret_dsdp(output: ProgramOutput, problem: SemidefiniteProgram) -> Answer:
+    x, dual = _read_solution_file(output, problem)
+    if "Dual Infeasible" in output.text:
         outcome, status = Outcome.INFEASIBLE, "DSDP Primal Unbounded, Dual Infeasible"
-    elif "Dual Unbounded" in words.text:
+    elif "Dual Unbounded" in output.text:
         outcome, status = Outcome.UNBOUNDED, "DSDP Dual Unbounded, Primal Infeasible"
-    elif "DSDP Converged" in words.text:
+    elif "DSDP Converged" in output.text:
         outcome, status = Outcome.SOLVED, "DSDP Converged"
     else:
-        said = re.search(r"^DSDP (Terminated|Finished).*$|^.*Terminated.*$", words.text, re.MULTILINE)
-        outcome, status = Outcome.STOPPED, said[0].strip() if said else "DSDP stopped"
-    iterations = re.findall(r"^(\d+) +[-+0-9.e]+ +[-+0-9.e]+", words.text, re.MULTILINE)
+        found = re.search(r"^DSDP (Terminated|Finished).*$|^.*Terminated.*$", output.text, re.MULTILINE)
+        outcome, status = Outcome.STOPPED, found[0].strip() if found else "DSDP stopped"
+    iterations = re.findall(r"^(\d+) +[-+0-9.e]+ +[-+0-9.e]+", output.text, re.MULTILINE)
     return Answer(outcome, status, x, dual, int(iterations[-1]) if iterations else 0)
 
 
@@ -344,12 +350,12 @@ _SDPA_OUTCOMES = {
     "pUNBD": Outcome.UNBOUNDED,
     "dUNBD": Outcome.INFEASIBLE,
 }
-"""SDPA's primal is ours."""
+"""By the phase that SDPA prints; its primal problem is that of `SemidefiniteProgram`."""
 
 SDPA_PARAMETERS = "param.sdpa"
 
 SDPA_FINEST = 1e-7
-"""Tolerances below this make it end early more often than they make its answers better."""
+"""Smallest tolerance that is asked of SDPA: below, it ends early more often than its answers become better."""
 
 _NUMBER = re.compile(r"[-+]?[0-9][0-9.]*(?:e[-+]?[0-9]+)?|[-+]?(?:nan|inf)")
 
@@ -376,8 +382,8 @@ def _prepare_sdpa(folder: Path, accuracy: float, iterations: int, attempt: int) 
     return ["-ds", PROBLEM, "-o", SOLUTION, "-p", SDPA_PARAMETERS]
 
 
-def _interpret_sdpa(words: Words, problem: SemidefiniteProgram) -> Answer:
-    text = (words.folder / SOLUTION).read_text(encoding="ascii", errors="replace")
+def _interpret_sdpa(output: ProgramOutput, problem: SemidefiniteProgram) -> Answer:
+    text = (output.folder / SOLUTION).read_text(encoding="ascii", errors="replace")
     phase = re.search(r"phase\.value *= *(\w+)", text)
     if phase is None:
         raise ValueError("no phase")
@@ -402,7 +408,7 @@ def _interpret_sdpa(words: Words, problem: SemidefiniteProgram) -> Answer:
 
 
 def _numbers(text: str, name: str) -> npt.NDArray[np.float64]:
-    """All numbers between a name and the end of what it is in braces."""
+    """All numbers in the braces that follow a name."""
     _, found, rest = text.partition(f"{name} =")
     if not found:
         raise ValueError(f"no {name}")

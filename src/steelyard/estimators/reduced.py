@@ -9,7 +9,7 @@ import scipy.linalg.lapack
 import scipy.sparse as sparse
 
 from steelyard.conic import Cone, Rows
-from steelyard.errors import InputError
+from steelyard.feasibility.bounds.confidence_region import reduced_regression
 from steelyard.feasibility.cone_program import Part, upper_triangle
 from steelyard.feasibility.feasible_set import FeasibleSet
 from steelyard.feasibility.units import Units
@@ -87,16 +87,8 @@ class ReducedRegression:
         InputError
             For data of another model or without usable samples.
         """
-        R, rho = np.asarray(reduced.R, dtype=float), np.asarray(reduced.rho, dtype=float)
-        count = feasible_set.K.shape[0]
-        if R.ndim != 2 or R.shape[1] != count or rho.shape != (R.shape[0],):
-            raise InputError(
-                f"the data belongs to another model: its reduced regression has R of shape {R.shape}, but the "
-                f"feasible set is of a model with {count} base parameters; use the Information of the same model."
-            )
-        norm2, residual2 = float(reduced.norm2), float(reduced.residual2)
-        if not (np.all(np.isfinite(R)) and np.all(np.isfinite(rho)) and norm2 > 0):
-            raise InputError("the data holds no usable samples: its torques are all zero or not finite numbers.")
+        checked = reduced_regression(reduced, None, feasible_set)
+        R, rho, residual2, count = checked.R, checked.rho, checked.residual2, feasible_set.K.shape[0]
         if R.shape[0] != count or np.any(np.tril(R, -1)):
             R, rho, lost = _triangular(R, rho)
             residual2 += lost
@@ -115,7 +107,7 @@ class ReducedRegression:
             undetermined = np.linalg.qr(right[~shown].T / scale[:, None])[0]
             error = R @ base - rho
             residual2 += float(error @ error)
-        return cls(R, rho, outside, base, undetermined, residual2, norm2, int(reduced.count), lengths, reciprocal)
+        return cls(R, rho, outside, base, undetermined, residual2, checked.norm2, checked.count, lengths, reciprocal)
 
     @property
     def scale(self) -> float:

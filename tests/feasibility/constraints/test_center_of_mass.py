@@ -93,7 +93,7 @@ def test_centre_of_mass_bounds_the_moment_of_inertia():
             "center of .* of link 'a' must be three numbers",
         ),
         (lambda: CenterOfMassSphere("a", (0, 0, 0), -1.0), "at least 0 m, got -1"),
-        (lambda: CenterOfMassSphere("a", (0, 0, 0), np.inf), "radius .* must be a number of m, got inf"),
+        (lambda: CenterOfMassSphere("a", (0, 0, 0), np.inf), "radius .* must be a number of at least 0 m, got inf"),
     ],
 )
 def test_impossible_shapes_are_refused(make, message):

@@ -170,7 +170,7 @@ def test_estimate_of_another_robot_is_refused(estimate):
         (lambda model: LinearBound("beta3 - Lzz2", minimum=1).blocks(model), "does not depend on any parameter"),
         (lambda model: ConfidenceInterval("m1", 1.0, -0.1), "at least 0, got -0.1"),
         (lambda model: ConfidenceInterval("m1", "a", 0.1), "value of ConfidenceInterval of m1 must be a number"),
-        (lambda model: ConfidenceInterval("m1", 1.0, np.inf), "must be a number, got inf"),
+        (lambda model: ConfidenceInterval("m1", 1.0, np.inf), "must be a number of at least 0, got inf"),
         (lambda model: ConfidenceInterval("m1", 1.0, 0.1, 0), "must be a positive number, got 0"),
     ],
 )
