@@ -1,4 +1,4 @@
-"""Computed torque: the robot becomes a double integrator at every joint (thesis section 2.4.1)."""
+"""Computed torque: feedback that makes every joint of the robot a double integrator (thesis section 2.4.1)."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ Array = NDArray[np.float64]
 class ComputedTorque(ControlBlock):
     """Linearises the robot by nonlinear feedback and tracks a motion (thesis eq. 2.23 to 2.27).
 
-    ``tau = M a + C dq + g (+ h) (- J' force)`` with ``a = ddq_r + Kd (dq_r - dq) + Kp (q_r - q) + Ki integral``. With
+    The torque is ``tau = M a + C dq + g (+ h) (- J' force)`` with ``a = ddq_r + Kd (dq_r - dq) + Kp (q_r - q) + Ki integral``. With
     the robot's true parameters and `compensate_drives` the joints obey ``ddq = a`` and the error decays as
     ``e'' + Kd e' + Kp e = 0``.
 
@@ -40,28 +40,28 @@ class ComputedTorque(ControlBlock):
     kp, kd, ki : array_like
         A number or (N,): 1/s², 1/s and 1/s³.
     integral_limit : array_like
-        A number or (N,), rad or m: errors above it are not integrated, and the integral commands no more than ``kp``
-        times it. A long way to the target therefore winds nothing up, and what would leave an error of so much is made
-        up for.
+        A number or (N,), rad or m. Errors above this limit are not integrated, and the integral commands at most the
+        acceleration ``kp`` times the limit. A distant target therefore causes no windup, while disturbances that would
+        leave an error of up to the limit are still compensated.
     torque_limit : array_like, optional
-        A number or (N,), N·m or N, of the drives: where a torque would be beyond it, all that is commanded beyond
-        gravity, Coriolis torques and friction is reduced together, so that the acceleration keeps its direction;
-        clipping each torque by itself would turn it, and the joints would disturb each other. Where not given, the
-        effort limits of the description with `ki`, and nothing without.
+        Largest torques of the drives: a number or (N,), N·m or N. Where a torque would exceed its limit, the commanded
+        acceleration is scaled down as a whole and keeps its direction, while gravity, Coriolis torques and friction
+        stay compensated. Clipping each torque by itself would change the direction, and the joints would disturb each
+        other. By default the effort limits of the description are used with `ki`, and no limits without.
     base : bool
         Whether `parameters` are base parameters.
     compensate_drives : bool
-        Whether friction, rotors and other terms, ``h`` of eq. 2.9, are compensated. The sign of a velocity is hard to
-        know near rest, where compensation of Coulomb friction makes a joint chatter (thesis section 5.2).
+        Whether friction, rotors and other terms, ``h`` of eq. 2.9, are compensated. The sign of a velocity is uncertain
+        near rest, where compensation of Coulomb friction makes a joint chatter (thesis section 5.2).
     sign_width : float
-        With `compensate_drives`, speed within which the sign of Coulomb friction changes smoothly, rad/s or m/s; 0 for
-        the exact sign.
+        With `compensate_drives`, the velocity within which the sign of Coulomb friction changes smoothly, rad/s or m/s;
+        0 for the exact sign.
     tool : Tool, optional
-        Where a force sensor sits, whose wrench is compensated, ``tau_e`` of eq. 2.25; needs measured forces.
+        The frame of a force sensor whose measured wrench is compensated, ``tau_e`` of eq. 2.25.
     sample_time : float
         s.
     velocity : VelocityEstimator, optional
-        Numerical differences where not given.
+        How velocities are obtained; by numerical differences by default.
 
     Attributes
     ----------
@@ -69,7 +69,7 @@ class ComputedTorque(ControlBlock):
 
     See Also
     --------
-    PositionTracking : With positions as the only reference (thesis eq. 5.8).
+    PositionTracking : Uses only the positions of the reference (thesis eq. 5.8).
 
     Examples
     --------
@@ -148,7 +148,7 @@ class ComputedTorque(ControlBlock):
     def _feedback(self, q: Array) -> Feedback:
         inertia = self._part.nominal("total_inertia_matrix" if self._compensates else "inertia_matrix", q)
         damping = inertia * self._kd
-        if self._compensates:  # what friction takes is given back
+        if self._compensates:  # compensation of friction cancels its damping
             damping = damping - self._part.resistance(q)[1]
         return Feedback(inertia * self._kp, damping, inertia * self._ki if self._integrates else None)
 
@@ -172,9 +172,9 @@ class ComputedTorque(ControlBlock):
         return torque
 
     def _within_limits(self, torque: Array, carried: Array) -> Array:
-        """Return torques (..., N) whose part beyond `carried` is reduced until all are within their limits.
+        """Return torques (..., N) whose part beyond `carried` is scaled down until all are within their limits.
 
-        A joint that cannot carry even that gives what it can, and does not hold the others back.
+        A joint whose limit is below the torque in `carried` gives its limit, and does not reduce the others.
         """
         limit, beyond = self._torque_limit, torque - carried
         room = np.where(beyond > 0.0, limit - carried, limit + carried)

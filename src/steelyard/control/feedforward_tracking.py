@@ -24,26 +24,27 @@ Array = NDArray[np.float64]
 
 
 class FeedforwardTracking(ControlBlock):
-    """Tracks a motion for identification, ``tau = c + g + M ddq_r + Kp (q_r - q) + Kd (dq_r - dq)``.
+    """Tracks a motion for identification by PD control with feed-forward (thesis eq. 4.16 to 4.18).
 
-    Thesis eq. 4.16 to 4.18. The gains are torques: they do not pass through the inertia matrix, so that each joint can
-    be tuned by itself. Where the links pull at each other strongly, the lightest motion of all the joints together
-    bounds the gains of each; with `coupled` they pass through the inertia matrix of links and rotors. Friction is not
-    compensated, since before an identification nobody knows it; where it is known, `compensate_drives` feeds it forward
-    along the reference, which leaves the feedback and its margins as they are.
+    The torque is ``tau = c + g + M ddq_r + Kp (q_r - q) + Kd (dq_r - dq)``. The products of gains and errors are
+    torques: they do not pass through the inertia matrix, so that each joint can be tuned by itself. Where the inertia
+    matrix couples the joints strongly, the combined motion of least inertia limits the gains of all joints; with
+    `coupled` the gains pass through the inertia matrix of links and rotors, which removes this limit. Friction is not
+    compensated by default, because it is not known before an identification. Where it is known, `compensate_drives`
+    feeds it forward along the reference, which does not change the feedback and its stability margins.
 
     Parameters
     ----------
     model : Model
     parameters : array_like
-        (n,), or (n_b,) with `base`; from CAD, for instance.
+        (n,), or (n_b,) with `base`, for instance the values from CAD.
     reference : object
         A trajectory, joint positions, a function from a time to q, dq and ddq, or a :class:`JointReference`.
     kp, kd : array_like
-        A number or (N,): N·m/rad or N/m, and N·m·s/rad or N·s/m; those of thesis table 4.3 for the WAM. With `coupled`
-        1/s² and 1/s.
+        A number or (N,): N·m/rad or N/m, and N·m·s/rad or N·s/m; with `coupled` 1/s² and 1/s. Thesis table
+        4.3 has the gains that were used on the WAM.
     coupled : bool
-        Whether the gains are those of accelerations, which the inertia matrix of links and rotors turns into torques.
+        Whether gains times errors are accelerations, which the inertia matrix of links and rotors turns into torques.
     compensate_drives : bool
         Whether the torques of friction, rotors and other terms along the reference are added.
     base : bool

@@ -1,4 +1,4 @@
-"""Gravity compensation: the robot floats, for a hand to guide it."""
+"""Gravity compensation: the robot floats, so that it can be guided by hand."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ Array = NDArray[np.float64]
 
 
 class GravityCompensation(ControlBlock):
-    """Carries the links, ``tau = g(q) + C(q, dq) dq - damping dq``, as the first stage of thesis section 5.2.
+    """Compensates gravity, ``tau = g(q) + C(q, dq) dq - damping dq``, as in the first stage of thesis section 5.2.
 
     Parameters
     ----------
@@ -28,11 +28,11 @@ class GravityCompensation(ControlBlock):
     parameters : array_like
         (n,), or (n_b,) with `base`.
     base : bool
-        Whether these are base parameters.
+        Whether `parameters` are base parameters.
     coriolis : bool
-        Whether Coriolis and centripetal torques are compensated, too.
+        Whether Coriolis and centripetal torques are compensated as well.
     damping : array_like
-        A number or (N,), N·m·s/rad or N·s/m.
+        Viscous damping that is added at each joint: a number or (N,), N·m·s/rad or N·s/m.
     sample_time : float
         s.
     velocity : VelocityEstimator, optional

@@ -1,4 +1,4 @@
-"""What joints are to follow: a constant, a trajectory or a function of time."""
+"""References for the joints of a robot: constant positions, a trajectory, or a function of time."""
 
 from __future__ import annotations
 
@@ -22,19 +22,21 @@ __all__ = [
 
 Array = NDArray[np.float64]
 
-_BLOCK = 2048  # samples that are computed together
+# Samples of a trajectory that are computed in one call: at 1 kHz about two seconds. One call per sample would take
+# longer than the controller itself.
+_BLOCK = 2048
 
 
 @runtime_checkable
 class JointReference(Protocol):
-    """Positions, velocities and accelerations that joints are to have."""
+    """Desired positions, velocities and accelerations of the joints as functions of time."""
 
     def at(self, t: float) -> tuple[Array, Array, Array]:
-        """Return q, dq and ddq, (..., N) each, at a time, s."""
+        """Return q, dq and ddq, (..., N) each, at time t (s)."""
 
 
 class ConstantReference:
-    """Joint positions to hold.
+    """Constant joint positions.
 
     Parameters
     ----------
@@ -54,12 +56,12 @@ class ConstantReference:
         self._still = np.zeros_like(self.q)
 
     def at(self, t: float) -> tuple[Array, Array, Array]:
-        """Return the positions, and zero velocities and accelerations."""
+        """Return the positions, with velocities and accelerations of zero."""
         return self.q, self._still, self._still
 
 
 class FunctionReference:
-    """A motion that a function gives.
+    """A motion given by a function of time.
 
     Parameters
     ----------
@@ -77,7 +79,7 @@ class FunctionReference:
         self._function = function
 
     def at(self, t: float) -> tuple[Array, Array, Array]:
-        """Return q, dq and ddq at a time, s."""
+        """Return q, dq and ddq at time t (s)."""
         found = self._function(t)
         if not isinstance(found, tuple | list) or len(found) != 3:
             raise InputError(
@@ -89,21 +91,22 @@ class FunctionReference:
 
 
 class TrajectoryReference:
-    """A trajectory, from a time on; before it and after it the joints stand still at its ends.
+    """A trajectory that begins at a given time; before its start and after its end the joints stand still.
 
-    Samples at multiples of the sample time are computed many at a time and kept; other times are computed when they are
-    asked for.
+    Samples at multiples of the sample time are computed in blocks and kept; samples at other times are computed one by
+    one.
 
     Parameters
     ----------
     trajectory : object
-        With ``motion(t)`` from times (S,) to q, dq and ddq (S, N), and `duration` or `period` in s.
+        An object with a method ``motion(t)``, which returns q, dq and ddq (S, N) for times (S,), and an attribute
+        `duration` or `period` (s).
     start : float
-        When it begins, s.
+        Time at which the trajectory begins, s.
     repeat : bool
-        Whether it begins anew at its end, as a periodic motion may.
+        Whether the trajectory starts again at its end, as a periodic motion may.
     sample_time : float
-        Between two samples of the control, s.
+        Sample time of the controller, s.
 
     Examples
     --------
@@ -133,7 +136,7 @@ class TrajectoryReference:
         self._ends = tuple((place, np.zeros_like(place), np.zeros_like(place)) for place in q)
 
     def at(self, t: float) -> tuple[Array, Array, Array]:
-        """Return q, dq and ddq, (N,) each, at a time, s."""
+        """Return q, dq and ddq, (N,) each, at time t (s)."""
         since = t - self.start
         if since < 0.0:
             return self._ends[0]
@@ -159,7 +162,7 @@ class TrajectoryReference:
 
 
 def configurations_of(reference: JointReference) -> Array:
-    """Return joint positions (P, N) that a reference goes through: 32 along a trajectory, otherwise those at 0 s."""
+    """Return positions (P, N) of a reference: 32 evenly spread over a trajectory, otherwise those at 0 s."""
     if isinstance(reference, TrajectoryReference):
         times = np.linspace(0.0, reference.duration, 32)
         return np.asarray(reference.trajectory.motion(times)[0], dtype=np.float64)
@@ -168,7 +171,7 @@ def configurations_of(reference: JointReference) -> Array:
 
 
 def joint_reference(reference: Any, count: int, *, sample_time: float = 0.001, start: float = 0.0) -> JointReference:
-    """Return a reference from whatever a user gives.
+    """Convert what a user gives to a reference.
 
     Parameters
     ----------
@@ -177,9 +180,9 @@ def joint_reference(reference: Any, count: int, *, sample_time: float = 0.001, s
     count : int
         Number N of joints.
     sample_time : float
-        Of the control, s.
+        Sample time of the controller, s.
     start : float
-        When a trajectory begins, s; does not matter to others.
+        Time at which a trajectory begins, s; not used for other references.
 
     Returns
     -------
@@ -188,7 +191,7 @@ def joint_reference(reference: Any, count: int, *, sample_time: float = 0.001, s
     Raises
     ------
     InputError
-        If it is none of these, or for another number of joints.
+        If `reference` is none of these, or has another number of joints.
     """
     found: JointReference
     if callable(getattr(reference, "motion", None)):

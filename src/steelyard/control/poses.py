@@ -1,4 +1,4 @@
-"""Poses that a tool is to follow, and the rotations in them."""
+"""References for the pose of a tool, and conversions between rotation matrices and rotation vectors."""
 
 from __future__ import annotations
 
@@ -24,14 +24,16 @@ __all__ = [
 
 Array = NDArray[np.float64]
 
-_TINY = 1e-150  # keeps a division of zero by zero defined
-_FAR = -0.9  # cosine of the angles whose axis the sine does not give well
+_TINY = 1e-150  # keeps a division of zero by zero defined; its square is still a normal number
+# Beyond the angle with this cosine (154 degrees) the axis is taken from the symmetric part of the rotation. The
+# antisymmetric part, which serves below it, vanishes at half a turn, and its errors grow as one over the sine.
+_FAR = -0.9
 
 
 def rotation_vector(rotation: Array) -> Array:
-    """Return axis times angle of rotations, the logarithm; the angle is between 0 and pi.
+    """Return the rotation vectors (axis times angle, the logarithm) of rotations, with angles between 0 and pi.
 
-    It is exact to rounding for small angles and near half a turn alike.
+    The result is accurate to rounding errors at all angles, small ones and those near half a turn included.
 
     Parameters
     ----------
@@ -41,7 +43,7 @@ def rotation_vector(rotation: Array) -> Array:
     Returns
     -------
     ndarray
-        (..., 3), rad. At half a turn one of the two vectors.
+        (..., 3), rad. At half a turn, where two vectors describe the rotation, one of them.
 
     Examples
     --------
@@ -61,7 +63,7 @@ def rotation_vector(rotation: Array) -> Array:
 
 
 def _near_half_turn(rotation: Array, sine: Array, size: Array, cosine: Array) -> Array:
-    """Return axis times angle where the sine is small: the axis is the largest column of what is symmetric."""
+    """Return rotation vectors near half a turn, with the axis from the largest column of the symmetric part."""
     symmetric = 0.5 * (rotation + np.swapaxes(rotation, -1, -2)) - cosine[..., None, None] * np.eye(3)
     lengths = np.sum(symmetric * symmetric, axis=-2)
     best = np.argmax(lengths, axis=-1)
@@ -72,7 +74,7 @@ def _near_half_turn(rotation: Array, sine: Array, size: Array, cosine: Array) ->
 
 
 def rotation_matrix(vector: Array) -> Array:
-    """Return rotations from axis times angle, the exponential (Rodrigues).
+    """Return the rotations of rotation vectors (the exponential, by the formula of Rodrigues).
 
     Parameters
     ----------
@@ -101,12 +103,9 @@ def rotation_matrix(vector: Array) -> Array:
     return np.asarray(np.eye(3) + sine * cross + cosine * (cross @ cross))
 
 
-# What a tool is to follow: a pose to hold, a function of time, or a way through several poses.
-
-
 @dataclass(frozen=True, eq=False)
 class PoseTarget:
-    """Where a tool is to be at one instant, and how it is to move, in the base frame.
+    """Desired pose, twist and acceleration of a tool at one instant, in the base frame.
 
     Attributes
     ----------
@@ -125,14 +124,14 @@ class PoseTarget:
 
 @runtime_checkable
 class PoseReference(Protocol):
-    """Poses and motions that a tool is to have."""
+    """Desired poses and motions of a tool as functions of time."""
 
     def target(self, t: float) -> PoseTarget:
         """Return what is wanted at a time, s."""
 
 
 class ConstantPose:
-    """A pose to hold.
+    """A constant pose.
 
     Parameters
     ----------
@@ -142,7 +141,7 @@ class ConstantPose:
     Raises
     ------
     InputError
-        If it is not a pose.
+        If `pose` is not a pose.
     """
 
     def __init__(self, pose: ArrayLike) -> None:
@@ -156,12 +155,12 @@ class ConstantPose:
 
 
 class PoseFunction:
-    """A motion of the tool that a function gives.
+    """A motion of the tool given by a function of time.
 
     Parameters
     ----------
     function : callable
-        From a time (s) to pose (..., 4, 4), twist (..., 6) and its derivative (..., 6).
+        Returns pose (..., 4, 4), twist (..., 6) and its time derivative (..., 6) for a time (s).
     """
 
     def __init__(self, function: Callable[[float], Any]) -> None:
@@ -180,22 +179,22 @@ class PoseFunction:
 
 
 class PoseTrajectory:
-    """Straight ways from pose to pose, each from rest to rest, turning about one axis on each.
+    """Straight lines from pose to pose with a rotation about one axis each, from rest to rest.
 
-    The way and the angle follow the polynomial of the fifth degree whose velocity and acceleration are zero at both
-    ends. Before the first time and after the last the tool stands still.
+    Distance and angle follow the polynomial of degree five whose first and second derivatives are zero at both ends.
+    Before the first time and after the last the tool stands still.
 
     Parameters
     ----------
     times : sequence of float
-        (n,), increasing, s.
+        (n,) times at which the poses are reached, increasing, s.
     poses : array_like
         (n, 4, 4) in the base frame.
 
     Raises
     ------
     InputError
-        If times and poses do not fit.
+        If the times do not increase, or their number differs from that of the poses.
 
     Examples
     --------
@@ -238,12 +237,12 @@ class PoseTrajectory:
 
 
 def pose_reference(reference: Any) -> PoseReference:
-    """Return a pose reference from whatever a user gives: one, a pose (..., 4, 4), or a function of time.
+    """Convert what a user gives to a pose reference: a reference, a pose (..., 4, 4), or a function of time.
 
     Raises
     ------
     InputError
-        If it is none of these.
+        If `reference` is none of these.
     """
     if isinstance(reference, PoseReference):
         return reference
@@ -269,5 +268,5 @@ def _pose(pose: ArrayLike) -> Array:
         or not (np.linalg.det(turn) > 0.0).all()
         or not np.array_equal(found[..., 3, :], np.broadcast_to([0.0, 0.0, 0.0, 1.0], found[..., 3, :].shape))
     ):
-        raise InputError("A pose must be a rotation with a place, and its last row 0 0 0 1.")
+        raise InputError("A pose must consist of a rotation matrix, a position and the last row 0 0 0 1.")
     return found

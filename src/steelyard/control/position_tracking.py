@@ -24,14 +24,15 @@ Array = NDArray[np.float64]
 
 
 class PositionTracking(ControlBlock):
-    """Follows positions that nobody knows beforehand, ``tau = C dq + g + M a`` with ``a = Kp (q_r - q) - Kd dq``.
+    """Follows a reference whose velocity and acceleration are not known in advance (thesis eq. 5.8 and figure 5.5).
 
-    Thesis eq. 5.8 and figure 5.5. Since velocity and acceleration of the reference are not used, a joint lags behind a
-    moving reference by about ``Kd / Kp`` seconds: what remains beyond that shows how good the parameters are.
+    The torque is ``tau = C dq + g + M a`` with ``a = Kp (q_r - q) - Kd dq``. Since velocity and acceleration of the
+    reference are not used, a joint lags behind a moving reference by about ``Kd / Kp`` seconds. Any error beyond this
+    lag comes from errors of the parameters.
 
-    It is turned on in the three stages of the thesis's experiment: from the start only ``C dq + g`` acts; at
-    `control_start` the PD control begins, with the reference held at the first position; at `reference_start` the
-    reference begins.
+    The controller is turned on in the three stages of the thesis's experiment: from the start only ``C dq + g`` acts;
+    at `control_start` the PD control begins, with the reference held at its first position; at `reference_start` the
+    reference begins to move.
 
     Parameters
     ----------
@@ -41,9 +42,9 @@ class PositionTracking(ControlBlock):
     reference : object
         As in :class:`FeedforwardTracking`; its time counts from `reference_start`. Only positions are used.
     kp, kd : array_like
-        A number or (N,), 1/s² and 1/s; those of thesis tables 5.1 and 5.2 for the WAM.
+        A number or (N,), 1/s² and 1/s. Thesis tables 5.1 and 5.2 have the gains that were used on the WAM.
     control_start, reference_start : float
-        s; both 0 turns everything on at once.
+        When the PD control and the reference begin, s. Where both are 0, everything is turned on at once.
     base : bool
         Whether `parameters` are base parameters.
     sample_time : float
@@ -113,5 +114,5 @@ class PositionTracking(ControlBlock):
         return self._part("computed_torque", q, dq, self._kp * (wanted - q) - self._kd * dq)
 
     def wanted(self, t: float) -> Array:
-        """Return the positions that are to be reached at a time, (..., N), rad or m."""
+        """Return the reference positions (..., N) at time t (s), rad or m."""
         return self.reference.at(max(t - self.reference_start, 0.0))[0]
