@@ -110,7 +110,7 @@ def test_runs_are_estimated_apart():
 @pytest.mark.parametrize("stiffness", [100.0, 3000.0, 80000.0])
 def test_stiffness_under_noise(stiffness, random):
     """Noise of an encoder (10 µm) and of a force sensor (0.05 N), moved to and fro."""
-    estimator = StiffnessEstimator(initial=1000.0, smallest_way=1e-4)
+    estimator = StiffnessEstimator(initial=1000.0, smallest_displacement=1e-4)
     estimator.start(())
     amplitude = np.clip(4.0 / stiffness, 5e-4, 0.02)
     for k in range(8000):
@@ -192,7 +192,7 @@ def pressed(t):
     ],
 )
 def test_the_stiffness_is_found_across_a_tenfold_change(wam, sensors):
-    estimator = StiffnessEstimator(smallest_way=1e-4, smallest_force=1.0)
+    estimator = StiffnessEstimator(smallest_displacement=1e-4, smallest_force=1.0)
     watched = Watched(controller_of(wam, true_parameters(), pressed, compensate_drives=True, stiffness=estimator))
     result = simulate(
         wam, true_parameters(), Q, 0 * Q, 3.9, watched, environment=wall(wam, tenfold), sensors=sensors, seed=3

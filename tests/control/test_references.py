@@ -120,7 +120,7 @@ def test_poses_follow_the_quintic_and_the_shortest_turn(random):
         (lambda: PoseTrajectory([0.0], [np.eye(4)]), "at least two times"),
         (lambda: PoseTrajectory([0.0, 0.0], [np.eye(4)] * 2), "must increase"),
         (lambda: PoseTrajectory([0.0, 1.0], [np.eye(4)] * 3), "as many poses"),
-        (lambda: ConstantPose(-np.eye(4)), "rotation with a place"),
+        (lambda: ConstantPose(-np.eye(4)), "rotation matrix, a position"),
         (lambda: PoseFunction(lambda t: np.eye(4)).target(1.0), "three arrays; at 1 s"),
         (lambda: NumericalDifference(0), "positive integer"),
         (lambda: NumericalDifference(order=3), "1 or 2"),

@@ -177,7 +177,7 @@ def test_an_unreachable_target_is_approached_and_held(six):
         ({"kp": np.triu(np.ones((6, 6)))}, "symmetric"),
         ({"kd": -np.eye(6)}, "semidefinite"),
         ({"reference": np.eye(3)}, r"\(\.\.\., 4, 4\)"),
-        ({"reference": 2.0 * np.eye(4)}, "rotation with a place"),
+        ({"reference": 2.0 * np.eye(4)}, "rotation matrix, a position"),
         ({"reference": "home"}, "pose reference"),
         ({"posture": Posture(stiffness=1.0)}, "no positions"),
         ({"posture": Posture([0.0], stiffness=1.0)}, "6 finite numbers"),

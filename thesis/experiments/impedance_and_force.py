@@ -207,7 +207,9 @@ def force_control(model: Model, folder: Path) -> Section:
                 reference=pose,
                 kp=400.0,
                 kd=40.0,
-                options=ForceControlOptions(stiffness=StiffnessEstimator(smallest_way=1e-4, smallest_force=1.0)),
+                options=ForceControlOptions(
+                    stiffness=StiffnessEstimator(smallest_displacement=1e-4, smallest_force=1.0)
+                ),
                 compensate_drives=compensate_drives,
             )
         )

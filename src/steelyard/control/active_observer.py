@@ -1,4 +1,4 @@
-"""The active observer: a Kalman filter that estimates the disturbance of a controlled plant, too."""
+"""The active observer: a Kalman filter that estimates state and disturbance of a controlled plant."""
 
 from __future__ import annotations
 
@@ -17,33 +17,33 @@ class ActiveObserver:
     """Estimates state and input disturbance of ``x[k] = F x[k-1] + s G (u[k-1] + p[k-1])``, ``y[k] = H x[k]``.
 
     The active observer of Cortesão, Park and Khatib (2006, IEEE Transactions on Robotics 22(5), 987 to 999; thesis
-    section 2.4.4). The state is augmented by the disturbance p, whose difference of order `order` is white noise. With
-    the command ``u = reference - L x - p`` of state feedback that takes the estimated disturbance away, the
-    prediction is that of the closed loop, ``(F - s G L) x + s G reference``; with a command that had to be limited it
-    is that of what was really commanded, so that the estimate does not run away. The scale s of the input may change
-    from call to call, as with the stiffness of an environment, and the Kalman gain adapts to it.
+    section 2.4.4). The state is augmented by the disturbance p, whose difference of order `order` is white noise. The
+    prediction uses the command that really acted. With state feedback that subtracts the estimated disturbance,
+    ``u = reference - L x - p``, it is the prediction of the closed loop, ``(F - s G L) x + s G reference``; where a
+    command was limited, the estimate does not diverge. The scale s of the input may change from call to call, as the
+    stiffness of an environment does, and the Kalman gain adapts to it.
 
     Parameters
     ----------
     transition : array_like
-        (n, n), F.
+        (n, n) transition matrix F.
     control : array_like
-        (n,), G.
+        (n,) input vector G.
     output : array_like
-        (n,), H.
+        (n,) output vector H.
     measurement_noise : float
-        Standard deviation of y.
+        Standard deviation of the measured output y.
     disturbance_noise : float
-        Standard deviation of what drives the disturbance, a call, in the unit of u.
+        Standard deviation of the white noise that drives the disturbance in each call, in the unit of u.
     state_noise : array_like
-        (n,) standard deviations of what else drives the state, a call.
+        (n,) standard deviations of the white noise that drives the state in each call.
     order : int
-        1 for a disturbance that is steady save for a random walk, 2 for a ramp, and so on.
+        Order of the disturbance model: 1 for a random walk, 2 for a ramp with a random slope, and so on.
 
     Attributes
     ----------
     innovation : ndarray
-        (...,) by how much the last measurement differed from its prediction.
+        (...,) difference of the last measurement from its prediction.
 
     References
     ----------
@@ -86,15 +86,16 @@ class ActiveObserver:
         self.size = n
         size = n + order
         self._control = np.concatenate((G, np.zeros(order)))
-        self._fixed = np.zeros((size, size))  # the transition without what the control does
+        self._fixed = np.zeros((size, size))  # the transition without the control
         self._fixed[:n, :n] = F
         self._fixed[n:, n:] = np.eye(order) + np.eye(order, k=1)
-        self._push = np.outer(self._control, np.eye(size)[n])  # how the disturbance enters
+        self._push = np.outer(self._control, np.eye(size)[n])  # how the disturbance acts on the state
         self._output = np.concatenate((H, np.zeros(order)))
         self._measured = positive(measurement_noise, "measurement_noise", "1") ** 2
         driven = positive(disturbance_noise, "disturbance_noise", "1") ** 2
         spread = np.broadcast_to(np.asarray(state_noise, dtype=np.float64), (n,)) ** 2
         self._driven = np.diag(np.concatenate((spread, np.zeros(order - 1), [driven])))
+        # The initial disturbance may be as large as 100 steps of its random walk make it: ten times the noise.
         self._begin = np.diag(np.concatenate((np.full(n, self._measured), np.full(order, 100.0 * driven))))
         self.innovation = np.zeros(())
         self._x = np.zeros(size)
@@ -117,18 +118,18 @@ class ActiveObserver:
         disturbance: Array | float = 0.0,
         where: NDArray[np.bool_] | bool = True,
     ) -> None:
-        """Forget everything.
+        """Restart the estimate.
 
         Parameters
         ----------
         output : ndarray
-            (...,) what is measured.
+            (...,) the measured output.
         state : ndarray, optional
-            (..., n); what gives the output, the rest zero, where not given.
+            (..., n) initial state; by default the smallest state with this output.
         disturbance : ndarray or float
-            (...,).
+            (...,) initial disturbance.
         where : ndarray or bool
-            (...,) the runs that start anew.
+            (...,) the runs that are restarted.
         """
         fresh = np.zeros((*output.shape, self.size + self.order))
         if state is None:
@@ -146,16 +147,16 @@ class ActiveObserver:
         self._covariance = np.where(chosen[..., None, None], self._begin, self._covariance)
 
     def update(self, output: Array, command: Array, scale: Array | float = 1.0) -> tuple[Array, Array]:
-        """Take in a measurement.
+        """Update the estimate with a measurement.
 
         Parameters
         ----------
         output : ndarray
-            (...,) what is measured now.
+            (...,) the output that is measured now.
         command : ndarray
-            (...,) what acted since the last call.
+            (...,) the input that acted since the last call.
         scale : ndarray or float
-            (...,) of the input.
+            (...,) scale s of the input.
 
         Returns
         -------

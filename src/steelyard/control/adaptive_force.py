@@ -25,19 +25,32 @@ __all__ = ["AdaptiveForceControl", "ForceControlOptions", "ForceLoop", "force_lo
 
 Array = NDArray[np.float64]
 
+# An innovation of the force beyond this many standard deviations is a change of the environment. Noise does not reach
+# it; with the default noise of 0.05 N it is 1 N, which an impact or a sudden change of the stiffness exceeds.
+_JUMP = 20.0
+# Noise of the force (N) that needs no smoothing: the least increment of the stiffness estimator, half a newton, is ten
+# times as large.
+_QUIET = 0.05
+# Largest time constant over which force and position are smoothed, s. The estimated stiffness and the decision whether
+# there is contact lag by it.
+_LONGEST_SMOOTHING = 0.1
+# On its approach the tool follows a moving point, which may be ahead of it by at most this distance, m. The bound limits
+# the command, and so the impact, where friction has held the tool back.
+_LEAD = 0.05
+
 
 @dataclass(frozen=True, eq=False)
 class ForceLoop:
-    """The plant ``f'' = Ks u - K2 f'`` for a stiffness of 1 N/m, with u held between samples.
+    """The plant ``f'' = Ks u - K2 f'`` in sampled time for a stiffness Ks of 1 N/m, and its state feedback.
 
     Attributes
     ----------
     transition : ndarray
-        (2, 2) of force (N) and its rate (N/s).
+        (2, 2) transition matrix of force (N) and its rate (N/s).
     control : ndarray
-        (2,); times Ks.
+        (2,) input vector; it is proportional to Ks.
     gains : ndarray
-        (2,) of the feedback of force and rate that places both poles; by Ks.
+        (2,) feedback gains of force and rate that place both poles; they are inversely proportional to Ks.
     """
 
     transition: Array
@@ -46,14 +59,14 @@ class ForceLoop:
 
 
 def force_loop(bandwidth: float, velocity_gain: float, sample_time: float) -> ForceLoop:
-    """Sample the plant and place its poles.
+    """Discretise the plant, with u held between samples, and place its poles.
 
     Parameters
     ----------
     bandwidth : float
-        Both poles of the closed loop are here, rad/s.
+        Both poles of the closed loop are at minus this value, rad/s.
     velocity_gain : float
-        K2, 1/s.
+        Damping K2 along the normal, 1/s.
     sample_time : float
         s.
 
@@ -80,14 +93,6 @@ def force_loop(bandwidth: float, velocity_gain: float, sample_time: float) -> Fo
     return ForceLoop(transition, control, gains)
 
 
-# Adaptive force control with an active observer and an estimated stiffness (thesis section 2.4.4).
-
-_JUMP = 20.0  # standard deviations of the force
-_QUIET = 0.05  # N, noise beside which increments of half a newton stand out by ten times
-_LONGEST = 0.1  # s, over which force and place are smoothed at most
-_LEAD = 0.05  # m, how far what the tool follows may be ahead of it
-
-
 @dataclass(frozen=True, kw_only=True)
 class ForceControlOptions:
     """How the force loop of :class:`AdaptiveForceControl` is tuned.
@@ -95,21 +100,21 @@ class ForceControlOptions:
     Attributes
     ----------
     bandwidth : float
-        Where both poles of the force loop are placed, rad/s.
+        Both poles of the force loop are placed at minus this value, rad/s.
     velocity_gain : float, optional
-        1/s, the damping along the normal; twice the bandwidth where not given.
+        Damping along the normal, 1/s; twice the bandwidth by default.
     stiffness : StiffnessEstimator, optional
-        Made for an environment of 1000 N/m where not given.
+        Estimator of the stiffness; by default one that starts with 1000 N/m and fits the noise of the force.
     force_noise : float
         Standard deviation of the measured force, N.
     disturbance_rate : float
-        How much the disturbance wanders, m/s² in a square root of a second.
+        Standard deviation by which the disturbance changes in one second, m/s²; it grows with the square root of time.
     order : int
-        Of the disturbance, see :class:`ActiveObserver`.
+        Order of the disturbance model, see :class:`ActiveObserver`.
     contact_force : float
-        Above it the tool is in contact; below half of it no more, N.
+        The tool is in contact above this force, and no longer in contact below half of it, N.
     approach_speed : float
-        With which the tool moves along the normal while it touches nothing, m/s.
+        Speed along the normal while the tool touches nothing, m/s.
     """
 
     bandwidth: float = 20.0
@@ -123,14 +128,14 @@ class ForceControlOptions:
 
 
 class AdaptiveForceControl(TaskControl):
-    """Presses with a wanted force on an environment of unknown stiffness, and follows poses along the other axes.
+    """Presses with a desired force on an environment of unknown stiffness, and follows poses along the other axes.
 
-    After Cortesão, Park and Khatib (2006), whose scheme is figure 2.2 of the thesis. Task-space computed torque makes
-    the tool a double integrator; the `velocity_gain` K2 of the options damps it along the normal, so that an
+    The scheme is that of Cortesão, Park and Khatib (2006), figure 2.2 of the thesis. Task-space computed torque makes
+    the tool a double integrator. The `velocity_gain` K2 of the options damps it along the normal, so that an
     environment of stiffness Ks makes it the plant ``f'' = Ks u - K2 f'``. State feedback places both poles of the force
-    loop at the `bandwidth`, with gains that are inverse to the stiffness estimated; an active observer estimates the
-    force, its rate and the disturbance that stands for errors of the model, which is taken away from the command. Out
-    of contact the tool approaches at the `approach_speed`.
+    loop according to the `bandwidth`, with gains that are inversely proportional to the estimated stiffness. An active
+    observer estimates the force, its rate and a disturbance, which stands for errors of the model and is subtracted
+    from the command. Out of contact the tool approaches at the `approach_speed`.
 
     Parameters
     ----------
@@ -139,13 +144,13 @@ class AdaptiveForceControl(TaskControl):
         (n,), or (n_b,) with `base`.
     tool : Tool
     force : float or callable
-        With which the tool is to press, N: a number, an array for several runs, or a function of time (s).
+        Desired force of the tool on the environment, N: a number, an array for several runs, or a function of time (s).
     normal : array_like
         (3,) direction from the tool into the environment, base frame.
     reference : object
-        As in :class:`TaskSpaceControl`; along the normal it does not matter.
+        As in :class:`TaskSpaceControl`; its component along the normal is not used.
     kp, kd : array_like
-        As in :class:`TaskSpaceControl`, of the axes that follow the pose.
+        As in :class:`TaskSpaceControl`, for the axes that follow the pose.
     options : ForceControlOptions, optional
         How the force loop is tuned; the defaults suit a quiet sensor.
     posture, base, compensate_drives, sign_width, largest_mass, length, sample_time, velocity
@@ -202,9 +207,9 @@ class AdaptiveForceControl(TaskControl):
             * float(np.sqrt(self.sample_time)),
             order=tuning.order,
         )
-        # What the sensor's noise hides in one sample shows in several.
+        # The mean of so many samples is as quiet as a sensor with a noise of `_QUIET`.
         samples = max((tuning.force_noise / _QUIET) ** 2, 1.0)
-        smoothing = min(0.5 * self.sample_time * (samples - 1.0), _LONGEST)
+        smoothing = min(0.5 * self.sample_time * (samples - 1.0), _LONGEST_SMOOTHING)
         self._keep = float(np.exp(-self.sample_time / smoothing)) if smoothing else 0.0
         quiet = tuning.force_noise * float(np.sqrt((1.0 - self._keep) / (1.0 + self._keep)))
         self._estimator = (
@@ -241,7 +246,7 @@ class AdaptiveForceControl(TaskControl):
         self._time = measurement.t
 
     def _feedback(self, q: Array) -> Feedback:
-        # Out of contact; in contact the poles are placed in sampled time.
+        # This is the loop out of contact; in contact the poles are placed in sampled time.
         along = np.outer(self._normal, self._normal)
         across = np.eye(len(along)) - along
         stiffness, damping = across @ self._kp, across @ self._kd
@@ -264,46 +269,48 @@ class AdaptiveForceControl(TaskControl):
         return torque
 
     def _cancelled(self, wrench: Array) -> Array:
-        """Return the wrench that is taken away (..., 6): along the normal as observed, otherwise smoothed."""
+        """Return the wrench that is compensated (..., 6): observed along the normal, and smoothed otherwise."""
         self._wrench = self._keep * self._wrench + (1.0 - self._keep) * wrench
         normal = _six(self._normal)
         observed = np.where(self.contact, self.observer.state[..., 0], -(wrench @ normal))
         return self._wrench - (observed + self._wrench @ normal)[..., None] * normal
 
-    def _acceleration(self, t: float, place: Array, speed: Array, force: Array) -> Array:
+    def _acceleration(self, t: float, position: Array, speed: Array, force: Array) -> Array:
         """Return the acceleration along the normal (...,), m/s²."""
         before = self.contact
         self._smooth = self._keep * self._smooth + (1.0 - self._keep) * force
-        # A push beyond all noise is contact at once; a gentle one once it has lasted.
+        # A force far above the noise of one sample is contact at once, a smaller one when the smoothed force shows it.
         self.contact = self._smooth > np.where(before, 0.5 * self._threshold, self._threshold)
         self.contact = self.contact | (force > self._obvious)
         self._smooth = np.where(self.contact & ~before, np.maximum(force, self._smooth), self._smooth)
         wanted = np.asarray(self._wanted(t) if callable(self._wanted) else self._wanted, dtype=np.float64)
         state, disturbance = self.observer.update(force, self._pushed, self._estimator.stiffness)
-        # A force that jumps is a change of the environment: not in the plant of the observer, and no slope of a spring.
+        # A jump of the force is a change of the environment, which neither the plant of the observer nor the estimator
+        # of a constant stiffness describes.
         jumps = np.abs(self.observer.innovation) > self._jump
-        stiffness = self._estimator.update(t, place, force, self.contact & ~(jumps & ~self._jumped))
+        stiffness = self._estimator.update(t, position, force, self.contact & ~(jumps & ~self._jumped))
         self._jumped = jumps
         begins = ~(before & self.contact) | jumps
         if begins.any():
-            # What the command was beyond the damping of a steady approach, something else took away.
+            # The disturbance cancelled the part of the command that exceeded the damping of a steady motion.
             taken = np.where(before & jumps, self._steady, self._damping * speed - self._pushed)
             fresh = np.stack((force, np.where(self.contact, stiffness * speed, 0.0)), axis=-1)
             self.observer.start(force, fresh, np.where(self.contact, taken, 0.0), where=begins)
             state, disturbance = self.observer.state, self.observer.disturbance
         self._steady = disturbance
         feedback = (self._gains[0] * (wanted - state[..., 0]) - self._gains[1] * state[..., 1]) / stiffness
-        self._pushed = np.where(self.contact, feedback - disturbance, self._approach(t, wanted, place))
+        self._pushed = np.where(self.contact, feedback - disturbance, self._approach(t, wanted, position))
         return self._pushed - self._damping * speed
 
-    def _approach(self, t: float, wanted: Array, place: Array) -> Array:
-        """Return the command that takes the tool to the environment: it follows a place that moves there."""
+    def _approach(self, t: float, wanted: Array, position: Array) -> Array:
+        """Return the command (...,) out of contact, with which the tool follows a point that moves along the normal."""
         speed = np.where(wanted > 0.0, self._speed, 0.0)
         step = speed * max(t - self._time, 0.0)
         self._time = t
-        # In contact the place goes with the tool; out of it, friction must not let it run away.
-        self._ahead = np.where(self.contact, place, np.minimum(self._ahead + step, place + _LEAD))
-        return self._damping * speed + 0.25 * self._damping**2 * (self._ahead - place)
+        # In contact the point stays with the tool. Out of contact its lead is bounded, because friction may hold the
+        # tool back.
+        self._ahead = np.where(self.contact, position, np.minimum(self._ahead + step, position + _LEAD))
+        return self._damping * speed + 0.25 * self._damping**2 * (self._ahead - position)
 
 
 def _direction(normal: ArrayLike) -> Array:

@@ -1,4 +1,4 @@
-"""What all the model-based controllers share: a sample time, a model part, a velocity estimator."""
+"""The base class of the model-based controllers: sample time, model, velocity estimator, check of the gains."""
 
 from __future__ import annotations
 
@@ -21,25 +21,30 @@ __all__ = ["ControlBlock"]
 
 Array = NDArray[np.float64]
 
-_SMALLEST = 2e-3  # of gain margins that mean something: the search ends at 1e-3
-_LOOKED_AT = 32  # configurations at which gains are checked; about 1 ms each for seven joints
+# The search for a gain margin ends at 1e-3. A margin near this end says that reducing all gains by a common factor does
+# not make the loop stable, so that the message names another remedy.
+_SMALLEST_MARGIN = 2e-3
+# Configurations at which gains are checked. Each takes about 1 ms for seven joints, so that a controller is made within
+# some hundredths of a second.
+_CHECKED_CONFIGURATIONS = 32
 
 
 class ControlBlock(ABC):
     """A controller with a model of the robot; see :class:`steelyard.simulation.Controller`.
 
-    Its gains are checked against the inertia of the robot in the model, the sample time and the lag of the velocities:
-    when it is made, at configurations of its reference (where that is of a tool, at random ones, of which it must hold
-    half), and once more where it starts. What is checked is the linear loop near rest, see :class:`SampledLoop`.
+    A controller checks the stability of its loop near rest, see :class:`SampledLoop`, with the inertia of the robot in
+    the model, the sample time and the lag of the velocity estimates. It does so when it is made, at configurations of
+    its reference, and once more at the configuration in which it starts. With a reference for a tool it checks random
+    configurations, of which half must be stable, because no motion visits all of them.
 
     Parameters
     ----------
     part : ModelPart
-        What it computes of the model.
+        The functions of the model that the controller calls.
     sample_time : float
         Time between two calls, s.
     velocity : VelocityEstimator, optional
-        Numerical differences where not given.
+        How velocities are obtained; by numerical differences by default.
 
     Attributes
     ----------
@@ -70,9 +75,9 @@ class ControlBlock(ABC):
         language : str
             ``"c"`` or another language of :meth:`steelyard.Model.generate`.
         directory : str or Path
-            Where the files go; made where it is missing.
+            Folder of the files; made where it is missing.
         fixed : bool
-            Whether the controller's parameters stand in the source as numbers, instead of an argument.
+            Whether the parameters of the controller are written as numbers, instead of being an argument.
 
         Returns
         -------
@@ -87,18 +92,20 @@ class ControlBlock(ABC):
         return self._part.generate(language, directory, fixed=fixed)
 
     def gain_margin(self, q: ArrayLike) -> float:
-        """Return by what factor all gains may grow before the loop is unstable, on a robot that is as the model says.
+        """Return the factor by which all gains can be multiplied before the loop becomes unstable.
+
+        The robot is taken to be as its model.
 
         Parameters
         ----------
         q : array_like
-            (..., N) configurations, rad or m; the smallest margin of them counts.
+            (..., N) configurations, rad or m; the smallest of their margins is returned.
 
         Returns
         -------
         float
-            Below 1 where the loop is unstable as it is; at most 1000, and infinite where nothing is fed back or the
-            inertia in the model is not that of a robot.
+            Below 1 where the loop is unstable as it is, and at most 1000. Infinite where nothing is fed back, or where
+            the inertia matrix of the model is not positive definite.
         """
         places = np.asarray(q, dtype=np.float64)
         count = self._part.dof
@@ -108,13 +115,13 @@ class ControlBlock(ABC):
         return math.inf if found is None else found[0].gain_margin(found[1])
 
     def _feedback(self, q: Array) -> Feedback | None:
-        """Return what the controller feeds back near rest at configurations (P, N); None where that is not known."""
+        """Return the linear feedback near rest at configurations (P, N); None where it is not known."""
         return None
 
     def _loop(self, q: Array) -> tuple[SampledLoop, Feedback] | None:
-        """Return the loop at configurations (P, N) and the feedback in it; None where nothing is known of either."""
+        """Return the linear loop at configurations (P, N) and its feedback; None where one of them is not known."""
         inertia, friction = self._part.resistance(q)
-        # Parameters that no robot can have say nothing about a robot: there is nothing to check against.
+        # Parameters that no robot can have give no loop that could be checked.
         for matrix in (inertia, self._part.nominal("inertia_matrix", q)):
             if not (np.linalg.eigvalsh(matrix)[:, 0] > 0.0).all():
                 return None
@@ -126,8 +133,8 @@ class ControlBlock(ABC):
         return SampledLoop(inertia, friction, self.sample_time, known), feedback
 
     def _check_gains(self, q: Array, share: float = 0.0) -> None:
-        """Refuse gains with which the loop is unstable at more than a share of configurations (P, N)."""
-        places = q[np.isfinite(q).all(axis=1)][:_LOOKED_AT]
+        """Raise InputError where the loop is unstable at more than a share of configurations (P, N)."""
+        places = q[np.isfinite(q).all(axis=1)][:_CHECKED_CONFIGURATIONS]
         found = self._loop(places) if len(places) else None
         if found is None:
             return
@@ -141,7 +148,7 @@ class ControlBlock(ABC):
         remedy = (
             f"With all its gains multiplied by {0.5 * margin:.2g} it has a margin of two; lower them where damping "
             "times sample time is above the inertia that it acts on"
-            if margin > _SMALLEST
+            if margin > _SMALLEST_MARGIN
             else "No common factor makes it stable: raise the damping against the other gains"
         )
         raise InputError(
@@ -158,8 +165,8 @@ class ControlBlock(ABC):
         Raises
         ------
         InputError
-            If it is of another number of joints, not finite, or lacks what the controller reads; if the loop is
-            unstable there.
+            If the measurement has another number of joints, is not finite, or lacks what the controller reads; or if
+            the loop is unstable at this configuration.
         """
         self._shape = None
         self._accept(measurement)
@@ -170,22 +177,22 @@ class ControlBlock(ABC):
     def torque(self, measurement: Measurement) -> Array:
         """Return the commanded joint torques (..., N), N·m or N.
 
-        In a batch, a run whose measurement is not a number gets torques that are not numbers; the others go on.
+        In a batch, a run whose measurement is not finite gets torques that are not finite; the other runs go on.
 
         Raises
         ------
         InputError
-            If the measurement is of another shape than the first, or, of a single run, not finite.
+            If the measurement has another shape than the first one, or if that of a single run is not finite.
         """
         self._accept(measurement)
         return self._command(measurement)
 
     @abstractmethod
     def _command(self, measurement: Measurement) -> Array:
-        """Return the torques (..., N) of a measurement that was accepted."""
+        """Return the torques (..., N) for a measurement that has been checked."""
 
     def _accept(self, measurement: Measurement) -> None:
-        """Refuse what would make wrong torques, before anything remembers it."""
+        """Check a measurement before any part of the controller keeps it."""
         q, dq, force = measurement.q, measurement.dq, measurement.force
         shape = getattr(q, "shape", None) if self._shape is None else self._shape
         right = isinstance(q, np.ndarray) and q.ndim > 0 and q.shape == shape and q.shape[-1] == self._part.dof
@@ -202,7 +209,7 @@ class ControlBlock(ABC):
             raise InputError(f"The time of a measurement must be a finite number of seconds, got {measurement.t!r}.")
         if q.ndim > 1:  # a run that diverged must not stop the others of its batch
             return
-        # A sum is finite only if all of its terms are, and costs a third of looking at each of them.
+        # A sum is finite only if all of its terms are, and takes a third of the time of looking at each of them.
         known = q.sum() + (0.0 if dq is None else dq.sum()) + (0.0 if force is None else force.sum())
         if not math.isfinite(known):
             self._stop(measurement)
@@ -219,7 +226,7 @@ class ControlBlock(ABC):
         )
 
     def _stop(self, measurement: Measurement) -> None:
-        """Say what of a measurement is not a number."""
+        """Raise InputError with the part of a measurement that is not finite."""
         names = self._part.model.robot.joint_names
         for what, values in (("position", measurement.q), ("velocity", measurement.dq), ("force", measurement.force)):
             bad = [] if values is None else np.flatnonzero(~np.isfinite(values)).tolist()

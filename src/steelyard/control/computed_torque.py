@@ -26,9 +26,9 @@ Array = NDArray[np.float64]
 class ComputedTorque(ControlBlock):
     """Linearises the robot by nonlinear feedback and tracks a motion (thesis eq. 2.23 to 2.27).
 
-    The torque is ``tau = M a + C dq + g (+ h) (- J' force)`` with ``a = ddq_r + Kd (dq_r - dq) + Kp (q_r - q) + Ki integral``. With
-    the robot's true parameters and `compensate_drives` the joints obey ``ddq = a`` and the error decays as
-    ``e'' + Kd e' + Kp e = 0``.
+    The torque is ``tau = M a + C dq + g (+ h) (- J' force)`` with the commanded acceleration
+    ``a = ddq_r + Kd (dq_r - dq) + Kp (q_r - q) + Ki integral``. With the robot's true parameters and
+    `compensate_drives` the joints obey ``ddq = a`` and the error decays as ``e'' + Kd e' + Kp e = 0``.
 
     Parameters
     ----------

@@ -1,4 +1,4 @@
-"""Impedance shaping: the tool answers forces as a chosen mass, damper and spring (thesis section 2.4.3)."""
+"""Impedance control: the tool responds to forces as a chosen mass, damper and spring (thesis section 2.4.3)."""
 
 from __future__ import annotations
 
@@ -24,13 +24,14 @@ Array = NDArray[np.float64]
 
 
 class ImpedanceControl(TaskControl):
-    """Shapes how the tool answers the force of the environment (thesis eq. 2.35 to 2.39; Hogan 1985).
+    """Makes the tool respond to external forces with a chosen impedance (thesis eq. 2.35 to 2.39; Hogan 1985).
 
     With a force sensor and a desired `inertia` A, the deviation e of the tool from its reference obeys
-    ``A e'' + D e' + K e = mu_e``: the measured force is cancelled and put in anew, through A.
+    ``A e'' + D e' + K e = mu_e``: the measured force is compensated, and acts through the desired inertia instead.
 
-    Without `inertia` no sensor is read: ``A(q) e'' + D e' + K e = mu_e`` with the inertia that the arm has at its tool.
-    That asks less of the model and stays passive where a shaped inertia, much below the natural one, may not.
+    Without `inertia` no force sensor is read, and the deviation obeys ``A(q) e'' + D e' + K e = mu_e`` with the natural
+    inertia A(q) of the arm at its tool. This needs a less accurate model, and the loop stays passive, which may be lost
+    with a desired inertia far below the natural one.
 
     Parameters
     ----------
@@ -41,11 +42,12 @@ class ImpedanceControl(TaskControl):
     reference : object
         As in :class:`TaskSpaceControl`.
     stiffness, damping : array_like
-        A number, one for each axis, or a symmetric matrix (k, k): N/m and N·m/rad, N·s/m and N·m·s/rad.
+        A number, one number for each axis, or a symmetric matrix (k, k): N/m and N·m/rad, N·s/m and N·m·s/rad.
     inertia : array_like, optional
-        The same, positive definite, kg and kg·m².
+        Desired inertia, in the same forms and positive definite, kg and kg·m².
     frame : {"base", "target"}
-        Whose axes stiffness, damping and inertia are along; ``"target"`` for whole poses, positions or orientations.
+        The frame whose axes stiffness, damping and inertia refer to; ``"target"`` needs a task of whole poses,
+        positions or orientations.
     axes, posture, base, compensate_drives, sign_width, largest_mass, length, sample_time, velocity
         As in :class:`TaskSpaceControl`.
 
@@ -56,7 +58,7 @@ class ImpedanceControl(TaskControl):
     Raises
     ------
     InputError
-        If a matrix does not fit, or at the start, if forces are needed and nothing measures them.
+        If a matrix does not fit, or, at the start, if forces are needed and not measured.
 
     Examples
     --------
@@ -122,7 +124,7 @@ class ImpedanceControl(TaskControl):
         stiffness, damping = self._stiffness, self._damping
         if self._softness is not None:
             stiffness, damping = self._softness @ stiffness, self._softness @ damping
-        if self._turned:  # the target's axes, as they are at 0 s
+        if self._turned:  # the axes of the target at 0 s, because the check is for one instant
             turn = self.reference.target(0.0).pose[..., :3, :3].reshape(-1, 3, 3)[0]
             turns = np.kron(np.eye(len(stiffness) // 3), turn)
             stiffness, damping = turns @ stiffness @ turns.T, turns @ damping @ turns.T
@@ -145,7 +147,7 @@ class ImpedanceControl(TaskControl):
         return torque
 
     def _in_base(self, matrix: Array, target: PoseTarget, vector: Array) -> Array:
-        """Return a matrix times a vector in base axes; with `frame` "target" the matrix is along the target's axes."""
+        """Return the product of a matrix and a vector in base axes, where the matrix may be in axes of the target."""
         if not self._turned:
             return applied(matrix, vector)
         turn = target.pose[..., :3, :3]

@@ -1,4 +1,4 @@
-"""The functions of a model that a controller calls each sample time: compiled, with parameters and memory in place."""
+"""The functions of a model that a controller calls each sample time, compiled and with memory in place."""
 
 from __future__ import annotations
 
@@ -18,21 +18,21 @@ Array = NDArray[np.float64]
 
 
 class ModelPart:
-    """Functions of a model with their parameters, for one sample or a batch, from memory that is reserved once.
+    """Functions of a model with given parameters, for one sample or a batch, in memory that is allocated once.
 
     Parameters
     ----------
     model : Model
     parameters : array_like
-        (n,), or (n_b,) with `base`: what the controller believes of the robot.
+        (n,), or (n_b,) with `base`: the nominal parameters of the controller.
     functions : sequence of str
         Names of functions of the model.
     base : bool
-        Whether these are base parameters.
+        Whether `parameters` are base parameters.
     point : array_like
-        (3,), the point of the Jacobians in the link frame, m.
+        (3,) point of the Jacobians in the link frame, m.
     sign_width : float
-        Speed within which Coulomb friction changes its sign smoothly, rad/s or m/s; 0 for the exact sign.
+        Velocity within which Coulomb friction changes its sign smoothly, rad/s or m/s; 0 for the exact sign.
 
     Raises
     ------
@@ -93,7 +93,7 @@ class ModelPart:
         return self.model.dof
 
     def __call__(self, name: str, *motion: Array) -> Array:
-        """Return the outputs of a function side by side, (..., elements).
+        """Return all outputs of a function, flattened and concatenated, (..., elements).
 
         Parameters
         ----------
@@ -105,7 +105,7 @@ class ModelPart:
         Returns
         -------
         ndarray
-            An array of its own.
+            A new array.
         """
         shape = motion[0].shape[:-1]
         call = self._calls.get((name, shape))
@@ -114,24 +114,25 @@ class ModelPart:
         return call(*motion)
 
     def matrix(self, name: str, shape: tuple[int, int], *motion: Array) -> Array:
-        """Return the only output of a function, a matrix of this shape for each sample."""
+        """Return the output of a function with one output, a matrix of the given shape for each sample."""
         flat = self(name, *motion)
         return flat.reshape((*flat.shape[:-1], *shape))
 
     def configurations(self) -> Array:
-        """Return random joint positions (64, N), the same at every call, for what depends on where the robot is."""
+        """Return 64 random configurations (64, N), the same in every call."""
         return np.random.default_rng(0).uniform(-np.pi, np.pi, (64, self.dof))
 
     def nominal(self, name: str, q: Array) -> Array:
-        """Return a function of the positions that is a square matrix, at configurations (P, N)."""
+        """Return a function whose output is a square matrix, (P, N, N), at configurations (P, N)."""
         found = self.model.kernel(name, base=self.base)(q, self.parameters)
         return np.asarray(found).reshape(len(q), self.dof, self.dof)
 
     def resistance(self, q: Array) -> tuple[Array, Array]:
-        """Return what resists the joints: inertia matrices of links and rotors, and viscous friction, (P, N, N) each.
+        """Return the inertia matrices of links and rotors, and the viscous friction matrices, (P, N, N) each.
 
-        Viscous friction is the slope of the other torques between 1 and 2 rad/s, beyond the jump of Coulomb friction.
-        What of it would drive the joints instead is left out.
+        Viscous friction is the slope of the drive torques between 1 and 2 rad/s (or m/s), beyond the jump of Coulomb
+        friction. The negative part of its symmetric part, which would drive the joints, is left out:
+        noise of an identification may cause it, and the check of the gains is not about it.
         """
         count, rows = self.dof, len(q)
         drive = self.model.kernel("drive_torque", base=self.base)
@@ -154,7 +155,7 @@ class ModelPart:
         language : str
         directory : str or Path
         fixed : bool
-            Whether the parameters stand in the source as numbers, instead of an argument.
+            Whether the parameters are written as numbers, instead of being an argument.
 
         Returns
         -------
@@ -166,7 +167,7 @@ class ModelPart:
         )
 
     def _prepared(self, name: str, shape: tuple[int, ...]) -> Callable[..., Array]:
-        """Return a call with memory for batches of one shape; what does not change is written into it now."""
+        """Return a call with memory for batches of one shape, which holds the constant arguments already."""
         kernel = self._kernels[name]
         count = int(np.prod(shape, dtype=np.int64))
         places: list[Array] = []

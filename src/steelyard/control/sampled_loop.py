@@ -1,4 +1,4 @@
-"""What linear feedback makes of a robot near rest, when it acts in sampled time: growth of errors, and margins."""
+"""Stability of linear feedback on a robot near rest in sampled time: growth of errors, and stability margins."""
 
 from __future__ import annotations
 
@@ -13,14 +13,16 @@ __all__ = ["Feedback", "SampledLoop"]
 Array = NDArray[np.float64]
 Transfer = tuple[Array, Array]
 
-_NEUTRAL = 1e-5  # per sample; double poles at one, of what nothing holds, are found with errors above 1e-6
-_LARGEST_MARGIN = 1e3
-_FREQUENCIES = 200
+# Growth per sample that still counts as stable. A motion that no feedback acts on has a double pole at one, whose
+# eigenvalues are computed with errors above 1e-6.
+_NEUTRAL = 1e-5
+_LARGEST_MARGIN = 1e3  # beyond it the search for the gain margin ends: gains that far from unstable need no number
+_FREQUENCIES = 200  # on a logarithmic scale, about 45 in each decade
 
 
 @dataclass(frozen=True, eq=False)
 class Feedback:
-    """Joint torques for a joint error, ``tau = -stiffness e - damping de/dt - integral sum(e) sample_time``.
+    """Linear feedback of joint errors e, ``tau = -stiffness e - damping de/dt - integral sum(e) sample_time``.
 
     Attributes
     ----------
@@ -35,17 +37,18 @@ class Feedback:
     integral: Array | None = None
 
     def times(self, factor: float) -> Feedback:
-        """Return the feedback with all its gains multiplied."""
+        """Return the feedback with all its gains multiplied by a factor."""
         integral = None if self.integral is None else factor * self.integral
         return Feedback(factor * self.stiffness, factor * self.damping, integral)
 
 
 class SampledLoop:
-    """A robot at rest at P configurations, with held torques and estimated velocities.
+    """A robot at rest at P configurations, with torques that are held between samples and estimated velocities.
 
-    To first order, ``inertia d²e/dt² = -friction de/dt + tau``. That is exact near rest; gravity and Coriolis torques
-    count as compensated, and Coulomb friction, which only takes energy away, as none. Between samples the motion under
-    a held torque is solved exactly, so that the eigenvalues of one sample time's map tell whether errors grow.
+    The robot is linearised as ``inertia d²e/dt² = -friction de/dt + tau``, which is exact near rest. Gravity and
+    Coriolis torques are taken to be compensated, and Coulomb friction, which only dissipates energy, is left out. The
+    motion under a held torque is solved exactly, so that errors grow if and only if the map from one sample to the next
+    has an eigenvalue of magnitude above one.
 
     Parameters
     ----------
@@ -82,23 +85,23 @@ class SampledLoop:
         self._filter = None if transfer is None else _realised(transfer)
 
     def growth(self, feedback: Feedback) -> Array:
-        """Return by what factor a sample time the worst error grows (P,); at most 1 in a stable loop."""
+        """Return the factor (P,) by which the fastest error grows in a sample time; at most 1 in a stable loop."""
         return np.asarray(np.abs(np.linalg.eigvals(self._closed(feedback)[0])).max(axis=-1), dtype=np.float64)
 
     def is_stable(self, feedback: Feedback) -> NDArray[np.bool_]:
-        """Tell at which of the configurations no error grows (P,)."""
+        """Return for each configuration (P,) whether no error grows."""
         return np.asarray(self.growth(feedback) <= 1.0 + _NEUTRAL)
 
     def fastest(self, feedback: Feedback, which: int) -> int:
-        """Return the joint that moves most in what grows fastest at one configuration."""
+        """Return the joint that moves most in the fastest growing error at one configuration."""
         values, vectors = np.linalg.eig(self._closed(feedback)[0][which])
         moved = np.abs(vectors[: self._size, np.argmax(np.abs(values))])
         return int(np.argmax(moved))
 
     def gain_margin(self, feedback: Feedback) -> float:
-        """Return by what factor all the gains may be multiplied before the loop is unstable at one configuration.
+        """Return the largest factor by which all gains can be multiplied with a stable loop at all configurations.
 
-        It is below 1 where the loop is unstable as it is, and at most 1000.
+        The factor is below 1 where the loop is unstable as it is, and at most 1000.
         """
 
         def stable(factor: float) -> bool:
@@ -113,17 +116,17 @@ class SampledLoop:
         else:
             while low > 1.0 / _LARGEST_MARGIN and not stable(low):
                 low, high = 0.5 * low, low
-        for _ in range(14):  # to 1e-4
+        for _ in range(14):  # halves the factor of 2 between the bounds down to 1e-4
             middle = float(np.sqrt(low * high))
             low, high = (middle, high) if stable(middle) else (low, middle)
         return low
 
     def sensitivity_peak(self, feedback: Feedback) -> float:
-        """Return the largest gain from a disturbing torque to the torque that acts, over all frequencies.
+        """Return the maximum of the sensitivity function: the gain from a disturbing torque to the torque that acts.
 
-        The closest that the Nyquist curve comes to -1 is the inverse of it: a peak of 2 leaves a gain margin of 2 and a
-        phase margin of 29 degrees at least (Åström and Murray, Feedback Systems, section 12.2). Infinite where the
-        loop is unstable.
+        Its inverse is the least distance of the Nyquist curve from -1. A peak of 2 guarantees a gain margin of 2 and a
+        phase margin of 29 degrees (Åström and Murray, Feedback Systems, section 12.2). The result is infinite where
+        the loop is unstable.
         """
         if not self.is_stable(feedback).all():
             return float("inf")
@@ -136,7 +139,7 @@ class SampledLoop:
         return float(np.linalg.norm(np.eye(self._size) - gain @ moved, ord=2, axis=(-2, -1)).max())
 
     def _closed(self, feedback: Feedback) -> tuple[Array, Array, Array]:
-        """Return one sample time's map of the closed loop, the gains of its state, and how a torque enters."""
+        """Return the transition matrix of the closed loop over a sample time, its gain and its input matrix."""
         size, count = self._size, len(self._transition)
         one = np.eye(size)
         order = 0 if self._filter is None else len(self._filter[1])
@@ -158,7 +161,7 @@ class SampledLoop:
                 free[:, inside, inside] = np.kron(carried, one)
                 free[:, inside, places] = np.kron(fed[:, None], one)
                 gain[:, :, 2 * size : 3 * size] = feedback.damping
-        if feedback.integral is not None:  # the sum holds the present error already
+        if feedback.integral is not None:  # the sum includes the present error
             last = slice(width - size, width)
             free[:, last, last] = one
             free[:, last, places] = self._sample_time * one
@@ -168,7 +171,7 @@ class SampledLoop:
 
 
 def _realised(transfer: Transfer) -> tuple[float, Array, Array]:
-    """Return a filter's direct gain, the map of its state and how the input enters; the output is the first state."""
+    """Return direct gain, transition and input matrix of a filter whose output is its first state."""
     numerator, denominator = transfer
     order = max(len(numerator), len(denominator)) - 1
     b, a = (np.concatenate((x, np.zeros(order + 1 - len(x)))) for x in (numerator, denominator))

@@ -1,4 +1,4 @@
-"""Estimates the stiffness of an environment from how force and place change together."""
+"""Estimates the stiffness of an environment from joint changes of force and position."""
 
 from __future__ import annotations
 
@@ -12,39 +12,45 @@ __all__ = ["StiffnessEstimator"]
 
 Array = NDArray[np.float64]
 
-_AGREES = 2.0  # times the estimate, or by it, that an increment may be off
+# An increment agrees with the estimate where its own stiffness is between half and twice of it. Noise alone changes
+# increments that are ten times as large as it by some per cent only: a larger disagreement is a change of the surface.
+_AGREES = 2.0
 
 
 class StiffnessEstimator:
-    """Least squares of place increments on force increments, with forgetting only while something is to be learnt.
+    """Estimates a stiffness by least squares of increments of position on increments of force, with forgetting.
 
-    An increment is taken from an anchor, as soon as the tool has moved by `smallest_way` and the force has changed by
-    `smallest_force`, so that each stands out of the noise, however slow the motion; then the anchor moves on. What
-    takes longer than `span` is dropped. An increment whose slope is not that of a spring between `lower` and `upper` is
-    dropped, too: a change of the environment itself changes the force without a motion. Two increments in turn that are
-    off by more than twice forget all before them. While nothing moves, the estimate and its weight stay as they are.
+    An increment is the change since an anchor. It is taken as soon as the tool has moved by `smallest_displacement` and
+    the force has changed by `smallest_force`, so that both changes stand out of the noise however slow the motion is;
+    then the anchor moves to the present measurement. Increments that take longer than `span` are dropped. So are
+    increments whose slope is no stiffness between `lower` and `upper`, because a change of the environment itself
+    changes the force without a motion. Two consecutive increments that both differ from the estimate by more than a
+    factor of two, in the same direction, replace everything before them. Old increments are forgotten only when new
+    ones arrive: while nothing moves, the estimate and its weight stay as they are.
 
-    It is the compliance that is estimated, since noise of the places, which encoders give coarsely, then averages out;
-    in a regression of forces on places it would make every stiffness look softer.
+    The estimator regresses position on force, which gives the compliance, because the noise of the positions, which
+    encoders resolve coarsely, then averages out. In a regression of force on position this noise would bias every
+    stiffness towards zero.
 
     Parameters
     ----------
     initial : float
-        What is believed before the first contact, N/m.
-    smallest_way : float
-        m; ten times the noise of the tool's position, or more.
+        Stiffness before the first contact, N/m.
+    smallest_displacement : float
+        Least change of position of an increment, m; ten times the noise of the tool's position, or more.
     smallest_force : float
-        N; ten times the noise of the sensor, or more.
+        Least change of force of an increment, N; ten times the noise of the sensor, or more.
     memory : float
-        Number of increments after which one counts 1/e.
+        Number of increments after which the weight of an increment has fallen to 1/e.
     span : float
-        Longest time of an increment, s.
+        Longest duration of an increment, s.
     lower, upper : float
-        Stiffness that is possible, N/m.
+        Range of possible stiffnesses, N/m.
     smoothing : float
-        Time constant of a filter of the first order through which place and force both pass, s. A spring is one
-        between what leaves the filters, too, and of the noise of n samples within the time constant ``1/sqrt(2 n)`` is
-        left, but a change of the stiffness is seen so much later.
+        Time constant of a first-order filter through which position and force both pass, s; 0 for none. A linear
+        spring between two signals is the same spring between the filtered signals, so that the filter causes no bias.
+        With n samples within the time constant it leaves ``1/sqrt(2 n)`` of the noise, and it delays the response to a
+        change of the stiffness by the time constant.
 
     Attributes
     ----------
@@ -66,7 +72,7 @@ class StiffnessEstimator:
         self,
         *,
         initial: float = 1000.0,
-        smallest_way: float = 5e-5,
+        smallest_displacement: float = 5e-5,
         smallest_force: float = 0.5,
         memory: float = 10.0,
         span: float = 0.2,
@@ -80,7 +86,7 @@ class StiffnessEstimator:
             raise InputError(
                 f"The initial stiffness must be between lower and upper, got {lower:g} <= {initial:g} <= {upper:g}."
             )
-        self._way = positive(smallest_way, "smallest_way", "m")
+        self._displacement = positive(smallest_displacement, "smallest_displacement", "m")
         self._force = positive(smallest_force, "smallest_force", "N")
         self._keep = float(np.exp(-1.0 / positive(memory, "memory", "1")))
         self._span = positive(span, "span", "s")
@@ -88,91 +94,100 @@ class StiffnessEstimator:
         self.start(())
 
     def start(self, shape: tuple[int, ...]) -> None:
-        """Forget everything.
+        """Forget all measurements.
 
         Parameters
         ----------
         shape : tuple of int
-            Of the runs, () for one.
+            Shape of the batch of runs; () for one run.
         """
         self.stiffness = np.full(shape, self._initial)
         self._weight = np.full(shape, self._force**2)
         self._product = self._weight / self._initial
-        self._anchor_place, self._anchor_force = np.zeros(shape), np.zeros(shape)
+        self._anchor_position, self._anchor_force = np.zeros(shape), np.zeros(shape)
         self._anchor_time = np.full(shape, -np.inf)
         self._touched = np.zeros(shape, dtype=np.bool_)
         self._smooth, self._time = np.zeros((2, *shape)), -np.inf
-        # Samples of which place and force are means, as a share of those in the filter at last: 1 without smoothing.
+        # The number of samples that position and force are means of, as a fraction of the number that the settled
+        # filter averages over; 1 without smoothing.
         self._count = self._anchor_count = np.zeros(shape) if self._smoothing else np.ones(shape)
-        self._doubt, self._aside = np.zeros(shape, dtype=np.int64), np.zeros((2, *shape))
+        self._contradicts, self._set_aside = np.zeros(shape, dtype=np.int64), np.zeros((2, *shape))
 
-    def update(self, t: float, place: Array, force: Array, contact: NDArray[np.bool_]) -> Array:
-        """Take in a measurement.
+    def update(self, t: float, position: Array, force: Array, contact: NDArray[np.bool_]) -> Array:
+        """Update the estimate with a measurement.
 
         Parameters
         ----------
         t : float
-            s.
-        place : ndarray
-            (...,) of the tool along the normal, into the environment, m.
+            Time, s.
+        position : ndarray
+            (...,) position of the tool along the normal, positive into the environment, m.
         force : ndarray
-            (...,) with which the tool presses, N.
+            (...,) force with which the tool presses, N.
         contact : ndarray
-            (...,) of bool.
+            (...,) of bool, whether the tool is in contact.
 
         Returns
         -------
         ndarray
-            `stiffness`.
+            (...,) the estimated stiffness, N/m.
         """
         if self._smoothing:
-            place, force = self._smoothed(t, place, force, contact)
-        way, change = place - self._anchor_place, force - self._anchor_force
+            position, force = self._smoothed(t, position, force, contact)
+        displacement, change = position - self._anchor_position, force - self._anchor_force
         whole = contact & self._touched & (t - self._anchor_time <= self._span)
-        ready = whole & (np.abs(way) >= self._way) & (np.abs(change) >= self._force * self._noisier())
-        # An anchor from the first samples of a contact is noisy; a mean over four times as many is a better one.
+        ready = (
+            whole
+            & (np.abs(displacement) >= self._displacement)
+            & (np.abs(change) >= self._force * self._relative_noise())
+        )
+        # An anchor from the first samples of a contact is noisy. Once four times as many samples have been averaged,
+        # which halves the noise, the anchor moves to the present mean.
         moves = ready | ~whole | (self._count >= 4.0 * self._anchor_count)
         if moves.any():
-            product, weight = way * change, change * change
+            product, weight = displacement * change, change * change
             counts = ready & (weight >= self._lower * product) & (weight <= self._upper * product)
             expected = self.stiffness * product
             side = np.where(weight > _AGREES * expected, 1, np.where(expected > _AGREES * weight, -1, 0))
-            # One increment that contradicts the estimate is set aside; after a second one all before are forgotten.
-            anew = counts & (side != 0) & (side == self._doubt)
+            # One increment that contradicts the estimate is set aside: it may be an accident. A second one in the same
+            # direction replaces the estimate.
+            anew = counts & (side != 0) & (side == self._contradicts)
             usual = counts & (side == 0)
             keep = np.where(usual, self._keep, 1.0)
-            self._weight = np.where(anew, self._aside[0], keep * self._weight) + np.where(usual | anew, weight, 0.0)
-            self._product = np.where(anew, self._aside[1], keep * self._product) + np.where(usual | anew, product, 0.0)
-            self._doubt = np.where(counts, np.where(anew, 0, side), self._doubt)
-            self._aside = np.where(counts, np.stack((weight, product)), self._aside)
+            self._weight = np.where(anew, self._set_aside[0], keep * self._weight) + np.where(usual | anew, weight, 0.0)
+            self._product = np.where(anew, self._set_aside[1], keep * self._product) + np.where(
+                usual | anew, product, 0.0
+            )
+            self._contradicts = np.where(counts, np.where(anew, 0, side), self._contradicts)
+            self._set_aside = np.where(counts, np.stack((weight, product)), self._set_aside)
             self.stiffness = self._weight / self._product
-            self._anchor_place = np.where(moves, place, self._anchor_place)
+            self._anchor_position = np.where(moves, position, self._anchor_position)
             self._anchor_force = np.where(moves, force, self._anchor_force)
             self._anchor_time = np.where(moves, t, self._anchor_time)
             self._anchor_count = np.where(moves, self._count, self._anchor_count)
             self._touched = contact
         return self.stiffness
 
-    def _noisier(self) -> Array | float:
-        """Return how many times noisier an increment is than one between two settled filters (...,)."""
+    def _relative_noise(self) -> Array | float:
+        """Return the noise of an increment (...,), relative to one between two outputs of the settled filter."""
         if not self._smoothing:
             return 1.0
         tiny = np.finfo(np.float64).tiny
         result: Array = np.sqrt(0.5 / np.maximum(self._count, tiny) + 0.5 / np.maximum(self._anchor_count, tiny))
         return result
 
-    def _smoothed(self, t: float, place: Array, force: Array, contact: NDArray[np.bool_]) -> tuple[Array, Array]:
-        """Return place and force behind the filter.
+    def _smoothed(self, t: float, position: Array, force: Array, contact: NDArray[np.bool_]) -> tuple[Array, Array]:
+        """Return the filtered position and force.
 
-        From the beginning of a contact it is the mean of what has been seen, until that is as quiet as the filter; to
-        begin the filter at the first sample would leave the noise of that one for long.
+        From the beginning of a contact the result is the mean of all samples, until its noise is as low as that of the
+        filter. A filter that starts at the first sample would keep the noise of this sample for several time constants.
         """
         share = -float(np.expm1(-(t - self._time) / self._smoothing))
         self._time = t
-        settled = share / (2.0 - share)  # the variance that the filter leaves, of that of a sample
+        settled = share / (2.0 - share)  # variance after the settled filter, relative to that of a sample
         before = np.where(contact, self._count, 0.0)
         self._count = np.where(contact, np.minimum(before + settled, 1.0), 0.0)
         weight = np.where(before + settled >= 1.0, share, settled / np.maximum(self._count, settled))
-        given = np.stack((place, force))
+        given = np.stack((position, force))
         self._smooth = self._smooth + np.maximum(weight, share) * (given - self._smooth)
         return self._smooth[0], self._smooth[1]

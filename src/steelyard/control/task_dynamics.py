@@ -1,4 +1,4 @@
-"""The dynamics of a tool: what joint accelerations and torques a task needs (thesis section 2.4.2)."""
+"""The dynamics at a tool: the joint accelerations and torques that a task needs (thesis section 2.4.2)."""
 
 from __future__ import annotations
 
@@ -26,12 +26,12 @@ Array = NDArray[np.float64]
 class Posture:
     """Joint accelerations ``stiffness (q_0 - q) - damping dq`` in the null space of a task.
 
-    Without damping nothing holds the motions of a redundant arm that do not move its tool: they drift.
+    Without damping, the motions of a redundant arm that do not move its tool are not controlled: they drift.
 
     Attributes
     ----------
     q : array_like, optional
-        (N,) that the joints are drawn to, rad or m; nowhere where not given.
+        (N,) joint positions to which the joints return, rad or m; needed with a stiffness.
     stiffness : array_like
         A number or (N,), 1/s².
     damping : array_like
@@ -72,16 +72,16 @@ class Posture:
         return stiffness * (place - q) - damping * dq
 
 
-# The dynamics of a tool: what joint accelerations and torques a task needs (thesis section 2.4.2).
-
 _AXES = ("x", "y", "z", "rx", "ry", "rz")
-_NOTHING = 1e-9  # of the largest mobility of a posture, that counts as none
-_HEAVY = 100.0  # kg, where no posture tells
+# A direction in which the mobility is a smaller part of the largest one counts as unreachable, for
+# instance out of the plane of a planar arm, where rounding errors leave far less than this.
+_UNREACHABLE = 1e-9
+_DEFAULT_MASS = 100.0  # kg, the largest mass where the tool cannot move in any configuration that was tried
 _NAMED = {"pose": _AXES, "position": _AXES[:3], "orientation": _AXES[3:]}
 
 
 def task_axes(axes: str | Sequence[str]) -> tuple[int, ...]:
-    """Return the rows of a twist that a task controls.
+    """Return the components of a twist that a task controls.
 
     Parameters
     ----------
@@ -108,7 +108,7 @@ def task_axes(axes: str | Sequence[str]) -> tuple[int, ...]:
 
 
 def applied(matrix: Array, vector: Array) -> Array:
-    """Return matrices (..., m, n) times vectors (..., n)."""
+    """Return the products of matrices (..., m, n) and vectors (..., n)."""
     if vector.ndim == 1:
         return matrix @ vector
     result: Array = (matrix @ vector[..., None])[..., 0]
@@ -117,7 +117,7 @@ def applied(matrix: Array, vector: Array) -> Array:
 
 @dataclass(frozen=True, eq=False)
 class TaskState:
-    """The tool at one instant.
+    """Kinematics and dynamics of the tool at one instant.
 
     Attributes
     ----------
@@ -128,13 +128,13 @@ class TaskState:
     full : ndarray
         (..., 6, N) Jacobian, base frame, linear rows first.
     jacobian : ndarray
-        (..., k, N) its rows that the task controls.
+        (..., k, N) rows of the Jacobian that the task controls.
     drift : ndarray
-        (..., k) acceleration of the tool while the joints do not accelerate, ``dJ/dt dq``.
+        (..., k) acceleration of the tool at zero joint accelerations, ``dJ/dt dq``.
     lever : ndarray
         (..., N, k) ``M^-1 J'``.
     inertia : ndarray
-        (..., k, k) A of thesis eq. 2.29: ``(J M^-1 J')^-1``, less what is out of reach.
+        (..., k, k) A of thesis eq. 2.29: ``(J M^-1 J')^-1``, reduced near singularities.
     velocity : ndarray
         (..., k) ``J dq``.
     """
@@ -151,18 +151,21 @@ class TaskState:
 
 
 class TaskDynamics:
-    """Pose, Jacobian and inertia of a tool, and the torques of what it is to do.
+    """Pose, Jacobian and inertia of a tool, and the joint torques for a desired motion of the tool.
 
     Near a singularity the apparent inertia of a direction grows without bound. The directions are the eigenvectors of
-    ``J M^-1 J'``, with rotations weighed by `length`. Where the apparent mass exceeds `largest_mass`, the inertia that
-    turns accelerations into forces fades out, smoothly, until nothing is asked that the robot cannot do; what the null
-    space is told applies there instead. Elsewhere nothing is changed. Where no mass is given, it is five times the
-    lower quartile of what random postures have in their heaviest direction.
+    ``J M^-1 J'``, with rotations weighted by `length`. Where the apparent mass of a direction exceeds `largest_mass`,
+    the inertia that turns accelerations into forces falls smoothly to zero, so that the task demands nothing that the
+    robot cannot do, and the null-space motion applies there instead. In all other directions nothing is changed.
+
+    By default `largest_mass` is five times the lower quartile, over random configurations, of the apparent mass in the
+    heaviest direction, so that it takes effect only in configurations that are far closer to a singularity than common
+    ones.
 
     Parameters
     ----------
     part : ModelPart
-        With the functions of :meth:`needed`.
+        The model with the functions of :meth:`needed`.
     tool : Tool
     axes : str or sequence of str
         See :func:`task_axes`.
@@ -171,20 +174,20 @@ class TaskDynamics:
     largest_mass : float, optional
         kg.
     length : float
-        Lever that turns a moment of inertia into a mass, m.
+        Lever arm by which a moment of inertia is compared with a mass, m.
 
     Attributes
     ----------
     part : ModelPart
     rows : tuple of int
-        Of a twist, which the task controls.
+        Components of a twist that the task controls.
     largest_mass : float
         kg.
 
     Raises
     ------
     InputError
-        If the task has more axes than the robot joints.
+        If the task has more axes than the robot has joints.
     """
 
     def __init__(
@@ -210,36 +213,38 @@ class TaskDynamics:
         self._matrix, self._torque, *_ = self.needed(tool, compensate_drives)
         weights = np.array([1.0, 1.0, 1.0, *[positive(length, "length", "m")] * 3])[list(self.rows)]
         self._squares = np.outer(weights, weights)
-        self.largest_mass = self._usual() if largest_mass is None else positive(largest_mass, "largest_mass", "kg")
+        self.largest_mass = (
+            self._default_largest_mass() if largest_mass is None else positive(largest_mass, "largest_mass", "kg")
+        )
         self._least = 1.0 / self.largest_mass
 
     @staticmethod
     def needed(tool: Tool, compensate_drives: bool = False) -> tuple[str, ...]:
-        """Return the names of the functions of the model that are called."""
+        """Return the names of the model functions that are called."""
         dynamics = (
             ("total_inertia_matrix", "inverse_dynamics") if compensate_drives else ("inertia_matrix", "computed_torque")
         )
         return (*dynamics, tool.pose, tool.jacobian, tool.jacobian_rate)
 
-    def _usual(self) -> float:
-        """Return five times the lower quartile, over random postures, of the mass in the heaviest direction."""
+    def _default_largest_mass(self) -> float:
+        """Return five times the lower quartile, over random configurations, of the mass in the heaviest direction."""
         count = self.part.dof
         q = self.part.configurations()
         jacobian = self.chosen_rows(self.part.matrix(self._tool.jacobian, (6, count), q))
         matrix = self.part.matrix(self._matrix, (count, count), q)
         mobility = jacobian @ np.linalg.pinv(matrix, hermitian=True) @ np.swapaxes(jacobian, -1, -2)
         values = np.linalg.eigvalsh(mobility * self._squares)
-        values = np.where(values > _NOTHING * values[:, -1:], values, np.inf)  # what no posture can reach is no mass
+        values = np.where(values > _UNREACHABLE * values[:, -1:], values, np.inf)
         least = values.min(axis=-1)
         least = least[np.isfinite(least) & (least > 0.0)]
-        return 5.0 / float(np.quantile(least, 0.75)) if len(least) else _HEAVY
+        return 5.0 / float(np.quantile(least, 0.75)) if len(least) else _DEFAULT_MASS
 
     def chosen_rows(self, jacobian: Array) -> Array:
         """Return the controlled rows (..., k, N) of a Jacobian (..., 6, N)."""
         return jacobian if self._all_rows else jacobian[..., self.rows, :]
 
     def state(self, q: Array, dq: Array) -> TaskState:
-        """Compute what the task needs to know of the robot.
+        """Compute kinematics and dynamics of the tool.
 
         Parameters
         ----------
@@ -262,36 +267,33 @@ class TaskDynamics:
         return self.part.matrix(self._tool.pose, (4, 4), q) @ self._tool.placement
 
     def error(self, state: TaskState, target: PoseTarget) -> Array:
-        """Return how far the tool is from its target (..., k): a way (m), and axis times angle (rad) in base axes.
-
-        Turning the tool by the angle about the axis takes it to the target.
-        """
-        way = target.pose[..., :3, 3] - state.pose[..., :3, 3]
+        """Return displacement (m) and rotation vector (rad) from the tool to its target (..., k), base axes."""
+        displacement = target.pose[..., :3, 3] - state.pose[..., :3, 3]
         if max(self.rows) < 3:
-            return way if len(self.rows) == 3 else way[..., self.rows]
-        turn = target.pose[..., :3, :3] @ np.swapaxes(state.pose[..., :3, :3], -1, -2)
-        both = np.concatenate((way, rotation_vector(turn)), axis=-1)
+            return displacement if len(self.rows) == 3 else displacement[..., self.rows]
+        rotation = target.pose[..., :3, :3] @ np.swapaxes(state.pose[..., :3, :3], -1, -2)
+        both = np.concatenate((displacement, rotation_vector(rotation)), axis=-1)
         return both if self._all_rows else both[..., self.rows]
 
     def chosen(self, values: Array) -> Array:
-        """Return the controlled elements (..., k) of (..., 6)."""
+        """Return the controlled components (..., k) of vectors (..., 6)."""
         return values if self._all_rows else values[..., self.rows]
 
     def acceleration(self, state: TaskState, wanted: Array, posture: Array, force: Array | float = 0.0) -> Array:
-        """Return joint accelerations that give the tool an acceleration.
+        """Return joint accelerations that give the tool a desired acceleration.
 
-        Among all of them they are closest to those of the posture, by the kinetic energy: the generalised inverse of
-        thesis eq. 2.30, ``ddq = J+ (a - dJ/dt dq) + (I - J+ J) posture``.
+        Among all such accelerations they are closest, in the metric of the inertia matrix, to those of `posture`: the
+        generalised inverse of thesis eq. 2.30, ``ddq = J+ (a - dJ/dt dq) + (I - J+ J) posture``.
 
         Parameters
         ----------
         state : TaskState
         wanted : ndarray
-            (..., k) acceleration of the tool.
+            (..., k) desired acceleration of the tool.
         posture : ndarray
-            (..., N) joint accelerations that are wanted besides.
+            (..., N) desired joint accelerations in the null space.
         force : ndarray
-            (..., k) that acts on the tool in addition, N and N·m.
+            (..., k) additional force on the tool, N and N·m.
 
         Returns
         -------
@@ -304,7 +306,7 @@ class TaskDynamics:
     def feedback(
         self, q: Array, stiffness: Array, damping: Array, posture: Posture, *, forces: bool = False
     ) -> Feedback:
-        """Return what feeding back the tool's error and velocity amounts to at the joints, near rest.
+        """Return the feedback of joint errors near rest that a feedback of the tool's error and velocity amounts to.
 
         Parameters
         ----------
@@ -313,9 +315,9 @@ class TaskDynamics:
         stiffness, damping : ndarray
             (k, k) or (P, k, k): 1/s² and 1/s, or with `forces` N/m and N·s/m.
         posture : Posture
-            That `of` returned.
+            As `of` returned it.
         forces : bool
-            Whether these are forces at the tool, instead of accelerations.
+            Whether the gains give forces at the tool, instead of accelerations.
         """
         state, matrix = self.state(q, 0.0 * q), self.part.nominal(self._matrix, q)
         back = np.swapaxes(state.jacobian, -1, -2)
@@ -326,19 +328,19 @@ class TaskDynamics:
             pressed @ gains @ state.jacobian + rest * free
             for gains, free in zip((stiffness, damping), own, strict=True)
         )
-        if self._compensates:  # what friction takes is given back
+        if self._compensates:  # compensation of friction cancels its damping
             damps = damps - self.part.resistance(q)[1]
         return Feedback(holds, damps)
 
     def torque(self, state: TaskState, acceleration: Array) -> Array:
-        """Return the joint torques (..., N) of joint accelerations."""
+        """Return the joint torques (..., N) for joint accelerations."""
         return self.part(self._torque, state.q, state.dq, acceleration)
 
     def _inverse(self, mobility: Array) -> Array:
-        """Invert J M^-1 J', but let directions fade whose apparent mass is above the largest."""
+        """Invert J M^-1 J', with a smooth fall to zero in directions whose apparent mass is above the largest."""
         weighed = mobility * self._squares
         sound = np.asarray(np.isfinite(weighed).all(axis=(-1, -2)))
-        if not sound.all():  # a run that diverged stays not a number, and does not stop the others
+        if not sound.all():  # a run that diverged stays NaN, and does not stop the others
             weighed = np.where(sound[..., None, None], weighed, np.eye(len(self.rows)))
         values, vectors = np.linalg.eigh(weighed)
         share = values / self._least
@@ -353,7 +355,7 @@ class TaskDynamics:
 
 
 def _solved(matrix: Array, right: Array) -> Array:
-    """Solve linear equations; a matrix that is exactly singular, of impossible parameters, gives not a number."""
+    """Solve linear equations; an exactly singular matrix, which impossible parameters may give, has NaN as solution."""
     try:
         return np.asarray(np.linalg.solve(matrix, right), dtype=np.float64)
     except np.linalg.LinAlgError:

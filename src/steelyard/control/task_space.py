@@ -1,4 +1,4 @@
-"""Computed torque in task space: the tool becomes a double integrator (thesis section 2.4.2)."""
+"""Computed torque in task space (thesis section 2.4.2), and the base class of the controllers of a tool."""
 
 from __future__ import annotations
 
@@ -84,13 +84,15 @@ class TaskControl(ControlBlock):
 class TaskSpaceControl(TaskControl):
     """Linearises the robot at its tool and tracks a motion of it (thesis eq. 2.28 to 2.34).
 
-    The tool's acceleration is commanded, ``a = d²x_r/dt² + Kd (dx_r/dt - dx/dt) + Kp e``, with e the way and the
-    rotation vector to the target. Joint accelerations come from the dynamically consistent inverse (eq. 2.30), torques
-    from the model: ``tau = M ddq + C dq + g (+ h) (- J' force)``. That is eq. 2.31 and 2.33, save that gravity and
-    Coriolis torques are compensated in the null space of the task, too, which eq. 2.31 leaves to themselves.
+    The commanded acceleration of the tool is ``a = d²x_r/dt² + Kd (dx_r/dt - dx/dt) + Kp e``, where e is the
+    displacement and the rotation vector to the target. Joint accelerations come from the dynamically consistent inverse
+    (eq. 2.30), torques from the model: ``tau = M ddq + C dq + g (+ h) (- J' force)``. These are eq. 2.31 and 2.33, with
+    one difference: gravity and Coriolis torques are also compensated in the null space of the task, where eq. 2.31
+    leaves them uncompensated.
 
     With the robot's true parameters and `compensate_drives`, the tool obeys ``d²x/dt² = a`` (eq. 2.34) away from
-    singularities; near them the directions that are out of reach fade out, see :class:`TaskDynamics`.
+    singularities. Near a singularity, the command along directions that cannot be reached falls to zero, see
+    :class:`TaskDynamics`.
 
     Parameters
     ----------
@@ -102,11 +104,11 @@ class TaskSpaceControl(TaskControl):
         A pose (4, 4) in the base frame, a :class:`PoseTrajectory`, or a function from a time to pose, twist and its
         derivative.
     kp, kd : array_like
-        A number, one for each axis, or a symmetric matrix, 1/s² and 1/s.
+        A number, one number for each axis, or a symmetric matrix, 1/s² and 1/s.
     axes : str or sequence of str
         ``"pose"``, ``"position"``, ``"orientation"``, or some of ``"x" "y" "z" "rx" "ry" "rz"`` (base frame).
     posture : Posture, optional
-        What a redundant arm does with the joints that the task leaves free: damping where not given.
+        Motion of a redundant arm in the null space of the task; damping by default.
     base, compensate_drives : bool
         Whether `parameters` are base parameters; whether friction and rotors are compensated.
     sign_width : float
@@ -114,11 +116,12 @@ class TaskSpaceControl(TaskControl):
     sensing : bool
         Whether the measured force of the environment is compensated, ``mu_e`` of eq. 2.33.
     largest_mass, length : float, optional
-        What counts as out of reach, see :class:`TaskDynamics`, kg and m.
+        Limit of the apparent mass near singularities, kg, and the lever arm by which moments of inertia are compared
+        with it, m; see :class:`TaskDynamics`.
     sample_time : float
         s.
     velocity : VelocityEstimator, optional
-        Numerical differences where not given.
+        How velocities are obtained; by numerical differences by default.
 
     Attributes
     ----------
@@ -182,7 +185,7 @@ class TaskSpaceControl(TaskControl):
 
 
 def symmetric_gains(values: ArrayLike, count: int, name: str, *, definite: bool = False) -> Array:
-    """Return a symmetric matrix of gains in task space.
+    """Return gains in task space as a symmetric matrix.
 
     Parameters
     ----------
@@ -191,9 +194,9 @@ def symmetric_gains(values: ArrayLike, count: int, name: str, *, definite: bool 
     count : int
         k.
     name : str
-        For the message.
+        What the gains are called in messages.
     definite : bool
-        Whether it must be positive definite, instead of semidefinite.
+        Whether the matrix must be positive definite, instead of semidefinite.
 
     Returns
     -------

@@ -1,4 +1,4 @@
-"""Joint velocities from positions, for controllers whose robot measures positions only."""
+"""Estimates of joint velocities for controllers: from positions, or as the robot measures them."""
 
 from __future__ import annotations
 
@@ -17,11 +17,12 @@ Array = NDArray[np.float64]
 
 
 class VelocityEstimator(Protocol):
-    """Estimates joint velocities from the measurements of a control loop, one after the other.
+    """Estimates joint velocities from the consecutive measurements of a control loop.
 
-    One that has ``transfer(sample_time)`` as well, numerator and denominator of the estimate over the sampled position
-    in powers of 1/z (None for the true velocity), is taken into account with its lag where a controller checks its
-    gains; others count as the true velocity there.
+    An estimator may also have a method ``transfer(sample_time)``, which returns numerator and denominator of its
+    transfer function from the sampled position to the estimate, in powers of 1/z, or None for the true velocity. A
+    controller that checks its gains then accounts for the lag of the estimate; without this method it takes the
+    estimate for the true velocity.
     """
 
     def start(self, measurement: Measurement) -> None:
@@ -32,17 +33,18 @@ class VelocityEstimator(Protocol):
 
 
 class NumericalDifference:
-    """The difference of two positions by the time between them (thesis section 4.3.1), or the slope of a parabola.
+    """The difference quotient of two positions (thesis section 4.3.1), or the slope of a parabola through three.
 
-    Of order 1 it lags half the time between them, and shows a step of an encoder as a spike of step / time. Of order 2,
-    through three positions, it does not lag, and its noise is 1.8 times as large. It begins at the measured velocity,
-    or at rest where nothing measures it.
+    With order 1 the estimate lags by half the time between the positions, and a step of the encoder appears as a spike
+    of step / time. With order 2, the slope of a parabola through three positions, it does not lag, and its noise is 1.8
+    times as large. The estimate starts with the measured velocity, or with zero where velocities are not measured.
 
     Parameters
     ----------
     steps : int
-        Calls between two of the positions.
+        Number of sample times between two of the positions.
     order : {1, 2}
+        Number of differences: 1 for two positions, 2 for three.
 
     Examples
     --------
@@ -96,14 +98,14 @@ class NumericalDifference:
 
 
 class FilteredDifference:
-    """Numerical differences through a low-pass filter of the first order.
+    """Difference quotients through a first-order low-pass filter.
 
-    It begins at the measured velocity, or at rest where nothing measures it.
+    The estimate starts with the measured velocity, or with zero where velocities are not measured.
 
     Parameters
     ----------
     cutoff : float
-        Frequency at which it passes 1/sqrt(2) of an oscillation, Hz.
+        Frequency at which the filter reduces an oscillation to 1/sqrt(2), Hz.
 
     Examples
     --------
@@ -151,7 +153,7 @@ class MeasuredVelocity:
         """Return None: the estimate is the velocity itself."""
 
     def start(self, measurement: Measurement) -> None:
-        """Make sure that velocities are measured."""
+        """Check that the measurement has velocities."""
         self.velocity(measurement)
 
     def velocity(self, measurement: Measurement) -> Array:
@@ -165,5 +167,5 @@ class MeasuredVelocity:
 
 
 def _first(measurement: Measurement) -> Array:
-    """Return the velocities to begin at: those that are measured, or zero."""
+    """Return the initial velocities: the measured ones, or zero."""
     return np.zeros_like(measurement.q) if measurement.dq is None else measurement.dq.copy()
