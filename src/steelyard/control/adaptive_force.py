@@ -34,8 +34,8 @@ _QUIET = 0.05
 # Largest time constant over which force and position are smoothed, s. The estimated stiffness and the decision whether
 # there is contact lag by it.
 _LONGEST_SMOOTHING = 0.1
-# On its approach the tool follows a moving point, which may be ahead of it by at most this distance, m. The bound limits
-# the command, and so the impact, where friction has held the tool back.
+# On its approach the tool follows a moving point, which may be ahead of it by at most this distance, m. The bound
+# limits the command, and so the impact, where friction has held the tool back.
 _LEAD = 0.05
 
 
