@@ -95,7 +95,7 @@ def test_a_joint_at_rest_spoils_nothing(tmp_path, kind):
     assert result.total_mass < 1.5 * sum(true_parameters(model)[c[9]] for c in model.link_columns)
     values = dict(zip(model.parameter_names, result.estimate.parameters, strict=True))
     assert max(values["Fvj1"], values["Fcj1"], values["Ia1"]) < 1e-3  # zero, but for the margin
-    loose = set(result.information.undetermined)
+    loose = set(result.information.unidentifiable)
     assert {"Fvj1", "Fcj1"} < loose
     # It is rank, not rounding, that says how much is not determined.
     _, q, dq, ddq = motion(model, 1, held=(0,))
@@ -138,7 +138,7 @@ def test_a_joint_that_moves_in_one_log_of_two_is_known(tmp_path):
     model = sy.Model.load(path)
     logs = [recorded(model, tmp_path / "held.npz", held=(0,)), recorded(model, tmp_path / "moving.npz", seed=4)]
     result = sy.identify(path, logs)
-    assert not result.information.undetermined
+    assert not result.information.unidentifiable
     assert error_on(model, result.estimate.parameters) < 0.005
 
 
@@ -167,7 +167,7 @@ def test_samples_with_rounding_for_velocities(tmp_path):
     clean = sy.Information.from_samples(model, sy.Samples(q=q, dq=dq, ddq=ddq, torque=torque))
     dq[:, 0], ddq[:, 0] = 1e-13 * random.normal(size=len(q)), 1e-10 * random.normal(size=len(q))
     spoiled = sy.Information.from_samples(model, sy.Samples(q=q, dq=dq, ddq=ddq, torque=torque))
-    assert spoiled.undetermined == clean.undetermined
+    assert spoiled.unidentifiable == clean.unidentifiable
     np.testing.assert_allclose(sy.least_squares(spoiled).base, sy.least_squares(clean).base, rtol=1e-9, atol=1e-12)
 
 
@@ -184,7 +184,7 @@ def test_held_in_the_first_rows_alone(tmp_path, monkeypatch):
     monkeypatch.setattr(chunks, "CHOICE_ROWS", 800)
     result = sy.identify(path, [log], chunk_rows=1000)
     assert not any("does not move" in remark for remark in result.remarks)
-    assert "Fvj1" not in result.information.undetermined
+    assert "Fvj1" not in result.information.unidentifiable
 
 
 @pytest.mark.parametrize(

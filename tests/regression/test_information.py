@@ -144,7 +144,7 @@ def test_poor_excitation_is_named(arm):
     information = sy.Information.from_samples(
         arm, sy.Samples(q=motion[0], dq=motion[1], ddq=motion[2], torque=still + 1.0)
     )
-    named = " ; ".join(information.undetermined)
+    named = " ; ".join(information.unidentifiable)
     assert "Fvj3" in named
     assert "Fcj3" in named
     assert "Fvj1" not in named
@@ -155,7 +155,7 @@ def test_poor_excitation_is_named(arm):
     assert "does not determine" in estimate.remarks[0]
     assert np.all(np.isfinite(estimate.base))
     healthy = sy.Information.from_samples(arm, samples)
-    assert healthy.undetermined == ()
+    assert healthy.unidentifiable == ()
 
 
 def test_save_and_load(arm, tmp_path):

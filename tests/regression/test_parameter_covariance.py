@@ -193,13 +193,13 @@ def test_undetermined_stays_infinite(arm):
         array[:, 1] = 0.0
     torque = np.random.default_rng(1).normal(size=q.shape)
     information = sy.Information.from_samples(arm, sy.Samples(q=q, dq=dq, ddq=ddq, torque=torque))
-    loose = information.undetermined_mask
+    loose = information.unidentifiable_mask
     assert loose.any()
     np.testing.assert_array_equal(~np.isfinite(sy.least_squares(information).standard_error), loose)
     covariance = ParameterCovariance.of(information)
     R = information.reduced().R
-    assert np.linalg.norm(R @ covariance.undetermined) < 1e-6 * np.linalg.norm(R)
-    assert covariance.root.shape[1] + covariance.undetermined.shape[1] == len(R) == len(covariance.matrix)
+    assert np.linalg.norm(R @ covariance.unidentifiable) < 1e-6 * np.linalg.norm(R)
+    assert covariance.root.shape[1] + covariance.unidentifiable.shape[1] == len(R) == len(covariance.matrix)
     np.testing.assert_array_equal(np.isinf(np.diagonal(covariance.matrix)), loose)
 
 

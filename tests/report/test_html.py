@@ -108,7 +108,7 @@ def test_base_parameters_and_weak_ones(identification: Identification) -> None:
     table = rows(page, "base-parameters")
     assert [float(row[1]) for row in table] == pytest.approx(identification.unconstrained.base, abs=5.1e-6, rel=5e-3)
     assert [float(row[3]) for row in table] == pytest.approx(identification.estimate.base, abs=5.1e-6, rel=5e-3)
-    assert table[1][0].endswith("not determined")
+    assert table[1][0].endswith("unidentifiable")
     assert table[1][2] == "∞"
     assert table[4][0].endswith("weak")
     assert [

@@ -117,12 +117,12 @@ def fit(
         damping, friction = model.joint_friction(found.parameters)
         joint_names = joint_names or tuple(model.robot.joint_names)  # reduced data does not name them
     remarks += found.remarks
-    undetermined = np.asarray(info.undetermined_mask)
-    if undetermined.any():
+    unidentifiable = np.asarray(info.unidentifiable_mask)
+    if unidentifiable.any():
         decides = "preference" if prior is None else "prior"
         remarks.append(
-            f"The data does not determine {len(info.undetermined)} of {info.base_count} base parameters, which the "
-            f"{decides} decides: {'; '.join(info.undetermined)}."
+            f"The data does not determine {len(info.unidentifiable)} of {info.base_count} base parameters, which the "
+            f"{decides} decides: {'; '.join(info.unidentifiable)}."
         )
     # What is proved is the parameters that users take; their base parameters follow.
     certificate = FeasibilityCertificate.of_parameters(feasible_set, found.parameters)

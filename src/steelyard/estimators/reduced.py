@@ -22,7 +22,7 @@ Matrix = npt.NDArray[np.float64]
 
 UNDETERMINED = 1e-9
 """Combinations of base parameters that the data shows by less than this, relative to the one it shows best, count as
-undetermined."""
+unidentifiable."""
 
 WELL_CONDITIONED = 1e-4
 """Reciprocal condition number from which RᵀR may be used; below, the residuals are unknowns of their own."""
@@ -55,7 +55,7 @@ class ReducedRegression:
         The part of the squared residual that no parameters change.
     base : (n_b,)
         β̂.
-    undetermined : (n_b, u)
+    unidentifiable : (n_b, u)
         Directions of β that the data does not show.
     residual2 : float
         Squared residual of β̂.
@@ -71,7 +71,7 @@ class ReducedRegression:
     rho: Vector = field(repr=False)
     outside: float
     base: Vector = field(repr=False)
-    undetermined: Matrix = field(repr=False)
+    unidentifiable: Matrix = field(repr=False)
     residual2: float
     norm2: float
     count: int
@@ -95,19 +95,19 @@ class ReducedRegression:
         outside = residual2
         lengths = column_lengths(R)
         scaled = R / np.where(lengths > 0, lengths, 1.0)
-        # A triangular solution where that is safe; rows and columns of what is undetermined need singular values.
+        # A triangular solution where that is safe; rows and columns of what is unidentifiable need singular values.
         reciprocal = float(scipy.linalg.lapack.dtrcon(scaled)[0]) if count else 1.0
         if reciprocal > 1e3 * UNDETERMINED:
-            base, undetermined = scipy.linalg.solve_triangular(R, rho, check_finite=False), np.zeros((count, 0))
+            base, unidentifiable = scipy.linalg.solve_triangular(R, rho, check_finite=False), np.zeros((count, 0))
         else:
             left, values, right = np.linalg.svd(scaled)
             shown = values > UNDETERMINED * values.max(initial=0.0)
             scale = np.where(lengths > 0, lengths, 1.0)
             base = (right[shown].T @ ((left[:, shown].T @ rho) / values[shown])) / scale
-            undetermined = np.linalg.qr(right[~shown].T / scale[:, None])[0]
+            unidentifiable = np.linalg.qr(right[~shown].T / scale[:, None])[0]
             error = R @ base - rho
             residual2 += float(error @ error)
-        return cls(R, rho, outside, base, undetermined, residual2, checked.norm2, checked.count, lengths, reciprocal)
+        return cls(R, rho, outside, base, unidentifiable, residual2, checked.norm2, checked.count, lengths, reciprocal)
 
     @property
     def scale(self) -> float:

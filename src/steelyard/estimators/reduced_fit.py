@@ -27,9 +27,9 @@ Vector = npt.NDArray[np.float64]
 Matrix = npt.NDArray[np.float64]
 
 TIE_TOLERANCES = (1e-8, 1e-6)
-"""What the preferred answer may cost, relative to the squared residual, where the base parameters are decided but the
-solver finds no other parameters for exactly them; the second where plain least squares is feasible and it finds none
-within the first, either."""
+"""What the preferred answer may cost, relative to the squared residual, where the base parameters are identifiable but
+the solver finds no other parameters for exactly them; the second where plain least squares is feasible and it finds
+none within the first, either."""
 
 PRICE_FRACTION = 0.008
 """Part of the price of feasibility that the preferred answer may cost: what the model misses anyway says how near is
@@ -167,7 +167,7 @@ def fit_reduced(
         expected = "a positive number such as 1.0 (leave the prior out for a fit without one)"
         fitting.prior_weight = read_number(prior_weight, "prior_weight", expected, above=0)
         fitting.prior = prior.prepare(feasible_set)
-    growing = () if prior is not None else growing_links(feasible_set, regression.undetermined)
+    growing = () if prior is not None else growing_links(feasible_set, regression.unidentifiable)
     bound = mass_bound_of(feasible_set, scale) if growing else np.inf
 
     outside: Vector | None = None
@@ -212,7 +212,7 @@ def _answer(
         return _Answer(plain.parameters, plain, True)
     best = fitting.least(margin, bound)
     margin = best.margin
-    if fitting.prior is not None or fitting.is_determined or preference is None:
+    if fitting.prior is not None or fitting.is_identifiable or preference is None:
         return _Answer(best.parameters, best, best.attained)
     as_it_is = _price(regression, best) <= 1e-7
     if as_it_is or not growing:
@@ -238,7 +238,7 @@ def _answer(
 def _plain(fitting: Fitting, margin: float) -> Optimum | None:
     """Plain least squares, where it tells all parameters and keeps the margin."""
     feasible_set, regression = fitting.feasible_set, fitting.regression
-    if fitting.prior is not None or not fitting.is_determined:
+    if fitting.prior is not None or not fitting.is_identifiable:
         return None
     parameters = feasible_set.lift @ regression.base
     if not feasible_set.satisfies_equations(parameters):
@@ -339,7 +339,7 @@ def _report(
             f"With a prior: {fitting.prior.label} distance {distance:.4g}, at a weight of {fitting.prior_weight:.4g}; "
             f"{cost:.2g} % above the squared residual of plain least squares."
         )
-    elif preference is not None and answer.choice is None and not fitting.is_determined:
+    elif preference is not None and answer.choice is None and not fitting.is_identifiable:
         remarks.append(
             f"The solver found no parameters that fit as well and are {preference.name}; these are the ones of the "
             f"least residual that it ended at, with a total mass of {mass:.4g} kg."
@@ -404,15 +404,15 @@ def _settled(
     (n,)
     """
     lengths = column_lengths(R @ feasible_set.K)
-    free = lengths <= ABSENT * lengths.max(initial=0.0)
-    if not free.any():
+    unidentifiable = lengths <= ABSENT * lengths.max(initial=0.0)
+    if not unidentifiable.any():
         return parameters
-    free &= ~np.any(feasible_set.equation_matrix != 0.0, axis=0)
+    unidentifiable &= ~np.any(feasible_set.equation_matrix != 0.0, axis=0)
     low, high = np.full(len(parameters), -np.inf), np.full(len(parameters), np.inf)
     for block in feasible_set.blocks:
         used = [int(i) for i, c in zip(block.indices, block.coefficients, strict=True) if np.any(c)]
         if block.size > 1 or len(used) != 1:
-            free[used] = False
+            unidentifiable[used] = False
             continue
         index = used[0]
         coefficient = float(block.coefficients[list(block.indices).index(index), 0, 0])
@@ -421,11 +421,11 @@ def _settled(
             low[index] = max(low[index], edge)
         else:
             high[index] = min(high[index], edge)
-    free &= low <= high
+    unidentifiable &= low <= high
     if isinstance(preference, PreparedPrior):
-        free &= np.asarray(abs(preference.curvature()).sum(axis=0)).ravel() == 0.0
+        unidentifiable &= np.asarray(abs(preference.curvature()).sum(axis=0)).ravel() == 0.0
     result = parameters.copy()
-    for index in map(int, np.flatnonzero(free)):
+    for index in map(int, np.flatnonzero(unidentifiable)):
         target = preference.alone(index, result) if isinstance(preference, TieBreak) else 0.0
         result[index] = np.clip(target, low[index], high[index])
     return result

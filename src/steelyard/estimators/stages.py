@@ -59,12 +59,12 @@ class Optimum:
     bound : float
         In kg; infinite without.
     lower_bound : float
-        No feasible parameters with a mass below the bound, and within the reach, have a lesser objective, in units of
-        the squared residual.
+        No feasible parameters with a mass below the bound, and within the parameter bound, have a lesser objective, in
+        units of the squared residual.
     price_of_margin : float
         What the distance from the boundary costs, to first order, relative to the objective.
     beyond : tuple of int
-        Links whose parameters lie beyond the reach.
+        Links whose parameters lie beyond the parameter bound.
     margin : float
         With which it was found.
     multipliers : (rows,)
@@ -181,8 +181,8 @@ class Fitting:
         self._typical = self.units.parameters
 
     @cached_property
-    def _reach_rows(self) -> Matrix:
-        """Rows over δ that are at most 1 for robots within the reach, (k, n): one a link, two for every other."""
+    def _parameter_bound_rows(self) -> Matrix:
+        """Rows over δ that are at most 1 within the parameter bound, (k, n): one a link, two for every other."""
         columns = self.feasible_set.link_columns
         links = np.zeros((len(columns), len(self._typical)))
         for row, own in zip(links, columns, strict=True):
@@ -210,7 +210,7 @@ class Fitting:
         return Program(feasible_set, conditions, units, units[order], self._origin, margin, typical)
 
     def _solve(self, program: Program, part: Part, rows: Sequence[Rows]) -> ConicSolution:
-        balanced = self.is_determined and self._attempt.balanced
+        balanced = self.is_identifiable and self._attempt.balanced
         return self._record(program.solve(part, rows, self.solver, balanced, self._attempt.accuracy))
 
     def _around(self, parameters: Vector) -> None:
@@ -243,11 +243,11 @@ class Fitting:
             step = np.linalg.lstsq(scaled, q / sizes, rcond=1e-13)[0]
         return np.asarray(program.origin - matrix @ (step / sizes))
 
-    def _free_program(self, margin: float, base: Vector, around: bool) -> Program:
+    def _unidentifiable_program(self, margin: float, base: Vector, around: bool) -> Program:
         """Over what neither motion nor data show, at a base vector; around parameters that have nearly that one."""
-        feasible_set, undetermined = self.feasible_set, self.regression.undetermined
-        if undetermined.shape[1]:
-            directions = np.hstack([feasible_set.lift @ undetermined, feasible_set.unidentifiable])
+        feasible_set, unidentifiable = self.feasible_set, self.regression.unidentifiable
+        if unidentifiable.shape[1]:
+            directions = np.hstack([feasible_set.lift @ unidentifiable, feasible_set.unidentifiable])
             conditions = Conditions(feasible_set, directions)
         else:
             conditions = feasible_set.kept(unidentifiable_conditions)
@@ -258,9 +258,9 @@ class Fitting:
         return Program.along(feasible_set, conditions, units, origin, margin, typical)
 
     @property
-    def is_determined(self) -> bool:
+    def is_identifiable(self) -> bool:
         """Whether the base parameters tell all parameters, and the data tells all of them."""
-        return not (self.feasible_set.unidentifiable.shape[1] or self.regression.undetermined.shape[1])
+        return not (self.feasible_set.unidentifiable.shape[1] or self.regression.unidentifiable.shape[1])
 
     def objective(self, program: Program) -> Part:
         """The squared residual, and the prior beside it."""
@@ -318,7 +318,7 @@ class Fitting:
             lower = max(lower, found.lower_bound)
             if best is None or found.order < best.order:
                 best = found
-            reached = bool(np.all(self._reach_rows @ found.parameters <= 1.0))
+            reached = bool(np.all(self._parameter_bound_rows @ found.parameters <= 1.0))
             if reached and (within is None or found.order < within.order):
                 within = found
             gap = (best.value - lower) / self.size(best.value)
@@ -334,7 +334,7 @@ class Fitting:
         self._around(best.parameters)
         base = self.feasible_set.K @ best.parameters
         squared = self.regression.squared_residual(base)
-        links = self._reach_rows[: len(self.feasible_set.link_columns)]
+        links = self._parameter_bound_rows[: len(self.feasible_set.link_columns)]
         beyond = tuple(np.flatnonzero(links @ best.parameters > 1.0).tolist())
         return Optimum(
             best.parameters,
@@ -383,7 +383,7 @@ class Fitting:
         return _Found(parameters, value, lower, stopped, cost, inside, self.units, margin, solution.status, blocks)
 
     def _limits(self, bound: float) -> tuple[Matrix, Vector]:
-        """Rows over δ, and what they may be at most: the mass bound where there is one, then the reach."""
+        """Rows over δ, and what they may be at most: the mass bound where there is one, then the parameter bound."""
         count = self.feasible_set.parameter_count
         rows = [np.zeros((0, count))]
         if np.isfinite(bound):
@@ -391,7 +391,7 @@ class Fitting:
             mass[0, self.feasible_set.conditioned_masses] = 1.0 / bound
             rows.append(mass)
         if self._attempt.bounded:
-            rows.append(self._reach_rows)
+            rows.append(self._parameter_bound_rows)
         limits = np.vstack(rows)
         return limits, np.ones(len(limits))
 
@@ -449,7 +449,7 @@ class Fitting:
         self, preference: TieBreak | PreparedPrior, base: Vector, margin: float, near: Vector, around: bool
     ) -> tuple[Choice, ConicSolution] | None:
         """One attempt at it, in units of the point found or in those of the robot."""
-        program = self._free_program(LESSER_MARGIN * margin, base, around)
+        program = self._unidentifiable_program(LESSER_MARGIN * margin, base, around)
         objective, unit = _in_units(preference.part(program))
         solution = self._record(program.solve(objective, solver=self.solver))
         if not solution.usable:

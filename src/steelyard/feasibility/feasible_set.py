@@ -211,8 +211,8 @@ class FeasibleSet:
         """What the equations say of β alone, Z β = z, as (k, n_b) and (k,); β is infeasible where they do not hold."""
         if not self.equalities:
             return np.zeros((0, self.K.shape[0])), np.zeros(0)
-        hidden = self.equation_matrix @ self.unidentifiable
-        left, sizes, _ = np.linalg.svd(hidden)
+        effect = self.equation_matrix @ self.unidentifiable
+        left, sizes, _ = np.linalg.svd(effect)
         scale = np.linalg.norm(self.equation_matrix, axis=1).max()
         combinations = left[:, int(np.sum(sizes > 1e-9 * scale)) :].T
         return combinations @ self.equation_matrix @ self.lift, combinations @ self.equation_values

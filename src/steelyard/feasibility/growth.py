@@ -16,7 +16,7 @@ __all__ = ["growing_links", "mass_bound_of"]
 Vector = npt.NDArray[np.float64]
 Matrix = npt.NDArray[np.float64]
 
-REACH = 1e3
+DIRECTION_BOUND = 1e3
 """Directions are looked for with elements up to this many units, so that errors of rounding do not count as growth."""
 
 MASS_BOUND = 1000.0
@@ -29,7 +29,7 @@ KNOWN_FACTOR, SPOKEN_FACTOR = 20.0, 2.0
 """Where a mass is known, the bound is so many times that, and at least so many times what the torques speak of."""
 
 
-def growing_links(feasible_set: FeasibleSet, undetermined: Matrix | None = None) -> tuple[int, ...]:
+def growing_links(feasible_set: FeasibleSet, unidentifiable: Matrix | None = None) -> tuple[int, ...]:
     """Links whose masses may grow without end while base parameters, conditions and equations stay as they are.
 
     A direction d with K d = 0 and E d = 0 whose homogeneous matrices D_b(d) are all positive semidefinite leads from
@@ -39,16 +39,16 @@ def growing_links(feasible_set: FeasibleSet, undetermined: Matrix | None = None)
     Parameters
     ----------
     feasible_set : FeasibleSet
-    undetermined : (n_b, u), optional
+    unidentifiable : (n_b, u), optional
         Directions of the base parameters that the data does not show; they count as unidentifiable, too.
 
     Returns
     -------
     tuple of int
-        Indices of links; empty where no mass may. Kept for each set where `undetermined` is absent.
+        Indices of links; empty where no mass may. Kept for each set where `unidentifiable` is absent.
     """
-    if undetermined is not None and undetermined.shape[1]:
-        return _analyse(feasible_set, np.hstack([feasible_set.lift @ undetermined, feasible_set.unidentifiable]))
+    if unidentifiable is not None and unidentifiable.shape[1]:
+        return _analyse(feasible_set, np.hstack([feasible_set.lift @ unidentifiable, feasible_set.unidentifiable]))
     return feasible_set.kept(_growing_whatever_the_data)
 
 
@@ -88,7 +88,7 @@ def _analyse(feasible_set: FeasibleSet, directions: Matrix) -> tuple[int, ...]:
             sparse.hstack([sparse.csc_array(np.vstack([box, -box])), sparse.csc_array((2 * len(box), links))]),
         ]
     )
-    most = np.concatenate([np.zeros(links), np.ones(links), np.full(2 * len(box), REACH)])
+    most = np.concatenate([np.zeros(links), np.ones(links), np.full(2 * len(box), DIRECTION_BOUND)])
     problem = ConicProblem.from_rows(
         np.concatenate([np.zeros(count), -np.ones(links)]),
         [

@@ -96,7 +96,7 @@ class Metric:
         return len(np.unique(rows)) == len(rows) == len(np.unique(columns))
 
     @property
-    def unseen(self) -> Matrix:
+    def null_space(self) -> Matrix:
         """Orthonormal directions in which there is no distance, as rows (k - rank, k)."""
         if self.factor is None:
             return np.zeros((0, 0))
@@ -140,11 +140,11 @@ def _eigenvalues(matrix: Matrix, name: str, definite: bool) -> tuple[Vector, Mat
     diagonal = np.diag(matrix)
     expected = "positive definite" if definite else "positive semidefinite"
     # A zero on the diagonal of a semidefinite matrix has zeros beside it.
-    hidden = diagonal <= 0
-    if np.any(diagonal < 0) or np.any(matrix[hidden]) or (definite and np.any(hidden)):
+    absent = diagonal <= 0
+    if np.any(diagonal < 0) or np.any(matrix[absent]) or (definite and np.any(absent)):
         worst = int(np.argmin(diagonal))
         raise InputError(f"{name} must be {expected}, but its diagonal element {worst + 1} is {diagonal[worst]:.6g}.")
-    units = np.where(hidden, 1.0, np.sqrt(diagonal))
+    units = np.where(absent, 1.0, np.sqrt(diagonal))
     values, vectors = np.linalg.eigh(matrix / np.outer(units, units))
     least = 10 * ROUNDING * ROUNDING if definite else -ROUNDING
     if values[0] < least * values[-1]:

@@ -152,7 +152,7 @@ class NearestPoint:
             weights[:measured] = np.where(squares > 0, 2.0 * squares / scale, unmeasured)
         elif factor is not None:
             # R d, and d in the directions in which there is no distance, are unknowns of their own.
-            both = np.vstack([factor, self.metric.unseen])
+            both = np.vstack([factor, self.metric.null_space])
             extra = len(both)
             image = np.hstack([both, np.zeros((extra, count - measured)), -np.eye(extra)])
             rows.insert(0, Rows(image, np.zeros(extra), Cone("zero", extra)))

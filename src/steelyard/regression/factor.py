@@ -18,7 +18,7 @@ __all__ = [
     "is_well_conditioned",
     "solve",
     "triangular",
-    "undetermined_columns",
+    "unidentifiable_columns",
 ]
 
 Array = NDArray[np.float64]
@@ -162,19 +162,19 @@ def solve(problem: Reduced) -> Array:
     return np.asarray(solution / scale)
 
 
-def undetermined_columns(R: Array) -> NDArray[np.bool_]:
+def unidentifiable_columns(R: Array) -> NDArray[np.bool_]:
     """Tell which unknowns of a triangular problem have no unique value, (n_b,).
 
-    Columns are scaled to length one; an unknown is undetermined if its column is missing, or if it takes part in a
+    Columns are scaled to length one; an unknown is unidentifiable if its column is missing, or if it takes part in a
     combination that R does not show.
     """
     lengths = column_lengths(R)
-    loose = np.asarray(lengths <= 1e-12 * (lengths.max(initial=0.0) or 1.0))
-    if not loose.any() and is_well_conditioned(R / lengths):
-        return loose
-    present = np.flatnonzero(~loose)
+    unidentifiable = np.asarray(lengths <= 1e-12 * (lengths.max(initial=0.0) or 1.0))
+    if not unidentifiable.any() and is_well_conditioned(R / lengths):
+        return unidentifiable
+    present = np.flatnonzero(~unidentifiable)
     if len(present):
         _, values, rows = np.linalg.svd(R[:, present] / lengths[present])
         missing = rows[values < RANK * values[0]]
-        loose[present[(np.abs(missing) > 1e-6).any(axis=0)]] = True
-    return loose
+        unidentifiable[present[(np.abs(missing) > 1e-6).any(axis=0)]] = True
+    return unidentifiable

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
@@ -17,7 +18,7 @@ from steelyard.recording import Samples
 from steelyard.recording.samples import regrouped
 
 from .batch_means import BATCH_LENGTHS, BatchMeans, BatchSums, added
-from .factor import Factor, Reduced, combined, inverse_deviations, solve, triangular, undetermined_columns
+from .factor import Factor, Reduced, combined, inverse_deviations, solve, triangular, unidentifiable_columns
 from .reduction import BLOCK, JointReduction, WhitenedReduction, as_covariance, empty_factors, require_joints
 
 if TYPE_CHECKING:
@@ -364,20 +365,20 @@ class Information:
     @cached_property
     def condition_number(self) -> float:
         """Condition number of the base regressor W (thesis section 4.3.2), infinite where it has no full rank."""
-        if self.undetermined_mask.any():
+        if self.unidentifiable_mask.any():
             return float("inf")
         values = np.linalg.svd(self.reduced(None).R, compute_uv=False)
         return float(values[0] / values[-1]) if len(values) and values[-1] > 0.0 else float("inf")
 
     @cached_property
-    def undetermined_mask(self) -> NDArray[np.bool_]:
+    def unidentifiable_mask(self) -> NDArray[np.bool_]:
         """Which base parameters the data does not determine, whatever its noise; (n_b,)."""
-        return undetermined_columns(self.reduced(None).R)
+        return unidentifiable_columns(self.reduced(None).R)
 
     @property
-    def undetermined(self) -> tuple[str, ...]:
+    def unidentifiable(self) -> tuple[str, ...]:
         """Base parameters that the data does not determine, whatever its noise."""
-        return tuple(name for name, loose in zip(self.base_expressions, self.undetermined_mask, strict=True) if loose)
+        return tuple(itertools.compress(self.base_expressions, self.unidentifiable_mask))
 
     def relative_error(self, base: ArrayLike) -> float:
         """Return ``|omega - W beta| / |omega|`` over all the joints (thesis eq. 4.37); 0.05 means 5 %.

@@ -61,10 +61,11 @@ def least_squares(information: Information, weights: str | ArrayLike | None = "j
     problem = information.reduced(used)
     base = solve(problem)
     remarks = list(information.remarks)
-    if information.undetermined:
+    unidentifiable = information.unidentifiable
+    if unidentifiable:
         remarks.append(
-            f"The data does not determine {len(information.undetermined)} of {information.base_count} base parameters: "
-            f"{'; '.join(information.undetermined)}."
+            f"The data does not determine {len(unidentifiable)} of {information.base_count} base parameters: "
+            f"{'; '.join(unidentifiable)}."
         )
     return Estimate(
         method=method_name(information, weighted),

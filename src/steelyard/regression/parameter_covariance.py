@@ -87,7 +87,7 @@ class ParameterCovariance:
     ----------
     root : ndarray
         (n_b, r): the covariance is ``root root'`` in what the data determines.
-    undetermined : ndarray
+    unidentifiable : ndarray
         (n_b, n_b - r): combinations that the data does not determine.
     unknown : ndarray of bool
         (n_b,): the base parameters that take part in such a combination.
@@ -118,7 +118,7 @@ class ParameterCovariance:
     """
 
     root: Array = field(repr=False)
-    undetermined: Array = field(repr=False)
+    unidentifiable: Array = field(repr=False)
     unknown: NDArray[np.bool_] = field(repr=False)
     correlation: ResidualCorrelation | None = None
     filtered_torque: bool = False
@@ -183,15 +183,15 @@ class ParameterCovariance:
         beta = solve(problem) if base is None else np.asarray(base, dtype=np.float64)
         if beta.shape != (information.base_count,):
             raise InputError(f"There are {information.base_count} base parameters: got an array of shape {beta.shape}.")
-        inverse, undetermined, unknown = _inverse(problem.R)
-        unknown = unknown | information.undetermined_mask
+        inverse, unidentifiable, unknown = _inverse(problem.R)
+        unknown = unknown | information.unidentifiable_mask
         if not information.batch_means:
             root = np.sqrt(_residual_variance(problem, beta)) * inverse
-            return cls(root, undetermined, unknown, None, information.filtered_torque)
+            return cls(root, unidentifiable, unknown, None, information.filtered_torque)
         middle, correlation = _long_run(information, beta, used, inverse)
         values, vectors = np.linalg.eigh(middle)
         root = inverse @ (vectors * np.sqrt(np.maximum(values, 0.0)))
-        return cls(root, undetermined, unknown, correlation, information.filtered_torque)
+        return cls(root, unidentifiable, unknown, correlation, information.filtered_torque)
 
     @classmethod
     def of_reduced(cls, problem: Reduced, base: ArrayLike | None = None) -> ParameterCovariance:
@@ -208,8 +208,8 @@ class ParameterCovariance:
         ParameterCovariance
         """
         beta = solve(problem) if base is None else np.asarray(base, dtype=np.float64)
-        inverse, undetermined, unknown = _inverse(problem.R)
-        return cls(np.sqrt(_residual_variance(problem, beta)) * inverse, undetermined, unknown)
+        inverse, unidentifiable, unknown = _inverse(problem.R)
+        return cls(np.sqrt(_residual_variance(problem, beta)) * inverse, unidentifiable, unknown)
 
     @classmethod
     def of_matrix(cls, matrix: ArrayLike, count: int) -> ParameterCovariance:

@@ -89,20 +89,20 @@ def base_parameters(identification: Identification) -> Markup:
     told = not before.filtered_torque
     rows, muted = [], []
     for index, (name, expression) in enumerate(zip(before.base_names, before.base_expressions, strict=True)):
-        undetermined = not np.isfinite(before.standard_error[index])
-        weak = undetermined or expression in identification.weak or name in identification.weak
-        mark = f' <span class="mark">{"not determined" if undetermined else "weak"}</span>' if weak else ""
+        unidentifiable = not np.isfinite(before.standard_error[index])
+        weak = unidentifiable or expression in identification.weak or name in identification.weak
+        mark = f' <span class="mark">{"unidentifiable" if unidentifiable else "weak"}</span>' if weak else ""
         if weak:
             muted.append(index)
         row = [Markup(f"<code>{escape(expression)}</code>{mark}"), number(before.base[index])]
-        error = ["∞" if undetermined else percent(relative[index])] if told else []
+        error = ["∞" if unidentifiable else percent(relative[index])] if told else []
         rows.append([*row, *error, number(after.base[index])])
     columns = ["Base parameter", "Least squares", *(["± %"] if told else []), "Feasible"]
     text = (
         "<p>The combinations of parameters that the motion shows (SI units; symbols: L moment of inertia about the "
         "origin of the link frame, l first moment, m mass, the number is the link's; then those of the joint terms). "
         "± is the standard error relative to the value; it reckons with residuals that are correlated in time, so that "
-        "twice it covers the truth in 95 of 100 cases where the model is right. Those marked weak or not determined "
+        "twice it covers the truth in 95 of 100 cases where the model is right. Those marked weak or unidentifiable "
         "could as well be something else: a motion that excites them more would tell.</p>"
     )
     caption = f"The {len(rows)} base parameters"

@@ -130,11 +130,11 @@ def _change(before: float, after: float) -> tuple[Markup, str]:
 
 def _base_parameters(identification: Identification) -> tuple[str, Markup, str]:
     count, weak = len(identification.unconstrained.base), len(identification.weak)
-    undetermined = int(np.sum(~np.isfinite(identification.unconstrained.standard_error)))
-    if not weak and not undetermined:
+    unidentifiable = int(np.sum(~np.isfinite(identification.unconstrained.standard_error)))
+    if not weak and not unidentifiable:
         note = "all shown by the data"
     else:
         note = f"{weak} weak: standard error larger than the value"
-        if undetermined:
-            note += f"; {undetermined} not determined at all"
+        if unidentifiable:
+            note += f"; {unidentifiable} unidentifiable"
     return "Base parameters", Markup(str(count)), note

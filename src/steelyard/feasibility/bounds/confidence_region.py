@@ -27,7 +27,7 @@ class ConfidenceRegion:
     ----------
     base : (n_b,)
     covariance : ParameterCovariance
-        Of the estimate: its `root` are the axes, its `undetermined` the combinations v that the data leaves open.
+        Of the estimate: its `root` are the axes, its `unidentifiable` the combinations v that the data leaves open.
     confidence : float
         Probability with which the region holds the true β.
     """
@@ -48,7 +48,7 @@ class ConfidenceRegion:
     @property
     def unknown(self) -> Matrix:
         """(n_b, n_b - r), the combinations that the data does not determine."""
-        return self.covariance.undetermined
+        return self.covariance.unidentifiable
 
     def in_deviations(self) -> Matrix:
         """The map from a change of β to u, (r, n_b): its squared norm is the squared distance."""

@@ -185,7 +185,7 @@ class InfeasibilityExplanation:
         How far the 95 % region reaches, in standard deviations.
     correlation : float or None
         Spearman's rank correlation between relative standard deviation and degree of infeasibility (the size of the
-        change over that of the parameter), over all determined base parameters.
+        change over that of the parameter), over all identifiable base parameters.
     chance : float or None
         Probability of a correlation as strong by chance.
     base : (n_b,)

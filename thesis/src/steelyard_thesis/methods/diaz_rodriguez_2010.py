@@ -69,8 +69,8 @@ class _Refutations:
             np.any(b.constant) for b in feasible_set.blocks
         )
         self.directions: list[Vector] = []
-        hidden = feasible_set.unidentifiable
-        self.known_blocks = [b for b in feasible_set.blocks if b.size > 1 and not np.any(hidden[b.indices])]
+        unidentifiable = feasible_set.unidentifiable
+        self.known_blocks = [b for b in feasible_set.blocks if b.size > 1 and not np.any(unidentifiable[b.indices])]
 
     def decide(self, base: Vector) -> bool | None:
         """Whether base parameters are feasible, None where it cannot be proved either way."""
@@ -104,9 +104,9 @@ class _Refutations:
             block = feasible_set.blocks[index]
             vector = np.linalg.eigh(block.evaluate(parameters))[1][:, 0]
             row = np.einsum("kij,i,j->k", block.coefficients, vector, vector)
-            hidden = row @ feasible_set.unidentifiable[block.indices]
+            unidentifiable = row @ feasible_set.unidentifiable[block.indices]
             scale = np.abs(row) @ np.abs(parameters[block.indices]) + float(np.abs(block.constant).max())
-            if np.all(np.abs(hidden) <= 1e-14 * np.abs(row).max()) and eigenvalues[index] < -CLEARLY * scale:
+            if np.all(np.abs(unidentifiable) <= 1e-14 * np.abs(row).max()) and eigenvalues[index] < -CLEARLY * scale:
                 return True
         return False
 

@@ -6,7 +6,7 @@ import numpy as np
 import numpy.typing as npt
 
 from steelyard.regression import column_lengths, triangular
-from steelyard.regression.factor import inverse_of_triangle, undetermined_columns
+from steelyard.regression.factor import inverse_of_triangle, unidentifiable_columns
 
 from .method import Problem
 
@@ -59,16 +59,16 @@ class Elimination:
         kept = np.arange(self._size)
         self.removed: list[int] = []
         self.squared_residual = problem.residual2
-        loose = undetermined_columns(rows[:, :-1])
-        while loose.any():
-            lengths = np.where(loose, column_lengths(rows[:, :-1]), np.inf)
+        unidentifiable = unidentifiable_columns(rows[:, :-1])
+        while unidentifiable.any():
+            lengths = np.where(unidentifiable, column_lengths(rows[:, :-1]), np.inf)
             weakest = int(np.argmin(lengths))
             self.removed.append(int(kept[weakest]))
             kept = np.delete(kept, weakest)
             triangle = triangular(np.delete(rows, weakest, axis=1))
             self.squared_residual += float(triangle[-1, -1] ** 2)
             rows = triangle[:-1]
-            loose = undetermined_columns(rows[:, :-1])
+            unidentifiable = unidentifiable_columns(rows[:, :-1])
         lengths = column_lengths(rows[:, :-1])
         self.kept: Indices = kept
         self._inverse: Matrix = inverse_of_triangle(rows[:, :-1] / lengths) / lengths[:, None]

@@ -173,11 +173,11 @@ def regions_of_links(feasible_set: FeasibleSet) -> tuple[list[LinkRegion], list[
     starts = feasible_set.link_columns[:, 0]
     order = np.argsort(starts)
     owner = order[np.maximum(np.searchsorted(starts[order], dependent, side="right") - 1, 0)]
-    hidden = feasible_set.unidentifiable
+    unidentifiable = feasible_set.unidentifiable
     members: dict[int, list[AffineBlock]] = {}
     known = []
     for block in feasible_set.blocks:
-        used = np.flatnonzero(np.any(hidden[block.indices] != 0.0, axis=0))
+        used = np.flatnonzero(np.any(unidentifiable[block.indices] != 0.0, axis=0))
         if len(used):
             members.setdefault(int(owner[used].min()), []).append(block)
         else:

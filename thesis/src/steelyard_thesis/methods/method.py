@@ -288,11 +288,11 @@ class Problem:
                     f"Masses grew to {heaviest:.3g} kg: the residual keeps falling as masses that the motion does not "
                     "show grow."
                 )
-        undetermined = np.asarray(information.undetermined_mask)
-        if undetermined.any():
+        unidentifiable = np.asarray(information.unidentifiable_mask)
+        if unidentifiable.any():
             notes.append(
-                f"The data does not determine {len(information.undetermined)} of {information.base_count} base "
-                f"parameters: {'; '.join(information.undetermined)}."
+                f"The data does not determine {len(information.unidentifiable)} of {information.base_count} base "
+                f"parameters: {'; '.join(information.unidentifiable)}."
             )
         damping, friction = None, None
         expressions, joint_names = information.base_expressions, information.joint_names
