@@ -1,4 +1,4 @@
-"""How well a point meets the conditions of optimality, measured the same way whichever solver found it."""
+"""Errors of a solution of a conic problem, measured in the same way for every solver."""
 
 import numpy as np
 import numpy.typing as npt
@@ -45,12 +45,12 @@ def gap_error(problem: ConicProblem, primal: Vector, dual: Vector) -> float:
 def optimality_error(problem: ConicProblem, primal: Vector, slack: Vector, dual: Vector) -> float:
     """Largest of the relative errors of a point: primal, dual, and the gap between both objectives.
 
-    That s lies in K and z in its dual cone is taken for granted.
+    Whether s lies in K and z in its dual cone is not checked.
 
     Parameters
     ----------
     problem : ConicProblem
-        With P whole, not only its upper triangle.
+        Both triangles of P must be given, as in `ConicProblem.symmetric`.
     primal : (n,)
     slack, dual : (rows,)
 
@@ -66,7 +66,7 @@ def optimality_error(problem: ConicProblem, primal: Vector, slack: Vector, dual:
 
 
 def infeasibility_error(problem: ConicProblem, dual: Vector) -> float:
-    """How far z is from a proof that no point exists: the largest element of Aᵀz for bᵀz = -1.
+    """Error of z as a proof that no point exists: the largest element of Aᵀz, after z is scaled such that bᵀz = -1.
 
     Returns
     -------
@@ -80,7 +80,7 @@ def infeasibility_error(problem: ConicProblem, dual: Vector) -> float:
 
 
 def recession_error(problem: ConicProblem, direction: Vector) -> float:
-    """How far d is from a proof that the objective falls without end: of -A d in K and P d = 0, for qᵀd = -1.
+    """Error of d as a proof that the objective is unbounded, which needs -A d in K and P d = 0, scaled to qᵀd = -1.
 
     Returns
     -------
@@ -97,10 +97,10 @@ def recession_error(problem: ConicProblem, direction: Vector) -> float:
 
 
 def least_distance(cones: tuple[Cone, ...], vector: Vector) -> float:
-    """How deep a vector lies within the product of the cones; negative by how much it lies outside.
+    """Signed distance of a vector from the boundary of the product of the cones: positive inside, negative outside.
 
-    For matrices that is the smallest eigenvalue; for zero cones minus the largest element. Exponential cones are left
-    out; minus infinity where an element is not finite.
+    For a semidefinite cone it is the smallest eigenvalue, for a zero cone minus the largest element. Exponential cones
+    are left out. The result is minus infinity if an element is not finite.
     """
     if not np.all(np.isfinite(vector)):
         return -float("inf")

@@ -1,4 +1,4 @@
-"""Clarabel: an interior-point method in memory, without a modelling layer in between."""
+"""Clarabel, an interior-point method, called directly without a modelling layer."""
 
 from dataclasses import dataclass, replace
 from typing import Any
@@ -27,7 +27,7 @@ _UNFINISHED = (Outcome.ALMOST_SOLVED, Outcome.STOPPED)
 
 @dataclass(frozen=True)
 class _Attempt:
-    """How to try: units around the point found (see `scaling_around`), and three settings of Clarabel."""
+    """One way to solve a problem: the floor of `scaling_around`, or None for `equilibrate`; settings of Clarabel."""
 
     floor: float | None
     own_scaling: bool = True
@@ -45,25 +45,28 @@ _ATTEMPTS = (
     _Attempt(1e-2, own_scaling=False, regularisation=1e-7),
     _Attempt(1e-6, regularisation=1e-10, longest_step=0.9),
 )
-"""What is tried, one after the other, until the status is a plain "Solved" that holds in the units of the first.
+"""The attempts, made in this order until one ends with the plain status "Solved", and its errors are as small in the
+units of the first attempt.
 
-Of 633 problems from the thesis, the real WAM and random robots 597 end so as they are, 622 in the units of
-`equilibrate` and all with these attempts; of 337 with links up to a million times heavier than others 168, 247 and
-335."""
+Of 633 problems from the thesis, the real WAM and random robots, 597 end so without any scaling, 622 in the
+units of `equilibrate`, and all with these attempts. Of 337 problems with links up to a million times heavier than
+others the counts are 168, 247 and 335."""
 
 DOUBT = 20.0
-"""Multiple of the accuracy that the error, in the units of the first attempt, may have in those of a later one."""
+"""A later attempt counts as solved if its error, in the units of the first attempt, is at most this many times the
+accuracy: a tolerance that is met in one set of units is not met exactly in another."""
 
 
 WEAK_PROOF = 1e-3
-"""A proof of infeasibility is doubted where Aᵀz, for bᵀz = -1, exceeds this divided by the largest element of b."""
+"""A proof of infeasibility is doubted if Aᵀz, scaled to bᵀz = -1, exceeds this divided by the largest element of b: a
+point as large as b could then satisfy what z refutes."""
 
 
 def solve_with_clarabel(problem: ConicProblem, accuracy: float = 1e-8, iterations: int = 200) -> ConicSolution:
     """Solve a conic problem with Clarabel (Goulart and Chen, 2024), in units in which it is well conditioned.
 
-    Where the solver ends with less than the accuracy asked for, the problem is put in units of the point that it
-    found, and solved again.
+    If the solver ends before it reaches the accuracy, the problem is scaled around the point that it found and solved
+    again.
 
     Parameters
     ----------
@@ -81,7 +84,7 @@ def solve_with_clarabel(problem: ConicProblem, accuracy: float = 1e-8, iteration
     best = _attempts(problem, accuracy, iterations)
     if best.outcome is not Outcome.INFEASIBLE:
         return best
-    # Aᵀz is not exactly zero, so that z says nothing of points far out: where b is large, look there.
+    # Aᵀz is not exactly zero, so z proves nothing about points of the size of a large b: solve in units of b.
     size = float(np.abs(problem.b).max(initial=0.0))
     if size <= 1.0 or infeasibility_error(problem, best.dual) * size <= WEAK_PROOF:
         return best
@@ -99,7 +102,7 @@ def solve_with_clarabel(problem: ConicProblem, accuracy: float = 1e-8, iteration
 
 
 def _attempts(problem: ConicProblem, accuracy: float, iterations: int) -> ConicSolution:
-    """One attempt after the other; the point with the least error."""
+    """Make the attempts in turn, and return the point with the smallest error."""
     if problem.balanced:
         found = _run(problem, None, _ATTEMPTS[0], accuracy, iterations)
         if found.outcome not in _UNFINISHED:
@@ -120,7 +123,7 @@ def _attempts(problem: ConicProblem, accuracy: float, iterations: int) -> ConicS
         found = _run(problem, scaling, attempt, accuracy, iterations)
         taken, seconds = taken + found.iterations, seconds + found.seconds
         if found.outcome in (Outcome.INFEASIBLE, Outcome.UNBOUNDED):
-            # The first attempt came near a point; only where it came nowhere is this to be believed.
+            # If an earlier attempt came close to a solution, a later claim that there is none is not believed.
             if best.outcome is Outcome.STOPPED:
                 best = found
                 break
@@ -136,7 +139,7 @@ def _attempts(problem: ConicProblem, accuracy: float, iterations: int) -> ConicS
 
 
 def _error(balanced: ConicProblem, balance: Scaling, found: ConicSolution) -> float:
-    """How far a point is from optimal, in the units of the first attempt."""
+    """Error of optimality in the units of the first attempt, so that attempts can be compared."""
     primal, slack, dual = found.primal / balance.columns, found.slack * balance.rows, found.dual / balance.rows
     return optimality_error(balanced, primal, slack, dual)
 
@@ -147,9 +150,9 @@ def clarabel_outcome(found: Any) -> Outcome:
 
 
 def clarabel_settings(accuracy: float) -> Any:
-    """Settings of a quiet run on one thread that leaves the problem as it is.
+    """Settings of a quiet run on one thread, without presolving and chordal decomposition.
 
-    Only without presolving and decomposition can the objective be changed afterwards.
+    Either of the two would forbid changing the objective afterwards, as `RepeatedProblem` does.
     """
     import clarabel
 
@@ -163,7 +166,7 @@ def clarabel_settings(accuracy: float) -> Any:
 
 
 def clarabel_cone(cone: Cone) -> Any:
-    """Clarabel's own object."""
+    """The object of the package clarabel for a cone."""
     import clarabel
 
     if cone.kind == "exponential":
@@ -180,7 +183,7 @@ def clarabel_cone(cone: Cone) -> Any:
 def _run(
     problem: ConicProblem, scaling: Scaling | None, attempt: _Attempt, accuracy: float, iterations: int
 ) -> ConicSolution:
-    """One run, its answer in the units of the problem."""
+    """Run Clarabel once, and return the answer in the units of the problem."""
     import clarabel
 
     settings = clarabel_settings(accuracy)

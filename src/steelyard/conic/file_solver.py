@@ -1,4 +1,4 @@
-"""Solving a conic problem with a program: rewriting, scaling, running, and what the answer is worth."""
+"""Solving a conic problem with an external program: rewrite it, scale it, run the program, check the answer."""
 
 from collections.abc import Callable
 from dataclasses import replace
@@ -30,18 +30,19 @@ __all__ = [
 Vector = npt.NDArray[np.float64]
 
 SOLVED_ERROR, ALMOST_ERROR = 2e-5, 1e-3
-"""Largest errors of a point that counts as a solution, and as one of reduced accuracy; see `_error`."""
+"""Largest errors of a point that counts as solved, and as almost solved; see `_error`. They are
+wider than the accuracy that the programs are asked for, which holds in the units of the rewritten problem."""
 
 GRADIENT_SHARE = 0.02
-"""What an error of the gradient counts where the objective is quadratic: with the Schur complement that the programs
-need the objective is met to the accuracy asked for, but its gradient to the square root of that."""
+"""Weight of the error of the gradient for quadratic objectives. They are rewritten as a Schur complement, in which a
+program reaches its accuracy in the objective, but only about the square root of it in the gradient."""
 
 PROOF_ERROR = 1e-6
-"""Largest error of a direction that proves that there is no point, or no least value."""
+"""Largest error of a direction that counts as a proof that no point exists, or that the objective is unbounded."""
 
 ATTEMPTS: tuple[tuple[float, float | None], ...] = ((1.0, None), (10.0, 1e-4), (100.0, None))
-"""Multiples of the accuracy that are asked of a program, one after the other until it ends with plain success; with the
-second, in units of the point found."""
+"""The attempts, in this order until the program reports plain success: multiple of the accuracy that is asked for, and
+the floor of `scaling_around` or None. With a coarser accuracy a program that stalls may still end with success."""
 
 
 def solve_with_program(
@@ -49,9 +50,9 @@ def solve_with_program(
 ) -> ConicSolution:
     """Solve a conic problem through an SDPA file.
 
-    The outcome rests on errors measured here, not on the program's word alone: where neither a solution nor a proof of
-    the contrary came back, two more problems, which always have solutions, tell whether there is a point at all and
-    whether the objective is bounded.
+    The outcome is decided by errors that are measured here, not by the status of the program alone. If the program
+    returns neither a solution nor a proof that there is none, two auxiliary problems, which always have solutions, tell
+    whether a point exists and whether the objective is bounded.
 
     Parameters
     ----------
@@ -59,7 +60,7 @@ def solve_with_program(
     problem : ConicProblem
         Without exponential cones.
     accuracy : float
-        Tolerance that is asked of the program.
+        Tolerance that the program is asked for.
     iterations : int
 
     Returns
@@ -80,7 +81,7 @@ def solve_with_program(
 
 
 def _solve_balanced(program: ExternalSolver, problem: ConicProblem, accuracy: float, iterations: int) -> ConicSolution:
-    """Rewrite and run."""
+    """Rewrite the problem as a semidefinite program, and run the external program until it succeeds."""
     rewritten = rewrite(problem)
     if isinstance(rewritten, Decided):
         return _decided(program, problem, rewritten)
@@ -118,7 +119,7 @@ def _with_unit_cost(problem: ConicProblem, scaling: Scaling) -> Scaling:
 
 
 def _error(problem: ConicProblem, x: Vector, slack: Vector, z: Vector) -> float:
-    """Largest of the relative errors of a point and of its distance from K; the gradient with its share."""
+    """Largest of the relative errors: primal, distance from K, gradient (with its weight) and gap."""
     if not all(np.all(np.isfinite(vector)) for vector in (x, slack, z)):
         return float("inf")
     share = GRADIENT_SHARE if problem.P.count_nonzero() else 1.0
@@ -129,7 +130,7 @@ def _error(problem: ConicProblem, x: Vector, slack: Vector, z: Vector) -> float:
 def _solution(
     program: ExternalSolver, problem: ConicProblem, x: Vector, slack: Vector, z: Vector, error: float, answer: Answer
 ) -> ConicSolution:
-    """A point, with the outcome that its error deserves."""
+    """A solution whose outcome follows from its error."""
     outcome = Outcome.ALMOST_SOLVED if error <= ALMOST_ERROR else Outcome.STOPPED
     outcome = Outcome.SOLVED if error <= SOLVED_ERROR else outcome
     objective = float(0.5 * x @ (problem.P @ x) + problem.q @ x)
@@ -149,7 +150,7 @@ def _no_bound(program: ExternalSolver, problem: ConicProblem, x: Vector, status:
 
 
 def _decided(program: ExternalSolver, problem: ConicProblem, decided: Decided) -> ConicSolution:
-    """What needed no program."""
+    """The solution of a problem that the rewriting already decided."""
     status = "decided without the program"
     if decided.dual is not None:
         return _no_point(program, problem, decided.dual, status)
@@ -164,7 +165,7 @@ def _decided(program: ExternalSolver, problem: ConicProblem, decided: Decided) -
 def _proof(
     program: ExternalSolver, problem: ConicProblem, rewritten: Rewritten, answer: Answer, primal: Vector, dual: Vector
 ) -> ConicSolution | None:
-    """The program's proof that there is no point, or no least value, where it holds."""
+    """The proof of infeasibility or unboundedness that the program returned, if it holds; else None."""
     if answer.outcome is Outcome.INFEASIBLE:
         z = rewritten.certificate(dual)
         if infeasibility_error(problem, z) <= PROOF_ERROR:
@@ -179,7 +180,7 @@ def _proof(
 def _explain(
     program: ExternalSolver, problem: ConicProblem, accuracy: float, iterations: int, found: ConicSolution
 ) -> ConicSolution:
-    """Look for the reason why no solution was found; without one, what was found stands."""
+    """Look for a proof that no solution exists; return what was found before if there is none."""
     steps: tuple[tuple[Callable[[ConicProblem], ConicProblem], bool], ...] = (
         (infeasibility_problem, True),
         (recession_problem, False),
@@ -188,7 +189,7 @@ def _explain(
     for build, about_points in steps:
         try:
             answer = _solve_balanced(program, build(problem), accuracy, iterations)
-        except SolverError:  # what was found stands
+        except SolverError:  # this problem is only an additional question
             continue
         taken, seconds = taken + answer.iterations, seconds + answer.seconds
         if not answer.outcome.usable:
@@ -205,7 +206,7 @@ def _explain(
 
 
 def _interior_element(cones: tuple[Cone, ...]) -> Vector:
-    """A vector inside every cone but the zero ones, where it is zero: ones, first unit vectors, unit matrices."""
+    """A vector in the interior of the cones, zero for zero cones: ones, first unit vectors, unit matrices."""
     parts = [np.zeros(0)]
     for cone in cones:
         part = np.zeros(cone.rows)

@@ -15,11 +15,11 @@ __all__ = ["CONE_KINDS", "Cone", "ConicProblem", "ConicSolution", "Outcome", "Ro
 Vector = npt.NDArray[np.float64]
 
 CONE_KINDS = ("zero", "nonnegative", "second-order", "semidefinite", "exponential")
-"""Kinds of cones that a problem may be made of."""
+"""Kinds of cones that a problem may contain."""
 
 
 class Outcome(enum.Enum):
-    """How a solver ended; the value is what to tell the user."""
+    """How a solver ended; the value is the text for the user."""
 
     SOLVED = "solved"
     ALMOST_SOLVED = "solved to reduced accuracy"
@@ -29,7 +29,7 @@ class Outcome(enum.Enum):
 
     @property
     def usable(self) -> bool:
-        """Whether the point may be of use, once it has been verified."""
+        """Whether the point may be used once it has been verified."""
         return self in (Outcome.SOLVED, Outcome.ALMOST_SOLVED, Outcome.STOPPED)
 
 
@@ -44,8 +44,8 @@ class Cone:
         matrix, whose upper triangle is stacked by columns, off-diagonal elements times √2. ``"exponential"``: the
         closure of s₃ ≥ s₂ exp(s₁ / s₂), s₂ > 0.
     size : int
-        Number of rows, but for ``"semidefinite"``, where it is the order d of the matrix, which takes d (d + 1) / 2
-        rows. Always 3 for ``"exponential"``.
+        Number of rows; for ``"semidefinite"`` the order d of the matrix, which takes d (d + 1) / 2 rows. Always 3 for
+        ``"exponential"``.
 
     Raises
     ------
@@ -81,7 +81,7 @@ class Rows:
     Attributes
     ----------
     matrix : (k, m), sparse or dense
-        Over the first m unknowns; the others of a problem do not enter.
+        Coefficients of the first m unknowns of a problem; the others have none.
     right : (k,)
     *cones : Cone
         In the order of the rows.
@@ -97,7 +97,7 @@ class Rows:
         object.__setattr__(self, "cones", cones)
 
     def over(self, unknowns: int) -> sparse.csc_array:
-        """The matrix with columns of zeros for the unknowns that do not enter, (k, unknowns)."""
+        """The matrix with columns of zeros for the other unknowns, (k, unknowns)."""
         rows, own = self.matrix.shape
         if own == unknowns:
             return self.matrix
@@ -117,7 +117,8 @@ class ConicProblem:
     b : (rows,)
     cones : tuple of Cone, in the order of the rows
     balanced : bool
-        Whether its units fit already, so that it need not be scaled before it is solved; P then is its upper triangle.
+        Whether the units are suitable already, so that the problem need not be scaled; P then holds its upper triangle
+        alone.
 
     Raises
     ------
@@ -159,7 +160,7 @@ class ConicProblem:
         ----------
         q : (n,)
         rows : sequence of Rows
-            Over the first unknowns or all.
+            Over all unknowns, or over the first ones.
         P : (n, n) sparse, optional
             Zero where absent.
         balanced : bool
@@ -191,13 +192,13 @@ class ConicProblem:
 
 @dataclass(frozen=True, eq=False)
 class ConicSolution:
-    """What the solver found.
+    """The answer of a solver.
 
     Attributes
     ----------
     outcome : Outcome
     status : str
-        The solver's own word.
+        The solver's own status.
     primal : (n,)
         x.
     slack : (rows,)
@@ -207,9 +208,9 @@ class ConicSolution:
     objective : float
     iterations : int
     seconds : float
-        That the solver itself took.
+        Time that the solver itself took.
     solver : str
-        The solver's name, as in sentences.
+        Title of the solver, for messages.
     """
 
     outcome: Outcome
@@ -224,16 +225,16 @@ class ConicSolution:
 
     @property
     def usable(self) -> bool:
-        """Whether there is a point that may be of use, once it has been verified."""
+        """Whether there is a finite point that may be used once it has been verified."""
         return self.outcome.usable and bool(np.all(np.isfinite(self.primal)))
 
     def require(self, purpose: str) -> "ConicSolution":
-        """Return itself if the point may be used, else raise.
+        """Return the solution itself if its point may be used, else raise.
 
         Raises
         ------
         SolverError
-            Names what was computed, the status and the remedy.
+            If not; the message names what was computed, the status and the remedy.
         """
         if self.usable:
             return self

@@ -1,4 +1,4 @@
-"""One conic problem for many linear objectives, with Clarabel kept ready in between."""
+"""One conic problem that is solved for many linear objectives, without setting up the solver anew."""
 
 from dataclasses import replace
 from functools import cached_property
@@ -18,15 +18,15 @@ Vector = npt.NDArray[np.float64]
 
 
 class RepeatedProblem:
-    """A linear problem, already in good units, to be solved for many objectives.
+    """A problem in suitable units that is solved for many linear objectives.
 
     Parameters
     ----------
     problem : ConicProblem
         Without a quadratic objective; its linear objective is ignored.
     solver : str
-        As in `steelyard.conic.solve`. Clarabel is kept with the problem in it, and tries once; others are
-        handed the whole problem each time.
+        As in `steelyard.conic.solve`. Clarabel keeps the problem and makes one attempt for each objective; other
+        solvers get the whole problem each time.
     accuracy : float
         As in `steelyard.conic.solve`.
     """
@@ -37,7 +37,7 @@ class RepeatedProblem:
         self.accuracy = accuracy
 
     def solve(self, objective: Vector) -> tuple[Outcome, Vector, Vector]:
-        """How it ended, the point x, and the dual point z."""
+        """Minimise objective · x; return the outcome, the point x and the dual point z."""
         problem = self.problem
         if self.solver != "clarabel":
             changed = replace(problem, q=objective)
@@ -49,7 +49,7 @@ class RepeatedProblem:
 
     @cached_property
     def _clarabel(self) -> Any:
-        """Clarabel with the problem in it."""
+        """The solver object of Clarabel that holds the problem."""
         import clarabel
 
         settings = clarabel_settings(self.accuracy)

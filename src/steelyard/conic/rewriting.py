@@ -1,8 +1,8 @@
-"""Any problem over zero, nonnegative, second-order and semidefinite cones as a plain semidefinite program.
+"""Rewriting a problem over zero, nonnegative, second-order and semidefinite cones as a semidefinite program.
 
 Equations are eliminated. A second-order cone becomes an arrow matrix. A quadratic objective ½ ‖r(x)‖² becomes ½ u with
-the Schur complement [[u, rᵀ], [r, 1]] ⪰ 0 (thesis 3.39, 3.52). Rows and blocks without unknowns are decided here, and
-blocks fall apart into those that share no element.
+the Schur complement [[u, rᵀ], [r, 1]] ⪰ 0 (thesis 3.39, 3.52). Rows and blocks without unknowns are decided here, and a
+block whose rows fall into independent groups is split.
 """
 
 from dataclasses import dataclass, field
@@ -22,19 +22,22 @@ Vector = npt.NDArray[np.float64]
 Indices = npt.NDArray[np.intp]
 
 CONSTANT_TOLERANCE = 1e-9
-"""A constant that must not be negative may be this much below zero, relative to its terms, for rounding."""
+"""A constant that must not be negative may be below zero by this part of the terms that it is the sum of. The
+elimination of equations leaves rounding errors in constants."""
 
 CANCELLED = 1e-14
-"""Elements this small, relative to what they are the sum of, are zero but for rounding."""
+"""Sums below this part of their terms are set to zero: they are rounding errors, which would couple parts of a block
+that are independent."""
 
 
 NEGLIGIBLE = 1e-14
-"""Eigenvalues below this part of the largest, in units in which the diagonal is 1, are zero but for rounding."""
+"""Eigenvalues of P below this part of the largest, after its diagonal is scaled to 1, are dropped as rounding
+errors."""
 
 
 @dataclass(frozen=True, eq=False)
 class Squares:
-    """½ xᵀP x as ½ ‖matrix w + constant‖², and a constant that does not matter.
+    """½ xᵀP x as ½ ‖matrix w + constant‖², up to a constant.
 
     Attributes
     ----------
@@ -47,7 +50,7 @@ class Squares:
 
 
 def square_root(P: sparse.csc_array) -> sparse.csr_array:
-    """G with GᵀG = P, by parts that share no unknown; diagonal parts stay diagonal.
+    """G with GᵀG = P, computed for each group of unknowns that P couples; diagonal parts stay diagonal.
 
     Parameters
     ----------
@@ -102,7 +105,7 @@ def squares_of(P: sparse.csc_array, offset: Vector, directions: sparse.csc_array
     if not len(used):
         return None
     if matrix.shape[0] > len(used):
-        # Fewer squares of the same sum: orthogonal, so nothing is squared on the way.
+        # A QR factorisation gives fewer squares with the same sum, without squaring the condition number.
         orthogonal, triangle = scipy.linalg.qr(matrix[:, used].toarray(), mode="economic")
         row, column = np.nonzero(triangle)
         places = (row, used[column])
@@ -114,7 +117,7 @@ def squares_of(P: sparse.csc_array, offset: Vector, directions: sparse.csc_array
 
 
 def _arrow(diagonal: Indices, border: Indices) -> tuple[int, Indices, Indices, Indices, Vector]:
-    """Elements of the matrix with these rows on the diagonal, and these in its first row beside it.
+    """Elements of an arrow matrix: rows `diagonal` stand on its diagonal, rows `border` in its first row and column.
 
     Returns
     -------
@@ -129,17 +132,17 @@ def _arrow(diagonal: Indices, border: Indices) -> tuple[int, Indices, Indices, I
 
 @dataclass(frozen=True, eq=False)
 class Decided:
-    """What can be said of a problem without a solver.
+    """The answer to a problem that needs no solver.
 
     Attributes
     ----------
     primal : (n,) or None
-        A solution, or for `unbounded` a direction in which the objective falls without end.
+        A solution or, if `unbounded`, a direction along which the objective falls without bound.
     dual : (rows,) or None
-        A proof that no point satisfies the constraints.
+        A direction that proves that no point satisfies the constraints.
     unbounded : bool
     multipliers : (rows,)
-        The dual that belongs to a solution.
+        The dual solution that belongs to `primal`.
     """
 
     primal: Vector | None = field(default=None, repr=False)
@@ -150,7 +153,7 @@ class Decided:
 
 @dataclass(frozen=True, eq=False)
 class Rewritten:
-    """A problem as minimise qᵀv over nonnegative and semidefinite cones, and the way back.
+    """A problem rewritten as minimising qᵀv over nonnegative and semidefinite cones, and the map back.
 
     Attributes
     ----------
@@ -192,12 +195,12 @@ class Rewritten:
 
 
 def rewrite(problem: ConicProblem) -> Rewritten | Decided:
-    """Rewrite a problem, or decide it where nothing is left to solve.
+    """Rewrite a problem, or answer it where nothing is left to solve.
 
     Parameters
     ----------
     problem : ConicProblem
-        With P whole; without exponential cones.
+        Both triangles of P must be given; exponential cones are not supported.
     """
     kinds = np.repeat([cone.kind for cone in problem.cones], [cone.rows for cone in problem.cones])
     equations, coned = np.flatnonzero(kinds == "zero"), np.flatnonzero(kinds != "zero")
@@ -240,7 +243,7 @@ def rewrite(problem: ConicProblem) -> Rewritten | Decided:
 
 
 def _without_rounding(left: sparse.csr_array, right: sparse.csc_array) -> sparse.csr_array:
-    """The product, with what cancels but for rounding exactly zero."""
+    """The product, in which sums that cancel up to rounding are exactly zero."""
     product, terms = sparse.coo_array(left @ right), sparse.csr_array(abs(left) @ abs(right))
     if not product.nnz:
         return sparse.csr_array(product)
@@ -302,9 +305,10 @@ class _Layout:
 def _settle(
     layout: _Layout, A: sparse.csr_array, b: Vector, size: Vector
 ) -> tuple[sparse.csr_array, tuple[Cone, ...], Vector | None]:
-    """Decide what is constant, split what falls apart; the rest as a map from rows to stacked blocks, and its cones.
+    """Check constant rows and blocks, and split blocks into independent ones.
 
-    The third is a proof of infeasibility (over the rows), where a constant is refuted.
+    Returns the map from rows to the remaining stacked blocks, their cones, and None; or, as the third, a proof of
+    infeasibility over the rows if a constant row or block is not in its cone.
     """
     free = np.diff(A.indptr) > 0
     scalars: list[tuple[Indices, Vector]] = []
@@ -335,7 +339,7 @@ def _settle(
                 i, j = place[row[own]], place[column[own]]
                 scale = factor[own] * np.where(i == j, 1.0, np.sqrt(2.0))
                 blocks.append((len(members), j * (j + 1) // 2 + i, source[own], scale))
-    # The diagonal block comes last: DSDP mixes up the blocks of its answer otherwise.
+    # The diagonal block must be the last: otherwise DSDP writes the blocks of its answer in a wrong order.
     start, rows, columns, values = 0, [], [], []
     cones = [Cone("semidefinite", order) for order, *_ in blocks]
     for cone, (_, within, source, scale) in zip(cones, blocks, strict=True):
@@ -359,7 +363,7 @@ def _settle(
 def _refute(
     row: Indices, column: Indices, source: Indices, factor: Vector, members: Indices, b: Vector, size: Vector
 ) -> Vector | None:
-    """A proof that a constant block is not semidefinite, if it is not."""
+    """A proof that a constant block is not positive semidefinite, or None if it is."""
     place = {int(member): k for k, member in enumerate(members)}
     i, j = np.array([place[int(k)] for k in row]), np.array([place[int(k)] for k in column])
     matrix = np.zeros((len(members), len(members)))

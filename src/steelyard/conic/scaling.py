@@ -1,4 +1,4 @@
-"""Units in which a conic problem is well conditioned: positive diagonal scalings of unknowns, rows and objective.
+"""Scaling of conic problems: positive diagonal factors of unknowns, rows and objective that improve the conditioning.
 
 A semidefinite block S is scaled by a congruence G S G with a positive diagonal matrix G, so that it stays semidefinite
 and each of its rows gets a unit of its own; a second-order or exponential cone gets a single factor.
@@ -18,7 +18,8 @@ Vector = npt.NDArray[np.float64]
 Indices = npt.NDArray[np.intp]
 
 LARGEST_FACTOR = 1e8
-"""No unit differs from SI by more, so that what is zero but for rounding is not blown up."""
+"""No factor is larger than this or smaller than its inverse, so that rounding errors are not scaled up to the size of
+data."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -57,14 +58,14 @@ class Scaling:
         )
 
     def then(self, following: "Scaling") -> "Scaling":
-        """This scaling and another one of the problem that it gives, as one."""
+        """This scaling followed by one of the scaled problem, as a single scaling."""
         return Scaling(
             self.rows * following.rows, self.columns * following.columns, self.objective * following.objective
         )
 
 
 def _scaled(matrix: sparse.csc_array, left: Vector, right: Vector) -> sparse.csc_array:
-    """diag(left) matrix diag(right), with the pattern shared."""
+    """diag(left) matrix diag(right), sharing the sparsity pattern."""
     counts = np.diff(matrix.indptr)
     data = matrix.data * left[matrix.indices] * np.repeat(right, counts)
     return sparse.csc_array((data, matrix.indices, matrix.indptr), shape=matrix.shape)
@@ -106,7 +107,7 @@ def equilibrate(problem: ConicProblem, passes: int = 10) -> Scaling:
 
     Each pass divides rows and columns by the square roots of their largest elements (D. Ruiz, A scaling algorithm to
     equilibrate both rows and columns norms in matrices, 2001), rows only as far as the cones allow. The right side
-    b counts like a column, since it carries the sizes of what is sought.
+    b counts like a column, since it has the size of the slack.
 
     Parameters
     ----------
@@ -152,19 +153,19 @@ def equilibrate(problem: ConicProblem, passes: int = 10) -> Scaling:
 
 
 def scaling_around(problem: ConicProblem, slack: Vector, floor: float) -> Scaling:
-    """Units in which the slack of a solution has ones on its diagonal, which is how links of all sizes become alike.
+    """Units in which the slack of a solution has ones on its diagonal, so that light and heavy links are treated alike.
 
     Parameters
     ----------
     problem : ConicProblem
     slack : (rows,)
     floor : float
-        Diagonal elements below this part of the largest one count as that.
+        Diagonal elements below this part of the largest one are raised to it.
 
     Returns
     -------
     Scaling
-        Its columns make the largest element of each column of A 1.
+        The factors of the columns make the largest element of each column of A equal to 1.
     """
     first, second, count = diagonal_pairs(problem.cones)
     sizes = np.zeros(count)

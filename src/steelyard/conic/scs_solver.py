@@ -1,4 +1,4 @@
-"""SCS: a first-order method in memory; many cheap iterations, moderate accuracy."""
+"""SCS, a first-order method: many cheap iterations, moderate accuracy."""
 
 import itertools
 from dataclasses import replace
@@ -20,16 +20,20 @@ Indices = npt.NDArray[np.intp]
 Vector = npt.NDArray[np.float64]
 
 ITERATIONS_FOR_ONE = 1000
-"""Iterations of a first-order method that are allowed for one of an interior-point method."""
+"""Iterations of SCS that are allowed for each iteration of an interior-point method."""
 
 FIRST_LENGTH, GROWTH, MOST_RESTARTS = 1000, 1.3, 60
-"""Iterations until the first restart, by how many times more until each next one, and how many there are at most."""
+"""Iterations until the first restart, the factor by which each next run is longer, and the largest number of runs.
+Short first runs find the sizes of the solution; longer runs later let the method converge in the units that follow from
+them."""
 
 FLOORS = (1e-4, 1e-2, 1e-6)
-"""How far units of a restart follow the point found, in turn; see `scaling_around`."""
+"""The floors of `scaling_around` in the restarts, in turn: small floors suit links of very different masses, large ones
+a point that is still far from the solution."""
 
 PROOF_ERROR = 1e-4
-"""Largest error of a direction that proves that there is no point, or no least value."""
+"""Largest error of a direction that counts as a proof that no point exists, or that the objective is unbounded. It is
+larger than for the external programs because a first-order method converges slowly to such a direction."""
 
 _OUTCOMES = {
     "solved": Outcome.SOLVED,
@@ -44,8 +48,8 @@ _OUTCOMES = {
 def solve_with_scs(problem: ConicProblem, accuracy: float = 1e-8, iterations: int = 200) -> ConicSolution:
     """Solve a conic problem with SCS (O'Donoghue, 2021), restarted in units of the point found so far.
 
-    A first-order method goes as fast as the problem is well conditioned. So after some iterations the problem is scaled
-    such that the slack found has ones on its diagonal, and the method goes on from there.
+    A first-order method is slow on badly conditioned problems. So after some iterations the problem is scaled such that
+    the slack found so far has ones on its diagonal, and the method continues from there.
 
     Parameters
     ----------
@@ -53,12 +57,12 @@ def solve_with_scs(problem: ConicProblem, accuracy: float = 1e-8, iterations: in
     accuracy : float
         Tolerance, absolute and relative, on the residuals and on the duality gap.
     iterations : int
-        A thousandth of the most iterations to take.
+        Largest number of iterations, in thousands.
 
     Returns
     -------
     ConicSolution
-        `Outcome.ALMOST_SOLVED` where the iterations ended before the tolerance was met.
+        With `Outcome.ALMOST_SOLVED` if the iterations ended before the tolerance was met.
     """
     if 0 in problem.A.shape:
         return _without_padding(solve_with_scs(_padded(problem), accuracy, iterations), problem)
@@ -98,14 +102,14 @@ def solve_with_scs(problem: ConicProblem, accuracy: float = 1e-8, iterations: in
 
 
 def _proves(balanced: ConicProblem, balance: Scaling, found: ConicSolution) -> bool:
-    """Whether a direction is what SCS says it is."""
+    """Whether a direction that SCS returned is a proof of infeasibility or unboundedness."""
     if found.outcome is Outcome.INFEASIBLE:
         return infeasibility_error(balanced, found.dual / balance.rows) <= PROOF_ERROR
     return recession_error(balanced, found.primal / balance.columns) <= PROOF_ERROR
 
 
 def _padded(problem: ConicProblem) -> ConicProblem:
-    """With one unknown and one row more, which mean nothing: SCS takes no empty problems."""
+    """The problem with one more unknown and row without effect, since SCS refuses problems without any."""
     last = sparse.csc_array(np.eye(1))
     return ConicProblem(
         P=sparse.csc_array(sparse.block_diag([problem.P, last])),
@@ -117,7 +121,7 @@ def _padded(problem: ConicProblem) -> ConicProblem:
 
 
 def _without_padding(solution: ConicSolution, problem: ConicProblem) -> ConicSolution:
-    """The solution of the problem that was padded."""
+    """The solution without the unknown and the row that `_padded` added."""
     rows, count = problem.A.shape
     return replace(solution, primal=solution.primal[:count], slack=solution.slack[:rows], dual=solution.dual[:rows])
 
@@ -129,7 +133,7 @@ def _run(
     most: int,
     start: tuple[Vector, Vector, Vector] | None,
 ) -> ConicSolution:
-    """At most so many iterations, from (x, s, z) where given."""
+    """Run SCS for at most `most` iterations, from `start` = (x, s, z) if given."""
     import scs
 
     order, sizes = arrangement
@@ -163,9 +167,9 @@ def _run(
 
 
 def _arrangement(cones: tuple[Cone, ...]) -> tuple[Indices, dict[str, Any]]:
-    """Our rows in SCS's order, and its description of the cones.
+    """The order of the rows for SCS, and its description of the cones.
 
-    SCS wants the cones sorted by kind, and of a symmetric matrix the lower triangle stacked by columns.
+    SCS expects the cones sorted by kind, and symmetric matrices as their lower triangle, stacked by columns.
     """
     rows: dict[str, list[Indices]] = {kind: [] for kind in _KINDS}
     sizes: dict[str, list[int]] = {kind: [] for kind in _KINDS}
@@ -194,7 +198,7 @@ def _arrangement(cones: tuple[Cone, ...]) -> tuple[Indices, dict[str, Any]]:
 
 
 _KINDS = ("zero", "nonnegative", "second-order", "semidefinite", "exponential")
-"""The order in which SCS wants the cones."""
+"""The order in which SCS expects the cones."""
 
 
 def _version() -> str:

@@ -28,9 +28,9 @@ Matrix = npt.NDArray[np.float64]
 Indices = npt.NDArray[np.intp]
 
 MOST_ROWS = 20_000_000
-"""More elements of all the blocks together are not unfolded."""
+"""Largest number of elements of all blocks together that `to_conic` stores (160 MB)."""
 
-# Possessive, so that no line is slow to refuse.
+# Possessive quantifiers, so that no line takes quadratic time to be refused.
 _NUMBER = re.compile(r"[\s,(){}]*+([+-]?(?:[0-9]++(?:\.[0-9]*+)?+|\.[0-9]++)(?:[eEdD][+-]?[0-9]++)?+)(?=[\s,(){}=]|$)")
 _BLANK = re.compile(r"[\s,(){}]*")
 _NAME = re.compile(r'\*\s*(variable|block)\s+([0-9]{1,9}):\s*(".*")\s*$')
@@ -177,7 +177,7 @@ class SemidefiniteProgram:
 
     @classmethod
     def from_conic(cls, problem: ConicProblem) -> "SemidefiniteProgram":
-        """Take over a problem with a linear objective over nonnegative and semidefinite cones only.
+        """Convert a problem with a linear objective over nonnegative and semidefinite cones.
 
         Neighbouring nonnegative rows become one diagonal block.
 
@@ -313,14 +313,14 @@ class SemidefiniteProgram:
 
     @classmethod
     def read(cls, path: str | Path) -> "SemidefiniteProgram":
-        """Read an SDPA sparse file (``.dat-s``), as its manual and SDPLIB have it.
+        """Read an SDPA sparse file (``.dat-s``) as the manual and SDPLIB define it.
 
         Raises
         ------
         InputError
             If it cannot be read; names the line, what was found and what was expected.
         """
-        # Line by line: nothing is allocated for what the file only claims to hold.
+        # Entry by entry: no memory is allocated for sizes that the file only claims to have.
         content = read_bytes(Path(path), largest=LARGEST_JSON, remedy="give the path of a .dat-s file")
         text = content.decode("utf-8-sig", errors="replace")
         lines = _Lines(Path(path), _LINE_END.split(text))
@@ -356,7 +356,7 @@ class _Lines:
     names: dict[str, dict[int, str]] = field(default_factory=lambda: {"variable": {}, "block": {}})
 
     def next(self) -> str | None:
-        """The next line that holds something."""
+        """The next line that is neither blank nor a comment; None at the end."""
         while self.place < len(self.lines):
             line = self.lines[self.place]
             self.place += 1
@@ -390,7 +390,7 @@ class _Lines:
         return found, line[_BLANK.match(line, place).end() :]  # type: ignore[union-attr]
 
     def header(self, count: int, what: str) -> list[str]:
-        """That many numbers, which may go over several lines; text after the last is ignored."""
+        """Read `count` numbers, which may span several lines; text after the last one is ignored."""
         found: list[str] = []
         while len(found) < count:
             line = self.next()

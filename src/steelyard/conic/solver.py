@@ -36,7 +36,7 @@ class Solver:
     name : str
         As given to `solve`, in lower case.
     title : str
-        As in sentences.
+        Name in messages and tables.
     description : str
         The method, in a few words.
     run : callable
