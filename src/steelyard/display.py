@@ -1,4 +1,4 @@
-"""How objects show themselves: tables as text, and as HTML for notebooks."""
+"""Tables by which objects are printed: as text, and as HTML for notebooks."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ __all__ = ["html_table", "text_table"]
 
 
 def text_table(heads: Sequence[str], rows: Sequence[Sequence[str]], numbers: Sequence[int] = ()) -> str:
-    """Columns side by side, those of `numbers` flush right.
+    """Return columns side by side, those with the indices `numbers` aligned to the right.
 
     Examples
     --------
@@ -30,7 +30,7 @@ def text_table(heads: Sequence[str], rows: Sequence[Sequence[str]], numbers: Seq
 def html_table(
     caption: str, heads: Sequence[str], rows: Iterable[Sequence[object]], remarks: Sequence[str] = ()
 ) -> str:
-    """A table whose cells are escaped, with a list of remarks below where there are any.
+    """Return an HTML table with escaped cells, followed by a list of the remarks where there are any.
 
     Examples
     --------

@@ -31,18 +31,19 @@ def replaced_folder(
     and one call of the system exchanges the two. So nobody sees files of two runs together, and a process that is
     killed leaves the one or the other, and at most a hidden folder that the next writer removes.
 
-    Some folders are not exchanged, since more than their files hangs on them: one with folders in it, the current
-    folder, one of another user, a mount point, and any folder on a system without that call. There the files are moved
-    one by one, and `record` tells whether that came to its end: it is removed before the first and moved last.
+    Some folders are not exchanged, because something other than their files depends on them: a folder with folders in
+    it, the current folder, a folder of another user, a mount point, and any folder on a system without that call. There
+    the files are moved one by one. Whether all were moved can be told from `record`, which is removed first and moved
+    last.
 
     Parameters
     ----------
     folder : str or path
         Made where it is missing. Other files in it stay.
     record : str, optional
-        Name of the file that says what the others are.
+        Name of the file that describes the others.
     stale : collection of str
-        Names of files of an earlier run, which go where the block makes none of that name.
+        Names of files of an earlier run, which are removed unless the block makes a file of that name.
 
     Raises
     ------
@@ -62,7 +63,7 @@ def replaced_folder(
     try:
         target = Path(os.path.realpath(folder))
         target.parent.mkdir(parents=True, exist_ok=True)
-        inside = target / "results"  # which begins the name of what is made within it
+        inside = target / "results"  # what is made inside the folder gets a name that begins with this
         _remove_leftovers(target)
         _remove_leftovers(inside)
         exchanged = _may_be_exchanged(target)
@@ -73,7 +74,7 @@ def replaced_folder(
         raise refusal(Path(folder), error) from None
     except InputError:
         raise
-    except ValueError:  # a NUL, or half a character
+    except ValueError:  # the path holds a NUL, or half of a surrogate pair
         raise InputError(f"{str(folder)!r}: is no path that can exist; give another place.") from None
     try:
         yield part
@@ -99,7 +100,7 @@ def _require_folders(part: Path, target: Path) -> None:
 
 
 def _may_be_exchanged(target: Path) -> bool:
-    """Whether nothing hangs on a folder but its files."""
+    """Tell whether nothing but its files depends on a folder."""
     if os.name != "posix" or not os.access(target.parent, os.W_OK | os.X_OK):
         return False
     try:
@@ -137,11 +138,11 @@ def _exchanged(part: Path, target: Path, stale: Collection[str]) -> bool:
         _unlink(part, set(os.listdir(part)) - own)
         return False
     try:
-        locked(handle)  # what is `target` now will be `part`, which others may not take for a leftover
+        locked(handle)  # the folder at `target` will be at `part`; without a lock others would take it for a leftover
         if not _exchange(part, target):
             _unlink(part, set(os.listdir(part)) - own)
             return False
-        # What others have put there between the two calls.
+        # Move over what other processes have put into the old folder between the two calls.
         for name in set(os.listdir(part)) - own - set(stale):
             with contextlib.suppress(OSError):
                 if not (target / name).exists() or not (part / name).samefile(target / name):

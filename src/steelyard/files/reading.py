@@ -115,7 +115,7 @@ def read_bytes(
         raise InputError(f"{path}: cannot be read ({error.strerror or error}); {remedy}.") from None
     except InputError:
         raise
-    except ValueError:  # a NUL, or half a character
+    except ValueError:  # the path holds a NUL, or half of a surrogate pair
         raise InputError(f"{shown(os.fspath(path))}: is no path that can exist; {remedy}.") from None
     raise InputError(f"{path}: has more than {largest / 1e6:.0f} MB, which is too large; {remedy}.")
 
@@ -151,7 +151,7 @@ def read_text(
 def read_toml(path: str | os.PathLike[str], *, remedy: str = "give the path of a TOML file") -> dict[str, Any]:
     """Read a TOML file; its numbers fit into floats, its texts hold no NUL, and it is not nested deeply.
 
-    Infinities and "not a number", which TOML has words for, are left to those who know what the value means.
+    Infinities and NaN, which TOML can express, are accepted; the caller knows whether the value may be one.
 
     Raises
     ------
@@ -201,7 +201,7 @@ def parse_json(text: str, path: str | os.PathLike[str], *, remedy: str) -> Any:
 
 
 class _RefusedError(ValueError):
-    """What JSON allows or Python reads, but nobody here wrote."""
+    """Raised for what Python's parser accepts as JSON, but this package never writes."""
 
 
 def _object(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
@@ -209,7 +209,7 @@ def _object(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
     if len(made) < len(pairs):
         keys = [key for key, _ in pairs]
         twice = next(key for key in keys if keys.count(key) > 1)
-        # Readers differ in which of the two they take.
+        # Programs that read JSON differ in which of the two values they take.
         raise _RefusedError(f"holds the key {shown(twice)} twice in one object")
     return made
 
@@ -248,7 +248,9 @@ def _is_unicode(text: str) -> bool:
 
 
 def read_array_header(stream: IO[bytes]) -> tuple[tuple[int, ...], bool, np.dtype[Any]]:
-    """Return shape, whether columns come first, and type of the array whose data the stream stands at afterwards.
+    """Read the header of an array: its shape, whether its columns come first, and its type.
+
+    The stream then stands at the first byte of the data.
 
     Raises
     ------

@@ -9,12 +9,13 @@ __all__ = ["closest", "suggestion"]
 def closest(name: str, known: Iterable[str]) -> str | None:
     """Return the known name that is closest to another one, whatever its capitals; None where none is close."""
     by_lower = {candidate.lower(): candidate for candidate in reversed(list(known))}
-    found = difflib.get_close_matches(name.lower(), by_lower, n=1, cutoff=0.5)  # m3 and m2 are half alike
+    # "m3" and "m2" have a similarity of 0.5, and one is worth suggesting for the other.
+    found = difflib.get_close_matches(name.lower(), by_lower, n=1, cutoff=0.5)
     return by_lower[found[0]] if found else None
 
 
 def suggestion(name: str, known: Iterable[str]) -> str:
-    """The end of a message about an unknown name: the closest known name, or the first few of them.
+    """Return the end of a message about an unknown name: the closest known name, or the first few known ones.
 
     Examples
     --------

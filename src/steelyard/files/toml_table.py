@@ -18,7 +18,7 @@ __all__ = ["TomlSection", "TomlTable"]
 
 
 class TomlTable(Mapping[str, Any]):
-    """A table of which every key is known.
+    """A table of a TOML file, in which every key must be a known one.
 
     Parameters
     ----------
@@ -27,7 +27,7 @@ class TomlTable(Mapping[str, Any]):
     where : str
         The file and the table, such as ``robot.toml, [limits]``; it begins every message.
     keys : sequence of str
-        Those that may be given.
+        The known keys.
     unknown : str
         What the message says of any other key, before it suggests one.
 

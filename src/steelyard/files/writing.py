@@ -40,7 +40,7 @@ def replaced_file(path: str | os.PathLike[str], *, durable: bool = True) -> Iter
     """Open a file beside another one, which takes its place when the block ends well and vanishes otherwise.
 
     The file beside has a name of its own, so that several may write the same file: the last one wins, and no reader
-    sees half of either. A symbolic link is replaced, not followed. What writers that were killed have left is removed.
+    sees half of either. A symbolic link is replaced, not followed. Leftovers of writers that were killed are removed.
 
     Parameters
     ----------
@@ -72,7 +72,7 @@ def replaced_file(path: str | os.PathLike[str], *, durable: bool = True) -> Iter
         raise refusal(target, error) from None
     except InputError:
         raise
-    except ValueError:  # a NUL, or half a character
+    except ValueError:  # the path holds a NUL, or half of a surrogate pair
         raise InputError(f"{str(target)!r}: is no path that can exist; give another place.") from None
     try:
         with file:
@@ -143,8 +143,8 @@ def refusal(target: Path, error: OSError) -> InputError:
 
 
 def beside(target: Path) -> Path:
-    """Return a path beside another one that nobody else thinks of."""
-    # A name may have 255 bytes; what is cut off is only for the eye.
+    """Return a path in the folder of another one, with a random part that no other process has."""
+    # A name may have at most 255 bytes; the part of the target's name only helps people who list the folder.
     return target.with_name(f".{target.name.encode()[:80].decode(errors='ignore')}.{secrets.token_hex(8)}{SUFFIX}")
 
 

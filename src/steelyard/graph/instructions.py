@@ -41,13 +41,13 @@ class Instructions:
     lanes : int
         Numbers in a vector; 1 for plain numbers.
     prefix : str
-        Of the names, so that the lines of two can stand in one function.
+        Begins the names, so that the lines of two objects can stand in one function.
 
     Attributes
     ----------
     lines : list of str
     type : str
-        Of a value.
+        LLVM's type of a value.
     """
 
     def __init__(self, lanes: int, prefix: str = "t") -> None:
@@ -123,18 +123,21 @@ class Instructions:
         return self._call("fmuladd", a, b, c)
 
     def sign(self, x: str) -> str:
-        """Return -1, 0 or 1, or what is not a number."""
+        """Return -1, 0 or 1; NaN where x is NaN."""
         zero, one = self.constant(0.0), self.constant(1.0)
         positive = self._select(self.new(f"fcmp ogt {self.type} {x}, {zero}"), one, zero)
         below = self._select(self.new(f"fcmp olt {self.type} {x}, {zero}"), self.constant(-1.0), positive)
         return self._select(self.new(f"fcmp uno {self.type} {x}, {x}"), x, below)
 
     def square_root(self, x: str) -> str:
-        """Return the square root, rounded once; what is not a number for a negative one."""
+        """Return the square root, rounded once; NaN for a negative number."""
         return self.new(f"call {self.type} @llvm.sqrt.{self._suffix}({self.type} {x})")
 
     def sine_and_cosine(self, x: str) -> tuple[str, str]:
-        """Return both, within 1.5 units in the last place: a polynomial of the distance to the nearest quarter turn."""
+        """Return the sine and the cosine, each within 1.5 units in the last place.
+
+        Both are polynomials of the distance to the nearest quarter turn.
+        """
         t, i = self.type, self._integer_type
         turns = self.new(f"fmul {t} {x}, {self.constant(2.0 / math.pi)}")
         shifted = self.new(f"fadd {t} {turns}, {self.constant(_ROUNDER)}")

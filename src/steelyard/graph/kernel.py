@@ -394,7 +394,7 @@ class Kernel:
         if out is not None and (out.shape != (self._width,) or out.dtype is not DOUBLE):
             raise InputError(f"out must be a float64 array of shape ({self._width},), got {out.dtype} {out.shape}.")
         try:
-            desk = self._desks.pop()  # each caller has its own
+            desk = self._desks.pop()  # two threads may call at the same time, so each takes its own memory
         except IndexError:
             desk = Desk(self.arguments, self._width)
         try:
@@ -442,7 +442,7 @@ class Kernel:
         others = [pool.submit(work, *piece) for piece in pairwise(bounds[1:])]
         try:
             work(bounds[0], bounds[1])
-        finally:  # whatever happens here, no thread writes into an array that is gone
+        finally:  # after an error, too, no thread may still write into an array that has been freed
             wait(others)
         for other in others:
             other.result()
@@ -450,13 +450,13 @@ class Kernel:
 
 @cache
 def _pool(process: int, threads: int) -> ThreadPoolExecutor:
-    """Return a pool that is kept; a forked process has its own."""
+    """Return a pool of threads, which is kept for later calls; a forked process gets a pool of its own."""
     return ThreadPoolExecutor(threads - 1, f"steelyard-{process}")
 
 
 @contextmanager
 def _without_collector() -> Iterator[None]:
-    """Do not look for garbage meanwhile: a graph is many objects that all live on."""
+    """Switch the garbage collector off meanwhile: a graph has many objects, none of which becomes garbage."""
     enabled = gc.isenabled()
     gc.disable()
     try:
@@ -474,7 +474,7 @@ def _digest(*texts: str) -> str:
 
 
 class Desk:
-    """Memory for one sample at places that do not change, so that a call need not look for them.
+    """Memory for one sample at fixed addresses, so that a call need not look them up.
 
     Parameters
     ----------
@@ -489,7 +489,7 @@ class Desk:
     out : ndarray
         (width,).
     given : tuple
-        What a compiled function takes: one sample, the places, the outputs, and a stride of one.
+        The arguments of the compiled function: one sample, the places, the outputs, and a stride of one.
     """
 
     def __init__(self, arguments: tuple[Argument, ...], width: int) -> None:
@@ -500,7 +500,7 @@ class Desk:
 
 
 def address_of(array: Array) -> int:
-    """Return where the first number of a contiguous array stands."""
+    """Return the address in memory of the first number of a contiguous array."""
     try:
         return ctypes.addressof(ctypes.c_char.from_buffer(array))  # type: ignore[arg-type]
     except (TypeError, ValueError, BufferError):  # an array that may not be written, or an empty one

@@ -56,9 +56,9 @@ class Machine:
     Attributes
     ----------
     triple : str
-        Of LLVM.
+        LLVM's name of the processor, its vendor and the operating system.
     description : str
-        All that machine code depends on but its source.
+        Everything that machine code depends on, except its source.
     """
 
     def __init__(self, lanes: int) -> None:
@@ -139,7 +139,8 @@ def _linker() -> Any:
 def _link(code: bytes, symbols: tuple[str, ...], imports: dict[str, int]) -> LoadedCode | None:
     import llvmlite.binding as llvm
 
-    # The process brings what some targets call for: a fused multiplication, or a check of the stack.
+    # Some targets call functions of the C library, for a fused multiplication or a check of the stack; this process
+    # has them.
     builder = llvm.JITLibraryBuilder().add_object_img(code).add_current_process()
     for name in symbols:
         builder.export_symbol(name)

@@ -1,4 +1,4 @@
-"""What is weighed: the tree of joints and links, its drives, and the files it is read from and written to."""
+"""Robots: the tree of joints and links, the terms of the drives, and reading and writing of descriptions."""
 
 from typing import TYPE_CHECKING
 

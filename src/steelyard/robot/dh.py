@@ -12,6 +12,7 @@ import numpy as np
 
 from steelyard.errors import InputError
 from steelyard.files import shown
+from steelyard.files.numbers import LARGEST
 
 from .joint import Joint, JointKind, Link
 from .placement import rotation_x, rotation_z, translation
@@ -19,8 +20,9 @@ from .placement import rotation_x, rotation_z, translation
 __all__ = ["dh_joints"]
 
 _Shifts = dict[str, tuple[float, float, float]]
+# No cell of a table is longer; Python's parser would recurse through the parentheses of an endless one.
 LONGEST_CELL = 200
-LARGEST = 1e15  # in SI units
+
 COLUMNS = ("alpha", "a", "d", "theta")
 
 

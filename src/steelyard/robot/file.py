@@ -22,7 +22,7 @@ __all__ = ["RobotFile"]
 TABLES = ("log", "processing", "limits", "constraints")
 TOP_LEVEL = ("name", "description", "terms", *TABLES)
 DEFAULT_TERMS = ("viscous", "coulomb", "offset")
-"""Every robot has friction, and hardly a drive reads zero at rest: what a file that does not speak of terms gets."""
+"""The terms of a file that names none: every robot has friction, and few drives measure exactly zero torque at rest."""
 URDF_KEYS = ("urdf", "tip", "locked", "gravity")
 LIMITS = {"lower": "lower", "upper": "upper", "velocity": "velocity_limit", "effort": "effort_limit"}
 DH_KEYS = ("convention", "rows", "lengths", "gravity")
@@ -30,7 +30,7 @@ DH_KEYS = ("convention", "rows", "lengths", "gravity")
 
 @dataclass(frozen=True, eq=False)
 class RobotFile:
-    """A robot file as read: the robot, and the sections that others interpret.
+    """A robot file as read: the robot, and the sections that other parts of the package interpret.
 
     Use `RobotFile.load`. The schema is documented in the reference, under "robot.toml".
 
@@ -58,8 +58,8 @@ class RobotFile:
     def load(cls, path: str | Path) -> RobotFile:
         """Read a `.toml` robot file, or a plain `.urdf`.
 
-        A URDF, and a robot file that does not speak of terms, stand for viscous friction, Coulomb friction and an
-        offset at every joint. The line ``terms = []``, above the first table, says that there are none.
+        The robot of a URDF, or of a robot file that names no terms, gets viscous friction, Coulomb friction and an
+        offset at every joint. The line ``terms = []``, above the first table, says that there are no terms.
 
         Raises
         ------

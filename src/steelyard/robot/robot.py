@@ -127,7 +127,10 @@ class Term(ABC):
         return (np.nan,) * len(self.parameters)
 
     def potential(self, k: int, q: Sequence[Any], algebra: Any) -> tuple[Any, ...]:
-        """Potential energy (J) of coordinate `k` by each parameter; none, unless a subclass (a spring) says so."""
+        """Potential energy (J) of coordinate `k` for each parameter at the value 1; empty where it stores no energy.
+
+        A subclass that stores energy, such as a spring, overrides this.
+        """
         return (0.0,) * len(self.parameters)
 
     def conditions(self) -> tuple[Condition, ...]:
@@ -149,7 +152,7 @@ class Term(ABC):
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Robot:
-    """What is weighed: joints, links, gravity and the terms of the model.
+    """A robot: its joints and links, gravity, and the terms of its model.
 
     Use `Robot.from_urdf` or `Robot.from_dh`; the plain constructor is for code that makes robots.
 
@@ -441,7 +444,7 @@ class Robot:
         return frozen(values, (len(self.parameter_names),))
 
     def frame(self, name: str) -> tuple[int, Matrix]:
-        """Where a link of the source is, merged ones included.
+        """Return where a link of the description lies; it may be one that was merged into another.
 
         Returns
         -------

@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 
 from steelyard.errors import InputError
 from steelyard.files import read_bytes, shown, suggestion
+from steelyard.files.numbers import LARGEST
 
 from .inertia import Inertia
 from .placement import rpy_rotation
@@ -25,8 +26,7 @@ __all__ = ["UrdfDocument", "UrdfJoint", "UrdfLink", "UrdfMimic", "UrdfReader", "
 
 Matrix = NDArray[np.float64]
 
-# In SI units; so large that nothing that is meant is refused, and so small that products of four stay finite.
-LARGEST = 1e15
+# The length below which an axis is taken for a zero vector, whose direction would be rounding error.
 SHORTEST_AXIS = 1e-9
 ONE_DOF = ("revolute", "continuous", "prismatic")
 
@@ -133,7 +133,7 @@ class UrdfReader:
         name = etree.QName(root)
         if name.localname != "robot":
             raise self.error(root, f"a URDF begins with <robot>, found <{name.localname}>; give a URDF file")
-        # Elements of foreign namespaces (old sensor and controller tags) are nobody's links or joints.
+        # Elements of foreign namespaces (old sensor and controller tags) are neither links nor joints of the robot.
         self.namespace = f"{{{name.namespace}}}" if name.namespace else ""
         links: dict[str, UrdfLink] = {}
         for element in self.children(root, "link"):
