@@ -1,4 +1,4 @@
-"""The choices that options offer."""
+"""The values that options with a fixed choice accept."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ class Consistency(Enum):
 
 
 class DistanceMetric(Enum):
-    """In what the distance to an estimate is measured."""
+    """The metric of the distance to an estimate."""
 
     DEVIATION = "deviation"
     EUCLIDEAN = "euclidean"
@@ -61,7 +61,7 @@ class Sign(Enum):
 
 
 class Gravity(Enum):
-    """Where generated source has gravity from."""
+    """Whether generated source has the robot's gravity, or gravity as an argument."""
 
     FIXED = "fixed"
     ARGUMENT = "argument"
@@ -84,7 +84,7 @@ class Criterion(Enum):
 
 
 class NuisanceParameters(Enum):
-    """What is known of the parameters that an excitation is not about."""
+    """Whether the parameters that an excitation need not show are known already."""
 
     UNKNOWN = "unknown"
     KNOWN = "known"

@@ -83,7 +83,7 @@ def _end(code: int, message: str) -> NoReturn:
 
 
 def _told(error: BaseException) -> str:
-    """Say that something went wrong that nobody thought of, and where its trace is."""
+    """Return a sentence on an unexpected error, with the place of its trace."""
     if isinstance(error, MemoryError):
         what = "there is not enough memory for this"
     else:

@@ -16,7 +16,7 @@ from .screen import sentence
 
 __all__ = ["COMMANDS", "SETTINGS", "Commands", "author"]
 
-# Of every command of this program: errors are told in one sentence, and help is plain text.
+# Settings of every command of this program: an error is one sentence, and help is plain text.
 SETTINGS: dict[str, Any] = {"add_completion": False, "pretty_exceptions_enable": False, "rich_markup_mode": None}
 _ELSEWHERE = {
     "reproduce": "The command `reproduce` belongs to the package steelyard-thesis, which is not installed: install it "
@@ -68,7 +68,7 @@ class Commands(typer.core.TyperGroup):
 
 
 def author(app: typer.Typer, command: str) -> str:
-    """Return whose a command is: steelyard's own, or that of the packages that offer it."""
+    """Return the package of a command: steelyard, or the packages that offer it."""
     own = command in {getattr(known.callback, "__name__", "") for known in app.registered_commands}
     return "steelyard itself" if own else COMMANDS.packages(command) or "steelyard itself"
 

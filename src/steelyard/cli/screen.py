@@ -1,4 +1,4 @@
-"""What may reach a terminal: text, and of control sequences the colours that this program sets itself."""
+"""Safe output on a terminal: plain text, and no control sequences except the colours that this program sets."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from typing import Any, TextIO
 
 __all__ = ["LONGEST_SENTENCE", "echo", "guarded", "printable", "sentence"]
 
-LONGEST_SENTENCE = 1500
+LONGEST_SENTENCE = 1500  # characters of a message; names in files may be of any length, and a screen has about 2000
 _COLOUR = re.compile(r"(\x1b\[[0-9;]*m)")
 # Control characters, marks that turn the direction of writing, halves of characters, and separators of lines.
 _HIDDEN = ("Cc", "Cf", "Cs", "Zl", "Zp")
@@ -38,7 +38,7 @@ def printable(text: str) -> str:
 
 
 def sentence(text: object) -> str:
-    """Return a message as one line that is not endless."""
+    """Return a message as one line of limited length."""
     line = printable(" ".join(str(text).split()))
     if len(line) <= LONGEST_SENTENCE:
         return line
@@ -52,7 +52,7 @@ def echo(text: object) -> None:
 
 
 class _Guarded:
-    """A stream that writes control characters out, and what its encoding does not have."""
+    """A stream that replaces control characters, and characters that its encoding does not have, by escapes."""
 
     def __init__(self, stream: TextIO) -> None:
         self._stream = stream
@@ -61,7 +61,7 @@ class _Guarded:
         return getattr(self._stream, name)
 
     def write(self, text: str) -> int:
-        """Write a text; colours stay where somebody sees them."""
+        """Write a text; colours stay where the stream is a terminal."""
         parts = _COLOUR.split(text) if self._stream.isatty() else [text]
         safe = "".join(part if index % 2 else printable(part) for index, part in enumerate(parts))
         encoding = self._stream.encoding or "utf-8"
@@ -85,6 +85,6 @@ def guarded() -> Iterator[None]:
         sys.stdout, sys.stderr = output, errors
         try:
             output.flush()
-        except OSError:  # a reader that has gone; without this Python would complain once more when it ends
+        except OSError:  # the reader of a pipe has gone; without this Python would print one more error when it exits
             with suppress(OSError):
                 os.dup2(os.open(os.devnull, os.O_WRONLY), output.fileno())

@@ -1,4 +1,4 @@
-"""How results look in a terminal."""
+"""Prints results and progress on a terminal."""
 
 from __future__ import annotations
 
@@ -20,7 +20,8 @@ if TYPE_CHECKING:
     from steelyard.excitation import ExcitationDesign
     from steelyard.identification import Identification
 
-# A chain of 44 joints. Beyond, the graph of the regressor takes seconds, for 300 joints minutes and gigabytes.
+# Those of a chain of 44 joints. With more the graph of the regressor takes seconds; for 300 joints it takes minutes and
+# gigabytes.
 _MOST_BLOCKS = 1000
 
 __all__ = ["progress", "show_excitation", "show_identification", "show_model"]
@@ -184,7 +185,7 @@ def show_model(model: Model, consistency: Literal["full", "inertia"]) -> None:
 
 
 def show_excitation(design: ExcitationDesign) -> None:
-    """Print what a motion does not do, how good it is, how near it comes to its limits, and where it starts."""
+    """Print the warnings of a design, its condition number, how near it comes to its limits, and where it starts."""
     from rich.console import Console
 
     console = Console(highlight=False)

@@ -23,12 +23,12 @@ CALLS = ("sin", "cos", "sign", "sqrt")
 _SUM, _PRODUCT, _ATOM = 1, 2, 3
 _PRECEDENCE = {"add": _SUM, "sub": _SUM, "mul": _PRODUCT, "div": _PRODUCT, "neg": _SUM}
 _SIGN = {"add": "+", "sub": "-", "mul": "*", "div": "/"}
-_WIDTH = 44
+_WIDTH = 44  # characters of an expression beyond which it gets a variable, so that lines stay within 100 columns
 
 
 @dataclass(frozen=True)
 class Syntax:
-    """How a language writes what an expression is made of; sums, products and parentheses are the same in all.
+    """How a language writes the elements of an expression; sums, products and parentheses are the same in all.
 
     Attributes
     ----------
@@ -73,12 +73,12 @@ class OutputListing:
 
     @cached_property
     def mostly_zero(self) -> bool:
-        """Whether at least a quarter is 0, so that filling with 0 first makes shorter code."""
+        """Whether at least a quarter of the elements is 0, so that filling with 0 first makes shorter code."""
         return sum(self.zero) >= 8 and 4 * sum(self.zero) >= len(self.zero)
 
     @cached_property
     def stored(self) -> tuple[tuple[int, str], ...]:
-        """Index and expression of the elements to store, after filling with 0 where the output is mostly that."""
+        """Index and expression of the elements to store; where the output is mostly 0 it is filled with 0 before."""
         skip = self.mostly_zero
         elements = zip(self.elements, self.zero, strict=True)
         return tuple((k, text) for k, (text, zero) in enumerate(elements) if not (zero and skip))

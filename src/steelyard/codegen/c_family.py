@@ -1,4 +1,4 @@
-"""What C and C++ write alike: functions whole or in parts, how they are built, and their self-tests."""
+"""The parts of a project that are the same in C and C++: functions, whole or cut, build files, and self-tests."""
 
 from __future__ import annotations
 
@@ -54,7 +54,7 @@ class CFamily(ABC):
 
     @abstractmethod
     def opening(self, named: NamedFunction, found: Listing) -> list[str]:
-        """Return the first lines of a function: what must be said of unused arguments, and fills with 0."""
+        """Return the first lines of a function: they mark unused arguments, and fill outputs with 0."""
 
     @abstractmethod
     def kept(self, name: str, places: int) -> tuple[str, str]:

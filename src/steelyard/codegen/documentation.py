@@ -1,4 +1,4 @@
-"""What a project's functions, arguments and outputs are: lines for comments, and the README."""
+"""Documentation of a project's functions, arguments and outputs: lines for comments, and the README."""
 
 from __future__ import annotations
 
@@ -39,7 +39,7 @@ class Prose:
     Attributes
     ----------
     text : callable
-        Makes any text harmless.
+        Changes any text so that it cannot end a comment or become markup.
     code : str
         Stands before and behind a name.
     bullet : str
@@ -252,7 +252,7 @@ def readme(
     element : callable
         As in :class:`~steelyard.codegen.Syntax`.
     layout : str
-        How an output of several dimensions is stored.
+        A sentence on how an output of several dimensions is stored.
     """
     lines = [
         f"<!-- {marker(project.version)} -->",

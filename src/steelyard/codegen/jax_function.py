@@ -40,7 +40,7 @@ def jax_function(function: Function, *, lowering: str = "automatic") -> Callable
         an array (..., \\*shape) where the function has one output, otherwise a dictionary of these by the name of
         the output.
 
-        All numbers are of double precision, which JAX has switched off at first; without
+        All numbers are of double precision, which JAX switches off by default; without
         ``jax.config.update("jax_enable_x64", True)`` a call raises :class:`~steelyard.errors.InputError`.
 
     Raises

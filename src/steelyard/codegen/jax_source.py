@@ -195,7 +195,7 @@ class _JaxProject(PythonProject):
             "```python",
             "import jax",
             "",
-            'jax.config.update("jax_enable_x64", True)  # double precision, which JAX has switched off at first',
+            'jax.config.update("jax_enable_x64", True)  # double precision, which JAX switches off by default',
             f"import {self.name}",
             "",
             f"{outputs} = {self.name}.{named.name}({arguments})",

@@ -230,7 +230,7 @@ def _meaning(argument: Argument) -> tuple[object, ...]:
 
 
 def shadowing(found: Naming, reserved: Iterable[str]) -> tuple[NamedFunction, ...]:
-    """Name arguments and outputs anew: they may be called like functions, but not like sizes and reserved words.
+    """Name arguments and outputs anew: they may have names of functions, but not of sizes or reserved words.
 
     So ``gravity`` is the argument of ``inverse_dynamics`` also where there is a function ``gravity``.
 

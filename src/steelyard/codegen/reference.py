@@ -1,4 +1,4 @@
-"""What a generated self-test compares with: inputs, the values that the graph gives, and how close they must come."""
+"""Reference values of a generated self-test: inputs, the values that the graph gives for them, and tolerances."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from steelyard.graph.expression import reachable
 __all__ = ["TOLERANCE", "Reference", "reference_of"]
 
 TOLERANCE = 1e-12  # of the largest value of an output
-_MOST_NUMBERS = 20_000
+_MOST_NUMBERS = 20_000  # reference outputs of a function, which take half a megabyte of the self-test
 _EPSILON = float(np.finfo(np.float64).eps)
 
 

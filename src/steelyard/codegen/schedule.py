@@ -13,7 +13,8 @@ from steelyard.graph.expression import reachable
 
 __all__ = ["Schedule", "Step", "prefers_vectors", "repeated_operations", "schedule"]
 
-# XLA repeats the operations that several outputs share: beyond so many, vectors compile and differentiate sooner.
+# XLA repeats operations that several outputs share. From so many repeated operations on, operations on vectors compile
+# and differentiate in less time.
 _MOST_REPEATED = 5_000
 
 Indices = NDArray[np.intp]
@@ -68,8 +69,9 @@ class Schedule:
 def schedule(function: Function) -> Schedule:
     """Group the operations of a function that do not need each other and are of one kind.
 
-    Each step takes all that is ready of one kind: that of the operation with the most others in a row behind it. The
-    work is linear in the number of operations, but for the search of that operation among those that are ready.
+    Each step takes all the operations of one kind whose operands are known. The kind is that of the operation with the
+    longest chain of operations that depend on it. The work is linear in the number of operations, except for the search
+    of that operation among those that are ready.
 
     Parameters
     ----------
@@ -140,7 +142,7 @@ def _step(kind: str, members: list[Node], where: Mapping[int, int], start: int) 
 def repeated_operations(function: Function) -> int:
     """Return how many operations there are where each element of the outputs is computed by itself.
 
-    This is what a compiler may be given when it fuses scalar operations into one loop for each element.
+    A compiler has this much to do when it fuses scalar operations into one loop for each element.
 
     Parameters
     ----------

@@ -153,7 +153,7 @@ class SymbolicFunction:
         Returns
         -------
         str
-            To stand between ``\[`` and ``\]``; needs the package amsmath.
+            The text to put between ``\[`` and ``\]``; it needs the package amsmath.
         """
         sympy = import_sympy()
         names = self._latex_names()

@@ -1,4 +1,4 @@
-"""Symbols and numbers for SymPy: exact numbers, what users substitute, and how symbols look in LaTeX."""
+"""Symbols and numbers for SymPy: exact numbers, the substitutions of users, and the names of symbols in LaTeX."""
 
 from __future__ import annotations
 
@@ -87,7 +87,7 @@ def exact_number(value: float) -> Any:
 def substitution(
     given: Mapping[Any, Any], arguments: Mapping[str, tuple[Any, ...]]
 ) -> tuple[dict[Any, Any], dict[str, tuple[Any, ...]]]:
-    """Read what a user substitutes.
+    """Read the substitutions of a user.
 
     Parameters
     ----------
@@ -146,7 +146,7 @@ def _expression(name: str, value: Any, known: Mapping[str, Any]) -> Any:
 
 
 def _parsed(name: str, text: str, known: Mapping[str, Any]) -> Any:
-    """Read a text; only arithmetic is let through, because SymPy's own reader runs any Python."""
+    """Read an expression; only arithmetic is accepted, because SymPy's own parser runs any Python."""
     sympy = import_sympy()
     message = f"{name} cannot be {text!r}; an expression of numbers, names, + - * / ** and {', '.join(_FUNCTIONS)}"
     try:

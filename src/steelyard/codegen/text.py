@@ -1,4 +1,4 @@
-"""Names, descriptions and numbers as source text: whatever a robot's file says, it stays a name or a comment."""
+"""Names, descriptions and numbers as source text; no text of a robot's file can become code."""
 
 from __future__ import annotations
 
@@ -57,7 +57,7 @@ def comment_text(text: str) -> str:
     Returns
     -------
     str
-        For comments, not for string literals.
+        Text for comments, not for string literals.
 
     Examples
     --------

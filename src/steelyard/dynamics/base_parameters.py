@@ -24,8 +24,10 @@ Matrix = NDArray[np.float64]
 Vector = dict[int, Decimal]
 
 _DIGITS = 60
+"""Decimal digits of K while it is computed: nearly parallel axes and long chains of joints cancel many of them, and far
+more than the 16 of a float must be left."""
 _NOTHING = Decimal("1e-40")
-"""What rounding to that many digits may leave of a zero."""
+"""Rounding to 60 digits may leave this much of a zero."""
 
 _CLEARLY_INDEPENDENT = 1e-2
 """A parameter that is shown less than others by this factor leads no combination, where another can: coefficients of K
@@ -33,8 +35,14 @@ would be as large as its inverse. A joint that is 1e-5 rad off the y axis of its
 With 1e-4, elements of K for axes a hundredth of a radian off reached 6e5, and 8 of 600 verdicts were not decided."""
 
 _CLEAR_GAP = 100.0
+"""Ratio of the least distance of an independent column to the greatest of a dependent one from which the rank is clear,
+and other thresholds are not tried. Only joints that mimic others, and terms of users, depend on it."""
 _SUPPORT = (1e-7, 1e-9, 1e-11, 0.0)
-_SURE_DIGITS, _COINCIDENCE = 6, 500.0  # decimals this short are met at once; others may be met by chance, 2 in this
+"""Coefficients below this part of the largest are tried as zeros, the boldest guess first. A guess counts only where
+the remaining columns still give the values."""
+_SURE_DIGITS, _COINCIDENCE = 6, 500.0
+"""A decimal of at most so many digits is taken as soon as it is met. One with more digits is taken only where the noise
+is so many times smaller than its last digit: a number that is no decimal would otherwise be met by chance."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -136,7 +144,7 @@ class BaseParameters:
 
     @cached_property
     def expressions(self) -> tuple[str, ...]:
-        """Each combination in words, such as ``"Lyy1 + Iam1 + Lzz2"``."""
+        """Each combination as text, such as ``"Lyy1 + Iam1 + Lzz2"``."""
         return tuple(self._expression(row) for row in range(self.count))
 
     def _expression(self, row: int) -> str:
@@ -151,12 +159,12 @@ class BaseParameters:
 def model_base_parameters(layout: ParameterLayout, sampled: Callable[[ParameterLayout], Matrix]) -> BaseParameters:
     """Find the base parameters of a robot with its terms.
 
-    What the links can exchange, and what drives can exchange with them, is found exactly (see `unidentifiable`). What
-    joints that mimic others add to that, or terms that are neither constant torques nor inertias nor friction, is
+    The changes of links and drives that no torque shows are found exactly (see `unidentifiable`). Joints that mimic
+    others, and terms that are neither constant torques nor inertias nor friction, may add to them; these changes are
     found from the regressor at random motions, among the columns that are left.
 
-    Angles such as 1.5708 count as right ones only where the rank depends on it: nobody means parameters that show by
-    such a rounding. Elsewhere the robot is taken as it is written, so that K is right to rounding.
+    Angles such as 1.5708 count as right angles only where the rank depends on it, because nobody means parameters that
+    appear through such a rounding. Elsewhere the robot is taken as it is written, so that K is right to rounding.
 
     Parameters
     ----------
@@ -253,7 +261,7 @@ def _null_vectors(layout: ParameterLayout, columns: TermColumns, exact: Unidenti
 
 
 def _local_pivots(rows: Sequence[Vector], start: int) -> list[int]:
-    """Which of a link's ten parameters the others determine: all but the left-most that are clearly independent."""
+    """Return which of a link's ten parameters the others determine: all but the left-most clearly independent ones."""
     own = np.array([[float(row.get(start + k, 0)) for k in range(10)] for row in rows]).reshape(-1, 10)
     seen = np.linalg.svd(own)[2][len(rows) :]  # an orthonormal basis of what the vectors leave alone
     kept: list[int] = []
@@ -359,7 +367,7 @@ def _parameters(body: list[list[Decimal]], start: int, sign: int) -> Vector:
 
 
 def _without_last_digits(values: Matrix) -> Matrix:
-    """Take for zero or a short decimal what differs from one by rounding of sines and cosines, 1e-16."""
+    """Replace numbers that differ from zero or a short decimal only by the rounding of sines and cosines, 1e-16."""
     result = values.copy()
     for digits in range(13):
         short = np.round(values, digits)
@@ -452,8 +460,8 @@ def _distances(factor: Matrix, threshold: float) -> Matrix:
 def _rounded(values: Matrix) -> Matrix:
     """Round to the shortest decimal within the noise of the computation, where that is no coincidence.
 
-    Lengths are decimals of a few digits, and so are their squares and products. A number without end is left as it is:
-    it is near some decimal of ten digits or more, too.
+    Lengths are decimals of a few digits, and so are their squares and products. A number with endlessly many digits
+    stays as it is; that it lies near some decimal of ten digits or more means nothing.
     """
     result = values.copy()
     open_ = np.ones(values.shape, dtype=bool)

@@ -351,7 +351,8 @@ CATALOGUE: dict[str, Entry] = {
     ),
 }
 
-# Joints up to which factoring the inertia matrix takes fewer operations than articulated bodies.
+# Joints up to which factoring the inertia matrix takes fewer operations than articulated bodies: 1327 and 1470 for the
+# seven joints of the WAM, 12784 and 12429 for a humanoid of 32 joints.
 _FEW_JOINTS = 8
 
 

@@ -1,4 +1,4 @@
-"""The matrices of parameters that physics wants positive semidefinite, for links and terms."""
+"""The matrices that must be positive semidefinite for the parameters of links and terms to be physically possible."""
 
 from __future__ import annotations
 

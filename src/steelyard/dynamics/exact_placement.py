@@ -84,7 +84,7 @@ def _residues() -> tuple[float, ...]:
 
 
 def robot_with_right_angles(robot: Robot) -> Robot:
-    """Return the robot that is meant, see `with_right_angles`; the robot itself where all is as it is written."""
+    """Return the robot with rounded right angles made exact, see `with_right_angles`; itself where there are none."""
     joints: list[Joint] = []
     for joint in robot.joints:
         before, after = with_right_angles(joint.before), with_right_angles(joint.after)

@@ -119,7 +119,7 @@ def _turned(frame: JointFrame, body: _Articulated) -> _Articulated:
 
 
 def _reduced(frame: JointFrame, body: _Articulated, angular: Vector3, linear: Vector3, divisor: Any) -> _Articulated:
-    """Take away what the joint lets through: the inertia that the parent feels."""
+    """Return the inertia that the parent feels: that of the body without what the joint's motion gives way to."""
     j, h, m = body
     ratio, slope = scale(angular, 1.0 / divisor), scale(linear, 1.0 / divisor)
     j = _minus(j, tuple(scale(angular, x) for x in ratio))  # type: ignore[arg-type]
@@ -129,7 +129,7 @@ def _reduced(frame: JointFrame, body: _Articulated, angular: Vector3, linear: Ve
 
 
 def _without_axis(frame: JointFrame, body: _Articulated) -> _Articulated:
-    """Zero, exactly, what a joint without rotor lets through entirely."""
+    """Set the elements along the axis exactly to zero, which the parent does not feel where the drive has no rotor."""
     place = unit_vector(frame.axis)
     if place is None:
         return body

@@ -93,7 +93,7 @@ def _is_signed_permutation(matrix: NDArray[np.float64]) -> bool:
 
 @dataclass(frozen=True)
 class JointFrame:
-    """One joint at one position: how vectors pass between its two links.
+    """One joint at one position, which takes vectors from either of its two links to the other.
 
     The joint's point is fixed in the parent's link frame at `base_point`, and the origin of the moved link frame
     stands at `arm` from it, in the moved frame. All the frames are link frames.

@@ -60,7 +60,7 @@ class ParameterLayout:
         return [[parameters[c] for c in columns] for columns in self.links]
 
     def with_links(self, entries: Entries) -> Entries:
-        """Return a regressor of the links, by (row, 10 * link + parameter), by (row, column) of all the parameters."""
+        """Renumber a regressor of the links from (row, 10 * link + parameter) to (row, column of all parameters)."""
         return {(row, int(self.links[k // 10][k % 10])): value for (row, k), value in entries.items()}
 
     def terms(

@@ -19,7 +19,7 @@ from .layout import ParameterLayout
 __all__ = ["DEFAULT_FUNCTIONS", "model_project", "possible_parameters"]
 
 DEFAULT_FUNCTIONS = ("inverse_dynamics", "forward_dynamics", "inertia_matrix", "coriolis", "gravity", "regressor")
-_SAMPLES = 3
+_SAMPLES = 3  # random motions of a self-test: enough to notice any wrong element, and the files stay short
 
 
 def possible_parameters(layout: ParameterLayout, seed: int = 0) -> NDArray[np.float64]:
@@ -54,9 +54,9 @@ def model_project(
     Parameters
     ----------
     functions : ModelFunctions
-        Of the model.
+        The functions of the model.
     names : sequence of str
-        Of those that the project holds.
+        Names of the functions that the project holds.
     base, gravity, sign, parameters
         See :meth:`steelyard.Model.function`.
 

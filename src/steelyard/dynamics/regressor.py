@@ -1,9 +1,9 @@
 """Regressors of torque and energy: from the joint axes, and evaluated by NumPy where compiling would not pay.
 
 Each joint's unit motion is carried into the frames of the links beyond it, and meets there the wrench of the link,
-which is linear in its ten parameters. Three of the ten columns of a link that turns say nothing new to the joints
-below it: mass on the joint axis might as well belong to the parent (see :mod:`.regrouping`). These columns are thus
-read from those of the parent, where that takes fewer operations.
+which is linear in its ten parameters. For the joints below a link that turns, three of its ten columns follow from
+those of its parent, because mass on the joint axis might as well belong to the parent (see :mod:`.regrouping`). These
+columns are read from those of the parent where that takes fewer operations.
 """
 
 from __future__ import annotations

@@ -202,7 +202,7 @@ _KINDS: dict[str, type[Term]] = {t.kind: t for t in (Viscous, Coulomb, Offset, R
 
 
 def is_known_term(term: Term) -> bool:
-    """Tell whether a term is one of those defined here, so that `to_dict` says all there is to know of it."""
+    """Tell whether a term is one of those defined here, which `to_dict` describes completely."""
     return type(term) in _KINDS.values()
 
 

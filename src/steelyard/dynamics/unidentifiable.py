@@ -1,6 +1,6 @@
-"""Which changes of parameters leave all torques of a tree of joints as they are, in exact arithmetic.
+"""Finds the changes of parameters that leave all torques of a tree of joints as they are, in exact arithmetic.
 
-What hangs on a joint may be moved to the link below it where no motion tells the difference: its pseudo-inertia S must
+A body beyond a joint may be moved to the link below where no motion shows the difference: its pseudo-inertia S must
 give no torque at the joint, and must look the same from below at every position of the joint. Which motions the link
 below can make is carried from the base outward, as two spans (after Wensing, Niemeyer and Slotine 2024, "A geometric
 characterization of observability in inertial parameter identification"):
@@ -134,7 +134,7 @@ class DriveEffects:
 
 @dataclass(frozen=True)
 class LinkFreedom:
-    """What a joint lets pass to the link below, as pseudo-inertias of its moved side, at the joint's frame.
+    """The bodies that may be moved over a joint to the link below, as pseudo-inertias in the moved frame of the joint.
 
     Attributes
     ----------
@@ -150,7 +150,7 @@ class LinkFreedom:
 
 @dataclass(frozen=True)
 class Unidentifiable:
-    """All changes of links and terms without an effect.
+    """All changes of the parameters of links and terms that have no effect on any torque.
 
     Attributes
     ----------
@@ -183,7 +183,9 @@ class _Seen:
 
 
 def unidentifiable(robot: Robot, effects: DriveEffects, term_count: int) -> Unidentifiable:
-    """Find them, each joint moving by itself (those that mimic others too).
+    """Find all changes of links and terms without an effect, where each joint moves by itself.
+
+    Joints that mimic others count as moving by themselves, too.
 
     Parameters
     ----------
@@ -405,8 +407,8 @@ def _joined(first: ExactMatrix, second: ExactMatrix) -> ExactMatrix:
 # What the columns of terms are: constant torques, constant inertias, or odd in the velocities.
 
 Array = NDArray[np.float64]
-_SAMPLES = 12
-_ROUNDING = 1e-12
+_SAMPLES = 12  # random motions at which columns are compared: more than enough to exclude agreement by chance
+_ROUNDING = 1e-12  # relative: the columns of a term are a few products each, which round by 1e-16
 
 
 @dataclass(frozen=True, eq=False)

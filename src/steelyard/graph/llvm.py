@@ -19,8 +19,8 @@ from .support import SUPPORT
 
 __all__ = ["Fused", "Program", "kernel_source"]
 
-# Compilers take more than linear time over long stretches of code without branches. A stretch of this many operations
-# is still cheap, and longer programs are cut into parts of about the second number.
+# LLVM takes more than linear time over a long stretch of code without branches. `_UNDIVIDED` operations in one stretch
+# are still cheap; a longer program is cut into parts of about `_PART` operations.
 _UNDIVIDED = 1200
 _PART = 600
 

@@ -1,4 +1,4 @@
-"""The main job, composed of the rooms above: logs in, feasible model out."""
+"""The main jobs, composed of the rooms above: identification of a robot from logs, and work with saved estimates."""
 
 from typing import TYPE_CHECKING
 

@@ -41,8 +41,8 @@ from .result import Identification, Prediction, Trace
 __all__ = ["identify"]
 
 Array = NDArray[np.float64]
-_TRACE_POINTS = 1200
-_READING_LINES = 20
+_TRACE_POINTS = 1200  # points of the curves of a log: about as many as a figure of the report has pixels
+_READING_LINES = 20  # lines of progress while logs are read
 _ALL_POINTS = 24_000  # of all the logs of a role together, so that thousands of them do not fill the memory
 _DECIDING_LOGS, _DECIDING_ROWS, _FEWEST_ROWS = 12, 200_000, 10_000
 """Logs and rows, of all logs together and of each, by which the processing of all is decided: they stand in memory."""
@@ -113,7 +113,7 @@ def identify(
     sums = BatchSums(empty_factors(model))
     for role, group in (("identification", logs), ("validation", validate)):
         for number, log in enumerate(group):
-            # A line for each of thousands of logs would push all else off the screen.
+            # One line for each of thousands of logs would push everything else off the screen.
             if number % max(len(group) // _READING_LINES, 1) == 0:
                 say(f"reading {log}{f' ({number + 1} of {len(group)})' if len(group) > 1 else ''}")
             points = _TRACE_POINTS if number == 0 else min(max(_ALL_POINTS // len(group), 100), _TRACE_POINTS)
@@ -170,7 +170,7 @@ def identify(
 
 
 class _Reader:
-    """Reads logs as the robot file says, keeps what was remarked."""
+    """Reads logs as the robot file says, and collects the remarks on them."""
 
     def __init__(self, file: RobotFile, model: Model, chunk_rows: int) -> None:
         self.model = model
@@ -185,7 +185,7 @@ class _Reader:
         self.description = dict(file.description)
 
     def decide(self, logs: Sequence[str | Path], say: Progress) -> None:
-        """Decide what [processing] leaves to the data, once and by all logs: filters that differ make logs differ."""
+        """Decide what [processing] leaves to the data, once for all logs, so that all have the same filter."""
         if not self.stated.is_open:
             return
         count = min(len(logs), _DECIDING_LOGS)
@@ -307,7 +307,7 @@ def _has_cad(model: Model) -> bool:
 
 
 def _dear(unconstrained: Estimate, estimate: Estimate) -> tuple[str, ...]:
-    """Warn where a possible robot explains the data far worse than an impossible one."""
+    """Warn where the feasible fit explains the data far worse than plain least squares."""
     before, after = unconstrained.relative_error, estimate.relative_error
     if after < 2.0 * before or after < 0.05:
         return ()

@@ -12,10 +12,17 @@ from steelyard.regression import Estimate, Information, least_squares
 __all__ = ["implausible_mass", "swapped_positions", "swapped_torques"]
 
 _ROWS = 600
+"""Samples that are used: several times the number of base parameters on which the torque of one joint depends."""
 _RATIO = 0.1
+"""Exchanged torques must lower the product of the two errors tenfold before columns are called swapped: neighbouring
+joints of a wrist have similar dynamics, and each may fit the other's torque nearly as well as its own."""
 _FEW_ROWS = 300
-_FALLEN = 0.8  # right columns give at least 1.0 on real robots, exchanged ones 0.1 to 0.75
-_ALL_PAIRS = 10  # joints up to which every pair is tried; beyond, neighbours alone
+"""Samples for exchanged positions, where each pair of joints is a regression of its own."""
+_FALLEN = 0.8
+"""Ratio of the errors with exchanged and given positions; right columns have at least 1.0 on real robots, exchanged
+ones 0.1 to 0.75."""
+_ALL_PAIRS = 10
+"""Joints up to which every pair is tried; for more joints only neighbours, since the time grows with their square."""
 
 
 def swapped_torques(model: Model, samples: Samples) -> tuple[str, ...]:
@@ -102,7 +109,7 @@ def _errors(columns: NDArray[np.float64], torque: NDArray[np.float64]) -> NDArra
     if columns.shape[1] >= len(columns):
         return np.ones(len(norms))
     residual = columns @ np.linalg.lstsq(columns, torque, rcond=1e-9)[0] - torque
-    # Errors below a percent are all alike: what little noise there is must not decide.
+    # Errors below a percent count as equal, so that the little noise of such joints does not decide.
     return np.where(norms > 0.0, np.maximum(np.linalg.norm(residual, axis=0) / np.maximum(norms, 1e-300), 0.01), 1.0)
 
 
@@ -112,9 +119,10 @@ _LIGHTEST, _HEAVIEST = 1.0, 1500.0
 """kg per m³ of the longest reach, cubed. Robots have 20 to 100 (a servo with a horn, a dog's leg, arms of 0.8 to 3 m);
 the lightest possible answer may have a few times less, where the motion does not show all the masses."""
 _GRAVITY_SEEN = 0.05
-"""Share of the torques that gravity has where they tell masses."""
+"""Share of the torques that gravity must have before a small mass is called implausible: without gravity (a vertical
+axis, a balanced arm) torques hardly show masses, and the lightest answer is light."""
 _SHORTEST = 0.05
-"""m of reach below which the description tells no size."""
+"""m of reach below which the description does not show the robot's size."""
 _SCALES = {"mN·m": 1e3}
 
 

@@ -31,7 +31,7 @@ Array = NDArray[np.float64]
 # Natural frequency that the default controller aims at, rad/s: enough against friction, and little noise from encoders
 # in a loop of 1 kHz. Velocities come from encoders through a filter of 30 Hz.
 _FREQUENCY, _CUTOFF = 40.0, 30.0
-_SLOWEST = 2.0  # rad/s; a slower controller holds nothing
+_SLOWEST = 2.0  # rad/s; a slower controller does not hold a robot against friction
 _PEAK = 2.0  # of the sensitivity: a gain margin of 2 and a phase margin of 29 degrees
 _LOOKED_AT = 200  # configurations along the motion
 _SMALL = 0.1  # rad or m; smaller ranges count as this when it is asked whether a joint followed
@@ -76,7 +76,7 @@ def play(
         it (a sensitivity of at most 2 in sampled time). It reads exact velocities where there are any, otherwise
         differences of the positions, filtered at 30 Hz.
     nominal : array_like, optional
-        Like `parameters`: what that default controller believes; the truth where not given.
+        As `parameters`: the parameters of the default controller's model; those of the robot where not given.
     base : bool
         Whether `parameters` and `nominal` are base parameters.
     periods : float
@@ -243,7 +243,7 @@ def _ratios(matrix: Array, other: Array) -> Array:
 def _causes(
     result: SimulationResult, actuators: Actuators | None, slowed: str | None, believes: bool
 ) -> tuple[str, ...]:
-    """Say what is known to have kept the robot from its trajectory."""
+    """Return the known reasons why the robot left its trajectory."""
     causes = []
     if actuators is not None:
         limit = np.broadcast_to(np.asarray(actuators.saturation, dtype=np.float64), result.torque.shape)
@@ -261,7 +261,7 @@ def _causes(
 def _log(
     result: SimulationResult, trajectory: Trajectory, periods: float, tolerance: float, causes: tuple[str, ...]
 ) -> Recording:
-    """Return what was recorded, if the robot did as it was to."""
+    """Return the log, if the robot followed the trajectory to its end."""
     because = f": {'; '.join(causes)}" if causes else ""
     if result.status is not Status.FINISHED:
         remedy = "give other limits, or another controller"

@@ -84,7 +84,7 @@ class Identification:
     predictions : tuple of Prediction
         First those of the identification logs, then the validation logs.
     weak : tuple of str
-        Base parameters whose deviation, corrected for correlation in time, exceeds their size.
+        Base parameters whose standard error exceeds their size.
     remarks : tuple of str
         What the user should know about the data, a sentence each.
     robot_file : Path or None

@@ -87,7 +87,7 @@ def check_estimate(
         return check(feasible_set, base=loaded.base)
     verdict = check(feasible_set, parameters=loaded.parameters)
     if verdict.feasible:
-        # Of impossible parameters the user is told why; possible ones that the file itself contradicts are refused.
+        # For impossible parameters the verdict says why. Possible ones are refused where the file contradicts itself.
         matching_estimate(model, estimate)
     return verdict
 
@@ -204,7 +204,7 @@ def correct_estimate(
     if loaded.parameters is not None:
         own = FeasibilityCertificate.of_parameters(feasible_set, loaded.parameters)
         if own.verify():
-            # Others have these base parameters, too, but who has found these has reasons for them.
+            # Other parameters have the same base parameters, but whoever chose these had reasons for them.
             return replace(
                 loaded,
                 base=own.base,
@@ -418,7 +418,7 @@ def parameters_for_source(
 
 @dataclass(frozen=True, eq=False)
 class EstimateExplanation:
-    """Answer of `explain_estimate`.
+    """Why a saved estimate is impossible, or what is known of its parameters; `explain_estimate` returns it.
 
     Attributes
     ----------
@@ -442,12 +442,15 @@ class EstimateExplanation:
         return "\n\n".join(map(str, parts)) or "Too close to the boundary to tell whether it is feasible."
 
     def to_dict(self) -> dict[str, Any]:
-        """As plain data."""
+        """Return the explanation as plain data."""
         parts = {"reasons": self.reasons, "lightest": self.lightest, "intervals": self.intervals}
         return {"feasible": self.feasible, **{key: part.to_dict() for key, part in parts.items() if part is not None}}
 
     def save(self, path: str | Path) -> None:
-        """Write it as JSON, numbers that are not finite as null; the file appears whole or not at all."""
+        """Write the explanation as JSON, with null for numbers that are not finite.
+
+        The file appears whole or not at all.
+        """
         write_json(self.to_dict(), path)
 
 

@@ -22,7 +22,9 @@ from .saved import matching_estimate, parameters_of_description
 __all__ = ["FileSimulation", "simulate_files"]
 
 Array = NDArray[np.float64]
-LEAST_RATE = 1000.0  # Hz, of the samples with torques of a file
+LEAST_RATE = (
+    1000.0  # Hz, of the samples where torques come from a file, so that they show what happens between its rows
+)
 
 
 @dataclass(frozen=True, eq=False)
@@ -249,9 +251,9 @@ class TorqueTable:
         return cls(table[:, 0], table[:, 1:], rate)
 
     def start(self, measurement: Measurement) -> None:
-        """There is nothing to forget."""
+        """Do nothing: the table has no state."""
 
     def torque(self, measurement: Measurement) -> Array:
-        """Return the row of this time; the last one holds on."""
+        """Return the torques of the row at this time; the last row holds from its time on."""
         row: Array = self._torque[min(math.floor(measurement.t / self._row + 1e-6), len(self._torque) - 1)]
         return row

@@ -11,12 +11,12 @@ from numpy.typing import ArrayLike, NDArray
 
 from steelyard.display import html_table
 from steelyard.errors import InputError
+from steelyard.files.numbers import LARGEST
 
 from .samples import read_only_matrix, read_only_vector, require_finite
 
 __all__ = ["Measurements", "check_order", "check_period"]
 
-LARGEST = 1e15  # in SI units
 SHORTEST_PERIOD, LONGEST_PERIOD = 1e-6, 0.5  # s
 
 

@@ -1,4 +1,4 @@
-"""Regression: Information, weights, least squares, uncertainty, and the estimate that comes of it."""
+"""Regression: Information, weights, least squares, the covariance of the parameters, and estimates."""
 
 from typing import TYPE_CHECKING
 

@@ -1,4 +1,4 @@
-"""Sums of neighbouring rows: what tells, without the data, how far residuals are correlated in time."""
+"""Sums of neighbouring rows, which show how far residuals are correlated in time when the data is gone."""
 
 from __future__ import annotations
 
@@ -11,10 +11,12 @@ __all__ = ["BATCH_LENGTHS", "BatchMeans", "BatchSums", "added"]
 
 Array = NDArray[np.float64]
 BatchMeans = tuple[tuple[Factor, ...], ...]
-"""For each of `BATCH_LENGTHS` the factors of the batch sums, one for each factor of the rows."""
+"""For each of `BATCH_LENGTHS` the factors of the sums over batches, one for each factor of the rows."""
 
 BATCH_LENGTHS = (8, 16, 32, 64, 128, 256, 512, 1024)
-"""Samples in a batch; each divides the number of samples that are reduced at a time."""
+"""Samples in a batch. Each length divides the number of samples that are reduced at a time, and is twice the one
+before, so that its sums come from those. 1024 samples are one second at 1 kHz, longer than the memory of friction and
+filters."""
 
 BATCHES_HELD = 2048
 """Shortest batches that are reduced together, a multiple of the longest."""
@@ -82,16 +84,16 @@ class BatchSums:
 
 
 def _summed(rows: Array, size: int) -> Array:
-    """Sums over `size` neighbours along the first axis, the last of them over what is left."""
+    """Return sums over `size` neighbours along the first axis; the last sum is over the remaining rows."""
     missing = -len(rows) % size
     if missing:
         rows = np.concatenate([rows, np.zeros((missing, *rows.shape[1:]))])
-    # Several times as fast as a sum over the middle axis.
+    # This einsum is several times as fast as a sum over the middle axis.
     return np.asarray(np.einsum("ab...->a...", rows.reshape(-1, size, *rows.shape[1:])))
 
 
 def added(first: BatchMeans, second: BatchMeans) -> BatchMeans:
-    """The batch means of both data sets together; none unless both have them."""
+    """Return the batch means of both data sets together; empty unless both data sets have them."""
     if not first or not second:
         return ()
     return tuple(

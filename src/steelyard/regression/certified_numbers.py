@@ -1,4 +1,4 @@
-"""Are the numbers of a saved estimate those that its certificate proves? With the standard library alone."""
+"""Compares the numbers of a saved estimate with those that its certificate proves, with the standard library alone."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ __all__ = ["certified_numbers_differ"]
 
 
 def certified_numbers_differ(estimate: Mapping[str, Any]) -> str:
-    """Say what of an estimate is not what its certificate speaks of; empty where everything is, or nothing is claimed.
+    """Say in what an estimate differs from its certificate; empty where they agree, or where it claims nothing.
 
     The certificate holds exact numbers and the estimate holds doubles, so that each number of the estimate must be
     the double that is nearest to the exact one. That the exact numbers prove anything is another question, which

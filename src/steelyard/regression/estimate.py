@@ -1,4 +1,4 @@
-"""An estimate: identified parameters, how sure they are, and how well they predict."""
+"""An estimate: identified parameters, their standard errors, and how well they predict."""
 
 from __future__ import annotations
 
@@ -15,12 +15,13 @@ from steelyard.errors import InputError
 from steelyard.files import plain, read_json, shown, write_json
 
 from .certified_numbers import certified_numbers_differ
+from .factor import LARGEST
 
 __all__ = ["Estimate"]
 
 Array = NDArray[np.float64]
 FORMAT = "steelyard-estimate-2"
-LARGEST = 1e30  # of a number in a file, so that sums of squares stay finite
+
 _ARRAYS = (
     "base",
     "standard_error",
@@ -31,7 +32,7 @@ _ARRAYS = (
     "friction",
 )
 _NAMES = ("base_names", "base_expressions", "joint_names", "parameter_names", "remarks")
-_NUMBERS = {"relative_error": np.nan, "condition_number": np.inf}  # what None stands for
+_NUMBERS = {"relative_error": np.nan, "condition_number": np.inf}  # the meaning of null in a file
 _OPTIONAL = (*_ARRAYS[2:], "consistency", "certificate", "optimality_gap")
 
 
@@ -122,8 +123,8 @@ class Estimate:
     def confidence_interval(self, level: float = 0.95) -> Array:
         """Return an interval for each base parameter, (n_b, 2), that covers it with a probability of `level`.
 
-        From `standard_error`, for a normal distribution; infinite where torques were filtered. Errors of the model, and
-        of the processing, come on top.
+        It follows from `standard_error` for a normal distribution, and is infinite where torques were filtered. Errors
+        of the model and of the processing are not included.
 
         Raises
         ------
@@ -165,12 +166,12 @@ class Estimate:
         return html_table(f"{self.method}, relative error {self.relative_error:.2%}", (), rows)
 
     def to_dict(self) -> dict[str, Any]:
-        """Return it as plain data, numbers that are not finite as None."""
+        """Return the estimate as plain data, with None for numbers that are not finite."""
         return {"format": FORMAT, **plain(self)}
 
     @classmethod
     def from_dict(cls, document: Mapping[str, Any], where: str = "estimate", *, certified: bool = True) -> Estimate:
-        """Build it from what `to_dict` returned.
+        """Build an estimate from what `to_dict` returned.
 
         Parameters
         ----------
@@ -227,7 +228,7 @@ class Estimate:
         return estimate
 
     def save(self, path: str | Path) -> None:
-        """Write it as JSON; the file appears whole or not at all."""
+        """Write the estimate as JSON; the file appears whole or not at all."""
         write_json(self.to_dict(), path)
 
     @classmethod

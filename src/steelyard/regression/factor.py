@@ -23,8 +23,12 @@ __all__ = [
 
 Array = NDArray[np.float64]
 
+LARGEST = 1e30
+"""Largest number in a saved regression or estimate, so that sums of squares stay finite."""
+
 RANK = 1e-9
-"""Combinations of unknowns that a regression shows by less than this, relative to the best, count as not shown."""
+"""Combinations of unknowns that a regression shows by less than this, relative to the best, count as not shown; where
+nothing is shown, rounding leaves about 1e-13."""
 
 
 def triangular(rows: Array) -> Array:

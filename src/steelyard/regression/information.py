@@ -18,7 +18,7 @@ from steelyard.recording import Samples
 from steelyard.recording.samples import regrouped
 
 from .batch_means import BATCH_LENGTHS, BatchMeans, BatchSums, added
-from .factor import Factor, Reduced, combined, inverse_deviations, solve, triangular, unidentifiable_columns
+from .factor import LARGEST, Factor, Reduced, combined, inverse_deviations, solve, triangular, unidentifiable_columns
 from .reduction import BLOCK, JointReduction, WhitenedReduction, as_covariance, empty_factors, require_joints
 
 if TYPE_CHECKING:
@@ -28,7 +28,7 @@ __all__ = ["Information"]
 
 Array = NDArray[np.float64]
 FORMAT = "steelyard-information-2"
-LARGEST = 1e30  # of a number in a file, so that sums of squares stay finite
+
 
 FILTERED = (
     "Torques were filtered or decimated, which rounds the jumps of friction that the model keeps: estimates are biased "
@@ -216,7 +216,7 @@ class Information:
         base_names: Sequence[str],
         joint_names: Sequence[str] = (),
     ) -> Information:
-        """Take up a regression that was reduced elsewhere, over the rows of all the joints.
+        """Build an Information from a regression over the rows of all the joints that was reduced elsewhere.
 
         Parameters
         ----------
@@ -424,7 +424,7 @@ class Information:
             raise InputError(f"{what} need the rows of each joint apart, but this Information was {why}.")
 
     def save(self, path: str | Path) -> None:
-        """Write it as JSON; the file appears whole or not at all."""
+        """Write the Information as JSON; the file appears whole or not at all."""
         write_json({"format": FORMAT, **plain(self)}, path, indent=None)
 
     @classmethod

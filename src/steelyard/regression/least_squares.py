@@ -28,8 +28,8 @@ def least_squares(information: Information, weights: str | ArrayLike | None = "j
     Returns
     -------
     Estimate
-        With standard errors that reckon with residuals that are correlated in time, where the Information tells of it;
-        its `parameters` are None, since base parameters alone are determined.
+        Its standard errors take into account that residuals are correlated in time, where the Information tells of it.
+        Its `parameters` are None, because the regression determines base parameters alone.
 
     Raises
     ------
@@ -85,7 +85,7 @@ def least_squares(information: Information, weights: str | ArrayLike | None = "j
 
 
 def method_name(information: Information, weighted: bool) -> str:
-    """Name what least squares of an Information are, with joint weights or without."""
+    """Return the name of the method: ordinary, weighted or generalised least squares."""
     if information.covariance is not None:
         return "generalised least squares"
     return "joint-weighted least squares" if weighted else "ordinary least squares"

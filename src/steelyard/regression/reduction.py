@@ -43,7 +43,7 @@ would pass for Coulomb friction, and columns of such numbers would be taken for 
 columns are compared in units of their own lengths."""
 
 WHOLE_BLOCK = 1024
-"""The same where the rows of all joints stand side by side."""
+"""Samples that are factored at a time where the rows of all joints stand side by side."""
 
 
 def require_joints(model: Model, samples: Samples) -> None:
@@ -71,7 +71,7 @@ def empty_whole(model: Model) -> Factor:
 
 
 def _at_rest(values: Array, limit: float) -> Array:
-    """The same with zeros where nothing is left but rounding."""
+    """Return the values with zeros in the columns that hold nothing but rounding."""
     return np.where(np.abs(values) < limit, 0.0, values)
 
 

@@ -20,7 +20,8 @@ if TYPE_CHECKING:
 __all__ = ["residual_covariance"]
 
 LEAST_EIGENVALUE = 1e-6
-"""Of the correlation matrix: keeps the covariance positive definite where residuals of joints move as one."""
+"""Least eigenvalue of the correlation matrix; it keeps the covariance positive definite where the residuals of two
+joints are proportional."""
 
 
 def residual_covariance(
@@ -93,7 +94,7 @@ def residual_covariance(
 
 
 def _definite(matrix: NDArray[np.float64]) -> NDArray[np.float64]:
-    """The same variances with correlations whose eigenvalues are not too small."""
+    """Return the covariance with the same variances, and correlations whose eigenvalues are not too small."""
     sizes = np.sqrt(np.maximum(np.diagonal(matrix), 1e-18 * max(float(np.diagonal(matrix).max()), 1e-300)))
     correlation = matrix / np.outer(sizes, sizes)
     values, vectors = np.linalg.eigh(correlation)

@@ -1,4 +1,4 @@
-"""The report: a folder of results, an HTML page, a picture."""
+"""Reports of identifications and simulations: a folder of results, an HTML page, and a picture."""
 
 from typing import TYPE_CHECKING
 

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 from collections.abc import Sequence
 from dataclasses import dataclass
 
@@ -11,9 +10,9 @@ from numpy.typing import ArrayLike, NDArray
 
 from steelyard.errors import InputError
 
-from .html_document import Markup, escape
+from .html_document import Markup, escape, script_data
 
-__all__ = ["Chart", "Curve", "charts_markup"]
+__all__ = ["POINTS", "Chart", "Curve", "charts_markup", "rounded"]
 
 POINTS = 1500  # of a curve; more cannot be seen at the width of a chart
 
@@ -103,12 +102,11 @@ def charts_markup(charts: Sequence[Chart], *, identifier: str) -> Markup:
         "</figure>"
         for index, chart in enumerate(charts)
     )
-    data = json.dumps([_data(chart) for chart in charts], allow_nan=False, separators=(",", ":"))
-    safe = data.replace("<", "\\u003c").replace(">", "\\u003e").replace("&", "\\u0026")
+    data = script_data([_data(chart) for chart in charts])
     return Markup(
         f'<div class="charts">{figures}</div>'
         "<noscript><p>The figures are drawn by a script, and scripts are turned off here.</p></noscript>"
-        f'<script type="application/json" class="chart-data" data-for="{identifier}">{safe}</script>'
+        f'<script type="application/json" class="chart-data" data-for="{identifier}">{data}</script>'
     )
 
 
@@ -144,8 +142,9 @@ def _points(curve: Curve) -> dict[str, list[float | None]]:
         finite = np.nan_to_num(curve.y, nan=0.0)
         extremes = [(piece[np.argmin(finite[piece])], piece[np.argmax(finite[piece])]) for piece in pieces]
         rows = np.unique(np.concatenate([[0, count - 1], np.ravel(extremes)]))
-    return {"x": _rounded(curve.x[rows], 7), "y": _rounded(curve.y[rows], 6)}
+    return {"x": rounded(curve.x[rows], 7), "y": rounded(curve.y[rows], 6)}
 
 
-def _rounded(values: NDArray[np.float64], digits: int) -> list[float | None]:
+def rounded(values: NDArray[np.float64], digits: int) -> list[float | None]:
+    """Return numbers with so many digits, no more than can be seen: curves are most of the size of a document."""
     return [float(f"{value:.{digits}g}") if np.isfinite(value) else None for value in values.tolist()]

@@ -1,4 +1,4 @@
-"""How much of a result is shown: thousands of logs give thousands of errors and remarks, which nobody reads."""
+"""Selects what a report shows of a result with thousands of logs, each with its errors and remarks."""
 
 from __future__ import annotations
 
@@ -11,8 +11,8 @@ from steelyard.identification import Identification, Prediction
 __all__ = ["MOST_LOGS", "MOST_REMARKS", "gathered", "shared_words", "short_names", "shown_logs"]
 
 MOST_LOGS = 12  # of each role, with their joints and curves
-MOST_REMARKS = 40
-_EXAMPLES = 2
+MOST_REMARKS = 40  # about two screens
+_EXAMPLES = 2  # logs that are named where many have the same remark
 
 
 def shown_logs(identification: Identification) -> list[int]:
@@ -64,7 +64,7 @@ def short_names(identification: Identification) -> tuple[str, ...]:
 
 
 def gathered(remarks: Iterable[str], logs: Iterable[str]) -> tuple[str, ...]:
-    """Return remarks without repetition, the same on several logs as one, and no more than can be read.
+    """Return remarks without repetition: the same remark on several logs is one, and at most `MOST_REMARKS` remain.
 
     Parameters
     ----------

@@ -2,20 +2,18 @@
 
 from __future__ import annotations
 
-import json
-
 import numpy as np
 from numpy.typing import NDArray
 
 from steelyard.identification import Identification, Prediction
 
+from .charts import POINTS, rounded
 from .extent import shared_words, short_names, shown_logs
-from .html_document import Markup, escape, percent
+from .html_document import Markup, escape, percent, script_data
 
 __all__ = ["default_log", "torque_data", "torque_figures"]
 
 Array = NDArray[np.float64]
-POINTS = 1500  # of a curve; more cannot be seen at the width of a figure
 _CURVES = (("measured", "measured"), ("unconstrained", "least squares"), ("feasible", "feasible"))
 
 
@@ -65,8 +63,7 @@ def torque_data(identification: Identification) -> str:
     units = ["N·m" if robot.joints[index].rotates else "N" for index in robot.driving_joints]
     joints, names = identification.estimate.joint_names, short_names(identification)
     logs = [_log(identification.predictions[k], names[k], joints, units) for k in shown_logs(identification)]
-    text = json.dumps(logs, allow_nan=False, separators=(",", ":"))
-    return text.replace("<", "\\u003c").replace(">", "\\u003e").replace("&", "\\u0026")
+    return script_data(logs)
 
 
 def _log(prediction: Prediction, log: str, names: tuple[str, ...], units: list[str]) -> dict[str, object]:
@@ -84,13 +81,8 @@ def _log(prediction: Prediction, log: str, names: tuple[str, ...], units: list[s
                 f"squares, {percent(after)} % feasible",
                 "error": f"{percent(before)} % → {percent(after)} %",
                 "unit": unit,
-                **{kind: _rounded(getattr(trace, kind)[rows, index]) for kind, _ in _CURVES},
+                **{kind: rounded(getattr(trace, kind)[rows, index], 5) for kind, _ in _CURVES},
             }
         )
-    # From the first row: stamps since 1970 would be one and the same number in the digits that are kept.
-    return {"t": _rounded((trace.t - trace.t[:1])[rows], 7), "joints": joints}
-
-
-def _rounded(values: Array, digits: int = 5) -> list[float | None]:
-    """Digits that can be seen, and no more: they are most of the file's own size."""
-    return [float(f"{value:.{digits}g}") if np.isfinite(value) else None for value in values.tolist()]
+    # Times count from the first row, because stamps since 1970 would all be equal in the digits that are kept.
+    return {"t": rounded((trace.t - trace.t[:1])[rows], 7), "joints": joints}

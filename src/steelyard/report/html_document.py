@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 import html
+import json
 import math
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from importlib import resources
 
-__all__ = ["Markup", "Section", "escape", "html_document", "number", "percent", "table"]
+__all__ = ["Markup", "Section", "escape", "html_document", "number", "percent", "script_data", "table"]
 
 
 class Markup(str):
@@ -26,6 +27,18 @@ class Markup(str):
 def escape(text: object) -> Markup:
     """Return text as it may stand in an element or between the quotes of an attribute."""
     return text if isinstance(text, Markup) else Markup(html.escape(str(text), quote=True))
+
+
+def script_data(content: object) -> Markup:
+    """Return plain data as JSON that may stand in a script element, which no text of the data can end.
+
+    Examples
+    --------
+    >>> print(script_data({"name": "</script>"}))
+    {"name":"\\u003c/script\\u003e"}
+    """
+    text = json.dumps(content, allow_nan=False, separators=(",", ":"))
+    return Markup(text.replace("<", "\\u003c").replace(">", "\\u003e").replace("&", "\\u0026"))
 
 
 def number(value: float, decimals: int = 5) -> str:

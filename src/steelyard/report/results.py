@@ -2,27 +2,23 @@
 
 from __future__ import annotations
 
-import hashlib
 import os
-import platform
 from collections.abc import Iterable
-from importlib import metadata
 from pathlib import Path
 from typing import Any
 
-from steelyard import __version__
 from steelyard.errors import InputError
 from steelyard.files import read_json, replaced_folder, write_json
 from steelyard.identification import Identification
 
 from .html import write_report
+from .sections import hashed_file, versions
 
 __all__ = ["require_apart", "require_folder", "save_results"]
 
 FORMAT = "steelyard-run-1"
 RECORD = "run.json"
 FILES = ("estimate.json", "report.html", "robot.urdf", RECORD)
-_LIBRARIES = ("numpy", "scipy", "clarabel", "llvmlite", "polars", "lxml", "plotly")
 
 
 def require_folder(folder: Path) -> None:
@@ -103,7 +99,7 @@ def save_results(identification: Identification, folder: Path) -> tuple[Path, ..
 
 
 def _earlier(folder: Path) -> tuple[str, ...]:
-    """Return the files of an earlier run in a folder, as its record tells them."""
+    """Return the files of an earlier run in a folder, as named in its record."""
     try:
         record = read_json(folder / RECORD)
     except InputError:
@@ -119,23 +115,14 @@ def run_record(identification: Identification) -> dict[str, Any]:
     description = [p for p in (identification.robot_file, robot.source) if p is not None]
     return {
         "format": FORMAT,
-        "robot": [_input(path) for path in dict.fromkeys(description)],
+        "robot": [hashed_file(path) for path in dict.fromkeys(description)],
         "logs": [_log(text) for text in identification.logs],
         "validation_logs": [_log(text) for text in identification.validation_logs],
         "options": identification.options,
         "remarks": list(dict.fromkeys((*identification.estimate.remarks, *identification.remarks))),
-        "versions": {
-            "steelyard": __version__,
-            "python": platform.python_version(),
-            **{name: metadata.version(name) for name in _LIBRARIES},
-        },
+        "versions": versions(),
     }
 
 
 def _log(text: str) -> list[dict[str, str]]:
-    return [_input(Path(part)) for part in ([text] if Path(text).exists() else text.split("+"))]
-
-
-def _input(path: Path) -> dict[str, str]:
-    with path.open("rb") as file:
-        return {"path": str(path), "sha256": hashlib.file_digest(file, "sha256").hexdigest()}
+    return [hashed_file(Path(part)) for part in ([text] if Path(text).exists() else text.split("+"))]

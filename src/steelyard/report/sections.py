@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import hashlib
 from collections.abc import Sequence
 from importlib import metadata
+from pathlib import Path
 from platform import python_version
 
 import numpy as np
@@ -15,11 +17,22 @@ from steelyard.identification import Identification
 from .extent import MOST_LOGS, shared_words, short_names, shown_logs
 from .html_document import Markup, escape, number, percent, table
 
-__all__ = ["base_parameters", "errors", "joints", "link_properties", "links", "processing", "provenance", "violations"]
+__all__ = [
+    "base_parameters",
+    "errors",
+    "hashed_file",
+    "joints",
+    "link_properties",
+    "links",
+    "processing",
+    "provenance",
+    "versions",
+    "violations",
+]
 
 Array = NDArray[np.float64]
-MOST_ROWS = 500
-LIBRARIES = ("numpy", "scipy", "clarabel", "llvmlite", "polars", "lxml", "plotly")
+MOST_ROWS = 500  # of the table of all logs, which a browser still shows at once
+_LIBRARIES = ("numpy", "scipy", "clarabel", "llvmlite", "polars", "lxml", "plotly")
 
 
 def errors(identification: Identification) -> Markup:
@@ -103,7 +116,7 @@ def base_parameters(identification: Identification) -> Markup:
         "origin of the link frame, l first moment, m mass, the number is the link's; then those of the joint terms). "
         "± is the standard error relative to the value; it reckons with residuals that are correlated in time, so that "
         "twice it covers the truth in 95 of 100 cases where the model is right. Those marked weak or unidentifiable "
-        "could as well be something else: a motion that excites them more would tell.</p>"
+        "may have quite different values: a motion that excites them more would show them.</p>"
     )
     caption = f"The {len(rows)} base parameters"
     return Markup(text + table(caption, columns, rows, identifier="base-parameters", muted=muted))
@@ -216,7 +229,7 @@ def _terms(identification: Identification) -> str:
 
 
 def provenance(identification: Identification) -> Markup:
-    """Return what went in: files, options, versions."""
+    """Return the table of the inputs: files, options and versions."""
     robot = identification.model.robot
     rows: list[tuple[str, str]] = []
     if identification.robot_file is not None:
@@ -232,9 +245,23 @@ def provenance(identification: Identification) -> Markup:
     rows.append(("Least squares", identification.unconstrained.method))
     rows.append(("Answer", identification.estimate.method))
     rows += _flat("Option", identification.options)
-    rows += [("Steelyard", __version__), ("Python", python_version())]
-    rows += [(name, metadata.version(name)) for name in LIBRARIES]
+    rows += [(name.capitalize() if name in ("steelyard", "python") else name, v) for name, v in versions().items()]
     return table("Where this comes from", ("What", "Value"), rows, identifier="provenance", texts=[1])
+
+
+def versions(libraries: Sequence[str] = _LIBRARIES) -> dict[str, str]:
+    """Return the versions of Steelyard, of Python and of libraries, by name; by default those of an identification."""
+    return {
+        "steelyard": __version__,
+        "python": python_version(),
+        **{name: metadata.version(name) for name in libraries},
+    }
+
+
+def hashed_file(path: Path) -> dict[str, str]:
+    """Return the path of a file and the SHA-256 hash of its content."""
+    with path.open("rb") as file:
+        return {"path": str(path), "sha256": hashlib.file_digest(file, "sha256").hexdigest()}
 
 
 def _flat(prefix: str, options: dict[str, object]) -> list[tuple[str, str]]:

@@ -1,21 +1,18 @@
-"""The folder of a simulation: samples, how it ended, and a page of figures."""
+"""The folder of a simulation: its samples, a record of how it ended, and a page of figures."""
 
 from __future__ import annotations
 
-import hashlib
-import platform
-from importlib import metadata
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from steelyard import __version__
 from steelyard.files import replaced_folder, write_json, write_text
 from steelyard.identification.simulated import FileSimulation
 
 from .charts import Chart, Curve, charts_markup
 from .html_document import Markup, Section, escape, html_document, table
+from .sections import hashed_file, versions
 
 __all__ = ["save_simulation", "simulation_html"]
 
@@ -63,13 +60,9 @@ def simulation_record(simulation: FileSimulation) -> dict[str, Any]:
         "final_position": result.final_q.tolist(),
         "final_velocity": result.final_dq.tolist(),
         "parameters": simulation.parameters,
-        "inputs": [_input(path) for path in simulation.inputs],
+        "inputs": [hashed_file(path) for path in simulation.inputs],
         "options": simulation.options,
-        "versions": {
-            "steelyard": __version__,
-            "python": platform.python_version(),
-            **{name: metadata.version(name) for name in _LIBRARIES},
-        },
+        "versions": versions(_LIBRARIES),
     }
 
 
@@ -141,8 +134,3 @@ def _extent(simulation: FileSimulation) -> Markup:
     ]
     columns = ("joint", "least position", "greatest position", "greatest speed", "greatest torque")
     return table("SI units", columns, rows, identifier="extent-table")
-
-
-def _input(path: Path) -> dict[str, str]:
-    with path.open("rb") as file:
-        return {"path": str(path), "sha256": hashlib.file_digest(file, "sha256").hexdigest()}

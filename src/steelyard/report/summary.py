@@ -1,4 +1,4 @@
-"""The first screen of the report: is the robot possible, how well does it predict, what is unsure."""
+"""The first screen of the report: whether the robot is possible, how well it predicts, and what is uncertain."""
 
 from __future__ import annotations
 

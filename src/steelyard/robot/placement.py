@@ -25,8 +25,8 @@ __all__ = [
 
 Matrix = NDArray[np.float64]
 
-# Sines and cosines of right angles in floating point miss 0 and ±1 by up to 1e-15 (8 turns of pi: sin is 9.8e-16).
-# No angle that is meant to differ from a right one lies that near to it.
+# Sines and cosines of multiples of a right angle, in floating point, miss 0 and ±1 by up to 1e-15 (sin(8 pi) is
+# -9.8e-16). No angle that is meant to differ from a right one lies that near to it.
 SNAP = 1e-15
 
 
