@@ -233,7 +233,7 @@ def test_wrong_controllers_are_refused(slide):
         simulate(model, delta, [0.0], [0.0], 1.0, Script(0.01, [[1.0, 2.0]]))
     with pytest.raises(InputError, match=r"torque must be None .* got int"):
         simulate(model, delta, [0.0], [0.0], 1.0, 5)
-    with pytest.raises(InputError, match=r"works at a sample time of 0.01 s, but sample time is 0.02"):
+    with pytest.raises(InputError, match=r"works at a sample time of 0.01 s, but sample_time is 0.02"):
         simulate(model, delta, [0.0], [0.0], 1.0, Script(0.01, [[1.0]]), sample_time=0.02)
     with pytest.raises(InputError, match="actuators act on torques that are held"):
         simulate(model, delta, [0.0], [0.0], 1.0, lambda t, q, dq: q, actuators=Actuators())

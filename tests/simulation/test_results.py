@@ -141,7 +141,7 @@ def test_contact_is_a_spring(oscillator):
         ({"sign_width": -1.0}, "sign_width must be at least 0"),
         ({"step": 1e-3}, "step is for the fixed-step methods"),
         ({"rate": 0.0}, "rate must be a positive number, in Hz, got 0.0"),
-        ({"sample_time": 0.01}, "sample time is for a torque"),
+        ({"sample_time": 0.01}, "sample_time is for a torque"),
         ({"sensors": 3}, "sensors must be a Sensors object, got int"),
         ({"environment": 3}, "environment must have link, point and wrench"),
         ({"relative_tolerance": 0.0}, "relative_tolerance must be a positive number"),

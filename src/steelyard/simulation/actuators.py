@@ -1,4 +1,4 @@
-"""What stands between a command and the joints: saturation, rate limit, currents in steps."""
+"""Models of the drives: saturation, rate limit, and quantisation of the current."""
 
 from __future__ import annotations
 
@@ -18,28 +18,27 @@ Array = NDArray[np.float64]
 
 @dataclass(frozen=True, eq=False)
 class Actuators:
-    """The drives of a robot. Values for each joint are a number for all or (N,).
+    """The drives of a robot. Values for each joint are one number for all joints, or (N,).
 
-    A command passes first the saturation, then the rate limit, then the converter of the current.
+    A command passes through the saturation, then the rate limit, then the quantisation of the current.
 
     Parameters
     ----------
     saturation : array_like
         Largest torque, N·m or N.
     rate_limit : array_like
-        Largest change of the torque, N·m/s or N/s; the torques start from zero, or from the first command where
-        nothing limits them.
+        Largest rate of change of the torque, N·m/s or N/s. With a rate limit the torques start from zero.
     torque_constant : array_like or None
         Torque at the joint for one ampere, N·m/A or N/A.
     current_range : array_like or None
-        Largest current, A, of the converter.
+        Largest current of the current controller, A.
     current_bits : int or None
-        Of the converter, which has ``2**bits - 1`` levels from minus to plus the range, one of them zero.
+        Resolution of the current: there are ``2**bits - 1`` levels from minus to plus the range, one of them zero.
 
     Raises
     ------
     InputError
-        If a value is out of its range, or only some of the three about the current are given.
+        If a value is out of its range, or only some of `torque_constant`, `current_range` and `current_bits` are given.
 
     Examples
     --------
@@ -64,12 +63,12 @@ class Actuators:
             raise InputError(f"current_bits of Actuators must be a whole number from 2 to 32, got {bits!r}.")
 
     def start(self, runs: int, count: int) -> ActuatorOutputs:
-        """Return the drives of R runs of N joints, at rest."""
+        """Return the state of the drives of R runs of N joints at the start, with zero torques."""
         return ActuatorOutputs(self, runs, count)
 
 
 class ActuatorOutputs:
-    """Drives at work: what they remember between two commands.
+    """The state of the drives between two commands.
 
     Parameters
     ----------
@@ -92,7 +91,7 @@ class ActuatorOutputs:
         self._last = np.zeros((runs, count))
 
     def apply(self, command: Array, sample_time: float) -> Array:
-        """Return the torques (R, N) that follow a command, `sample_time` s after the last one."""
+        """Return the torques (R, N) for a command that comes `sample_time` (s) after the last one."""
         torque = np.clip(command, -self._saturation, self._saturation)
         if self._is_slow:
             change = self._rate * sample_time

@@ -1,4 +1,4 @@
-"""What a simulation computes of a model in compiled code: accelerations, whole steps, energies."""
+"""The compiled functions of a simulation: accelerations, whole integration steps, energies."""
 
 from __future__ import annotations
 
@@ -19,11 +19,12 @@ from steelyard.graph import Argument, Function, Graph, Kernel, Node, Output, cos
 
 __all__ = ["DAMPING", "MotionFunctions", "motion_functions", "rosenbrock", "runge_kutta_4"]
 
-# The velocity's coefficient, which makes the method L-stable: the larger root of g² - 2 g + 1/2. The smaller one would
-# do so too, but with it a step overshoots the point where a joint sticks, and Coulomb friction chatters.
+# Coefficient of the velocity in `rosenbrock`: the larger root of g² - 2 g + 1/2, which makes the method L-stable. The
+# smaller root would do so as well, but with it a step overshoots the point where a joint sticks, and Coulomb friction
+# chatters.
 DAMPING = 1.0 + np.sqrt(0.5)
-# The position's coefficient: the smaller root. For an undamped oscillator the step then has determinant one, so that
-# energy neither grows nor decays.
+# Coefficient of the position: the smaller root. For an undamped oscillator the map of a step then has determinant one,
+# so that energy neither grows nor decays.
 POSITION = 1.0 - np.sqrt(0.5)
 
 Acceleration = Callable[[float, Any, Any], Any]
@@ -35,15 +36,16 @@ def runge_kutta_4(acceleration: Acceleration, q: Any, dq: Any, step: Any) -> tup
     Parameters
     ----------
     acceleration : callable
-        Of the fraction of the step that has passed, q and dq.
+        Function of the elapsed fraction of the step, q and dq that returns the acceleration.
     q, dq : array
-        (..., N).
+        (..., N) at the beginning of the step.
     step : scalar
-        s.
+        Length of the step, s.
 
     Returns
     -------
     q, dq : array
+        At the end of the step.
 
     Examples
     --------
@@ -72,26 +74,28 @@ def rosenbrock(
 ) -> tuple[Any, Any]:
     """Make a step of the Rosenbrock-W method ROS2 of order 2 (Verwer et al. 1999, SIAM J. Sci. Comput. 20(4)).
 
-    A W-method keeps its order whatever matrix stands for the Jacobian. Here it holds the damping D of friction alone,
-    ``dv/dt = -M⁻¹ D v``. For the smooth sign that is its slope ``w² / (v² + w²)^(3/2)``; where an explicit step would
-    reverse a velocity, it is the secant ``1 / sqrt(v² + w²)`` instead. The slope is blind to the friction that waits at
-    rest for a joint that still moves; the secant brings the joint to rest within a few steps, however large they are.
+    A W-method keeps its order with any approximation of the Jacobian. Here the approximation contains only the damping
+    D of friction, ``dv/dt = -M⁻¹ D v``. For the smooth sign the damping is its slope ``w² / (v² + w²)^(3/2)``. Where an
+    explicit step would reverse a velocity, the secant ``1 / sqrt(v² + w²)`` is used instead: the slope at the velocity
+    of a moving joint does not show the friction near rest, while the secant brings the joint to rest within a few
+    steps, however large they are.
 
     Parameters
     ----------
     damped : callable
-        Of q, dq and the factor ``g step``: the acceleration with the inertia ``M + g step D``, and the function
-        ``x -> (M + g step D)⁻¹ M x`` with the same M and D.
+        Function of q, dq and the factor ``g step`` that returns the acceleration with the inertia ``M + g step D``, and
+        the function ``x -> (M + g step D)⁻¹ M x`` with the same M and D.
     acceleration : callable
-        Of the fraction of the step that has passed, q and dq.
+        Function of the elapsed fraction of the step, q and dq that returns the acceleration.
     q, dq : array
-        (..., N).
+        (..., N) at the beginning of the step.
     step : scalar
-        s.
+        Length of the step, s.
 
     Returns
     -------
     q, dq : array
+        At the end of the step.
 
     Examples
     --------
@@ -109,31 +113,31 @@ def rosenbrock(
     return q + (v1 + v2 + a2 * position) * half, dq + (a1 * 3.0 + a2) * half
 
 
-# What a simulation computes of a model in compiled code: accelerations, whole steps, energies.
-
-LARGEST_STEP = 25_000  # operations of a whole step beyond which it is not compiled as one piece
+# A whole step is compiled as one function up to this number of operations. The time of compiling grows faster than the
+# size of a function; larger steps are made of compiled accelerations instead.
+LARGEST_STEP = 25_000
 Nodes = NDArray[Any]
 
 
 class MotionFunctions:
-    """The compiled functions of a simulation: of states ``[q dq]``, torques and parameters.
+    """The compiled functions of states ``[q dq]``, torques and parameters that a simulation calls.
 
-    Each reads ``state`` (2 N), ``torque`` (N), ``parameters``, ``sign_width`` (1) and ``step`` (1), in this order, and
-    is made when it is first asked for.
+    Each function reads ``state`` (2 N), ``torque`` (N), ``parameters``, ``sign_width`` (1) and ``step`` (1), in this
+    order, and is compiled when it is first used.
 
     Parameters
     ----------
     model : Model
     base : bool
-        In base parameters.
+        Whether the parameters are base parameters.
     smooth : bool
-        With the smooth sign.
+        Whether Coulomb friction has the smooth sign.
     each : bool
-        Every run has parameters of its own.
+        Whether every run has its own parameters.
     """
 
     def __init__(self, model: Model, base: bool, smooth: bool, each: bool) -> None:
-        self._model = ref(model)  # these functions are kept by the model's life, and must not prolong it
+        self._model = ref(model)  # a strong reference would keep the model, and with it these functions, alive
         self.base, self.smooth, self.each = base, smooth, each
         self.count = model.dof
         self.parameter_count = model.base_parameters().count if base else model.parameter_count
@@ -154,12 +158,12 @@ class MotionFunctions:
         return self._kernels[name]
 
     def derivatives(self) -> Kernel:
-        """Return the model's derivatives of inverse dynamics, with the sign of these functions."""
+        """Return the derivatives of inverse dynamics, with the same sign function."""
         sign = "smooth" if self.smooth else "exact"
         return self.model.kernel("inverse_dynamics_derivatives", base=self.base, sign=sign)
 
     def fits_one_piece(self, name: str) -> bool:
-        """Tell whether a whole step of a method is small enough to be compiled as one function."""
+        """Return whether a whole step of a method is small enough to be compiled as one function."""
         count = self._part(self._dynamics).operation_count
         return sum(count.values()) * {"runge_kutta_4": 4, "rosenbrock": 3}[name] <= LARGEST_STEP
 
@@ -171,7 +175,7 @@ class MotionFunctions:
         return None if known is None else f"{name} {self.each} {_digest()} {known}"
 
     def _function(self, name: str) -> Function:
-        """Compose a function of those of the model."""
+        """Compose a function from functions of the model."""
         recorder, count = Graph(), self.count
         arguments = (
             Argument("state", 2 * count),
@@ -216,7 +220,7 @@ class MotionFunctions:
 
 
 class _Composer:
-    """Functions of the model at nodes of one graph."""
+    """Evaluates functions of the model at nodes of one graph."""
 
     def __init__(self, functions: MotionFunctions, recorder: Graph, given: Mapping[str, Sequence[Node]]) -> None:
         self._functions = functions
@@ -230,7 +234,7 @@ class _Composer:
     def outputs(
         self, name: str, motion: Mapping[str, Any], exact: bool = False, unary: Mapping[str, Any] | None = None
     ) -> tuple[list[Any], ...]:
-        """Return the outputs of a function of the model; with the exact sign, or whatever `unary` puts for it."""
+        """Return the outputs of a model function, with the exact sign or with other functions in `unary`."""
         model, base = self._functions.model, self._functions.base
         function = model.function(name, base=base) if exact or unary else self._functions._part(name)
         elements = {**motion, "sign_width": [self.width]}
@@ -243,7 +247,7 @@ class _Composer:
         return np.array(self.outputs(self._functions._dynamics, motion)[0], dtype=object)
 
     def friction(self, q: Nodes, dq: Nodes) -> list[Any]:
-        """Return the torques of the terms without acceleration."""
+        """Return the torques of the terms at zero acceleration."""
         still = [self._recorder.zero] * len(q)
         return self.outputs("drive_torque", {"q": q, "dq": dq, "ddq": still})[0]
 
@@ -264,7 +268,7 @@ class _Composer:
         return np.array(solve_inertia(rows, free), dtype=object), filtered
 
     def damping(self, q: Nodes, dq: Nodes, ahead: Nodes) -> Nodes:
-        """Return the damping of the terms (N, N): derivatives by dq, with the slopes of signs by `_slope`."""
+        """Return the damping matrix of the terms (N, N): derivatives by dq, with the slopes of signs by `_slope`."""
         recorder = Graph()
         widths = {"q": len(q), "dq": len(q), "parameters": self._functions.parameter_count}
         inputs = {name: recorder.inputs(name, width) for name, width in widths.items()}
@@ -300,7 +304,7 @@ class _Composer:
         return slope + reverses * (secant - slope)
 
     def _substituted(self, nodes: Sequence[Node], values: Mapping[str, Any]) -> list[Any]:
-        """Return nodes of another graph at values of this one."""
+        """Return nodes of another graph with values of this graph put in for their inputs."""
         arguments = tuple(Argument(name, len(value)) for name, value in values.items() if len(value))
         function = Function("part", arguments, (Output("part", (len(nodes),), tuple(nodes)),))
         elements = {name: [self._recorder.node(x) for x in value] for name, value in values.items()}
@@ -312,7 +316,7 @@ _KNOWN: WeakKeyDictionary[Model, dict[tuple[bool, bool, bool], MotionFunctions]]
 
 
 def motion_functions(model: Model, *, base: bool, smooth: bool, each: bool) -> MotionFunctions:
-    """Return the functions of a model, kept for as long as the model lives.
+    """Return the functions of a model, which are kept as long as the model exists.
 
     Parameters
     ----------
@@ -332,7 +336,7 @@ def motion_functions(model: Model, *, base: bool, smooth: bool, each: bool) -> M
 
 
 def _digest() -> str:
-    """Return a digest of the code that composes functions, for the names in the object cache."""
+    """Return a digest of the code that composes functions, which names their entries in the cache of compiled code."""
     own = Path(__file__).resolve()
     content = own.read_bytes() + (own.parent.parent / "codegen" / "evaluation.py").read_bytes()
     return hashlib.sha256(content).hexdigest()

@@ -1,4 +1,4 @@
-"""What the robot touches: an elastic wall, or any environment of a user's own."""
+"""Contact of the robot with its environment: an elastic wall, or an environment that a user defines."""
 
 from __future__ import annotations
 
@@ -19,14 +19,14 @@ Array = NDArray[np.float64]
 
 @runtime_checkable
 class Environment(Protocol):
-    """What acts on one point of one link.
+    """An environment that acts on one point of one link.
 
     Attributes
     ----------
     link : str
-        Name of the link, a merged one (``"tool0"``) too.
+        Name of the link; it may be a link that was merged into another one, such as ``"tool0"``.
     point : array_like
-        (3,) in its frame, m.
+        (3,) point in the frame of the link, m.
     """
 
     link: str
@@ -38,13 +38,13 @@ class Environment(Protocol):
         Parameters
         ----------
         t : float or ndarray
-            s; (..., 1) where runs have times of their own.
+            Time, s; (..., 1) where runs are at different times.
         position : ndarray
-            (..., 3) of the point in the base frame, m.
+            (..., 3) position of the point in the base frame, m.
         rotation : ndarray
-            (..., 3, 3) of the link frame.
+            (..., 3, 3) orientation of the link frame in the base frame.
         velocity : ndarray
-            (..., 6): of the point, m/s, and angular, rad/s, base axes.
+            (..., 6) velocity of the point, m/s, and angular velocity of the link, rad/s, base axes.
         """
 
 
@@ -55,17 +55,17 @@ class ElasticContact:
     Parameters
     ----------
     link : str
-        Link that touches.
+        Name of the link that touches the wall.
     surface : array_like
-        (3,) a point of the wall at rest, base frame, m.
+        (3,) a point on the undeformed wall, base frame, m.
     normal : array_like
-        (3,) out of the wall, towards the free side.
+        (3,) direction out of the wall, towards the free side, of any length.
     stiffness : float or callable
-        N/m, or a function of time (a float or an array) that returns it.
+        Stiffness, N/m, or a function that returns it for a time (a float or an array, s).
     damping : float
-        N·s/m, along the normal.
+        Damping along the normal, N·s/m.
     point : array_like
-        (3,) of the link that touches, in its frame, m.
+        (3,) point of the link that touches the wall, in the link frame, m.
 
     Raises
     ------
@@ -105,7 +105,7 @@ class ElasticContact:
         """Return the wrench on the link (..., 6)."""
         depth = (np.asarray(self.surface) - position) @ np.asarray(self.normal)
         stiffness = np.asarray(self.stiffness(t) if callable(self.stiffness) else self.stiffness, dtype=np.float64)
-        if stiffness.ndim:  # runs at times of their own, (..., 1)
+        if stiffness.ndim:  # runs at different times, (..., 1)
             stiffness = stiffness[..., 0]
         speed = velocity[..., :3] @ np.asarray(self.normal)
         force = np.where(depth > 0.0, np.maximum(stiffness * depth - self.damping * speed, 0.0), 0.0)
@@ -115,7 +115,7 @@ class ElasticContact:
 
 
 class Contact:
-    """An environment and the link of the robot that it acts on.
+    """Connects an environment with the link of the robot that it acts on.
 
     Parameters
     ----------
@@ -125,7 +125,7 @@ class Contact:
     Raises
     ------
     InputError
-        If the environment is not one, or the robot has no such link.
+        If the object lacks a member of :class:`Environment`, or the robot has no such link.
     """
 
     def __init__(self, model: Model, environment: Environment) -> None:
@@ -156,6 +156,6 @@ class Contact:
         return jacobian, wrench
 
     def torque(self, t: Array | float, q: Array, dq: Array) -> Array:
-        """Return what the wrench does at the joints, ``J' f``, (m, N)."""
+        """Return the joint torques of the wrench, ``J' f``, (m, N)."""
         jacobian, wrench = self.state(t, q, dq)
         return (wrench[:, np.newaxis] @ jacobian)[:, 0]

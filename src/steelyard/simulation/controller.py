@@ -1,4 +1,4 @@
-"""What a controller learns of the robot, and what a simulation asks of it."""
+"""The interface of controllers: the measurements that they receive and the torques that they return."""
 
 from __future__ import annotations
 
@@ -13,21 +13,21 @@ __all__ = ["Controller", "Measurement"]
 
 @dataclass(frozen=True, eq=False)
 class Measurement:
-    """What the sensors say at one instant: of one run, or of R runs at once.
+    """The readings of the sensors at one instant, for one run or for R runs at once.
 
-    A simulation gives new arrays each time. A loop of one's own may write into the same ones, since the controllers of
-    :mod:`steelyard.control` copy what they remember.
+    A simulation gives new arrays each time. Your own control loop may write into the same arrays again, because the
+    controllers of :mod:`steelyard.control` copy what they keep.
 
     Attributes
     ----------
     t : float
         Time since the start, s.
     q : ndarray
-        (N,) or (R, N) joint positions as the encoders give them, rad or m.
+        (N,) or (R, N) joint positions as the encoders measure them, rad or m.
     dq : ndarray or None
-        (N,) or (R, N) joint velocities, rad/s or m/s; None where nothing measures them.
+        (N,) or (R, N) joint velocities, rad/s or m/s; None where they are not measured.
     torque : ndarray or None
-        (N,) or (R, N) joint torques as they are measured, N·m or N; None where nothing measures them.
+        (N,) or (R, N) measured joint torques, N·m or N; None where they are not measured.
     force : ndarray or None
         (6,) or (R, 6) wrench of the environment on the tool, base axes, force (N) before moment (N·m); None where
         there is no force sensor.
@@ -45,16 +45,14 @@ class Measurement:
     force: NDArray[np.float64] | None = None
 
 
-# What a simulation asks of a controller.
-
-
 @runtime_checkable
 class Controller(Protocol):
-    """Commands joint torques from measurements, once each sample time; between two calls the torques are held.
+    """Computes joint torques from measurements once each sample time; between two calls the torques are held.
 
-    Any object with these three names is a controller: nothing is inherited. Whatever it remembers between two calls
-    (an integral, the last position) is forgotten in `start`, so that one object serves one simulation after another.
-    Arrays of one run are (N,), those of R runs (R, N); a controller written with ``...`` and the last axis serves both.
+    Any object with these three members is a controller; it need not inherit from this class. In `start` it resets
+    whatever it keeps between two calls (an integral, the last position), so that one object can be used in several
+    simulations. Arrays of one run are (N,), those of R runs (R, N); a controller that computes along the last axis
+    serves both.
 
     Attributes
     ----------
@@ -81,10 +79,10 @@ class Controller(Protocol):
     sample_time: float
 
     def start(self, measurement: Measurement) -> None:
-        """Forget all state and begin at this measurement, which is also that of the first call of `torque`."""
+        """Reset all state and begin at this measurement, with which `torque` is called next."""
 
     def torque(self, measurement: Measurement) -> NDArray[np.float64]:
         """Return the commanded joint torques, N·m or N, (N,) or (R, N) as the measurement.
 
-        Must not change the measurement. What it returns may be an array that it writes to again at the next call.
+        The method must not change the measurement. It may return an array that it writes to again in the next call.
         """

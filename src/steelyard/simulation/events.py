@@ -1,4 +1,4 @@
-"""What a simulation watches for: instants at which a function of time and motion passes through zero."""
+"""Events, at which a function of time and motion passes through zero, and the ways in which a run ends."""
 
 from __future__ import annotations
 
@@ -20,30 +20,32 @@ Array = NDArray[np.float64]
 
 @dataclass(frozen=True, eq=False)
 class Event:
-    """A function of time and motion whose passages through zero are located.
+    """An event: a function of time and motion whose zero crossings a simulation locates.
 
-    A function that is exactly zero at the start of a step, such as at the start of the run, does not count as passing.
+    A function that is exactly zero at the start of a step, such as at the start of the run, does not count as crossing
+    zero.
 
     Parameters
     ----------
     function : callable
-        Of t, q and dq. In one run they are a float and (N,) arrays, and it returns a number; in a batch (m,) and
-        (m, N), and it returns (m,).
+        Function of t, q and dq. For one run these are a float and (N,) arrays, and the function returns a number; for
+        a batch they are (m,) and (m, N) arrays, and it returns (m,).
     name : str
+        Name of the event in messages and results.
     direction : {-1, 0, 1}
-        Only falling (-1) or rising (1) passages; 0 for both.
+        -1 for falling and 1 for rising crossings only; 0 for both.
     terminal : bool
-        Whether it ends the run.
+        Whether the event ends the run.
     describe : callable, optional
-        Of q and dq (N,) at the event: what happened, for the message.
+        Function of q and dq (N,) at the event that returns what happened, for the message.
     from_start : bool
-        A run that starts beyond zero, where the direction leads to, or leaves zero in this direction, counts as
-        passing.
+        Whether a run that starts on the side to which `direction` leads, or that starts at zero and leaves it in this
+        direction, counts as crossing.
 
     Raises
     ------
     InputError
-        If the direction is something else, or 0 with `from_start`, or the function cannot be called.
+        If the direction is none of these, or is 0 with `from_start`, or the function cannot be called.
 
     Examples
     --------
@@ -69,18 +71,18 @@ class Event:
 
 @dataclass(frozen=True, eq=False)
 class Occurrence:
-    """One passage through zero.
+    """An event that occurred.
 
     Attributes
     ----------
     name : str
-        Of the event.
+        Name of the event.
     t : float
-        s.
+        Time, s.
     q, dq : ndarray
-        (N,).
+        (N,) motion at this time.
     run : int
-        Of a batch.
+        Index of the run in a batch.
     """
 
     name: str
@@ -96,14 +98,14 @@ class Status(StrEnum):
     Attributes
     ----------
     FINISHED
-        At the end of its duration.
+        The run reached the end of its duration.
     EVENT
-        At an event that ends runs.
+        A terminal event ended it.
     DIVERGED
-        Nothing could be computed beyond, a joint became absurdly fast, or the energy of a passive robot grew beyond
-        reason.
+        The integration could not go on, a joint became faster than any robot's, or the energy of a passive robot grew
+        far beyond what it could gain.
     STOPPED
-        By a stopping condition.
+        A stopping condition ended it.
 
     Examples
     --------
@@ -118,14 +120,16 @@ class Status(StrEnum):
 
 
 def at_time(t: float, name: str | None = None, terminal: bool = True) -> Event:
-    """Return the event of an instant.
+    """Return the event that a given time is reached.
 
     Parameters
     ----------
     t : float
-        s.
+        Time, s.
     name : str, optional
+        Name of the event; by default it tells the time.
     terminal : bool
+        Whether the event ends the run.
 
     Returns
     -------
@@ -142,14 +146,15 @@ def at_time(t: float, name: str | None = None, terminal: bool = True) -> Event:
 def joint_limits(
     robot: Robot, lower: ArrayLike | None = None, upper: ArrayLike | None = None, terminal: bool = True
 ) -> Event:
-    """Return the event of a joint that passes a limit of its position, or starts beyond it.
+    """Return the event that a joint passes a limit of its position, or starts beyond it.
 
     Parameters
     ----------
     robot : Robot
     lower, upper : array_like, optional
-        (N,) rad or m; those of the robot's description where not given.
+        (N,) limits, rad or m; those of the robot's description by default.
     terminal : bool
+        Whether the event ends the run.
 
     Returns
     -------
@@ -158,7 +163,7 @@ def joint_limits(
     Raises
     ------
     InputError
-        If there is no limit at all, or the shapes do not fit.
+        If no joint has a limit, or the shapes do not fit.
 
     Examples
     --------

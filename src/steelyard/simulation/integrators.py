@@ -1,4 +1,4 @@
-"""The integration methods: fixed steps, Dormand and Prince's for many runs at once, and those of SciPy."""
+"""The integration methods: fixed steps, Dormand-Prince for many runs at once, and those of SciPy."""
 
 from __future__ import annotations
 
@@ -22,20 +22,20 @@ Array = NDArray[np.float64]
 
 
 class Integrator(ABC):
-    """Carries R runs through time.
+    """Integrates R runs in time.
 
     Parameters
     ----------
     plant : Plant
     watch : Watch
-        Sees the steps, and knows which runs have ended.
+        Receives the steps, and records which runs have ended.
     state : ndarray
         (R, 2 N) at the start.
 
     Attributes
     ----------
     state : ndarray
-        (R, 2 N) where the runs are; those that ended stay at their last state.
+        (R, 2 N) present states; runs that have ended stay at their last state.
     """
 
     def __init__(self, plant: Plant, watch: Watch, state: Array) -> None:
@@ -44,27 +44,25 @@ class Integrator(ABC):
 
     @abstractmethod
     def advance(self, t: float, end: float) -> None:
-        """Carry the runs that have not ended from t to `end`; the torques of the plant hold between."""
+        """Integrate the runs that have not ended from t to `end`, while the torques of the plant are held."""
 
-
-# The fixed-step methods: all the runs of a batch advance together.
 
 FIXED_STEP_METHODS = ("runge_kutta_4", "rosenbrock")
 
 
 class FixedStep(Integrator):
-    """Makes steps of one size.
+    """Integrates with equal steps; all runs of a batch advance together.
 
-    Where torques are held, a whole step of all the runs is one call of a compiled function.
+    Where torques are held, a whole step of all runs is one call of a compiled function.
 
     Parameters
     ----------
     plant, watch, state
         See :class:`Integrator`.
     method : str
-        Of `FIXED_STEP_METHODS`.
+        One of `FIXED_STEP_METHODS`.
     step : float
-        Largest step, s; what `advance` covers is divided into equal ones.
+        Largest step, s; `advance` divides its interval into equal steps.
     """
 
     def __init__(self, plant: Plant, watch: Watch, state: Array, method: str, step: float) -> None:
@@ -99,7 +97,7 @@ class FixedStep(Integrator):
                 following = self._other
             else:
                 following = self._made(begin, step, self.state)
-            if not abs(following.sum()) < ABSURD_SPEED:  # cheaper than to look at each of them
+            if not abs(following.sum()) < ABSURD_SPEED:  # cheaper than checking every element
                 self._diverged(begin, step, following)
             previous, self.state, self._other = self.state, following, self.state
             if every:
@@ -110,7 +108,7 @@ class FixedStep(Integrator):
                     return
 
     def _made(self, t: float, step: float, state: Array) -> Array:
-        """Make a step with torques that change within it."""
+        """Compute a step with torques that change within it."""
         plant, n = self.plant, self.plant.count
 
         def acceleration(fraction: float, q: Array, dq: Array) -> Array:
@@ -131,7 +129,7 @@ class FixedStep(Integrator):
         return np.concatenate(runge_kutta_4(acceleration, q, dq, step), axis=1)
 
     def _show(self, begin: float, end: float, previous: Array) -> None:
-        """Show the step to the watch; between its ends a state is that of a shorter step."""
+        """Pass the step to the watch; a state within the step is that of a shorter step."""
         start = previous.copy()
 
         def interpolate(which: Rows, t: Array) -> Array:
@@ -157,7 +155,7 @@ class FixedStep(Integrator):
         self.watch.piece(rows, *times, stop, interpolate)
 
     def _diverged(self, t: float, step: float, state: Array) -> None:
-        """End the runs whose values are not finite, or absurd, after a step from t; the others go on."""
+        """End the runs whose state is not finite, or too fast, after a step from t; the others go on."""
         for run in np.flatnonzero(~np.isfinite(state).all(axis=1) & ~self.watch.ended):
             self.watch.end(
                 int(run), Status.DIVERGED, t, f"the motion is not finite after {t:.6g} s", self.state[run].copy()
@@ -167,9 +165,7 @@ class FixedStep(Integrator):
         state[self.watch.ended] = self.watch.final[self.watch.ended]
 
 
-# Dormand-Prince 4(5) for many runs at once, each with steps of its own.
-
-# Dormand and Prince 1980, J. Comput. Appl. Math. 6(1), table 2: nodes, stages, and the last row less the embedded one.
+# Dormand and Prince 1980, J. Comput. Appl. Math. 6(1), table 2: nodes, stages, and the last row minus the embedded one.
 _C = np.array([0.0, 1 / 5, 3 / 10, 4 / 5, 8 / 9, 1.0, 1.0])
 _A = [
     np.array(row)
@@ -183,7 +179,8 @@ _A = [
     )
 ]
 _E = np.array([71 / 57600, 0.0, -71 / 16695, 71 / 1920, -17253 / 339200, 22 / 525, -1 / 40])
-# The continuous extension of order 4 (Hairer, Nørsett and Wanner 1993, section II.6): what is added to the cubic.
+# The continuous extension of order 4 (Hairer, Nørsett and Wanner 1993, section II.6): coefficients of the term that is
+# added to the cubic.
 _D = np.array(
     [
         -12715105075 / 11282082432,
@@ -195,19 +192,21 @@ _D = np.array(
         69997945 / 29380423,
     ]
 )
+# The step-size control of Hairer, Nørsett and Wanner 1993, section II.4, with the factors of SciPy.
 _SAFETY, _SMALLEST, _LARGEST = 0.9, 0.2, 10.0
-CLOCK = 16.0 * np.finfo(np.float64).eps  # the step, relative to the time, below which the clock stands still
+# The smallest step relative to the time. With smaller ones the time itself would hardly change, because of rounding.
+CLOCK = 16.0 * np.finfo(np.float64).eps
 
 
 class DormandPrince(Integrator):
-    """Makes steps of the size that the tolerance allows, for each run its own.
+    """The method of Dormand and Prince of order 5 for many runs at once, each with its own adaptive step size.
 
     Parameters
     ----------
     plant, watch, state
         See :class:`Integrator`.
     relative, absolute : float
-        Tolerances of the local error of positions and velocities.
+        Relative and absolute tolerance of the local error of positions and velocities.
     """
 
     def __init__(self, plant: Plant, watch: Watch, state: Array, relative: float, absolute: float) -> None:
@@ -232,9 +231,9 @@ class DormandPrince(Integrator):
     def _attempt(
         self, rows: Rows, time: Array, y: Array, slope: Array, step: Array, end: float
     ) -> tuple[Rows, Array, Array, Array, Array]:
-        """Try a step of every run that is on its way; return those that still are."""
+        """Try a step of every run that has not reached `end`; return the runs that still have not, and their states."""
         left = end - time
-        last = step * 1.0000001 >= left  # no sliver of a step is left over
+        last = step * 1.0000001 >= left  # avoids a tiny last step
         h = np.where(last, left, step)[:, np.newaxis]
         now = time[:, np.newaxis]
         stages = np.empty((7, *y.shape))
@@ -257,7 +256,7 @@ class DormandPrince(Integrator):
             time, y, slope = time.copy(), y.copy(), slope.copy()
             time[which], y[which], slope[which] = reached[which], following[which], stages[6][which]
         self.watch.runaway.check(rows, time, y)
-        # A step that was cut by the end says nothing against a longer one.
+        # A step that was shortened to end at `end` is no reason for a smaller next step.
         step = np.where(good & last, np.maximum(step, proposed), proposed)
         stuck = ~good & (proposed < CLOCK * np.maximum(np.abs(time), 1e-3))
         for k in np.flatnonzero(stuck).tolist():
@@ -297,7 +296,7 @@ def _sum(weights: Array, stages: Array) -> Array:
 
 
 class _Extension:
-    """The states within one step of some runs."""
+    """The interpolated states within one step of some runs."""
 
     def __init__(self, t: Array, start: Array, stop: Array, step: Array, stages: Array) -> None:
         self._t, self._step = t, step
@@ -312,22 +311,22 @@ class _Extension:
         return result
 
 
-# The methods of SciPy: DOP853 for tight tolerances, Radau, BDF and LSODA for stiff friction.
-
 LIBRARY_METHODS = {"dop853": "DOP853", "radau": "Radau", "bdf": "BDF", "lsoda": "LSODA"}
 
 
 class LibraryMethod(Integrator):
-    """Runs a solver of SciPy on each run by itself.
+    """Integrates each run by itself with a method of SciPy.
+
+    DOP853 is for tight tolerances; Radau, BDF and LSODA are for stiff friction.
 
     Parameters
     ----------
     plant, watch, state
         See :class:`Integrator`.
     method : str
-        Of `LIBRARY_METHODS`.
+        One of `LIBRARY_METHODS`.
     relative, absolute : float
-        Tolerances of the local error.
+        Relative and absolute tolerance of the local error.
     """
 
     def __init__(self, plant: Plant, watch: Watch, state: Array, method: str, relative: float, absolute: float) -> None:
@@ -335,7 +334,10 @@ class LibraryMethod(Integrator):
         import scipy.integrate
 
         self._solver = getattr(scipy.integrate, LIBRARY_METHODS[method])
-        self._options: dict[str, Any] = {"rtol": max(relative, 2.3e-14), "atol": absolute}
+        self._options: dict[str, Any] = {
+            "rtol": max(relative, 2.3e-14),
+            "atol": absolute,
+        }  # SciPy warns of smaller ones
         self._exact = method in ("radau", "bdf", "lsoda") and plant.is_held
         self._step: list[float | None] = [None] * plant.runs
 
@@ -364,14 +366,16 @@ class LibraryMethod(Integrator):
             options["first_step"] = min(first, end - t)
         state, time = self.state[run].copy(), t
         with np.errstate(all="ignore"), warnings.catch_warnings():
-            warnings.simplefilter("ignore")  # LSODA warns of what its status says
+            warnings.simplefilter("ignore")  # LSODA warns of failures that its status reports
             try:
                 if not np.isfinite(function(t, state)).all():
                     raise FloatingPointError
                 solver = self._solver(function, t, state, end, **options)
                 while solver.status == "running":
                     solver.step()
-                    stuck = solver.t - time < CLOCK * max(abs(time), 1e-3)  # LSODA would go on for hours
+                    stuck = solver.t - time < CLOCK * max(
+                        abs(time), 1e-3
+                    )  # LSODA would go on with such steps for hours
                     if solver.status == "failed" or stuck or not np.isfinite(solver.y).all():
                         raise FloatingPointError
                     self._show(rows, time, solver)

@@ -1,4 +1,4 @@
-"""The simulated robot: accelerations and energies of all the runs, from compiled code."""
+"""The simulated robots: their torques, accelerations and energies, computed by compiled code."""
 
 from __future__ import annotations
 
@@ -21,7 +21,9 @@ __all__ = ["Plant", "TorqueFunction"]
 
 Array = NDArray[np.float64]
 TorqueFunction = Callable[[Array, Array, Array], Array]
-_SMALLEST_WIDTH = 1e-12  # of the sign's secant, where the sign itself is exact
+# Width (rad/s) of the smooth sign whose secant `rosenbrock` uses where the sign itself is exact. It must not be 0,
+# because the secant 1 / sqrt(v² + w²) is infinite at rest.
+_SMALLEST_WIDTH = 1e-12
 
 
 class Plant:
@@ -31,20 +33,21 @@ class Plant:
     ----------
     functions : MotionFunctions
     parameters : ndarray
-        (n,) or (R, n).
+        (n,), or (R, n) with the parameters of each run.
     sign_width : float
-        rad/s; 0 for the exact sign.
+        Width of the smooth sign of Coulomb friction, rad/s; 0 for the exact sign.
     runs : int
-        R.
+        Number R of runs.
     torque : callable, optional
-        A function of t (R, 1), q and dq (R, N) for all the runs; otherwise `held` acts.
+        A function of t (R, 1), q and dq (R, N) that returns the torques of all runs (R, N); by default the torques
+        `held` act.
     contact : Contact, optional
-        With the environment.
+        Contact with the environment.
 
     Attributes
     ----------
     held : ndarray
-        (R, N) torques of the actuators, held until they are set anew.
+        (R, N) torques of the actuators, which act until they are set again.
     """
 
     def __init__(
@@ -77,7 +80,7 @@ class Plant:
         return self.torque is None and self.contact is None
 
     def bound(self, name: str, state: Array, torque: Array, out: Array) -> Callable[[], None]:
-        """Return a compiled function that reads and writes these arrays, which must stay where they are."""
+        """Return a compiled function that reads and writes the memory of these arrays, which must not be replaced."""
         arrays = (state, torque, self.parameters, self.width, self.step, out)
         kernel = self.functions.kernel(name)
         call = kernel.single_function if len(state) == 1 else kernel.batch_function
@@ -96,7 +99,7 @@ class Plant:
             torque = self.held if rows is None else self.held[rows]
         elif rows is None:
             torque = self.called(self.torque, t, state)
-        else:  # the function knows all the runs, whichever still run
+        else:  # the function expects all runs, also those that have ended
             self._all[rows] = state
             times = np.zeros((self.runs, 1))
             times[rows] = t
@@ -106,7 +109,7 @@ class Plant:
         return torque
 
     def called(self, function: TorqueFunction, t: Array | float, state: Array) -> Array:
-        """Call a user's function with copies, and check what it returns."""
+        """Call a user's torque function with copies of the state, and check what it returns."""
         q, dq = state[:, : self.count].copy(), state[:, self.count :].copy()
         if self.runs == 1:
             time = np.asarray(t, dtype=np.float64).reshape(-1)[0]
@@ -117,7 +120,7 @@ class Plant:
         return torque
 
     def notice(self, t: Array | float, state: Array, torque: Array) -> None:
-        """Remember torques (R, N) of a user that are not finite although the states are, for the message of the end."""
+        """Remember torques (R, N) that are not finite at a finite state, for the message with which a run ends."""
         if math.isfinite(torque.sum()):
             return
         times = np.broadcast_to(t, (self.runs, 1))
@@ -127,7 +130,7 @@ class Plant:
             self._unknown[run] = float(times[run, 0]), joint, float(torque[run, joint])
 
     def unknown_torque(self, run: int, t: float) -> str:
-        """Say whether the last torque of a run that was not finite came when the run ended, at t, or beyond."""
+        """Return a sentence part about the last torque of a run that was not finite, if it came at time t or later."""
         time, joint, value = self._unknown.get(run, (-1.0, 0, 0.0))
         if time < t:
             return ""
@@ -146,7 +149,7 @@ class Plant:
         return kernel(state, self.forces(t, state, rows), parameters, self.width, self.step)
 
     def jacobian(self, run: int, state: Array) -> Array:
-        """Return the derivatives (2 N, 2 N) of ``[dq ddq]`` by one run's state (2 N,), with the torques as they are."""
+        """Return the derivatives (2 N, 2 N) of ``[dq ddq]`` by the state (2 N,) of one run, at constant torques."""
         n, functions = self.count, self.functions
         parameters = self.parameters[run] if functions.each else self.parameters
         kernel = functions.derivatives()
@@ -159,11 +162,11 @@ class Plant:
         return result
 
     def along(self, run: int, state: Array, torque: Array) -> tuple[Array, Array]:
-        """Return accelerations (S, N) and energies (S, 3): kinetic, potential, power of friction, along one run."""
+        """Return accelerations (S, N) and kinetic energy, potential energy and power of friction (S, 3) of one run."""
         return self._rows("acceleration", run, state, torque), self._rows("energy", run, state, torque)[:, :3]
 
     def energy(self, run: int, state: Array) -> Array:
-        """Return kinetic and potential energy, power of friction, and torques of the terms at rest, (m, 3 + N)."""
+        """Return kinetic energy, potential energy, power of friction, and drive torques at rest, (m, 3 + N)."""
         return self._rows("energy", run, state, np.zeros((len(state), self.count)))
 
     def _rows(self, name: str, run: int, state: Array, torque: Array) -> Array:

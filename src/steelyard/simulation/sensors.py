@@ -1,4 +1,4 @@
-"""What stands between the motion and who sees it: encoders, numerical velocities, noise, delay, sampling."""
+"""Models of the sensors: encoders, numerical velocities, noise, delay and sampling."""
 
 from __future__ import annotations
 
@@ -21,29 +21,30 @@ VELOCITIES = ("exact", "numerical", "none")
 
 @dataclass(frozen=True, eq=False)
 class Sensors:
-    """The sensors of a robot. Values for each joint are a number for all or (N,).
+    """The sensors of a robot. Values for each joint are one number for all joints, or (N,).
 
     Parameters
     ----------
     encoder_resolution : array_like
         Angle or length of one count, rad or m; 0 for exact positions.
     velocity : {"numerical", "exact", "none"}
-        What a controller gets: the difference of two encoder positions over the time between (at the start, where there
-        is only one, the true velocity), the true velocity, or nothing.
+        The velocity that a controller receives: the difference quotient of two encoder positions (at the start, where
+        there is only one, the true velocity), the true velocity, or none.
     velocity_cutoff : float or None
-        Hz, of a first-order low-pass filter on the numerical velocity.
+        Cut-off frequency of a first-order low-pass filter on the numerical velocity, Hz.
     torque_noise : array_like
         Standard deviation of the measured torques, N·m or N.
     torque_time_constant : float
-        s, over which that noise remembers itself (first-order autoregression); 0 for white noise.
+        Correlation time of this noise, a first-order autoregressive process, s; 0 for white noise.
     torque_delay : float
-        s, by which the torque channel lags behind the position channel.
+        Delay of the torque channel relative to the position channel, s.
     force_noise : array_like
-        Standard deviation of the measured wrench of the environment, a number or (6,), N and N·m.
+        Standard deviation of the noise of the measured wrench, a number or (6,), N and N·m.
     rate : float or None
-        Hz, at which the sensors sample; between samples the last one stands. None: whenever asked.
+        Sampling rate of the sensors, Hz; between samples the last reading is repeated. With None they are read whenever
+        the controller runs.
     seed : int or None
-        Of the noise; None takes that of the simulation. The same seed gives the same bytes.
+        Seed of the noise; None takes that of the simulation. The same seed gives the same bytes.
 
     Raises
     ------
@@ -79,20 +80,20 @@ class Sensors:
                 positive(getattr(self, name), f"{name} of Sensors", "Hz")
 
     def start(self, runs: int, count: int, seed: int) -> SensorReadings:
-        """Return the sensors of R runs of N joints, at their first reading.
+        """Return the state of the sensors of R runs of N joints before their first reading.
 
         Parameters
         ----------
         runs, count : int
-            R and N.
+            Numbers R and N.
         seed : int
-            Where `seed` is None.
+            Seed that is used where the attribute `seed` is None.
         """
         return SensorReadings(self, runs, count, seed if self.seed is None else self.seed)
 
 
 class SensorReadings:
-    """Sensors at work: what they remember between two readings.
+    """The state of the sensors between two readings.
 
     Parameters
     ----------
@@ -122,7 +123,7 @@ class SensorReadings:
         return self._held
 
     def measure(self, t: float, q: Array, dq: Array, force: Array | None) -> Measurement:
-        """Read the sensors at time t, (R, N) each; the torque is the one that was read last."""
+        """Read the sensors at time t, (R, N) each; the torque is that of the last reading of the torque channel."""
         sensors, held = self._sensors, self._held
         if held is not None and not self._is_due(t, held.t):
             return Measurement(t, held.q, held.dq, held.torque, held.force)
@@ -142,7 +143,7 @@ class SensorReadings:
         return self._held
 
     def torque(self, t: float, applied: Array) -> Array:
-        """Read the torque channel at time t, where these torques begin to act."""
+        """Read the torque channel at time t, at which the torques `applied` begin to act."""
         sensors = self._sensors
         self._history.append((t, applied.copy()))
         earlier = t - sensors.torque_delay + 1e-12
@@ -162,7 +163,7 @@ class SensorReadings:
 
     def _numerical(self, t: float, q: Array, dq: Array) -> Array:
         held = self._held
-        if held is None or self._velocity is None:  # as if the sensors had been on before
+        if held is None or self._velocity is None:  # the first reading is as if the sensors had run before
             self._velocity = dq.copy()
             return self._velocity
         step = t - held.t

@@ -1,4 +1,4 @@
-"""Forward dynamics in time (thesis section 5.1)."""
+"""Simulation: forward dynamics in time (thesis section 5.1), with the loop of sensing, commanding and integrating."""
 
 from __future__ import annotations
 
@@ -29,7 +29,9 @@ from .watch import Watch
 __all__ = ["Experiment", "first_impossible", "least_inertia", "simulate"]
 
 Array = NDArray[np.float64]
-MOST = 400  # matrices that are looked at in all the runs, and at least eight of each run
+# Inertia matrices whose eigenvalues are computed after a simulation, over all runs, but at least eight of each run. An
+# eigenvalue decomposition takes longer than a step of a batch, so that not every sample is checked.
+MOST = 400
 
 
 def simulate(
@@ -70,38 +72,39 @@ def simulate(
     duration : float
         s.
     torque : callable, Controller or None
-        None: the motors are off. A function of t, q and dq that returns torques (N,), N·m or N, within every step; in
-        a batch t is (R, 1) and the others are (R, N). A :class:`Controller` is called once a sample time, and its
-        torques are held.
+        None: the motors are off. A function of t, q and dq that returns torques (N,), N·m or N, is evaluated within
+        every step; in a batch t is (R, 1), and q, dq and the torques are (R, N). A :class:`Controller` is called once
+        each sample time, and its torques are held.
     base : bool
-        The parameters are base parameters.
+        Whether `parameters` are base parameters.
     method : str
         ``"dormand_prince"`` (adaptive, order 5, all the runs of a batch at once), ``"dop853"`` (adaptive, order 8),
         ``"radau"``, ``"bdf"``, ``"lsoda"`` (adaptive, for stiff friction), ``"runge_kutta_4"`` and ``"rosenbrock"``
         (fixed steps, the latter for tight friction in control loops), or ``"automatic"``.
     relative_tolerance, absolute_tolerance : float
-        Of the local error of the adaptive methods.
+        Tolerances of the local error of the adaptive methods.
     step : float, optional
-        s, largest of the fixed-step methods; where not given 1 ms for ``"runge_kutta_4"`` and 0.25 ms for
+        Largest step of the fixed-step methods, s; by default 1 ms for ``"runge_kutta_4"`` and 0.25 ms for
         ``"rosenbrock"``.
     sign_width : float
-        rad/s or m/s: Coulomb friction is ``Fc v / sqrt(v² + w²)``. 0 for the exact sign, with which joints that stick
-        chatter.
+        Velocity w of the smooth sign, rad/s or m/s: Coulomb friction is ``Fc v / sqrt(v² + w²)``. 0 for the exact sign,
+        with which joints that stick chatter.
     events : Event or sequence of Event
+        Zero crossings that are located, and that may end a run.
     sample_time : float, optional
-        s: calls a torque *function* once a sample time only, and holds what it returns.
+        With a sample time (s) a torque *function* is called only once each sample time, and its torques are held.
     sensors : Sensors, optional
-        Between the motion and the controller, and in what is recorded; exact where not given.
+        The sensors that the controller and the recording see; exact by default.
     actuators : Actuators, optional
-        Between the controller and the joints; ideal where not given.
+        The drives between the controller and the joints; ideal by default.
     environment : Environment, optional
-        Such as :class:`ElasticContact`.
+        An environment that the robot touches, such as :class:`ElasticContact`.
     stopping_conditions : StoppingConditions, optional
         Ends a run that leaves its limits.
     rate : float, optional
-        Hz, of the samples returned: the control rate where there is one, otherwise 1000 Hz.
+        Rate of the samples that are returned, Hz; by default the control rate where there is one, otherwise 1000 Hz.
     seed : int
-        Of the sensors' noise.
+        Seed of the noise of the sensors.
 
     Returns
     -------
@@ -110,7 +113,7 @@ def simulate(
     Raises
     ------
     InputError
-        If something that was given does not fit; never for what happens in the simulation.
+        If an argument does not fit; never for what happens in the simulation.
 
     References
     ----------
@@ -162,16 +165,17 @@ def simulate(
 
 
 class Experiment:
-    """Runs what a request asks for.
+    """Runs a simulation and assembles its result.
 
     Parameters
     ----------
     request : Request
     relative, absolute : float
-        Tolerances.
+        Relative and absolute tolerance of the adaptive methods.
     seed : int
+        Seed of the sensors.
     options : dict
-        For the result.
+        Options that are stored in the result.
     """
 
     def __init__(self, request: Request, relative: float, absolute: float, seed: int, options: dict[str, Any]) -> None:
@@ -215,7 +219,7 @@ class Experiment:
         return LibraryMethod(*common, request.method, relative, absolute)
 
     def result(self) -> SimulationResult:
-        """Run, and return what was recorded."""
+        """Run the simulation and return its result."""
         if self.request.is_ticked:
             self._by_ticks()
         else:
@@ -261,7 +265,7 @@ class Experiment:
             integrator.advance(t, ticks[k + 1])
 
     def _measurement(self, t: float, state: Array) -> Measurement:
-        """Return what a controller sees, (N,) of one run or (R, N) of a batch."""
+        """Return the measurement for the controller, (N,) for one run or (R, N) for a batch."""
         n, contact = self.count, self.plant.contact
         q, dq = state[:, :n], state[:, n:]
         force = None if contact is None else contact.state(t, q, dq)[1]
@@ -298,7 +302,7 @@ class Experiment:
             self.seen.record(row, t, self.plant.held)
 
     def _torques_afterwards(self) -> None:
-        """Fill in the torques of a function, and what sensors would have seen, at the samples."""
+        """Compute torques of a function and readings of the sensors at the samples, after the integration."""
         request, n = self.request, self.count
         for row, t in enumerate(request.times.tolist()):
             state = self.states[:, row]
@@ -317,7 +321,7 @@ class Experiment:
                 self.seen.record(row, t, self.torques[:, row])
 
     def _assembled(self) -> SimulationResult:
-        """Compute accelerations and energies at the samples, and put the result together."""
+        """Compute accelerations and energies at the samples, and assemble the result."""
         request, watch, n = self.request, self.watch, self.count
         shape = self.states.shape[:2]
         accelerations, energies = np.full((*shape, n), np.nan), np.full((*shape, 3), np.nan)
@@ -368,7 +372,7 @@ class Experiment:
         return whole if request.is_batch else whole.run(0)
 
     def _impossible(self, run: int) -> str:
-        """Say whether a run's inertia matrix was that of a robot that could not exist: where it diverged, or before."""
+        """Return a remark where the inertia matrix of a run was not positive definite, at its divergence or before."""
         cause = "these parameters are not physically possible, which steelyard check (steelyard.check) explains"
         if self.watch.status[run] is Status.DIVERGED:
             least = float(least_inertia(self.plant, run, self.watch.final[[run], : self.count])[0])
@@ -385,7 +389,7 @@ class Experiment:
 
 
 class _Log:
-    """What the sensors saw at the samples."""
+    """The readings of the sensors at the samples."""
 
     def __init__(self, readings: SensorReadings, shape: tuple[int, ...]) -> None:
         self._readings = readings
@@ -405,7 +409,7 @@ class _Log:
             self._has[1] = True
 
     def measured(self, known: NDArray[np.bool_]) -> Measured:
-        """Return it, without what came after the ends of the runs."""
+        """Return the readings, with NaN after the ends of the runs."""
         for array in (self.q, self.dq, self.torque, self.force):
             array[~known] = np.nan
         return Measured(self.q, self.torque, self.dq if self._has[0] else None, self.force if self._has[1] else None)
@@ -434,13 +438,13 @@ def first_impossible(plant: Plant, run: int, q: Array) -> tuple[int, float] | No
     plant : Plant
     run : int
     q : ndarray
-        (S, N) of the samples: the first, and some evenly among the others, are looked at; where one of them is
-        impossible, all between it and the one before are.
+        (S, N) positions of the samples. The first and some evenly spread ones are checked; where one of them has no
+        positive definite matrix, all samples between it and the one before are checked.
 
     Returns
     -------
     (int, float) or None
-        The sample and the least eigenvalue there.
+        Index of the sample, and the least eigenvalue at it.
     """
     some = np.unique(np.linspace(0, len(q) - 1, min(len(q), max(8, MOST // plant.runs))).round().astype(np.intp))
     found = np.flatnonzero(least_inertia(plant, run, q[some]) <= 0.0)

@@ -1,4 +1,4 @@
-"""What a simulation returns, and how it is saved."""
+"""The result of a simulation, and how it is saved."""
 
 from __future__ import annotations
 
@@ -27,14 +27,14 @@ _ALONG_TIME = ("q", "dq", "ddq", "torque", "kinetic_energy", "potential_energy",
 
 @dataclass(frozen=True, eq=False)
 class Measured:
-    """What the sensors saw at the times of a result, in the shapes of its own arrays.
+    """Readings of the sensors at the times of a result, in the shapes of its arrays.
 
     Attributes
     ----------
     q, torque : ndarray
         (S, N) or (R, S, N).
     dq : ndarray or None
-        None where nothing measures velocities.
+        None where velocities are not measured.
     force : ndarray or None
         (S, 6) or (R, S, 6), where there is an environment.
     """
@@ -47,18 +47,19 @@ class Measured:
 
 @dataclass(frozen=True, eq=False, repr=False)
 class SimulationResult:
-    """The motion of one run, or of R runs, and how each of them ended.
+    """The motion of one run or of R runs, and how each of them ended.
 
-    In one run S counts the samples until it ended; in a batch every run has all S samples, NaN after its end.
+    For one run, S is the number of samples until its end. In a batch every run has all S samples, with NaN after its
+    end.
 
     Attributes
     ----------
     t : ndarray
-        (S,) s.
+        (S,) times, s.
     q, dq, ddq : ndarray
         (S, N) or (R, S, N): rad or m, and per s, per s².
     torque : ndarray
-        As q: torques of the actuators, N·m or N; held ones act from their time on.
+        (S, N) or (R, S, N) torques of the actuators, N·m or N; held torques act from their time on.
     kinetic_energy, potential_energy : ndarray
         (S,) or (R, S), J, of links, rotors and springs. In base parameters the potential is known up to a constant.
     dissipated : ndarray
@@ -66,23 +67,23 @@ class SimulationResult:
     status : Status or tuple of Status
         A batch has one for each run.
     end_time : float or ndarray
-        s; (R,) in a batch.
+        Time at which the run ended, s; (R,) in a batch.
     message : str or tuple of str
-        What ended a run before its time, with the time, and whether its inertia matrix was that of a robot that cannot
-        exist; otherwise empty.
+        The reason and the time where a run ended early, and a remark where its inertia matrix was not positive
+        definite; otherwise empty.
     final_q, final_dq : ndarray
-        (N,) or (R, N), where the runs ended.
+        (N,) or (R, N) at the ends of the runs.
     joint_names : tuple of str
     method : str
-        That integrated.
+        Integration method that was used.
     events : tuple of Occurrence
-        In the order of time.
+        Events that occurred, in the order of time.
     measured : Measured or None
-        What the sensors saw, where there were sensors.
+        Readings of the sensors, where there were sensors.
     force : ndarray or None
         (S, 6) or (R, S, 6): the environment's wrench on the link, base axes, force before moment, N and N·m.
     options : mapping
-        What was asked for, in plain numbers and texts.
+        Options of the simulation, as plain numbers and texts.
     """
 
     t: Array
@@ -124,13 +125,13 @@ class SimulationResult:
     def at(self, t: ArrayLike) -> tuple[Array, Array]:
         """Return positions and velocities between the samples.
 
-        By the interpolant of the method where it has one (the adaptive methods, in one run); by cubics through
-        positions and velocities of the samples otherwise.
+        An adaptive method with one run uses its own interpolant. Otherwise cubic polynomials pass through the positions
+        and velocities of the samples.
 
         Parameters
         ----------
         t : array_like
-            () or (k,) s, within the run.
+            () or (k,) times within the run, s.
 
         Returns
         -------
@@ -207,19 +208,19 @@ class SimulationResult:
         )
 
     def recording(self, run: int | None = None) -> Recording:
-        """Return the log that this run would have left: what the sensors saw, or the truth where there were none.
+        """Return the log of a run: the readings of the sensors, or the true values where there were none.
 
         Row k holds the positions at its time and the torques that begin to act then, as the log of a control loop does.
 
         Parameters
         ----------
         run : int, optional
-            Of a batch.
+            Index of the run in a batch.
 
         Raises
         ------
         InputError
-            If this is a batch and no run is named.
+            If this is a batch and no run is given.
         """
         if run is not None:
             return self.run(run).recording()
@@ -232,7 +233,7 @@ class SimulationResult:
         return Recording(t=self.t, q=seen.q, torque=seen.torque, velocity=seen.dq, source=source, joint_names=names)
 
     def save(self, path: str | os.PathLike[str]) -> Path:
-        """Write to .csv, .parquet or .npz: t, q1, …, dq1, …, ddq1, …, tau1, … and energies; a batch counts `run`.
+        """Write to .csv, .parquet or .npz: t, q1, …, dq1, …, ddq1, …, tau1, … and energies; in a batch also `run`.
 
         Raises
         ------
@@ -268,13 +269,11 @@ def _most(values: Array) -> str:
     return f"{np.abs(known).max():.4g}" if known.size else "unknown"
 
 
-# Writes the result of a simulation as CSV, Parquet or NPZ.
-
 SUFFIXES = (".csv", ".parquet", ".npz")
 
 
 def save_result(result: SimulationResult, path: Path) -> Path:
-    """Write a result; the file appears whole or not at all.
+    """Write a result; the file is written completely or not at all.
 
     Parameters
     ----------

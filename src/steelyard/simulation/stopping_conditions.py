@@ -1,4 +1,4 @@
-"""Stopping conditions: they end a run that leaves what is allowed."""
+"""Stopping conditions, which end a run that exceeds its limits."""
 
 from __future__ import annotations
 
@@ -19,21 +19,21 @@ Array = NDArray[np.float64]
 
 @dataclass(frozen=True, eq=False)
 class StoppingConditions:
-    """Limits that a run must keep; values for each joint are a number for all or (N,).
+    """Limits that a run must keep. Values for each joint are one number for all joints, or (N,).
 
-    They are looked at once a sample time, on the true motion.
+    They are checked once each sample time against the true motion.
 
     Parameters
     ----------
     velocity : array_like
         Largest speed, rad/s or m/s.
     lower, upper : array_like
-        Positions, rad or m.
+        Least and largest positions, rad or m.
     tracking : array_like
-        Largest distance from the reference, rad or m.
+        Largest tracking error, the distance from the reference, rad or m.
     reference : Trajectory or None
-        With ``motion(t (S,))``, which returns positions (S, N) first; needed by `tracking`. After its `duration` it
-        stands where it ended.
+        The reference of `tracking`: an object with a method ``motion(t)``, which takes times (S,) and returns positions
+        (S, N) first. After its `duration` the reference stays at its last position.
 
     Raises
     ------
@@ -63,12 +63,12 @@ class StoppingConditions:
             )
 
     def start(self, ticks: int, names: tuple[str, ...], start: float, sample_time: float) -> StoppingCheck:
-        """Return the stop for so many looks at joints of these names, each a sample time after the last."""
+        """Return the check for a number of ticks, one each sample time from `start` on, and joints of these names."""
         return StoppingCheck(self, ticks, names, start, sample_time)
 
 
 class StoppingCheck:
-    """Stopping conditions at work.
+    """Checks the stopping conditions of R runs at each tick.
 
     Parameters
     ----------
@@ -114,7 +114,7 @@ class StoppingCheck:
         self._ranges = bool(np.isfinite(self._lower).any() or np.isfinite(self._upper).any())
 
     def reason(self, tick: int, q: Array, dq: Array) -> dict[int, str]:
-        """Return why each of the runs that break a limit must stop."""
+        """Return for each run (by index) that exceeds a limit at a tick the reason for which it must stop."""
         fast = np.abs(dq) > self._velocity
         far = (q < self._lower) | (q > self._upper) if self._ranges else None
         distance = None if self._reference is None else np.abs(q - self._reference[tick])

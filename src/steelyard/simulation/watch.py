@@ -1,4 +1,4 @@
-"""Watches over the runs: events, samples, energies that grow, and runs that cannot come to an end."""
+"""Follows the runs during integration: samples, events, and the detection of runs that diverge."""
 
 from __future__ import annotations
 
@@ -20,24 +20,27 @@ Array = NDArray[np.float64]
 Rows = NDArray[np.intp]
 End = Callable[[int, float, str, Array], None]
 
-ABSURD_SPEED = 5e3  # rad/s or m/s, fifty thousand turns a minute
-WINDOW = 2000  # attempts of a step over which the pace is measured
-SLOWEST = 1e-9  # of the duration, that an attempt must gain on average: otherwise a thousand million are needed
-MOST = 50_000_000  # attempts of one run
+# Joint speed (rad/s or m/s) above which a run has diverged: fifty thousand revolutions a minute. Robots with impossible
+# parameters reach it long before their states overflow.
+ABSURD_SPEED = 5e3
+# An adaptive method must advance on average by at least the fraction SLOWEST of the duration with each attempted step,
+# measured over WINDOW attempts. More slowly it would need more than 1e9 attempts, which take hours.
+WINDOW, SLOWEST = 2000, 1e-9
+MOST = 50_000_000  # attempted steps of one run, up to hours of computing
 
 
 class Runaway:
-    """Ends runs that an adaptive method would follow for ever, as ever shorter steps follow ever faster joints.
+    """Ends runs that an adaptive method would never finish, because its steps become ever shorter.
 
     Parameters
     ----------
     plant : Plant
     state : ndarray
-        (R, 2 N) at the start; ten times its largest speed is allowed, where that is more.
+        (R, 2 N) at the start. Ten times its largest speed is allowed, where this is above `ABSURD_SPEED`.
     duration : float
-        s.
+        Duration of the runs, s.
     end : callable
-        Of a run, its time, the message and its state (2 N,).
+        Function that ends a run: of its index, the time, the message and the state (2 N,).
     """
 
     def __init__(self, plant: Plant, state: Array, duration: float, end: End) -> None:
@@ -49,7 +52,7 @@ class Runaway:
         self._slowest = SLOWEST * WINDOW * duration
 
     def check(self, rows: Rows, t: Array, state: Array) -> None:
-        """Look at runs (m,) after an attempt of a step, which led to their times (m,) and states (m, 2 N)."""
+        """Check runs (m,) after an attempted step that led to times (m,) and states (m, 2 N)."""
         self.speed(rows, t, state)
         self._attempts[rows] += 1
         attempts = self._attempts[rows]
@@ -63,7 +66,7 @@ class Runaway:
             self._since[run] = now
 
     def speed(self, rows: Rows, t: Array, state: Array) -> None:
-        """End the runs of which a joint is absurdly fast."""
+        """End the runs in which a joint is faster than any robot's."""
         speeds = np.abs(state[:, self._count :])
         if not (speeds > ABSURD_SPEED).any():
             return
@@ -78,16 +81,16 @@ class Runaway:
             self._end(int(rows[k]), float(t[k]), text, state[k])
 
 
-# Follows the runs while they are integrated: output samples, events, endings, and energy that grows beyond reason.
-
-# States (k, 2 N) at times (k,) within the pieces of `which` (k,), places in the rows of a step.
+# Function of indices (k,) into the rows of a step and of times (k,) within this step that returns states (k, 2 N).
 Interpolant = Callable[[Rows, Array], Array]
 
-BEYOND_REASON = 100.0  # times the energy that a passive robot could have gained
+# The kinetic energy of a robot that nothing drives may grow to this multiple of what it can have gained. No error of
+# integration within the tolerances comes near it, while parameters of impossible robots soon exceed it.
+LARGEST_ENERGY_GAIN = 100.0
 
 
 class Watch:
-    """What is known of R runs.
+    """Follows R runs: samples them, locates their events, and records how each of them ends.
 
     Parameters
     ----------
@@ -96,22 +99,22 @@ class Watch:
         (R, 2 N) at the start.
     events : sequence of Event
     duration : float
-        s.
+        Duration of the runs, s.
     passive : bool
-        Nothing drives the robots, so that their energy must not grow.
+        Whether nothing drives the robots, so that their energy must not grow.
     times : ndarray, optional
-        (S,) output times at which steps are sampled; None where the caller samples.
+        (S,) output times at which steps are sampled; None where the caller takes the samples.
     dense : bool
-        Keep the interpolants of a single run.
+        Whether the interpolants of a single run are kept.
 
     Attributes
     ----------
     ended : ndarray
-        (R,) bool.
+        (R,) of bool, whether a run has ended.
     final : ndarray
         (R, 2 N) last states of the runs that ended.
     runaway : Runaway
-        To which adaptive methods show every attempt of a step.
+        Its `check` is called by the adaptive methods after every attempted step.
     """
 
     def __init__(
@@ -146,11 +149,11 @@ class Watch:
 
     @property
     def every_step(self) -> bool:
-        """Whether steps must be shown to `piece`."""
+        """Whether integrators must pass every step to `piece`."""
         return bool(self.events) or self.times is not None or self.pieces is not None or self._energy is not None
 
     def end(self, run: int, status: Status, t: float, message: str, state: Array) -> None:
-        """End a run; the first ending counts."""
+        """End a run; where it has ended already, nothing changes."""
         if not self.ended[run]:
             if status is Status.DIVERGED:
                 message += self.plant.unknown_torque(run, t)
@@ -159,7 +162,7 @@ class Watch:
             self.final[run] = state
 
     def begin(self) -> None:
-        """Look for the runs that start beyond an event; call it when the start has been recorded."""
+        """Find the runs that start beyond an event; to be called once the start has been recorded."""
         n = self.plant.count
         for event, value in zip(self.events, self._before, strict=True):
             if not event.from_start:
@@ -175,18 +178,18 @@ class Watch:
         self.end(run, Status.DIVERGED, t, message, state)
 
     def piece(self, rows: Rows, t0: Array, t1: Array, stop: Array, interpolate: Interpolant) -> None:
-        """Look at one step of some runs.
+        """Process one step of some runs.
 
         Parameters
         ----------
         rows : ndarray
-            (m,) the runs.
+            (m,) indices of the runs.
         t0, t1 : ndarray
             (m,) times at which their steps begin and end.
         stop : ndarray
             (m, 2 N) states at t1.
-        interpolate : callable
-            States between.
+        interpolate : Interpolant
+            States within the step.
         """
         until = t1.copy()
         for number, event in enumerate(self.events):
@@ -227,7 +230,7 @@ class Watch:
         return value
 
     def _locate(self, event: Event, place: int, rows: Rows, t0: Array, until: Array, interpolate: Interpolant) -> None:
-        """Find an event within the step of one run; one that comes after the run's end is none."""
+        """Locate an event within the step of one run; an event after the end of the run is ignored."""
         which, one = np.array([place]), rows[place : place + 1]
 
         def at(t: float) -> Array:
@@ -238,7 +241,7 @@ class Watch:
 
         begin, end = float(t0[place]), float(until[place])
         first, last = value(begin), value(end)
-        if first * last > 0.0:  # cut off by an event before it, or rounding of the interpolant at its ends
+        if first * last > 0.0:  # another event ended the step before it, or rounding of the interpolant
             return
         t = end if last == 0.0 else begin if first == 0.0 else float(brentq(value, begin, end, xtol=1e-14, rtol=1e-14))
         state, n, run = at(t)[0], self.plant.count, int(one[0])
@@ -246,7 +249,7 @@ class Watch:
         if event.terminal:
             until[place] = t
             text = event.name if event.describe is None else event.describe(state[:n], state[n:])
-            if self.ended[run] and self.status[run] is Status.EVENT:  # an event of the same step that comes first
+            if self.ended[run] and self.status[run] is Status.EVENT:  # this event of the same step comes first
                 self.ended[run] = False
             self.end(run, Status.EVENT, t, f"{text} at {t:.6g} s", state)
 
@@ -265,10 +268,10 @@ class Watch:
 
 
 class _PassiveEnergy:
-    """The bound of the energy of robots that nothing drives.
+    """Bounds the kinetic energy of robots that nothing drives.
 
-    Kinetic energy can grow by what the potential gives, and by what constant torques (offsets) give over the way
-    that a joint has gone. A hundred times as much ends the run: that is no error of integration.
+    Kinetic energy can grow by the decrease of potential energy, and by the work of constant torques (offsets) over the
+    displacement of a joint. A run ends where it exceeds `LARGEST_ENERGY_GAIN` times the sum of these.
     """
 
     def __init__(self, plant: Plant, state: Array) -> None:
@@ -288,10 +291,10 @@ class _PassiveEnergy:
         kinetic, potential = energy[:, 0], energy[:, 1]
         self._lowest[rows] = np.fmin(self._lowest[rows], potential)
         self._highest[rows] = np.fmax(self._highest[rows], potential)
-        way = np.abs(state[:, :n] - self._first[rows, :n])
-        self._work[rows] = np.fmax(self._work[rows], (np.abs(energy[:, 3:]) * way).sum(axis=1))
-        reason = np.abs(self._kinetic[rows]) + self._highest[rows] - self._lowest[rows] + self._work[rows]
-        for k in np.flatnonzero(np.abs(kinetic) > BEYOND_REASON * reason + 1e-3):
+        displacement = np.abs(state[:, :n] - self._first[rows, :n])
+        self._work[rows] = np.fmax(self._work[rows], (np.abs(energy[:, 3:]) * displacement).sum(axis=1))
+        possible = np.abs(self._kinetic[rows]) + self._highest[rows] - self._lowest[rows] + self._work[rows]
+        for k in np.flatnonzero(np.abs(kinetic) > LARGEST_ENERGY_GAIN * possible + 1e-3):
             run = int(rows[k])
             text = f"the kinetic energy of a robot that nothing drives became {kinetic[k]:.3g} J"
             watch.end(run, Status.DIVERGED, float(t[k]), f"{text} at {t[k]:.6g} s", state[k])
