@@ -125,7 +125,7 @@ def arm_of(name):
 
 
 def state_of(model, random, speed=1.0):
-    """A bent posture, away from singularities, and velocities."""
+    """A bent configuration, away from singularities, and velocities."""
     q = random.uniform(-0.3, 0.3, model.dof)
     q[1:4] += [-0.6, 1.2, 0.4] if model.dof == 6 else [0.4, 0.3, 1.3]
     q[4:6] += 0.8

@@ -15,9 +15,9 @@ from steelyard.control import (
     GravityCompensation,
     ImpedanceControl,
     MeasuredVelocity,
+    NullSpaceControl,
     NumericalDifference,
     PositionTracking,
-    Posture,
     TaskSpaceControl,
     Tool,
 )
@@ -196,9 +196,9 @@ def test_every_controller_refuses_what_sampling_does_not_allow(six):
             stiff,
             wild,
         ),
-        Posture: (
+        NullSpaceControl: (
             lambda d: TaskSpaceControl(
-                model, parameters, tool, pose, **stiff, axes=("x", "y"), posture=Posture(damping=d)
+                model, parameters, tool, pose, **stiff, axes=("x", "y"), null_space=NullSpaceControl(damping=d)
             ),
             10.0,
             5000.0,

@@ -2,11 +2,11 @@
 
 import numpy as np
 import pytest
-from scipy.linalg import null_space
+from scipy.linalg import null_space as kernel_of
 from scipy.spatial.transform import Rotation
 
 import steelyard as sy
-from steelyard.control import MeasuredVelocity, PoseTrajectory, Posture, TaskSpaceControl, Tool
+from steelyard.control import MeasuredVelocity, NullSpaceControl, PoseTrajectory, TaskSpaceControl, Tool
 from steelyard.simulation import Measurement
 
 
@@ -70,26 +70,33 @@ def test_the_inverse_is_dynamically_consistent(redundant, random, bent):
             kp=0.0,
             kd=0.0,
             axes=axes,
-            posture=Posture(damping=0.0),
+            null_space=NullSpaceControl(damping=0.0),
             velocity=MeasuredVelocity(),
         )
         q, _ = bent(model, random)
         seen = Measurement(t=0.0, q=q, dq=0 * q)
         controller.start(seen)
         ddq = plant.acceleration(q, 0 * q, controller.torque(seen))
-        free = null_space(plant.jacobian(q)[rows])
+        free = kernel_of(plant.jacobian(q)[rows])
         assert np.abs(ddq).max() > 0.1
         np.testing.assert_allclose(free.T @ plant.inertia_matrix(q) @ ddq, 0.0, atol=1e-9)
 
 
-def test_the_posture_does_not_move_the_tool(redundant, random, bent):
+def test_the_configuration_does_not_move_the_tool(redundant, random, bent):
     model, parameters, plant, link = redundant
     q, dq = bent(model, random)
     seen = Measurement(t=0.0, q=q, dq=dq)
     found = []
-    for posture in (Posture(damping=0.0), Posture(q + 1.0, stiffness=50.0, damping=7.0)):
+    for null_space in (NullSpaceControl(damping=0.0), NullSpaceControl(q + 1.0, stiffness=50.0, damping=7.0)):
         controller = TaskSpaceControl(
-            model, parameters, Tool(link), plant.pose(q), kp=30.0, kd=9.0, posture=posture, velocity=MeasuredVelocity()
+            model,
+            parameters,
+            Tool(link),
+            plant.pose(q),
+            kp=30.0,
+            kd=9.0,
+            null_space=null_space,
+            velocity=MeasuredVelocity(),
         )
         controller.start(seen)
         ddq = plant.acceleration(q, dq, controller.torque(seen))
@@ -130,7 +137,7 @@ def test_a_way_is_tracked_and_the_elbow_comes_to_rest(redundant, bent, random):
     assert np.abs(speeds[-1]).max() < 2e-3
 
 
-def test_a_singular_posture_asks_nothing_impossible(six):
+def test_a_singular_configuration_asks_nothing_impossible(six):
     """The arm stretched out: no torque can pull the hand outwards, whatever the reference asks."""
     model, parameters, plant, link = six
     q = np.array([0.2, -0.7, 0.0, 0.3, 0.9, 0.1])
@@ -179,8 +186,8 @@ def test_an_unreachable_target_is_approached_and_held(six):
         ({"reference": np.eye(3)}, r"\(\.\.\., 4, 4\)"),
         ({"reference": 2.0 * np.eye(4)}, "rotation matrix, a position"),
         ({"reference": "home"}, "pose reference"),
-        ({"posture": Posture(stiffness=1.0)}, "no positions"),
-        ({"posture": Posture([0.0], stiffness=1.0)}, "6 finite numbers"),
+        ({"null_space": NullSpaceControl(stiffness=1.0)}, "no positions"),
+        ({"null_space": NullSpaceControl([0.0], stiffness=1.0)}, "6 finite numbers"),
         ({"largest_mass": 0.0}, "largest_mass"),
         ({"tool": Tool("nothing")}, "nothing"),
     ],

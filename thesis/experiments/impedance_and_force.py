@@ -20,8 +20,8 @@ from steelyard.control import (
     AdaptiveForceControl,
     ForceControlOptions,
     ImpedanceControl,
+    NullSpaceControl,
     NumericalDifference,
-    Posture,
     StiffnessEstimator,
     Tool,
 )
@@ -33,7 +33,7 @@ from steelyard.report.html_document import Markup, table
 from steelyard.simulation import ElasticContact, Measurement, Sensors, SimulationResult, simulate
 
 Array = NDArray[np.float64]
-POSTURE = np.array([0.0, 0.6, 0.0, 1.8, 0.0, 0.5, 0.0])  # of impedance and force control, rad
+CONFIGURATION = np.array([0.0, 0.6, 0.0, 1.8, 0.0, 0.5, 0.0])  # of impedance and force control, rad
 
 
 def main() -> None:
@@ -107,7 +107,7 @@ def answered(model: Model, result: SimulationResult) -> dict[str, Array]:
 
     count = round(SPAN * 1000.0)
     q, t = result.q[-count - 1 : -1], result.t[-count - 1 : -1]
-    poses, rest = model.pose(q, "link7"), model.pose(POSTURE, "link7")
+    poses, rest = model.pose(q, "link7"), model.pose(CONFIGURATION, "link7")
     turns = Rotation.from_matrix(poses[:, :3, :3] @ rest[:3, :3].T).as_rotvec()
     moved = np.fft.rfft(np.column_stack((poses[:, :3, 3] - rest[:3, 3], turns)), axis=0)
     pushed = np.fft.rfft(pushes(t), axis=0)
@@ -135,14 +135,21 @@ def impedance(model: Model, folder: Path) -> Section:
             model,
             parameters,
             Tool("link7"),
-            model.pose(POSTURE, "link7"),
+            model.pose(CONFIGURATION, "link7"),
             **DESIGNED,
-            posture=Posture(POSTURE, stiffness=100.0, damping=20.0),
+            null_space=NullSpaceControl(CONFIGURATION, stiffness=100.0, damping=20.0),
             compensate_drives=True,
             velocity=NumericalDifference(order=2),
         )
         result = simulate(
-            model, parameters, POSTURE, np.zeros(7), SETTLING + SPAN, controller, environment=Pushed(), sign_width=0.01
+            model,
+            parameters,
+            CONFIGURATION,
+            np.zeros(7),
+            SETTLING + SPAN,
+            controller,
+            environment=Pushed(),
+            sign_width=0.01,
         )
         found = answered(model, result)
         off = {key: 100.0 * (found[key] / DESIGNED[key] - 1.0) for key in DESIGNED}
@@ -193,7 +200,7 @@ def environment(t: Array | float) -> Array:
 
 def force_control(model: Model, folder: Path) -> Section:
     """Press on a wall whose stiffness changes tenfold."""
-    pose = model.pose(POSTURE, "link7")
+    pose = model.pose(CONFIGURATION, "link7")
     wanted: Callable[[float], float] = lambda t: 10.0 + 3.0 * np.sin(np.pi * t)  # noqa: E731
     charts, lines, rows = [], [], []
     for name, compensate_drives in (("friction compensated", True), ("friction left to the observer", False)):
@@ -217,7 +224,7 @@ def force_control(model: Model, folder: Path) -> Section:
         result = simulate(
             model,
             true_parameters(),
-            POSTURE,
+            CONFIGURATION,
             np.zeros(7),
             12.0,
             watched,

@@ -26,7 +26,7 @@ if TYPE_CHECKING:
     from .poses import rotation_vector as rotation_vector
     from .position_tracking import PositionTracking as PositionTracking
     from .stiffness import StiffnessEstimator as StiffnessEstimator
-    from .task_dynamics import Posture as Posture
+    from .task_dynamics import NullSpaceControl as NullSpaceControl
     from .task_space import TaskSpaceControl as TaskSpaceControl
     from .tool import Tool as Tool
     from .velocities import FilteredDifference as FilteredDifference

@@ -153,7 +153,7 @@ class AdaptiveForceControl(TaskControl):
         As in :class:`TaskSpaceControl`, for the axes that follow the pose.
     options : ForceControlOptions, optional
         How the force loop is tuned; the defaults suit a quiet sensor.
-    posture, base, compensate_drives, sign_width, largest_mass, length, sample_time, velocity
+    null_space, base, compensate_drives, sign_width, largest_mass, length, sample_time, velocity
         As in :class:`TaskSpaceControl`.
 
     Attributes
@@ -251,7 +251,7 @@ class AdaptiveForceControl(TaskControl):
         across = np.eye(len(along)) - along
         stiffness, damping = across @ self._kp, across @ self._kd
         return self._task.feedback(
-            q, stiffness + 0.25 * self._damping**2 * along, damping + self._damping * along, self._posture
+            q, stiffness + 0.25 * self._damping**2 * along, damping + self._damping * along, self._null_space
         )
 
     def _command(self, measurement: Measurement) -> Array:
@@ -264,7 +264,7 @@ class AdaptiveForceControl(TaskControl):
         free = task.chosen(target.acceleration) + applied(self._kp, task.error(state, target))
         free = free + applied(self._kd, task.chosen(target.twist) - state.velocity)
         wanted = free + (along - free @ normal)[..., None] * normal
-        torque = task.torque(state, task.acceleration(state, wanted, self._posture.acceleration(q, dq)))
+        torque = task.torque(state, task.acceleration(state, wanted, self._null_space.acceleration(q, dq)))
         torque -= applied(np.swapaxes(state.full, -1, -2), self._cancelled(wrench))
         return torque
 

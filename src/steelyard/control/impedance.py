@@ -48,7 +48,7 @@ class ImpedanceControl(TaskControl):
     frame : {"base", "target"}
         The frame whose axes stiffness, damping and inertia refer to; ``"target"`` needs a task of whole poses,
         positions or orientations.
-    axes, posture, base, compensate_drives, sign_width, largest_mass, length, sample_time, velocity
+    axes, null_space, base, compensate_drives, sign_width, largest_mass, length, sample_time, velocity
         As in :class:`TaskSpaceControl`.
 
     Attributes
@@ -128,7 +128,7 @@ class ImpedanceControl(TaskControl):
             turn = self.reference.target(0.0).pose[..., :3, :3].reshape(-1, 3, 3)[0]
             turns = np.kron(np.eye(len(stiffness) // 3), turn)
             stiffness, damping = turns @ stiffness @ turns.T, turns @ damping @ turns.T
-        return self._task.feedback(q, stiffness, damping, self._posture, forces=self._softness is None)
+        return self._task.feedback(q, stiffness, damping, self._null_space, forces=self._softness is None)
 
     def _command(self, measurement: Measurement) -> Array:
         q, dq = measurement.q, self._velocity.velocity(measurement)
@@ -136,13 +136,13 @@ class ImpedanceControl(TaskControl):
         state, target = task.state(q, dq), self.reference.target(measurement.t)
         error, rate = task.error(state, target), task.chosen(target.twist) - state.velocity
         acceleration = task.chosen(target.acceleration)
-        posture = self._posture.acceleration(q, dq)
+        null_space = self._null_space.acceleration(q, dq)
         restoring = self._in_base(self._stiffness, target, error) + self._in_base(self._damping, target, rate)
         if self._softness is None:
-            return task.torque(state, task.acceleration(state, acceleration, posture, restoring))
+            return task.torque(state, task.acceleration(state, acceleration, null_space, restoring))
         force = self._sensor.wrench(measurement)
         answer = self._in_base(self._softness, target, restoring + task.chosen(force))
-        torque = task.torque(state, task.acceleration(state, acceleration + answer, posture))
+        torque = task.torque(state, task.acceleration(state, acceleration + answer, null_space))
         torque -= applied(np.swapaxes(state.full, -1, -2), force)
         return torque
 

@@ -17,13 +17,13 @@ from .poses import PoseTarget, rotation_vector
 from .sampled_loop import Feedback
 from .tool import Tool
 
-__all__ = ["Posture", "TaskDynamics", "TaskState", "applied", "task_axes"]
+__all__ = ["NullSpaceControl", "TaskDynamics", "TaskState", "applied", "task_axes"]
 
 Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True, eq=False)
-class Posture:
+class NullSpaceControl:
     """Joint accelerations ``stiffness (q_0 - q) - damping dq`` in the null space of a task.
 
     Without damping, the motions of a redundant arm that do not move its tool are not controlled: they drift.
@@ -41,7 +41,7 @@ class Posture:
     --------
     >>> import steelyard as sy
     >>> model = sy.Model(sy.Robot.from_dh([(0, 1.0, 0, "q")]))
-    >>> Posture([1.0], stiffness=4.0, damping=2.0).of(model).acceleration(np.zeros(1), np.ones(1)).tolist()
+    >>> NullSpaceControl([1.0], stiffness=4.0, damping=2.0).of(model).acceleration(np.zeros(1), np.ones(1)).tolist()
     [2.0]
     """
 
@@ -49,8 +49,8 @@ class Posture:
     stiffness: ArrayLike = 0.0
     damping: ArrayLike = 10.0
 
-    def of(self, model: Model) -> Posture:
-        """Return the posture with an array for each attribute, checked for a robot.
+    def of(self, model: Model) -> NullSpaceControl:
+        """Return the same with an array for each attribute, checked for a robot.
 
         Raises
         ------
@@ -58,16 +58,18 @@ class Posture:
             If the shape of one does not fit, or there is a stiffness without positions.
         """
         count = model.dof
-        stiffness = per_joint(self.stiffness, count, "the posture's stiffness", finite=True)
+        stiffness = per_joint(self.stiffness, count, "the null space's stiffness", finite=True)
         if self.q is None and stiffness.any():
-            raise InputError("The posture has a stiffness and no positions; give it q, or leave the stiffness out.")
+            raise InputError("The null space has a stiffness and no positions; give it q, or leave the stiffness out.")
         place = np.zeros(count) if self.q is None else np.array(self.q, dtype=np.float64)
         if place.shape != (count,) or not np.isfinite(place).all():
-            raise InputError(f"The posture's q must be {count} finite numbers, got {self.q!r}.")
-        return Posture(place, stiffness, per_joint(self.damping, count, "the posture's damping", finite=True))
+            raise InputError(f"The null space's q must be {count} finite numbers, got {self.q!r}.")
+        return NullSpaceControl(
+            place, stiffness, per_joint(self.damping, count, "the null space's damping", finite=True)
+        )
 
     def acceleration(self, q: Array, dq: Array) -> Array:
-        """Return joint accelerations (..., N), of a posture that `of` returned."""
+        """Return joint accelerations (..., N), of what `of` returned."""
         place, stiffness, damping = (np.asarray(a, dtype=np.float64) for a in (self.q, self.stiffness, self.damping))
         return stiffness * (place - q) - damping * dq
 
@@ -279,18 +281,18 @@ class TaskDynamics:
         """Return the controlled components (..., k) of vectors (..., 6)."""
         return values if self._all_rows else values[..., self.rows]
 
-    def acceleration(self, state: TaskState, wanted: Array, posture: Array, force: Array | float = 0.0) -> Array:
+    def acceleration(self, state: TaskState, wanted: Array, null_space: Array, force: Array | float = 0.0) -> Array:
         """Return joint accelerations that give the tool a desired acceleration.
 
-        Among all such accelerations they are closest, in the metric of the inertia matrix, to those of `posture`: the
-        generalised inverse of thesis eq. 2.30, ``ddq = J+ (a - dJ/dt dq) + (I - J+ J) posture``.
+        Among all such accelerations they are closest, in the metric of the inertia matrix, to those of `null_space`:
+        the generalised inverse of thesis eq. 2.30, ``ddq = J+ (a - dJ/dt dq) + (I - J+ J) null_space``.
 
         Parameters
         ----------
         state : TaskState
         wanted : ndarray
             (..., k) desired acceleration of the tool.
-        posture : ndarray
+        null_space : ndarray
             (..., N) desired joint accelerations in the null space.
         force : ndarray
             (..., k) additional force on the tool, N and N·m.
@@ -300,11 +302,11 @@ class TaskDynamics:
         ndarray
             (..., N).
         """
-        asked = wanted - state.drift - applied(state.jacobian, posture)
-        return posture + applied(state.lever, applied(state.inertia, asked) + force)
+        asked = wanted - state.drift - applied(state.jacobian, null_space)
+        return null_space + applied(state.lever, applied(state.inertia, asked) + force)
 
     def feedback(
-        self, q: Array, stiffness: Array, damping: Array, posture: Posture, *, forces: bool = False
+        self, q: Array, stiffness: Array, damping: Array, null_space: NullSpaceControl, *, forces: bool = False
     ) -> Feedback:
         """Return the feedback of joint errors near rest that a feedback of the tool's error and velocity amounts to.
 
@@ -314,7 +316,7 @@ class TaskDynamics:
             (P, N).
         stiffness, damping : ndarray
             (k, k) or (P, k, k): 1/s² and 1/s, or with `forces` N/m and N·s/m.
-        posture : Posture
+        null_space : NullSpaceControl
             As `of` returned it.
         forces : bool
             Whether the gains give forces at the tool, instead of accelerations.
@@ -323,7 +325,7 @@ class TaskDynamics:
         back = np.swapaxes(state.jacobian, -1, -2)
         pressed = back if forces else matrix @ state.lever @ state.inertia
         rest = matrix - matrix @ state.lever @ state.inertia @ state.jacobian
-        own = (np.asarray(x, dtype=np.float64) for x in (posture.stiffness, posture.damping))
+        own = (np.asarray(x, dtype=np.float64) for x in (null_space.stiffness, null_space.damping))
         holds, damps = (
             pressed @ gains @ state.jacobian + rest * free
             for gains, free in zip((stiffness, damping), own, strict=True)

@@ -16,7 +16,7 @@ from .block import ControlBlock
 from .model_part import ModelPart
 from .poses import pose_reference
 from .sampled_loop import Feedback
-from .task_dynamics import Posture, TaskDynamics, applied
+from .task_dynamics import NullSpaceControl, TaskDynamics, applied
 from .tool import ForceSensing, Tool
 from .velocities import VelocityEstimator
 
@@ -28,7 +28,7 @@ Array = NDArray[np.float64]
 class TaskOptions(TypedDict, total=False):
     """The options that every controller of a tool takes by keyword; :class:`TaskSpaceControl` documents them."""
 
-    posture: Posture | None
+    null_space: NullSpaceControl | None
     base: bool
     compensate_drives: bool
     sign_width: float
@@ -45,7 +45,7 @@ class TaskControl(ControlBlock):
     ----------
     model, parameters, tool, reference, axes
         As in :class:`TaskSpaceControl`.
-    posture, base, compensate_drives, sign_width, largest_mass, length, sample_time, velocity
+    null_space, base, compensate_drives, sign_width, largest_mass, length, sample_time, velocity
         The `TaskOptions`, with their defaults; as in :class:`TaskSpaceControl`.
 
     Attributes
@@ -61,7 +61,7 @@ class TaskControl(ControlBlock):
         reference: Any,
         axes: str | Sequence[str],
         *,
-        posture: Posture | None = None,
+        null_space: NullSpaceControl | None = None,
         base: bool = False,
         compensate_drives: bool = False,
         sign_width: float = 0.01,
@@ -78,7 +78,7 @@ class TaskControl(ControlBlock):
             part, tool, axes, compensate_drives=compensate_drives, largest_mass=largest_mass, length=length
         )
         self.reference = pose_reference(reference)
-        self._posture = (Posture() if posture is None else posture).of(model)
+        self._null_space = (NullSpaceControl() if null_space is None else null_space).of(model)
 
 
 class TaskSpaceControl(TaskControl):
@@ -107,7 +107,7 @@ class TaskSpaceControl(TaskControl):
         A number, one number for each axis, or a symmetric matrix, 1/s² and 1/s.
     axes : str or sequence of str
         ``"pose"``, ``"position"``, ``"orientation"``, or some of ``"x" "y" "z" "rx" "ry" "rz"`` (base frame).
-    posture : Posture, optional
+    null_space : NullSpaceControl, optional
         Motion of a redundant arm in the null space of the task; damping by default.
     base, compensate_drives : bool
         Whether `parameters` are base parameters; whether friction and rotors are compensated.
@@ -169,7 +169,7 @@ class TaskSpaceControl(TaskControl):
             self._sensing.start(measurement)
 
     def _feedback(self, q: Array) -> Feedback:
-        return self._task.feedback(q, self._kp, self._kd, self._posture)
+        return self._task.feedback(q, self._kp, self._kd, self._null_space)
 
     def _command(self, measurement: Measurement) -> Array:
         q, dq = measurement.q, self._velocity.velocity(measurement)
@@ -178,7 +178,7 @@ class TaskSpaceControl(TaskControl):
         target = self.reference.target(measurement.t)
         wanted = task.chosen(target.acceleration) + applied(self._kp, task.error(state, target))
         wanted = wanted + applied(self._kd, task.chosen(target.twist) - state.velocity)
-        torque = task.torque(state, task.acceleration(state, wanted, self._posture.acceleration(q, dq)))
+        torque = task.torque(state, task.acceleration(state, wanted, self._null_space.acceleration(q, dq)))
         if self._sensing is not None:
             torque -= applied(np.swapaxes(state.full, -1, -2), self._sensing.wrench(measurement))
         return torque

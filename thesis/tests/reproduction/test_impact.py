@@ -24,7 +24,7 @@ def arm():
 
 @pytest.fixture(scope="module")
 def gross(arm):
-    """Of some estimates of it from torques that are half noise, the one that is worst in most postures."""
+    """Of some estimates of it from torques that are half noise, the one that is worst in most configurations."""
     states = States.random(arm, 100)
     found = [case for case in cases(arm, (1.0,), 6) if case.infeasible]
     return max(found, key=lambda case: effects(arm, case.estimate, states).indefinite)

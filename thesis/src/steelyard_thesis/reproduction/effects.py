@@ -39,7 +39,7 @@ class States:
 
     @classmethod
     def random(cls, subject: Subject, count: int, seed: int = 81) -> States:
-        """Draw postures from the whole turn, velocities of 1 rad/s and accelerations of 3 rad/s², rms."""
+        """Draw configurations from the whole turn, velocities of 1 rad/s and accelerations of 3 rad/s², rms."""
         random = np.random.default_rng(seed)
         n = subject.model.dof
         q = random.uniform(-np.pi, np.pi, (count, n))
@@ -58,7 +58,7 @@ class Effects:
     acceleration, worst_acceleration : float
         Error of forward dynamics: median over the states, and that which one state in twenty exceeds.
     indefinite : float
-        Share of the postures at which the inertia matrix has a negative eigenvalue.
+        Share of the configurations at which the inertia matrix has a negative eigenvalue.
     negative_energy : float
         Share of the states with a negative kinetic energy.
     driving_friction : float
@@ -195,7 +195,7 @@ def released(subject: Subject, bases: Sequence[Array], starts: Array, duration: 
 
 
 def hangs_unstably(subject: Subject, base: Array) -> bool:
-    """Return whether an arm with these base parameters leaves the posture in which its weight lies lowest.
+    """Return whether an arm with these base parameters leaves the configuration in which its weight lies lowest.
 
     Small motions about it obey ``M ddq + K dq = 0`` with the gradient K of the gravity torques, which has no negative
     eigenvalue there; they grow where M⁻¹ K has one that is negative or complex.

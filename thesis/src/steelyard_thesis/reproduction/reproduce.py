@@ -31,7 +31,7 @@ _MODULES = (
     "correction",
     "free_fall",
     "tracking",
-    "postures",
+    "inertia_matrices",
     "yoshida",
     "point_masses",
     "constrained_methods",

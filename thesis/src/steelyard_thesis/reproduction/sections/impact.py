@@ -37,10 +37,11 @@ _REMARKS = (
     "bounded by a multiple of the squared speed, and the skew symmetry of dM/dt - 2 C holds for any parameters, so "
     "that neither tells anything of passivity.",
     "What breaks is energy. With a negative kinetic energy somewhere, the total energy of an arm is conserved and yet "
-    "bounds nothing: speeds grow without limit. In every posture without a positive definite inertia matrix, computed "
-    "torque is positive feedback in some direction. Friction coefficients of the wrong sign drive instead of braking.",
-    "An estimate can be impossible and have a positive definite inertia matrix in every posture tried; with little "
-    "noise all of these have. They fall and track as their corrections do. What is wrong shows in their accelerations, "
+    "bounds nothing: speeds grow without limit. In every configuration without a positive definite inertia matrix, "
+    "computed torque is positive feedback in some direction. Friction coefficients of the wrong sign drive instead of "
+    "braking.",
+    "An estimate can be impossible and have a positive definite inertia matrix in every configuration tried; with "
+    "little noise all of these have. They fall and track as their corrections do. What is wrong shows in their accelerations, "
     "and in a proof.",
 )
 
@@ -228,8 +229,8 @@ def _impossible(studied: Sequence[Finding], counts: dict[tuple[str, float], int]
         "noise of the torques",
         "impossible estimates",
         "impossible part of the inertia torques",
-        "of them with M > 0 in all postures tried",
-        "postures without M > 0",
+        "of them with M > 0 in all configurations tried",
+        "configurations without M > 0",
         "states with negative kinetic energy",
         "estimates whose friction drives somewhere",
         "estimates that hang unstably",
@@ -294,7 +295,7 @@ def _feedback(studied: Sequence[Finding]) -> Table:
     fell = np.isfinite(np.concatenate([f.fell[0] for f in studied]))
     rows = []
     for text, chosen in (
-        ("positive definite there and in all postures tried", everywhere & definite),
+        ("positive definite there and in all configurations tried", everywhere & definite),
         ("positive definite there, not everywhere", definite & ~everywhere),
         ("not positive definite there", ~definite),
     ):
@@ -302,7 +303,7 @@ def _feedback(studied: Sequence[Finding]) -> Table:
             shares = (_percent(float(np.mean(runs[chosen]))) for runs in (stopped, fell))
             rows.append((text, f"{np.sum(chosen)}", *shares))
     heads = ("inertia matrix of the estimate at the start", "runs", "computed torque is stopped", "free fall diverges")
-    return Table("Which of the impossible estimates fail, by the posture of the start", heads, tuple(rows))
+    return Table("Which of the impossible estimates fail, by the configuration of the start", heads, tuple(rows))
 
 
 def _identities(studied: Sequence[Finding]) -> Table:
@@ -348,7 +349,7 @@ def _charts(studied: Sequence[Finding]) -> tuple[Chart, ...]:
             y_log=True,
         ),
         Chart(
-            "Postures without a positive definite inertia matrix",
+            "Configurations without a positive definite inertia matrix",
             label,
             "%",
             curves(lambda f, side: 100.0 * of(f, side).indefinite),

@@ -141,12 +141,12 @@ def wam_2014_comparisons(context: Context) -> Iterator[Comparison]:
     for name, beta, count in (("OLS", plain, 4416), ("β*e", ours, 10_000)):
         definite = np.linalg.eigvalsh(matrices(q, beta).reshape(-1, 7, 7))[:, 0] > 0.0
         yield Comparison(
-            f"WAM 2014: postures of 10000 with a positive definite inertia matrix, {name}",
+            f"WAM 2014: configurations of 10000 with a positive definite inertia matrix, {name}",
             count,
             int(np.sum(definite)),
             # Three standard deviations of the difference of two random draws.
             float(3.0 * np.sqrt(2.0 * count * (1.0 - count / 10_000))),
-            "postures are random in [0, 1) rad, and those of the paper are not published",
+            "configurations are random in [0, 1) rad, and those of the paper are not published",
         )
 
 

@@ -30,7 +30,7 @@ __all__ = ["SECTION", "certified", "estimates", "positive_definite_share", "robo
 
 _Consistency = Literal["inertia", "full"]
 _CONSISTENCIES: tuple[_Consistency, ...] = ("inertia", "full")
-_POSTURES = 2000
+_CONFIGURATIONS = 2000
 # The conditions of the paper where it has any: the triangle inequality is not among them before 2018.
 _ASKS_FOR_FULL = {"Rucker2022", "NakanishiCorrected", "Ayusawa2010"}
 _HEADS = (
@@ -41,7 +41,7 @@ _HEADS = (
     "held-out error, %",
     "criterion above WLS, %",
     "possible",
-    "postures with M > 0, %",
+    "configurations with M > 0, %",
     "time, s",
     "how it ended",
 )
@@ -165,7 +165,7 @@ def certified(robot: RealRobot, base: NDArray[np.float64]) -> str:
 
 
 def positive_definite_share(model: Model, base: NDArray[np.float64], q: NDArray[np.float64]) -> float:
-    """Return the share of postures (S, N) with a positive definite inertia matrix of links and rotors."""
+    """Return the share of configurations (S, N) with a positive definite inertia matrix of links and rotors."""
     n = model.dof
     matrices = model.kernel("total_inertia_matrix", base=True)(q, base).reshape(len(q), n, n)
     return float(np.mean(np.linalg.eigvalsh(matrices)[:, 0] > 0.0))
@@ -181,7 +181,7 @@ def _rows(robot: RealRobot, outcomes: list[Outcome]) -> Iterator[tuple[str | flo
     first = outcomes[0].estimate
     assert first is not None
     least = _criterion(robot, first.base)
-    q = np.random.default_rng(2014).uniform(-np.pi, np.pi, (_POSTURES, robot.model.dof))
+    q = np.random.default_rng(2014).uniform(-np.pi, np.pi, (_CONFIGURATIONS, robot.model.dof))
     for outcome in outcomes:
         found = outcome.estimate
         if found is None:

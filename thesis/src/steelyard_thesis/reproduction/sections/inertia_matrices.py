@@ -1,4 +1,4 @@
-"""Section 6.1: the share of postures with a positive definite inertia matrix."""
+"""Section 6.1: the share of configurations with a positive definite inertia matrix."""
 
 from __future__ import annotations
 
@@ -14,11 +14,11 @@ from ..section import Context, Section, SectionResult, Table
 
 __all__ = ["SECTION", "definite_share"]
 
-POSTURES = 10_000
+CONFIGURATIONS = 10_000
 
 
 def definite_share(base: np.ndarray, q: np.ndarray) -> float:
-    """Return the share of postures (S, N) at which the inertia matrix of links and rotors is positive definite."""
+    """Return the share of configurations (S, N) whose inertia matrix of links and rotors is positive definite."""
     kernel = wam_model().kernel("total_inertia_matrix", base=True)
     matrices = kernel(q, base).reshape(len(q), 7, 7)
     return float(np.mean(np.linalg.eigvalsh(matrices)[:, 0] > 0.0))
@@ -26,7 +26,7 @@ def definite_share(base: np.ndarray, q: np.ndarray) -> float:
 
 def _compute(context: Context) -> SectionResult:
     infeasible, feasible = column("4.9", "WLS"), column("4.9", "WLS_feasible")
-    q = np.random.default_rng(61).uniform(-np.pi, np.pi, (POSTURES, 7))
+    q = np.random.default_rng(61).uniform(-np.pi, np.pi, (CONFIGURATIONS, 7))
     weights = np.linspace(0.0, 1.0, 41)
     shares = [definite_share((1.0 - w) * infeasible + w * feasible, q) for w in weights]
     monotonic = all(b >= a for a, b in pairwise(shares))
@@ -37,7 +37,7 @@ def _compute(context: Context) -> SectionResult:
         (
             ("share at WLS", shares[0]),
             ("share at the feasible solution", shares[-1]),
-            ("least λ with all postures positive definite", first),
+            ("least λ with all configurations positive definite", first),
             ("rises everywhere", "yes" if monotonic else "no"),
         ),
     )
@@ -45,11 +45,11 @@ def _compute(context: Context) -> SectionResult:
         "Figure 6.1: share of positive definite inertia matrices",
         "λ, from WLS (0) to the feasible solution (1)",
         "share",
-        (Curve(f"{POSTURES} random postures", weights, shares),),
+        (Curve(f"{CONFIGURATIONS} random configurations", weights, shares),),
     )
     remark = (
         "The thesis prints the curve only as a figure. Estimates near the feasible set look right at almost all "
-        "postures, and are not: only a verdict with a proof tells."
+        "configurations, and are not: only a verdict with a proof tells."
     )
     return SectionResult(tables=(table,), charts=(chart,), remarks=(remark,))
 
