@@ -41,8 +41,8 @@ _REMARKS = (
     "computed torque is positive feedback in some direction. Friction coefficients of the wrong sign drive instead of "
     "braking.",
     "An estimate can be impossible and have a positive definite inertia matrix in every configuration tried; with "
-    "little noise all of these have. They fall and track as their corrections do. What is wrong shows in their accelerations, "
-    "and in a proof.",
+    "little noise all of these have. They fall and track as their corrections do. What is wrong shows in their "
+    "accelerations, and in a proof.",
 )
 
 
