@@ -31,41 +31,44 @@ def fit(
 ) -> Estimate:
     """Fit the data among physically possible parameters alone (thesis 3.53, 3.58).
 
-    Where the conditions, the constraints or a prior bound all masses, or plain least squares is possible, the base
-    parameters are those of the least residual, and the preference chooses among the standard parameters that share
-    them. Else the residual often keeps falling as masses that the motion does not show grow without end, so that the
-    best of all does not exist, and many answers fit nearly as well. The answer is then the preferred one among all
-    whose squared residual is at most (1 + residual_slack) times the least one below a mass bound. The remarks say what
-    was done.
+    If the conditions, the constraints or a prior bound all masses, or if plain least squares is feasible, the base
+    parameters are those of the least residual, and the preference chooses among the standard parameters that have them.
+    Otherwise the residual often keeps falling as masses that the motion does not show grow without bound. No optimum
+    exists then, and many answers fit nearly as well. The result is the preferred one among all parameters whose squared
+    residual is at most (1 + residual_slack) times the least one below a mass bound. The remarks of the estimate say
+    which case applied.
 
     Parameters
     ----------
     info : Information
-        Of the same model as `feasible_set`. Its kind makes the kind of fit: from samples ordinary or joint-weighted,
-        with a `covariance` generalised, from `robust_information` robust.
+        Data of the same model as `feasible_set`. Its kind decides the kind of fit: ordinary or joint-weighted from
+        samples, generalised with a `covariance`, robust from `robust_information`.
     feasible_set : FeasibleSet
     weights : "joint", None or (N,)
-        As in `least_squares`. ``"joint"`` is ordinary least squares where the rows of the joints are not known apart.
+        As in `least_squares`. ``"joint"`` means ordinary least squares if the data does not tell the rows of the joints
+        apart.
     prefer : {"lightest", "cad", None}, TieBreak or Prior
-        Least total mass; closest to the inertial parameters of CAD; closest in a given metric; closest to a prior; or
-        what the solver returns within the mass bound.
+        Which parameters are preferred: those of least total mass, those closest to the inertial parameters of the
+        description, the point that the solver returns within the mass bound, those of a tie-break of your own, or
+        those closest to a prior.
     residual_slack : float
-        Fraction of the squared residual that may be spent on the preference where masses can grow without end and plain
-        least squares is infeasible; 0.008 of what feasibility itself costs, where that is more. 0 spends nothing.
+        Fraction by which the squared residual may rise for the preference if masses can grow without bound and plain
+        least squares is infeasible; at least 0.008 of what feasibility itself costs. 0 allows no rise.
     prior : Prior, optional
         `EuclideanPrior`, `EntropicPrior` or `ConstantPullbackPrior`: minimise ½ (squared residual) / (variance of the
-        noise) + prior_weight · (distance from the prior). The prior then decides everything that `prefer` would.
+        noise) + prior_weight · (distance from the prior). The prior then takes the place of `prefer`.
     prior_weight : float or "corner"
-        1 / τ² where the prior is believed to be right to a relative deviation τ, if all rows have independent noise;
-        as samples of a log have not, more is usual. ``"corner"`` takes the corner of `l_curve`.
+        1 / τ² if the prior is expected to be right to a relative deviation τ and the noise of all rows is independent.
+        The noise of neighbouring samples is not, so that larger weights are usual. ``"corner"`` takes the corner of
+        `l_curve`.
     solver : str
         Name of a solver.
 
     Returns
     -------
     Estimate
-        Its `parameters` are proved feasible, and K times them is its `base`; `certificate` holds the proof. Its
-        `optimality_gap` is measured, from a lower bound of the residual that holds whatever the solver did.
+        Its `parameters` are proved feasible, and `base` is K times these; `certificate` holds the proof. Its
+        `optimality_gap` is measured from a lower bound of the residual that does not depend on the solver's accuracy.
 
     Raises
     ------
@@ -124,7 +127,7 @@ def fit(
             f"The data does not determine {len(info.unidentifiable)} of {info.base_count} base parameters, which the "
             f"{decides} decides: {'; '.join(info.unidentifiable)}."
         )
-    # What is proved is the parameters that users take; their base parameters follow.
+    # The certificate is about the standard parameters, which users take; the base parameters follow from them.
     certificate = FeasibilityCertificate.of_parameters(feasible_set, found.parameters)
     return Estimate(
         method=f"feasible {method_name(info, values is not None)}",

@@ -1,4 +1,4 @@
-"""Residual against distance from a prior, for all weights between them, and the weight at the corner."""
+"""The L-curve of a prior: residual against distance from the prior over all weights, and the weight at its corner."""
 
 import html
 from dataclasses import dataclass, field
@@ -21,29 +21,30 @@ __all__ = ["LCurve", "l_curve"]
 Vector = npt.NDArray[np.float64]
 
 POINTS_PER_DECADE = 3
-"""Of weights, where they are not given."""
+"""Weights per decade where the user gives none: enough for a corner that is right to a factor of two, at a fit each."""
 
 SPAN = 1e12
-"""The largest weight is at most so many times the smallest."""
+"""Largest ratio of the default weights. Directions that the data shows by less than this ratio belong to rounding, and
+each further decade costs three fits."""
 
 
 @dataclass(frozen=True, eq=False)
 class LCurve:
-    """What a fit gives up of the data to come closer to its prior.
+    """Squared residual and distance from a prior for many weights of the prior.
 
     Attributes
     ----------
     label : str
-        Of the prior.
+        Name of the prior's distance.
     prior_weights : (k,)
         Ascending.
     squared_residuals : (k,)
-        Of the (weighted) regression.
+        ‖W β - ω‖² of the (weighted) regression.
     distances : (k,)
         From the prior.
     parameters : (k, n)
     corner_index : int
-        Of the point at the corner, see `corner`.
+        Index of the weight at the corner; see `corner`.
     """
 
     label: str
@@ -55,7 +56,7 @@ class LCurve:
 
     @property
     def corner(self) -> float:
-        """The weight at the corner: where both can no longer fall much.
+        """The weight at the corner of the curve.
 
         The logarithms of residual and distance are each brought to the interval from 0 to 1; the corner is the point
         farthest below the straight line between the two ends. (P. C. Hansen, Analysis of discrete ill-posed problems by
@@ -77,7 +78,7 @@ class LCurve:
         return f"<pre>{html.escape(str(self))}</pre>"
 
     def figure(self) -> Any:
-        """The curve as a Plotly figure, both axes logarithmic, weights at the points.
+        """Draw the curve with Plotly, with logarithmic axes; the weights are shown at the points.
 
         Returns
         -------
@@ -110,7 +111,7 @@ def l_curve(
     prior_weights: npt.ArrayLike | None = None,
     solver: str = "clarabel",
 ) -> LCurve:
-    """Fit with many weights of a prior, to choose one.
+    """Fit with many weights of a prior, so that one of them can be chosen.
 
     Parameters
     ----------
@@ -120,14 +121,14 @@ def l_curve(
     weights : "joint", None or (N,)
         Of the joints, as in `fit`.
     prior_weights : (k,), optional
-        At least three; from where the prior hardly matters to where the data hardly does, three a decade, where absent.
-        These are the smallest and the largest generalised eigenvalue of what the data and the prior say.
+        At least three. By default three per decade, from a weight at which the prior hardly matters to one at which the
+        data hardly matters: the smallest and the largest generalised eigenvalue of the two curvatures.
     solver : str
 
     Returns
     -------
     LCurve
-        Print it, draw it with its `figure`, and hand its `corner` to `fit` as `prior_weight`.
+        Its `corner` can be passed to `fit` as `prior_weight`.
 
     Raises
     ------
@@ -176,7 +177,7 @@ def _given(prior_weights: npt.ArrayLike) -> Vector:
 
 
 def _default_weights(reduced: Reduced, feasible_set: FeasibleSet, prior: PreparedPrior) -> Vector:
-    """From the smallest to the largest eigenvalue of what the data says in units of what the prior says."""
+    """Weights from the smallest to the largest eigenvalue of the data's curvature in the metric of the prior."""
     regression = ReducedRegression.of(reduced, feasible_set)
     known = np.zeros(feasible_set.parameter_count, dtype=bool)
     known[feasible_set.link_columns] = True
@@ -193,11 +194,11 @@ def _default_weights(reduced: Reduced, feasible_set: FeasibleSet, prior: Prepare
 
 
 def _corner(squared: Vector, distances: Vector) -> int:
-    """Index of the point farthest below the chord, in logarithms that are each brought to [0, 1]."""
+    """Index of the point farthest below the chord between the ends, in logarithms scaled to [0, 1]."""
     x = np.log(np.maximum(squared, 1e-300))
     y = np.log(np.maximum(distances, 1e-300))
     across, along = np.ptp(x), np.ptp(y)
-    if across < 1e-9 or along < 1e-9:  # nothing to give up: the prior agrees with the data
+    if across < 1e-9 or along < 1e-9:  # the prior agrees with the data, so that a large weight costs nothing
         return len(x) - 1
     x, y = (x - x.min()) / across, (y - y.min()) / along
     below = (x[-1] - x[0]) * (y[0] - y) - (x[0] - x) * (y[-1] - y[0])

@@ -1,4 +1,4 @@
-"""What is known of a robot before it moves, as a distance from parameters that it might have."""
+"""Priors: what is known about the parameters before any motion, as a distance from given parameters."""
 
 from abc import ABC, abstractmethod
 from dataclasses import dataclass, field
@@ -22,20 +22,22 @@ Vector = npt.NDArray[np.float64]
 Matrix = npt.NDArray[np.float64]
 
 LEAST_RADIUS = 0.01
-"""Radius, in m, below which the Euclidean prior measures links as if they had it."""
+"""Smallest radius, in m, of a link in the units of the Euclidean prior. A link whose description makes it a point would
+otherwise have units of zero, and its moments could not move at all."""
 
 SINGULAR = 1e-9
-"""A pseudo-inertia with an eigenvalue below this, in units of its own diagonal, is too flat to measure with."""
+"""A pseudo-inertia whose smallest eigenvalue is below this, after its diagonal is scaled to 1, cannot serve as a
+metric: its inverse would hold rounding errors alone."""
 
 
 @dataclass(frozen=True, eq=False)
 class Prior(ABC):
-    """What is known of a robot beforehand; see `EuclideanPrior`, `EntropicPrior` and `ConstantPullbackPrior`.
+    """Base class of priors; see `EuclideanPrior`, `EntropicPrior` and `ConstantPullbackPrior`.
 
     Parameters
     ----------
     parameters : (n,), optional
-        δ₀; the robot's own, from CAD, where absent. NaN for terms (friction, rotor inertia) that are not known.
+        δ₀; those of the robot's description (CAD) by default. NaN for terms (friction, rotor inertia) that are unknown.
     """
 
     parameters: npt.ArrayLike | None = field(default=None, repr=False)
@@ -44,12 +46,12 @@ class Prior(ABC):
     needs_density: ClassVar[bool] = True
 
     def prepare(self, feasible_set: FeasibleSet) -> "PreparedPrior":
-        """Check it against a model.
+        """Check the prior against a model, and compute its metric.
 
         Raises
         ------
         InputError
-            If parameters are missing, or impossible; names the link.
+            If parameters are missing or impossible; the message names the link.
         """
         values = self._values(feasible_set)
         bodies = values[feasible_set.link_columns]
@@ -62,7 +64,7 @@ class Prior(ABC):
         return PreparedPrior(self.label, feasible_set, reference, self._metric(feasible_set, bodies), diagonal)
 
     def distance(self, feasible_set: FeasibleSet, parameters: npt.ArrayLike) -> float:
-        """Distance of parameters δ from δ₀, without unit.
+        """Dimensionless distance of parameters δ from δ₀.
 
         Parameters
         ----------
@@ -73,7 +75,7 @@ class Prior(ABC):
 
     @abstractmethod
     def _metric(self, feasible_set: FeasibleSet, bodies: Matrix) -> "npt.NDArray[np.float64] | None":
-        """Curvature of the distance in the inertial parameters of each link, (links, 10, 10); None for entropy."""
+        """Curvature of the distance in the inertial parameters of each link, (links, 10, 10); None if not constant."""
 
     def _values(self, feasible_set: FeasibleSet) -> Vector:
         source = feasible_set.model.robot.parameters if self.parameters is None else self.parameters
@@ -113,7 +115,7 @@ def _require_density(body: Vector, where: str) -> None:
 
 @dataclass(frozen=True, eq=False)
 class EuclideanPrior(Prior):
-    """Squared distance from δ₀, each link measured in its own mass and size: ½ Σ ((δ - δ₀) / unit)².
+    """Squared distance from δ₀, in units of each link's mass and size: ½ Σ ((δ - δ₀) / unit)².
 
     The mass counts in units of the link's mass m, first moments in m r, moments of inertia in m r², where r is the
     largest of its radius of gyration about its frame's origin and 1 cm. Terms count relative to their known values.
@@ -203,7 +205,7 @@ class ConstantPullbackPrior(Prior):
 
 @dataclass(frozen=True, eq=False)
 class PreparedPrior:
-    """A prior of one model.
+    """A prior of one model, with its metric.
 
     Attributes
     ----------
@@ -212,9 +214,10 @@ class PreparedPrior:
     reference : (n,)
         δ₀, zero where unknown.
     metric : (links, 10, 10) or None
-        Curvature of the distance in the inertial parameters; None for the log-determinant divergence.
+        Curvature of the distance in the inertial parameters of each link; None for the log-determinant divergence,
+        whose curvature is not constant.
     diagonal : (n,)
-        Curvature in the terms, zero where unknown.
+        Curvature of the distance in the parameters of the terms, zero where these are unknown.
     """
 
     label: str
@@ -225,7 +228,7 @@ class PreparedPrior:
 
     @property
     def name(self) -> str:
-        """As in "this is the closest"."""
+        """Completes the sentence "Among all answers this is ...", for remarks."""
         return f"the closest to the {self.label} prior"
 
     @property
@@ -253,7 +256,7 @@ class PreparedPrior:
         return self.distance(parameters)
 
     def slope(self, parameters: Vector) -> Vector:
-        """Gradient of the distance at δ, less that of its log-determinants (see `entropy`), (n,)."""
+        """Gradient of the distance at δ without the term -Σ log det P (see `entropy`), (n,)."""
         error = parameters - self.reference
         found = self.diagonal * error
         columns = self.feasible_set.link_columns
@@ -266,11 +269,11 @@ class PreparedPrior:
 
     @property
     def entropy(self) -> float:
-        """Factor of -Σ log det P in the distance."""
+        """Factor of the term -Σ log det P in the distance: 1 for the log-determinant divergence, else 0."""
         return 1.0 if self.metric is None else 0.0
 
     def root(self) -> Matrix:
-        """G whose GᵀG is half the curvature of the distance, less that of its log-determinants, (r, n)."""
+        """G with GᵀG half the curvature of the distance without the term -Σ log det P, (r, n)."""
         rows = [np.diag(np.sqrt(0.5 * self.diagonal))[self.diagonal > 0]]
         if self.metric is not None:
             for body, metric in zip(self.feasible_set.link_columns, self.metric, strict=True):
@@ -281,7 +284,7 @@ class PreparedPrior:
         return np.vstack(rows)
 
     def size(self, parameters: Vector) -> float:
-        """What differences between distances are relative to: a deviation by one hundredth counts, at least."""
+        """Unit in which gaps of the distance are told: the distance, but at least that of a deviation of about 1 %."""
         return max(self.distance(parameters), 1e-4 * len(self.feasible_set.link_columns))
 
     def curvature(self) -> sparse.csc_array:
@@ -297,7 +300,7 @@ class PreparedPrior:
         return sparse.csc_array(bodies + sparse.diags_array(self.diagonal))
 
     def part(self, program: Program) -> Part:
-        """As an objective of a program, less constants."""
+        """The distance as a part of the objective of a program, up to a constant."""
         matrix = sparse.csc_array(program.scaled_matrix)
         offset = program.origin - self.reference
         if self.metric is not None:
@@ -307,7 +310,7 @@ class PreparedPrior:
         return self._divergence(program, terms)
 
     def _divergence(self, program: Program, terms: Part) -> Part:
-        """Σ tr P̃ - log det P̃ with P̃ = L⁻¹ P L⁻ᵀ, P₀ = L Lᵀ, beside the quadratic of the terms.
+        """Σ tr P̃ - log det P̃ with P̃ = L⁻¹ P L⁻ᵀ and P₀ = L Lᵀ, added to the quadratic part of the terms.
 
         log det P̃ is the largest Σ log Z_ii over lower triangular Z with [[P̃, Z], [Zᵀ, diag Z]] positive semidefinite,
         and t ≤ log Z_ii is an exponential cone (Ben-Tal and Nemirovski, Lectures on modern convex optimization, 4.2).

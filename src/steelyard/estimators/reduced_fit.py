@@ -27,64 +27,65 @@ Vector = npt.NDArray[np.float64]
 Matrix = npt.NDArray[np.float64]
 
 TIE_TOLERANCES = (1e-8, 1e-6)
-"""What the preferred answer may cost, relative to the squared residual, where the base parameters are identifiable but
-the solver finds no other parameters for exactly them; the second where plain least squares is feasible and it finds
-none within the first, either."""
+"""Part by which the squared residual may rise for the preferred answer if the base parameters are those of the optimum
+but the solver finds no other parameters with exactly these. The second is used if plain least squares is feasible and
+none is found within the first. Neither exceeds `GAP`, so that the answer still counts as the optimum."""
 
 PRICE_FRACTION = 0.008
-"""Part of the price of feasibility that the preferred answer may cost: what the model misses anyway says how near is
-near."""
+"""The preferred answer may raise the squared residual by this part of the price of feasibility: where the model misses
+the data by much, differences that are small beside that mean little."""
 
 DEAREST = 0.02
-"""That part is at most this, relative to the squared residual."""
+"""Largest such rise, relative to the squared residual."""
 
 LOOSE_CHOICE = 0.5
-"""Relative gap of a choice up to which it is told how near it comes to the preferred one."""
+"""Relative gap of a choice up to which the remark states it; above, the gap says nothing about the choice."""
 
 ABSENT = 1e-12
-"""Columns shorter than this, relative to the longest, are absent."""
+"""A parameter whose column of the regressor is shorter than this part of the longest column has no effect on the data:
+the column consists of rounding errors."""
 
 
 @dataclass(frozen=True, eq=False)
 class FeasibleFit:
-    """Constrained least squares of a reduced regression.
+    """Answer of `fit_reduced`.
 
     Attributes
     ----------
     base : (n_b,)
     parameters : (n,)
-        Every block is proved positive definite there.
+        Every block is proved positive definite at them.
     squared_residual : float
         ‖W β - ω‖² of the (weighted) regression.
     best_squared_residual : float
-        Lowest that was found, with the mass bound.
+        Least squared residual that was found below the mass bound.
     unconstrained_squared_residual : float
     total_mass : float
         In kg.
     attained : bool
-        Whether an optimum exists below the mass bound.
+        Whether an optimum exists below the mass bound, rather than at it.
     exact : bool
-        Whether the base parameters are those of the optimum, so that nothing was spent on the preference.
+        Whether the base parameters are those of the optimum, so that the preference did not raise the residual.
     mass_bound : float
-        In kg; infinite where conditions, constraints or a prior bound the mass anyway.
+        In kg; infinite if conditions, constraints or a prior bound the masses anyway.
     growing_links : tuple of str
-        Links whose masses could grow without end as far as the motion and the conditions go.
+        Links whose masses neither the motion nor the conditions bound.
     prior_weight, prior_distance : float or None
     optimality_gap : float
         Measured: no feasible parameters (within the mass bound and the reach) have a squared residual that is smaller
         than `best_squared_residual`, or than `squared_residual` where the answer is `exact`, by more than this part of
         it; parts of less than 1e-10 ‖ω‖² are not told. With a prior, of what is minimised.
     tie_break_gap : float or None
-        Measured: no others among which the preference chose are better by more than this part of what it weighs; None
-        where nothing was chosen.
+        Measured: none of the answers among which the preference chose is better than this one by more than this part of
+        the preference's value. None if nothing was chosen.
     statuses : tuple of str
-        The solver's own words, one for each problem that was solved.
+        Status of the solver for each problem that was solved.
     iterations : int
-        Of the solver, in all problems.
+        Iterations of the solver in all problems together.
     seconds : float
-        That the solver itself took.
+        Time that the solver itself took.
     remarks : tuple of str
-        What the user should know, in sentences.
+        Sentences for the user.
     """
 
     base: Vector = field(repr=False)
@@ -118,10 +119,10 @@ def fit_reduced(
 ) -> FeasibleFit:
     """Minimise ‖R K δ - ρ‖² + residual2 over the feasible set (thesis 3.53, 3.58).
 
-    Where no mass can grow without end, or plain least squares is feasible, the base parameters are the optimum, and the
-    preference chooses among the standard parameters that have them. Else the residual of a robot's data often keeps
-    falling as masses grow, and the answer is the preferred one among all whose squared residual is at most
-    (1 + residual_slack) times the least one below a mass bound.
+    If no mass can grow without bound, or if plain least squares is feasible, the base parameters are the optimum, and
+    the preference chooses among the standard parameters that have them. Otherwise the residual often keeps falling as
+    masses grow, and the answer is the preferred one among all whose squared residual is at most (1 + residual_slack)
+    times the least one below a mass bound.
 
     Parameters
     ----------
@@ -129,17 +130,17 @@ def fit_reduced(
         R (n_b, n_b), rho (n_b,), residual2, count, norm2.
     feasible_set : FeasibleSet
     prefer : {"lightest", "cad", None}, TieBreak or Prior
-        ``None`` returns the least residual as it is found.
+        As in `fit`; ``None`` returns the least residual as the solver finds it.
     residual_slack : float
-        Fraction of the squared residual that may be spent where masses can grow without end and plain least squares is
-        infeasible; 0.008 of what feasibility itself costs, where that is more. 0 spends nothing.
+        Fraction by which the squared residual may rise for the preference if masses can grow without bound and plain
+        least squares is infeasible; at least 0.008 of what feasibility itself costs. 0 allows no rise.
     prior : Prior, optional
-        Minimise ½ (squared residual) / (its variance) + prior_weight · (distance from the prior), instead; it decides
-        everything, so that `prefer` and `residual_slack` play no part.
+        Minimise ½ (squared residual) / (its variance) + prior_weight · (distance from the prior) instead; `prefer` and
+        `residual_slack` then have no effect.
     prior_weight : float
-        1 / τ² for a prior that is believed to be right to a relative deviation τ.
+        1 / τ² for a prior that is expected to be right to a relative deviation τ.
     solver : str
-        A name of the table of solvers.
+        A name from `steelyard.conic.solver_table`.
 
     Returns
     -------
@@ -151,7 +152,7 @@ def fit_reduced(
         For an unknown preference or solver, a negative residual_slack or weight, ``"cad"`` without CAD, a prior that is
         impossible, or data of another model.
     SolverError
-        If the set is empty or no point of it was found.
+        If the set is empty or the solver finds no point of it.
     """
     read_number(residual_slack, "residual_slack", "a number of at least 0, such as 5e-4", least=0)
     regression = ReducedRegression.of(reduced, feasible_set)
@@ -188,7 +189,7 @@ def fit_reduced(
 
 @dataclass
 class _Answer:
-    """Parameters, and how they were chosen."""
+    """Parameters, the optimum that they come from, and how they were chosen."""
 
     parameters: Vector
     best: Optimum
@@ -205,7 +206,7 @@ def _answer(
     bound: float,
     residual_slack: float,
 ) -> _Answer:
-    """The optimum, then the choice."""
+    """Find the optimum, then choose the preferred parameters among those that fit as well."""
     feasible_set, regression = fitting.feasible_set, fitting.regression
     plain = _plain(fitting, margin)
     if plain is not None:
@@ -236,7 +237,7 @@ def _answer(
 
 
 def _plain(fitting: Fitting, margin: float) -> Optimum | None:
-    """Plain least squares, where it tells all parameters and keeps the margin."""
+    """Plain least squares, if it determines all parameters and these are in the set; else None."""
     feasible_set, regression = fitting.feasible_set, fitting.regression
     if fitting.prior is not None or not fitting.is_identifiable:
         return None
@@ -249,7 +250,7 @@ def _plain(fitting: Fitting, margin: float) -> Optimum | None:
 
 
 def _price(regression: ReducedRegression, best: Optimum) -> float:
-    """What the conditions cost in squared residual, relative to that of plain least squares."""
+    """Rise of the squared residual due to the conditions, relative to that of plain least squares."""
     excess = max(best.squared_residual - regression.residual2 - regression.noise_floor, 0.0)
     return excess / max(regression.residual2, regression.noise_floor)
 
@@ -272,7 +273,7 @@ def _preference(
 
 
 def _told_of_the_optimum(feasible_set: FeasibleSet, best: Optimum, gap: float, with_prior: bool) -> list[str]:
-    """What the measured gap leaves open, in words."""
+    """Remarks about an optimum that is not proved, or that lies far out."""
     told = []
     if best.beyond:
         names = feasible_set.model.robot.link_names
@@ -297,14 +298,14 @@ def _told_of_the_optimum(feasible_set: FeasibleSet, best: Optimum, gap: float, w
 
 
 def _within(gap: float) -> str:
-    """How near the choice is to the best one, where that is not near enough to go without saying."""
+    """Words for the gap of the choice; empty if the gap is negligible."""
     if not np.isfinite(gap) or gap > LOOSE_CHOICE:
         return ", as far as the solver could tell"
     return f" to within {percent(gap, 1)}" if gap > CLOSE_CHOICE else ""
 
 
 def _rounded_down(value: float) -> float:
-    """The largest number of three digits that is not more; zero for what is not positive."""
+    """The number rounded down to three digits; zero for numbers that are not positive."""
     if not (np.isfinite(value) and value > 0):
         return 0.0
     unit = 10.0 ** (np.floor(np.log10(value)) - 2)
@@ -314,7 +315,7 @@ def _rounded_down(value: float) -> float:
 def _report(
     fitting: Fitting, preference: TieBreak | PreparedPrior | None, growing: tuple[int, ...], answer: _Answer
 ) -> FeasibleFit:
-    """Pack the answer, with remarks in words."""
+    """The answer with its measured gap and its remarks."""
     feasible_set, regression, best = fitting.feasible_set, fitting.regression, answer.best
     parameters = answer.parameters
     base = feasible_set.K @ parameters
@@ -383,21 +384,21 @@ def _report(
 def _settled(
     feasible_set: FeasibleSet, R: Matrix, parameters: Vector, preference: TieBreak | PreparedPrior | None
 ) -> Vector:
-    """The same parameters, with the preferred value, or zero, where no torque shows a parameter.
+    """Replace parameters that have no effect on the torques by their preferred values, or by zero.
 
-    Such is the friction of a joint that does not move or whose torque is not used. A solver leaves it wherever it
-    stopped, often at one large value for all of them: beside masses in kg the preference hardly weighs it, and where
-    the solver finds no better answer than one of least residual, not at all. As neither the data nor a condition ties
-    it to other parameters, its value is chosen by itself, and exactly.
+    An example is the friction of a joint that does not move or whose torque is not used. A solver leaves such a
+    parameter wherever it stopped, often at a large value: beside masses in kg the preference gives it little weight, or
+    none if only the residual was minimised. As neither the data nor a condition couples it to other parameters, its
+    value can be chosen exactly and by itself.
 
     Parameters
     ----------
     feasible_set : FeasibleSet
     R : (n_b, n_b)
-        Of the reduced regression.
+        The triangle of the reduced regression.
     parameters : (n,)
     preference : TieBreak or PreparedPrior or None
-        A prior decides those that it knows; zero is preferred where there is nothing else.
+        A prior keeps the parameters that it is about; without a preference the value is zero.
 
     Returns
     -------

@@ -1,4 +1,4 @@
-"""Robust regression: rows that no parameters explain count less, by iterated re-weighting."""
+"""Robust regression by iterated re-weighting: rows with large residuals count less."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
@@ -24,10 +24,11 @@ Vector = npt.NDArray[np.float64]
 Matrix = npt.NDArray[np.float64]
 
 NORMAL_DEVIATION = 1.482602218505602
-"""Standard deviation of a normal distribution over its median absolute deviation."""
+"""Ratio of the standard deviation of a normal distribution to its median absolute deviation."""
 
 LEAST_SCALE = 1e-9
-"""Scales are at least this part of the root mean square torque of all joints, where residuals are mostly zero."""
+"""Scales are at least this part of the root mean square torque of all joints. Where most residuals are exactly zero, as
+in simulated data, the median is zero, and every other row would count as an outlier."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -41,10 +42,10 @@ class HuberWeights:
     scales : (N,)
         Standard deviation of the undisturbed residuals of each joint, in N·m or N.
     share : float
-        Of the rows that were weighted down.
+        Share of the rows that were weighted down.
     joint_share : (N,)
     least_weight : float
-        Of any row.
+        Smallest weight of any row.
     iterations : int
     converged : bool
     """
@@ -88,37 +89,37 @@ def robust_information(
     accuracy: float = 1e-3,
     **options: Any,
 ) -> RobustInformation:
-    """Reduce samples with Huber weights: rows beyond `threshold` standard deviations count in proportion less.
+    """Reduce samples with Huber weights, with which rows beyond `threshold` standard deviations count less.
 
     Wrong samples (a spike, a collision, a joint that stuck) pull least squares towards them. Huber's estimator
-    minimises Σ ρ(r / s), quadratic for small residuals and linear for large ones. It is found by fits in turn: each
-    gives residuals, their median absolute deviation gives the scale s of each joint, and a row with |r| > threshold · s
-    gets the weight threshold · s / |r|. With weights that no longer change, the fit of the returned Information is the
+    minimises Σ ρ(r / s), where ρ is quadratic for small residuals and linear for large ones. It is found iteratively:
+    each fit gives residuals, their median absolute deviation gives the scale s of each joint, and a row with
+    |r| > threshold · s gets the weight threshold · s / |r|. After convergence, a fit of the returned Information is the
     estimate.
 
     Parameters
     ----------
     model : Model
     samples : Samples or sequence of Samples
-        They are gone through once in each iteration, a few thousand rows at a time.
+        They are read once in each iteration, a few thousand rows at a time.
     feasible_set : FeasibleSet, optional
-        Where given, each fit is among feasible parameters; else it is plain least squares.
+        If given, each fit is restricted to feasible parameters; otherwise it is plain least squares.
     threshold : float
-        1.345 loses 5 % of efficiency where all noise is normal (Huber 1981).
+        With 1.345 the estimator is 95 % as efficient as least squares if all noise is normal (Huber 1981).
     weights : "joint", None or (N,)
-        Of the joints, in each fit; use the same afterwards.
+        Weights of the joints in each fit; use the same ones afterwards.
     iterations : int
-        Most fits to make.
+        Largest number of fits.
     accuracy : float
-        Largest change of a prediction, in units of the scale and in the root mean square, at which they end.
+        The iterations end when the root mean square change of the predictions is below this, in units of the scale.
     **options
-        For the feasible fits, see `fit_reduced`: `prefer`, `residual_slack`, `prior`, `prior_weight`, `solver`.
+        Options of the feasible fits, see `fit_reduced`: `prefer`, `residual_slack`, `prior`, `prior_weight`, `solver`.
 
     Returns
     -------
     RobustInformation
-        Its `huber` tells what was done; errors (`relative_error`) are of the unweighted rows. Two of them add, to a
-        plain Information.
+        Its `huber` holds the weights' summary; errors (`relative_error`) are those of the unweighted rows. The sum of
+        two of them is a plain Information.
 
     Raises
     ------
@@ -209,7 +210,7 @@ def _reduced(model: Model, chunks: Sequence[Samples], scales: list[Matrix] | Non
 def _weighted(
     model: Model, chunks: Sequence[Samples], base: Vector, threshold: float, iteration: int
 ) -> tuple[Vector, tuple[Factor, ...], HuberWeights]:
-    """Scales, weighted factors and the record, from the residuals of a fit."""
+    """Scales, weighted factors and the summary of the weights, from the residuals of a fit."""
     errors = [np.vstack([part for _, part in residuals(model, chunk, base)]) for chunk in chunks]
     used = [np.ones(e.shape, dtype=bool) if c.mask is None else c.mask for c, e in zip(chunks, errors, strict=True)]
     torque = np.sqrt(np.mean([np.mean(chunk.torque**2) for chunk in chunks]))

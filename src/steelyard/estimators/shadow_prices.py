@@ -1,4 +1,4 @@
-"""What each condition costs in regression error."""
+"""Shadow prices: by how much each condition raises the regression error."""
 
 import math
 from dataclasses import dataclass, field
@@ -25,12 +25,13 @@ __all__ = ["ShadowPrice", "ShadowPrices", "shadow_prices"]
 Vector = npt.NDArray[np.float64]
 
 ACTIVE = 1e-7
-"""A condition is active where a unit more on its diagonal gains more than this part of the squared residual."""
+"""A condition is active if one unit on its diagonal lowers the squared residual by more than this part of it.
+Multipliers of inactive conditions are zero to the solver's accuracy of 1e-8 only."""
 
 
 @dataclass(frozen=True, eq=False)
 class ShadowPrice:
-    """What one condition, or a group of them, costs.
+    """Price of one condition or of a group of them.
 
     Attributes
     ----------
@@ -38,16 +39,16 @@ class ShadowPrice:
     kind : str
         ``"link"``, ``"term"``, ``"constraint"`` or ``"group"``.
     active : bool
-        Whether the condition stops the residual from falling.
+        Whether the residual would fall without the condition.
     squared_saving : float
-        By how much the squared residual falls when it is dropped.
+        By how much the squared residual falls if the condition is dropped.
     saving : float
-        The same of the relative error, as a part of it: 0.01 means that an error of 5 % falls to 4.95 %.
+        By which part the relative error falls: 0.01 means that an error of 5 % falls to 4.95 %.
     marginal : float
-        By which part the relative error falls for each unit that is added to the diagonal of the condition, at first;
-        it is what a margin costs. nan for groups.
+        Derivative of that part by a number that is added to the diagonal of the condition: the price of a margin. nan
+        for groups.
     unit : str
-        ``"SI unit"`` where the diagonal has several.
+        Unit of that number; ``"SI unit"`` if the elements of the diagonal have several.
     """
 
     name: str
@@ -61,14 +62,14 @@ class ShadowPrice:
 
 @dataclass(frozen=True, eq=False)
 class ShadowPrices:
-    """Answer of `shadow_prices`, dearest first.
+    """Answer of `shadow_prices`, largest savings first.
 
     Attributes
     ----------
     prices : tuple of ShadowPrice
-        Of the single conditions.
+        Prices of the single conditions.
     groups : tuple of ShadowPrice
-        Of the links together, the terms, the constraints, and of the triangle inequality.
+        Prices of all links, all terms, all constraints, and of the triangle inequality.
     squared_residual : float
         Under all conditions.
     relative_error : float
@@ -79,7 +80,7 @@ class ShadowPrices:
     mass_bound : float
         In kg, on the total mass.
     stopped_by_bound : bool
-        Whether the residual would fall further with more mass.
+        Whether the mass bound keeps the residual from falling further.
     optimality_gap : float
         Measured: no squared residual from which savings were taken could be less by more than this part of the one
         under all conditions.
@@ -99,7 +100,7 @@ class ShadowPrices:
 
     @property
     def active(self) -> tuple[ShadowPrice, ...]:
-        """The conditions that stop the residual from falling."""
+        """The conditions without which the residual would fall."""
         return tuple(price for price in self.prices if price.active)
 
     def __getitem__(self, name: str) -> ShadowPrice:
@@ -110,7 +111,7 @@ class ShadowPrices:
         raise InputError(f"there is no price of {name!r}; these are {known}.")
 
     def sentences(self) -> tuple[str, ...]:
-        """The answer in words."""
+        """The answer in sentences."""
         cost = ""
         if self.least_squares_error > 1e-9:
             cost = f", by {percent(self.relative_error / self.least_squares_error - 1.0)} of itself"
@@ -183,27 +184,27 @@ def shadow_prices(
     mass_bound: float | None = None,
     solver: str = "clarabel",
 ) -> ShadowPrices:
-    """What each condition costs in regression error: at the margin, and when it is dropped.
+    """By how much each condition raises the regression error: per unit of margin, and if it is dropped.
 
     Parameters
     ----------
     info : Information
-        Or its reduced form.
+        Or its reduced form, `Information.reduced`.
     feasible_set : FeasibleSet
     weights : "joint", None or (N,)
-        Of the joints, as in `fit`; errors then are those of the weighted regression.
+        Weights of the joints, as in `fit`; errors are those of the weighted regression.
     mass_bound : float, optional
-        Bound on the total mass in kg while fits are compared, since residuals may fall for ever as masses grow; where
-        absent, the one of `fit`: 20 times the mass that CAD or a `TotalMass` tells, else 1000 kg, or what the torques
-        speak of. A link whose condition is dropped does not count.
+        Bound on the total mass in kg in the fits that are compared, since residuals may fall without end as masses
+        grow. By default that of `fit`: 20 times the mass in the description or in a `TotalMass`, otherwise 1000 kg, or
+        10 to 50 times the mass that would explain the torques. A link whose condition is dropped does not count.
     solver : str
         As in `solve`.
 
     Returns
     -------
     ShadowPrices
-        Savings of single conditions need not add to that of their group: where two conditions stand in the way of the
-        same gain, neither saves anything by itself.
+        The savings of single conditions need not add up to that of their group: if two conditions prevent the same
+        gain, dropping either one alone saves nothing.
 
     Raises
     ------
@@ -218,7 +219,7 @@ def shadow_prices(
 
     Examples
     --------
-    Data of a pendulum whose moment of inertia comes out as -0.1 kg m², with nothing else to be gained:
+    Data of a pendulum whose moment of inertia comes out as -0.1 kg m²:
 
     >>> import numpy as np
     >>> import steelyard as sy
