@@ -1,4 +1,4 @@
-"""The problems that a fit solves: the least objective, then the choice among parameters that fit as well or nearly so."""
+"""The problems that a fit solves: the least objective, then the choice among parameters that fit as well or nearly."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
