@@ -3,11 +3,16 @@
 import ast
 import graphlib
 import importlib
+import inspect
+import itertools
 from collections import Counter
 from collections.abc import Callable, Iterable, Iterator
 from pathlib import Path
+from typing import Any
 
 import pytest
+
+import steelyard as sy
 
 PACKAGE = Path(__file__).resolve().parent.parent / "src" / "steelyard"
 ROOMS = (
@@ -259,3 +264,24 @@ def test_violations_are_found(source: str, module: str) -> None:
 )
 def test_proper_imports_pass(source: str, module: str, is_package: bool) -> None:
     assert violations(source, module, is_package) == []
+
+
+def test_the_way_from_a_fit_to_the_solver_is_short(monkeypatch: pytest.MonkeyPatch) -> None:
+    """At most four steps from one file to the next, as `docs/explanation/one-identification.md` tells it."""
+    cone_program = importlib.import_module("steelyard.feasibility.cone_program")
+    solve, ways = cone_program.solve, set()
+
+    def traced(*arguments: Any, **options: Any) -> Any:
+        files = [Path(frame.filename) for frame in inspect.stack()]
+        ours = [path.stem for path in reversed(files) if PACKAGE in path.parents]
+        ways.add(tuple(stem for stem, _ in itertools.groupby(ours)))
+        return solve(*arguments, **options)
+
+    monkeypatch.setattr(cone_program, "solve", traced)
+    model = sy.Model(sy.Robot.from_dh([("0", 0.0, 0.0, "q")], gravity=(0, -9.81, 0)))
+    names = model.base_parameters().names
+    info = sy.Information.from_factor([[10.0, 0, 0], [0, 10, 0], [0, 0, 10]], [-0.1, 5.0, 0.0], 0.02, 100, names)
+    sy.fit(info, sy.FeasibleSet(model))
+    assert ways == {("fit", "reduced_fit", "stages", "cone_program")}  # and from there to the solver
+    page = (PACKAGE.parent.parent / "docs" / "explanation" / "one-identification.md").read_text(encoding="utf-8")
+    assert "`fit`, `reduced_fit`, `stages`, `cone_program`, `solver`" in page
