@@ -86,7 +86,7 @@ def cvxpy_optimum(real_wam):
 @pytest.mark.parametrize(("consistency", "terms"), SETS)
 @pytest.mark.filterwarnings("ignore:Solution may be inaccurate")
 def test_mass_bound_gives_the_exact_optimum(real_wam, cvxpy_optimum, consistency, terms):
-    """With default options, whatever the preference; by another formulation, to 1e-5."""
+    """With default options, whatever the tie-break; by another formulation, to 1e-5."""
     model, reduced = real_wam
     feasible = FeasibleSet(model, consistency, [TotalMass(maximum=27.0)], terms=terms)
     known = TieBreak.closest(np.ones(84), np.ones(84))

@@ -12,8 +12,8 @@ __all__ = [
     "Family",
     "Gravity",
     "NuisanceParameters",
-    "Preference",
     "Sign",
+    "TieBreakName",
     "Weights",
 ]
 
@@ -43,7 +43,7 @@ class Weights(Enum):
     NONE = "none"
 
 
-class Preference(Enum):
+class TieBreakName(Enum):
     """The choice among near-equal answers."""
 
     AUTO = "auto"

@@ -7,7 +7,7 @@ from typing import Annotated
 
 import typer
 
-from .choices import Consistency, Preference, Weights
+from .choices import Consistency, TieBreakName, Weights
 from .screen import echo
 from .terminal import progress, show_identification
 
@@ -27,8 +27,9 @@ def identify(
     consistency: Consistency = Consistency.FULL,
     weights: Annotated[Weights, typer.Option(help="How the joints are weighted.")] = Weights.JOINT,
     prefer: Annotated[
-        Preference, typer.Option(help="The choice among near-equal answers (auto: closest to CAD where there is one).")
-    ] = Preference.AUTO,
+        TieBreakName,
+        typer.Option(help="The choice among near-equal answers (auto: closest to CAD where there is one)."),
+    ] = TieBreakName.AUTO,
     residual_slack: Annotated[
         float, typer.Option(help="Fraction of the squared residual that this choice may cost.", min=0.0, max=1.0)
     ] = 5e-4,

@@ -32,7 +32,7 @@ def fit(
     """Fit the data among physically possible parameters alone (thesis 3.53, 3.58).
 
     If the conditions, the constraints or a prior bound all masses, or if plain least squares is feasible, the base
-    parameters are those of the least residual, and the preference chooses among the standard parameters that have them.
+    parameters are those of the least residual, and the tie-break chooses among the standard parameters that have them.
     Otherwise the residual often keeps falling as masses that the motion does not show grow without bound. No optimum
     exists then, and many answers fit nearly as well. The result is the preferred one among all parameters whose squared
     residual is at most (1 + residual_slack) times the least one below a mass bound. The remarks of the estimate say
@@ -52,7 +52,7 @@ def fit(
         description, the point that the solver returns within the mass bound, those of a tie-break of your own, or
         those closest to a prior.
     residual_slack : float
-        Fraction by which the squared residual may rise for the preference if masses can grow without bound and plain
+        Fraction by which the squared residual may rise for the tie-break if masses can grow without bound and plain
         least squares is infeasible; at least 0.008 of what feasibility itself costs. 0 allows no rise.
     prior : Prior, optional
         `EuclideanPrior`, `EntropicPrior` or `ConstantPullbackPrior`: minimise ½ (squared residual) / (variance of the
@@ -122,7 +122,7 @@ def fit(
     remarks += found.remarks
     unidentifiable = np.asarray(info.unidentifiable_mask)
     if unidentifiable.any():
-        decides = "preference" if prior is None else "prior"
+        decides = "tie-break" if prior is None else "prior"
         remarks.append(
             f"The data does not determine {len(info.unidentifiable)} of {info.base_count} base parameters, which the "
             f"{decides} decides: {'; '.join(info.unidentifiable)}."

@@ -43,7 +43,7 @@ out, the pull would decide the answer. On 100 random fits 1e-9 leaves 8 with gap
 % more iterations."""
 
 NEARNESS = 1e-2
-"""Cost of a step of one unit in `ReducedRegression.middle`, as a part of the unit of the squared residual. Anything
+"""Cost of a step of one unit in `ReducedRegression.ridge`, as a part of the unit of the squared residual. Anything
 from 1e-6 to 1 serves as well (100 random fits: the same gaps); 0 would be the least-squares solution itself."""
 
 
@@ -149,7 +149,7 @@ class ReducedRegression:
         """R β - ρ, (n_b,)."""
         return np.asarray(self.R @ base - self.rho)
 
-    def middle(self, units: Vector) -> Vector:
+    def ridge(self, units: Vector) -> Vector:
         """Base parameters of moderate size that explain the data nearly as well as β̂, (n_b,).
 
         With weak excitation β̂ may be so large that numbers of the size of real parameters are lost to rounding.

@@ -65,7 +65,7 @@ class FeasibleFit:
     attained : bool
         Whether an optimum exists below the mass bound, rather than at it.
     exact : bool
-        Whether the base parameters are those of the optimum, so that the preference did not raise the residual.
+        Whether the base parameters are those of the optimum, so that the tie-break did not raise the residual.
     mass_bound : float
         In kg; infinite if conditions, constraints or a prior bound the masses anyway.
     growing_links : tuple of str
@@ -76,8 +76,8 @@ class FeasibleFit:
         than `best_squared_residual`, or than `squared_residual` where the answer is `exact`, by more than this part of
         it; parts of less than 1e-10 ‖ω‖² are not told. With a prior, of what is minimised.
     tie_break_gap : float or None
-        Measured: none of the answers among which the preference chose is better than this one by more than this part of
-        the preference's value. None if nothing was chosen.
+        Measured: none of the answers among which the tie-break chose is better than this one by more than this part of
+        the tie-break's value. None if nothing was chosen.
     statuses : tuple of str
         Status of the solver for each problem that was solved.
     iterations : int
@@ -120,7 +120,7 @@ def fit_reduced(
     """Minimise ‖R K δ - ρ‖² + residual2 over the feasible set (thesis 3.53, 3.58).
 
     If no mass can grow without bound, or if plain least squares is feasible, the base parameters are the optimum, and
-    the preference chooses among the standard parameters that have them. Otherwise the residual often keeps falling as
+    the tie-break chooses among the standard parameters that have them. Otherwise the residual often keeps falling as
     masses grow, and the answer is the preferred one among all whose squared residual is at most (1 + residual_slack)
     times the least one below a mass bound.
 
@@ -132,7 +132,7 @@ def fit_reduced(
     prefer : {"lightest", "cad", None}, TieBreak or Prior
         As in `fit`; ``None`` returns the least residual as the solver finds it.
     residual_slack : float
-        Fraction by which the squared residual may rise for the preference if masses can grow without bound and plain
+        Fraction by which the squared residual may rise for the tie-break if masses can grow without bound and plain
         least squares is infeasible; at least 0.008 of what feasibility itself costs. 0 allows no rise.
     prior : Prior, optional
         Minimise ½ (squared residual) / (its variance) + prior_weight · (distance from the prior) instead; `prefer` and
@@ -149,7 +149,7 @@ def fit_reduced(
     Raises
     ------
     InputError
-        For an unknown preference or solver, a negative residual_slack or weight, ``"cad"`` without CAD, a prior that is
+        For an unknown tie-break or solver, a negative residual_slack or weight, ``"cad"`` without CAD, a prior that is
         impossible, or data of another model.
     SolverError
         If the set is empty or the solver finds no point of it.
@@ -159,9 +159,9 @@ def fit_reduced(
     scale = regression.units(feasible_set)
     units = scale.with_cad()
     fitting = Fitting(feasible_set, regression, units, solver)
-    preference = None
+    tie_break = None
     if prior is None:
-        preference = _preference(prefer, feasible_set, units)
+        tie_break = _tie_break(prefer, feasible_set, units)
     else:
         if not isinstance(prior, Prior):
             raise InputError(f"prior must be a prior such as EntropicPrior(), got {prior!r}.")
@@ -174,12 +174,12 @@ def fit_reduced(
     outside: Vector | None = None
     for factor in MARGIN_FACTORS:
         margin = factor * feasible_set.margin
-        answer = _answer(fitting, preference, growing, margin, bound, residual_slack)
-        answer.parameters = _settled(feasible_set, regression.R, answer.parameters, fitting.prior or preference)
+        answer = _answer(fitting, tie_break, growing, margin, bound, residual_slack)
+        answer.parameters = _settled(feasible_set, regression.R, answer.parameters, fitting.prior or tie_break)
         if feasible_set.contains(answer.parameters):
             if outside is not None:
                 answer.parameters = pull_inside(feasible_set, outside, answer.parameters)
-            return _report(fitting, preference, growing, answer)
+            return _report(fitting, tie_break, growing, answer)
         outside = answer.parameters if outside is None else outside
     raise SolverError(
         f"the solver ({solver}) ended outside the feasible set with every margin tried; check that the constraints "
@@ -200,7 +200,7 @@ class _Answer:
 
 def _answer(
     fitting: Fitting,
-    preference: TieBreak | PreparedPrior | None,
+    tie_break: TieBreak | PreparedPrior | None,
     growing: tuple[int, ...],
     margin: float,
     bound: float,
@@ -213,13 +213,13 @@ def _answer(
         return _Answer(plain.parameters, plain, True)
     best = fitting.least(margin, bound)
     margin = best.margin
-    if fitting.prior is not None or fitting.is_identifiable or preference is None:
+    if fitting.prior is not None or fitting.is_identifiable or tie_break is None:
         return _Answer(best.parameters, best, best.attained)
     as_it_is = _price(regression, best) <= 1e-7
     if as_it_is or not growing:
-        found = fitting.same_base(preference, regression.base, margin, best.parameters) if as_it_is else None
+        found = fitting.same_base(tie_break, regression.base, margin, best.parameters) if as_it_is else None
         if found is None:
-            found = fitting.same_base(preference, best.base, margin, best.parameters)
+            found = fitting.same_base(tie_break, best.base, margin, best.parameters)
         if found is not None and found.parameters[feasible_set.mass_indices].sum() <= 2 * bound:
             return _Answer(found.parameters, best, True, choice=found)
     ties = as_it_is or not growing or residual_slack < TIE_TOLERANCES[0]
@@ -227,7 +227,7 @@ def _answer(
     allowances = TIE_TOLERANCES if as_it_is else TIE_TOLERANCES[:1] if ties else (spent,)
     for allowed in allowances:
         limit = best.squared_residual * (1 + allowed)
-        found = fitting.near(preference, margin, limit, bound)
+        found = fitting.near(tie_break, margin, limit, bound)
         if found is None or not feasible_set.contains(found.parameters):
             continue
         most = best.squared_residual * (1 + 1.01 * allowed) + 2 * regression.tiny
@@ -255,7 +255,7 @@ def _price(regression: ReducedRegression, best: Optimum) -> float:
     return excess / max(regression.residual2, regression.noise_floor)
 
 
-def _preference(
+def _tie_break(
     prefer: str | TieBreak | Prior | None, feasible_set: FeasibleSet, units: Units
 ) -> TieBreak | PreparedPrior | None:
     if isinstance(prefer, TieBreak):
@@ -313,7 +313,7 @@ def _rounded_down(value: float) -> float:
 
 
 def _report(
-    fitting: Fitting, preference: TieBreak | PreparedPrior | None, growing: tuple[int, ...], answer: _Answer
+    fitting: Fitting, tie_break: TieBreak | PreparedPrior | None, growing: tuple[int, ...], answer: _Answer
 ) -> FeasibleFit:
     """The answer with its measured gap and its remarks."""
     feasible_set, regression, best = fitting.feasible_set, fitting.regression, answer.best
@@ -329,7 +329,7 @@ def _report(
             f"No optimum below {best.bound:.4g} kg: the residual still falls there as masses that the motion does not "
             "show grow."
         )
-        if preference is None:
+        if tie_break is None:
             remarks.append(f"The answer lies at that bound, with a total mass of {mass:.4g} kg.")
     remarks += _told_of_the_optimum(feasible_set, best, gap, fitting.prior is not None)
     distance = None
@@ -340,23 +340,23 @@ def _report(
             f"With a prior: {fitting.prior.label} distance {distance:.4g}, at a weight of {fitting.prior_weight:.4g}; "
             f"{cost:.2g} % above the squared residual of plain least squares."
         )
-    elif preference is not None and answer.choice is None and not fitting.is_identifiable:
+    elif tie_break is not None and answer.choice is None and not fitting.is_identifiable:
         remarks.append(
-            f"The solver found no parameters that fit as well and are {preference.name}; these are the ones of the "
+            f"The solver found no parameters that fit as well and are {tie_break.name}; these are the ones of the "
             f"least residual that it ended at, with a total mass of {mass:.4g} kg."
         )
-    elif preference is not None and answer.choice is not None:
+    elif tie_break is not None and answer.choice is not None:
         among, at_a_price = "standard parameters of these base parameters", ""
         if not answer.exact:
             among = f"answers within {100 * answer.spent:.2g} % of the least squared residual"
             paid = 100 * max(0.0, value / best.squared_residual - 1)
             at_a_price = f", at a price of {paid:.2g} % in squared residual"
         remarks.append(
-            f"Among all {among} this is {preference.name}{_within(answer.choice.gap)}: total mass {mass:.4g} "
+            f"Among all {among} this is {tie_break.name}{_within(answer.choice.gap)}: total mass {mass:.4g} "
             f"kg{at_a_price}."
         )
         least = _rounded_down(answer.choice.least_mass)
-        if preference.name == "the lightest" and answer.exact and least > 0.5 * mass:
+        if tie_break.name == "the lightest" and answer.exact and least > 0.5 * mass:
             remarks.append(f"No robot lighter than {least:.3g} kg has these base parameters.")
     names = feasible_set.model.robot.link_names
     return FeasibleFit(
@@ -382,12 +382,12 @@ def _report(
 
 
 def _settled(
-    feasible_set: FeasibleSet, R: Matrix, parameters: Vector, preference: TieBreak | PreparedPrior | None
+    feasible_set: FeasibleSet, R: Matrix, parameters: Vector, tie_break: TieBreak | PreparedPrior | None
 ) -> Vector:
     """Replace parameters that have no effect on the torques by their preferred values, or by zero.
 
     An example is the friction of a joint that does not move or whose torque is not used. A solver leaves such a
-    parameter wherever it stopped, often at a large value: beside masses in kg the preference gives it little weight, or
+    parameter wherever it stopped, often at a large value: beside masses in kg the tie-break gives it little weight, or
     none if only the residual was minimised. As neither the data nor a condition couples it to other parameters, its
     value can be chosen exactly and by itself.
 
@@ -397,8 +397,8 @@ def _settled(
     R : (n_b, n_b)
         The triangle of the reduced regression.
     parameters : (n,)
-    preference : TieBreak or PreparedPrior or None
-        A prior keeps the parameters that it is about; without a preference the value is zero.
+    tie_break : TieBreak or PreparedPrior or None
+        A prior keeps the parameters that it is about; without a tie-break the value is zero.
 
     Returns
     -------
@@ -423,10 +423,10 @@ def _settled(
         else:
             high[index] = min(high[index], edge)
     unidentifiable &= low <= high
-    if isinstance(preference, PreparedPrior):
-        unidentifiable &= np.asarray(abs(preference.curvature()).sum(axis=0)).ravel() == 0.0
+    if isinstance(tie_break, PreparedPrior):
+        unidentifiable &= np.asarray(abs(tie_break.curvature()).sum(axis=0)).ravel() == 0.0
     result = parameters.copy()
     for index in map(int, np.flatnonzero(unidentifiable)):
-        target = preference.alone(index, result) if isinstance(preference, TieBreak) else 0.0
+        target = tie_break.alone(index, result) if isinstance(tie_break, TieBreak) else 0.0
         result[index] = np.clip(target, low[index], high[index])
     return result

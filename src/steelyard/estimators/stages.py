@@ -36,7 +36,7 @@ Without that, the margin cost up to 5e-6 of the squared residual for robots of g
 optimal."""
 
 LESSER_MARGIN = 0.1
-"""Part of the margin that is kept while the preference chooses among the parameters of one base vector. The optimum
+"""Part of the margin that is kept while the tie-break chooses among the parameters of one base vector. The optimum
 lies on the boundary of those with the whole margin, which leaves no room to choose in. Of 100 random fits 87 % of the
 choices are within 1e-3 of the best one; with the whole margin it is 72 %, with half of it 83 %, with a hundredth 86
 %."""
@@ -141,13 +141,13 @@ within reach of an interior-point method in double precision."""
 
 @dataclass(frozen=True, eq=False)
 class Choice:
-    """The parameters that a preference chose.
+    """The parameters that a tie-break chose.
 
     Attributes
     ----------
     parameters : (n,)
     gap : float
-        None of the parameters among which it chose is better by more than this part of the preference's size; nan if no
+        None of the parameters among which it chose is better by more than this part of the tie-break's size; nan if no
         bound is known.
     least_mass : float
         None of the parameters among which it chose has a smaller total mass, in kg.
@@ -186,7 +186,7 @@ class Fitting:
     def __post_init__(self) -> None:
         independent = np.asarray(self.feasible_set.model.base_parameters().independent, np.intp)
         self._scale = self.regression.scale
-        self._origin = self.feasible_set.lift @ self.regression.middle(self.units.parameters[independent])
+        self._origin = self.feasible_set.lift @ self.regression.ridge(self.units.parameters[independent])
         self._attempt = ATTEMPTS[0]
         self._typical = self.units.parameters
 
@@ -229,7 +229,7 @@ class Fitting:
         residual2 = self.regression.squared_residual(self.feasible_set.K @ parameters)
         self._scale = max(residual2, self.regression.least_size)
 
-    def _middle(self, program: Program) -> Vector:
+    def _unconstrained(self, program: Program) -> Vector:
         """The minimum of the objective without conditions, with the curvature that the prior has at its reference.
 
         Around it the objective has no large constant, which would hide small differences from the solver.
@@ -309,7 +309,7 @@ class Fitting:
             If no parameters satisfy the conditions, or the solver found none.
         """
         if self.prior is not None:
-            self._origin = self._middle(self._base_program(margin))
+            self._origin = self._unconstrained(self._base_program(margin))
         best: _Found | None = None
         within: _Found | None = None
         lower, units = -np.inf, self.units
@@ -435,7 +435,7 @@ class Fitting:
         )
 
     def same_base(
-        self, preference: TieBreak | PreparedPrior, base: Vector, margin: float, near: Vector
+        self, tie_break: TieBreak | PreparedPrior, base: Vector, margin: float, near: Vector
     ) -> Choice | None:
         """The preferred parameters that have this base vector (as far as the data determines it), or None.
 
@@ -444,7 +444,7 @@ class Fitting:
         """
         best: tuple[Choice, ConicSolution] | None = None
         for around in (True, False):
-            found = self._of_base(preference, base, margin, near, around)
+            found = self._of_base(tie_break, base, margin, near, around)
             if found is not None and (best is None or found[0].gap < best[0].gap):
                 best = found
             if best is not None and best[0].gap <= CLOSE_CHOICE and best[1].outcome is Outcome.SOLVED:
@@ -455,11 +455,11 @@ class Fitting:
         return best[0]
 
     def _of_base(
-        self, preference: TieBreak | PreparedPrior, base: Vector, margin: float, near: Vector, around: bool
+        self, tie_break: TieBreak | PreparedPrior, base: Vector, margin: float, near: Vector, around: bool
     ) -> tuple[Choice, ConicSolution] | None:
         """Make one attempt, in units of the point that was found or in typical ones of the robot."""
         program = self._unidentifiable_program(LESSER_MARGIN * margin, base, around)
-        objective, unit = _in_units(preference.part(program))
+        objective, unit = _in_units(tie_break.part(program))
         solution = self._record(program.solve(objective, solver=self.solver))
         if not solution.usable:
             return None
@@ -469,16 +469,16 @@ class Fitting:
             if not self.feasible_set.contains(inside):
                 return None
             found = pull_inside(self.feasible_set, found, inside)
-        problem = self._preferring(preference, found)
+        problem = self._preferring(tie_break, found)
         problem = replace(problem, directions=program.conditions.matrix, units=program.columns)
         blocks = unit * program.stacked_dual(solution.dual)
         return self._choice(problem, Multipliers(blocks, np.zeros(0)), problem.value), solution
 
-    def near(self, preference: TieBreak | PreparedPrior, margin: float, limit: float, bound: float) -> Choice | None:
+    def near(self, tie_break: TieBreak | PreparedPrior, margin: float, limit: float, bound: float) -> Choice | None:
         """The preferred parameters with a squared residual of at most `limit`, or None."""
         regression, feasible_set = self.regression, self.feasible_set
         program = self._base_program(margin)
-        objective, unit = _in_units(preference.part(program))
+        objective, unit = _in_units(tie_break.part(program))
         radius = float(np.sqrt(max(limit - regression.outside, regression.tiny)))
         ball = regression.ball(program.columns, radius, regression.residuals(feasible_set.K @ program.origin))
         limits, most = self._limits(2 * bound)
@@ -492,7 +492,7 @@ class Fitting:
         behind = start + len(ball.right)
         # The limit of the residual is added with its multiplier, so that its curvature tightens the bound.
         price = max(unit * float(solution.dual[start]) / (2 * radius**2), 0.0)
-        preferred, root = self._preferring(preference, found), regression.R @ feasible_set.K
+        preferred, root = self._preferring(tie_break, found), regression.R @ feasible_set.K
         problem = replace(
             preferred,
             value=preferred.value + price * (regression.squared_residual(base) - limit),
@@ -504,21 +504,21 @@ class Fitting:
         blocks, prices = unit * program.stacked_dual(solution.dual), unit * solution.dual[behind : behind + len(limits)]
         return self._choice(problem, Multipliers(blocks, prices), preferred.value)
 
-    def _preferring(self, preference: TieBreak | PreparedPrior, parameters: Vector) -> ConvexProblem:
-        """The preference around δ, for its lower bound."""
+    def _preferring(self, tie_break: TieBreak | PreparedPrior, parameters: Vector) -> ConvexProblem:
+        """The tie-break around δ, for its lower bound."""
         count = self.feasible_set.parameter_count
         return ConvexProblem(
             feasible_set=self.feasible_set,
             point=parameters,
             directions=np.eye(count),
             units=self._typical,
-            value=preference.value(parameters),
-            gradient=preference.slope(parameters),
-            root=preference.root(),
+            value=tie_break.value(parameters),
+            gradient=tie_break.slope(parameters),
+            root=tie_break.root(),
             rows=np.zeros((0, count)),
             slack=np.zeros(0),
-            size=preference.size(parameters),
-            entropy=preference.entropy,
+            size=tie_break.size(parameters),
+            entropy=tie_break.entropy,
         )
 
     def _choice(self, problem: ConvexProblem, multipliers: Multipliers, value: float) -> Choice:

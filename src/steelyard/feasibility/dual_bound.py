@@ -92,7 +92,7 @@ def _with_eigenvalues(matrices: Matrix, function: Callable[[Vector], Vector]) ->
 
 
 TRACE_BOUND_FACTOR = 1e2
-"""The bounds hold for robots up to this many times as large as the one in the middle was allowed to be."""
+"""The bounds hold for robots up to this many times as large as the one at the center was allowed to be."""
 
 SLICE_STEPS = 4
 """Most steps of mending a bound of one quantity."""
@@ -108,30 +108,30 @@ LEAST_PULL = 1e-6
 class SliceBound:
     """Lower bounds of combinations c·δ over a slice, from dual matrices.
 
-    In the coordinates v of the middle, c·v ≥ -Σ tr Z_b + g·v with g_j = c_j - Σ <B_j, Z_b>, for any Z ⪰ 0. Within the
+    In the coordinates v of the center, c·v ≥ -Σ tr Z_b + g·v with g_j = c_j - Σ <B_j, Z_b>, for any Z ⪰ 0. Within the
     region g·v has a least value; along the free directions g vanishes to rounding, and what is left of it counts with
     the trace bound.
 
     Parameters
     ----------
-    middle : AnalyticCenter
+    center : AnalyticCenter
     """
 
-    def __init__(self, middle: AnalyticCenter) -> None:
-        self.middle = middle
-        count = len(middle.center)
-        second = middle.ball[1]
+    def __init__(self, center: AnalyticCenter) -> None:
+        self.center = center
+        count = len(center.point)
+        second = center.ball[1]
         # Directions of v that leave u where it is.
         still = np.linalg.svd(second)[2][np.linalg.matrix_rank(second) :] if len(second) else np.eye(count)
         self._still = still.T
         self._to_pull = np.linalg.pinv(second.T)
-        order = sum(group.size * len(group.indices) for group in middle.groups)
+        order = sum(group.size * len(group.indices) for group in center.groups)
         self._radius = 4.0 * TRACE_BOUND_FACTOR * (order + 2.0)
 
     @property
     def trace_bound(self) -> float:
         """The bounds hold where the traces of all blocks (kg, kg m², ...) add to less than this."""
-        return TRACE_BOUND_FACTOR * self.middle.size
+        return TRACE_BOUND_FACTOR * self.center.size
 
     def of(self, row: Vector, duals: tuple[Matrix, ...], pull: Vector) -> float:
         """The lower bound of row · δ, rounded down; -inf where the matrices are no numbers.
@@ -140,14 +140,14 @@ class SliceBound:
         ----------
         row : (n,)
         duals : tuple of (b, d, d)
-            Z of each group, in the units of the middle, for the objective scaled to length 1.
+            Z of each group, in the units of the center, for the objective scaled to length 1.
         pull : (k,)
             The dual of the region: Σ <B_j, Z_b> plus what it gives along v_j is c_j, to the solver's accuracy.
         """
-        objective = self.middle.directions.T @ row
+        objective = self.center.directions.T @ row
         length = float(np.linalg.norm(objective))
         if length == 0.0:
-            return float(row @ self.middle.parameters)
+            return float(row @ self.center.parameters)
         if not all(np.all(np.isfinite(Z)) for Z in (*duals, pull)):
             return -np.inf
         target = objective / length
@@ -164,14 +164,14 @@ class SliceBound:
             gain, (best, matrices, pull) = mended[0] - best, mended
             if gain < 1e-9:
                 break
-        size = float(np.abs(row) @ np.abs(self.middle.parameters))
-        return float(row @ self.middle.parameters) + length * best - 4 * EPSILON * size
+        size = float(np.abs(row) @ np.abs(self.center.parameters))
+        return float(row @ self.center.parameters) + length * best - 4 * EPSILON * size
 
     def _value(self, target: Vector, matrices: tuple[Matrix, ...]) -> float:
         """The bound that matrices prove, as it is."""
         value = -sum(float(np.einsum("bii->", Z)) for Z in matrices)
         rest = target - self._products(matrices)
-        first = self.middle.ball[0]
+        first = self.center.ball[0]
         if len(first):
             # rest · v = pull · (u - first), which is least at the edge of the region.
             pull = self._to_pull @ rest
@@ -181,8 +181,8 @@ class SliceBound:
 
     def _products(self, matrices: tuple[Matrix, ...]) -> Vector:
         """Σ <B_j, Z_b> for every j."""
-        total = np.zeros(len(self.middle.center))
-        for group, Z in zip(self.middle.groups, matrices, strict=True):
+        total = np.zeros(len(self.center.point))
+        for group, Z in zip(self.center.groups, matrices, strict=True):
             total += np.einsum("bqij,bij->q", group.coefficients, Z)
         return total
 
@@ -190,10 +190,10 @@ class SliceBound:
         self, target: Vector, matrices: tuple[Matrix, ...], pull: Vector
     ) -> Iterator[tuple[tuple[Matrix, ...], Vector]]:
         """Matrices near the given ones whose equations hold better, and the pull that goes with them."""
-        second = self.middle.ball[1]
+        second = self.center.ball[1]
         missing = target - self._products(matrices) - second.T @ pull
         weight = float(np.linalg.norm(pull)) + LEAST_PULL
-        mending = Mending(matrices, [group.coefficients for group in self.middle.groups])
+        mending = Mending(matrices, [group.coefficients for group in self.center.groups])
         for found, step in mending.steps(missing, weight * second.T, LARGEST_STEP):
             yield found, pull + weight * step
 

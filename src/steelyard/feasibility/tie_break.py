@@ -74,11 +74,11 @@ class TieBreak:
         point, curvature = np.asarray(parameters, dtype=float), np.asarray(metric, dtype=float)
         if point.ndim != 1 or curvature.shape not in (point.shape, point.shape * 2):
             raise InputError(
-                f"a preference needs parameters (n,) and a metric (n,) or (n, n), got shapes {point.shape} and "
+                f"a tie-break needs parameters (n,) and a metric (n,) or (n, n), got shapes {point.shape} and "
                 f"{curvature.shape}."
             )
         if not (np.all(np.isfinite(point)) and np.all(np.isfinite(curvature))):
-            raise InputError("a preference needs finite parameters and a finite metric; replace what is not a number.")
+            raise InputError("a tie-break needs finite parameters and a finite metric; replace what is not a number.")
         _require_semidefinite(curvature)
         return cls(name, curvature, -(curvature * point if curvature.ndim == 1 else curvature @ point))
 
@@ -103,7 +103,7 @@ class TieBreak:
         """Raise InputError unless it is of n parameters."""
         if np.shape(self.gradient) != (count,) or np.shape(self.curvature) not in ((count,), (count, count)):
             raise InputError(
-                f"the preference {self.name!r} is of {np.size(self.gradient)} parameters, but the model has {count}."
+                f"the tie-break {self.name!r} is of {np.size(self.gradient)} parameters, but the model has {count}."
             )
 
     def slope(self, parameters: Vector) -> Vector:
@@ -148,7 +148,7 @@ def _require_semidefinite(curvature: Matrix) -> None:
         least = float(np.linalg.eigvalsh(curvature)[0]) if symmetric and len(curvature) else 0.0
     if not symmetric or least < -1e-9 * float(np.abs(curvature).max(initial=0.0)):
         raise InputError(
-            "the metric of a preference must be symmetric and positive semidefinite; give the inverse of a covariance."
+            "the metric of a tie-break must be symmetric and positive semidefinite; give the inverse of a covariance."
         )
 
 

@@ -1,4 +1,4 @@
-"""The middle of a slice, and the units in which the slice is round.
+"""The analytic center of a slice, and the units in which the slice is round.
 
 The analytic center minimises -Σ log det D_b, with a bound on the sum of the traces, since the slice may go on
 without end. In the metric of that function's Hessian the slice contains the unit ball around the center, and what
@@ -30,23 +30,23 @@ CLOSE_ENOUGH = 1e-2
 
 @dataclass(frozen=True, eq=False)
 class AnalyticCenter:
-    """A slice in units of its own: w = center + units v; every block is L (1 + Σ v_j B_j) Lᵀ.
+    """A slice in units of its own: w = point + units v; every block is L (1 + Σ v_j B_j) Lᵀ.
 
     Attributes
     ----------
     slice : Slice
-    center : (q,)
+    point : (q,)
     units : (q, q)
     factors : tuple of (b, d, d)
         Inverses of L, of the blocks of each group.
     groups : tuple of BlockGroup
         1 + Σ v_j B_j, of each group.
     size : float
-        The bound on the sum of the traces for which this is the middle.
+        The bound on the sum of the traces for which this is the center.
     """
 
     slice: Slice = field(repr=False)
-    center: Vector = field(repr=False)
+    point: Vector = field(repr=False)
     units: Matrix = field(repr=False)
     factors: tuple[Matrix, ...] = field(repr=False)
     groups: tuple[BlockGroup, ...] = field(repr=False)
@@ -54,8 +54,8 @@ class AnalyticCenter:
 
     @cached_property
     def parameters(self) -> Vector:
-        """δ in the middle."""
-        return self.slice.parameters(self.center)
+        """δ at the center."""
+        return self.slice.parameters(self.point)
 
     @cached_property
     def directions(self) -> Matrix:
@@ -66,11 +66,11 @@ class AnalyticCenter:
     def ball(self) -> tuple[Vector, Matrix]:
         """u = first + second v; ‖u‖ ≤ 1."""
         k = self.slice.region.shape[1]
-        return self.center[:k], self.units[:k]
+        return self.point[:k], self.units[:k]
 
 
 def analytic_center(slice_: Slice, start: Vector) -> AnalyticCenter:
-    """Find the middle of a slice, from any point inside it.
+    """Find the analytic center of a slice, from any point inside it.
 
     Parameters
     ----------

@@ -143,7 +143,7 @@ WIDE_RATIO = 1e-4
 """Gap between the two values of a ratio, relative to it, that is worth another attempt."""
 
 SMALLEST_MASS = 1e-3
-"""A ratio is proved where its denominator is at least this part of what it is in the middle, or its least value."""
+"""A ratio is proved where its denominator is at least this part of what it is at the center, or its least value."""
 
 
 WIDE_AT_NO_MASS = 1e-3
@@ -180,19 +180,19 @@ class BoundFinder:
 
     Parameters
     ----------
-    middle : AnalyticCenter
+    center : AnalyticCenter
     solver : str
         As in `steelyard.conic.solve`.
     """
 
-    def __init__(self, middle: AnalyticCenter, solver: str = "clarabel") -> None:
-        self.middle = middle
+    def __init__(self, center: AnalyticCenter, solver: str = "clarabel") -> None:
+        self.center = center
         self.solver = solver
-        self._dual = SliceBound(middle)
-        count = len(middle.center)
-        first, second = middle.ball
+        self._dual = SliceBound(center)
+        count = len(center.point)
+        first, second = center.ball
         ball = Ball(first, second, np.zeros(count)) if len(first) else None
-        self._search = Search(NormalisedProblem(middle.groups, ball, count, solver))
+        self._search = Search(NormalisedProblem(center.groups, ball, count, solver))
         self._found: dict[bytes, Bound] = {}
         self._ratios: dict[bytes, tuple[Search, Matrix]] = {}
 
@@ -214,18 +214,18 @@ class BoundFinder:
         return self._found[key]
 
     def _least(self, row: Vector) -> Bound:
-        slice_, middle = self.middle.slice, self.middle
-        value = float(row @ middle.parameters)
+        slice_, center = self.center.slice, self.center
+        value = float(row @ center.parameters)
         if slice_.is_identifiable(row):
-            return Bound(value - self._rounding(row), value, middle.parameters)
+            return Bound(value - self._rounding(row), value, center.parameters)
         if not slice_.is_constrained(row):
             return UNBOUNDED
-        objective = middle.directions.T @ row
+        objective = center.directions.T @ row
         found = self._search.least(objective, lambda dual, _: self._dual.of(row, dual.matrices, dual.pull) - value)
         if found.proved == -np.inf or found.point is None:
             return UNBOUNDED
-        step = middle.directions @ found.point
-        parameters = self._contained(lambda share: middle.parameters + share * step)
+        step = center.directions @ found.point
+        parameters = self._contained(lambda share: center.parameters + share * step)
         attained = float(row @ parameters)
         return Bound(min(value + found.proved, attained - self._rounding(row)), attained, parameters)
 
@@ -238,17 +238,17 @@ class BoundFinder:
         moments : sequence of (n,)
             Combinations with (row · δ)² ≤ (moment · δ) (mass · δ) in the whole set, such as moments of inertia.
         """
-        slice_, middle = self.middle.slice, self.middle
+        slice_, center = self.center.slice, self.center
         if not slice_.is_constrained(row):
             return UNBOUNDED
-        weight = float(mass @ middle.parameters)
-        ratio = float(row @ middle.parameters) / weight
-        rates = middle.directions.T @ mass
-        objective = middle.directions.T @ (row - ratio * mass)
+        weight = float(mass @ center.parameters)
+        ratio = float(row @ center.parameters) / weight
+        rates = center.directions.T @ mass
+        objective = center.directions.T @ (row - ratio * mass)
         lightest = max(self.least(mass).proved, 0.0)
         floor = max(lightest, SMALLEST_MASS * weight)
-        if float(np.linalg.norm(objective)) <= 1e-12 * float(np.abs(row) @ np.abs(middle.directions).sum(axis=1)):
-            return Bound(ratio - self._rounding(row) / floor, ratio, middle.parameters)
+        if float(np.linalg.norm(objective)) <= 1e-12 * float(np.abs(row) @ np.abs(center.directions).sum(axis=1)):
+            return Bound(ratio - self._rounding(row) / floor, ratio, center.parameters)
         search, units = self._ratio_search(mass, rates, weight)
         own = units.T @ objective
         found = search.least(own, self._ratio_proof(row, mass, floor))
@@ -264,16 +264,16 @@ class BoundFinder:
             proved = max(proved, self._plain_ratio(row, mass, moments))
         if proved == -np.inf:
             return UNBOUNDED
-        step, growth = weight * (middle.directions @ point), float(rates @ point)
-        parameters = self._contained(lambda share: middle.parameters + share * step / (1.0 - share * growth))
+        step, growth = weight * (center.directions @ point), float(rates @ point)
+        parameters = self._contained(lambda share: center.parameters + share * step / (1.0 - share * growth))
         attained = float(row @ parameters) / float(mass @ parameters)
         return Bound(min(proved, attained - self._rounding(row) / floor), attained, parameters)
 
     def _ratio_proof(self, row: Vector, mass: Vector, floor: float) -> Certify:
-        """What dual points of the problem in (τ, τ δ) prove of a ratio, relative to that in the middle."""
-        middle = self.middle
-        weight = float(mass @ middle.parameters)
-        ratio = float(row @ middle.parameters) / weight
+        """What dual points of the problem in (τ, τ δ) prove of a ratio, relative to that at the center."""
+        center = self.center
+        weight = float(mass @ center.parameters)
+        ratio = float(row @ center.parameters) / weight
         room = self._mass_duals(mass)
 
         def certify(dual: DualPoint, size: float) -> float:
@@ -281,8 +281,8 @@ class BoundFinder:
             # less than that value leaves room for mending where the ratio is that of an infinite mass.
             value = size * (dual.value - ROOM)
             aim = row - (ratio + value) * mass
-            length = float(np.linalg.norm(middle.directions.T @ aim))
-            own = dual.matrices[-len(middle.groups) :]
+            length = float(np.linalg.norm(center.directions.T @ aim))
+            own = dual.matrices[-len(center.groups) :]
             unit = size / length if length > 0 else 1.0
             mixed = tuple(unit * (weight * Z + ROOM * E) for Z, E in zip(own, room, strict=True))
             return value + min(0.0, self._dual.of(aim, mixed, unit * weight * dual.pull)) / floor
@@ -298,10 +298,10 @@ class BoundFinder:
         return max(numerator / (heaviest if numerator >= 0 else lightest), -float(np.sqrt(largest / lightest)))
 
     def _ratio_search(self, mass: Vector, rates: Vector, weight: float) -> tuple[Search, Matrix]:
-        """The problem in (τ, τ δ) around the middle, where τ = (1 - rates · v) / weight, and its own units of v."""
+        """The problem in (τ, τ δ) around the center, where τ = (1 - rates · v) / weight, and its own units of v."""
         key = mass.tobytes()
         if key not in self._ratios:
-            middle = self.middle
+            center = self.center
             positive = BlockGroup(1, np.array([-1]), np.ones((1, 1, 1)), -rates[None, :, None, None])
             groups = [
                 BlockGroup(
@@ -310,27 +310,27 @@ class BoundFinder:
                     group.constants,
                     weight * group.coefficients - rates[None, :, None, None] * np.eye(group.size),
                 )
-                for group in middle.groups
+                for group in center.groups
             ]
-            first, second = middle.ball
+            first, second = center.ball
             ball = Ball(first, weight * second - np.outer(first, rates), -rates) if len(first) else None
             problem, units = NormalisedProblem((positive, *groups), ball, len(rates), self.solver).rounded()
             self._ratios[key] = Search(problem), units
         return self._ratios[key]
 
     def _contained(self, parameters_at: Callable[[float], Vector]) -> Vector:
-        """Parameters on the way from the middle (0) to a point (1), as far as their eigenvalues come out positive."""
-        feasible_set = self.middle.slice.feasible_set
+        """Parameters on the way from the center (0) to a point (1), as far as their eigenvalues come out positive."""
+        feasible_set = self.center.slice.feasible_set
         for back in (0.0, 1e-8, 1e-7, 1e-6, 1e-5, 1e-4, 1e-3, 1e-2, 0.1, 0.5):
             parameters = parameters_at(1.0 - back)
             if np.all(feasible_set.stack.smallest_eigenvalues(parameters) >= 0.0):
                 return parameters
-        return self.middle.parameters
+        return self.center.parameters
 
     def _mass_duals(self, mass: Vector) -> tuple[Matrix, ...]:
-        """Z of each group with Σ <D_b, Z_b> = mass · δ, in the units of the middle; zero where no block says so."""
-        feasible_set, found, told = self.middle.slice.feasible_set, [], False
-        for group, inverse in zip(self.middle.groups, self.middle.factors, strict=True):
+        """Z of each group with Σ <D_b, Z_b> = mass · δ, in the units of the center; zero where no block says so."""
+        feasible_set, found, told = self.center.slice.feasible_set, [], False
+        for group, inverse in zip(self.center.groups, self.center.factors, strict=True):
             matrices = np.zeros(group.constants.shape)
             for position, index in enumerate(group.indices):
                 block = feasible_set.blocks[index]
@@ -345,7 +345,7 @@ class BoundFinder:
         return tuple(found)
 
     def _rounding(self, row: Vector) -> float:
-        return EPSILON * float(np.abs(row) @ np.abs(self.middle.parameters))
+        return EPSILON * float(np.abs(row) @ np.abs(self.center.parameters))
 
 
 @dataclass(frozen=True, eq=False)
@@ -445,14 +445,14 @@ def _witness(feasible_set: FeasibleSet, base: Vector) -> Vector:
 
 def _finder(slice_: Slice, start: Vector, solver: str) -> BoundFinder:
     try:
-        middle = analytic_center(slice_, slice_.coordinates(start))
+        center = analytic_center(slice_, slice_.coordinates(start))
     except np.linalg.LinAlgError:
         raise NoInteriorError(
             "the parameters that these base parameters leave possible are a set without an interior, as for links "
             "without extent; give base parameters a little further inside, such as those of `correct` with a larger "
             "margin."
         ) from None
-    return BoundFinder(middle, solver)
+    return BoundFinder(center, solver)
 
 
 def _above(value: float) -> float:

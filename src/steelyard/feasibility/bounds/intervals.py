@@ -283,7 +283,7 @@ def parameter_intervals(
 def interval_of(finder: BoundFinder, quantity: Quantity) -> ParameterInterval:
     """Both ends of one quantity."""
     rows = (quantity.row,) if quantity.mass is None else (quantity.row, quantity.mass)
-    identifiable = all(finder.middle.slice.is_identifiable(row) for row in rows)
+    identifiable = all(finder.center.slice.is_identifiable(row) for row in rows)
     if quantity.mass is None:
         low, high = finder.least(quantity.row), finder.least(-quantity.row)
     else:

@@ -176,7 +176,7 @@ def lightest_robot(
 def _inside(finder: BoundFinder, mass: Quantity) -> LeastMass:
     """The least mass where there is room to search in."""
     found = finder.least(mass.row)
-    parameters = found.parameters if found.parameters is not None else finder.middle.parameters
+    parameters = found.parameters if found.parameters is not None else finder.center.parameters
     attained = found.attained if math.isfinite(found.attained) else 0.0
     return LeastMass(mass.name, mass.meaning, max(found.proved, 0.0), attained, parameters)
 

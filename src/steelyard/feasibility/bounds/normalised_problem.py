@@ -192,7 +192,7 @@ class NormalisedProblem:
         return RepeatedProblem(self._repeated.problem, self.solver, ROUGH)
 
     def pulled_inside(self, point: Vector) -> Vector:
-        """The point or, where it is outside, the last one inside on the way to it from the middle."""
+        """The point or, where it is outside, the last one inside on the way to it from the center."""
         if not np.all(np.isfinite(point)):
             return np.zeros(self.unknowns)
         lowest = min([0.0, *(float(np.linalg.eigvalsh(group.change(point)).min()) for group in self.groups)])
