@@ -5,6 +5,7 @@ import graphlib
 import importlib
 import inspect
 import itertools
+import re
 from collections import Counter
 from collections.abc import Callable, Iterable, Iterator
 from pathlib import Path
@@ -96,6 +97,21 @@ def files_of(place: str) -> list[Path]:
 
 # A room or a file at a time: a test of each file would take longer to hand out than to run.
 PLACES = sorted({path.relative_to(PACKAGE).parts[0] for path in FILES})
+
+
+def test_the_documentation_shows_the_rooms_in_their_order() -> None:
+    pages = PACKAGE.parent.parent / "docs"
+    table = (pages / "explanation" / "how-it-works.md").read_text(encoding="utf-8")
+    assert tuple(re.findall(r"^\| `(\w+)` \|", table, re.MULTILINE)) == ROOMS
+    picture = (pages / "images" / "rooms.svg").read_text(encoding="utf-8")
+    assert tuple(re.findall(r'class="n">(\w+)<', picture)) == ROOMS
+
+
+def test_the_page_that_follows_an_identification_names_files_that_exist() -> None:
+    page = PACKAGE.parent.parent / "docs" / "explanation" / "one-identification.md"
+    named = re.findall(r"`(\w+/(?:\w+/)*(?:\w+\.py)?)`", page.read_text(encoding="utf-8"))
+    assert len(named) > 40
+    assert [place for place in named if not (PACKAGE / place).exists()] == []
 
 
 @pytest.mark.parametrize("place", PLACES)

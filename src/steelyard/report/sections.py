@@ -114,7 +114,7 @@ def base_parameters(identification: Identification) -> Markup:
     text = (
         "<p>The combinations of parameters that the motion shows (SI units; symbols: L moment of inertia about the "
         "origin of the link frame, l first moment, m mass, the number is the link's; then those of the joint terms). "
-        "± is the standard error relative to the value; it reckons with residuals that are correlated in time, so that "
+        "± is the standard error relative to the value; it allows for residuals that are correlated in time, so that "
         "twice it covers the truth in 95 of 100 cases where the model is right. Those marked weak or unidentifiable "
         "may have quite different values: a motion that excites them more would show them.</p>"
     )

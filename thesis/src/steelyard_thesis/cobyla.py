@@ -14,9 +14,9 @@ from steelyard.excitation.design_problem import DesignProblem, Stopped
 __all__ = ["minimise_with_cobyla"]
 
 Array = NDArray[np.float64]
-_SHARP = 1e4  # the norm of this exponent of the eigenvalues is their extreme
-_WEIGHT = 1e3
-_STEP = 0.25
+_SHARP = 1e4  # exponent of the norm of the eigenvalues, which is then the largest of them to a tenth of a per cent
+_WEIGHT = 1e3  # weight of the mean squared violation of the limits, each violation as a fraction of its limit
+_STEP = 0.25  # change of each unknown in COBYLA's first linear model
 
 
 def minimise_with_cobyla(
@@ -37,7 +37,7 @@ def minimise_with_cobyla(
     Returns
     -------
     ndarray
-        (N P,) the best one met.
+        (N P,) the best motion that was evaluated.
 
     Examples
     --------

@@ -19,7 +19,7 @@ __all__ = ["TabulatedModel", "TabulatedRobot"]
 
 @dataclass(frozen=True, eq=False)
 class TabulatedRobot:
-    """What is known of the robot itself.
+    """The names of a robot of which only base parameters are known.
 
     Attributes
     ----------

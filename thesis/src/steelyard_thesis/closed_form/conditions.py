@@ -77,7 +77,7 @@ def closed_form_conditions(
         unknown = {symbol for condition in conditions for symbol in condition.free_symbols} - bases
         if not unknown:
             return sympy.And(*conditions)
-        # The one whose conditions name the fewest variables is the cheapest, and leaves the least.
+        # The variable whose conditions name the fewest others is the cheapest, and leaves the shortest conditions.
         chosen = min(unknown, key=lambda symbol: (len(_neighbours(symbol, conditions)), symbol.name))
         about = [condition for condition in conditions if chosen in condition.free_symbols]
         rest = [condition for condition in conditions if chosen not in condition.free_symbols]
@@ -147,7 +147,7 @@ def _short(value: float) -> Any:
 
 
 def _expanded(polynomial: Any, replaced: dict[Any, Any], model: ModelLike) -> Any:
-    """Expand; terms that should cancel must do so exactly, because the answer hangs on whether they are there."""
+    """Expand; terms that should cancel must do so exactly, because the answer depends on whether they are there."""
     sympy = import_sympy()
     result = sympy.expand(polynomial.xreplace(replaced))
     sizes = [abs(term.as_coeff_Mul()[0]) for term in sympy.Add.make_args(result)]

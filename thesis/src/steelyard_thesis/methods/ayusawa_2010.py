@@ -38,8 +38,8 @@ class Ayusawa2010(Method):
         minimise ‖G_f (ω - W K R p)‖² + ‖G_p (p̂ - p)‖²  subject to  p > 0.
 
     The inertial parameters that so many points can make are a polyhedral cone within the feasible cone (thesis 2.78):
-    the answer is always feasible (also under ``"full"`` consistency), and never better than that of `steelyard.fit` but
-    for what fixed places cannot make. The prior of `fit`, standard parameters of CAD, gives p̂: the masses that come
+    the answer is always feasible (also under ``"full"`` consistency), and never better than that of `steelyard.fit`.
+    The prior of `fit`, standard parameters of CAD, gives p̂: the masses that come
     nearest to them, spread as evenly as that allows; links with an unknown parameter have none. The points keep the
     centre of mass, and the whole body, within the box.
 

@@ -43,7 +43,7 @@ class GridSearch:
 
     @property
     def sentence(self) -> str:
-        """What it means."""
+        """What the search shows, as a sentence."""
         if self.parameters is not None:
             return f"Feasible parameters were found after {self.tried} points of a grid."
         if self.tried >= self.points:
@@ -117,7 +117,7 @@ def _axes(problem: Problem, levels: int) -> Matrix:
 
 
 def _positive(block: AffineBlock, candidates: Matrix) -> npt.NDArray[np.bool_]:
-    """Which points have a positive definite block (1 x 1: not negative), by the pivots of Gauss elimination."""
+    """Tell which points have a positive definite block (1 x 1: not negative), by the pivots of Gauss elimination."""
     matrices = block.constant + np.tensordot(candidates[:, block.indices], block.coefficients, axes=1)
     if block.size == 1:
         return np.asarray(matrices[:, 0, 0] >= 0.0)

@@ -60,7 +60,7 @@ class ReductionStep:
 
 
 class _Refutations:
-    """Proofs of infeasibility so far: each refutes whatever lies on the wrong side of its hyperplane."""
+    """The proofs of infeasibility found so far; each refutes all base parameters on one side of its hyperplane."""
 
     def __init__(self, feasible_set: FeasibleSet) -> None:
         self.feasible_set = feasible_set
@@ -73,7 +73,7 @@ class _Refutations:
         self.known_blocks = [b for b in feasible_set.blocks if b.size > 1 and not np.any(unidentifiable[b.indices])]
 
     def decide(self, base: Vector) -> bool | None:
-        """Whether base parameters are feasible, None where it cannot be proved either way."""
+        """Tell whether base parameters are feasible; None where neither can be proved."""
         size = float(np.linalg.norm(base))
         if self.directions and float((np.array(self.directions) @ base).min()) < -CLEARLY * size:
             return False
@@ -94,7 +94,7 @@ class _Refutations:
         return None
 
     def _block_refutes(self, base: Vector) -> bool:
-        """Whether a single block does: v'D(δ)v < 0 for a v with which it does not depend on what the motion hides."""
+        """Tell whether a single block refutes: v'D(δ)v < 0 for a v with which it depends on base parameters alone."""
         feasible_set = self.feasible_set
         parameters = feasible_set.lift @ base
         eigenvalues = feasible_set.stack.smallest_eigenvalues(parameters)
@@ -120,9 +120,9 @@ class DiazRodriguez2010(Method):
     The answer is the first reduction that is feasible, with standard parameters that prove it; where there is none, the
     unreduced least squares without standard parameters, and a remark. A prior is not used.
 
-    Its known flaws: nothing says that any reduction is feasible, nor that the one found has an error worth having; a
-    parameter that is zero is a physical statement that nobody has made. Where all ten parameters of a link are
-    identifiable, none of its moments of inertia may be taken out at all.
+    Known flaws: no reduction need be feasible, and the error of a feasible one may be large; to hold a parameter at
+    zero is a statement about the robot without any evidence. Where all ten parameters of a link are identifiable, no
+    model without one of its moments of inertia is feasible.
 
     Parameters
     ----------

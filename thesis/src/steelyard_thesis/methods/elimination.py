@@ -25,7 +25,7 @@ class Elimination:
     and the last element of H ρ joins the residual. That takes 4 k² operations for k parameters, where a new
     factorisation takes 4 k³ / 3, and being orthogonal it loses no digits.
 
-    What the data does not determine, has no least squares solution, and is taken out first.
+    Base parameters that the data does not determine have no least squares solution and are taken out first.
 
     Parameters
     ----------

@@ -1,4 +1,4 @@
-"""Least squares over free numbers that stand for the parameters of links and terms."""
+"""Least squares over unconstrained numbers θ, of which the parameters of links and terms are functions."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ FactoredSolver = Literal["newton", "gauss-newton", "levenberg-marquardt"]
 FACTORED_SOLVERS: tuple[FactoredSolver, ...] = ("newton", "gauss-newton", "levenberg-marquardt")
 
 FIRST_DAMPING = 1e-3
-"""Of the descent, as a part of the largest second derivative."""
+"""Damping of the first step of the descent, as a part of the largest second derivative (Nielsen 1999)."""
 
 WORTH_A_STEP = 1e-4
 """Part of the expected decrease from which a step is taken."""
@@ -36,7 +36,7 @@ LEAST = 1e-12
 
 @dataclass(frozen=True)
 class FactoredOutcome:
-    """What a solver found.
+    """The result of a descent.
 
     Attributes
     ----------
@@ -44,7 +44,7 @@ class FactoredOutcome:
     iterations : int
     converged : bool
     message : str
-        The solver's own.
+        The message of the solver.
     """
 
     parameters: Vector = field(repr=False)
@@ -53,7 +53,7 @@ class FactoredOutcome:
     message: str
 
     def sentence(self) -> str:
-        """What happened, for the remarks."""
+        """Return a sentence for the remarks on how the descent ended."""
         if self.converged:
             return f"converged after {self.iterations} iterations."
         return f"not converged after {self.iterations} iterations ({self.message.strip().rstrip('.')})."
@@ -127,7 +127,7 @@ class FactoredFit:
         return np.concatenate([self.parametrisation.inertial(links).ravel(), np.where(self.bounded, positive, others)])
 
     def slopes(self, theta: Vector) -> tuple[Matrix, Vector]:
-        """Their derivatives: of the links (links, 10, 10), of the others (k,)."""
+        """Return the derivatives of `values`: of the links (links, 10, 10), of the others (k,)."""
         links, others = self._split(theta)
         positive = np.exp(others) if self.exponential else 2.0 * others
         return self.parametrisation.jacobian(links), np.where(self.bounded, positive, 1.0)
@@ -148,7 +148,7 @@ class FactoredFit:
         return np.asarray(A @ self.values(theta) - b)
 
     def jacobian(self, theta: Vector) -> Matrix:
-        """Its derivatives."""
+        """Return the derivatives of `residual`."""
         return self._right_product(self.linear[0], self.slopes(theta))
 
     def objective(self, theta: Vector) -> float:
@@ -157,7 +157,7 @@ class FactoredFit:
         return 0.5 * float(error @ error)
 
     def gradient(self, theta: Vector) -> Vector:
-        """Its first derivatives."""
+        """Return the first derivatives of `objective`."""
         return self._pulled(theta, self._by_values(theta))
 
     def _by_values(self, theta: Vector) -> Vector:
@@ -170,7 +170,7 @@ class FactoredFit:
         return np.concatenate([np.einsum("ksa,ks->ka", blocks, links).ravel(), others * diagonal])
 
     def hessian(self, theta: Vector) -> Matrix:
-        """Its second derivatives: those of Gauss and Newton, and one 10 x 10 block for each link."""
+        """Return the second derivatives of `objective`: those of Gauss and Newton, and a 10 x 10 block a link."""
         slopes = self.slopes(theta)
         half = self._right_product(self.gram[0], slopes)
         found = self._right_product(np.ascontiguousarray(half.T), slopes)
@@ -260,7 +260,7 @@ class FactoredFit:
         return FactoredOutcome(self.to_parameters(theta), count, not message, message)
 
     def _tall(self, function: Any) -> Any:
-        """The same with rows of zeros, so that there are as many as unknowns, which MINPACK wants."""
+        """Return the function with rows of zeros appended, because MINPACK needs as many rows as unknowns."""
         missing = len(self.order) - len(self.target)
 
         def padded(theta: Vector) -> Matrix:

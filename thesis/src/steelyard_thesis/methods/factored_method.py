@@ -1,4 +1,4 @@
-"""What the methods over factors of inertias share: settings, and the descent from the prior."""
+"""The base class of the methods over factors of inertias: their settings, and the descent from the prior."""
 
 from __future__ import annotations
 
@@ -22,9 +22,9 @@ Vector = npt.NDArray[np.float64]
 
 @dataclass(frozen=True)
 class FactoredMethod(Method):
-    """Nonlinear least squares over a change of variables that every feasible answer has; see the methods themselves.
+    """Nonlinear least squares over a change of variables that keeps answers feasible; the subclasses are the methods.
 
-    The prior is where the descent starts.
+    The descent starts at the prior.
     """
 
     solver: FactoredSolver = "newton"

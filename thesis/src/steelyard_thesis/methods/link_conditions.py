@@ -32,7 +32,7 @@ class LinkConditions(Protocol):
 
     @property
     def count(self) -> int:
-        """How many for each link, c."""
+        """Number c of functions for each link."""
 
     def values(self, inertial: Array) -> Array:
         """Of (links, 10), (links, c)."""

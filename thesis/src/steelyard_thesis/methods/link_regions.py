@@ -19,10 +19,10 @@ Matrix = npt.NDArray[np.float64]
 Indices = npt.NDArray[np.intp]
 
 ACCURACY = 1e-10
-"""Of the solver."""
+"""Accuracy that the solver is asked for; margins smaller than 1e-9 are decided by it."""
 
 CAP = 1.0
-"""Margins above this are not looked for, so that the problem is bounded."""
+"""Largest margin that is looked for, so that the problem is bounded."""
 
 SMALL_MARGIN = 1e-4
 """Margin that light choices keep where there is room for it."""
@@ -30,7 +30,7 @@ SMALL_MARGIN = 1e-4
 
 @dataclass(frozen=True, eq=False)
 class Demand:
-    """What a link demands of those beyond it: row · δ + constant ≥ 0 for all feasible δ.
+    """A condition of a link on the links beyond it: row · δ + constant ≥ 0 for all feasible δ.
 
     Attributes
     ----------

@@ -25,13 +25,13 @@ Vector = npt.NDArray[np.float64]
 Matrix = npt.NDArray[np.float64]
 Indices = npt.NDArray[np.intp]
 Progress = Callable[[str], None]
-"""Is told what happens, a short text at a time."""
+"""A function that is called with a few words on each step."""
 
 Weights = Literal["joint"] | npt.ArrayLike | None
 """None, ``"joint"`` or one weight for each joint, as in `steelyard.least_squares`."""
 
 HEAVY = 1e3
-"""A link heavier than this many times what is typical of the robot is remarked on."""
+"""Ratio of a link's mass to the robot's typical mass of a link above which a remark says that masses grew."""
 
 
 class Method(ABC):
@@ -138,7 +138,7 @@ class Problem:
 
     @cached_property
     def regression(self) -> ReducedRegression:
-        """The same around its least squares solution, in the form that `steelyard.fit` uses."""
+        """The problem around its least squares solution, in the form that `steelyard.fit` uses."""
         return ReducedRegression.of(self.information.reduced(self.weights), self.feasible_set)
 
     @cached_property
@@ -153,7 +153,7 @@ class Problem:
 
     @cached_property
     def units(self) -> Units:
-        """Masses and lengths that are typical of this robot: those of CAD, or those of which the torques speak."""
+        """Masses and lengths that are typical of this robot, from CAD or from the torques."""
         return self.regression.units(self.feasible_set).with_cad()
 
     @cached_property
@@ -255,7 +255,7 @@ class Problem:
         base: Vector | None = None,
         remarks: Sequence[str] = (),
     ) -> Estimate:
-        """Put the answer together; whether it is feasible is proved here, not believed.
+        """Return the estimate; whether it is feasible is proved here, exactly.
 
         Parameters
         ----------

@@ -1,4 +1,4 @@
-"""What the methods over standard parameters share: settings, and the search under nonlinear conditions of the links."""
+"""The base class of the methods over standard parameters: settings, and the search under nonlinear conditions."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ __all__ = ["NonlinearMethod"]
 
 @dataclass(frozen=True)
 class NonlinearMethod(Method):
-    """Regression over standard parameters under nonlinear conditions (thesis 2.69); see the methods themselves."""
+    """Regression over standard parameters under nonlinear conditions (thesis 2.69); the subclasses are the methods."""
 
     solver: SolverName = "slsqp"
     iterations: int = 1000

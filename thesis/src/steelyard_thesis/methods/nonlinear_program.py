@@ -94,7 +94,7 @@ class NonlinearProgram:
 
     @cached_property
     def linear(self) -> tuple[Matrix, Vector, Matrix, Vector]:
-        """What constraints of the set say linearly of x: A x + a ≥ 0 and E x = e.
+        """The constraints of the set that are linear in x: A x + a ≥ 0 and E x = e.
 
         Raises
         ------
@@ -132,17 +132,17 @@ class NonlinearProgram:
         return np.maximum((parameters - self.shift) / self.units, self.lower)
 
     def objective(self, x: Vector) -> float:
-        """Its value."""
+        """Return the value of the objective."""
         H, c, constant = self.quadratic
         return float(0.5 * x @ (H @ x) - c @ x + constant)
 
     def gradient(self, x: Vector) -> Vector:
-        """Its first derivatives, (n,)."""
+        """Return the first derivatives of `objective`, (n,)."""
         H, c, _ = self.quadratic
         return np.asarray(H @ x - c)
 
     def constraints(self, x: Vector) -> Vector:
-        """What must not be negative, (links c + rows,)."""
+        """Return the values that must not be negative, (links c + rows,)."""
         A, a, _, _ = self.linear
         return np.concatenate([self.conditions.values(x[self.problem.links]).ravel(), A @ x + a])
 
@@ -162,7 +162,7 @@ class NonlinearProgram:
         return found
 
     def sparse_jacobian(self, x: Vector) -> sparse.csr_array:
-        """The same, sparse."""
+        """Return `jacobian` as a sparse array."""
         A = self.linear[0]
         count = self.conditions.count * len(self.problem.links)
         values = self.conditions.jacobian(x[self.problem.links]).ravel()
@@ -179,7 +179,7 @@ class NonlinearProgram:
         return found
 
     def possible(self, x: Vector) -> bool:
-        """Whether masses and inertias about the centre of mass are positive, and the rest holds, but for rounding."""
+        """Tell whether masses and inertias about the centre of mass are positive, and all else holds up to rounding."""
         inertial = x[self.problem.links]
         if inertial[:, 9].min(initial=1.0) <= 0.0 or not np.all(np.isfinite(x)):
             return False

@@ -18,7 +18,7 @@ __all__ = ["SOLVERS", "Outcome", "SolverName", "solve_program"]
 
 Vector = npt.NDArray[np.float64]
 
-BISECTIONS = 40
+BISECTIONS = 40  # of the way back inside: the place is then known to 1e-12 of the way
 
 FLATTEST = 1e-4
 """Second derivatives below this part of the largest count as that for the units of SLSQP."""
@@ -38,7 +38,7 @@ SOLVERS: tuple[SolverName, ...] = ("slsqp", "trust-constr", "ipopt")
 
 @dataclass(frozen=True)
 class Outcome:
-    """What a solver made of a program.
+    """The result of a solver.
 
     Attributes
     ----------
@@ -57,7 +57,7 @@ class Outcome:
     message: str
 
     def sentence(self, step: str = "") -> str:
-        """What happened, for the remarks."""
+        """Return a sentence for the remarks on how the solver ended."""
         where = f"{step}: " if step else ""
         if self.converged:
             return f"{where}converged after {self.iterations} iterations."
@@ -88,7 +88,7 @@ def solve_program(
     inside : (n,), optional
         Parameters strictly inside the conditions, towards which an answer outside is moved; the start where absent.
     repair : bool
-        Whether an answer outside is moved at all.
+        Whether an answer outside is moved.
 
     Raises
     ------

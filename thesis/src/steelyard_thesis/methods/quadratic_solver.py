@@ -24,13 +24,13 @@ PACKAGES = ("osqp", "piqp")
 """Solvers of quadratic programs that are used where they are installed."""
 
 ACCURACY = 1e-9
-"""Of interior-point methods, relative to the squared residual of plain least squares."""
+"""Accuracy of interior-point methods, relative to the squared residual of plain least squares."""
 
 NO_EFFECT = 1e-10
 """Columns that are shorter than this, relative to the longest, are rounding."""
 
 FIRST_ORDER_ACCURACY, FIRST_ORDER_STEPS = 1e-7, 20000
-"""Of OSQP, which takes many cheap steps."""
+"""Accuracy and limit of the steps of OSQP, a first-order method, which takes many cheap steps."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -66,7 +66,7 @@ def find_quadratic_solver(name: str) -> str:
 
 
 def solve_quadratic(program: PointMassProgram, solver: str) -> QuadraticSolution:
-    """Solve it.
+    """Solve the quadratic program of the point masses.
 
     Parameters
     ----------
@@ -164,7 +164,7 @@ def _osqp(problem: ConicProblem) -> tuple[Vector, bool, str]:
         max_iter=FIRST_ORDER_STEPS,
         polishing=True,
     )
-    # Version 1 asks to be told what to do where it fails; earlier ones do not know the question.
+    # Version 1 raises an exception where it fails unless it is told not to; earlier versions do not have the option.
     options = {"raise_error": False} if "raise_error" in inspect.signature(solver.solve).parameters else {}
     found = solver.solve(**options)
     x = np.nan_to_num(np.asarray(found.x, dtype=np.float64))

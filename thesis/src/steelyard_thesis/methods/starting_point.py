@@ -1,4 +1,4 @@
-"""Where the nonlinear methods start: parameters known before, or least squares, made possible link by link."""
+"""The start of the nonlinear methods: parameters known before, or least squares, made feasible link by link."""
 
 from __future__ import annotations
 

@@ -90,7 +90,7 @@ class Ting2006(FactoredMethod):
 Vector = npt.NDArray[np.float64]
 
 VAGUE = 1e-8
-"""Shape and rate of all gamma priors: they say next to nothing."""
+"""Shape and rate of all gamma priors, so small that the priors hardly influence the result."""
 
 
 def relevance_regression(problem: Problem, iterations: int, tolerance: float) -> tuple[Vector, int]:
@@ -110,7 +110,7 @@ def relevance_regression(problem: Problem, iterations: int, tolerance: float) ->
     Returns
     -------
     (n_b,), int
-        And how many rounds there were.
+        The mean, and the number of rounds.
     """
     rows = max(problem.information.count, 1)
     lengths = column_lengths(problem.R) / np.sqrt(rows)

@@ -22,7 +22,7 @@ Vector = npt.NDArray[np.float64]
 Indices = npt.NDArray[np.intp]
 
 ROUNDING = 1e-12
-"""What is added up is known to this relative accuracy."""
+"""Relative accuracy of sums of floating-point numbers here."""
 
 CANCELLED = 1e-7
 """Coefficients of parameters that are smaller than this, relative to the largest, have cancelled."""
@@ -261,7 +261,7 @@ class _Search:
         return side if choice == 0 else 0.5 * (side + middle)
 
     def _who_can_help(self, demand: Demand) -> int | None:
-        """The stage closest to the base whose unknowns the demand holds, None where it holds none."""
+        """Return the stage closest to the base whose unknowns occur in the demand; None where none does."""
         effects = demand.row @ self.feasible_set.unidentifiable
         position = next(k for k, region in enumerate(self.regions) if region.link == demand.link)
         scale = float(np.abs(demand.row).max())
@@ -272,7 +272,7 @@ class _Search:
         return None
 
     def _next_choice(self, chosen: list[int], stage: int) -> int:
-        """Without learning: the last link beyond that has a choice left, -1 where none has."""
+        """Return, without learning, the last link beyond that has a choice left; -1 where none has."""
         for earlier in range(stage - 1, -1, -1):
             if self.regions[earlier].dimension and chosen[earlier] + 1 < self.method.choices:
                 chosen[earlier] += 1
@@ -281,12 +281,12 @@ class _Search:
         return -1
 
     def _refuted(self, demand: Demand, stage: int) -> VirtualParameterSearch:
-        """Nothing of the links beyond can meet the demand: infeasible, if that is clear."""
+        """Return the answer where no choice of the links beyond meets the demand: infeasible, if rounding allows it."""
         region = self.regions[stage]
         parameters = self._origin(stage)
         value = float(demand.row @ parameters + demand.constant)
         scale = float(np.abs(demand.row) @ np.abs(parameters)) + abs(demand.constant)
-        # What has not quite cancelled, times the unknowns that were met, is how far the value can be wrong.
+        # The value can be wrong by the coefficients that should have cancelled, times the unknowns met so far.
         error = 2.0 * float(np.abs(demand.row @ self.feasible_set.unidentifiable) @ self.largest)
         if value >= -error - ROUNDING * scale:
             text = f"{region.title} is closer to the boundary of what is possible than rounding tells."

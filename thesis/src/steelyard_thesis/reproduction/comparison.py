@@ -55,7 +55,7 @@ class Comparison:
         return self.ours - self.published
 
     def to_dict(self) -> dict[str, Any]:
-        """Return it for JSON."""
+        """Return the comparison as plain data, for JSON."""
         return {
             "what": self.what,
             "published": self.published,
@@ -67,7 +67,7 @@ class Comparison:
 
     @classmethod
     def from_dict(cls, content: dict[str, Any]) -> Comparison:
-        """Build it from what `to_dict` returned."""
+        """Build a comparison from what `to_dict` returned."""
         return cls(*(content[name] for name in ("what", "published", "ours", "tolerance", "why")))
 
 

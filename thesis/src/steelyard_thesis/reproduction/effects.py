@@ -1,4 +1,4 @@
-"""What parameters do to each term of a model and to what is done with it, beside the true ones."""
+"""Effects of wrong parameters on each term of a model, on simulations and on controllers, beside the true ones."""
 
 from __future__ import annotations
 
@@ -49,7 +49,7 @@ class States:
 
 @dataclass(frozen=True)
 class Effects:
-    """Errors against the true arm, relative to the rms of what is in error, and what is impossible.
+    """Errors against the true arm, relative to the rms of the true values, and shares of impossible states.
 
     Attributes
     ----------

@@ -1,4 +1,4 @@
-"""Runs identification methods against the clock."""
+"""Runs identification methods, and measures their time."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ __all__ = ["MethodRun", "run_method"]
 
 @dataclass(frozen=True)
 class MethodRun:
-    """What a method gave.
+    """The estimate of a method, its verdict and its time.
 
     Attributes
     ----------

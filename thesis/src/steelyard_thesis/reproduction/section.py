@@ -1,4 +1,4 @@
-"""What a section of the reproduction is, and what it gives."""
+"""A section of the reproduction, its inputs, and its result."""
 
 from __future__ import annotations
 
@@ -32,14 +32,14 @@ class Table:
 
 @dataclass(frozen=True)
 class SectionResult:
-    """What a section computed.
+    """The result of a section.
 
     Attributes
     ----------
     comparisons : tuple of Comparison
         Published values beside ours.
     tables : tuple of Table
-        What else there is to see.
+        Further tables and figures.
     charts : tuple of Chart
     remarks : tuple of str
     """
@@ -50,7 +50,7 @@ class SectionResult:
     remarks: tuple[str, ...] = ()
 
     def to_dict(self) -> dict[str, Any]:
-        """Return it for JSON."""
+        """Return the result as plain data, for JSON."""
         return {
             "comparisons": [row.to_dict() for row in self.comparisons],
             "tables": [{"title": t.title, "columns": t.columns, "rows": t.rows} for t in self.tables],
@@ -60,7 +60,7 @@ class SectionResult:
 
     @classmethod
     def from_dict(cls, content: dict[str, Any]) -> SectionResult:
-        """Build it from what `to_dict` returned."""
+        """Build a result from what `to_dict` returned."""
         return cls(
             tuple(Comparison.from_dict(row) for row in content["comparisons"]),
             tuple(

@@ -70,7 +70,7 @@ def _compute(context: Context) -> SectionResult:
 
 
 def _published_columns(model: Model) -> list[Comparison]:
-    """The published feasible columns lie in the set, as far as four decimals can tell."""
+    """Compare the published feasible columns with the set; they lie in it, up to their four decimals."""
     plain = FeasibleSet(model, "inertia")
     extra = FeasibleSet(model, "inertia", [TotalMass(maximum=27.0), *boxes()])
     result = []

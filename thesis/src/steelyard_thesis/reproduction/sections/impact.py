@@ -36,7 +36,7 @@ _REMARKS = (
     "Coriolis and centripetal torques are touched as inertia is, for both are made of the inertia matrix. They remain "
     "bounded by a multiple of the squared speed, and the skew symmetry of dM/dt - 2 C holds for any parameters, so "
     "that neither tells anything of passivity.",
-    "What breaks is energy. With a negative kinetic energy somewhere, the total energy of an arm is conserved and yet "
+    "Passivity is lost. With a negative kinetic energy somewhere, the total energy of an arm is conserved and yet "
     "bounds nothing: speeds grow without limit. In every configuration without a positive definite inertia matrix, "
     "computed torque is positive feedback in some direction. Friction coefficients of the wrong sign drive instead of "
     "braking.",

@@ -29,9 +29,9 @@ _REMARKS = (
     "near at about the same number. With some noise the reduced models end on the boundary itself, where a "
     "solver's answer is a matter of its tolerance: the last table lists them, and they count neither as feasible "
     "nor as infeasible.",
-    "What is in the way: a parameter that the motion hardly shows is held at zero, and zero is a statement too. A "
-    "moment of inertia of zero beside a first moment that is not zero belongs to no body. Whether noise takes "
-    "out only what may be zero is luck; nothing in the method sees to it, as the thesis says.",
+    "The reason: a parameter that the motion hardly shows is held at zero, and no body has a moment of inertia of "
+    "zero beside a first moment that is not zero. Whether only parameters are taken out that may be zero depends on "
+    "the noise; nothing in the method ensures it, as the thesis says.",
 )
 
 
@@ -129,7 +129,7 @@ def _missing(path: tuple[ReductionStep, ...], feasible_set: FeasibleSet) -> Tabl
 
 
 def _noise_table(context: Context) -> Table:
-    """Whether any reduction is feasible is a matter of luck."""
+    """Return the table of reductions under other noise, which decides whether any reduction is feasible."""
     feasible_set = FeasibleSet(wam_model(), "inertia")
     lines = []
     for seed in _SEEDS:

@@ -63,7 +63,7 @@ _REMARKS = (
 
 @dataclass(frozen=True, eq=False)
 class Outcome:
-    """What a method made of a recording.
+    """The estimate of a method from a recording.
 
     Attributes
     ----------
