@@ -1,4 +1,4 @@
-"""Physical feasibility: linear matrix inequalities, the feasible set, and check, correct and fit."""
+"""Physical feasibility: the feasible set and its constraints, check and correct, certificates, bounds and diagnosis."""
 
 from typing import TYPE_CHECKING
 

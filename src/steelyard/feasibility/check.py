@@ -1,4 +1,4 @@
-"""Is it physically possible? The answer with a proof."""
+"""Deciding whether parameters are physically possible, with a proof."""
 
 from dataclasses import dataclass, field
 
@@ -19,21 +19,23 @@ __all__ = ["Verdict", "Violation", "check"]
 Vector = npt.NDArray[np.float64]
 
 MODERATE_TRACES = (10.0, 100.0, 1000.0)
-"""Bounds on the traces, in units of the largest |β|, that are tried for a witness of moderate mass."""
+"""Bounds on the sum of the traces, in units of the largest |β| (at least 1), that are tried in turn for a witness of
+moderate mass where the lightest one cannot be proved: the smallest that leaves room gives the lightest robot."""
 
 
 @dataclass(frozen=True)
 class Violation:
-    """One block that is short of being positive semidefinite.
+    """A condition that is not satisfied.
 
     Attributes
     ----------
     block : str
         Name of the block.
     amount : float
-        What has to be added to its diagonal; 0 where it is singular, on the boundary.
+        Number that must be added to the diagonal of the block to make it positive semidefinite, or error of an
+        equation; 0 if the block is singular, which is on the boundary.
     unit : str
-        Unit of `amount`; empty for blocks whose elements have several SI units.
+        Unit of `amount`; empty for blocks whose elements have different units.
     """
 
     block: str
@@ -53,20 +55,20 @@ class Verdict:
     Attributes
     ----------
     feasible : bool or None
-        None where the point is closer to the boundary than floating point tells.
+        None if the point is closer to the boundary than floating point can resolve.
     status : str
         ``"feasible"``, ``"virtually feasible"`` (the parameters are not possible, but another robot with the same
         motion is: thesis 3.55), ``"infeasible"`` or ``"undecided"``.
     margin : float
-        Largest t with D(δ) - t 1 ⪰ 0 for some δ that has these base parameters, or that δ come arbitrarily close to as
-        they grow (at most 1); where standard parameters are given, of those alone. Negative where infeasible, and then
-        it says how far.
+        Largest t, at most 1, with D(δ) - t 1 ⪰ 0 for some δ with these base parameters, or its supremum if that is only
+        approached as δ grows. If standard parameters were given, the smallest eigenvalue of their blocks. Negative if
+        infeasible.
     base : (n_b,)
     parameters : (n,) or None
-        Standard parameters that prove feasibility.
+        Feasible standard parameters that have these base parameters, if there are any.
     certificate : FeasibilityCertificate, InfeasibilityCertificate or None
     violations : tuple of Violation
-        What fails and how far, worst first.
+        The conditions that are not satisfied, largest first.
     consistency : str
     """
 
@@ -80,7 +82,7 @@ class Verdict:
     consistency: str
 
     def sentences(self) -> tuple[str, ...]:
-        """The verdict in plain sentences."""
+        """The verdict in sentences."""
         kind = f'under "{self.consistency}" consistency'
         if self.status == "feasible":
             found = [
@@ -117,15 +119,15 @@ class Verdict:
 def check(
     feasible_set: FeasibleSet, base: npt.ArrayLike | None = None, parameters: npt.ArrayLike | None = None
 ) -> Verdict:
-    """Tell whether base parameters, or standard parameters, are physically possible, with a proof (thesis 3.34, 3.55).
+    """Decide whether base parameters or standard parameters are physically possible, with a proof (thesis 3.34, 3.55).
 
     Parameters
     ----------
     feasible_set : FeasibleSet
     base : (n_b,), optional
-        Base parameters β. Feasible where some δ with K δ = β lies in the set.
+        Base parameters β; they are feasible if some δ with K δ = β lies in the set.
     parameters : (n,), optional
-        Standard parameters δ, instead.
+        Standard parameters δ, given instead of base parameters.
 
     Returns
     -------
@@ -212,10 +214,10 @@ def _check_base(feasible_set: FeasibleSet, base: Vector) -> Verdict:
 
 
 def _lighter(witness: FeasibilityCertificate, margin: float) -> FeasibilityCertificate:
-    """A witness of moderate mass, where one is found: the first one lies in the middle of a set without bounds.
+    """A witness of moderate mass, if one is found; the first one lies in the middle of a set that may be unbounded.
 
-    The lightest one with half the margin or, where the set is too thin for the solver to find that, the one of largest
-    margin among those of moderate size.
+    It is the lightest one with half the margin or, if the set is too thin for the solver to find that, the one of
+    largest margin among those of moderate size.
     """
     feasible_set = witness.feasible_set
     parameters = lightest_parameters(feasible_set, witness.base, 0.5 * min(margin, feasible_set.margin))

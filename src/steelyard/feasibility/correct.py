@@ -37,13 +37,13 @@ class Correction:
     parameters : (n,)
         Feasible standard parameters δ.
     squared_distance : float
-        dᵀ M d with d = β - K δ, or d = δ̂ - δ where standard parameters were given; M is the metric, 1 where none was
-        given.
+        dᵀ M d with d = β - K δ, or d = δ̂ - δ if standard parameters were given; M is the metric, by default the unit
+        matrix.
     status : str
-        ``"already feasible"`` where nothing had to change, or ``"corrected"``.
+        ``"already feasible"`` if nothing had to change, or ``"corrected"``.
     certificate : FeasibilityCertificate
     iterations : int
-        Of the solver.
+        Iterations of the solver.
     squared_euclidean_distance : float
         dᵀ d.
     metric : str
@@ -92,14 +92,14 @@ def correct(
     parameters : (n,), optional
         Standard parameters δ̂, instead; d = δ̂ - δ.
     metric : (k, k) or Information, optional
-        What is meant by closest, where it is not the length of d: a positive semidefinite matrix M for dᵀ M d (k = n_b,
-        or n for standard parameters), or data, in whose metric the distance is by how much the squared residual of the
-        (by joint weighted) regression rises above that of least squares, if β is that of least squares. Directions
-        without weight are settled by the least Euclidean change.
+        Metric of the distance; by default it is Euclidean. Either a positive semidefinite matrix M for dᵀ M d (k = n_b,
+        or n for standard parameters), or data: then dᵀ M d is the rise of the squared residual of the joint-weighted
+        regression above that of least squares, if β is the least-squares solution. Directions without weight are
+        decided by the least Euclidean change.
     solver : str
         One of `solver_table`.
     covariance : (k, k), optional
-        Of what was given, e.g. of an estimate; M is its inverse (Mahalanobis distance).
+        Covariance of the given parameters, such as that of an estimate; M is its inverse (Mahalanobis distance).
 
     Returns
     -------
@@ -171,14 +171,14 @@ def correct(
 
 
 def _keeps_margin(feasible_set: FeasibleSet, parameters: Vector) -> bool:
-    """Whether δ is in the set with at least half the margin, so that nothing need be changed."""
+    """Whether δ is in the set with at least half the margin, so that it need not be changed."""
     eigenvalues = feasible_set.stack.smallest_eigenvalues(parameters)
     return bool(np.all(eigenvalues >= 0.5 * feasible_set.margin)) and feasible_set.contains(parameters)
 
 
 @dataclass(frozen=True, eq=False)
 class _Given:
-    """What `correct` was given, and the search for what is nearest to it."""
+    """The arguments of `correct`, and the search for the nearest feasible parameters."""
 
     problem: NearestPoint
     values: Vector
@@ -211,7 +211,7 @@ class _Given:
         return (parameters if self.standard else self.problem.feasible_set.K @ parameters) - self.values
 
     def unchanged(self, parameters: Vector) -> Vector:
-        """The same unidentifiable parameters with exactly what was given."""
+        """The parameters that were given, with the unidentifiable parts of δ if base parameters were given."""
         if self.standard:
             return self.values
         return parameters - self.problem.feasible_set.lift @ self.difference(parameters)

@@ -1,9 +1,10 @@
-"""From a solver's dual point, whose equations hold to its accuracy, to a bound that holds whatever the solver did.
+"""Bounds that follow from a solver's dual point but do not depend on the solver's accuracy.
 
-Weak duality turns every dual point whose equations hold into a bound. `Mending` makes them hold to rounding, and what
-rounding leaves counts against the bound, for robots up to a size. It serves the bounds of single quantities
-(`SliceBound`) and those of what a fit minimises (`ConvexProblem`). Proofs that hold without any restriction are exact
-dual points, in `checking.exact_dual_point`.
+By weak duality, every dual point that satisfies the dual equations gives a bound. A solver satisfies these only to its
+accuracy. `Mending` changes the dual point such that they hold to rounding; the rest is subtracted from the bound, which
+then holds for robots up to a certain size. Two classes use it: `SliceBound` for bounds of single quantities, and
+`ConvexProblem` for lower bounds of the objective of a fit. Proofs without such a restriction are exact dual points, in
+`checking.exact_dual_point`.
 """
 
 from collections.abc import Callable, Iterator, Sequence
@@ -24,16 +25,18 @@ Vector = npt.NDArray[np.float64]
 Matrix = npt.NDArray[np.float64]
 
 DAMPINGS = (1e-14, 1e-12, 1e-9, 1e-6, 1e-4)
-"""Parts of the largest singular value below which mending leaves things as they are; the best one is taken."""
+"""Regularisations of the least-squares steps of mending, relative to the largest singular value; all are tried, and the
+best bound is taken. Small ones are accurate, large ones keep steps short where the equations are nearly dependent: on
+100 random fits 1e-4 alone leaves one gap of 8e-5 and takes 60 % more iterations, 1e-14 or 1e-9 alone would do."""
 
 EPSILON = float(np.finfo(float).eps)
 
 
 class Mending:
-    """Newton steps after which the equations Σ <B_j, Z_b> + further_j · p = target_j of a dual point hold better.
+    """Newton steps that reduce the error of the equations Σ <B_j, Z_b> + further_j · p = target_j of a dual point.
 
-    Z becomes Z^½ (1 + X) Z^½, with X and the steps of p as small as can be: what is zero in Z stays zero, and what is
-    not stays positive.
+    Z becomes Z^½ (1 + X) Z^½, where X and the steps of p have the least norm. So the null space of Z stays, and Z
+    remains positive semidefinite for small X.
 
     Parameters
     ----------
@@ -54,16 +57,16 @@ class Mending:
     def steps(
         self, missing: Vector, further: Matrix, most: float = np.inf
     ) -> Iterator[tuple[tuple[Matrix, ...], Vector]]:
-        """Mended matrices, and steps of what else stands in the equations, one for each damping.
+        """Mended matrices and steps of p, one pair for each regularisation.
 
         Parameters
         ----------
         missing : (m,)
-            By how much the equations fail.
+            Error of the equations.
         further : (m, k)
-            Coefficients of the other unknowns, in units of what their steps may cost.
+            Coefficients of p, in units in which a step of 1 may be taken.
         most : float
-            Steps that change an element of X, or another unknown in its unit, by more are left out.
+            Steps in which an element of X or of p exceeds this are left out.
         """
         left, values, right = np.linalg.svd(np.hstack([*self._columns, further]), full_matrices=False)
         along, largest = left.T @ missing, float(values.max(initial=0.0)) or 1.0
@@ -86,31 +89,33 @@ def positive(matrices: Matrix) -> Matrix:
 
 
 def _with_eigenvalues(matrices: Matrix, function: Callable[[Vector], Vector]) -> Matrix:
-    """Symmetric matrices with a function of their eigenvalues, which count as zero where they are negative."""
+    """A function of symmetric matrices, applied to their eigenvalues; negative ones count as zero."""
     values, vectors = np.linalg.eigh(matrices)
     return np.asarray(np.einsum("bij,bj,bkj->bik", vectors, function(np.maximum(values, 0.0)), vectors))
 
 
 TRACE_BOUND_FACTOR = 1e2
-"""The bounds hold for robots up to this many times as large as the one at the center was allowed to be."""
+"""The bounds hold for robots whose traces add up to at most this many times the bound with which the analytic center
+was found."""
 
 SLICE_STEPS = 4
-"""Most steps of mending a bound of one quantity."""
+"""Largest number of mending steps for a bound of one quantity; they end when a step gains less than 1e-9."""
 
 LARGEST_STEP = 0.5
-"""Larger steps, and a damping of 1e-3, find other dual points than the solver's, and with them bounds for robots up to
-the trace bound alone: the centre of mass of a link that may be massless came out as bounded by 1e5 m."""
+"""Largest element of X in a step. Larger steps, or a regularisation of 1e-3, lead to other dual points than that of the
+solver, whose bounds reflect the trace bound alone: the centre of mass of a link that may be massless came out as
+bounded by 1e5 m instead of unbounded."""
 
 LEAST_PULL = 1e-6
-"""What a mending step may change in the pull at u where there is none."""
+"""Step that mending may take in the multiplier of the region if that is zero."""
 
 
 class SliceBound:
     """Lower bounds of combinations c·δ over a slice, from dual matrices.
 
-    In the coordinates v of the center, c·v ≥ -Σ tr Z_b + g·v with g_j = c_j - Σ <B_j, Z_b>, for any Z ⪰ 0. Within the
-    region g·v has a least value; along the free directions g vanishes to rounding, and what is left of it counts with
-    the trace bound.
+    In the coordinates v around the analytic center, c·v ≥ -Σ tr Z_b + g·v with g_j = c_j - Σ <B_j, Z_b>, for any Z ⪰ 0.
+    Within the confidence region g·v has a least value. Along the other directions g vanishes up to rounding, and the
+    rest is multiplied by the largest possible length of v, which follows from the trace bound.
 
     Parameters
     ----------
@@ -121,7 +126,7 @@ class SliceBound:
         self.center = center
         count = len(center.point)
         second = center.ball[1]
-        # Directions of v that leave u where it is.
+        # Directions of v that do not change u.
         still = np.linalg.svd(second)[2][np.linalg.matrix_rank(second) :] if len(second) else np.eye(count)
         self._still = still.T
         self._to_pull = np.linalg.pinv(second.T)
@@ -130,19 +135,19 @@ class SliceBound:
 
     @property
     def trace_bound(self) -> float:
-        """The bounds hold where the traces of all blocks (kg, kg m², ...) add to less than this."""
+        """The bounds hold for robots whose traces of all blocks (kg, kg m², ...) add up to less than this."""
         return TRACE_BOUND_FACTOR * self.center.size
 
     def of(self, row: Vector, duals: tuple[Matrix, ...], pull: Vector) -> float:
-        """The lower bound of row · δ, rounded down; -inf where the matrices are no numbers.
+        """The lower bound of row · δ, rounded down; -inf if the matrices are not finite.
 
         Parameters
         ----------
         row : (n,)
         duals : tuple of (b, d, d)
-            Z of each group, in the units of the center, for the objective scaled to length 1.
+            Z of each group, in the units of the analytic center, for the objective scaled to length 1.
         pull : (k,)
-            The dual of the region: Σ <B_j, Z_b> plus what it gives along v_j is c_j, to the solver's accuracy.
+            Multiplier of the region: Σ <B_j, Z_b> + (secondᵀ pull)_j = c_j, to the solver's accuracy.
         """
         objective = self.center.directions.T @ row
         length = float(np.linalg.norm(objective))
@@ -168,7 +173,7 @@ class SliceBound:
         return float(row @ self.center.parameters) + length * best - 4 * EPSILON * size
 
     def _value(self, target: Vector, matrices: tuple[Matrix, ...]) -> float:
-        """The bound that matrices prove, as it is."""
+        """The bound that given matrices prove."""
         value = -sum(float(np.einsum("bii->", Z)) for Z in matrices)
         rest = target - self._products(matrices)
         first = self.center.ball[0]
@@ -189,7 +194,7 @@ class SliceBound:
     def _mended(
         self, target: Vector, matrices: tuple[Matrix, ...], pull: Vector
     ) -> Iterator[tuple[tuple[Matrix, ...], Vector]]:
-        """Matrices near the given ones whose equations hold better, and the pull that goes with them."""
+        """Matrices near the given ones with smaller errors of the equations, and the multipliers of the region."""
         second = self.center.ball[1]
         missing = target - self._products(matrices) - second.T @ pull
         weight = float(np.linalg.norm(pull)) + LEAST_PULL
@@ -199,19 +204,24 @@ class SliceBound:
 
 
 PARAMETER_BOUND = 1e3
-"""The bounds hold for all robots whose parameters are below this many times their units."""
+"""The bounds hold for all robots whose parameters are below this many times their units. Where the data hardly shows a
+moment of inertia, the least residual of all robots may lie at 1e5 kg m², or nowhere."""
 
 ROOM = 1e-7
-"""Part of the size that a bound may lose so that multipliers keep away from zero."""
+"""Part of the objective that a bound may lose by adding multiples of D⁻¹, so that mending can change multipliers that
+are zero. It is a tenth of the gap that counts as optimal."""
 
 CONVEX_STEPS = 6
-"""Most steps of mending a bound of what a fit minimises."""
+"""Largest number of mending steps for a bound of the objective of a fit. One suffices for 100 random fits (gaps up to
+8.0e-7 instead of 7.6e-7); robots that are harder to fit need more."""
 
 DEARNESSES = (1e-4, 1e-2, 1.0)
-"""What mending may take of w, beside a relative change of the matrices of 1: w has a price, that change nearly none."""
+"""Units of steps in w, relative to a change of X by 1, that are tried: a step in w costs its square, a change of X
+hardly anything. With 1 alone, one of 100 random fits ends above the gap, and bounds are off by up to 1e-3 where joints
+hardly move."""
 
 FREEDOM = 1e3
-"""Multipliers of equations cost nothing, so that mending prefers them by this factor."""
+"""Unit of steps in the multipliers of equations, which do not change the bound and are therefore preferred."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -232,16 +242,16 @@ class Multipliers:
 
 @dataclass(frozen=True, eq=False)
 class ConvexProblem:
-    """Minimise a convex function over a feasible set, as it looks from a point δ°.
+    """A convex function over a feasible set, expanded around a point δ°, for lower bounds of its minimum.
 
-    With d = δ - δ° = directions x the function is at least value + gradient · d + ‖root d‖². Every multiplier Z ⪰ 0,
-    μ ≥ 0, and every w, turn that into a lower bound for all δ of the set (weak duality):
+    With d = δ - δ° = directions x the function is at least value + gradient · d + ‖root d‖². By weak duality, all
+    multipliers Z ⪰ 0 and μ ≥ 0, and all w, give a lower bound for every δ of the set:
 
         value - ‖w‖² - <Z, D(δ°)> - μ · slack - Σ span_j |g_j|,
 
     where g = directionsᵀ (gradient + 2 rootᵀ w - Σ Dᵢ·Z - rowsᵀ μ - Eᵀ λ) vanishes but for rounding once the
     multipliers are mended, and |x_j| ≤ span_j holds for all robots whose parameters are within `PARAMETER_BOUND`.
-    Nothing that a solver says of itself enters.
+    The accuracy that a solver claims does not enter.
 
     Attributes
     ----------
@@ -250,19 +260,19 @@ class ConvexProblem:
         δ°; it need not be feasible.
     directions : (n, m)
     units : (m,)
-        Sizes that are typical of x.
+        Typical sizes of x.
     value : float
     gradient : (n,)
     root : (r, n)
     rows : (k, n)
         Gradients of concave functions of δ that must not be negative.
     slack : (k,)
-        Their values at δ°.
+        The values of these functions at δ°.
     size : float
         Unit of the function's values.
     entropy : float
-        The function holds this times -Σ log det P over the pseudo-inertias of the links, which gradient and root leave
-        out. -log det P is the greatest 4 + log det Y - <Y, P> over Y ≻ 0, so that such matrices stand for multipliers.
+        The function contains this times -Σ log det P over the pseudo-inertias of the links, which gradient and root
+        leave out. -log det P is the maximum of 4 + log det Y - <Y, P> over Y ≻ 0, so that Y acts as a multiplier.
     """
 
     feasible_set: FeasibleSet = field(repr=False)
@@ -291,14 +301,14 @@ class ConvexProblem:
         return [rows for rows in (scalars, *self.feasible_set.stack._rows_by_size.values()) if len(rows)]
 
     def lower_bound(self, multipliers: Multipliers, enough: float = -np.inf) -> float:
-        """The greatest lower bound that the multipliers give once they are mended; -inf where they are no numbers.
+        """The greatest lower bound from the multipliers and their mended forms; -inf if they are not finite.
 
         Parameters
         ----------
         multipliers : Multipliers
-            As a solver left them.
+            As the solver returned them.
         enough : float
-            Mending ends at a bound that is as good.
+            Mending ends once the bound is at least this.
         """
         Z, mu = multipliers.blocks / self.size, np.maximum(multipliers.rows / self.size, 0.0)
         if not (np.all(np.isfinite(Z)) and np.all(np.isfinite(mu)) and np.isfinite(self.value)):
@@ -321,7 +331,7 @@ class ConvexProblem:
 
     @cached_property
     def _inner(self) -> Vector:
-        """φ D(δ°)⁻¹, stacked, which costs `ROOM` and gives mending room wherever the point is not on the boundary."""
+        """φ D(δ°)⁻¹, stacked: it lowers the bound by `ROOM`, and lets mending change Z wherever D is positive."""
         _, values = self._conditions
         found, order = np.zeros_like(values), max(float(self.feasible_set.stack.identity.sum()), 1.0)
         for rows in self._groups:
@@ -344,14 +354,14 @@ class ConvexProblem:
         )
 
     def _missing(self, state: "_State") -> Vector:
-        """g, which is to vanish."""
+        """g, which vanishes for exact multipliers."""
         gradient, root, rows, equations = self._scaled
         coefficients, _ = self._conditions
         found = gradient + 2.0 * (root.T @ state.w) - coefficients.T @ state.Z - rows.T @ state.mu
         return np.asarray(found - equations.T @ state.equations)
 
     def _cost(self, state: "_State") -> float:
-        """By how much, in units of the size, the bound lies below the value."""
+        """Distance of the bound below the value, in units of the size."""
         _, values = self._conditions
         gap = float(state.w @ state.w + state.Z @ values + state.mu @ self.slack)
         if self.entropy:
@@ -362,7 +372,7 @@ class ConvexProblem:
 
     @cached_property
     def _spans(self) -> Vector:
-        """How far a robot within that bound can be from the point, in units; twice that, for sums of two bounds."""
+        """Largest distance of a robot within `PARAMETER_BOUND` from the point, in units."""
         away = np.abs(self.point) / self.units if len(self.point) == len(self.units) else 0.0
         return 2.0 * PARAMETER_BOUND + away * np.ones(len(self.units))
 
@@ -378,7 +388,7 @@ class ConvexProblem:
         return vector_to_symmetric(self._conditions[1][rows])
 
     def _excess_of_entropy(self, Z: Vector) -> float:
-        """What Y = Z / entropy loses of -Σ log det P(δ°), beyond what <Z, P> already counts."""
+        """Loss of the bound of -Σ log det P(δ°) by Y = Z / entropy, beyond <Z, P>."""
         weight, matrices = self.entropy / self.size, self._matrices(self._bodies)
         signs, logarithms = np.linalg.slogdet(vector_to_symmetric(Z[self._bodies]) / weight)
         if np.any(signs <= 0):
@@ -397,7 +407,7 @@ class ConvexProblem:
         return found
 
     def _mended(self, state: "_State") -> "Iterator[_State]":
-        """Multipliers near the given ones for which g is smaller."""
+        """Multipliers near the given ones with a smaller g."""
         _, root, inequalities, equations = self._scaled
         coefficients, _ = self._conditions
         mending = Mending(

@@ -1,21 +1,23 @@
-"""Facial reduction: on which face of the cone proofs lie, where a set goes on without end (Borwein and Wolkowicz 1981).
+"""Facial reduction: the face of the dual cone on which proofs lie if a set is unbounded (Borwein and Wolkowicz 1981).
 
-Minimise c·v subject to 1 + Σ v_j B_j ⪰ 0 has a finite infimum exactly where some Z ⪰ 0 has <B_j, Z> = c_j. Where the
-set goes on in a direction in which c does not change, all those Z are singular, in the same directions: they lie on a
-face of the cone, Z = U W Uᵀ. The infimum then is approached without being reached, or not everywhere, and a solver
-stalls; on the face it does not. What Uᵀ (Σ v_j B_j) U does not see is the lineality space of the problem on the face:
-an objective is bounded where it does not change along that, and unbounded otherwise, even where it falls more and more
-slowly, such as with the square root of a mass. `MinimalFace` is that face for the objectives of a slice.
+The minimum of c·v subject to 1 + Σ v_j B_j ⪰ 0 is finite exactly if some Z ⪰ 0 has <B_j, Z> = c_j. If the set is
+unbounded in a direction along which c does not change, all those Z are singular with a common null space: they lie on a
+face of the cone, Z = U W Uᵀ. The infimum may then be approached without being attained, and a solver stalls; on the
+face it does not. The directions v with Uᵀ (Σ v_j B_j) U = 0 are the lineality space of the problem on the face. An
+objective is bounded if it is constant along that space, and unbounded otherwise, even if it falls only with the square
+root of a mass. `MinimalFace` is this face for the objectives of a slice.
 
-`DualFace` is the face for c = 0, on which every proof of infeasibility lies. Where mass can be added that no motion
-shows, as on the axis of the first joint, a condition cannot fail in the directions of that mass, however large the
-other parameters are. Restricting every block D to the complement, Uᵀ D U, leaves a problem whose dual has interior
-points, which solvers need to be accurate and exact proofs need to have room (Permenter and Parrilo 2018).
+`DualFace` is the face for c = 0, on which every proof of infeasibility lies. If mass can be added that no motion shows,
+as on the axis of the first joint, a condition cannot fail in the directions of that mass, however large the other
+parameters are. Restricting every block D to the complement, Uᵀ D U, leaves a problem whose dual has interior points.
+Solvers need these for accuracy, and exact proofs need them for rounding (Permenter and Parrilo 2018).
 
-Both begin with a dual point of greatest rank. They differ in how its null spaces are brought from the accuracy of a
-solver to that of floating point. Exact proofs need the null spaces themselves, which D Z = 0 fixes where Z + D is
-definite (`polished_pair`). Bounds need only bases that see nothing of the lineality space, also where Z + D is
-singular, as for an objective that falls with the square root of a mass (`_polish`).
+Both start from a dual point of greatest rank, whose null spaces a solver finds to the square root of its accuracy only.
+They differ in how these are refined to rounding. Exact proofs need the null spaces themselves, which the equation
+D Z = 0 determines if Z + D is definite (`polished_pair`). Bounds need bases with Uᵀ (Σ v_j B_j) U = 0 on the lineality
+space, also if Z + D is singular, as for an objective that falls with the square root of a mass (`_polish`). Neither
+method works for the other: in the second case D Z = 0 does not determine the null spaces, and in the first turning the
+bases may stop at the square root of rounding, which is too coarse for exact proofs.
 """
 
 from collections.abc import Sequence
@@ -43,26 +45,27 @@ Vector = npt.NDArray[np.float64]
 Matrix = npt.NDArray[np.float64]
 
 ZERO_EIGENVALUE = 1e-7
-"""Eigenvalues of the point in the middle (traces add to 1) below this count as zero; others are above 1e-5 or so."""
+"""Eigenvalues of the dual point of greatest rank (whose traces add up to 1) below this count as zero; others are above
+1e-5 or so."""
 
 
 @dataclass(frozen=True, eq=False)
 class DualFace:
-    """For every block a basis U, such that all dual matrices are U W Uᵀ, and W of a point in the middle.
+    """For every block a basis U such that all dual matrices are U W Uᵀ, and W of a point in the interior of the face.
 
     Attributes
     ----------
     bases : tuple of (d, r)
-        r may be 0 (nothing of the block can contradict) up to d.
+        r is between 0 (the block takes part in no contradiction) and d.
     exact_bases : tuple of list of rows of Fraction
-        The same in decimal numbers.
+        The bases in decimal numbers.
     interior : tuple of (r, r)
         W, positive definite.
     multipliers : (equations,)
-        Of the equations, beside W.
+        Multipliers of the equations that belong to W.
     recession : (n,)
-        Unidentifiable parameters that can be added without end, whose blocks fill the complement of U; zeros where
-        there are none.
+        Unidentifiable parameters that can be added without bound, and whose blocks are positive definite on the
+        complement of U; zeros if there are none.
     """
 
     bases: tuple[Matrix, ...]
@@ -73,7 +76,7 @@ class DualFace:
 
 
 def dual_face(feasible_set: FeasibleSet) -> DualFace:
-    """The face of a feasible set; it depends on the robot and the constraints alone, and is made once."""
+    """The face of a feasible set, computed once: it depends on the robot and the constraints alone."""
     return feasible_set.kept(_dual_face)
 
 
@@ -81,7 +84,7 @@ def _dual_face(feasible_set: FeasibleSet) -> DualFace:
     whole = [np.eye(block.size) for block in feasible_set.blocks]
     stack = BlockProblem.of(feasible_set, np.zeros(feasible_set.parameter_count), whole).stack
     middle = _dual_point_of_greatest_rank(feasible_set, stack)
-    if middle is None:  # nothing is known of the face: keep all of it
+    if middle is None:  # nothing is known about the face: take the whole cone
         exact = tuple(_complement(block.size, np.zeros((0, block.size))) for block in feasible_set.blocks)
         none = np.zeros(feasible_set.parameter_count)
         return DualFace(tuple(whole), exact, tuple(whole), np.zeros(len(feasible_set.equalities)), none)
@@ -99,7 +102,7 @@ def _dual_face(feasible_set: FeasibleSet) -> DualFace:
     inverses = [np.linalg.pinv(basis) if basis.shape[1] else basis.T for basis in bases]
     interior = tuple(inverse @ dual @ inverse.T for inverse, dual in zip(inverses, duals, strict=True))
     nearest, factors = orthogonal(feasible_set, bases, interior, multipliers)
-    # Where the equations themselves are noise, as with axes that are parallel but for a thousandth, this leads astray.
+    # If the equations hold rounding errors, as for axes that are nearly parallel, the projection may leave the cone.
     if _smallest(nearest) > 0.5 * _smallest(interior):
         interior, multipliers = nearest, factors
     growth = np.zeros(feasible_set.parameter_count)
@@ -139,7 +142,7 @@ def _smallest(matrices: Sequence[Matrix]) -> float:
 
 
 def _unidentifiable(feasible_set: FeasibleSet) -> Matrix:
-    """Directions that neither the motion nor the equations of constraints show, (n_d, ...)."""
+    """Directions of unidentifiable parameters that the equations of constraints leave free, (n_d, ...)."""
     count = feasible_set.unidentifiable.shape[1]
     if not feasible_set.equalities:
         return np.eye(count)
@@ -151,8 +154,8 @@ def _dual_point_of_greatest_rank(
 ) -> tuple[tuple[Matrix, ...], tuple[Matrix, ...], Vector] | None:
     """Maximise s subject to Z_b - s 1 ⪰ 0, Σ tr Z_b = 1, and the equations of a dual point.
 
-    Returns Z_b; the blocks of mass that can be added without showing, where there is any; and the multipliers of the
-    constraints' equations. None where the solver fails.
+    Returns Z_b; the blocks of a direction along which the set is unbounded, zero if there is none; and the multipliers
+    of the constraints' equations. None if the solver fails.
     """
     rows, count = len(stack.constant), stack.parameter_count
     equations = feasible_set.equation_matrix @ feasible_set.unidentifiable
@@ -188,7 +191,7 @@ def _null_vectors(dual: Matrix) -> Matrix:
 
 
 def _complement(size: int, null: Matrix) -> list[list[Fraction]]:
-    """Decimal basis of the complement, exactly orthogonal to the null vectors as rounded in reduced echelon form."""
+    """Decimal basis that is exactly orthogonal to the null vectors, after these are rounded in reduced echelon form."""
     pivots = np.zeros(0, dtype=np.intp)
     if len(null):
         _, _, order = linalg.qr(null, mode="economic", pivoting=True)
@@ -213,31 +216,32 @@ def _short_decimal(value: float) -> Fraction:
 
 
 PAIR_STEPS, CONVERGED, DIVERGED = 8, 1e-14, 1e6
+"""Largest number of Newton steps, and sizes of D Z, relative to D and Z, at which they end with success and without."""
 
 
 def polished_pair(
     stack: AffineStack, unidentifiable: Matrix, duals: tuple[Matrix, ...], recession: tuple[Matrix, ...]
 ) -> tuple[tuple[Matrix, ...], tuple[Matrix, ...]]:
-    """Dual matrices Z_b whose null spaces are right to rounding, by Newton's method on D_b Z_b = 0.
+    """Refine dual matrices Z_b such that their null spaces are right to rounding, by Newton's method on D_b Z_b = 0.
 
-    D runs through the blocks of parameters that nothing shows, Z through all that is orthogonal to them. A solver
-    ends with D Z of about its tolerance, so that null vectors are accurate to its root only. Where Z + D is definite,
-    D Z = 0 fixes the null spaces: for a change of both with δD Z + D δZ = 0, the product <δD, δZ>, which is zero,
-    would be negative unless the null spaces stay. Other freedom is left by least-norm steps.
+    D is a combination of the blocks of unidentifiable parameters, and Z is orthogonal to all of these. A solver leaves
+    D Z at about its tolerance, so that null vectors are accurate to the square root of it. If Z + D is definite, the
+    equation determines the null spaces: for changes with δD Z + D δZ = 0 the product <δD, δZ>, which is zero, would be
+    negative unless the null spaces stay the same. What the equation does not determine is changed by the least amount.
 
     Parameters
     ----------
     stack : AffineStack
         Blocks in the parameters that the motion does not show.
     unidentifiable : (n_d, ...)
-        Directions that the equations of constraints do not show either.
+        Directions that the equations of constraints leave free.
     duals, recession : tuple of (d, d)
         Z and D of a solver.
 
     Returns
     -------
     duals, recession : tuple of (d, d)
-        As they came, where the method does not converge.
+        Unchanged if the method does not converge.
     """
     columns = stack.coefficients @ unidentifiable
     lengths = np.linalg.norm(columns, axis=0)
@@ -278,25 +282,26 @@ def _stacked(stack: AffineStack, matrices: tuple[Matrix, ...]) -> list[Matrix]:
 
 
 ZERO = 1e-5
-"""Eigenvalues of the point in the middle of the face (the traces add to the number of rows) below this are zero. Most
-are below 1e-8 or above 1e-2; where the guess is wrong, a bound is less sharp, or taken for none, but never wrong."""
+"""Eigenvalues of the dual point of greatest rank (whose traces add up to the number of rows) below this count as zero.
+Most are below 1e-8 or above 1e-2. If the guess is wrong, a bound is less tight or is not found, but it is never
+wrong."""
 
 LINEALITY = 1e-3
-"""Singular values below this are directions that the face does not see; of polished faces they are below 1e-8 or above
-1e-2."""
+"""Singular values below this belong to the lineality space; for refined bases they are below 1e-8 or above 1e-2."""
 
 CHANGES = 1e-5
-"""An objective of length 1 that changes by more along a lineality direction is not bounded."""
+"""An objective of length 1 that changes by more than this along the lineality space is unbounded."""
 
 POLISH = 8
+"""Largest number of Newton steps when bases are refined."""
 
 ROOM = 1e-9
-"""What is added to W, so that it can be mended."""
+"""Multiple of the unit matrix that is added to W, so that mending can change all its eigenvalues."""
 
 
 @dataclass(frozen=True, eq=False)
 class MinimalFace:
-    """The face of the dual cone on which the proofs lie, for all objectives that do not change in its lineality part.
+    """The face of the dual cone that holds the proofs for all objectives that are constant along its lineality space.
 
     Attributes
     ----------
@@ -306,9 +311,9 @@ class MinimalFace:
     lineality : (q, l)
         Orthonormal basis of the directions v with Uᵀ (Σ v_j B_j) U = 0 for all blocks.
     places : tuple of tuple of int
-        Which blocks the groups of `reduced` hold.
+        The blocks in each group of `reduced`.
     reduced : NormalisedProblem
-        The problem with Uᵀ (1 + Σ v_j B_j) U ⪰ 0 alone, in v̂ with v = directions v̂.
+        The problem with Uᵀ (1 + Σ v_j B_j) U ⪰ 0 instead, in v̂ with v = directions v̂.
     directions : (q, q - l)
     """
 
@@ -320,7 +325,7 @@ class MinimalFace:
     directions: Matrix = field(repr=False)
 
     def bounds(self, objective: Vector) -> bool:
-        """Whether this is the face of an objective (of length 1), so that it is bounded below."""
+        """Whether an objective of length 1 is constant along the lineality space, so that it is bounded below."""
         return float(np.linalg.norm(self.lineality.T @ objective)) < CHANGES
 
     def least(self, objective: Vector) -> DualPoint:
@@ -348,7 +353,7 @@ def minimal_face(problem: NormalisedProblem, objective: Vector | None = None) ->
     ----------
     problem : NormalisedProblem
     objective : (q,), optional
-        c, of length 1. Not bounded, if it changes in the lineality part of the face that is found.
+        c, of length 1. It is unbounded if it is not constant along the lineality space of the face that is found.
     """
     matrices = problem.split(_proof_of_greatest_rank(problem, objective))
     bases = []
@@ -387,7 +392,7 @@ def minimal_face(problem: NormalisedProblem, objective: Vector | None = None) ->
 
 
 def _proof_of_greatest_rank(problem: NormalisedProblem, objective: Vector | None) -> Vector:
-    """A stacked Z of largest rank with Σ <B_j, Z> = t c_j, from maximising the smallest eigenvalue."""
+    """A stacked Z of greatest rank with Σ <B_j, Z> = t c_j, found by maximising its smallest eigenvalue."""
     rows, count = problem.coefficients.shape
     ball = problem.ball
     rounds = 0 if ball is None else 1 + len(ball.first)
@@ -431,9 +436,9 @@ def _proof_of_greatest_rank(problem: NormalisedProblem, objective: Vector | None
 def _polish(
     bases: list[Matrix], coefficients: list[Matrix], ball: Ball | None, unknowns: int
 ) -> tuple[list[Matrix], Matrix]:
-    """Turn the bases until what they do not see is zero to rounding, by Newton steps; they, and the lineality space.
+    """Refine the bases by Newton steps until Uᵀ (Σ v_j B_j) U vanishes on the lineality space; return both.
 
-    The point in the middle tells the bases to the root of the solver's accuracy only.
+    The solver finds the bases to the square root of its accuracy only.
     """
     shapes = [U.shape for U in bases]
     complements = [
@@ -467,7 +472,7 @@ def _turn(
     known: Matrix,
     missing: Matrix,
 ) -> list[Matrix]:
-    """E of every block, such that the bases U + Q E see the lineality directions less."""
+    """E of every block such that the bases U + Q E reduce Uᵀ (Σ v_j B_j) U on the lineality space."""
     width = missing.shape[1]
     columns, start = [], 0
     for U, Q, B in zip(bases, complements, coefficients, strict=True):
@@ -486,7 +491,7 @@ def _turn(
     if not columns:
         return [np.zeros((Q.shape[1], U.shape[1])) for U, Q in zip(bases, complements, strict=True)]
     jacobian = np.concatenate(columns, axis=1)
-    # What the other directions can make up for does not count.
+    # Changes along the other directions do not count: a change of the lineality space makes up for them.
     jacobian = jacobian - (jacobian @ known.T) @ known
     missing = missing - (missing @ known.T) @ known
     weights = np.linalg.lstsq(jacobian.transpose(0, 2, 1).reshape(-1, jacobian.shape[1]), -missing.ravel(), rcond=1e-8)[

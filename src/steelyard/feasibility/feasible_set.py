@@ -28,7 +28,7 @@ Kept = TypeVar("Kept")
 
 
 class FeasibleSet:
-    """The parameters δ with D(δ) ≻ 0: conditions of every link, every drive term and every constraint (thesis 3.27).
+    """The set of parameters δ with D(δ) ≻ 0: the conditions of all links, drive terms and constraints (thesis 3.27).
 
     Parameters
     ----------
@@ -38,9 +38,9 @@ class FeasibleSet:
         also the principal moments obey the triangle inequality, so that a positive density exists (pseudo-inertia,
         4 x 4 blocks: Traversaro et al. 2016, Wensing et al. 2018, Sousa and Cortesão 2019).
     constraints : sequence of Constraint
-        What else is known: `TotalMass`, `MeasuredMass`, `LinearBound`, `ConfidenceInterval`, `CenterOfMassBox`,
+        Further knowledge: `TotalMass`, `MeasuredMass`, `LinearBound`, `ConfidenceInterval`, `CenterOfMassBox`,
         `CenterOfMassSphere`, `CenterOfMassHull`, `DensityInBox`, `DensityInEllipsoid`, `SymmetricLink`, `EqualLinks`,
-        or a class of your own, see `Constraint`. What two of them say alike counts once.
+        or a class of your own, see `Constraint`. Conditions that two of them share count once.
     margin : float
         Distance ε by which `correct` and `fit` keep from the boundary: D(δ) - ε 1 ⪰ 0 (thesis 3.29).
     terms : bool
@@ -124,7 +124,7 @@ class FeasibleSet:
 
     @cached_property
     def inequality(self) -> LinearMatrixInequality:
-        """D(δ) ≻ 0 of all blocks, in the parameters by name (thesis 3.26); equations do not belong to it.
+        """The inequality D(δ) ≻ 0 of all blocks in named parameters (thesis 3.26), without equations of constraints.
 
         Examples
         --------
@@ -208,7 +208,7 @@ class FeasibleSet:
 
     @cached_property
     def base_equations(self) -> tuple[Matrix, Vector]:
-        """What the equations say of β alone, Z β = z, as (k, n_b) and (k,); β is infeasible where they do not hold."""
+        """Equations Z β = z, (k, n_b) and (k,), that constraints impose on β alone; other β are infeasible."""
         if not self.equalities:
             return np.zeros((0, self.K.shape[0])), np.zeros(0)
         effect = self.equation_matrix @ self.unidentifiable
@@ -218,12 +218,12 @@ class FeasibleSet:
         return combinations @ self.equation_matrix @ self.lift, combinations @ self.equation_values
 
     def kept(self, build: Callable[["FeasibleSet"], Kept]) -> Kept:
-        """What a function makes of this set: made at the first call, and kept for as long as the set lives.
+        """The result of a function of this set, computed at the first call and kept for as long as the set lives.
 
         Parameters
         ----------
         build : callable
-            A function of a module, by which it is found again; called with the set.
+            A function of a module, which serves as the key; it is called with the set.
         """
         if build not in self._kept:
             self._kept[build] = build(self)
@@ -244,12 +244,12 @@ class FeasibleSet:
 
     @cached_property
     def conditioned_masses(self) -> npt.NDArray[np.intp]:
-        """Indices of the masses that belong to a link with a condition: all, unless `without` took some away."""
+        """Indices of the masses of links that have a condition: all links, unless `without` removed some."""
         links = [block.indices for block in self.blocks if block.kind == "link"]
         return np.intersect1d(self.mass_indices, np.concatenate([np.zeros(0, dtype=np.intp), *links]))
 
     def without(self, blocks: Collection[int]) -> "FeasibleSet":
-        """The set with some of its blocks left out, so that it allows more.
+        """The set without some of its blocks, so that it is larger.
 
         Parameters
         ----------
@@ -262,7 +262,7 @@ class FeasibleSet:
 
     @cached_property
     def trace_row(self) -> Vector:
-        """Sum of the traces of all blocks of links and terms, as a row over δ, (n,); it bounds what the blocks hold."""
+        """The sum of the traces of all blocks of links and terms as a row over δ, (n,); it bounds their elements."""
         row = np.zeros(self.parameter_count)
         for block in self.blocks:
             if block.kind != "constraint":
@@ -312,7 +312,7 @@ class FeasibleSet:
         return self._equations_hold(parameters, 1e-9)
 
     def _equations_hold(self, parameters: Vector, relative: float) -> bool:
-        """Whether they hold relative to what is added up in each, or to rounding of the largest parameter."""
+        """Whether errors are small relative to the terms of each equation, or to rounding of the largest parameter."""
         sizes = np.abs(self.equation_matrix)
         error = np.abs(self.equation_matrix @ parameters - self.equation_values)
         scale = sizes @ np.abs(parameters) + np.abs(self.equation_values)
@@ -320,11 +320,11 @@ class FeasibleSet:
         return bool(np.all(error <= relative * scale + rounding))
 
     def project_on_equations(self, parameters: Vector) -> Vector:
-        """Remove what a solver left of the error in the equations.
+        """Remove the error that a solver left in the equations.
 
-        Along unidentifiable directions, so that β stays, as far as these reach; an error that is left then, in what
-        equations say of β itself, is made good by the smallest change of δ. At last some parameters are computed from
-        the others, so that what must be zero or equal is so exactly.
+        Unidentifiable parameters are changed first, so that β stays the same. An error that is left after that, in
+        equations of β itself, is removed by the smallest change of δ. Finally some parameters are computed from the
+        others, so that parameters that must be zero or equal are so exactly.
         """
         if not self.equalities:
             return parameters
@@ -339,7 +339,7 @@ class FeasibleSet:
         return np.asarray(moved)
 
     def contains(self, parameters: npt.ArrayLike) -> bool:
-        """Whether every block is proved positive definite at δ and the equations hold; 1 x 1 blocks may be zero.
+        """Whether all blocks are proved positive definite at δ (1 x 1 blocks may be zero) and the equations hold.
 
         Parameters
         ----------

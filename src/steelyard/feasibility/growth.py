@@ -1,4 +1,4 @@
-"""Whether masses may grow without end while the base parameters stay: directions of recession."""
+"""Recession directions: whether masses may grow without bound while the base parameters stay the same."""
 
 import numpy as np
 import numpy.typing as npt
@@ -17,30 +17,33 @@ Vector = npt.NDArray[np.float64]
 Matrix = npt.NDArray[np.float64]
 
 DIRECTION_BOUND = 1e3
-"""Directions are looked for with elements up to this many units, so that errors of rounding do not count as growth."""
+"""Largest element of a direction, in units of the parameters. Along longer ones rounding errors of the conditions would
+look like growth."""
 
 MASS_BOUND = 1000.0
-"""Bound on the total mass, in kg, where masses may grow without end and none is known."""
+"""Bound on the total mass, in kg, if masses may grow without bound and no mass is known: more than most robots
+weigh."""
 
 BOUND_FACTORS = (10.0, 50.0)
-"""That bound is at least and at most so many times the mass of which the torques speak."""
+"""The bound is at least and at most this many times the mass that would explain the torques."""
 
 KNOWN_FACTOR, SPOKEN_FACTOR = 20.0, 2.0
-"""Where a mass is known, the bound is so many times that, and at least so many times what the torques speak of."""
+"""If a mass is known, the bound is the first factor times that mass, but at least the second factor times the mass that
+would explain the torques, since descriptions may be wrong."""
 
 
 def growing_links(feasible_set: FeasibleSet, unidentifiable: Matrix | None = None) -> tuple[int, ...]:
-    """Links whose masses may grow without end while base parameters, conditions and equations stay as they are.
+    """Links whose masses may grow without bound while the base parameters, conditions and equations still hold.
 
     A direction d with K d = 0 and E d = 0 whose homogeneous matrices D_b(d) are all positive semidefinite leads from
-    every feasible point to feasible points, however far. Such directions form a cone, so that of those with masses of
-    at most 1 the one with the largest sum of masses has mass wherever any has.
+    every feasible point to feasible points, at any distance. Such directions form a cone. So of those with masses of at
+    most 1, the one with the largest sum of masses has a mass in every link in which any of them has.
 
     Parameters
     ----------
     feasible_set : FeasibleSet
     unidentifiable : (n_b, u), optional
-        Directions of the base parameters that the data does not show; they count as unidentifiable, too.
+        Directions of the base parameters that the data does not determine; they count as unidentifiable too.
 
     Returns
     -------
@@ -53,7 +56,7 @@ def growing_links(feasible_set: FeasibleSet, unidentifiable: Matrix | None = Non
 
 
 def mass_bound_of(feasible_set: FeasibleSet, scale: Units) -> float:
-    """The mass bound, in kg; well above what CAD, the constraints and the torques say of the mass."""
+    """The mass bound in kg, well above the mass in the description, in the constraints, and from the torques."""
     cad = np.asarray(feasible_set.model.robot.parameters, dtype=float)[feasible_set.mass_indices]
     known = [float(cad.sum())] if np.all(np.isfinite(cad)) and np.all(cad > 0) else []
     for constraint in feasible_set.constraints:
@@ -80,7 +83,7 @@ def _analyse(feasible_set: FeasibleSet, directions: Matrix) -> tuple[int, ...]:
     links, count = len(masses), directions.shape[1]
     scaled = sparse.csc_array(conditions.rows.multiply(conditions.row_factors(units)[:, None]))
     box = directions / units[:, None]
-    # Beside the direction, what counts of each mass: at most the mass and at most 1.
+    # Unknowns beside the direction: for each mass the smaller of it and 1, whose sum is maximised.
     counted = sparse.vstack(
         [
             sparse.hstack([sparse.csc_array(-directions[masses] / units[masses, None]), sparse.eye_array(links)]),

@@ -1,4 +1,4 @@
-"""What is meant by near: quadratic forms of differences of parameters, kept as factors so that nothing is squared."""
+"""Metrics: quadratic forms of differences of parameters, stored as factors so that nothing is squared."""
 
 from dataclasses import dataclass, field
 from typing import Any
@@ -17,7 +17,8 @@ Vector = npt.NDArray[np.float64]
 Matrix = npt.NDArray[np.float64]
 
 ROUNDING = 1e-10
-"""Relative size below which asymmetry, negative eigenvalues and singular values count as rounding."""
+"""Relative size below which asymmetries, negative eigenvalues and singular values count as rounding errors: matrices
+come from products and inverses of users, with a few digits lost."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -42,7 +43,7 @@ class Metric:
 
     @classmethod
     def of(cls, metric: Any, covariance: Any, feasible_set: FeasibleSet, standard: bool) -> "Metric":
-        """From what the user gave.
+        """The metric of the arguments of `correct`.
 
         Parameters
         ----------
@@ -55,7 +56,7 @@ class Metric:
         Raises
         ------
         InputError
-            If both are given, or a matrix is not what it has to be.
+            If both are given, or a matrix is not symmetric and positive (semi)definite.
         """
         count = feasible_set.parameter_count if standard else feasible_set.K.shape[0]
         kind = "standard" if standard else "base"
@@ -84,12 +85,12 @@ class Metric:
 
     @property
     def size(self) -> float:
-        """Largest length of a column of R, which is the distance of a unit step."""
+        """Largest length of a column of R: the largest distance of a unit step of one parameter."""
         return 1.0 if self.factor is None else float(np.linalg.norm(self.factor, axis=0).max())
 
     @property
     def is_diagonal(self) -> bool:
-        """Whether every parameter counts by itself."""
+        """Whether the metric has no products of different parameters."""
         if self.factor is None:
             return True
         rows, columns = np.nonzero(self.factor)
@@ -97,7 +98,7 @@ class Metric:
 
     @property
     def null_space(self) -> Matrix:
-        """Orthonormal directions in which there is no distance, as rows (k - rank, k)."""
+        """Orthonormal directions along which the distance is zero, as rows (k - rank, k)."""
         if self.factor is None:
             return np.zeros((0, 0))
         lengths = np.linalg.norm(self.factor, axis=0)
@@ -136,10 +137,10 @@ def _symmetric(given: Any, name: str, count: int, kind: str) -> Matrix:
 
 
 def _eigenvalues(matrix: Matrix, name: str, definite: bool) -> tuple[Vector, Matrix, Vector]:
-    """Of the matrix in units in which its diagonal is 1: eigenvalues, eigenvectors, and the units."""
+    """Eigenvalues and eigenvectors of the matrix after its diagonal is scaled to 1, and the units of that scaling."""
     diagonal = np.diag(matrix)
     expected = "positive definite" if definite else "positive semidefinite"
-    # A zero on the diagonal of a semidefinite matrix has zeros beside it.
+    # If a diagonal element of a semidefinite matrix is zero, so are its row and column.
     absent = diagonal <= 0
     if np.any(diagonal < 0) or np.any(matrix[absent]) or (definite and np.any(absent)):
         worst = int(np.argmin(diagonal))
@@ -170,7 +171,7 @@ def _root(matrix: Matrix) -> Matrix:
 
 
 def _whitening(covariance: Matrix) -> Matrix:
-    """R with RᵀR = C⁻¹, without squaring: the inverse of a triangular factor."""
+    """R with RᵀR = C⁻¹: the inverse of the Cholesky factor."""
     _, _, units = _eigenvalues(covariance, "covariance", True)
     try:
         factor = np.linalg.cholesky(covariance / np.outer(units, units))

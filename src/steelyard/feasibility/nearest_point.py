@@ -1,4 +1,4 @@
-"""The point of the feasible set that is nearest to what was found outside it, in any metric."""
+"""The point of the feasible set that is nearest to given parameters, in any metric."""
 
 from collections.abc import Callable
 from dataclasses import dataclass, field
@@ -21,17 +21,21 @@ Vector = npt.NDArray[np.float64]
 Matrix = npt.NDArray[np.float64]
 
 UNIDENTIFIABLE_WEIGHT, LEAST_WEIGHT = 1e-9, 1e-6
-"""Weight of squares of what has no distance, against the squared distance: keeps masses finite where the infimum is at
-infinity. Multiplied by the squared distance where that is below 1, down to the second."""
+"""Weight of the squares of unknowns that do not change the distance, relative to the squared distance. It keeps masses
+finite if the infimum is approached at infinity. It is multiplied by the squared distance if that is below 1, but by no
+less than the second number."""
 
 FINE = 1e-3
-"""Below this squared distance, in units of what was given, the problem is solved again in units of it."""
+"""If the squared distance, in units of the given parameters, is below this, the problem is solved again in units of the
+distance, since the accuracy of a solver is relative to the unit."""
 
 FINEST = 1e-6
-"""Those units are no smaller than this part of the ones before: one step goes no further than can be trusted."""
+"""A refinement reduces the unit by at most this factor, because the distance that was found may be an error of the
+solver."""
 
 REFINEMENTS = 3
-"""How often at most. In the Euclidean metric once is enough: less than that of the largest parameter is rounding."""
+"""Largest number of refinements. In the Euclidean metric one is enough: distances below 1e-6 of the largest parameter
+are rounding errors."""
 
 EUCLIDEAN = Metric("Euclidean", None)
 
@@ -46,19 +50,19 @@ class NearestPoint:
     ----------
     feasible_set : FeasibleSet
     origin : (n,)
-        δ at no distance.
+        δ for x = 0.
     matrix : (n, m)
-        Where the parameters may go. Its columns after those of d lead to parameters at the same distance.
+        Directions in which δ may move. Columns after those of d do not change the distance.
     measured : int
         Length of d.
     metric : Metric
         R.
     unit : float
-        A size that is typical of d.
+        Typical size of d.
     solver : str
         As in `steelyard.conic.solve`.
     stacked : (rows, m) sparse, optional
-        Coefficients of the blocks in x, where they are at hand.
+        Coefficients of the blocks in x, if they have been computed already.
     """
 
     feasible_set: FeasibleSet
@@ -72,7 +76,7 @@ class NearestPoint:
 
     @cached_property
     def coefficients(self) -> sparse.csc_array:
-        """Of the stacked blocks in x."""
+        """Coefficients of the stacked blocks in x."""
         if self.stacked is not None:
             return self.stacked
         return sparse.csc_array(self.feasible_set.stack.coefficients @ self.matrix)
@@ -89,29 +93,29 @@ class NearestPoint:
     def search(
         self, margin: float, difference: Callable[[Vector], Vector], inside: Callable[[Vector], bool]
     ) -> tuple[Vector | None, ConicSolution, float, int]:
-        """The nearest parameters whose blocks keep a margin.
+        """Find the nearest parameters whose blocks keep a margin.
 
-        A distance that is small beside its unit is known to the solver's accuracy only, so that the problem is solved
-        again in units of that distance; the finer answer counts where it is inside and nearer.
+        If the distance is small relative to its unit, the problem is solved again in units of the distance. The finer
+        answer is taken if it is inside and nearer.
 
         Parameters
         ----------
         margin : float
         difference : callable
-            d of δ.
+            Maps δ to d.
         inside : callable
-            Whether δ is taken to be in the set.
+            Tells whether δ counts as inside the set.
 
         Returns
         -------
         parameters : (n,) or None
-            None where the solver has no answer; they need not be inside.
+            None if the solver has no answer; they need not be inside.
         solution : ConicSolution
-            That they come from.
+            The solution from which they come.
         scale : float
-            By which the squared distance was divided in it.
+            Number by which the squared distance was divided in it.
         iterations : int
-            Of the solver, in all.
+            Iterations of the solver in all problems together.
         """
         scale, solution = 1.0, self.solve(margin, 1.0, 1.0)
         iterations = solution.iterations
@@ -133,7 +137,7 @@ class NearestPoint:
         return found, solution, scale, iterations
 
     def solve(self, margin: float, scale: float, weight: float) -> ConicSolution:
-        """Solve with this margin; the squared distance is divided by `scale`, the other squares have this weight."""
+        """Solve with a margin; `scale` divides the squared distance, and `weight` multiplies the other squares."""
         feasible_set, stack = self.feasible_set, self.feasible_set.stack
         count, measured = self.matrix.shape[1], self.measured
         unmeasured = UNIDENTIFIABLE_WEIGHT * weight / scale
@@ -151,7 +155,7 @@ class NearestPoint:
             squares = np.ones(measured) if factor is None else np.sum(factor**2, axis=0)
             weights[:measured] = np.where(squares > 0, 2.0 * squares / scale, unmeasured)
         elif factor is not None:
-            # R d, and d in the directions in which there is no distance, are unknowns of their own.
+            # R d, and the components of d along which the distance is zero, become unknowns.
             both = np.vstack([factor, self.metric.null_space])
             extra = len(both)
             image = np.hstack([both, np.zeros((extra, count - measured)), -np.eye(extra)])
@@ -179,7 +183,7 @@ class Nearest:
     distance : float
         ‖u‖ of its base parameters β = base + axes u + unknown v.
     shares : (blocks,)
-        What each block adds to the squared distance, relative to it; the equations of constraints add the rest to 1.
+        Share of each block in the squared distance; the equations of constraints have the rest.
     """
 
     parameters: Vector = field(repr=False)
@@ -190,7 +194,7 @@ class Nearest:
 def nearest_in_region(
     feasible_set: FeasibleSet, base: Vector, axes: Matrix, unknown: Matrix, solver: str = "clarabel"
 ) -> Nearest:
-    """Minimise ‖u‖ where some δ of the set has K δ = base + axes u + unknown v.
+    """Minimise ‖u‖ such that some δ of the set has K δ = base + axes u + unknown v.
 
     Parameters
     ----------
@@ -199,7 +203,7 @@ def nearest_in_region(
     axes : (n_b, k)
         Square root of a covariance, or the unit matrix for the Euclidean distance.
     unknown : (n_b, j)
-        Directions of the base parameters in which there is no distance; j may be 0.
+        Directions of the base parameters along which the distance is zero; j may be 0.
     solver : str
 
     Raises
@@ -242,14 +246,14 @@ def nearest_in_region(
 def light_point(
     feasible_set: FeasibleSet, base: Vector, axes: Matrix, unknown: Matrix, nearest: Nearest, radius: float, solver: str
 ) -> Vector:
-    """Parameters of the set, of moderate size, with ‖u‖ well below a radius that is larger than the nearest distance.
+    """Parameters of moderate size in the set, with ‖u‖ half-way between the nearest distance and a larger radius.
 
-    The nearest parameters may have masses that are as large as the solver let them be.
+    The nearest parameters themselves may have very large masses.
 
     Returns
     -------
     (n,)
-        The nearest parameters themselves, where the solver finds nothing better.
+        The nearest parameters if the solver finds no others.
     """
     stack, k = feasible_set.stack, axes.shape[1]
     free = np.hstack([feasible_set.unidentifiable, feasible_set.lift @ unknown])
