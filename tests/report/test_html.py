@@ -11,7 +11,7 @@ import pytest
 from steelyard.errors import InputError
 from steelyard.identification import Identification
 from steelyard.report import report_html, write_report
-from steelyard.report.figures import torque_data
+from steelyard.report.sections import torque_data
 
 from .conftest import JOINTS, LINKS, LOGS, Reference
 

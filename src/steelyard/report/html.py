@@ -9,16 +9,14 @@ from steelyard.files import write_text
 from steelyard.identification import Identification
 
 from . import sections
-from .figures import torque_figures
 from .html_document import Markup, Section, html_document
-from .summary import summary
 
 __all__ = ["report_html", "write_report"]
 
 _SECTIONS: tuple[tuple[str, str, Callable[[Identification], Markup]], ...] = (
     ("errors", "Errors", sections.errors),
     ("impossible", "What was impossible", sections.violations),
-    ("torques", "Measured and predicted torques", torque_figures),
+    ("torques", "Measured and predicted torques", sections.torque_figures),
     ("base", "Base parameters", sections.base_parameters),
     ("link-parameters", "Links", sections.links),
     ("joint-parameters", "Joints", sections.joints),
@@ -68,7 +66,7 @@ def report_html(identification: Identification) -> str:
         f"{name}: identified parameters",
         "Steelyard identification report",
         name,
-        summary(identification),
+        sections.summary(identification),
         parts,
         script="figures.js",
     )

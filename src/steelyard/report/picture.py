@@ -12,9 +12,8 @@ from steelyard.files import write_text
 from steelyard.identification import Identification, Prediction
 
 from .extent import shown_logs
-from .figures import default_log
 from .html_document import escape, percent
-from .summary import is_proved
+from .sections import default_log, is_proved
 
 __all__ = ["torque_picture", "torque_svg"]
 

@@ -1,4 +1,4 @@
-"""The sections of the report below the first screen, except for the figures."""
+"""The parts of the report: the first screen with its verdicts, the sections of tables, and the figures of torques."""
 
 from __future__ import annotations
 
@@ -12,20 +12,27 @@ import numpy as np
 from numpy.typing import NDArray
 
 from steelyard import __version__
-from steelyard.identification import Identification
+from steelyard.identification import Identification, Prediction
 
-from .extent import MOST_LOGS, shared_words, short_names, shown_logs
-from .html_document import Markup, escape, number, percent, table
+from .charts import POINTS, rounded
+from .extent import MOST_LOGS, gathered, shared_words, short_names, shown_logs
+from .html_document import Markup, escape, number, percent, script_data, table
 
 __all__ = [
+    "NOTIONS",
     "base_parameters",
+    "default_log",
     "errors",
     "hashed_file",
+    "is_proved",
     "joints",
     "link_properties",
     "links",
     "processing",
     "provenance",
+    "summary",
+    "torque_data",
+    "torque_figures",
     "versions",
     "violations",
 ]
@@ -33,6 +40,139 @@ __all__ = [
 Array = NDArray[np.float64]
 MOST_ROWS = 500  # of the table of all logs, which a browser still shows at once
 _LIBRARIES = ("numpy", "scipy", "clarabel", "llvmlite", "polars", "lxml", "plotly")
+NOTIONS = {
+    "full": "every link has positive mass, and a distribution of mass with its moments exists",
+    "inertia": "every link has positive mass and positive moments of inertia about its centre of mass",
+}
+_VERDICTS = {True: ("good", "✓", "Feasible"), False: ("bad", "✕", "Infeasible"), None: ("open", "?", "Undecided")}
+_SAME = 5e-4  # errors closer than this are called the same
+
+
+# The first screen: whether the robot is possible, how well it predicts, and what is uncertain.
+
+
+def is_proved(identification: Identification) -> bool:
+    """Return whether the answer's parameters meet all the conditions, tried once more and not taken from the result."""
+    parameters = identification.estimate.parameters
+    return parameters is not None and identification.feasible_set.contains(parameters)
+
+
+def summary(identification: Identification) -> Markup:
+    """Return the verdicts, the figures that matter and the remarks."""
+    remarks = [*identification.estimate.remarks, *identification.unconstrained.remarks, *identification.remarks]
+    logs = (*identification.logs, *identification.validation_logs)
+    items = "".join(f"<li>{escape(remark)}</li>" for remark in gathered(remarks, logs))
+    notes = (
+        f'<section aria-labelledby="remarks"><h2 id="remarks">Remarks</h2><ul>{items}</ul></section>' if items else ""
+    )
+    return Markup(
+        f'<p class="lead">{_lead(identification)}</p>\n'
+        f'<div class="verdicts">{_verdict_of_least_squares(identification)}{_verdict_of_answer(identification)}</div>\n'
+        f'<dl class="figures" aria-label="Key figures">{_figures(identification)}</dl>\n{notes}'
+    )
+
+
+def _lead(identification: Identification) -> Markup:
+    before, after = identification.unconstrained.relative_error, identification.estimate.relative_error
+    error = (
+        "the same error" if abs(after - before) < _SAME else f"{percent(after)} % error instead of {percent(before)} %"
+    )
+    match identification.verdict.feasible:
+        case False:
+            start = "Plain least squares describes a robot that cannot exist."
+        case True:
+            start = "Plain least squares already describes a robot that can exist."
+        case None:
+            start = "Plain least squares describes a robot on the border of what can exist."
+    if not is_proved(identification):
+        return escape(f"{start} Steelyard's answer, with {error}, is not proved to be possible.")
+    return escape(f"{start} Steelyard's answer can exist, and predicts the measured torques with {error}.")
+
+
+def _card(title: str, feasible: bool | None, lines: list[str]) -> str:
+    kind, mark, word = _VERDICTS[feasible]
+    body = "".join(f"<p>{escape(line)}</p>" for line in lines)
+    return (
+        f'<section class="card {kind}"><h2>{escape(title)}</h2>'
+        f'<p class="verdict"><span aria-hidden="true">{mark}</span> {word}</p>{body}</section>'
+    )
+
+
+def _verdict_of_least_squares(identification: Identification) -> str:
+    verdict = identification.verdict
+    first = {
+        True: "A real robot can have these base parameters.",
+        False: "No real robot has these base parameters.",
+        None: "Too close to the boundary for floating point to tell.",
+    }[verdict.feasible]
+    lines = [first]
+    if verdict.violations:
+        names = [violation.block for violation in verdict.violations]
+        more = f" and {len(names) - 4} more" if len(names) > 4 else ""
+        lines.append(f"Impossible: {', '.join(names[:4])}{more}.")
+    if verdict.feasible is False and verdict.certificate is not None:
+        lines.append("Proved, and the proof verified in exact arithmetic.")
+    return _card("Plain least squares", verdict.feasible, lines)
+
+
+def _verdict_of_answer(identification: Identification) -> str:
+    estimate, feasible_set = identification.estimate, identification.feasible_set
+    if estimate.parameters is None:
+        return _card("Steelyard's answer", None, ["It has base parameters alone, so that no link can be checked."])
+    proved = is_proved(identification)
+    lines = [f"Under “{feasible_set.consistency}” consistency: {NOTIONS[feasible_set.consistency]}."]
+    if proved:
+        count = len(feasible_set.blocks)
+        lines.append(f"Checked again for this report: all {count} conditions on links, joints and limits hold.")
+    else:
+        lines.append("Checked again for this report: not all conditions hold strictly.")
+    return _card("Steelyard's answer", True if proved else None, lines)
+
+
+def _figures(identification: Identification) -> str:
+    unconstrained, estimate = identification.unconstrained, identification.estimate
+    figures = [("Relative error, identification", *_change(unconstrained.relative_error, estimate.relative_error))]
+    names = short_names(identification)
+    for index in shown_logs(identification):
+        name, prediction = names[index], identification.predictions[index]
+        if prediction.role == "validation":
+            change = _change(prediction.unconstrained_error, prediction.feasible_error)
+            figures.append((f"Relative error, validation on {name}", *change))
+    if estimate.parameters is not None:
+        links = len(identification.model.robot.links)
+        note = f"of the {links} moving links" if links != 1 else "of the moving link"
+        figures.append(("Total mass", Markup(f"{identification.total_mass:.4g} <small>kg</small>"), note))
+    condition = identification.information.condition_number
+    text = f"{condition:.4g}" if np.isfinite(condition) else "∞"
+    figures.append(
+        ("Condition number", Markup(text), "of the base regressor: how evenly the motion shows all parameters")
+    )
+    figures.append(_base_parameters(identification))
+    return "".join(
+        f"<div><dt>{escape(term)}</dt><dd>{value}<span>{escape(note)}</span></dd></div>"
+        for term, value, note in figures
+    )
+
+
+def _change(before: float, after: float) -> tuple[Markup, str]:
+    arrow = '<span aria-hidden="true"> → </span><span class="hidden"> to </span>'
+    text = f'<span class="change">{percent(before)}{arrow}{percent(after)} <small>%</small></span>'
+    return Markup(text), "from least squares to feasible"
+
+
+def _base_parameters(identification: Identification) -> tuple[str, Markup, str]:
+    count, weak = len(identification.unconstrained.base), len(identification.weak)
+    unidentifiable = int(np.sum(~np.isfinite(identification.unconstrained.standard_error)))
+    if not weak and not unidentifiable:
+        note = "all shown by the data"
+    else:
+        note = f"{weak} weak: standard error larger than the value"
+        if unidentifiable:
+            note += f"; {unidentifiable} unidentifiable"
+    return "Base parameters", Markup(str(count)), note
+
+
+# The sections below it.
 
 
 def errors(identification: Identification) -> Markup:
@@ -294,3 +434,79 @@ def processing(identification: Identification) -> Markup:
             + table(f"Evidence: {log}", choice.titles, choice.table, identifier=f"cutoff-{index}")
         )
     return Markup("".join(parts))
+
+
+# Measured against predicted torque, one figure for each joint.
+
+_CURVES = (("measured", "measured"), ("unconstrained", "least squares"), ("feasible", "feasible"))
+
+
+def default_log(identification: Identification) -> int:
+    """Return which of the logs that are shown comes first: the first one for validation, or else the first."""
+    roles = [identification.predictions[index].role for index in shown_logs(identification)]
+    return roles.index("validation") if "validation" in roles else 0
+
+
+def torque_figures(identification: Identification) -> Markup:
+    """Return the frames of the figures, the choice of log, the legend and the data."""
+    if not identification.predictions:
+        return Markup("<p>There is no log to show.</p>")
+    chosen = default_log(identification)
+    selected = {True: " selected", False: ""}
+    names, shown = short_names(identification), shown_logs(identification)
+    options = "".join(
+        f'<option value="{place}"{selected[place == chosen]}>'
+        f"{escape(f'{names[index]} ({identification.predictions[index].role})')}</option>"
+        for place, index in enumerate(shown)
+    )
+    legend = "".join(
+        f'<label class="curve {kind}"><input type="checkbox" checked value="{kind}">'
+        f'<svg width="26" height="8" aria-hidden="true"><path d="M0 4H26"/></svg>{escape(label)}</label>'
+        for kind, label in _CURVES
+    )
+    figures = "".join(
+        f'<figure><figcaption>{escape(name)} <span class="error" id="torque-{index}-error"></span></figcaption>'
+        f'<div class="plot" id="torque-{index}" role="img"></div></figure>'
+        for index, name in enumerate(identification.estimate.joint_names)
+    )
+    return Markup(
+        "<p>Where the two predictions agree, the feasible one lies on top of the other. The figures beside the names "
+        "are the relative errors, least squares → feasible. Drag to zoom into a span of time in all the joints, "
+        f"double-click to see the whole again. {escape(shared_words(identification.predictions, shown))}</p>"
+        f'<div class="controls"><label>Log <select id="log-choice" autocomplete="off">{options}</select></label>'
+        f'<span class="legend" role="group" aria-label="Curves">{legend}</span></div>'
+        "<noscript><p>The figures are drawn by a script, and scripts are turned off here.</p></noscript>"
+        f'<div class="plots">{figures}</div>'
+        f'<script type="application/json" id="torque-data">{torque_data(identification)}</script>'
+    )
+
+
+def torque_data(identification: Identification) -> str:
+    """Return the curves as JSON that may stand in a script element."""
+    robot = identification.model.robot
+    units = ["N·m" if robot.joints[index].rotates else "N" for index in robot.driving_joints]
+    joints, names = identification.estimate.joint_names, short_names(identification)
+    logs = [_log(identification.predictions[k], names[k], joints, units) for k in shown_logs(identification)]
+    return script_data(logs)
+
+
+def _log(prediction: Prediction, log: str, names: tuple[str, ...], units: list[str]) -> dict[str, object]:
+    trace = prediction.trace
+    rows = slice(None, None, -(-len(trace.t) // POINTS) or 1)
+    joints = []
+    for index, (name, unit) in enumerate(zip(names, units, strict=True)):
+        before, after = prediction.joint_unconstrained_error[index], prediction.joint_feasible_error[index]
+        measured = trace.measured[:, index]
+        finite = measured[np.isfinite(measured)]
+        span = f"measured from {finite.min():.3g} to {finite.max():.3g} {unit}, " if len(finite) else ""
+        joints.append(
+            {
+                "label": f"Torque of {name} over time on {log}: {span}relative error {percent(before)} % with least "
+                f"squares, {percent(after)} % feasible",
+                "error": f"{percent(before)} % → {percent(after)} %",
+                "unit": unit,
+                **{kind: rounded(getattr(trace, kind)[rows, index], 5) for kind, _ in _CURVES},
+            }
+        )
+    # Times count from the first row, because stamps since 1970 would all be equal in the digits that are kept.
+    return {"t": rounded((trace.t - trace.t[:1])[rows], 7), "joints": joints}
