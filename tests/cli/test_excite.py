@@ -57,11 +57,11 @@ def test_a_motion_that_shows_nothing_is_told_in_the_first_line_and_exits_with_3(
     code, out, _ = run("excite", place / "robot.toml", "--limits", place / "limits.toml", "-o", place / "out", *QUICK)
     assert code == 3
     first = out.splitlines()[0]
-    assert "cannot identify what was asked: torque noise of 1% leaves " in first
+    assert "cannot identify what was asked: with torque noise of 1% the standard deviations of " in first
     assert "try wider limits of velocity, which the motion uses up, a period longer than 4 s, or fewer terms" in first
     record = json.loads((place / "out" / "excite.json").read_text())
     assert not record["identifies"]
-    assert record["unshown"]
+    assert record["unidentifiable"]
     assert record["remarks"][0] in first
 
 

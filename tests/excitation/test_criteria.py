@@ -131,4 +131,4 @@ def test_uncertainty_is_the_spread_of_least_squares(arm, motion, information, ba
     drawn = np.linalg.lstsq(matrix, noise * random.normal(size=(len(matrix), 20_000)), rcond=None)[0]
     spread = np.sqrt(np.linalg.eigvalsh(np.cov(own.T @ drawn)).max())
     assert found.uncertainty == pytest.approx(spread, rel=0.03)
-    assert found.unshown == ()
+    assert found.unidentifiable == ()

@@ -99,12 +99,12 @@ def test_motions_that_show_next_to_nothing_are_as_good_as_they_can_be_and_said_t
     assert own == pytest.approx(design.condition_number, rel=1e-3)
     assert own < 3e7
     assert not design.identifies
-    assert len(design.unshown) > 3
+    assert len(design.unidentifiable) > 3
     assert "cannot identify what was asked" in design.remarks[0]
     assert "limits of velocity, which the motion uses up" in design.remarks[0]
     quick = designed(arm, arm_limits, family=family)
     assert quick.identifies
-    assert quick.unshown == ()
+    assert quick.unidentifiable == ()
     # Where all else is known, the friction of one joint is shown even so.
     easy = designed(arm, slow, family=family, subset=["Fcj1"], nuisance="known")
     assert easy.identifies
@@ -336,8 +336,8 @@ def test_what_a_constraint_has_to_say_is_passed_on(arm, arm_limits):
 
     design = designed(arm, arm_limits, constraints=[Talkative()], ramp_time=0.0)
     assert "Something was left out." in design.remarks
-    assert any("starts and ends at speed" in remark for remark in design.remarks)
-    with pytest.raises(sy.InputError, match="several periods need a start and a stop"):
+    assert any("starts and ends in motion" in remark for remark in design.remarks)
+    with pytest.raises(sy.InputError, match="several periods need a ramp-up and a ramp-down"):
         designed(arm, arm_limits, ramp_time=0.0, periods=2)
 
 

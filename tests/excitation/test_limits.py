@@ -71,7 +71,7 @@ def test_envelope_holds_the_motions(random):
         ({"velocity": [1, True]}, "velocity of b must be a number, got True"),
         ({"velocity": float("nan")}, "must be a number, got nan"),
         ({"velocity": 0}, "velocity limit of a is 0, but it must be positive"),
-        ({"lower": 1, "upper": 1}, "no room to move"),
+        ({"lower": 1, "upper": 1}, "cannot move"),
         ({"torque": 1, "effort": 1}, "torque and effort are the same"),
         ({"total_power": -1}, "total_power must be positive"),
     ],

@@ -88,7 +88,7 @@ def test_yaml_is_a_joint_trajectory(tmp_path):
         ("motion.csv", "t,q1,dq1,ddq1\n0,0,0,x\n1,0,0,0\n", "cannot be read as numbers"),
         ("motion.csv", "t,q1,dq1,ddq1\n0,0,0,0\n0,0,0,0\n", "must increase"),
         ("motion.yaml", "joint_names: []\n", "no line 'points:'"),
-        ("motion.yaml", "points:\n- positions: [1]\n", "line 2 is no point"),
+        ("motion.yaml", "points:\n- positions: [1]\n", "line 2 is not a point"),
         ("motion.yaml", "points:\n", "has 0 points"),
     ],
 )

@@ -1,4 +1,4 @@
-"""Trajectories, and the design of those that show a robot's parameters."""
+"""Trajectories, and the design of trajectories that excite a robot's dynamics for identification."""
 
 from typing import TYPE_CHECKING
 

@@ -1,4 +1,4 @@
-"""What makes a motion good: criteria of the information matrix, their gradients, and what noise leaves uncertain."""
+"""Criteria of the information matrix by which motions are judged, their gradients, and the expected uncertainty."""
 
 from __future__ import annotations
 
@@ -27,24 +27,25 @@ __all__ = [
 Array = NDArray[np.float64]
 CRITERIA = ("condition", "d", "a")
 _SQUARED = 1e-10
-"""Where the least eigenvalue of an information is a smaller part of the largest one, it is taken from a factor.
+"""Where the least eigenvalue of an information matrix is a smaller part of the largest one, a factor is used instead.
 
-The information is a square, whose eigenvalues below 1e-16 of the largest one are rounding errors: from a start with a
-condition number of 1e8 the criterion had no gradient, and the search went nowhere. A factor gives condition numbers up
-to 1e15, for some times the cost, which well-conditioned motions need not pay."""
+The information matrix is a square, whose eigenvalues below 1e-16 of the largest one are rounding errors: from a start
+with a condition number of 1e8 the criterion had no gradient, and the search did not progress. A factor resolves
+condition numbers up to 1e15. It costs several times as much, which is not needed for well-conditioned motions."""
 _FLOOR = 1e-30
+"""Eigenvalues are at least this part of the largest one: the square of what a factor can resolve."""
 
 
 @dataclass(frozen=True, eq=False)
 class Spectrum:
-    """An information matrix by its eigenvalues and eigenvectors.
+    """The eigenvalues and eigenvectors of an information matrix.
 
     Attributes
     ----------
     values : ndarray
-        (n_b,), ascending, all positive: at least 1e-30 of the largest.
+        (n_b,), ascending and positive: at least 1e-30 of the largest one.
     vectors : ndarray
-        (n_b, n_b), in columns.
+        (n_b, n_b), one eigenvector in each column.
     """
 
     values: Array
@@ -52,15 +53,15 @@ class Spectrum:
 
     @classmethod
     def of(cls, information: Array, factor: Callable[[], Array] | None = None) -> Spectrum:
-        """Return the spectrum of an information.
+        """Return the spectrum of an information matrix.
 
         Parameters
         ----------
         information : ndarray
             (n_b, n_b).
         factor : callable, optional
-            Returns a matrix F (rows, n_b) with ``F'F = information`` that was not made from the information. It is
-            asked for where the eigenvalues of the square are not accurate enough.
+            Returns a matrix F (rows, n_b) with ``F'F = information`` that was not computed from the information matrix.
+            It is called where the eigenvalues of the information matrix are not accurate enough.
         """
         values, vectors = np.linalg.eigh(information)
         if factor is not None and values[0] < _SQUARED * values[-1]:
@@ -79,16 +80,17 @@ class Spectrum:
 
 @dataclass(frozen=True, eq=False)
 class Subset:
-    """What of the base parameters counts.
+    """The parameters that an experiment is to identify.
 
     Attributes
     ----------
     names : tuple of str
-        In words: base parameters, or standard ones where the nuisance parameters are known.
+        Expressions of base parameters, or names of standard parameters where the nuisance parameters are known.
     directions : ndarray
-        (n_b, r): where the nuisance parameters are unknown, the unit vectors of the base parameters that count; where
-        they are known, how the r parameters that count change the base parameters.
+        (n_b, r). Where the nuisance parameters are unknown: the unit vectors of the base parameters in the subset.
+        Where they are known: the derivatives of the base parameters by the r parameters in the subset.
     nuisance_known : bool
+        Whether all parameters outside the subset are known.
     """
 
     names: tuple[str, ...]
@@ -97,7 +99,7 @@ class Subset:
 
 
 def make_subset(model: Model, subset: str | Sequence[str] | None, nuisance: str = "unknown") -> Subset:
-    """Choose which parameters an experiment is to show.
+    """Choose the parameters that an experiment is to identify.
 
     Parameters
     ----------
@@ -106,11 +108,11 @@ def make_subset(model: Model, subset: str | Sequence[str] | None, nuisance: str 
         Names of parameters, of links (their ten parameters) or of joints (all the parameters of the joint's terms and
         of the link that it moves), or ``"payload"`` for the last link; None for all.
     nuisance : {"unknown", "known"}
-        ``"unknown"``: the base parameters that contain any of them count, and what the motion shows of them is what
-        remains when all the others, the nuisance parameters, are estimated too: the Schur complement of the information
-        matrix (Pukelsheim 2006, section 3.11). ``"known"``: all the other parameters are known already, as when a
-        payload is put on a robot that was identified before; what counts are those of the subset that are independent
-        of each other.
+        ``"unknown"``: the subset consists of the base parameters that contain any of the named parameters. All other
+        base parameters, the nuisance parameters, are estimated from the same data, so that the information about the
+        subset is the Schur complement of the information matrix (Pukelsheim 2006, section 3.11). ``"known"``: all other
+        parameters are known already, as when a payload is mounted on a robot that was identified before; the subset
+        consists of the named parameters that are independent of each other.
 
     Returns
     -------
@@ -140,14 +142,14 @@ def make_subset(model: Model, subset: str | Sequence[str] | None, nuisance: str 
         rows = np.flatnonzero(np.abs(effects).max(axis=1) > 0.0)
         return Subset(tuple(base.expressions[r] for r in rows), np.eye(base.count)[:, rows], False)
     kept: list[int] = []
-    for k in present.tolist():  # the left-most independent ones, as for base parameters
+    for k in present.tolist():  # the leftmost independent ones, as for base parameters
         if np.linalg.matrix_rank(effects[:, [*kept, k]], tol=1e-9) > len(kept):
             kept.append(k)
     return Subset(tuple(model.parameter_names[columns[k]] for k in kept), effects[:, kept], True)
 
 
 def _columns(model: Model, name: str) -> list[int]:
-    """Return the indices of the parameters that a name of a subset means."""
+    """Return the indices of the parameters that an entry of a subset stands for."""
     robot, names = model.robot, model.parameter_names
     if name in names:
         return [names.index(name)]
@@ -167,14 +169,15 @@ def _columns(model: Model, name: str) -> list[int]:
 
 @dataclass(frozen=True, eq=False)
 class Criterion:
-    """A number that falls as a motion shows the parameters better, and its gradient by the information matrix.
+    """A criterion of the quality of a motion, and its gradient by the information matrix.
 
     Attributes
     ----------
     kind : {"condition", "d", "a"}
-        The condition number of the (weighted) regressor of the subset, the determinant of its information (largest is
-        best) or the trace of its inverse.
+        The condition number of the (weighted) regressor of the subset, the determinant of its information matrix (to be
+        maximised) or the trace of the inverse of this matrix.
     subset : Subset
+        The parameters that count.
     """
 
     kind: Literal["condition", "d", "a"]
@@ -185,16 +188,16 @@ class Criterion:
             raise InputError(f"criterion must be one of {', '.join(CRITERIA)}, got {self.kind!r}.")
 
     def evaluate(self, spectrum: Spectrum, sharpness: float = 8.0) -> tuple[float, Array]:
-        """Return a smooth objective to be made small, and its gradient by the information matrix, symmetric.
+        """Return a smooth objective to be minimised, and its gradient by the information matrix, symmetric.
 
         Parameters
         ----------
         spectrum : Spectrum
-            Of the information.
+            Spectrum of the information matrix.
         sharpness : float
-            The extreme eigenvalues of the condition number are replaced by norms of this exponent of all of them,
-            which are smooth where eigenvalues cross: twice the logarithm of the condition number from above, and the
-            nearer the larger the exponent.
+            Exponent of the norms that replace the extreme eigenvalues in the condition number. These norms are smooth
+            where eigenvalues cross. The objective is an upper bound of twice the logarithm of the condition number,
+            which becomes tighter with a larger exponent.
 
         Returns
         -------
@@ -213,7 +216,7 @@ class Criterion:
         return value, -(turned * slopes) @ turned.T
 
     def figure(self, spectrum: Spectrum) -> float:
-        """Return the criterion itself: condition number, logarithm of the determinant, or trace of the inverse."""
+        """Return the criterion: the condition number, log-determinant, or trace of the inverse, without smoothing."""
         values, _ = self._seen(spectrum)
         if not self.subset.nuisance_known:
             values = 1.0 / values
@@ -222,10 +225,10 @@ class Criterion:
         return float(np.log(values).sum()) if self.kind == "d" else float((1.0 / values).sum())
 
     def _seen(self, spectrum: Spectrum) -> tuple[Array, Array]:
-        """Return eigenvalues (r,), ascending, and vectors of the information of the subset, or of its covariance.
+        """Return eigenvalues (r,), ascending, and eigenvectors of the information of the subset, or of its covariance.
 
-        The vectors of the information are those by which it changes with the whole information, (n_b, r); those of the
-        covariance are (r, r).
+        Where the nuisance parameters are known, these are eigenvalues of the information, with the eigenvectors mapped
+        to the base parameters, (n_b, r). Otherwise they are those of the covariance, with eigenvectors (r, r).
         """
         directions, known = self.subset.directions, self.subset.nuisance_known
         if known and directions.shape[0] == directions.shape[1]:  # the identity
@@ -236,7 +239,7 @@ class Criterion:
         return values, directions @ vectors if known else vectors
 
     def _spectral(self, values: Array, sharpness: float, power: float) -> tuple[float, Array]:
-        """Return the objective and its derivatives by eigenvalues of the information, or of its inverse (power -1)."""
+        """Return objective and derivatives by the eigenvalues of the information, or of its inverse (power -1)."""
         count = len(values)
         if self.kind == "d":
             return -power * float(np.log(values).mean()), -power / (count * values)
@@ -254,44 +257,46 @@ def _positive(values: Array) -> Array:
     return np.maximum(values, _FLOOR * max(float(values[-1]), 1e-300))
 
 
-# Whether a motion shows what it is asked to show, in spite of noise.
-
 TORQUE_NOISE = 0.01
-"""Of the torques, white. Torques from motor currents are seldom better; ten times less would shift the verdict by a
-factor of ten in the condition number, while motions that show nothing miss it by factors of hundreds."""
+"""Standard deviation of the white torque noise that is assumed, relative to the torques.
+
+Torques from motor currents are seldom more accurate. A tenth of this noise would shift the limit of the condition
+number
+by a factor of ten, while motions that do not excite the parameters miss it by factors of hundreds."""
 
 
 @dataclass(frozen=True)
 class Identifiability:
-    """What torque noise of one percent leaves of the parameters that a motion is to show.
+    """The expected uncertainty of the parameters with torque noise of one per cent.
 
     Attributes
     ----------
     uncertainty : float
-        Standard deviation of the least certain combination of the base parameters that count, in units of the size
-        (2-norm) of all base parameters. Above 1 the motion cannot identify it: the noise alone weighs more than the
-        robot.
-    unshown : tuple of str
-        In that case the parameters that are at fault, the least certain first.
+        Standard deviation of the least certain combination of the parameters in the subset, relative to the 2-norm of
+        all base parameters. Above 1 the motion cannot identify this combination: its error would be larger than all
+        base parameters together.
+    unidentifiable : tuple of str
+        Where the uncertainty is above 1, the parameters that cause it, the least certain first.
     """
 
     uncertainty: float
-    unshown: tuple[str, ...]
+    unidentifiable: tuple[str, ...]
 
 
 def identifiability(spectrum: Spectrum, subset: Subset, rows: float) -> Identifiability:
-    """Predict how certain the parameters of a subset will be.
+    """Predict the uncertainty of the parameters of a subset.
 
-    Parameters beta of size 1 cause torques of at most the largest singular value of the regressor, over all its rows;
-    one percent of their root mean square is the noise, and the inverse information makes deviations of it.
+    Base parameters with a 2-norm of 1 cause torques whose norm over all rows is at most the largest singular value of
+    the regressor. The noise is taken to be one per cent of the root mean square of these torques, and the inverse of
+    the information matrix gives the standard deviations of the parameters.
 
     Parameters
     ----------
     spectrum : Spectrum
-        Of the information.
+        Spectrum of the information matrix.
     subset : Subset
     rows : float
-        How many rows the regressor has, samples times joints.
+        Number of rows of the regressor: samples times joints.
 
     Returns
     -------
@@ -299,17 +304,17 @@ def identifiability(spectrum: Spectrum, subset: Subset, rows: float) -> Identifi
 
     Examples
     --------
-    One parameter is shown a million times worse than the other one:
+    The information about one parameter is 1e12 times smaller than that about the other one:
 
     >>> subset = Subset(("m1", "m2"), np.eye(2), True)
     >>> found = identifiability(Spectrum.of(np.diag([1e6, 1e-6])), subset, rows=100)
-    >>> round(found.uncertainty), found.unshown
+    >>> round(found.uncertainty), found.unidentifiable
     (1000, ('m2',))
     """
     noise = TORQUE_NOISE * np.sqrt(spectrum.values[-1] / rows)
     root = spectrum.inverse_root(subset.directions)
     if subset.nuisance_known:
-        # The covariance of what remains is the inverse of a part, not a part of the inverse.
+        # The covariance of the subset is the inverse of a block of the information, not a block of the inverse.
         own = spectrum.root(subset.directions)
         _, sizes, vectors = np.linalg.svd(own, full_matrices=False)
         root = vectors / np.maximum(sizes, np.finfo(float).tiny)[:, None]
@@ -319,6 +324,6 @@ def identifiability(spectrum: Spectrum, subset: Subset, rows: float) -> Identifi
         return Identifiability(uncertainty, ())
     deviations = noise * np.linalg.norm(root, axis=0)
     order = np.argsort(-deviations, kind="stable")
-    # Where no parameter passes alone, but several do together, the worst direction has a largest part.
+    # Where no single parameter exceeds the limit, but a combination does, the least certain parameter is named.
     limit = min(1.0, float(deviations[order[0]]))
     return Identifiability(uncertainty, tuple(subset.names[k] for k in order if deviations[k] >= limit))

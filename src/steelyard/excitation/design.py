@@ -1,4 +1,4 @@
-"""Excitation design: the motion that shows a robot's parameters best, under all its limits."""
+"""Excitation design: the motion that identifies a robot's parameters best within all its limits."""
 
 from __future__ import annotations
 
@@ -37,30 +37,35 @@ _WATCHED = (
     "; self-collision is watched by default, and [collision] in the limits file has `exclude` for pairs of links and "
     "`self = false` for none"
 )
-_NAMED = 5  # parameters
-_SHORT = 40  # characters
-_USED_UP = 0.01  # of the scale of a limit: what is nearer to it counts as using it up
-_SMOOTHNESS = 0.02  # of the velocity scale: width of the smooth sign
+_NAMED = 5  # parameters that a remark names at most
+_SHORT = 40  # characters of an expression in a remark at most
+_USED_UP = 0.01  # a limit whose margin is a smaller part of its scale counts as used up by the motion
+# Width of the smooth sign of Coulomb friction during the search, relative to typical velocities. With 0.002 to 0.1 the
+# condition numbers of motions for a WAM were 60 to 62; with 0.5, where Coulomb friction looks like viscous friction,
+# 102.
+_SMOOTHNESS = 0.02
 
 
 @dataclass(frozen=True, kw_only=True)
 class ExcitationObjective:
-    """What an excitation is to show, and how that is measured.
+    """The parameters that an excitation is to identify, and the criterion.
 
     Attributes
     ----------
     criterion : {"condition", "d", "a"}
-        Condition number of the base regressor (Gautier and Khalil 1992), determinant of its information matrix
-        (D-optimality) or trace of the inverse of that, the sum of variances (A-optimality; Pukelsheim 2006).
+        Condition number of the base regressor (Gautier and Khalil 1992), determinant of the information matrix
+        (D-optimality), or trace of the inverse information matrix, which is the sum of the variances (A-optimality;
+        Pukelsheim 2006).
     subset : str or sequence of str, optional
-        Which parameters the motion is to show: names of joints, links or parameters, or ``"payload"``, the last link.
+        The parameters that the motion is to identify: names of joints, links or parameters, or ``"payload"`` for the
+        last link. All parameters by default.
     nuisance : {"unknown", "known"}
-        Whether those beyond the subset are estimated too, or known already.
+        Whether the parameters outside the subset are estimated from the same data, or known already.
     noise : array_like, optional
-        (N,) standard deviation of each joint's torque, by whose inverse its rows are weighted.
+        (N,) standard deviation of the torque of each joint, by whose inverse its rows are weighted.
     prior_information : Information, Trajectory or ExcitationDesign, optional
-        What is known or planned already: the criterion counts both together. The noise of an Information is taken
-        from `noise`, too.
+        Data that exist already, or a motion that is planned. The criterion is that of both together. The noise of an
+        Information is taken from `noise` as well.
     """
 
     criterion: Literal["condition", "d", "a"] = "condition"
@@ -90,52 +95,53 @@ def design_excitation(
     search: SearchOptions | None = None,
     progress: Callable[[str], None] | None = None,
 ) -> ExcitationDesign:
-    """Design a motion that shows a robot's parameters (thesis section 4.3.2).
+    """Design a motion that excites a robot's dynamics for identification (thesis section 4.3.2).
 
-    From each of several random starts the criterion is minimised with its gradient, which comes from the expression
-    graph in reverse, and the best results are refined. Every limit is then looked at over the whole motion at 1 kHz,
-    ramp-up and ramp-down too, and what is not kept is repaired. The same arguments give the same motion, unless the
-    work is cut short by a time limit or by Ctrl-C; then the best motion so far is returned, with its `status`.
+    From each of several random starts the criterion is minimised with its gradient, which is computed by reverse
+    differentiation of the expression graph, and the best results are refined. Every limit is then checked over the
+    whole motion at 1 kHz, ramp-up and ramp-down included, and violations are repaired. The same arguments give the same
+    motion, unless the search ends early by a time limit or by Ctrl-C; then the best motion so far is returned, and its
+    `status` says so.
 
     Parameters
     ----------
     model : Model
     limits : MotionLimits, mapping, str, Path or None
-        Of positions, velocities, accelerations, torques and power: as such, as the arguments of
-        :meth:`MotionLimits.of`, or as a limits file (TOML). What a mapping or a file does not name, and all of it for
-        None, is taken from the robot's description.
+        Limits of positions, velocities, accelerations, torques and power: a MotionLimits object, a mapping with the
+        arguments of :meth:`MotionLimits.of`, or the path of a limits file (TOML). Limits that a mapping or a file does
+        not name are taken from the robot's description; with None all of them are.
     family : {"fourier", "spline", "quintic"}
-        Fourier series; B-splines of degree five that start and end at rest; moves of degree five from point to point
-        with a rest at each. The latter two end where they began.
+        Fourier series; B-splines of degree five that start and end at rest; or point-to-point moves of degree five
+        with a rest at each point. The latter two end where they began.
     period : float
-        s.
+        Period of a Fourier series, or duration of the other motions, s.
     harmonics : int
-        Of the Fourier series.
+        Number of harmonics of the Fourier series.
     points : int, optional
-        Control points of a spline, or points of the moves; ``2 harmonics + 1`` by default.
+        Number of control points of a spline, or of points of the moves; ``2 harmonics + 1`` by default.
     ramp_time : float, optional
-        Time of the ramp-up from rest and of the ramp-down to rest of a Fourier series, s; 0 for none. By default one
-        oscillation of the highest harmonic.
+        Duration of the ramp-up from rest and of the ramp-down to rest of a Fourier series, s; 0 for none. By default
+        one oscillation of the highest harmonic.
     periods : int
-        How many periods of a Fourier series are played.
+        Number of periods of a Fourier series that the motion contains.
     objective : ExcitationObjective, optional
-        What the motion is to show, and how that is measured; by default all parameters, by the condition number.
+        The parameters to identify and the criterion; by default all parameters and the condition number.
     constraints : sequence of MotionConstraint
-        Further ones, such as clearances from a table or of bodies from each other.
+        Further constraints, such as clearances from a table or of bodies from each other.
     self_collision : bool
-        Keep the links 0.01 m from each other, where the description has collision geometry and neither `constraints`
-        nor the limits file have a say in it. What could not be watched is told in the remarks, and so is what was not
-        checked of floor and table.
+        Whether the links are kept 0.01 m from each other. This applies where the description has collision geometry and
+        neither `constraints` nor the limits file say anything about self-collision. The remarks say what could not be
+        checked, of floor and table as well.
     parameters : array_like, optional
-        (n,) with which torques are predicted; those of the description by default.
+        (n,) parameters with which torques are predicted; those of the description by default.
     margin : float
         Fraction of each limit that is left free.
     rate : float
-        At which the motion will be recorded, Hz.
+        Rate at which the motion will be recorded, Hz.
     search : SearchOptions, optional
-        How long and from where the best motion is searched for.
+        Number of starts, duration and method of the search.
     progress : callable, optional
-        Called with a few words after each step.
+        Function that is called with a short text after each step of the search.
 
     Returns
     -------
@@ -188,17 +194,16 @@ def design_excitation(
     if not configurations:
         raise SolverError(
             f"The robot cannot even rest within its limits: no configuration was found that keeps {obstacle}; widen "
-            "this "
-            f"limit or take it out{_WATCHED if around.own is not None else ''}."
+            f"this limit or take it out{_WATCHED if around.own is not None else ''}."
         )
     if len(problem.constraints) == len(joint_limits(bounds)):
-        configurations = configurations[:1]  # the middle of the ranges is as good a start as any
+        configurations = configurations[:1]  # with limits of the joints alone, all starts are about the middle
 
     judged = _period_times(chosen, rate)
     judged_basis = chosen.basis(judged)
 
     def spectrum(x: Array) -> Spectrum:
-        """Return that of the whole information, with the exact sign of friction."""
+        """Return the spectrum of the whole information, with the exact sign of Coulomb friction."""
         motion = problem.motion(x, judged_basis)
         part = problem.count / len(judged)
         return Spectrum.of(
@@ -215,16 +220,18 @@ def design_excitation(
     excitation, trajectory = chosen.excitation(coefficients), chosen.trajectory(coefficients)
     t, *motion = trajectory.sample(1000.0)
     margins = nearest_first(margins_of(problem.constraints, t, (motion[0], motion[1], motion[2])))
-    if not keeps_all(margins):  # the trajectory itself is looked at, not what the search made of it
+    if not keeps_all(margins):  # checked on the returned trajectory itself, independently of the search
         raise SolverError(f"The motion that was found does not keep its limits after all ({margins[0]}).")
     own = _information(model, excitation, rate)
     if np.abs(motion[1][0]).max() > 1e-6:
-        remarks.append("The motion starts and ends at speed, without a ramp-up: bring the robot to this speed first.")
+        remarks.append(
+            "The motion starts and ends in motion, without a ramp-up: bring the robot to the initial velocity first."
+        )
     remarks += _notes(result.status, result.finished, options.starts)
     shown = identifiability(spectrum(result.best.x), measure.subset, problem.count * model.dof)
     unchecked = around.missing(motion[0])
     remarks = [*unchecked, *remarks]
-    if shown.unshown:
+    if shown.unidentifiable:
         remarks.insert(0, _hopeless(shown, len(measure.subset.names), margins, period))
     return ExcitationDesign(
         robot_name=model.robot.name,
@@ -240,7 +247,7 @@ def design_excitation(
         parameter_count=model.parameter_count,
         base_count=model.base_parameters().count,
         uncertainty=shown.uncertainty,
-        unshown=shown.unshown,
+        unidentifiable=shown.unidentifiable,
         unchecked=unchecked,
         limits=bounds,
         margins=margins,
@@ -257,7 +264,7 @@ def design_excitation(
 
 
 def _geometry(model: Model, sections: Mapping[str, Any], folder: Path, where: str) -> Sequence[MotionConstraint]:
-    """Return the constraints of the tables of a limits file that are about space."""
+    """Return the geometric constraints that the tables of a limits file describe."""
     if not sections:
         return ()
     from steelyard.collision import geometry_from_dict
@@ -296,14 +303,14 @@ def _limits(
         if not torques and parameters is None and np.isnan(model.robot.parameters[_link_columns(model)]).any():
             if np.isfinite(bounds.torque).any():
                 remarks.append(
-                    "The effort limits of the description were not looked at, because it has no inertia for some link."
+                    "The effort limits of the description were not checked, because it has no inertia for some link."
                 )
             bounds = bounds.updated({"torque": float("inf")})
     for k, name in enumerate(names):
         if not np.isfinite([bounds.upper[k] - bounds.lower[k], bounds.velocity[k], bounds.acceleration[k]]).any():
             raise InputError(
                 f"{name} has neither limits of position nor of velocity nor of acceleration, so that its motion would "
-                "grow without end; give limits for it."
+                "grow without bound; give limits for it."
             )
     return bounds
 
@@ -344,11 +351,11 @@ def _problem(
     leads = np.concatenate([np.arange(0.0, begin, family.step), [end]])
     if begin > 0.0:
         leads = np.concatenate([leads, np.arange(family.duration, family.duration - begin, -family.step)])
-    # Joints that are not bounded on both sides move about 0, but not at the very bound.
+    # A joint without limits on both sides moves about 0, or about a point that is 1 rad or m from its only limit.
     lower = np.where(np.isfinite(limits.lower), limits.lower, np.minimum(limits.upper - 2.0, -1.0))
     upper = np.where(np.isfinite(limits.upper), limits.upper, np.maximum(lower + 2.0, 1.0))
     scale = coefficient_scale(limits, family.basis(judged))
-    # How fast a joint goes in a motion within its limits.
+    # A typical velocity of a motion within its limits.
     fast = np.sqrt(np.mean(scale**2)) * float(np.abs(family.basis(judged)[1]).max())
     width = _SMOOTHNESS * min(fast, float(np.min(limits.velocity)))
     return DesignProblem(
@@ -370,7 +377,7 @@ def _problem(
 def _prior(
     model: Model, prior_information: Information | Trajectory | ExcitationDesign | None, weights: Array, rate: float
 ) -> Array:
-    """Return a factor (n_b, n_b) of the information that is known already."""
+    """Return a factor (n_b, n_b) of the prior information."""
     if prior_information is None:
         return np.zeros((model.base_parameters().count,) * 2)
     information = _known(model, prior_information, rate)
@@ -379,7 +386,7 @@ def _prior(
     given = weights if information.by_joint else None
     if given is None and np.ptp(weights) > 0.0:
         raise InputError(
-            "noise needs prior information whose joints are known apart; this Information was reduced over all."
+            "noise needs prior information with separate joints; this Information was reduced over all joints."
         )
     return np.asarray(information.reduced(given).R)
 
@@ -414,21 +421,21 @@ def _combined(
 
 
 def _hopeless(shown: Identifiability, count: int, margins: Sequence[Margin], period: float) -> str:
-    """Say that a motion does not show what was asked, what it does not show, and what to try."""
-    names = ", ".join(map(_short, shown.unshown[:_NAMED]))
-    more = len(shown.unshown) - _NAMED
+    """Return the remark that a motion cannot identify some parameters, which ones, and what to try."""
+    names = ", ".join(map(_short, shown.unidentifiable[:_NAMED]))
+    more = len(shown.unidentifiable) - _NAMED
     used = dict.fromkeys(m.name for m in margins if m.fraction < _USED_UP)
     wider = f"wider limits of {' and '.join(used)}, which the motion uses up, " if used else ""
     return (
-        f"This motion cannot identify what was asked: torque noise of {TORQUE_NOISE:.0%} leaves "
-        f"{len(shown.unshown)} of {count} parameters less certain than all base parameters together are large "
+        f"This motion cannot identify what was asked: with torque noise of {TORQUE_NOISE:.0%} the standard deviations "
+        f"of {len(shown.unidentifiable)} of {count} parameters exceed the size of all base parameters together "
         f"({names}{f' and {more} more' if more > 0 else ''}); try {wider}a period longer than {period:g} s, or fewer "
         "terms or parameters."
     )
 
 
 def _short(expression: str) -> str:
-    """Return the first few parts of the expression of a base parameter."""
+    """Return the first terms of the expression of a base parameter."""
     return expression if len(expression) <= _SHORT else expression[: expression.rindex(" ", 0, _SHORT)] + " ..."
 
 

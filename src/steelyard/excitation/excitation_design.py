@@ -1,4 +1,4 @@
-"""The result of a design of excitation: the motion, how good it is, and how near it comes to its limits."""
+"""The result of an excitation design: the motion, its quality, and its margins to the limits."""
 
 from __future__ import annotations
 
@@ -34,44 +34,46 @@ class ExcitationDesign:
     trajectory : Trajectory
         The whole motion, from rest to rest.
     excitation : Trajectory
-        The period that is judged: the series of a Fourier motion without its ramp-up and ramp-down; otherwise the whole
-        motion.
+        The period to which the criterion applies: a Fourier series without its ramp-up and ramp-down; otherwise the
+        whole motion.
     condition_number : float
-        Of the base regressor over one period at `rate`, all joints weighted alike and with the exact sign of Coulomb
-        friction: the same as :attr:`steelyard.Information.condition_number` of its samples.
+        Condition number of the base regressor over one period at `rate`, with equal weights of all joints and the exact
+        sign of Coulomb friction. It equals :attr:`steelyard.Information.condition_number` of the samples.
     combined_condition_number : float or None
-        The same of this motion and the prior information together.
+        Condition number of this motion and the prior information together.
     criterion : {"condition", "d", "a"}
     figure : float
-        Of the criterion, for the chosen weights, subset and prior_information: condition number, logarithm of the
+        Value of the criterion for the chosen weights, subset and prior information: condition number, logarithm of the
         determinant of the information, or trace of its inverse.
     subset : tuple of str
-        The parameters that count, where not all do.
+        The parameters that the motion was to identify, where not all were.
     terms : tuple of str
-        What the model has at the joints besides rigid links, such as ``"viscous"``.
+        Terms of the model besides rigid links, such as ``"viscous"``.
     parameter_count, base_count : int
-        Of the model.
+        Numbers of parameters and of base parameters of the model.
     uncertainty : float
-        What torque noise of one percent leaves of the parameters that count (and of the prior information): the
-        deviation of their least certain combination in units of the size of all base parameters. Above 1 the motion
+        Expected standard deviation, with torque noise of one per cent and the prior information, of the least certain
+        combination of the parameters in the subset, relative to the 2-norm of all base parameters. Above 1 the motion
         does not identify what was asked, see `identifies`.
-    unshown : tuple of str
-        In that case the parameters that are at fault, the least certain first.
+    unidentifiable : tuple of str
+        Where the uncertainty is above 1, the parameters that cause it, the least certain first.
     unchecked : tuple of str
-        What the motion may run into because it was not looked at, in sentences that say why, and what to do.
+        Collisions that were not checked, in sentences with the reason and the remedy.
     limits : MotionLimits
-        Less the fraction that was to be left free.
+        The limits of the design, reduced by the fraction that was to be left free.
     margins : tuple of Margin
-        Of every limit over the whole motion at 1 kHz, the nearest first.
+        Margins of every limit over the whole motion at 1 kHz, the smallest first.
     family, method, status : str
-        Status: ``"finished"``, ``"time limit"`` or ``"interrupted"``; the latter two hold the best so far.
+        Family of trajectories, method of the search, and how the search ended: ``"finished"``, ``"time limit"`` or
+        ``"interrupted"``. In the latter two cases the result is the best motion so far.
     rate : float
-        Hz.
+        Rate at which the motion will be recorded, Hz.
     ramp_time : float
-        Time of the ramp-up, and of the ramp-down, s.
+        Duration of the ramp-up, and of the ramp-down, s.
     seed, starts, finished_starts : int
+        Seed of the search, number of starts, and number of starts that were finished.
     remarks : tuple of str
-        What the user should know, in sentences.
+        Remarks for the user, in sentences.
     """
 
     robot_name: str
@@ -87,7 +89,7 @@ class ExcitationDesign:
     parameter_count: int
     base_count: int
     uncertainty: float
-    unshown: tuple[str, ...]
+    unidentifiable: tuple[str, ...]
     unchecked: tuple[str, ...]
     limits: MotionLimits
     margins: tuple[Margin, ...]
@@ -103,22 +105,22 @@ class ExcitationDesign:
 
     @property
     def identifies(self) -> bool:
-        """Whether the motion can identify what was asked, with torque noise of one percent."""
+        """Whether the motion can identify what was asked, with torque noise of one per cent."""
         return self.uncertainty <= 1.0
 
     @property
     def warnings(self) -> tuple[str, ...]:
-        """Those of the remarks that come before all the rest: what the motion does not show, what was not checked."""
-        return self.remarks[: bool(self.unshown) + len(self.unchecked)]
+        """The most important remarks: parameters that cannot be identified, and collisions that were not checked."""
+        return self.remarks[: bool(self.unidentifiable) + len(self.unchecked)]
 
     @property
     def start(self) -> dict[str, float]:
-        """Where each joint is when the motion begins, rad or m."""
+        """Position of each joint at the beginning of the motion, rad or m."""
         q = self.trajectory.motion([0.0])[0][0]
         return dict(zip(self.joint_names, q.tolist(), strict=True))
 
     def sample(self, rate: float) -> tuple[Array, Array, Array, Array]:
-        """Return t (S,), q, dq and ddq (S, N) of the period that is judged, at `rate` Hz.
+        """Return t (S,), q, dq and ddq (S, N) of `excitation` at `rate` (Hz).
 
         The whole motion with its ramp-up and ramp-down is ``trajectory.sample(rate)``.
         """
@@ -134,7 +136,7 @@ class ExcitationDesign:
         Parameters
         ----------
         folder : str or Path
-            Made where it is missing; files of the same names are replaced.
+            The folder is made where it is missing; files of the same names are replaced.
 
         Returns
         -------
@@ -148,7 +150,7 @@ class ExcitationDesign:
         return tuple(Path(folder) / name for name in names)
 
     def to_dict(self) -> dict[str, Any]:
-        """Return how the motion came about and what it keeps, as plain data."""
+        """Return the options, results and margins of the design as plain data."""
         margins = [
             {"limit": m.name, "part": m.label, "margin": m.clearance, "fraction": m.fraction, "time": m.time}
             for m in self.margins
@@ -173,7 +175,7 @@ class ExcitationDesign:
             "base_parameters": self.base_count,
             "identifies": self.identifies,
             "uncertainty": self.uncertainty,
-            "unshown": list(self.unshown),
+            "unidentifiable": list(self.unidentifiable),
             "unchecked": list(self.unchecked),
             "method": self.method,
             "status": self.status,
@@ -186,7 +188,7 @@ class ExcitationDesign:
         }
 
     def nearest(self) -> tuple[Margin, ...]:
-        """Return for each constraint its least margin, in units of its scale."""
+        """Return for each constraint its smallest margin, relative to its scale."""
         first: dict[str, Margin] = {}
         for margin in self.margins:
             first.setdefault(margin.name, margin)
@@ -210,5 +212,5 @@ class ExcitationDesign:
 
 
 def nearest_first(margins: Sequence[Margin]) -> tuple[Margin, ...]:
-    """Sort margins by their fraction of the scale."""
+    """Sort margins by their fraction of the scale, the smallest first."""
     return tuple(sorted(margins, key=lambda m: m.fraction))

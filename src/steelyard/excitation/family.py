@@ -1,4 +1,4 @@
-"""Families of trajectories that are linear in their coefficients: what the design of excitation chooses from."""
+"""Families of trajectories that are linear in their coefficients, for the design of excitations."""
 
 from __future__ import annotations
 
@@ -20,29 +20,29 @@ __all__ = ["FAMILIES", "Basis", "Family", "FourierFamily", "QuinticFamily", "Spl
 
 Array = NDArray[np.float64]
 Basis = tuple[Array, Array, Array]
-"""Of q, dq and ddq, (S, P) each: for coefficients X (N, P) the positions are ``basis[0] @ X.T``."""
+"""Basis of q, dq and ddq, (S, P) each: the positions for coefficients X (N, P) are ``basis[0] @ X.T``."""
 
 FAMILIES = ("fourier", "spline", "quintic")
 
 
 class Family(Protocol):
-    """Trajectories of one kind and size, by their coefficients (N, P).
+    """A family of trajectories with coefficients (N, P).
 
     Attributes
     ----------
     name : str
     size : int
-        Number P of coefficients of a joint.
+        Number P of coefficients of each joint.
     constant : ndarray
-        (P,) the coefficients of a joint that stands at 1.
+        (P,) coefficients of a joint that rests at position 1.
     period : float
-        s, of the motion that is judged.
+        Duration of the motion to which the criterion applies, s.
     window : (float, float)
-        Where in the whole motion the first such period begins and ends, s.
+        Times in the whole motion at which the first such period begins and ends, s.
     duration : float
-        s, of the whole motion from rest to rest.
+        Duration of the whole motion from rest to rest, s.
     step : float
-        s, a time in which no quantity changes by much.
+        Time step that resolves the motion, s; the criterion and the limits are evaluated at this step in the search.
     """
 
     @property
@@ -65,7 +65,7 @@ class Family(Protocol):
         ...
 
     def excitation(self, coefficients: Array) -> Trajectory:
-        """Return the motion that is judged, without ramp-up and ramp-down."""
+        """Return the motion to which the criterion applies, without ramp-up and ramp-down."""
         ...
 
     def trajectory(self, coefficients: Array) -> Trajectory:
@@ -75,7 +75,7 @@ class Family(Protocol):
 
 @dataclass(frozen=True)
 class FourierFamily:
-    """Fourier series with a ramp-up and a ramp-down; coefficients a1 … aH, b1 … bH and the constant.
+    """Fourier series with a ramp-up and a ramp-down; the coefficients are a1 … aH, b1 … bH and the constant.
 
     Attributes
     ----------
@@ -83,9 +83,9 @@ class FourierFamily:
         s.
     harmonics : int
     ramp_time : float
-        s; 0 for none.
+        Duration of the ramp-up and of the ramp-down, s; 0 for none.
     periods : int
-        How many are played.
+        Number of periods.
     """
 
     period: float
@@ -96,7 +96,7 @@ class FourierFamily:
 
     @property
     def size(self) -> int:
-        """Number of coefficients of a joint."""
+        """Number of coefficients of each joint."""
         return 2 * self.harmonics + 1
 
     @cached_property
@@ -106,7 +106,7 @@ class FourierFamily:
 
     @property
     def window(self) -> tuple[float, float]:
-        """Begin and end of the first period, s."""
+        """Beginning and end of the first period, s."""
         return self.ramp_time, self.ramp_time + self.period
 
     @property
@@ -147,7 +147,7 @@ class FourierFamily:
 
 @dataclass(frozen=True)
 class _PointFamily:
-    """What the families that are made of points share: they start and end at rest by themselves."""
+    """Base of the families that are defined by points, which start and end at rest without a ramp."""
 
     period: float
     size: int
@@ -159,7 +159,7 @@ class _PointFamily:
 
     @property
     def window(self) -> tuple[float, float]:
-        """The whole motion."""
+        """Beginning and end of the whole motion, s."""
         return 0.0, self.period
 
     @property
@@ -170,7 +170,7 @@ class _PointFamily:
 
 @dataclass(frozen=True)
 class SplineFamily(_PointFamily):
-    """B-splines of degree five that return to where they began; coefficients: P control points.
+    """B-splines of degree five that end where they began; the coefficients are P control points.
 
     Attributes
     ----------
@@ -184,7 +184,7 @@ class SplineFamily(_PointFamily):
 
     @property
     def step(self) -> float:
-        """A sixteenth of the time between two knots, s."""
+        """A sixteenth of the time between two control points, s."""
         return self.period / self.size / 16.0
 
     def basis(self, t: Array) -> Basis:
@@ -213,7 +213,7 @@ class SplineFamily(_PointFamily):
 
 @dataclass(frozen=True)
 class QuinticFamily(_PointFamily):
-    """Moves of equal duration between points at which the joints rest, and back to the first; coefficients: points.
+    """Moves of equal duration from point to point and back to the first; the coefficients are the P points.
 
     Attributes
     ----------
@@ -262,20 +262,20 @@ def make_family(
     ----------
     name : {"fourier", "spline", "quintic"}
     period : float
-        s.
+        Period of a Fourier series, or duration of the other motions, s.
     harmonics : int
-        Of a Fourier series.
+        Number of harmonics of a Fourier series.
     points : int, optional
-        Of splines and moves; ``2 harmonics + 1`` by default.
+        Number of points of splines and moves; ``2 harmonics + 1`` by default.
     ramp_time : float, optional
-        s, of a Fourier series; by default one oscillation of the highest harmonic.
+        Duration of the ramps of a Fourier series, s; by default one oscillation of the highest harmonic.
     periods : int
-        How many periods of a Fourier series are played.
+        Number of periods of a Fourier series.
 
     Raises
     ------
     InputError
-        If one of them cannot be.
+        If an option is out of its range, or does not belong to the family.
     """
     if name not in FAMILIES:
         raise InputError(f"family must be one of {', '.join(FAMILIES)}, got {name!r}.")
@@ -291,16 +291,15 @@ def make_family(
             raise InputError("points belong to the families spline and quintic; a Fourier series has harmonics.")
         if ramp_time == 0.0 and periods > 1:
             raise InputError(
-                "several periods need a start and a stop (ramp_time); without them the motion is one period, to be "
-                "repeated "
-                "by whoever plays it."
+                "several periods need a ramp-up and a ramp-down (ramp_time); without them the motion is one period, "
+                "which the controller may repeat."
             )
         return FourierFamily(
             period, int(harmonics), period / harmonics if ramp_time is None else ramp_time, int(periods)
         )
     if periods != 1 or ramp_time:
         raise InputError(
-            f"periods and ramp_time belong to the family fourier; a {name} starts and ends at rest by itself."
+            f"periods and ramp_time belong to the family fourier; the family {name} starts and ends at rest by itself."
         )
     size = 2 * int(harmonics) + 1 if points is None else int(points)
     return SplineFamily(period, size) if name == "spline" else QuinticFamily(period, size)

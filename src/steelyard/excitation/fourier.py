@@ -1,4 +1,4 @@
-"""Periodic excitation trajectories as finite Fourier series, and their start from rest and stop to rest."""
+"""Periodic excitation trajectories as finite Fourier series, and their ramps from rest and to rest."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ Array = NDArray[np.float64]
 
 @dataclass(frozen=True, eq=False)
 class FourierTrajectory(SampledTrajectory):
-    """Joint positions as Fourier series of their velocities (thesis eq. 4.19, 4.20; Swevers et al. 1997).
+    """A trajectory whose joint velocities are Fourier series (thesis eq. 4.19, 4.20; Swevers et al. 1997).
 
     ``dq_k(t) = sum_i a_ki cos(w i t) + b_ki sin(w i t)`` with ``w = 2 pi frequency`` and i from 1 to H.
 
@@ -28,9 +28,9 @@ class FourierTrajectory(SampledTrajectory):
     a, b : ndarray
         (N, H) coefficients, rad/s or m/s.
     center : ndarray
-        (N,) constant of each series, rad or m.
+        (N,) constant of the position of each joint, rad or m.
     frequency : float
-        Hz, of the fundamental.
+        Frequency of the fundamental, Hz.
 
     Examples
     --------
@@ -67,7 +67,7 @@ class FourierTrajectory(SampledTrajectory):
 
     @property
     def duration(self) -> float:
-        """Duration of one period, s; the motion goes on before and after it."""
+        """Duration of one period, s; the motion is also defined before and after it."""
         return self.period
 
     @property
@@ -90,7 +90,7 @@ class FourierTrajectory(SampledTrajectory):
         return q, cosine @ self.a.T + sine @ self.b.T, cosine @ (self.b * w).T - sine @ (self.a * w).T
 
     def sample(self, rate: float, periods: float = 1.0) -> tuple[Array, Array, Array, Array]:
-        """Return t (S,), q, dq and ddq (S, N) of whole periods at `rate` Hz, without the end point."""
+        """Return t (S,), q, dq and ddq (S, N) of whole periods at `rate` (Hz), without the end point."""
         t = np.arange(round(periods * self.period * rate)) / rate
         return (t, *self.motion(t))
 
@@ -101,19 +101,19 @@ class FourierTrajectory(SampledTrajectory):
 
 
 def ramp_phase(u: Array) -> tuple[Array, Array, Array]:
-    """Return the phase of a ramp-up from rest, and its first and second derivative, all per ramp time.
+    """Return the phase of a ramp-up from rest, relative to the ramp time, and its first and second derivative.
 
-    The speed rises as ``6 u^5 - 15 u^4 + 10 u^3``, so that it and its rate are continuous at both ends.
+    The speed rises as ``6 u^5 - 15 u^4 + 10 u^3``, so that speed and acceleration are continuous at both ends.
 
     Parameters
     ----------
     u : ndarray
-        Time over ramp time, 0 to 1.
+        Time relative to the ramp time, 0 to 1.
 
     Returns
     -------
     tuple of ndarray
-        The phase, 0 to 1/2; its rate, 0 to 1; and the rate of that.
+        The phase, from 0 to 1/2; its derivative, from 0 to 1; and its second derivative.
     """
     return (
         u**4 * (u * (u - 3.0) + 2.5),
@@ -124,11 +124,11 @@ def ramp_phase(u: Array) -> tuple[Array, Array, Array]:
 
 @dataclass(frozen=True, eq=False)
 class RestToRestTrajectory(SampledTrajectory):
-    """Whole periods of a Fourier series, with a start from rest and a stop to rest (thesis section 4.3.3).
+    """Whole periods of a Fourier series with a ramp from rest and a ramp to rest (thesis section 4.3.3).
 
-    During the ramp-up time the joints run along the path of the series with a speed that rises from nothing, and
-    during the ramp-down time it falls in the same way. So they meet no positions that the series does not, and are
-    never faster; positions, velocities and accelerations are continuous.
+    During the ramp-up the joints move along the path of the series with a speed that rises from zero, and during the
+    ramp-down it falls in the same way. The ramps therefore contain no positions outside the path of the series and no
+    larger velocities; positions, velocities and accelerations are continuous.
 
     Attributes
     ----------
@@ -136,7 +136,7 @@ class RestToRestTrajectory(SampledTrajectory):
     ramp_time : float
         Duration of the ramp-up, and of the ramp-down, s.
     periods : int
-        How many whole periods lie between.
+        Number of whole periods between the ramps.
 
     Examples
     --------
@@ -171,7 +171,7 @@ class RestToRestTrajectory(SampledTrajectory):
 
     @property
     def duration(self) -> float:
-        """Ramp-up, periods and ramp-down, s."""
+        """Duration of ramp-up, periods and ramp-down together, s."""
         return 2.0 * self.ramp_time + self.periods * self.series.period
 
     @property
@@ -180,7 +180,7 @@ class RestToRestTrajectory(SampledTrajectory):
         return self.series.dof
 
     def phase(self, t: ArrayLike) -> tuple[Array, Array, Array]:
-        """Return the time of the series at times (S,), s, and its first and second derivative."""
+        """Return the time of the series (s) at times (S,), and its first and second derivative."""
         times = times_of(t)
         end = self.periods * self.series.period
         phase, rate, change = times - self.ramp_time, np.ones_like(times), np.zeros_like(times)

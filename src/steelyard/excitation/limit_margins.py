@@ -1,4 +1,4 @@
-"""Every limit over the whole motion at 1 kHz: what margins are kept, and the repair of what is not."""
+"""Check of all limits over the whole motion at 1 kHz: margins, and the repair of violations."""
 
 from __future__ import annotations
 
@@ -16,29 +16,31 @@ __all__ = ["RATE", "Margin", "Verifier", "keeps_all", "margins_of"]
 
 Array = NDArray[np.float64]
 RATE = 1000.0  # Hz
-_BLOCK = 2000
-_ROUNDS = 12
-_SPARE = 2e-5  # of the scale of a limit, kept free, so that no instant between two samples passes it either
-_NEAR = 0.05  # of the scale: what is this near to a limit stands in the repair, too
-_LONGEST = 1.0  # step of a repair, in units of what a coefficient may be
+_BLOCK = 2000  # samples in one call of a constraint, which bounds the memory
+_ROUNDS = 12  # linearisations of a repair at most
+_SPARE = (
+    2e-5  # part of the scale of a limit that a repair keeps free, because the motion between samples is not checked
+)
+_NEAR = 0.05  # parts of a motion whose margin is below this part of the scale are constraints of the repair
+_LONGEST_STEP = 1.0  # of a repair, in the 2-norm of the scaled coefficients
 
 
 @dataclass(frozen=True)
 class Margin:
-    """How near a motion comes to one limit.
+    """The margin of a motion to one limit.
 
     Attributes
     ----------
     name : str
         The constraint, such as ``"velocity"`` or ``"table plane"``.
     label : str
-        Which part of it, such as a joint and its limit.
+        The part of the constraint, such as a joint and its limit.
     clearance : float
-        The least distance from the limit, in its own unit; negative where it is violated.
+        The smallest distance from the limit, in the unit of the limit; negative where it is violated.
     fraction : float
-        The same in units of the constraint's scale.
+        The clearance relative to the scale of the constraint.
     time : float
-        When, s.
+        Time of the smallest distance, s.
     """
 
     name: str
@@ -71,7 +73,7 @@ def _margins(constraints: Sequence[MotionConstraint], t: Array, clearances: Sequ
 
 
 def keeps_all(margins: Sequence[Margin]) -> bool:
-    """Tell whether no limit is violated."""
+    """Return whether no limit is violated."""
     return all(m.clearance >= 0.0 for m in margins)
 
 
@@ -82,13 +84,13 @@ def _in_blocks(constraint: MotionConstraint, motion: tuple[Array, Array, Array])
 
 
 class Verifier:
-    """Looks at the whole motion at 1 kHz, and moves coefficients by as little as keeps every limit.
+    """Checks the whole motion at 1 kHz, and repairs violations by the smallest change of the coefficients.
 
     Parameters
     ----------
     family : Family
     rate : float
-        Hz, at least 1000.
+        Rate of the samples that are checked, Hz.
     """
 
     def __init__(self, family: Family, rate: float = RATE) -> None:
@@ -97,11 +99,11 @@ class Verifier:
         self._known: tuple[bytes, list[Array]] = (b"", [])
 
     def margins(self, problem: DesignProblem, x: Array) -> tuple[Margin, ...]:
-        """Return all the margins of coefficients."""
+        """Return the margins of the motion with coefficients x."""
         return _margins(problem.constraints, self.times, self._clearances(problem, x))
 
     def _clearances(self, problem: DesignProblem, x: Array) -> list[Array]:
-        """Return the clearances of every constraint over the whole motion; those of the last call are kept."""
+        """Return the clearances of every constraint over the whole motion; the last result is kept."""
         key = x.tobytes()
         known = self._known
         if known[0] != key:
@@ -110,10 +112,10 @@ class Verifier:
         return known[1]
 
     def repaired(self, problem: DesignProblem, x: Array) -> Array | None:
-        """Return coefficients near `x` that keep every limit at 1 kHz; None where the repair does not succeed.
+        """Return coefficients near `x` that keep every limit at 1 kHz, or None where the repair does not succeed.
 
-        Each round linearises whatever is violated or near to it, and takes the smallest change that keeps it (Gauss
-        and Newton's method for inequalities), a convex quadratic programme.
+        Each round linearises the constraints that are violated or nearly violated, and takes the smallest change with
+        which they hold, the solution of a convex quadratic programme (the Gauss-Newton method for inequalities).
         """
         now = x
         for _ in range(_ROUNDS):
@@ -123,11 +125,11 @@ class Verifier:
             change = _least_change(rows, needed + _SPARE)
             if change is None:
                 return None
-            now = now + change * min(1.0, _LONGEST / max(float(np.linalg.norm(change)), 1e-300))
+            now = now + change * min(1.0, _LONGEST_STEP / max(float(np.linalg.norm(change)), 1e-300))
         return now if keeps_all(self.margins(problem, now)) else None
 
     def _active(self, problem: DesignProblem, x: Array) -> tuple[Array, Array]:
-        """Return the gradients (rows, N P) of clearances that are small, and by how much they fall short, scaled."""
+        """Return the gradients (rows, N P) of small clearances, and the increases that they need, scaled."""
         motion = problem.motion(x, self.basis)
         rows: list[Array] = []
         needed: list[Array] = []
@@ -153,7 +155,7 @@ class Verifier:
 
 
 def _lowest(values: Array) -> NDArray[np.intp]:
-    """Return the instants of least clearance of each stretch that is near or below zero, and some on either side."""
+    """Return for each interval of small values the index of the least one, and some others in the interval."""
     near = values < _NEAR
     if not near.any():
         return np.zeros(0, dtype=np.intp)

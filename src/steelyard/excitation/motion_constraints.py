@@ -1,4 +1,4 @@
-"""What a motion must keep to, as the design of excitation sees it: limits of joints, torques and power among it."""
+"""The constraints of an excitation design, and the limits of joints, torques and power in this form."""
 
 from __future__ import annotations
 
@@ -31,40 +31,41 @@ Array = NDArray[np.float64]
 
 @runtime_checkable
 class MotionConstraint(Protocol):
-    """A limit on a motion, sample by sample: a clearance that must not be negative, and its gradient.
+    """A constraint on each sample of a motion: clearances that must not be negative, and their gradients.
 
-    Everything that is not linear in position, velocity and acceleration comes in this form: torque, power, distances
-    of bodies, the workspace of a tool. A class of one's own that has these members can be given to
-    :func:`steelyard.design_excitation`. Several threads may call it at once.
+    All limits have this form: those of positions, velocities and accelerations, torque, power, distances of bodies, and
+    the workspace of a tool. Any object with these members can be given to :func:`steelyard.design_excitation`. Several
+    threads may call it at once.
 
     Attributes
     ----------
     name : str
-        For messages: ``"table plane"``, ``"torque"``. A constraint that has something to say of itself may also have
-        `remarks`, a tuple of sentences, which the design passes on.
+        Name in messages, such as ``"table plane"`` or ``"torque"``. A constraint may also have an attribute `remarks`,
+        a tuple of sentences, which become remarks of the design.
     labels : tuple of str
-        What each of the m columns is, such as ``"forearm_link to shoulder_link"``.
+        (m,) descriptions of the columns of the clearances, such as ``"forearm_link to shoulder_link"``.
     scale : float or ndarray
-        What counts as one unit of violation, in the unit of the clearances: a number, or one for each column, (m,).
+        Clearance by which violations are compared, in the unit of the clearances: a number, or one for each column,
+        (m,).
     """
 
     @property
     def name(self) -> str:
-        """What it is called in messages."""
+        """Name of the constraint in messages."""
         ...
 
     @property
     def labels(self) -> tuple[str, ...]:
-        """What each column of the clearance is, (m,)."""
+        """Descriptions of the columns of the clearances, (m,)."""
         ...
 
     @property
     def scale(self) -> float | Array:
-        """What counts as one unit of violation: a number, or one for each column (m,)."""
+        """Clearance by which violations are compared: a number, or one for each column (m,)."""
         ...
 
     def clearance(self, q: Array, dq: Array, ddq: Array) -> Array:
-        """Return (S, m): at least 0 where the limit is kept, in its own unit.
+        """Return the clearances (S, m): at least 0 where the limit is kept, in the unit of the limit.
 
         Parameters
         ----------
@@ -81,17 +82,15 @@ class MotionConstraint(Protocol):
         q, dq, ddq : ndarray
             (S, N) samples of the motion.
         weights : ndarray
-            (S, m); samples whose weights are all 0 need no work.
+            (S, m). Samples whose weights are all 0 can be skipped.
 
         Returns
         -------
         tuple of ndarray
-            Zeros where the clearance does not depend on one of them.
+            An array of zeros where the clearance does not depend on a quantity.
         """
         ...
 
-
-# Limits of joint positions, velocities and accelerations, as constraints on a motion.
 
 _ORDERS = {"position": 0, "velocity": 1, "acceleration": 2}
 
@@ -126,14 +125,14 @@ class JointLimit:
 
     @cached_property
     def scale(self) -> Array:
-        """Half the range of each joint; a half turn or half a metre where it is not bounded on both sides."""
+        """Half the range of each joint; 1 rad or 1 m where it is not bounded on both sides."""
         half = 0.5 * (self.upper - self.lower)
         half = np.where(np.isfinite(half), half, 1.0)
         low, high = self._columns
         return np.concatenate([half[low], half[high]])
 
     def clearance(self, q: Array, dq: Array, ddq: Array) -> Array:
-        """Return how far each sample is from the limits, (S, m), in rad or m and per s."""
+        """Return the distances of the samples from the limits, (S, m), rad or m, per s or per s²."""
         values = (q, dq, ddq)[_ORDERS[self.name]]
         low, high = self._columns
         return np.hstack([values[:, low] - self.lower[low], self.upper[high] - values[:, high]])
@@ -150,7 +149,7 @@ class JointLimit:
 
 
 def joint_limits(limits: MotionLimits) -> tuple[JointLimit, ...]:
-    """Return the constraints on positions, velocities and accelerations, those that are finite."""
+    """Return the constraints for the finite limits of positions, velocities and accelerations."""
     names = limits.joint_names
     every = (
         JointLimit("position", names, limits.lower, limits.upper),
@@ -160,9 +159,6 @@ def joint_limits(limits: MotionLimits) -> tuple[JointLimit, ...]:
     return tuple(limit for limit in every if limit.labels)
 
 
-# Limits of joint torques and of power, predicted with given parameters, as constraints on a motion.
-
-
 def predicted_parameters(model: Model, parameters: ArrayLike | None) -> Array:
     """Return the parameters with which torques are predicted, (n,).
 
@@ -170,12 +166,12 @@ def predicted_parameters(model: Model, parameters: ArrayLike | None) -> Array:
     ----------
     model : Model
     parameters : array_like, optional
-        (n,); by default those of the description, with 0 for friction that it does not tell.
+        (n,); by default those of the description, with 0 for friction parameters that it does not have.
 
     Raises
     ------
     InputError
-        If the description has no inertia for some link, or the parameters have a wrong size.
+        If the description has no inertia for some link, or the number of parameters is wrong.
     """
     robot = model.robot
     if parameters is not None:
@@ -198,7 +194,7 @@ def predicted_parameters(model: Model, parameters: ArrayLike | None) -> Array:
 
 @dataclass(frozen=True, eq=False)
 class _MagnitudeLimit:
-    """What limits on the magnitude of a quantity of each joint share."""
+    """Base of the limits on the magnitude of a quantity of each joint."""
 
     torque: CompiledVjp
     joint_names: tuple[str, ...]
@@ -215,7 +211,7 @@ class _MagnitudeLimit:
 
     @cached_property
     def scale(self) -> Array:
-        """The limits themselves."""
+        """The limits, with which violations are compared."""
         return np.asarray(self.limit[self._columns])
 
 
@@ -226,7 +222,7 @@ class TorqueLimit(_MagnitudeLimit):
     Attributes
     ----------
     torque : CompiledVjp
-        Inverse dynamics at the parameters.
+        Inverse dynamics with the given parameters.
     joint_names : tuple of str
     limit : ndarray
         (N,) N·m or N; infinite where there is none.
@@ -239,7 +235,7 @@ class TorqueLimit(_MagnitudeLimit):
         return self.scale - np.abs(self.torque(q, dq, ddq)[:, self._columns])
 
     def vjp(self, q: Array, dq: Array, ddq: Array, weights: Array) -> tuple[Array, Array, Array]:
-        """Return the gradients (S, N) of ``sum(weights * clearance)``; friction counts as constant."""
+        """Return the gradients (S, N) of ``sum(weights * clearance)``, at a constant sign of Coulomb friction."""
         slope = np.zeros_like(q)
         slope[:, self._columns] = -weights * np.sign(self.torque(q, dq, ddq)[:, self._columns])
         return self.torque.vjp(q, dq, ddq, slope)
@@ -290,12 +286,12 @@ class TotalPowerLimit:
 
     @property
     def labels(self) -> tuple[str, ...]:
-        """The limit."""
+        """Description of the limit."""
         return (f"all joints within {self.limit:.6g}",)
 
     @property
     def scale(self) -> float:
-        """The limit itself."""
+        """The limit, with which violations are compared."""
         return self.limit
 
     def clearance(self, q: Array, dq: Array, ddq: Array) -> Array:
@@ -313,14 +309,14 @@ class TotalPowerLimit:
 def torque_limits(
     model: Model, limits: MotionLimits, parameters: ArrayLike | None = None
 ) -> tuple[MotionConstraint, ...]:
-    """Return the constraints on torques and power, those that are finite.
+    """Return the constraints for the finite limits of torques and power.
 
     Parameters
     ----------
     model : Model
     limits : MotionLimits
     parameters : array_like, optional
-        See `predicted_parameters`.
+        Parameters with which torques are predicted, see `predicted_parameters`.
     """
     if not limits.needs_torque:
         return ()

@@ -25,7 +25,7 @@ JOINT_FIELDS = ("lower", "upper", "velocity", "acceleration", "torque", "power")
 
 @dataclass(frozen=True, eq=False)
 class MotionLimits:
-    """What the joints may do; infinite where there is no limit.
+    """Limits of the motion of each joint; infinite where there is no limit.
 
     Attributes
     ----------
@@ -33,7 +33,7 @@ class MotionLimits:
     lower, upper : ndarray
         (N,) positions, rad or m.
     velocity, acceleration : ndarray
-        (N,) largest magnitudes, rad/s or m/s, and per s more.
+        (N,) largest magnitudes, rad/s or m/s, and rad/s² or m/s².
     torque : ndarray
         (N,) largest magnitudes, N·m or N.
     power : ndarray
@@ -73,32 +73,33 @@ class MotionLimits:
             if not self.lower[k] < self.upper[k]:
                 raise InputError(
                     f"The lower limit of {joint} is {self.lower[k]:g} and the upper one {self.upper[k]:g}: "
-                    "there is no room to move; widen them, or lock the joint."
+                    "the joint cannot move; widen the limits, or lock the joint."
                 )
             for name in JOINT_FIELDS[2:]:
                 if not getattr(self, name)[k] > 0.0:
                     raise InputError(
                         f"The {name} limit of {joint} is {getattr(self, name)[k]:g}, but it must be positive for the "
-                        "joint to move; give a true one, or inf where there is none."
+                        "joint to move; correct it, or give inf where there is no limit."
                     )
         if not self.total_power > 0.0:
             raise InputError(f"total_power must be positive, in W, got {self.total_power}.")
 
     @classmethod
     def of(cls, joint_names: Sequence[str], **limits: Any) -> MotionLimits:
-        """Build limits from numbers, rows or tables by joint name.
+        """Build limits from numbers, lists, or mappings from joint names.
 
         Parameters
         ----------
         joint_names : sequence of str
         **limits
-            Fields of this class: a number for all the joints, a list with one for each, or a mapping from some joint
-            names to numbers. What is not named has no limit. ``effort`` is ``torque``, as in robot.toml.
+            Fields of this class: a number for all joints, a list with one number for each, or a mapping from some joint
+            names to numbers. Quantities that are not named have no limit. ``effort`` is another name of ``torque``, as
+            in robot.toml.
 
         Raises
         ------
         InputError
-            For an unknown limit or joint, a wrong count, or a value that is no number.
+            If a limit or joint is unknown, the number of values is wrong, or a value is no number.
         """
         none = np.full(len(joint_names), np.inf)
         free = cls(tuple(joint_names), -none, none, none, none, none, none)
@@ -108,7 +109,7 @@ class MotionLimits:
     def from_robot(cls, robot: Robot) -> MotionLimits:
         """Return the limits of the description: positions, velocities and efforts of the driving joints.
 
-        The limits of a joint that mimics another one count for the one that it mimics.
+        The limits of a joint that mimics another one are limits of the joint that it mimics.
         """
         count = robot.dof
         lower, upper = np.full(count, -np.inf), np.full(count, np.inf)
@@ -126,14 +127,14 @@ class MotionLimits:
 
     @classmethod
     def envelope(cls, trajectories: Sequence[Trajectory], joint_names: Sequence[str], rate: float) -> MotionLimits:
-        """Return the range of positions and the largest speeds and accelerations of some trajectories together.
+        """Return the smallest limits that some trajectories keep: of positions, velocities and accelerations.
 
         Parameters
         ----------
         trajectories : sequence of Trajectory
         joint_names : sequence of str
         rate : float
-            At which they are sampled, Hz.
+            Rate at which the trajectories are sampled, Hz.
         """
         motions = [trajectory.sample(rate)[1:] for trajectory in trajectories]
         if not motions:
@@ -153,9 +154,9 @@ class MotionLimits:
         Parameters
         ----------
         limits : mapping
-            See `of`; joints that a mapping does not name keep their limits.
+            As in `of`; joints that a mapping does not name keep their limits.
         where : str
-            Named in messages.
+            Origin of the limits, such as the path of a file, for messages.
         """
         known = (*JOINT_FIELDS, "total_power")
         changes: dict[str, Any] = {}
@@ -195,7 +196,7 @@ class MotionLimits:
         )
 
     def reduced(self, margin: float) -> MotionLimits:
-        """Return limits that leave a fraction of these free: 0.1 keeps a tenth of each range and magnitude."""
+        """Return limits that are narrower by a fraction: with 0.1, a tenth of each range and magnitude stays free."""
         if not 0.0 <= margin < 1.0:
             raise InputError(f"margin must be a fraction from 0 to below 1, got {margin!r}.")
         span = self.upper - self.lower
@@ -205,7 +206,7 @@ class MotionLimits:
 
     @property
     def needs_torque(self) -> bool:
-        """Whether any of them is about torque or power."""
+        """Whether there is a limit of torque or power."""
         return bool(np.isfinite([*self.torque, *self.power, self.total_power]).any())
 
     def to_dict(self) -> dict[str, Any]:
@@ -230,8 +231,6 @@ class MotionLimits:
         return html_table("", ("joint", *JOINT_FIELDS), rows)
 
 
-# The limits file: what the joints may do, and what the robot must keep clear of, as TOML.
-
 _LIMITS = (*JOINT_FIELDS, "effort", "total_power")
 
 
@@ -241,21 +240,21 @@ def limits_from_file(path: str | Path) -> tuple[dict[str, Any], dict[str, Any]]:
     Parameters
     ----------
     path : str or Path
-        TOML. At its top level, or in a table ``[limits]``: ``lower``, ``upper``, ``velocity``, ``acceleration``,
-        ``torque`` (or ``effort``), ``power``: a number for all the joints, a list with one for each, or a table by
-        joint name; and ``total_power``.
+        A TOML file. At its top level, or in a table ``[limits]``, it has ``lower``, ``upper``, ``velocity``,
+        ``acceleration``, ``torque`` (or ``effort``) and ``power``, each a number for all joints, a list with one number
+        for each, or a table by joint name; and ``total_power``.
 
     Returns
     -------
     limits : dict
-        For :meth:`MotionLimits.updated`.
+        The limits, for :meth:`MotionLimits.updated`.
     sections : dict
         The other tables, which describe obstacles.
 
     Raises
     ------
     InputError
-        If the file cannot be read, or has a key that is none of these.
+        If the file cannot be read, or has an unknown key.
 
     Examples
     --------

@@ -1,4 +1,4 @@
-"""The search for the best motion: several random starts, side by side, of which the best are refined."""
+"""The search for the best motion: several random starts in parallel, of which the best are refined."""
 
 from __future__ import annotations
 
@@ -22,33 +22,37 @@ from .workers import Flag, Pool, pool_of
 __all__ = ["Candidate", "Minimiser", "Search", "SearchOptions", "SearchResult", "resting_configurations"]
 
 Array = NDArray[np.float64]
-# From a problem, the (N P,) coefficients to start at, and what tells whether to stop now, to better coefficients.
+# Function of a problem, the (N P,) initial coefficients, and a function that tells whether to stop; returns better
+# coefficients.
 Minimiser = Callable[[DesignProblem, Array, Callable[[], bool]], Array]
+# Random configurations among which those in which the robot may rest are looked for. They are examined in blocks until
+# there are enough, so that only robots in narrow surroundings need all of them.
 _CONFIGURATIONS = 4000
-_REFINED = 4  # one in so many starts is refined
-_ROUNDS = 3  # in which instants that were violated join those that the minimisation looks at
+_REFINED = 4  # one in so many starts is refined, which takes about as long as all the starts together
+_ROUNDS = 3  # of a refinement at most; violated instants are added to the checked ones before the next round
 
 
 @dataclass(frozen=True, kw_only=True)
 class SearchOptions:
-    """How long, and from where, the best motion is searched for.
+    """Number of starts, duration and method of the search for the best motion.
 
     Attributes
     ----------
     minimiser : callable, optional
-        Another way to minimise from each start, called with the :class:`DesignProblem`, the (N P,) coefficients to
-        start at, and a function that tells whether to stop now; returns better coefficients. By default the search
+        A function that minimises from each start. It is called with the :class:`DesignProblem`, the (N P,) initial
+        coefficients, and a function that tells whether to stop, and returns better coefficients. By default the search
         uses the gradient and refines the best results.
     starts, seed : int
+        Number of random starts, and seed of the random numbers.
     workers : int, optional
-        How many starts run side by side; as many as there are processors by default.
+        Number of starts that run in parallel; the number of processors by default.
     time_limit : float, optional
-        s, after which the best so far is taken.
+        Time after which the search ends with the best motion so far, s.
 
     Raises
     ------
     InputError
-        If one of them cannot be.
+        If an option is out of its range.
     """
 
     minimiser: Minimiser | None = None
@@ -67,7 +71,7 @@ class SearchOptions:
 
     @property
     def method(self) -> str:
-        """Name of what minimises: ``"gradient"``, or that of the minimiser that is given."""
+        """Name of the method: ``"gradient"``, or the name of the given minimiser."""
         given = self.minimiser
         return "gradient" if given is None else getattr(given, "__name__", type(given).__name__)
 
@@ -81,20 +85,20 @@ def _processors() -> int:
 
 @dataclass(frozen=True, eq=False)
 class Candidate:
-    """A motion that was found.
+    """The result of one start.
 
     Attributes
     ----------
     index : int
-        Of its start.
+        Index of the start.
     iterate : Iterate
-        Where the minimisation ended.
+        Final state of the minimisation.
     x : ndarray or None
-        (N P,) coefficients that keep every limit at 1 kHz; None where there are none.
+        (N P,) coefficients that keep every limit at 1 kHz; None where the repair failed.
     figure : float
-        Of the criterion, with the exact sign of friction.
+        Value of the criterion, with the exact sign of Coulomb friction.
     worst : Margin
-        The least margin, before the repair.
+        The smallest margin before the repair.
     """
 
     index: int
@@ -106,7 +110,7 @@ class Candidate:
 
 @dataclass(frozen=True, eq=False)
 class SearchResult:
-    """The best candidate, how many starts were made, and why the search ended."""
+    """The best candidate, the number of starts that were finished, and how the search ended."""
 
     best: Candidate
     finished: int
@@ -115,18 +119,18 @@ class SearchResult:
 
 @dataclass(eq=False)
 class Search:
-    """Runs starts side by side.
+    """Runs the starts in parallel and refines the best results.
 
     Attributes
     ----------
     problem : DesignProblem
     verifier : Verifier
     figure : callable
-        From coefficients x to the criterion with the exact sign.
+        Returns the criterion, with the exact sign of Coulomb friction, for coefficients x.
     limits : MotionLimits
     options : SearchOptions
     say : callable
-        Called with a few words after each step.
+        Called with a short text after each step.
     """
 
     problem: DesignProblem
@@ -140,19 +144,19 @@ class Search:
     _stage: str = ""
 
     def run(self, configurations: Sequence[Array]) -> SearchResult:
-        """Search.
+        """Run the search.
 
         Parameters
         ----------
         configurations : sequence of ndarray
-            (N,) each, in which the robot may rest; start k moves about one of them.
+            (N,) each, configurations in which the robot may rest; each start moves about one of them.
 
         Raises
         ------
         SolverError
             If no start leads to a motion that keeps every limit.
         KeyboardInterrupt
-            If it comes before any such motion was found.
+            If the user interrupts the search before such a motion was found.
         """
         if self.options.time_limit is not None:
             self._deadline = time.monotonic() + self.options.time_limit
@@ -173,7 +177,7 @@ class Search:
                 status = "interrupted"
             except BrokenExecutor:
                 raise SolverError(
-                    "A process of the search was ended from outside, perhaps for want of memory; try workers=1."
+                    "A process of the search was killed, perhaps because memory ran out; try workers=1."
                 ) from None
         if status == "finished" and self._stopped():
             status = "time limit"
@@ -192,7 +196,7 @@ class Search:
         return SearchResult(best, len(found), status)
 
     def _collect(self, pool: Pool, tasks: Mapping[int, tuple[Any, ...]], found: dict[int, Candidate]) -> None:
-        """Let the pool work, and keep what is better than what was found before."""
+        """Run tasks in the pool, and keep results that are better than those found before."""
         waiting: dict[Future[Candidate | None], int] = {pool.submit(*task): k for k, task in tasks.items()}
         try:
             while waiting:
@@ -232,7 +236,7 @@ class Search:
         return self._halt.is_set() or time.monotonic() > self._deadline
 
     def _compile(self) -> None:
-        """Call everything that is compiled at its first use, so that the workers find it there."""
+        """Call every function that is compiled at its first use, so that the workers share the compiled code."""
         problem = self.problem
         x = np.zeros(problem.unknowns)
         motion = problem.motion(x)
@@ -278,7 +282,7 @@ class Search:
         return Candidate(k, iterate, x, float("nan") if x is None else self.figure(x), worst)
 
     def _random_start(self, random: np.random.Generator, configuration: Array) -> Array:
-        """Return random coefficients about a configuration, small enough for the limits that are linear in them."""
+        """Return random coefficients about a configuration, scaled so that the motion is mostly within its limits."""
         problem = self.problem
         still = ((configuration - problem.center)[:, None] * problem.family.constant / problem.scale).ravel()
         moving = random.standard_normal(problem.unknowns)
@@ -295,9 +299,10 @@ class Search:
 def resting_configurations(
     problem: DesignProblem, limits: MotionLimits, seed: int, count: int
 ) -> tuple[tuple[Array, ...], str | None]:
-    """Return configurations in which the robot may rest, (N,) each.
+    """Return configurations (N,) in which the robot can rest within all limits.
 
-    The middle of the ranges comes first, where the robot may rest in it; the others are random, the roomiest first.
+    The middle of the ranges comes first, where the robot can rest in it. The others are random; those with the largest
+    margins come first.
 
     Parameters
     ----------
@@ -305,12 +310,12 @@ def resting_configurations(
     limits : MotionLimits
     seed : int
     count : int
-        How many are wanted at most.
+        Largest number of configurations.
 
     Returns
     -------
     configurations : tuple of ndarray
-        Empty where there is none.
+        Empty where no such configuration was found.
     obstacle : str or None
         In this case the constraint that the fewest configurations keep.
     """
@@ -322,7 +327,7 @@ def resting_configurations(
     )
     room = np.full(len(q), np.inf)
     obstacle: tuple[int, str] = (len(q) + 1, "")
-    for begin in range(0, len(q), 500):  # the first ones that are free are enough
+    for begin in range(0, len(q), 500):  # until enough configurations are found
         part = slice(begin, begin + 500)
         own = np.ascontiguousarray(q[part])
         still = np.zeros_like(own)

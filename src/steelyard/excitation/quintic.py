@@ -1,4 +1,4 @@
-"""Trajectories as polynomials of degree five between instants at which the motion is given."""
+"""Trajectories of polynomials of degree five between instants at which the motion is given."""
 
 from __future__ import annotations
 
@@ -17,8 +17,8 @@ __all__ = ["QuinticTrajectory", "hermite"]
 
 Array = NDArray[np.float64]
 
-# Rows: powers 0 to 5 of u in the six Hermite polynomials of degree five on 0 to 1, which hold value, slope and
-# curvature at u = 0, then the same at u = 1.
+# Each row holds the coefficients of the powers 0 to 5 of u in one of the six Hermite polynomials of degree five on 0 to
+# 1. They have one as value, first or second derivative at u = 0, then at u = 1, and zero for the other five.
 _HERMITE = np.array(
     [
         [1.0, 0.0, 0.0, -10.0, 15.0, -6.0],
@@ -37,7 +37,7 @@ def hermite(u: Array, span: Array) -> tuple[Array, Array, Array]:
     Parameters
     ----------
     u : ndarray
-        (S,) place in the interval, 0 to 1.
+        (S,) relative position in the interval, 0 to 1.
     span : ndarray
         (S,) length of the interval, s.
     """
@@ -48,7 +48,7 @@ def hermite(u: Array, span: Array) -> tuple[Array, Array, Array]:
         for k in range(order):
             factor = factor * (powers - k)
         shape = u[:, None] ** np.maximum(powers - order, 0) * factor
-        # A slope counts per span, a curvature per squared span, and each derivative takes one away.
+        # Derivatives by u are derivatives by time times powers of the span.
         size = span[:, None] ** (np.array([0, 1, 2, 0, 1, 2]) - order)
         results.append(shape @ _HERMITE.T * size)
     return results[0], results[1], results[2]
@@ -56,12 +56,12 @@ def hermite(u: Array, span: Array) -> tuple[Array, Array, Array]:
 
 @dataclass(frozen=True, eq=False)
 class QuinticTrajectory(SampledTrajectory):
-    """Motions given at some instants, joined by polynomials of degree five: two continuous derivatives.
+    """A motion given at some instants, with polynomials of degree five between and two continuous derivatives.
 
     Attributes
     ----------
     times : ndarray
-        (K,) instants, s, increasing from 0; K at least 2.
+        (K,) instants, increasing from 0, s; K is at least 2.
     q, dq, ddq : ndarray
         (K, N) positions, velocities and accelerations at these instants.
 
@@ -95,7 +95,7 @@ class QuinticTrajectory(SampledTrajectory):
 
     @classmethod
     def point_to_point(cls, points: ArrayLike, spans: ArrayLike | Sequence[float]) -> QuinticTrajectory:
-        """Return the motion that rests at each of some points and moves from one to the next.
+        """Return a motion from point to point that rests at each point.
 
         Parameters
         ----------

@@ -24,9 +24,9 @@ def joint_trajectory_text(names: Sequence[str], t: Array, q: Array, dq: Array, d
     Parameters
     ----------
     names : sequence of str
-        Of the N joints.
+        Names of the N joints.
     t : ndarray
-        (S,) s.
+        (S,) times, s.
     q, dq, ddq : ndarray
         (S, N).
     """
@@ -37,7 +37,7 @@ def joint_trajectory_text(names: Sequence[str], t: Array, q: Array, dq: Array, d
         f"joint_names: {json.dumps(list(names), ensure_ascii=False)}",
         "points:",
     ]
-    # Each point stands in flow style, which is JSON and YAML alike.
+    # Each point is written in flow style, which is valid JSON and YAML.
     for k, instant in enumerate(t):
         seconds, nanoseconds = divmod(round(float(instant) * _NANO), _NANO)
         point = {
@@ -52,12 +52,12 @@ def joint_trajectory_text(names: Sequence[str], t: Array, q: Array, dq: Array, d
 
 
 def read_joint_trajectory(path: Path) -> tuple[Array, Array, Array, Array]:
-    """Read what `joint_trajectory_text` made: t (S,), q, dq and ddq (S, N).
+    """Read a file written by `joint_trajectory_text`: t (S,), q, dq and ddq (S, N).
 
     Raises
     ------
     InputError
-        If a point is in another style.
+        If the file is not written in this way.
     """
     lines = read_text(path, remedy="give a JointTrajectory that steelyard wrote").splitlines()
     start = next((k for k, line in enumerate(lines) if line.strip() == "points:"), None)
@@ -74,8 +74,8 @@ def read_joint_trajectory(path: Path) -> tuple[Array, Array, Array, Array]:
             motion.append([point[name] for name in ("positions", "velocities", "accelerations")])
         except (ValueError, KeyError, TypeError):
             raise InputError(
-                f"{path}: line {number} is no point with positions, velocities, accelerations and time_from_start in "
-                "one line; expected a JointTrajectory that steelyard wrote."
+                f"{path}: line {number} is not a point with positions, velocities, accelerations and time_from_start "
+                "in one line; expected a JointTrajectory that steelyard wrote."
             ) from None
     if len(t) < 2:
         raise InputError(f"{path}: has {len(t)} points; a trajectory needs at least 2.")

@@ -1,4 +1,4 @@
-"""Trajectories as B-splines of degree five, from rest to rest."""
+"""Trajectories of B-splines of degree five, from rest to rest."""
 
 from __future__ import annotations
 
@@ -20,24 +20,24 @@ DEGREE = 5
 
 
 def clamped_knots(count: int, duration: float) -> Array:
-    """Return the knots of `count` B-splines of degree five, evenly spread, that end at their last control points."""
+    """Return evenly spaced knots for `count` control points, with the first and last point as ends of the curve."""
     inner = np.linspace(0.0, duration, count - DEGREE + 1)
     return np.concatenate([np.zeros(DEGREE), inner, np.full(DEGREE, duration)])
 
 
 @dataclass(frozen=True, eq=False)
 class SplineTrajectory(SampledTrajectory):
-    """Joint positions as B-splines of degree five with evenly spread knots: four continuous derivatives.
+    """A trajectory of B-splines of degree five with evenly spaced knots and four continuous derivatives.
 
-    The first and the last control point of each joint are each taken three times, so that the motion starts from rest
-    and stops at rest, without a step of acceleration.
+    The first and the last control point of each joint are repeated three times, so that the motion starts and ends at
+    rest with zero acceleration.
 
     Attributes
     ----------
     points : ndarray
-        (N, P) control points, rad or m, without the repetitions; P at least 2.
+        (N, P) control points without the repetitions, rad or m; P is at least 2.
     duration : float
-        s.
+        Duration, s.
 
     Examples
     --------

@@ -1,4 +1,4 @@
-"""What every trajectory can do: tell its motion at any time, be sampled, be saved as a file."""
+"""The interface of trajectories, and how trajectories are sampled and saved."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ __all__ = ["FORMAT", "SUFFIXES", "SampledTrajectory", "Trajectory", "sample_time
 Array = NDArray[np.float64]
 FORMAT = "steelyard-trajectory-1"
 SUFFIXES = (".json", ".csv", ".parquet", ".yaml", ".yml")
-TABLE_RATE, ROS_RATE = 1000.0, 100.0  # Hz
+TABLE_RATE, ROS_RATE = 1000.0, 100.0  # Hz; controllers of ROS interpolate
 
 
 @runtime_checkable
@@ -29,7 +29,7 @@ class Trajectory(Protocol):
     Attributes
     ----------
     duration : float
-        s, from the first to the last instant.
+        Time from the first to the last instant, s.
     dof : int
         Number N of joints.
     """
@@ -45,15 +45,15 @@ class Trajectory(Protocol):
         ...
 
     def motion(self, t: ArrayLike) -> tuple[Array, Array, Array]:
-        """Return q, dq and ddq, (S, N) each, at times (S,) in s."""
+        """Return q, dq and ddq, (S, N) each, at times (S,), s."""
         ...
 
     def sample(self, rate: float) -> tuple[Array, Array, Array, Array]:
-        """Return t (S,), q, dq and ddq (S, N) at `rate` Hz."""
+        """Return t (S,), q, dq and ddq (S, N) at `rate` (Hz)."""
         ...
 
     def save(self, path: str | Path) -> None:
-        """Write the trajectory; the suffix says in which format."""
+        """Write the trajectory to a file; its suffix determines the format."""
         ...
 
 
@@ -63,7 +63,7 @@ def times_of(t: ArrayLike) -> Array:
     Raises
     ------
     InputError
-        If they are not a row of finite numbers.
+        If `t` is not a one-dimensional array of finite numbers.
     """
     times = np.asarray(t, dtype=np.float64)
     if times.ndim != 1 or not np.isfinite(times).all():
@@ -72,7 +72,7 @@ def times_of(t: ArrayLike) -> Array:
 
 
 def sample_times(duration: float, rate: float) -> Array:
-    """Return the instants from 0 to the first one not before `duration`, at `rate` Hz.
+    """Return the instants at `rate` (Hz) from 0 to the first one that is not before `duration` (s).
 
     Raises
     ------
@@ -85,15 +85,15 @@ def sample_times(duration: float, rate: float) -> Array:
 
 
 class SampledTrajectory:
-    """What the trajectories of this room share: they are sampled from their first to their last instant, and saved."""
+    """Base class of the trajectories of this package: sampling from the first to the last instant, and saving."""
 
     def sample(self: Trajectory, rate: float) -> tuple[Array, Array, Array, Array]:
-        """Return t (S,), q, dq and ddq (S, N) from the first to the last instant at `rate` Hz."""
+        """Return t (S,), q, dq and ddq (S, N) from the first to the last instant at `rate` (Hz)."""
         t = sample_times(self.duration, rate)
         return (t, *self.motion(t))
 
     def save(self: Trajectory, path: str | Path) -> None:
-        """Write it, see :func:`steelyard.excitation.save_trajectory`."""
+        """Write the trajectory; see :func:`steelyard.excitation.save_trajectory`."""
         save_trajectory(self, path)
 
 
@@ -104,19 +104,19 @@ def save_trajectory(
     rate: float | None = None,
     joint_names: Sequence[str] | None = None,
 ) -> None:
-    """Write a trajectory; the file appears whole or not at all.
+    """Write a trajectory; the file is written completely or not at all.
 
     Parameters
     ----------
     trajectory : Trajectory
     path : str or Path
-        ``.json`` holds the coefficients, from which `load_trajectory` makes the same trajectory. The others hold
-        samples: ``.csv`` and ``.parquet`` columns t, q1 …, dq1 …, ddq1 …, and ``.yaml`` a ROS 2
+        A ``.json`` file holds the coefficients, from which `load_trajectory` makes the same trajectory. The other
+        formats hold samples: ``.csv`` and ``.parquet`` in columns t, q1 …, dq1 …, ddq1 …, and ``.yaml`` as a ROS 2
         ``trajectory_msgs/msg/JointTrajectory``.
     rate : float, optional
-        Of the samples, Hz: 1000 by default, 100 for ROS, whose controllers interpolate.
+        Rate of the samples, Hz: by default 1000, and 100 for ROS, whose controllers interpolate.
     joint_names : sequence of str, optional
-        For ROS and JSON; joint1, joint2 and so on by default.
+        Names of the joints for ROS and JSON; joint1, joint2 and so on by default.
 
     Raises
     ------
@@ -157,8 +157,8 @@ def _coefficients(trajectory: Trajectory) -> dict[str, Any]:
     to_dict = getattr(trajectory, "to_dict", None)
     if to_dict is None:
         raise InputError(
-            f"A trajectory of type {type(trajectory).__name__} has no coefficients that are known here; save it as "
-            ".csv, .parquet or .yaml."
+            f"A trajectory of type {type(trajectory).__name__} has no method to_dict() that returns its coefficients; "
+            "save it as .csv, .parquet or .yaml."
         )
     found: dict[str, Any] = to_dict()
     return found

@@ -1,4 +1,4 @@
-"""Reads trajectories that were saved: coefficients as JSON, samples as CSV, Parquet or a ROS 2 JointTrajectory."""
+"""Reads saved trajectories: coefficients from JSON, samples from CSV, Parquet or a ROS 2 JointTrajectory."""
 
 from __future__ import annotations
 
@@ -21,11 +21,13 @@ from .trajectory import FORMAT, SUFFIXES, Trajectory
 __all__ = ["load_trajectory"]
 
 Array = NDArray[np.float64]
-LARGEST, LONGEST = 1e12, 1e7  # of positions and their derivatives; s
+# Larger positions, velocities or accelerations, or durations (s), come from a damaged file: no robot has them, and
+# their squares would overflow later.
+LARGEST, LONGEST = 1e12, 1e7
 
 
 def load_trajectory(path: str | Path) -> Trajectory:
-    """Read what `save_trajectory` wrote.
+    """Read a trajectory that `save_trajectory` wrote.
 
     Parameters
     ----------
@@ -34,13 +36,13 @@ def load_trajectory(path: str | Path) -> Trajectory:
     Returns
     -------
     Trajectory
-        The same one from JSON. From samples, the polynomials of degree five that pass through them, with their
-        velocities and accelerations.
+        From JSON the same trajectory. From samples a :class:`QuinticTrajectory`, whose polynomials of degree five have
+        the positions, velocities and accelerations of the samples.
 
     Raises
     ------
     InputError
-        If the file is missing or is something else.
+        If the file is missing or is not a trajectory.
     """
     source = Path(path)
     suffix = source.suffix.lower()

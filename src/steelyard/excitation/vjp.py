@@ -1,4 +1,4 @@
-"""Gradients of model functions by the motion, in reverse: from weights on the outputs to q, dq and ddq.
+"""Vector-Jacobian products of model functions: gradients of weighted sums of outputs by q, dq and ddq.
 
 A function of the model is a graph. The weighted sum of its outputs is a graph with the weights as inputs, and its
 gradient, by reverse accumulation, costs a few times the function itself, whatever the number of outputs (Griewank and
@@ -22,19 +22,19 @@ _MOTION = ("q", "dq", "ddq")
 
 
 def vjp_function(function: Function, elements: NDArray[np.intp]) -> Function:
-    """Return the function that reads, besides what `function` reads, a weight for some outputs, and gives gradients.
+    """Return the function that computes the gradients of a weighted sum of outputs.
 
     Parameters
     ----------
     function : Function
-        Of q, dq and ddq, and of whatever else.
+        A function of q, dq, ddq and possibly other arguments.
     elements : ndarray of int
-        Flat indices of the outputs that have a weight.
+        Flat indices of the outputs in the weighted sum.
 
     Returns
     -------
     Function
-        With the further argument ``weights`` and the outputs ``by_q``, ``by_dq``, ``by_ddq``, (N,) each.
+        It has the further argument ``weights`` and the outputs ``by_q``, ``by_dq``, ``by_ddq``, (N,) each.
     """
     nodes = function.nodes
     graph = nodes[0].graph
@@ -52,20 +52,20 @@ def vjp_function(function: Function, elements: NDArray[np.intp]) -> Function:
 
 
 class CompiledVjp:
-    """A function of the model and its gradient in reverse, both compiled.
+    """A function of the model and its vector-Jacobian product, both compiled.
 
     Parameters
     ----------
     function : Function
     uniform : mapping
-        For each argument besides q, dq and ddq its values.
+        The values of each argument besides q, dq and ddq.
     sparse : bool
-        Leave the outputs that are always 0 out.
+        Whether outputs that are always 0 are left out.
 
     Attributes
     ----------
     places : ndarray of int
-        Flat indices of the outputs that are computed, in this order.
+        Flat indices of the outputs that are computed, in their order.
     """
 
     def __init__(self, function: Function, uniform: Mapping[str, Array], *, sparse: bool = False) -> None:
@@ -99,7 +99,7 @@ class RegressorInformation:
     sign_width : float
         Velocity at which the smooth sign of Coulomb friction is 0.707, rad/s or m/s.
     joint_weights : ndarray
-        (N,) factors of the rows of each joint.
+        (N,) factors by which the rows of each joint are multiplied.
 
     Examples
     --------
@@ -122,7 +122,7 @@ class RegressorInformation:
         self._squares = np.asarray(joint_weights, dtype=np.float64) ** 2
 
     def information(self, q: Array, dq: Array, ddq: Array) -> tuple[Array, list[Array]]:
-        """Return the mean of the information of the samples, (n_b, n_b), and what `vjp` needs."""
+        """Return the mean of the information of the samples, (n_b, n_b), and the parts that `vjp` needs."""
         values = self._regressor(q, dq, ddq)
         total = np.zeros((self._count, self._count))
         parts = []
@@ -133,7 +133,7 @@ class RegressorInformation:
         return total, parts
 
     def factor(self, parts: list[Array]) -> Array:
-        """Return a matrix (n_b, n_b) whose square is the mean of the information, from what `information` returned."""
+        """Return a factor (n_b, n_b) of the mean information, from the parts that `information` returned."""
         rows = [
             _spread(values, columns, self._count) * np.sqrt(weight / len(values))
             for values, (_, columns), weight in zip(parts, self._joints, self._squares, strict=True)
@@ -150,7 +150,7 @@ class RegressorInformation:
 
     @staticmethod
     def exact(model: Model, q: Array, dq: Array, ddq: Array, joint_weights: Array) -> Array:
-        """Return the sum, not the mean, of the information of the samples with the exact sign, (n_b, n_b)."""
+        """Return the sum of the information of the samples, (n_b, n_b), with the exact sign of Coulomb friction."""
         count = model.base_parameters().count
         total = np.zeros((count, count))
         for parts in _exact_rows(model, q, dq, ddq, joint_weights):
@@ -160,7 +160,7 @@ class RegressorInformation:
 
     @staticmethod
     def exact_factor(model: Model, q: Array, dq: Array, ddq: Array, joint_weights: Array) -> Array:
-        """Return a matrix (n_b, n_b) whose square is what `exact` returns, without its rounding errors."""
+        """Return a factor (n_b, n_b) of what `exact` returns, without the rounding errors of the squares."""
         count = model.base_parameters().count
         total = np.zeros((0, count))
         for parts in _exact_rows(model, q, dq, ddq, joint_weights):
@@ -172,7 +172,7 @@ class RegressorInformation:
 def _exact_rows(
     model: Model, q: Array, dq: Array, ddq: Array, joint_weights: Array
 ) -> Iterator[list[tuple[NDArray[np.intp], Array]]]:
-    """Yield, for some samples at a time, the columns of each joint that are not 0, and its weighted rows in them."""
+    """Yield for each block of samples the nonzero columns of each joint and its weighted rows in these columns."""
     columns = model.base_columns.joints
     splits = np.cumsum([len(c) for c in columns])[:-1]
     for start in range(0, len(q), 2048):
@@ -182,7 +182,7 @@ def _exact_rows(
 
 
 def _spread(rows: Array, columns: NDArray[np.intp], count: int) -> Array:
-    """Return rows with all the columns, zeros where `columns` do not say otherwise."""
+    """Return rows with all columns, which are zero outside `columns`."""
     whole = np.zeros((len(rows), count))
     whole[:, columns] = rows
     return whole

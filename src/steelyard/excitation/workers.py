@@ -1,7 +1,7 @@
-"""Runs the starts of a search side by side: in processes where the system can branch them off, otherwise in threads.
+"""Runs the starts of a search in parallel: in forked processes where the system allows it, otherwise in threads.
 
-A process that is branched off has all that the search needs already, compiled code included, so that nothing but the
-number of a start goes to it and a candidate comes back.
+A forked process has all data and compiled code of the search already, so that only the arguments of a task are sent to
+it, and only the result is sent back.
 """
 
 from __future__ import annotations
@@ -31,11 +31,11 @@ _NUMBERS = count()
 
 
 def single_threaded(function: Callable[Arguments, Result]) -> Callable[Arguments, Result]:
-    """Let a function run with linear algebra in one thread, that of SciPy too, which has its own library."""
+    """Make a function run with linear algebra in one thread, in NumPy and in SciPy, which has its own library."""
 
     @wraps(function)
     def call(*args: Arguments.args, **kwargs: Arguments.kwargs) -> Result:
-        import scipy.optimize  # noqa: F401 - brings the library, which can be held to one thread only once it is there
+        import scipy.optimize  # noqa: F401 - loads the library, which can be limited to one thread only then
 
         with one_thread():
             return function(*args, **kwargs)
@@ -44,17 +44,17 @@ def single_threaded(function: Callable[Arguments, Result]) -> Callable[Arguments
 
 
 class Flag:
-    """A yes or no that processes share."""
+    """A flag that processes share."""
 
     def __init__(self) -> None:
         self._value = multiprocessing.RawValue("b", 0)
 
     def set(self) -> None:
-        """Make it a yes, for good."""
+        """Set the flag; it cannot be cleared."""
         self._value.value = 1
 
     def is_set(self) -> bool:
-        """Return it."""
+        """Return whether the flag is set."""
         return bool(self._value.value)
 
 
@@ -62,17 +62,17 @@ def _run(number: int, arguments: tuple[Any, ...]) -> Any:
     return _TASKS[number](*arguments)
 
 
-def _can_branch() -> bool:
-    """Tell whether processes may be branched off: not where JAX has threads, whose locks would stay held."""
+def _can_fork() -> bool:
+    """Return whether processes may be forked: not with JAX, whose threads may hold locks for ever in the child."""
     return sys.platform == "linux" and "jax" not in sys.modules and not multiprocessing.current_process().daemon
 
 
 def _begin(parent_lives: int, parent_holds: int) -> None:
-    """Make a branched process that leaves interrupts to its parent, and that ends when its parent does.
+    """Prepare a forked process, so that it leaves interrupts to its parent and ends when its parent ends.
 
-    A pipe tells of the end of the parent, whatever ended it: the parent alone holds the end that is written to, so
-    that reading ends when the parent is gone. A signal at the death of the parent (PR_SET_PDEATHSIG) would come at
-    the end of the thread that branched the process off, too, and only on Linux.
+    A pipe shows the end of the parent, whatever caused it: only the parent holds the writing end, so that reading ends
+    when the parent is gone. The signal PR_SET_PDEATHSIG would also come at the end of the thread that forked the
+    process, and exists on Linux only.
     """
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     os.close(parent_holds)
@@ -85,23 +85,23 @@ def _end_with_parent(parent_lives: int) -> None:
 
 
 class Pool:
-    """Workers for one function."""
+    """A pool of workers that call one function."""
 
     def __init__(self, executor: Executor, number: int) -> None:
         self._executor = executor
         self._number = number
 
     def submit(self, *arguments: Any) -> Future[Any]:
-        """Let a worker call the function."""
+        """Call the function in a worker."""
         with warnings.catch_warnings():
-            # Later versions of Python warn of branching off a process that has threads; ours hold no locks then.
+            # Later versions of Python warn of forking a process with threads; our threads hold no locks at that time.
             warnings.filterwarnings("ignore", message=".*fork.*", category=DeprecationWarning)
             return self._executor.submit(_run, self._number, arguments)
 
 
 @contextmanager
 def pool_of(task: Task, workers: int) -> Iterator[Pool]:
-    """Return workers that call a function; leaving the context waits for those that are at work.
+    """Return a pool of workers that call a function; leaving the context waits for running calls.
 
     Parameters
     ----------
@@ -112,7 +112,7 @@ def pool_of(task: Task, workers: int) -> Iterator[Pool]:
     _TASKS[number] = task
     executor: Executor
     pipe: tuple[int, ...] = ()
-    if workers > 1 and _can_branch():
+    if workers > 1 and _can_fork():
         pipe = os.pipe()
         executor = ProcessPoolExecutor(workers, multiprocessing.get_context("fork"), _begin, pipe)
     else:
