@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import itertools
 from collections.abc import Iterable, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -20,6 +20,7 @@ from steelyard.recording.samples import regrouped
 from .batch_means import BATCH_LENGTHS, BatchMeans, BatchSums, added
 from .factor import LARGEST, Factor, Reduced, combined, inverse_deviations, solve, triangular, unidentifiable_columns
 from .reduction import BLOCK, JointReduction, WhitenedReduction, as_covariance, empty_factors, require_joints
+from .time_blocks import TimeBlocks
 
 if TYPE_CHECKING:
     from steelyard.dynamics import Model
@@ -157,6 +158,7 @@ class Information:
         *,
         batch_means: bool = True,
         sums: BatchSums | None = None,
+        blocks: TimeBlocks | None = None,
     ) -> Information:
         """Reduce samples that come one chunk after the other, so that they never stand in memory together.
 
@@ -170,6 +172,8 @@ class Information:
         sums : BatchSums, optional
             Receives the rows for the batch means of this data and of other data together; this Information has none.
             Not with a covariance.
+        blocks : TimeBlocks, optional
+            Keeps stretches of the data apart, for cross-validation; see `stretches`.
 
         Returns
         -------
@@ -179,7 +183,7 @@ class Information:
         base, names = model.base_parameters(), tuple(model.robot.joint_names)
         matrix = None if covariance is None else as_covariance(covariance, model.dof)
         own = BatchSums(empty_factors(model)) if batch_means and matrix is None and sums is None else None
-        by_joint = JointReduction(model, own if sums is None else sums)
+        by_joint = JointReduction(model, own if sums is None else sums, blocks)
         whole = None if matrix is None else WhitenedReduction(model, matrix, batch_means)
         filtered, any_rows = False, False
         # Blocks of rows are the same, and are added in the same order, wherever the chunks end.
@@ -283,6 +287,21 @@ class Information:
             remarks,
             batch_means=means,
             filtered_torque=self.filtered_torque or other.filtered_torque,
+        )
+
+    def stretches(self, blocks: TimeBlocks, count: int = 5) -> tuple[Information, ...]:
+        """The Informations of contiguous parts of this data, which together are the whole.
+
+        Parameters
+        ----------
+        blocks : TimeBlocks
+            What `from_chunks` filled.
+        count : int
+            How many, at most; fewer where the data is short.
+        """
+        return tuple(
+            replace(self, factors=factors, torque_factors=(), covariance=None, batch_means=())
+            for factors in blocks.folds(count)
         )
 
     @property

@@ -14,6 +14,7 @@ from steelyard.recording import Samples
 
 from .batch_means import BatchMeans, BatchSums
 from .factor import Factor, triangular
+from .time_blocks import TimeBlocks
 
 if TYPE_CHECKING:
     from steelyard.dynamics import Model
@@ -95,13 +96,14 @@ class JointReduction:
     model : Model
     sums : BatchSums, optional
         Receives the rows, too.
+    blocks : TimeBlocks, optional
+        Keeps stretches of the rows apart.
     """
 
-    def __init__(self, model: Model, sums: BatchSums | None = None) -> None:
-        self.model, self.empty = model, empty_factors(model)
-        self.triangles = [f.triangle for f in self.empty]
-        self.counts = [0] * len(self.empty)
+    def __init__(self, model: Model, sums: BatchSums | None = None, blocks: TimeBlocks | None = None) -> None:
+        self.model = model
         self.sums = sums
+        self.blocks = TimeBlocks(empty_factors(model), 1) if blocks is None else blocks
 
     def add(self, samples: Samples, scales: Array | None = None) -> None:
         """Add samples, perhaps with factors (S, N) of their rows, the square roots of weights.
@@ -110,19 +112,18 @@ class JointReduction:
         """
         with one_thread():
             for part, rows_of_joints in joint_rows(self.model, samples):
-                for k, all_rows in enumerate(rows_of_joints):
-                    rows = all_rows if scales is None else all_rows * scales[part, k, None]
-                    if self.sums is not None:
-                        self.sums.add(k, rows if samples.mask is None else rows * samples.mask[part, k, None])
-                    if samples.mask is not None:
-                        rows = rows[samples.mask[part, k]]
-                    self.counts[k] += len(rows)
-                    self.triangles[k] = triangular(np.vstack([self.triangles[k], rows]))
+                rows = rows_of_joints
+                if scales is not None:
+                    rows = [own * scales[part, k, None] for k, own in enumerate(rows)]
+                mask = None if samples.mask is None else samples.mask[part]
+                if self.sums is not None:
+                    for k, own in enumerate(rows):
+                        self.sums.add(k, own if mask is None else own * mask[:, k, None])
+                self.blocks.add(rows, mask)
 
     def factors(self) -> tuple[Factor, ...]:
         """One for each joint."""
-        zipped = zip(self.empty, self.triangles, self.counts, strict=True)
-        return tuple(Factor(f.joint, f.columns, t, n) for f, t, n in zipped)
+        return self.blocks.factors()
 
 
 def reduce_by_joint(model: Model, samples: Samples, scales: Array | None = None) -> tuple[Factor, ...]:

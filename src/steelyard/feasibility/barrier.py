@@ -1,0 +1,226 @@
+"""The logarithmic barrier of a feasible set, and Newton's method on it, for many problems at once.
+
+Where dozens of similar problems are to be solved to a few per cent (every weight of a prior on every fold, both ends of
+every interval), their Newton systems are small and all of one shape. Solved side by side they take a hundredth of what
+as many calls of a conic solver take. Answers that must be proved optimal are left to the conic solver.
+"""
+
+from collections.abc import Sequence
+from typing import Protocol
+
+import numpy as np
+import numpy.typing as npt
+
+from steelyard.lmi import AffineBlock
+
+from .feasible_set import FeasibleSet
+
+__all__ = ["Barrier", "Function", "minimise"]
+
+Vector = npt.NDArray[np.float64]
+Matrix = npt.NDArray[np.float64]
+Indices = npt.NDArray[np.intp]
+
+SUFFICIENT = 0.1
+"""Part of the decrease that the Newton step promises, with which a step is taken (Armijo's rule)."""
+
+HALVINGS = 40
+"""A step that has been halved so often moves nothing: the problem has gone as far as rounding lets it."""
+
+RIDGE = 1e-13
+"""Added to the diagonal of Hessians that were scaled to ones there, so that directions which neither data nor physics
+tell leave a matrix that can be solved; ten times less, and some are singular to rounding."""
+
+
+class Function(Protocol):
+    """A convex function of many points at once, each point belonging to a problem of its own."""
+
+    def value(self, points: Matrix, problems: Indices) -> Vector:
+        """At points (p, n) of the problems with these numbers (p,), infinite outside the domain; (p,)."""
+
+    def derivatives(self, points: Matrix, problems: Indices) -> tuple[Matrix, npt.NDArray[np.float64]]:
+        """Gradients (p, n) and Hessians (p, n, n) at points of the domain."""
+
+
+class Barrier:
+    """-Σ log det D_b(δ) over the blocks of a feasible set, for many δ at once.
+
+    Parameters
+    ----------
+    feasible_set : FeasibleSet
+    further : sequence of AffineBlock
+        Blocks that count beside those of the set.
+
+    Attributes
+    ----------
+    degree : int
+        Number of rows of all blocks: at the minimum of c·δ + (barrier) / t, c·δ is within degree / t of its least value
+        (Nesterov and Nemirovskii, Interior-point polynomial algorithms in convex programming, 1994).
+
+    Examples
+    --------
+    >>> import steelyard as sy
+    >>> robot = sy.Robot.from_dh([("0", 0.0, 0.0, "q")])
+    >>> barrier = Barrier(sy.FeasibleSet(sy.Model(robot)))
+    >>> body = np.array([0.2, 0.0, 0.0, 0.2, 0.0, 0.2, 0.0, 0.0, 0.0, 5.0])
+    >>> barrier.degree, round(float(barrier.value(np.array([body, 2 * body]))[1] - barrier.value(body[None])[0]), 6)
+    (4, -2.772589)
+    """
+
+    def __init__(self, feasible_set: FeasibleSet, further: Sequence[AffineBlock] = ()) -> None:
+        self.size = feasible_set.parameter_count
+        blocks = (*feasible_set.blocks, *further)
+        lines = [block for block in blocks if block.size == 1]
+        self._rows = np.zeros((len(lines), self.size))
+        for row, block in zip(self._rows, lines, strict=True):
+            np.add.at(row, block.indices, block.coefficients[:, 0, 0])
+        self._constants = np.array([block.constant[0, 0] for block in lines])
+        self._single = np.count_nonzero(self._rows, axis=1) == 1
+        groups: dict[tuple[int, int], list[AffineBlock]] = {}
+        for block in blocks:
+            if block.size > 1:
+                groups.setdefault((block.size, len(block.indices)), []).append(block)
+        self._groups = [
+            (
+                np.array([block.indices for block in group]),
+                np.array([block.coefficients for block in group]),
+                np.array([block.constant for block in group]),
+            )
+            for group in groups.values()
+        ]
+        self.degree = sum(block.size for block in blocks)
+
+    def value(self, points: Matrix) -> Vector:
+        """At points (p, n); infinite where a block is not positive definite."""
+        found = np.zeros(len(points))
+        if len(self._rows):
+            values = points @ self._rows.T + self._constants
+            inside = np.all(values > 0, axis=1)
+            found = np.where(inside, -np.log(np.where(values > 0, values, 1.0)).sum(axis=1), np.inf)
+        for indices, coefficients, constants in self._groups:
+            matrices = constants + np.einsum("pbi,biac->pbac", points[:, indices], coefficients)
+            found = found - log_determinants(matrices).sum(axis=1)
+        return found
+
+    def add_derivatives(self, points: Matrix, factors: Vector, gradients: Matrix, hessians: Matrix) -> None:
+        """Add the gradients and Hessians at points (p, n), each times a factor (p,)."""
+        if len(self._rows):
+            inverses = 1.0 / (points @ self._rows.T + self._constants)
+            gradients -= factors[:, None] * (inverses @ self._rows)
+            single, diagonal = self._single, np.arange(self.size)
+            hessians[:, diagonal, diagonal] += factors[:, None] * (inverses[:, single] ** 2 @ self._rows[single] ** 2)
+            if not single.all():
+                scaled = self._rows[~single] * (np.sqrt(factors)[:, None] * inverses[:, ~single])[:, :, None]
+                hessians += scaled.transpose(0, 2, 1) @ scaled
+        for indices, coefficients, constants in self._groups:
+            matrices = constants + np.einsum("pbi,biac->pbac", points[:, indices], coefficients)
+            add_log_determinants(matrices, coefficients, indices, -factors, gradients, hessians)
+
+
+def log_determinants(matrices: Matrix) -> Matrix:
+    """Of symmetric matrices (..., d, d); -inf where they are not positive definite."""
+    try:
+        diagonals = np.diagonal(np.linalg.cholesky(matrices), axis1=-2, axis2=-1)
+        return np.asarray(2.0 * np.log(diagonals).sum(axis=-1))
+    except np.linalg.LinAlgError:
+        pass
+    eigenvalues = np.linalg.eigvalsh(matrices)
+    inside = eigenvalues[..., 0] > 0
+    return np.where(inside, np.log(np.where(inside[..., None], eigenvalues, 1.0)).sum(axis=-1), -np.inf)
+
+
+def add_log_determinants(
+    matrices: Matrix, coefficients: Matrix, indices: Indices, factors: Vector, gradients: Matrix, hessians: Matrix
+) -> None:
+    """Add the derivatives of Σ log det of affine matrices, each times a factor.
+
+    Parameters
+    ----------
+    matrices : (p, b, d, d)
+        Their values at each point.
+    coefficients : (b, c, d, d)
+    indices : (b, c)
+        Of the unknowns that the coefficients belong to.
+    factors : (p,)
+    gradients : (p, n)
+    hessians : (p, n, n)
+    """
+    products = np.linalg.inv(matrices)[:, :, None] @ coefficients
+    points, blocks, count, size, _ = products.shape
+    flat = products.reshape(points, blocks, count, size * size)
+    turned = products.swapaxes(-1, -2).reshape(points, blocks, count, size * size)
+    slopes = np.einsum("pbcii->pbc", products) * factors[:, None, None]
+    curvatures = (flat @ turned.swapaxes(-1, -2)) * factors[:, None, None, None]
+    for block, own in enumerate(indices):
+        gradients[:, own] += slopes[:, block]
+        hessians[:, own[:, None], own] -= curvatures[:, block]
+
+
+def minimise(
+    function: Function, start: Matrix, basis: Matrix | None = None, accuracy: float = 1e-3, steps: int = 100
+) -> Matrix:
+    """Minimise a function from each of many points, by damped Newton steps.
+
+    Parameters
+    ----------
+    function : Function
+        Problem k is that of the k-th point.
+    start : (p, n)
+        Points of its domain.
+    basis : (n, m), optional
+        Directions in which the points may move, such as those along which equations hold; all where absent.
+    accuracy : float
+        A problem is solved where a Newton step promises a decrease of less.
+    steps : int
+        At most.
+
+    Returns
+    -------
+    (p, n)
+    """
+    points = np.array(start, dtype=float)
+    active = np.arange(len(points))
+    values = function.value(points, active)
+    for _ in range(steps):
+        step, decrease = newton_step(function, points[active], active, basis)
+        points[active], values[active] = damped(function, points[active], active, values[active], step, decrease)
+        active = active[0.5 * decrease > accuracy]
+        if not len(active):
+            break
+    return points
+
+
+def newton_step(
+    function: Function, points: Matrix, problems: Indices, basis: Matrix | None = None
+) -> tuple[Matrix, Vector]:
+    """The Newton step at every point (p, n), and the square of its length in the local metric (p,)."""
+    gradients, hessians = function.derivatives(points, problems)
+    if basis is not None:
+        gradients, hessians = gradients @ basis, basis.T @ hessians @ basis
+    sizes = np.sqrt(np.einsum("pii->pi", hessians))
+    sizes[sizes == 0] = 1.0
+    scaled = hessians / (sizes[:, :, None] * sizes[:, None, :])
+    diagonal = np.arange(scaled.shape[1])
+    scaled[:, diagonal, diagonal] += RIDGE
+    step = -np.linalg.solve(scaled, (gradients / sizes)[:, :, None])[:, :, 0] / sizes
+    decrease = np.maximum(-np.einsum("pi,pi->p", gradients, step), 0.0)
+    return (step if basis is None else step @ basis.T), decrease
+
+
+def damped(
+    function: Function, points: Matrix, problems: Indices, values: Vector, step: Matrix, decrease: Vector
+) -> tuple[Matrix, Vector]:
+    """Points after a step that is halved until the function falls enough, and its values there."""
+    length = np.ones(len(points))
+    found = points + step
+    reached = function.value(found, problems)
+    for _ in range(HALVINGS):
+        slack = 1e-12 * np.abs(values)
+        worse = ~(reached <= values - SUFFICIENT * length * decrease + slack)
+        if not worse.any():
+            return found, reached
+        length[worse] *= 0.5
+        found[worse] = points[worse] + length[worse, None] * step[worse]
+        reached[worse] = function.value(found[worse], problems[worse])
+    found[worse], reached[worse] = points[worse], values[worse]
+    return found, reached
