@@ -2,6 +2,7 @@
 
 from abc import ABC, abstractmethod
 from dataclasses import dataclass, field
+from functools import cached_property
 from typing import ClassVar
 
 import numpy as np
@@ -11,6 +12,7 @@ import scipy.sparse as sparse
 
 from steelyard.conic import Cone, Rows
 from steelyard.errors import InputError
+from steelyard.feasibility.barrier import add_log_determinants, log_determinants
 from steelyard.feasibility.cone_program import Part, Program
 from steelyard.feasibility.feasible_set import FeasibleSet
 from steelyard.feasibility.units import Units, lengths_of_links
@@ -38,15 +40,25 @@ class Prior(ABC):
     ----------
     parameters : (n,), optional
         δ₀; those of the robot's description (CAD) by default. NaN for terms (friction, rotor inertia) that are unknown.
+    term_deviations : (n,), optional
+        Standard deviations s of the unknown terms about zero: ½ (δ / s)² is added once, whatever the weight of the
+        prior. Infinite by default, so that nothing is said of them. The entries of links are not read.
     """
 
     parameters: npt.ArrayLike | None = field(default=None, repr=False)
+    term_deviations: npt.ArrayLike | None = field(default=None, repr=False, kw_only=True)
 
     label: ClassVar[str] = ""
     needs_density: ClassVar[bool] = True
 
-    def prepare(self, feasible_set: FeasibleSet) -> "PreparedPrior":
+    def prepare(self, feasible_set: FeasibleSet, weight: float = 1.0) -> "PreparedPrior":
         """Check the prior against a model, and compute its metric.
+
+        Parameters
+        ----------
+        feasible_set : FeasibleSet
+        weight : float
+            With which the distance will count beside half the squared residual.
 
         Raises
         ------
@@ -60,6 +72,12 @@ class Prior(ABC):
         known = others & np.isfinite(values) & (values != 0)
         diagonal = np.zeros(len(values))
         diagonal[known] = 1.0 / values[known] ** 2
+        if self.term_deviations is not None:
+            unknown = others & ~known
+            deviations = self._vector(self.term_deviations, feasible_set, "term_deviations")
+            if not np.all(deviations[unknown] > 0):
+                raise InputError("term_deviations must be positive for every term that the prior does not know.")
+            diagonal[unknown] = 1.0 / (weight * deviations[unknown] ** 2)
         reference = np.where(np.isfinite(values), values, 0.0)
         return PreparedPrior(self.label, feasible_set, reference, self._metric(feasible_set, bodies), diagonal)
 
@@ -79,12 +97,7 @@ class Prior(ABC):
 
     def _values(self, feasible_set: FeasibleSet) -> Vector:
         source = feasible_set.model.robot.parameters if self.parameters is None else self.parameters
-        values = np.asarray(source, dtype=float)
-        if values.shape != (feasible_set.parameter_count,):
-            raise InputError(
-                f"the prior must hold the model's {feasible_set.parameter_count} standard parameters, got an array of "
-                f"shape {values.shape}."
-            )
+        values = self._vector(source, feasible_set, "the prior")
         names = feasible_set.model.robot.link_names
         remedy = "give parameters=... with a value for every link" if self.parameters is None else "give one"
         for link, body in enumerate(values[feasible_set.link_columns]):
@@ -96,6 +109,17 @@ class Prior(ABC):
                 raise InputError(f"the prior's {where} has a mass of {body[9]:g} kg; give a positive mass.")
             if self.needs_density:
                 _require_density(body, where)
+        return values
+
+
+    @staticmethod
+    def _vector(given: npt.ArrayLike, feasible_set: FeasibleSet, what: str) -> Vector:
+        values = np.asarray(given, dtype=float)
+        if values.shape != (feasible_set.parameter_count,):
+            raise InputError(
+                f"{what} must hold the model's {feasible_set.parameter_count} standard parameters, got an array of "
+                f"shape {values.shape}."
+            )
         return values
 
 
@@ -251,6 +275,39 @@ class PreparedPrior:
             value += float(np.sum(eigenvalues - np.log(eigenvalues) - 1.0))
         return value
 
+    def distances(self, points: Matrix) -> Vector:
+        """Distances of many δ, (p, n), from δ₀, (p,)."""
+        errors = points - self.reference
+        found = 0.5 * errors**2 @ self.diagonal
+        columns = self.feasible_set.link_columns
+        if self.metric is not None:
+            inertial = errors[:, columns]
+            return np.asarray(found + 0.5 * np.einsum("pbi,bij,pbj->p", inertial, self.metric, inertial))
+        found += points[:, columns].reshape(len(points), -1) @ self._traces.ravel()
+        rest = np.linalg.slogdet(pseudo_inertia(self.bodies))[1] - log_determinants(pseudo_inertia(points[:, columns]))
+        return np.asarray(found + (rest - 4.0).sum(axis=1))
+
+    def add_derivatives(self, points: Matrix, factors: Vector, gradients: Matrix, hessians: Matrix) -> None:
+        """Add the gradients and Hessians of the distances of δ (p, n), each times a factor (p,)."""
+        errors, diagonal = points - self.reference, np.arange(points.shape[1])
+        gradients += factors[:, None] * (errors * self.diagonal)
+        hessians[:, diagonal, diagonal] += factors[:, None] * self.diagonal
+        columns = self.feasible_set.link_columns
+        if self.metric is not None:
+            gradients[:, columns] += factors[:, None, None] * np.einsum("bij,pbj->pbi", self.metric, errors[:, columns])
+            for own, metric in zip(columns, self.metric, strict=True):
+                hessians[:, own[:, None], own] += factors[:, None, None] * metric
+            return
+        gradients[:, columns] += factors[:, None, None] * self._traces
+        coefficients = np.broadcast_to(PSEUDO_INERTIA, (len(columns), *PSEUDO_INERTIA.shape))
+        matrices = pseudo_inertia(points[:, columns])
+        add_log_determinants(matrices, coefficients, columns, -factors, gradients, hessians)
+
+    @cached_property
+    def _traces(self) -> Matrix:
+        """tr(P₀⁻¹ ∂P) of the ten inertial parameters of each link, (links, 10)."""
+        return np.asarray(np.einsum("bij,kij->bk", np.linalg.inv(pseudo_inertia(self.bodies)), PSEUDO_INERTIA))
+
     def value(self, parameters: Vector) -> float:
         """The distance."""
         return self.distance(parameters)
@@ -263,8 +320,7 @@ class PreparedPrior:
         if self.metric is not None:
             found[columns] += np.einsum("bij,bj->bi", self.metric, error[columns])
         else:
-            inverses = np.linalg.inv(pseudo_inertia(self.bodies))
-            found[columns] += np.einsum("bij,kij->bk", inverses, PSEUDO_INERTIA)
+            found[columns] += self._traces
         return found
 
     @property

@@ -167,7 +167,7 @@ def fit_reduced(
             raise InputError(f"prior must be a prior such as EntropicPrior(), got {prior!r}.")
         expected = "a positive number such as 1.0 (leave the prior out for a fit without one)"
         fitting.prior_weight = read_number(prior_weight, "prior_weight", expected, above=0)
-        fitting.prior = prior.prepare(feasible_set)
+        fitting.prior = prior.prepare(feasible_set, fitting.prior_weight)
     growing = () if prior is not None else growing_links(feasible_set, regression.unidentifiable)
     bound = mass_bound_of(feasible_set, scale) if growing else np.inf
 

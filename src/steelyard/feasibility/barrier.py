@@ -15,7 +15,7 @@ from steelyard.lmi import AffineBlock
 
 from .feasible_set import FeasibleSet
 
-__all__ = ["Barrier", "Function", "minimise"]
+__all__ = ["Barrier", "Function", "add_log_determinants", "damped", "log_determinants", "minimise", "newton_step"]
 
 Vector = npt.NDArray[np.float64]
 Matrix = npt.NDArray[np.float64]

@@ -1,0 +1,130 @@
+"""The weight of a prior by cross-validation: its fits against the conic solver, its losses against the samples."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from simulated_arm import blurred, simulated_arm
+
+import steelyard as sy
+from steelyard.errors import InputError
+from steelyard.estimators import ConstantPullbackPrior, EntropicPrior
+from steelyard.estimators.cross_validation import cross_validation, term_deviations
+from steelyard.feasibility import FeasibleSet, SymmetricLink, TotalMass
+
+ARM = simulated_arm(3)
+CAD = blurred(ARM, 3)
+
+
+@pytest.fixture(scope="module")
+def found():
+    prior = EntropicPrior(CAD, term_deviations=term_deviations(ARM.information, ARM.feasible_set))
+    return prior, cross_validation(ARM.information, ARM.stretches, ARM.feasible_set, prior)
+
+
+@pytest.mark.parametrize("kind", [EntropicPrior, ConstantPullbackPrior])
+def test_fits_are_those_of_the_conic_solver(kind) -> None:
+    prior = kind(CAD, term_deviations=term_deviations(ARM.information, ARM.feasible_set))
+    weights = [1.0, 1e3, 1e5]
+    ours = cross_validation(ARM.information, ARM.stretches, ARM.feasible_set, prior, prior_weights=weights)
+    for weight, parameters in zip(weights, ours.parameters, strict=True):
+        theirs = sy.fit(ARM.information, ARM.feasible_set, prior=prior, prior_weight=weight)
+        # The barrier moves what the data says little of by less than its standard error.
+        error = theirs.standard_error
+        assert np.all(np.abs(ARM.feasible_set.K @ parameters - theirs.base) < 0.2 * error)
+        np.testing.assert_allclose(parameters[9], theirs.parameters[9], rtol=0.02)
+
+
+def test_losses_are_those_of_the_samples(found) -> None:
+    prior, validation = found
+    fold, weight = 2, validation.chosen_index
+    others = [s for k, s in enumerate(ARM.stretches) if k != fold]
+    training = others[0]
+    for stretch in others[1:]:
+        training = training + stretch
+    # The fit of the others by the conic solver, its torques by the recursion, and the rows of the fold by their order.
+    scale = ARM.information.joint_weights("joint")
+    fit = sy.fit(training, ARM.feasible_set, weights=scale, prior=prior, prior_weight=validation.weight)
+    start = sum(s.count for s in ARM.stretches[:fold]) // 3
+    rows = slice(start, start + ARM.stretches[fold].count // 3)
+    samples = ARM.samples
+    predicted = ARM.model.inverse_dynamics(samples.q[rows], samples.dq[rows], samples.ddq[rows], fit.parameters)
+    loss = np.sum((scale * (samples.torque[rows] - predicted)) ** 2)
+    reduced = ARM.information.reduced(scale)
+    variance = reduced.residual2 / (reduced.count - len(reduced.rho))
+    assert validation.losses[fold, weight] == pytest.approx(loss / variance, rel=2e-3)
+    assert validation.joint_errors.shape == (15, 3)
+    squares = np.sum(validation.joint_errors[weight] ** 2 * scale**2) * samples.count / variance
+    assert squares == pytest.approx(validation.losses[:, weight].sum(), rel=1e-6)
+
+
+def test_largest_weight_within_one_standard_error(found) -> None:
+    _, validation = found
+    totals = validation.losses.sum(axis=0)
+    best, chosen = validation.best_index, validation.chosen_index
+    assert totals[best] == totals.min()
+    assert chosen >= best
+    for index in range(chosen, len(totals)):
+        above = validation.losses[:, index] - validation.losses[:, best]
+        error = np.std(above, ddof=1) * np.sqrt(len(above))
+        assert (totals[index] - totals[best] <= error) == (index == chosen)
+
+
+def test_held_out_error_is_no_worse_than_the_best_of_others() -> None:
+    """Against least squares, feasible parameters without a prior, and the prior, on data of another motion."""
+    ratios = []
+    for seed in range(4, 7):
+        arm, other = simulated_arm(seed, size=0.3), simulated_arm(seed, seconds=12.0)
+        prior = EntropicPrior(blurred(arm, seed), term_deviations=term_deviations(arm.information, arm.feasible_set))
+        weight = cross_validation(arm.information, arm.stretches, arm.feasible_set, prior).weight
+        ours = sy.fit(arm.information, arm.feasible_set, prior=prior, prior_weight=weight)
+        rivals = (
+            sy.least_squares(arm.information).base,
+            sy.fit(arm.information, arm.feasible_set).base,
+            sy.fit(arm.information, arm.feasible_set, prior=prior, prior_weight=1e9).base,
+        )
+        best = min(other.information.relative_error(base) for base in rivals)
+        ratios.append(other.information.relative_error(ours.base) / best)
+    assert np.median(ratios) < 1.1
+    assert max(ratios) < 1.3
+
+
+def test_joint_that_stands_still_keeps_no_friction() -> None:
+    arm = simulated_arm(5, still=(1,))
+    prior = EntropicPrior(blurred(arm, 5), term_deviations=term_deviations(arm.information, arm.feasible_set))
+    validation = cross_validation(arm.information, arm.stretches, arm.feasible_set, prior)
+    fit = sy.fit(arm.information, arm.feasible_set, prior=prior, prior_weight=validation.weight)
+    names = list(arm.model.parameter_names)
+    # Nothing speaks for friction of a joint that does not move.
+    assert abs(fit.parameters[names.index("Fvj2")]) < 0.1
+    masses = fit.parameters[arm.feasible_set.mass_indices]
+    assert np.all((masses > 0.5) & (masses < 15.0))
+
+
+def test_constraints_and_equations_hold() -> None:
+    constraints = [TotalMass(minimum=11.0, maximum=12.0), SymmetricLink("link3", "xy")]
+    feasible_set = FeasibleSet(ARM.model, constraints=constraints)
+    prior = EntropicPrior(2.0 * CAD, term_deviations=term_deviations(ARM.information, feasible_set))
+    validation = cross_validation(ARM.information, ARM.stretches, feasible_set, prior, prior_weights=[1.0, 1e3])
+    for parameters in validation.parameters:
+        assert 11.0 < parameters[feasible_set.mass_indices].sum() < 12.0
+        assert feasible_set.satisfies_equations(feasible_set.project_on_equations(parameters))
+
+
+def test_what_cannot_be_used_is_said() -> None:
+    prior = EntropicPrior(CAD)
+    with pytest.raises(InputError, match="at least 3 stretches"):
+        cross_validation(ARM.information, ARM.stretches[:2], ARM.feasible_set, prior)
+    with pytest.raises(InputError, match="positive numbers"):
+        cross_validation(ARM.information, ARM.stretches, ARM.feasible_set, prior, prior_weights=[-1.0])
+    with pytest.raises(InputError, match="term_deviations must be positive"):
+        cross_validation(
+            ARM.information, ARM.stretches, ARM.feasible_set, replace(prior, term_deviations=np.zeros(len(CAD)))
+        )
+
+
+def test_table_marks_the_choice(found) -> None:
+    _, validation = found
+    lines = str(validation).splitlines()
+    assert sum("chosen" in line for line in lines) == 1
+    assert "held out" in lines[0]

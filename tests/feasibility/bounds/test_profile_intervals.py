@@ -1,0 +1,123 @@
+"""Intervals of profile likelihood: their ends against CVXPY, and how often they hold the truth."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from simulated_arm import simulated_arm
+
+import steelyard as sy
+from steelyard.errors import InputError
+from steelyard.feasibility import CenterOfMassBox, FeasibleSet, SymmetricLink, TotalMass
+from steelyard.feasibility.bounds.profile_intervals import profile_intervals
+from steelyard.feasibility.bounds.quantities import quantities
+from steelyard.regression import ParameterCovariance
+
+LINKS = ("link1", "link2", "link3")
+BOUNDED = [TotalMass(maximum=40.0), *(CenterOfMassBox(link, [-0.5] * 3, [0.5] * 3) for link in LINKS)]
+
+
+def intervals(arm, constraints=BOUNDED, names=None, confidence=0.95):
+    feasible_set = FeasibleSet(arm.model, constraints=constraints)
+    base = sy.least_squares(arm.information).base
+    covariance = ParameterCovariance.of(arm.information, base)
+    asked = quantities(feasible_set, names)
+    inside = sy.fit(arm.information, feasible_set).parameters
+    return asked, profile_intervals(feasible_set, base, covariance, asked, inside, confidence), covariance, feasible_set
+
+
+def ends_by_cvxpy(feasible_set, covariance, base, chi_squared, quantity):
+    """Least and largest value of a linear quantity, in a formulation of its own."""
+    cp = pytest.importorskip("cvxpy")
+    delta = cp.Variable(feasible_set.parameter_count)
+    conditions = []
+    for block in feasible_set.blocks:
+        matrix = block.constant + sum(delta[int(i)] * c for i, c in zip(block.indices, block.coefficients, strict=True))
+        conditions.append(matrix >> 0 if block.size > 1 else matrix >= 0)
+    inverse = np.linalg.pinv(covariance.root, rcond=1e-12)
+    conditions.append(cp.norm(inverse @ (feasible_set.K @ delta - base)) <= np.sqrt(chi_squared))
+    values = []
+    for sense in (cp.Minimize, cp.Maximize):
+        problem = cp.Problem(sense(quantity.row @ delta), conditions)
+        problem.solve(solver="CLARABEL")
+        values.append(float(problem.value))
+    return values
+
+
+def test_ends_are_those_of_cvxpy() -> None:
+    arm = simulated_arm(6)
+    names = ["m2", "m3", "Lzz2", "lx3", "Lxy3", "Fvj1", "Fcj3", "total mass"]
+    asked, found, covariance, feasible_set = intervals(arm, names=names)
+    base = sy.least_squares(arm.information).base
+    for quantity, lower, upper in zip(asked, found.lower, found.upper, strict=True):
+        low, high = ends_by_cvxpy(feasible_set, covariance, base, found.chi_squared + 3.8415, quantity)
+        width = high - low
+        assert low - 0.06 * width <= lower <= low + 1e-4 * width, quantity.name
+        assert high - 1e-4 * width <= upper <= high + 0.06 * width, quantity.name
+
+
+@pytest.mark.slow
+def test_center_of_mass_against_bisection() -> None:
+    arm = simulated_arm(6)
+    asked, found, covariance, feasible_set = intervals(arm, names=["cx3", "cz2"])
+    base = sy.least_squares(arm.information).base
+    for quantity, lower, upper in zip(asked, found.lower, found.upper, strict=True):
+        for end, sign in ((lower, -1.0), (upper, 1.0)):
+            low, high = -0.5, 0.5
+            for _ in range(12):
+                middle = 0.5 * (low + high)
+                shifted = replace(quantity, row=sign * (quantity.row - sign * middle * quantity.mass), mass=None)
+                _, most = ends_by_cvxpy(feasible_set, covariance, base, found.chi_squared + 3.8415, shifted)
+                low, high = (middle, high) if most > 0 else (low, middle)
+            assert sign * end == pytest.approx(low, abs=0.06 * (upper - lower) + 1e-3), quantity.name
+
+
+def test_well_determined_parameters_have_the_interval_of_least_squares() -> None:
+    """Where physics confines nothing, the interval is 1.96 standard errors on either side (Cramér and Rao)."""
+    arm = simulated_arm(7, seconds=30.0)
+    asked, found, covariance, _ = intervals(arm, names=["Fvj1", "Fcj1", "Foj2", "Fvj3"])
+    error = np.array([np.linalg.norm(q.row @ np.linalg.pinv(arm.feasible_set.K) @ covariance.root) for q in asked])
+    half = 0.5 * (found.upper - found.lower)
+    assert np.all(half > 0.99 * 1.96 * error)
+    assert np.all(half < 1.3 * 1.96 * error)
+
+
+def test_what_nothing_bounds_is_infinite() -> None:
+    arm = simulated_arm(8)
+    _, found, _, _ = intervals(arm, constraints=[], names=["m1", "m3", "total mass"])
+    assert found.upper[0] == found.upper[2] == np.inf  # the first link turns about a vertical axis
+    assert found.lower[0] >= 0.0
+    assert np.isfinite(found.upper[1])
+
+
+def test_equations_hold_at_the_ends() -> None:
+    arm = simulated_arm(9)
+    constraints = [*BOUNDED, SymmetricLink("link3", "xy")]
+    _, found, _, _ = intervals(arm, constraints, ["lz3", "Lxz3", "Lyz3", "m3"])
+    np.testing.assert_allclose(found.lower[:3], 0.0, atol=1e-9)
+    np.testing.assert_allclose(found.upper[:3], 0.0, atol=1e-9)
+    assert found.lower[3] < found.upper[3]
+
+
+@pytest.mark.slow
+def test_intervals_hold_the_truth() -> None:
+    inside = []
+    for seed in range(60):
+        arm = simulated_arm(100 + seed, size=(0.2, 0.5, 0.8)[seed % 3])
+        asked, found, _, _ = intervals(arm)
+        values = np.array([q.row @ arm.truth / (1.0 if q.mass is None else q.mass @ arm.truth) for q in asked])
+        inside.append((found.lower <= values) & (values <= found.upper))
+    assert np.mean(inside) > 0.95
+    assert np.mean(inside, axis=0).min() > 0.8
+
+
+def test_filtered_torques_have_no_interval() -> None:
+    arm = simulated_arm(10)
+    base = sy.least_squares(arm.information).base
+    covariance = replace(ParameterCovariance.of(arm.information, base), filtered_torque=True)
+    with pytest.raises(InputError, match="were filtered"):
+        profile_intervals(arm.feasible_set, base, covariance, quantities(arm.feasible_set), arm.truth)
+    with pytest.raises(InputError, match="inside the feasible set"):
+        profile_intervals(
+            arm.feasible_set, base, replace(covariance, filtered_torque=False), quantities(arm.feasible_set), -arm.truth
+        )
