@@ -111,7 +111,6 @@ class Prior(ABC):
                 _require_density(body, where)
         return values
 
-
     @staticmethod
     def _vector(given: npt.ArrayLike, feasible_set: FeasibleSet, what: str) -> Vector:
         values = np.asarray(given, dtype=float)

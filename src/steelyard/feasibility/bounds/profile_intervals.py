@@ -165,10 +165,10 @@ def _reach(feasible_set: FeasibleSet, parameters: Vector) -> Vector:
     links = feasible_set.link_columns
     terms = np.setdiff1d(np.arange(len(parameters)), links)
     found = np.full(len(parameters), FAR * max(1.0, float(np.abs(parameters[terms]).max(initial=0.0))))
-    for own in links:
-        mass, moments = parameters[own[9]], parameters[own[[0, 3, 5]]].sum()
-        found[own[:6]], found[own[9]] = FAR * moments, FAR * mass
-        found[own[6:9]] = FAR * np.sqrt(mass * moments)
+    # All links together: an estimate may have hardly any mass in the one that the motion does not show.
+    mass, moments = parameters[links[:, 9]].sum(), parameters[links[:, [0, 3, 5]]].sum()
+    found[links[:, :6]], found[links[:, 9]] = FAR * moments, FAR * mass
+    found[links[:, 6:9]] = FAR * np.sqrt(mass * moments)
     return found
 
 
@@ -218,7 +218,7 @@ class _Region:
         rest = self.limit - self.distance.squares(points)
         own = np.where(rest > 0, -np.log(np.where(rest > 0, rest, 1.0)), np.inf)
         along = np.einsum("pi,pi->p", self.rows[problems], points)
-        return own + self.barrier.value(points) - self.pull[problems] * along
+        return np.asarray(own + self.barrier.value(points) - self.pull[problems] * along)
 
     def derivatives(self, points: Matrix, problems: Indices) -> tuple[Matrix, npt.NDArray[np.float64]]:
         rest = self.limit - self.distance.squares(points)
