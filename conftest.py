@@ -145,3 +145,23 @@ def install(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, no_extensions: None
         importlib.invalidate_caches()
 
     return install
+
+
+@pytest.fixture
+def run(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> Callable[..., tuple[int, str, str]]:
+    """Return a function that runs ``steelyard`` and returns exit code, standard output and standard error."""
+
+    from steelyard.cli import main
+
+    def run(*arguments: object) -> tuple[int, str, str]:
+        monkeypatch.setattr(sys, "argv", ["steelyard", *map(str, arguments)])
+        capsys.readouterr()
+        code = 0
+        try:
+            main()
+        except SystemExit as stop:
+            code = int(stop.code or 0)
+        output = capsys.readouterr()
+        return code, output.out, output.err
+
+    return run

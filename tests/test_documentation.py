@@ -277,8 +277,10 @@ def test_commands_run(
 
 
 @pytest.mark.parametrize("page", pages_with("toml"))
-def test_settings_are_read(page: str, place: Path) -> None:
+def test_settings_are_read(page: str, place: Path, no_extensions: None) -> None:
     """Each block of TOML is a limits file, or a robot file or a part of one, and every section is understood."""
+    if page.endswith("extend.md"):  # its settings name what its Python registers
+        test_python_runs(page, place, None)
     for text in blocks(page, "toml"):
         document = tomllib.loads(text)
         if "project" in document:

@@ -4,8 +4,10 @@ import json
 import re
 import shutil
 import subprocess
+import sys
 from dataclasses import replace
 from pathlib import Path
+from xml.etree import ElementTree
 
 import numpy as np
 import pytest
@@ -13,8 +15,13 @@ import pytest
 import steelyard as sy
 from steelyard.codegen import files
 from steelyard.conic import Outcome, Solver, find_solver, solve, solver_table
+from steelyard.dynamics import term_from_dict
 from steelyard.errors import InputError, SolverError
+from steelyard.excitation import FourierTrajectory
 from steelyard.extensions import register
+from steelyard.feasibility.constraints import Equality, constraints_from_dict
+from steelyard.lmi import AffineBlock
+from steelyard.robot import Condition
 
 PAGE = Path(__file__).resolve().parents[1] / "docs" / "how-to" / "extend.md"
 EVERYTHING = frozenset({"quadratic", "zero", "nonnegative", "second-order", "semidefinite", "exponential"})
@@ -57,6 +64,286 @@ def test_the_solver_solves(example):
     default = sy.correct(names["feasible_set"], base=[1.0] * names["model"].base_parameters().count)
     assert names["correction"].squared_distance == pytest.approx(default.squared_distance, rel=1e-6)
     assert "patient" in str(solver_table())
+
+
+ARM = """<mujoco><compiler angle="radian"/><option timestep="0.001" gravity="0 0 -9.81"/><worldbody><body name="upper">
+<joint name="shoulder" axis="0 1 0" stiffness="8" springref="0.2" damping="0.3"/>
+<inertial pos="0.2 0 0" mass="2" diaginertia="0.02 0.04 0.04"/><body name="fore" pos="0.4 0 0">
+<joint name="elbow" axis="0 1 0" stiffness="5" springref="-0.3" damping="0.1"/>
+<inertial pos="0.15 0 0" mass="1" diaginertia="0.01 0.02 0.02"/></body></body></worldbody></mujoco>"""
+URDF = """<robot name="pair"><link name="base"/>
+<link name="upper"><inertial><origin xyz="0.2 0 0"/><mass value="2"/>
+<inertia ixx="0.02" ixy="0" ixz="0" iyy="0.04" iyz="0" izz="0.04"/></inertial></link>
+<link name="fore"><inertial><origin xyz="0.15 0 0"/><mass value="1"/>
+<inertia ixx="0.01" ixy="0" ixz="0" iyy="0.02" iyz="0" izz="0.02"/></inertial></link>
+<joint name="shoulder" type="continuous"><parent link="base"/><child link="upper"/><axis xyz="0 1 0"/></joint>
+<joint name="elbow" type="continuous"><parent link="upper"/><child link="fore"/><origin xyz="0.4 0 0"/>
+<axis xyz="0 1 0"/></joint></robot>"""
+SPRINGS = """
+[description]
+urdf = "pair.urdf"
+[processing]
+cutoff = 20.0
+[[terms]]
+kind = "viscous"
+[[terms]]
+kind = "{}"
+largest_rest = {}
+"""
+
+
+@pytest.fixture
+def sprung(tmp_path):
+    """A folder with the log of an arm with springs, whose torques MuJoCo computed, and its description without them."""
+    mujoco = pytest.importorskip("mujoco")
+    simulator = mujoco.MjModel.from_xml_string(ARM)
+    data = mujoco.MjData(simulator)
+    a, b = [[0.4, -0.3, 0.2], [0.3, 0.5, -0.2]], [[0.2, 0.3, -0.3], [-0.4, 0.2, 0.3]]
+    trajectory = FourierTrajectory(a=np.array(a), b=np.array(b), center=np.array([0.1, -0.2]), frequency=0.2)
+    t, q, dq, ddq = trajectory.sample(250.0, 5.0)
+    torque = np.empty_like(q)
+    for row, motion in enumerate(zip(q, dq, ddq, strict=True)):
+        data.qpos[:], data.qvel[:], data.qacc[:] = motion
+        mujoco.mj_inverse(simulator, data)
+        torque[row] = data.qfrc_inverse
+    sy.Recording(t=t, q=q, torque=torque, joint_names=("shoulder", "elbow")).save(tmp_path / "log.csv")
+    for name in ("pair.urdf", "my_robot.urdf"):
+        (tmp_path / name).write_text(URDF)
+    return tmp_path
+
+
+def _springs(estimate):
+    values = dict(zip(estimate.parameter_names, estimate.parameters, strict=True))
+    return [[values[f"{symbol}{joint}"] for symbol in ("Ks", "Cs", "Fvj")] for joint in (1, 2)]
+
+
+def test_the_term_passes_through_an_identification(example, sprung, run):
+    example("A term")
+    path = sprung / "robot.toml"
+    path.write_text(SPRINGS.format("spring", 0.5))
+    assert run("identify", path, sprung / "log.csv", "--output", sprung / "result")[0] == 0
+    estimate = sy.Estimate.load(sprung / "result" / "estimate.json")
+    # Stiffness, stiffness times rest, and damping of MuJoCo's model, from filtered positions.
+    np.testing.assert_allclose(_springs(estimate), [[8.0, 1.6, 0.3], [5.0, -1.5, 0.1]], rtol=0.01, atol=0.01)
+    assert estimate.relative_error < 2e-3
+    # The description has no place for a spring, and its damping is the viscous friction alone.
+    tree = ElementTree.parse(sprung / "result" / "robot.urdf")
+    dynamics = [joint.find("dynamics").attrib for joint in tree.getroot().iter("joint")]
+    np.testing.assert_allclose([float(one["damping"]) for one in dynamics], [0.3, 0.1], atol=0.01)
+    np.testing.assert_array_equal([float(one["friction"]) for one in dynamics], 0.0)
+    # Its energy is that of its torques.
+    model = sy.Model.load(path)
+    q = np.array([0.7, -0.4])
+    springs = np.where([name[:2] in ("Ks", "Cs") for name in model.parameter_names], estimate.parameters, 0.0)
+    steps = 1e-6 * np.eye(2)
+    slopes = [(model.potential_energy(q + s, springs) - model.potential_energy(q - s, springs)) / 2e-6 for s in steps]
+    np.testing.assert_allclose(slopes, model.inverse_dynamics(q, [0.0, 0.0], [0.0, 0.0], springs), rtol=1e-7)
+
+
+def test_the_condition_of_the_term_binds(example, sprung):
+    """Springs that are at rest farther out than the file says are not possible: the fit keeps them at the bound."""
+    example("A term")
+    path = sprung / "robot.toml"
+    path.write_text(SPRINGS.format("spring", 0.25))
+    found = sy.identify(path, [sprung / "log.csv"])
+    (near_stiffness, near, _), (stiffness, far, _) = _springs(found.estimate)
+    assert -far / stiffness == pytest.approx(0.25, abs=1e-4)  # MuJoCo's is at -0.3
+    assert abs(near) <= 0.25 * near_stiffness
+    assert not found.verdict.feasible
+    assert found.estimate.relative_error > 5 * found.unconstrained.relative_error
+    assert [block.name for block in found.feasible_set.blocks if block.kind == "term" and block.size == 2] == [
+        f"rest of the spring within its range at {joint}" for joint in ("shoulder", "elbow")
+    ]
+
+
+def test_an_import_path_runs_only_where_it_is_allowed(pair, tmp_path, run, install):
+    text = PAGE.read_text(encoding="utf-8").partition("\n## A term\n")[2]
+    (block, *_) = re.findall(r"^```python\n(.*?)^```", text, re.MULTILINE | re.DOTALL)
+    install("springs", "commands", {}, block.replace("register(", "(lambda *a: None)("))
+    path = tmp_path / "robot.toml"
+    path.write_text(SPRINGS.format("of_springs:Spring", 0.5))
+    estimate = tmp_path / "estimate.json"
+    for line in (
+        ("identify", path, tmp_path / "log.csv", "-o", tmp_path / "result"),
+        ("inspect", path),
+        ("check", path, estimate),
+        ("correct", path, estimate, "-o", tmp_path / "corrected.json"),
+        ("explain", path, estimate),
+        ("generate", path, "--language", "c", "-o", tmp_path / "c"),
+        ("simulate", path, estimate, "-o", tmp_path / "simulation"),
+        ("excite", path, "-o", tmp_path / "excitation"),
+    ):
+        code, _, err = run(*line)
+        assert code == 2
+        assert "[[terms]] number 2: `of_springs:Spring` is code, which is not run because a file names it" in err
+        assert "allow it with --allow-extensions" in err
+        assert "of_springs" not in sys.modules
+    code, out, _ = run("inspect", path, "--allow-extensions")
+    assert code == 0
+    assert "Ks1" in out
+    assert run("generate", path, "--language", "c", "-o", tmp_path / "c", "--allow-extensions")[0] == 0
+
+
+@pytest.mark.parametrize(
+    ("kind", "reason"),
+    [
+        ("of_absent:Spring", "ModuleNotFoundError: No module named 'of_absent'"),
+        ("os:system", "TypeError: expected a class derived from steelyard.Term, got"),
+        ("os:", "cannot be loaded"),
+        (":Spring", "cannot be loaded"),
+        ("a b:c d", "cannot be loaded"),
+    ],
+)
+def test_what_an_import_path_does_not_lead_to_is_said(kind, reason, tmp_path, no_extensions):
+    (tmp_path / "pair.urdf").write_text(URDF)
+    path = tmp_path / "robot.toml"
+    path.write_text(SPRINGS.format(kind, 0.5))
+    with pytest.raises(InputError, match="is code, which is not run"):
+        sy.Model.load(path)
+    with pytest.raises(InputError, match=r"\[\[terms\]\] number 2: the term `.*` cannot be loaded") as raised:
+        sy.Model.load(path, allow_extensions=True)
+    assert reason in str(raised.value)
+
+
+class Drag(sy.Term):
+    """Torque against the square of the velocity."""
+
+    kind = "drag"
+    parameters = (sy.TermParameter("Fq", "N·m·s²/rad²", "N·s²/m²", "drag", nonnegative=True),)
+
+    def columns(self, k, q, dq, ddq, algebra):
+        return ({k: algebra.sign(dq[k]) * dq[k] * dq[k]},)
+
+
+@pytest.fixture
+def pair(tmp_path):
+    (tmp_path / "pair.urdf").write_text(URDF)
+    return sy.Robot.from_urdf(tmp_path / "pair.urdf")
+
+
+def test_a_term_that_is_no_friction_of_a_description_is_not_written_as_such(pair):
+    """A line through its torques at two speeds has a negative value at rest, which no description takes."""
+    model = sy.Model(pair.with_terms(sy.Coulomb(), Drag()))
+    delta = np.zeros(model.parameter_count)
+    delta[[model.parameter_names.index(name) for name in ("Fcj1", "Fq1", "Fcj2", "Fq2")]] = 0.5, 3.0, 0.25, 2.0
+    damping, friction = model.joint_friction(delta)
+    assert (damping.tolist(), friction.tolist()) == ([0.0, 0.0], [0.5, 0.25])
+
+
+def _odd(columns=None, **changes):
+    def own(self, k, q, dq, ddq, algebra):
+        return columns(k, q, dq, ddq, algebra)
+
+    return type("Odd", (Drag,), changes | ({} if columns is None else {"columns": own}))()
+
+
+@pytest.mark.parametrize(
+    ("term", "reason"),
+    [
+        (_odd(lambda k, q, dq, ddq, a: ({k: ddq[k] * ddq[k]},)), "Fq does not depend linearly on the accelerations"),
+        (_odd(lambda k, q, dq, ddq, a: ({k: a.sign(ddq[k])},)), "Fq does not depend linearly on the accelerations"),
+        (_odd(lambda k, q, dq, ddq, a: ({k: q[k] / dq[k]},)), "the column of Fq is not finite at rest"),
+        (_odd(lambda k, q, dq, ddq, a: ({k: a.sqrt(q[k] - 9.0)},)), "the column of Fq is not finite"),
+        (_odd(lambda k, q, dq, ddq, a: ({k: a.tanh(dq[k])},)), "AttributeError"),
+        (_odd(lambda k, q, dq, ddq, a: ({k: np.exp(dq[k])},)), "TypeError"),
+        (_odd(lambda k, q, dq, ddq, a: ({k: 1.0 if dq[k] > 0 else 0.0},)), "TypeError"),
+        (_odd(lambda k, q, dq, ddq, a: ({k: "one"},)), "ValueError: could not convert"),
+        (_odd(lambda k, q, dq, ddq, a: ({k: dq[k]}, {k: 1.0})), "expected a tuple of 1 columns, got"),
+        (_odd(lambda k, q, dq, ddq, a: {k: dq[k]}), "expected a tuple of 1 columns, got"),
+        (_odd(lambda k, q, dq, ddq, a: ({2: dq[k]},)), "a column of Fq names the joint 2 of 2"),
+        (_odd(lambda k, q, dq, ddq, a: ({k: dq[k + 1]},)), "IndexError"),
+        (_odd(parameters=("Fq",)), "must be derived from Term, with TermParameter as its parameters, got"),
+        (_odd(potential=lambda self, k, q, a: ()), "expected a tuple of 1 potentials"),
+        (
+            _odd(conditions=lambda self: (Condition("c", 1, np.zeros((1, 1)), {"Fx": np.eye(1)}),)),
+            "the condition 'c' is about 'Fx'",
+        ),
+        (
+            _odd(conditions=lambda self: (Condition("c", 1, np.zeros((1, 1)), {"Fq": np.eye(2)}),)),
+            "block .c at shoulder. has a constant",
+        ),
+    ],
+)
+def test_what_a_term_does_wrong_is_said(term, reason, pair):
+    with pytest.raises(InputError, match=rf"^(The term 'drag' cannot be used \()?.*{reason}") as raised:
+        sy.FeasibleSet(sy.Model(pair.with_terms(term)))
+    assert "\n" not in str(raised.value)
+
+
+def test_the_name_of_a_term_is_its_kind(no_extensions):
+    with pytest.raises(InputError, match="term `air` cannot be registered: expected a class whose kind is 'air'"):
+        register("terms", "air", Drag)
+    register("terms", "drag", Drag)
+    assert type(term_from_dict({"kind": "drag"})) is Drag
+    with pytest.raises(InputError, match=r"of kind 'drag': 'exponent' is no key of it; there are none"):
+        term_from_dict({"kind": "drag", "exponent": 2})
+    with pytest.raises(InputError, match='did you mean "drag"'):
+        term_from_dict({"kind": "darg"})
+
+
+RATIO = """
+[description]
+urdf = "pair.urdf"
+[[constraints.{}]]
+link = "fore"
+other = "upper"
+ratio = 0.4
+"""
+
+
+@pytest.mark.parametrize("name", ["mass_ratio", '"of_ratios:MassRatio"'])
+def test_the_constraint_is_read_and_holds(name, pair, tmp_path, install):
+    text = PAGE.read_text(encoding="utf-8").partition("\n## A constraint\n")[2]
+    (block, *_) = re.findall(r"^```python\n(.*?)^```", text, re.MULTILINE | re.DOTALL)
+    entries = {"mass_ratio": "of_ratios:MassRatio"} if name == "mass_ratio" else {}
+    install("ratios", "constraints", entries, block.replace("register(", "(lambda *a: None)("))
+    path = tmp_path / "robot.toml"
+    path.write_text(RATIO.format(name))
+    if name != "mass_ratio":
+        file = sy.RobotFile.load(path)
+        with pytest.raises(InputError, match=r"\[constraints\]: `of_ratios:MassRatio` is code, which is not run"):
+            constraints_from_dict(file.section("constraints"), tmp_path)
+    file = sy.RobotFile.load(path, allow_extensions=name != "mass_ratio")
+    section = file.section("constraints")
+    constraints = constraints_from_dict(section, tmp_path, allow_extensions=file.allow_extensions)
+    model = sy.Model(pair)
+    feasible_set = sy.FeasibleSet(model, constraints=list(constraints))
+    assert feasible_set.blocks[-1].name == "mass of fore <= 0.4 times that of upper"
+    verdict = sy.check(feasible_set, parameters=np.asarray(pair.parameters))  # 1 kg and 2 kg
+    assert [one.block for one in verdict.violations] == ["mass of fore <= 0.4 times that of upper"]
+    moved = np.array(pair.parameters)
+    moved[[9, 19]] = 2.4 / 1.16 + 1e-4, 0.96 / 1.16  # the foot of the perpendicular on m2 = 0.4 m1
+    assert sy.check(feasible_set, parameters=moved).feasible
+    with pytest.raises(InputError, match=r"\[\[constraints.*MassRatio.*\]\] lacks 'link'|mass_ratio\]\] lacks 'link'"):
+        constraints_from_dict({name.strip('"'): {"ratio": 1.0}}, allow_extensions=True)
+
+
+@pytest.mark.parametrize(
+    ("blocks", "equalities", "reason"),
+    [
+        ((3,), (), "TypeError: expected AffineBlock as blocks, got 3"),
+        (None, (), "TypeError"),
+        ((AffineBlock("b", np.zeros((1, 1)), np.array([20]), np.ones((1, 1, 1))),), (), "whole numbers from 0 to 19"),
+        ((AffineBlock("b", np.zeros((1, 1)), np.array([1.5]), np.ones((1, 1, 1))),), (), "whole numbers from 0 to 19"),
+        ((AffineBlock("b", np.array([[np.inf]]), np.array([1]), np.ones((1, 1, 1))),), (), "not finite"),
+        ((), ("e",), "TypeError: expected Equality as equalities, got"),
+        ((), (Equality("e", np.array([1, 2]), np.ones(1), 0.0),), "other numbers of indices and of coefficients"),
+        ((), (Equality("e", np.array([-1]), np.ones(1), 0.0),), "whole numbers from 0 to 19"),
+        ((), (Equality("e", np.array([1]), np.ones(1), np.nan),), "not finite"),
+    ],
+)
+def test_what_a_constraint_does_wrong_is_said(blocks, equalities, reason, pair):
+    odd = type("Odd", (), {"blocks": lambda self, model: blocks, "equalities": lambda self, model: equalities})
+    with pytest.raises(InputError, match=rf"The constraint Odd cannot be used \(.*{reason}"):
+        sy.FeasibleSet(sy.Model(pair), constraints=[odd()])
+
+
+def test_a_constraint_is_no_law_of_physics(pair):
+    """Blocks of other packages count as constraints, whatever the default of the class is."""
+    block = AffineBlock("m2 <= 0.5 kg", 0.5 * np.eye(1), np.array([19]), -np.ones((1, 1, 1)))
+    light = type("Light", (), {"blocks": lambda self, model: (block,), "equalities": lambda self, model: ()})
+    feasible_set = sy.FeasibleSet(sy.Model(pair), constraints=[light()])
+    assert [one.kind for one in feasible_set.blocks] == ["link", "link", "constraint"]
 
 
 @pytest.fixture

@@ -3,7 +3,10 @@
 Every message is one sentence that names the file, line or joint, what was found, what was expected and the remedy.
 """
 
-__all__ = ["InputError", "MissingExtraError", "SolverError", "SteelyardError"]
+from collections.abc import Iterator
+from contextlib import contextmanager
+
+__all__ = ["InputError", "MissingExtraError", "SolverError", "SteelyardError", "faults_told"]
 
 
 class SteelyardError(Exception):
@@ -20,3 +23,22 @@ class MissingExtraError(SteelyardError, ImportError):
 
 class SolverError(SteelyardError, RuntimeError):
     """A numerical solver ended without a usable answer; the message says with which status."""
+
+
+@contextmanager
+def faults_told(what: str, remedy: str, kind: type[SteelyardError] = InputError) -> Iterator[None]:
+    """Turn whatever code of another package raises into one sentence: ``what (reason); remedy.``
+
+    Parameters
+    ----------
+    what, remedy : str
+    kind : type
+        Of the error that is raised. Errors that this package raises itself, such as InputError, stay as they are.
+    """
+    try:
+        yield
+    except SteelyardError:
+        raise
+    except (Exception, SystemExit) as error:
+        reason = " ".join(str(error).split())[:300]
+        raise kind(f"{what} ({type(error).__name__}: {reason}); {remedy}.") from error

@@ -8,23 +8,24 @@ is asked for, and not before.
 from __future__ import annotations
 
 import re
-from collections.abc import Callable, Iterator, Mapping
-from contextlib import contextmanager
+from collections.abc import Callable, Mapping
 from importlib.metadata import EntryPoint, entry_points
 from typing import Any, Generic, TypeVar
 
-from steelyard.errors import InputError, SteelyardError
+from steelyard.errors import InputError, faults_told
 from steelyard.files.suggestion import suggestion
 
-__all__ = ["KINDS", "Extensions", "faults_told", "package_of", "register", "unregister"]
+__all__ = ["KINDS", "Extensions", "package_of", "register", "unregister"]
 
 T = TypeVar("T")
 
 KINDS = {
     "commands": "steelyard.cli.plug_ins:COMMANDS",
+    "constraints": "steelyard.feasibility.constraints.toml_section:CONSTRAINTS",
     "languages": "steelyard.codegen.project:LANGUAGES",
     "log_formats": "steelyard.recording.formats.registry:LOG_FORMATS",
     "solvers": "steelyard.conic.solver:SOLVERS",
+    "terms": "steelyard.dynamics.terms:TERMS",
 }
 """Where the table of each kind stands; docs/how-to/extend.md says what an extension of each kind is."""
 
@@ -156,25 +157,6 @@ class Extensions(Generic[T]):
     def _loaded(self, entry: EntryPoint, whose: str, remedy: str) -> T:
         with faults_told(f"{whose} cannot be loaded", remedy):
             return self.check(entry.name, entry.load())
-
-
-@contextmanager
-def faults_told(what: str, remedy: str, kind: type[SteelyardError] = InputError) -> Iterator[None]:
-    """Turn whatever code of another package raises into one sentence: ``what (reason); remedy.``
-
-    Parameters
-    ----------
-    what, remedy : str
-    kind : type
-        Of the error that is raised. Errors that this package raises itself, such as InputError, stay as they are.
-    """
-    try:
-        yield
-    except SteelyardError:
-        raise
-    except (Exception, SystemExit) as error:
-        reason = " ".join(str(error).split())[:300]
-        raise kind(f"{what} ({type(error).__name__}: {reason}); {remedy}.") from error
 
 
 def _entry(name: str, path: str) -> EntryPoint:

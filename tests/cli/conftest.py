@@ -1,12 +1,9 @@
 """Runs the command line in this process, on a small robot and its log."""
 
-import sys
-
 import numpy as np
 import pytest
 
 import steelyard as sy
-from steelyard.cli import main
 
 URDF = """\
 <?xml version="1.0"?>
@@ -37,24 +34,6 @@ kind = "coulomb"
 [processing]
 cutoff = 10.0
 """
-
-
-@pytest.fixture
-def run(monkeypatch, capsys):
-    """Return a function that runs ``steelyard`` and returns exit code, standard output and standard error."""
-
-    def run(*arguments):
-        monkeypatch.setattr(sys, "argv", ["steelyard", *map(str, arguments)])
-        capsys.readouterr()
-        code = 0
-        try:
-            main()
-        except SystemExit as stop:
-            code = stop.code or 0
-        output = capsys.readouterr()
-        return code, output.out, output.err
-
-    return run
 
 
 @pytest.fixture

@@ -72,8 +72,8 @@ def test_a_term_of_the_user_works_everywhere(random):
     [
         ({"kind": "viscos"}, 'did you mean "viscous"'),
         ({}, "kind is None"),
-        ({"kind": "viscous", "value": 1}, "takes no other keys, got ['value']"),
-        ({"kind": "motor_side"}, "takes ['coupling'], got []"),
+        ({"kind": "viscous", "value": 1}, "'value' is no key of it; there are none"),
+        ({"kind": "motor_side"}, "lacks 'coupling'; give coupling"),
         ({"kind": "motor_side", "coupling": [[1, 0]]}, "square matrix"),
         ({"kind": "motor_side", "coupling": [[1, 1], [1, 1]]}, "singular"),
         ({"kind": "motor_side", "coupling": [["a", 1], [1, 1]]}, "matrix of numbers"),

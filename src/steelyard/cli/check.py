@@ -7,7 +7,7 @@ from typing import Annotated
 
 import typer
 
-from .choices import Consistency
+from .choices import AllowExtensions, Consistency
 from .screen import echo
 
 __all__ = ["check"]
@@ -29,6 +29,7 @@ def check(
         Path | None, typer.Option("--output", "-o", help="File for the certificate of the verdict (JSON).")
     ] = None,
     consistency: Consistency = Consistency.FULL,
+    allow_extensions: AllowExtensions = False,
 ) -> None:
     """Tell whether a robot with these parameters could exist: exit 0 feasible, 1 not, 2 bad input.
 
@@ -36,18 +37,20 @@ def check(
     """
     from steelyard.errors import InputError
     from steelyard.identification import check_certificate, check_estimate
+    from steelyard.robot import RobotFile
 
+    file = None if robot is None else RobotFile.load(robot, allow_extensions=allow_extensions)
     if certificate is not None:
         if output is not None:
             raise InputError("--certificate verifies a certificate and --output saves a new one; give one of them.")
-        verified = check_certificate(certificate, robot, estimate, consistency.value)
+        verified = check_certificate(certificate, file, estimate, consistency.value)
         echo(verified.sentence)
         if not verified:
             raise typer.Exit(1)
         return
-    if robot is None or estimate is None:
+    if file is None or estimate is None:
         raise InputError("steelyard check needs ROBOT and ESTIMATE, or --certificate FILE to verify a certificate.")
-    verdict = check_estimate(robot, estimate, consistency.value)
+    verdict = check_estimate(file, estimate, consistency.value)
     echo(str(verdict))
     if output is not None:
         if verdict.certificate is None:

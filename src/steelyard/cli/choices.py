@@ -3,9 +3,12 @@
 from __future__ import annotations
 
 from enum import Enum
-from typing import Literal
+from typing import Annotated, Literal
+
+import typer
 
 __all__ = [
+    "AllowExtensions",
     "Consistency",
     "Criterion",
     "DistanceMetric",
@@ -88,3 +91,9 @@ class NuisanceParameters(Enum):
 
     UNKNOWN = "unknown"
     KNOWN = "known"
+
+
+AllowExtensions = Annotated[
+    bool,
+    typer.Option("--allow-extensions", help="Run code that robot.toml names by import path; only for files you trust."),
+]

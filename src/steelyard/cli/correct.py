@@ -7,7 +7,7 @@ from typing import Annotated
 
 import typer
 
-from .choices import Consistency, DistanceMetric
+from .choices import AllowExtensions, Consistency, DistanceMetric
 from .screen import echo
 
 __all__ = ["correct"]
@@ -22,14 +22,17 @@ def correct(
         DistanceMetric,
         typer.Option(help="Base parameters count in units of their standard deviations, or all in SI units."),
     ] = DistanceMetric.DEVIATION,
+    allow_extensions: AllowExtensions = False,
 ) -> None:
     """Write the physically possible estimate that is nearest to another one."""
     from steelyard.errors import InputError
     from steelyard.identification import correct_estimate
+    from steelyard.robot import RobotFile
 
     if output.resolve() == estimate.resolve():
         raise InputError(f"{output}: is the estimate itself, which stays as it is; give another file.")
-    corrected = correct_estimate(robot, estimate, consistency.value, metric.value)
+    file = RobotFile.load(robot, allow_extensions=allow_extensions)
+    corrected = correct_estimate(file, estimate, consistency.value, metric.value)
     corrected.save(output)
     echo(corrected.remarks[-1])
     echo(f"Written to {output}")

@@ -7,7 +7,7 @@ from typing import Annotated
 
 import typer
 
-from .choices import Criterion, Family, NuisanceParameters
+from .choices import AllowExtensions, Criterion, Family, NuisanceParameters
 from .screen import echo
 from .terminal import progress, show_excitation
 
@@ -45,16 +45,18 @@ def excite(
     time_limit: Annotated[
         float | None, typer.Option(help="s, after which the best motion so far is taken; so does Ctrl-C.")
     ] = None,
+    allow_extensions: AllowExtensions = False,
 ) -> None:
     """Design a motion that shows a robot's parameters, within all its limits: exit 3 where it cannot identify them."""
     from steelyard.excitation import ExcitationObjective, SearchOptions
     from steelyard.identification import excite as run
     from steelyard.report import require_folder
+    from steelyard.robot import RobotFile
 
     require_folder(output)
     with progress() as say:
         design = run(
-            robot,
+            RobotFile.load(robot, allow_extensions=allow_extensions),
             limits,
             prior_information=prior_information,
             estimate=estimate,

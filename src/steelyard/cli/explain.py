@@ -7,7 +7,7 @@ from typing import Annotated
 
 import typer
 
-from .choices import Consistency
+from .choices import AllowExtensions, Consistency
 from .screen import echo
 
 __all__ = ["explain"]
@@ -18,11 +18,14 @@ def explain(
     estimate: Annotated[Path, typer.Argument(help="estimate.json.")],
     output: Annotated[Path | None, typer.Option("--output", "-o", help="File for the same as JSON.")] = None,
     consistency: Consistency = Consistency.FULL,
+    allow_extensions: AllowExtensions = False,
 ) -> None:
     """Tell why an estimate is impossible, or which values of each parameter are possible: exit 0 feasible, 1 not."""
     from steelyard.identification import explain_estimate
+    from steelyard.robot import RobotFile
 
-    explanation = explain_estimate(robot, estimate, consistency.value)
+    file = RobotFile.load(robot, allow_extensions=allow_extensions)
+    explanation = explain_estimate(file, estimate, consistency.value)
     echo(str(explanation))
     if output is not None:
         explanation.save(output)

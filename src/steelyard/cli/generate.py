@@ -9,7 +9,7 @@ import typer
 
 from steelyard.errors import InputError
 
-from .choices import Gravity, Sign
+from .choices import AllowExtensions, Gravity, Sign
 from .screen import echo
 
 __all__ = ["generate"]
@@ -39,12 +39,13 @@ def generate(
         Path | None, typer.Option(help="estimate.json, whose parameters stand in the source as numbers.")
     ] = None,
     cad: Annotated[bool, typer.Option("--cad", help="The description's own values stand in the source.")] = False,
+    allow_extensions: AllowExtensions = False,
 ) -> None:
     """Write the model of a robot as source code: functions with documentation, sizes and a self-test."""
     from steelyard.dynamics import DEFAULT_FUNCTIONS, Model
     from steelyard.identification import parameters_for_source
 
-    model = Model.load(robot)
+    model = Model.load(robot, allow_extensions=allow_extensions)
     if function == ["list"]:
         echo("\n".join(model.functions))
         return

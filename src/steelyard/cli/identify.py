@@ -7,7 +7,7 @@ from typing import Annotated
 
 import typer
 
-from .choices import Consistency, TieBreakName, Weights
+from .choices import AllowExtensions, Consistency, TieBreakName, Weights
 from .screen import echo
 from .terminal import progress, show_identification
 
@@ -34,6 +34,7 @@ def identify(
         float, typer.Option(help="Fraction of the squared residual that this choice may cost.", min=0.0, max=1.0)
     ] = 5e-4,
     chunk_rows: Annotated[int, typer.Option(help="Rows of a log that stand in memory together.", min=1000)] = 200_000,
+    allow_extensions: AllowExtensions = False,
 ) -> None:
     """Identify a robot's dynamic parameters from its logs, physically feasible, with a report."""
     from steelyard.identification import identify as run
@@ -41,7 +42,7 @@ def identify(
     from steelyard.robot import RobotFile
 
     require_folder(output)
-    file = RobotFile.load(robot)
+    file = RobotFile.load(robot, allow_extensions=allow_extensions)
     require_apart(output, (file.path, file.robot.source))
     with progress() as say:
         result = run(

@@ -7,7 +7,7 @@ from typing import Annotated
 
 import typer
 
-from .choices import Consistency
+from .choices import AllowExtensions, Consistency
 from .terminal import show_model
 
 __all__ = ["inspect"]
@@ -16,8 +16,9 @@ __all__ = ["inspect"]
 def inspect(
     robot: Annotated[Path, typer.Argument(help="URDF or robot.toml.")],
     consistency: Consistency = Consistency.FULL,
+    allow_extensions: AllowExtensions = False,
 ) -> None:
     """Show joints, parameters, base parameters and operation counts, and whether the CAD is physically possible."""
     from steelyard.dynamics import Model
 
-    show_model(Model.load(robot), consistency.value)
+    show_model(Model.load(robot, allow_extensions=allow_extensions), consistency.value)

@@ -8,6 +8,7 @@ from typing import Annotated
 
 import typer
 
+from .choices import AllowExtensions
 from .screen import echo
 from .terminal import progress
 
@@ -63,12 +64,14 @@ def simulate(
             "--stop-at-limits", help="End where a joint passes a limit of the description, or starts beyond it."
         ),
     ] = False,
+    allow_extensions: AllowExtensions = False,
 ) -> None:
     """Simulate a robot: exit 0 when it ran to its end or to an event, 1 when it diverged, 2 bad input."""
     from steelyard.errors import InputError
     from steelyard.identification.simulated import simulate_files
     from steelyard.report.results import require_folder
     from steelyard.report.simulation import save_simulation
+    from steelyard.robot import RobotFile
 
     positions = None
     if initial is not None:
@@ -82,7 +85,7 @@ def simulate(
     with progress() as say:
         say(f"simulating {robot}")
         simulation = simulate_files(
-            robot,
+            RobotFile.load(robot, allow_extensions=allow_extensions),
             estimate,
             duration=duration,
             initial=positions,

@@ -13,8 +13,8 @@ from pathlib import Path, PurePosixPath
 import numpy as np
 from numpy.typing import NDArray
 
-from steelyard.errors import InputError
-from steelyard.extensions import Extensions, faults_told
+from steelyard.errors import InputError, faults_told
+from steelyard.extensions import Extensions
 from steelyard.files import replaced_folder, shown, suggestion, write_bytes
 from steelyard.graph import Function
 from steelyard.graph.expression import reachable

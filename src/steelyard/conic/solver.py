@@ -7,8 +7,8 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from steelyard.display import html_table
-from steelyard.errors import InputError, MissingExtraError, SolverError
-from steelyard.extensions import Extensions, faults_told
+from steelyard.errors import InputError, MissingExtraError, SolverError, faults_told
+from steelyard.extensions import Extensions
 from steelyard.files import shown, suggestion
 
 from .problem import CONE_KINDS, ConicProblem, ConicSolution

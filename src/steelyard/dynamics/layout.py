@@ -101,6 +101,15 @@ class ParameterLayout:
         return entries
 
     @cached_property
+    def described_as(self) -> tuple[str, ...]:
+        """As what a robot description holds each parameter, see `TermParameter`; empty where it has no place for it."""
+        kinds = [parameter.described_as or "" for term in self.robot.terms for parameter in term.parameters]
+        result = [""] * len(self.names)
+        for first in self._columns[1]:
+            result[first : first + len(kinds)] = kinds
+        return tuple(result)
+
+    @cached_property
     def descriptions(self) -> tuple[str, ...]:
         """What each parameter is, with its unit."""
         robot = self.robot

@@ -24,7 +24,7 @@ from .kinematics import joint_frames
 from .layout import ParameterLayout
 from .model_source import DEFAULT_FUNCTIONS, model_project
 from .regressor import regressor_with_numpy, term_torques
-from .terms import term_from_dict
+from .terms import check_term, is_known_term, term_from_dict
 from .threads import one_thread
 
 __all__ = ["Model"]
@@ -58,6 +58,9 @@ class Model:
     """
 
     def __init__(self, robot: Robot, *, threads: int = 1) -> None:
+        for term in robot.terms:
+            if not is_known_term(term):
+                check_term(term, robot)
         self.robot = robot
         self._layout = ParameterLayout(robot)
         self._functions = ModelFunctions(self._layout, self.base_parameters)
@@ -67,12 +70,14 @@ class Model:
         return f"Model({self.robot.name}: {self.robot.dof} joints, {self.parameter_count} parameters)"
 
     @classmethod
-    def load(cls, path: str | Path) -> Model:
+    def load(cls, path: str | Path, *, allow_extensions: bool = False) -> Model:
         """Read a model from a ``robot.toml`` or a URDF; where no terms are stated, with friction and offset.
 
         Parameters
         ----------
         path : str or Path
+        allow_extensions : bool
+            See :meth:`steelyard.RobotFile.load`.
 
         Returns
         -------
@@ -83,12 +88,15 @@ class Model:
         InputError
             If the file, the description or a term cannot be used.
         """
-        return cls.from_file(RobotFile.load(path))
+        return cls.from_file(RobotFile.load(path, allow_extensions=allow_extensions))
 
     @classmethod
     def from_file(cls, file: RobotFile) -> Model:
         """Build the model that a robot file describes."""
-        terms = [term_from_dict(t, f"{file.path}: [[terms]] number {i + 1}") for i, t in enumerate(file.terms)]
+        terms = [
+            term_from_dict(table, f"{file.path}: [[terms]] number {number}", allow_extensions=file.allow_extensions)
+            for number, table in enumerate(file.terms, start=1)
+        ]
         return cls(file.robot.with_terms(*terms) if terms else file.robot)
 
     @property
@@ -316,7 +324,7 @@ class Model:
     def joint_friction(self, parameters: ArrayLike) -> tuple[Array, Array]:
         """Return viscous and Coulomb friction (N,) of each joint moving alone, all the terms together.
 
-        Coupled motors count with what the joint feels of them. NaN where no term models friction.
+        Coupled motors count with what the joint feels of them. NaN where the robot has no terms.
 
         Parameters
         ----------
@@ -331,13 +339,14 @@ class Model:
         n = self.robot.dof
         if not self.robot.terms:
             return np.full(n, np.nan), np.full(n, np.nan)
-        still, each = np.zeros((n, n)), np.eye(n)
-        delta = np.asarray(parameters, dtype=np.float64)
-        forward, backward, faster = (
-            np.diagonal(term_torques(self._layout, still, speed * each, still, delta)) for speed in (1.0, -1.0, 2.0)
-        )
-        damping = faster - forward
-        return damping, 0.5 * (forward - backward) - damping
+        still, delta = np.zeros((n, n)), np.asarray(parameters, dtype=np.float64)
+        described = np.array(self._layout.described_as)
+
+        def felt(kind: str) -> Array:
+            share = np.where(described == kind, delta, 0.0)
+            return np.diagonal(term_torques(self._layout, still, np.eye(n), still, share)).copy()
+
+        return felt("damping"), felt("friction")
 
     # What the model is made of
 

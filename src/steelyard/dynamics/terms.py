@@ -8,11 +8,23 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from steelyard.errors import InputError
-from steelyard.files import shown, suggestion
+from steelyard import graph
+from steelyard.errors import InputError, faults_told
+from steelyard.extensions import Extensions
+from steelyard.files import made_from_table, shown, suggestion
 from steelyard.robot import Joint, Robot, Term, TermParameter
 
-__all__ = ["Coulomb", "MotorSide", "Offset", "RotorInertia", "Viscous", "is_known_term", "term_from_dict"]
+__all__ = [
+    "TERMS",
+    "Coulomb",
+    "MotorSide",
+    "Offset",
+    "RotorInertia",
+    "Viscous",
+    "check_term",
+    "is_known_term",
+    "term_from_dict",
+]
 
 
 class _JointTerm(Term):
@@ -38,7 +50,9 @@ class Viscous(_JointTerm):
     """
 
     kind = "viscous"
-    parameters = (TermParameter("Fvj", "N·m·s/rad", "N·s/m", "viscous friction", nonnegative=True),)
+    parameters = (
+        TermParameter("Fvj", "N·m·s/rad", "N·s/m", "viscous friction", nonnegative=True, described_as="damping"),
+    )
 
     def columns(
         self, k: int, q: Sequence[Any], dq: Sequence[Any], ddq: Sequence[Any], algebra: Any
@@ -62,7 +76,7 @@ class Coulomb(_JointTerm):
     """
 
     kind = "coulomb"
-    parameters = (TermParameter("Fcj", "N·m", "N", "Coulomb friction", nonnegative=True),)
+    parameters = (TermParameter("Fcj", "N·m", "N", "Coulomb friction", nonnegative=True, described_as="friction"),)
 
     def columns(
         self, k: int, q: Sequence[Any], dq: Sequence[Any], ddq: Sequence[Any], algebra: Any
@@ -136,8 +150,10 @@ class MotorSide(Term):
 
     kind = "motor_side"
     parameters = (
-        TermParameter("Fvm", "N·m·s/rad", "N·s/m", "viscous friction of the motor", nonnegative=True),
-        TermParameter("Fcm", "N·m", "N", "Coulomb friction of the motor", nonnegative=True),
+        TermParameter(
+            "Fvm", "N·m·s/rad", "N·s/m", "viscous friction of the motor", nonnegative=True, described_as="damping"
+        ),
+        TermParameter("Fcm", "N·m", "N", "Coulomb friction of the motor", nonnegative=True, described_as="friction"),
         TermParameter("Fom", "N·m", "N", "torque offset of the motor", nonnegative=False),
         TermParameter("Iam", "kg·m²", "kg", "inertia of the motor", nonnegative=True),
     )
@@ -198,23 +214,38 @@ def _weighted(ratios: Sequence[tuple[int, float]], values: Sequence[Any]) -> Any
     return total
 
 
-_KINDS: dict[str, type[Term]] = {t.kind: t for t in (Viscous, Coulomb, Offset, RotorInertia, MotorSide)}
+def _checked_term(name: str, offered: object) -> type[Term]:
+    if not (isinstance(offered, type) and issubclass(offered, Term)):
+        raise TypeError(f"expected a class derived from steelyard.Term, got {shown(offered)}")
+    kind = getattr(offered, "kind", None)
+    if not isinstance(kind, str) or not (":" in name or kind == name):
+        raise TypeError(f"expected a class whose kind is {name!r}, got one with {shown(kind)}")
+    return offered
+
+
+TERMS: Extensions[type[Term]] = Extensions(
+    "terms", "term", {one.kind: one for one in (Viscous, Coulomb, Offset, RotorInertia, MotorSide)}, _checked_term
+)
+"""By the kind that stands in robot.toml."""
 
 
 def is_known_term(term: Term) -> bool:
     """Tell whether a term is one of those defined here, which `to_dict` describes completely."""
-    return type(term) in _KINDS.values()
+    return type(term) in TERMS.own.values()
 
 
-def term_from_dict(section: Mapping[str, Any], where: str = "[[terms]]") -> Term:
+def term_from_dict(section: Mapping[str, Any], where: str = "[[terms]]", *, allow_extensions: bool = False) -> Term:
     """Build a term from a ``[[terms]]`` table of robot.toml.
 
     Parameters
     ----------
     section : mapping
-        Holds ``kind`` and, for ``"motor_side"``, ``coupling``.
+        Holds ``kind``, the name of a term or ``"module:Class"``, and the arguments of its class, such as ``coupling``
+        for ``"motor_side"``.
     where : str
         Named in messages.
+    allow_extensions : bool
+        Whether a class that the table names by its import path may be imported.
 
     Returns
     -------
@@ -223,7 +254,7 @@ def term_from_dict(section: Mapping[str, Any], where: str = "[[terms]]") -> Term
     Raises
     ------
     InputError
-        If the kind is unknown, or a key is missing or too many.
+        If the kind is unknown or not allowed, or a key is missing or too many.
 
     Examples
     --------
@@ -232,12 +263,77 @@ def term_from_dict(section: Mapping[str, Any], where: str = "[[terms]]") -> Term
     """
     options = dict(section)
     kind = options.pop("kind", None)
-    if not isinstance(kind, str) or kind not in _KINDS:
-        raise InputError(f"{where}: kind is {shown(kind)}; {suggestion(str(kind), _KINDS)}")
-    known = {"coupling"} if kind == "motor_side" else set()
-    if set(options) != known:
-        raise InputError(
-            f"{where}: a term of kind {kind!r} takes {sorted(known) if known else 'no other keys'}, "
-            f"got {sorted(options)}."
-        )
-    return _KINDS[kind](**options)
+    if isinstance(kind, str) and ":" in kind:
+        found: type[Term] | None = TERMS.at(kind, where, allow_extensions)
+    else:
+        found = TERMS.get(kind) if isinstance(kind, str) else None
+    if found is None:
+        raise InputError(f"{where}: kind is {shown(kind)}; {suggestion(str(kind), TERMS.names())}")
+    return made_from_table(found, options, f"{where}, a term of kind {kind!r}")
+
+
+def check_term(term: Term, robot: Robot) -> None:
+    """Refuse a term whose columns or conditions are not what a term of a robot must give.
+
+    Its columns are tried at a moving and at a resting robot.
+
+    Raises
+    ------
+    InputError
+        If it does not give one column for each parameter, with finite elements at joints of the robot that depend
+        linearly on the accelerations, or conditions on its own parameters.
+    """
+    with faults_told(f"The term {term.kind!r} cannot be used", "mend its class"):
+        recorder, count = graph.Graph(), robot.dof
+        q, dq, ddq = (recorder.inputs(name, count) for name in ("q", "dq", "ddq"))
+        values = _trials(count)
+        for k in range(count):
+            columns = term.columns(k, q, dq, ddq, graph)
+            potential = term.potential(k, q, graph)
+            for what, given in (("columns", columns), ("potentials", potential)):
+                if not isinstance(given, tuple) or len(given) != len(term.parameters):
+                    raise TypeError(f"expected a tuple of {len(term.parameters)} {what}, got {shown(given)}")
+            for column, parameter in zip(columns, term.parameters, strict=True):
+                rows = set(column) - set(range(count))
+                if rows:
+                    raise ValueError(f"a column of {parameter.symbol} names the joint {rows.pop()!r} of {count}")
+                nodes = [recorder.node(element) for element in column.values()]
+                with np.errstate(all="ignore"):
+                    found = graph.evaluate(nodes, values)
+                for value in found:
+                    _check_column(np.broadcast_to(value, (7,)), parameter.symbol)
+        symbols = [parameter.symbol for parameter in term.parameters]
+        for condition in term.conditions():
+            for symbol in condition.coefficients:
+                if symbol not in symbols:
+                    raise ValueError(f"the condition {condition.name!r} is about {symbol!r}, which it has not")
+
+
+_MIX = 0.3
+
+
+def _trials(count: int) -> dict[str, NDArray[np.float64]]:
+    """Return seven motions by the names of inputs: twice two accelerations and a mixture of them, and rest.
+
+    The second pair is of opposite signs and of other sizes, which odd functions tell from linear ones.
+    """
+    random = np.random.default_rng(0)
+    q, dq, one, other = random.uniform(-2.0, 2.0, (4, count))
+    rest = np.zeros(count)
+    pairs = ((one, other), (one, -2.0 * one))
+    accelerations = [row for a, b in pairs for row in (a, b, _MIX * a + (1.0 - _MIX) * b)]
+    rows = {"q": [q] * 6, "dq": [dq] * 6, "ddq": accelerations}
+    return {
+        f"{name}[{k}]": np.array([row[k] for row in (*given, rest)])
+        for name, given in rows.items()
+        for k in range(count)
+    }
+
+
+def _check_column(values: NDArray[np.float64], symbol: str) -> None:
+    """Refuse an element of a column by its values at the trials."""
+    if not np.isfinite(values).all():
+        raise ValueError(f"the column of {symbol} is not finite{' at rest' if np.isfinite(values[:6]).all() else ''}")
+    for one, other, mixed in values[:6].reshape(2, 3):
+        if abs(_MIX * one + (1.0 - _MIX) * other - mixed) > 1e-9 * (abs(one) + abs(other) + 1e-3):
+            raise ValueError(f"the column of {symbol} does not depend linearly on the accelerations")

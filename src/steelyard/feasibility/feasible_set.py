@@ -16,7 +16,14 @@ from steelyard.lmi import AffineBlock, AffineStack, LinearMatrixInequality
 from steelyard.robot.inertia import INERTIA_SYMBOLS
 
 from .constraints import Constraint, Equality
-from .constraints.constraint import ModelLike, distinct_blocks, independent_equalities, solved_for_some
+from .constraints.constraint import (
+    ModelLike,
+    blocks_of,
+    distinct_blocks,
+    equalities_of,
+    independent_equalities,
+    solved_for_some,
+)
 
 __all__ = ["FeasibleSet"]
 
@@ -85,14 +92,14 @@ class FeasibleSet:
                 raise InputError(f"constraints must hold objects such as TotalMass(maximum=27.0), got {constraint!r}.")
         self.blocks: tuple[AffineBlock, ...] = self._blocks()
         self.equalities: tuple[Equality, ...] = independent_equalities(
-            (equality for constraint in self.constraints for equality in constraint.equalities(model)),
+            (equality for constraint in self.constraints for equality in equalities_of(constraint, model)),
             self.parameter_count,
         )
 
     def _blocks(self) -> tuple[AffineBlock, ...]:
         found = [block for block in self.model.conditions(self.consistency) if self.terms or block.kind != "term"]
         for constraint in self.constraints:
-            found.extend(constraint.blocks(self.model))
+            found.extend(blocks_of(constraint, self.model))
         return distinct_blocks(found)
 
     def __repr__(self) -> str:

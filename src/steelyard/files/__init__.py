@@ -22,6 +22,7 @@ if TYPE_CHECKING:
     from .suggestion import suggestion as suggestion
     from .toml_table import TomlSection as TomlSection
     from .toml_table import TomlTable as TomlTable
+    from .toml_table import made_from_table as made_from_table
     from .writing import plain as plain
     from .writing import replaced_file as replaced_file
     from .writing import write_bytes as write_bytes

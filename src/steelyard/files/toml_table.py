@@ -2,19 +2,22 @@
 
 from __future__ import annotations
 
+import inspect
 import math
 from abc import abstractmethod
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, fields
-from typing import Any, ClassVar, Self
+from typing import Any, ClassVar, Self, TypeVar
 
-from steelyard.errors import InputError
+from steelyard.errors import InputError, faults_told
 
 from .numbers import is_number
 from .reading import shown
 from .suggestion import suggestion
 
-__all__ = ["TomlSection", "TomlTable"]
+__all__ = ["TomlSection", "TomlTable", "made_from_table"]
+
+T = TypeVar("T")
 
 
 class TomlTable(Mapping[str, Any]):
@@ -26,8 +29,8 @@ class TomlTable(Mapping[str, Any]):
         What stands in the file; it must be a table.
     where : str
         The file and the table, such as ``robot.toml, [limits]``; it begins every message.
-    keys : sequence of str
-        The known keys.
+    keys : sequence of str, or None
+        The known keys; any key where None.
     unknown : str
         What the message says of any other key, before it suggests one.
 
@@ -47,11 +50,14 @@ class TomlTable(Mapping[str, Any]):
     steelyard.errors.InputError: robot.toml: 'grvity' is not known here; did you mean "gravity"?
     """
 
-    def __init__(self, content: object, where: str, keys: Sequence[str], unknown: str = "is not known here") -> None:
+    def __init__(
+        self, content: object, where: str, keys: Sequence[str] | None, unknown: str = "is not known here"
+    ) -> None:
         if not isinstance(content, Mapping):
-            raise InputError(f"{where} must be a table with {', '.join(keys)}, got {shown(content)}")
+            listed = f" with {', '.join(keys)}" if keys else ""
+            raise InputError(f"{where} must be a table{listed}, got {shown(content)}")
         for key in content:
-            if key not in keys:
+            if keys is not None and key not in keys:
                 raise InputError(f"{where}: {shown(key)} {unknown}; {suggestion(str(key), keys)}")
         self.content, self.where = content, where
 
@@ -171,3 +177,40 @@ def _plain(value: Any) -> Any:
     if isinstance(value, TomlSection):
         return value.described()
     return [_plain(item) for item in value] if isinstance(value, tuple) else value
+
+
+def made_from_table(offered: Callable[..., T], options: Mapping[str, Any], where: str) -> T:
+    """Call what a file names with the keys of its table as keyword arguments.
+
+    Parameters
+    ----------
+    offered : callable
+        A class or a function; the names of its arguments are the keys that it takes.
+    options : mapping
+        The keys and their values.
+    where : str
+        The place in the file, for messages.
+
+    Raises
+    ------
+    InputError
+        If a key is missing or not known, or a value is refused.
+
+    Examples
+    --------
+    >>> made_from_table(complex, {"real": 1, "imag": 2}, "numbers.toml, [[complex]]")
+    (1+2j)
+    >>> def power(base, exponent=2):
+    ...     return base**exponent
+    >>> made_from_table(power, {"bsae": 3}, "numbers.toml, [[power]]")
+    Traceback (most recent call last):
+        ...
+    steelyard.errors.InputError: numbers.toml, [[power]]: 'bsae' is no key of it; did you mean "base"?
+    """
+    with faults_told(f"{where} cannot be used", "correct its keys, or mend its package"):
+        arguments = inspect.signature(offered).parameters.values()
+        named = [one for one in arguments if one.kind in (one.POSITIONAL_OR_KEYWORD, one.KEYWORD_ONLY)]
+        takes_all = any(one.kind is one.VAR_KEYWORD for one in arguments)
+        table = TomlTable(options, where, None if takes_all else [one.name for one in named], "is no key of it")
+        table.require(*(one.name for one in named if one.default is one.empty))
+        return offered(**table)

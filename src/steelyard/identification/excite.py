@@ -57,7 +57,7 @@ def excite(
     SolverError
         If no motion keeps every limit.
     """
-    file = robot if isinstance(robot, RobotFile) else RobotFile.load(robot)
+    file = RobotFile.load(robot)
     model = Model.from_file(file)
     parameters = None if estimate is None else parameters_of_estimate(model, estimate)
     asked = ExcitationObjective() if objective is None else objective

@@ -101,10 +101,12 @@ def identify(
     say = progress or (lambda _: None)
     if not logs:
         raise InputError("At least one log is needed to identify a robot; give the path of a CSV, Parquet or NPZ file.")
-    file = robot if isinstance(robot, RobotFile) else RobotFile.load(robot)
+    file = RobotFile.load(robot)
     model = Model.from_file(file)
     reader = _Reader(file, model, chunk_rows)
-    constraints = constraints_from_dict(file.section("constraints"), folder=file.path.parent)
+    constraints = constraints_from_dict(
+        file.section("constraints"), folder=file.path.parent, allow_extensions=file.allow_extensions
+    )
     feasible_set = FeasibleSet(model, consistency, list(constraints))
 
     say(f"{model.robot.name}: {model.dof} joints, {model.base_parameters().count} base parameters")

@@ -56,13 +56,13 @@ off by half a unit in the last place, with room for other orders of summation.""
 
 
 def check_estimate(
-    robot: str | Path, estimate: str | Path, consistency: Literal["full", "inertia"] = "full"
+    robot: str | Path | RobotFile, estimate: str | Path, consistency: Literal["full", "inertia"] = "full"
 ) -> Verdict:
     """Tell whether a robot with the parameters of a saved estimate could exist.
 
     Parameters
     ----------
-    robot : str or Path
+    robot : str, Path or RobotFile
         URDF or robot.toml, whose constraints count too.
     estimate : str or Path
         What :meth:`steelyard.Estimate.save` wrote; its standard parameters are checked where it has them, otherwise
@@ -94,7 +94,7 @@ def check_estimate(
 
 def check_certificate(
     certificate: str | Path,
-    robot: str | Path | None = None,
+    robot: str | Path | RobotFile | None = None,
     estimate: str | Path | None = None,
     consistency: Literal["full", "inertia"] = "full",
 ) -> CertificateCheck:
@@ -104,7 +104,7 @@ def check_certificate(
     ----------
     certificate : str or Path
         What ``save`` of a certificate wrote.
-    robot : str or Path, optional
+    robot : str, Path or RobotFile, optional
         URDF or robot.toml: the statement of the certificate must be that of this robot.
     estimate : str or Path, optional
         Its base parameters must be those of the certificate, to the last digit.
@@ -124,18 +124,18 @@ def check_certificate(
     if robot is None or not verified:
         return verified
     document = load_certificate(certificate)
+    file = RobotFile.load(robot)
     base = None
     if estimate is None:
-        file = RobotFile.load(robot)
         feasible_set = _feasible_set(file, Model.from_file(file), consistency)
     else:
-        _, feasible_set, loaded = set_and_estimate(robot, estimate, consistency)
+        _, feasible_set, loaded = set_and_estimate(file, estimate, consistency)
         base = loaded.base
     different = speaks_of(document, feasible_set, base)
     if different and not speaks_of(document, feasible_set, base, rounding=LAST_DIGITS):
-        return _proved_anew(document, feasible_set, verified, robot)
+        return _proved_anew(document, feasible_set, verified, file.path)
     if different:
-        whose = f"{estimate}" if different == "base parameters" else f"{robot} under {consistency!r} consistency"
+        whose = f"{estimate}" if different == "base parameters" else f"{file.path} under {consistency!r} consistency"
         sentence = f"The proof is valid, but it speaks of something else: its {different} differ from those of {whose}."
         if different == "consistency":
             own = document["statement"]["consistency"]
@@ -148,7 +148,7 @@ def check_certificate(
 
 
 def _proved_anew(
-    document: Mapping[str, Any], feasible_set: FeasibleSet, verified: CertificateCheck, robot: str | Path
+    document: Mapping[str, Any], feasible_set: FeasibleSet, verified: CertificateCheck, robot: Path
 ) -> CertificateCheck:
     """What is proved of a robot whose numbers differ from those of a certificate in their last digits.
 
@@ -169,7 +169,7 @@ def _proved_anew(
 
 
 def correct_estimate(
-    robot: str | Path,
+    robot: str | Path | RobotFile,
     estimate: str | Path,
     consistency: Literal["full", "inertia"] = "full",
     metric: Literal["deviation", "euclidean"] = "deviation",
@@ -178,7 +178,7 @@ def correct_estimate(
 
     Parameters
     ----------
-    robot : str or Path
+    robot : str, Path or RobotFile
         URDF or robot.toml, whose constraints count too.
     estimate : str or Path
         What :meth:`steelyard.Estimate.save` wrote.
@@ -246,12 +246,14 @@ def correct_estimate(
 
 
 def _feasible_set(file: RobotFile, model: Model, consistency: Literal["full", "inertia"]) -> FeasibleSet:
-    constraints = constraints_from_dict(file.section("constraints"), folder=file.path.parent)
+    constraints = constraints_from_dict(
+        file.section("constraints"), folder=file.path.parent, allow_extensions=file.allow_extensions
+    )
     return FeasibleSet(model, consistency, list(constraints))
 
 
 def set_and_estimate(
-    robot: str | Path, estimate: str | Path, consistency: Literal["full", "inertia"]
+    robot: str | Path | RobotFile, estimate: str | Path, consistency: Literal["full", "inertia"]
 ) -> tuple[Model, FeasibleSet, Estimate]:
     """The model of a robot file, its feasible set with the constraints of the file, and an estimate of this robot."""
     file = RobotFile.load(robot)
@@ -455,13 +457,13 @@ class EstimateExplanation:
 
 
 def explain_estimate(
-    robot: str | Path, estimate: str | Path, consistency: Literal["full", "inertia"] = "full"
+    robot: str | Path | RobotFile, estimate: str | Path, consistency: Literal["full", "inertia"] = "full"
 ) -> EstimateExplanation:
     """Tell why a saved estimate is impossible, or, where it is possible, what is known of each parameter.
 
     Parameters
     ----------
-    robot : str or Path
+    robot : str, Path or RobotFile
         URDF or robot.toml, whose constraints count too.
     estimate : str or Path
         What :meth:`steelyard.Estimate.save` wrote; its base parameters are what counts.

@@ -54,7 +54,7 @@ class FileSimulation:
 
 
 def simulate_files(
-    robot: str | Path,
+    robot: str | Path | RobotFile,
     estimate: str | Path | None = None,
     *,
     duration: float | None = None,
@@ -71,7 +71,7 @@ def simulate_files(
 
     Parameters
     ----------
-    robot : str or Path
+    robot : str, Path or RobotFile
         URDF or robot.toml.
     estimate : str or Path, optional
         What :meth:`steelyard.Estimate.save` wrote; the values of the description (CAD) where not given.
@@ -104,7 +104,7 @@ def simulate_files(
     """
     file = RobotFile.load(robot)
     model = Model.from_file(file)
-    inputs = [Path(robot), *([model.robot.source] if model.robot.source is not None else [])]
+    inputs = [file.path, *([model.robot.source] if model.robot.source is not None else [])]
     parameters, base, whose = _parameters(model, estimate)
     if torque is not None and follow is not None:
         raise InputError("Give either --torque or --follow: the motors obey one of them.")

@@ -46,6 +46,8 @@ class RobotFile:
         The tables `[log]`, `[processing]`, `[limits]` and `[constraints]`, as written; empty where absent.
     description : mapping
         How a URDF was read: its `tip` and its `locked` joints, where there are any.
+    allow_extensions : bool
+        Whether code may be run that the file names by import path.
     """
 
     path: Path
@@ -53,13 +55,22 @@ class RobotFile:
     terms: tuple[dict[str, Any], ...] = ()
     sections: Mapping[str, dict[str, Any]] = field(default_factory=dict)
     description: Mapping[str, Any] = field(default_factory=dict)
+    allow_extensions: bool = False
 
     @classmethod
-    def load(cls, path: str | Path) -> RobotFile:
+    def load(cls, path: str | Path | RobotFile, *, allow_extensions: bool = False) -> RobotFile:
         """Read a `.toml` robot file, or a plain `.urdf`.
 
         The robot of a URDF, or of a robot file that names no terms, gets viscous friction, Coulomb friction and an
         offset at every joint. The line ``terms = []``, above the first table, says that there are no terms.
+
+        Parameters
+        ----------
+        path : str, Path or RobotFile
+            A RobotFile, which has been read, is returned as it is.
+        allow_extensions : bool
+            Whether terms and constraints that the file names by import path, as ``kind = "module:Class"``, may be
+            imported, which runs code. Names of terms and constraints that installed packages add need no permission.
 
         Raises
         ------
@@ -84,12 +95,14 @@ class RobotFile:
         >>> file.robot.name, file.robot.dof, file.terms, file.section("log")
         ('elbow', 2, ({'kind': 'viscous'},), {})
         """
+        if isinstance(path, RobotFile):
+            return path
         path = Path(path)
         match path.suffix.lower():
             case ".urdf" | ".xml":
                 return cls(path, Robot.from_urdf(path), _default_terms())
             case ".toml":
-                return cls._from_toml(path)
+                return replace(cls._from_toml(path), allow_extensions=allow_extensions)
         raise InputError(f"{path}: a robot is described by a .urdf or a .toml file, got the suffix {path.suffix!r}")
 
     @classmethod

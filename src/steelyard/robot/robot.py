@@ -8,7 +8,7 @@ from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from pathlib import Path
-from typing import Any, ClassVar
+from typing import Any, ClassVar, Literal
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -40,6 +40,9 @@ class TermParameter:
         What it is, in a few words.
     nonnegative : bool
         Whether a negative value is physically impossible.
+    described_as : {"damping", "friction"}, optional
+        As what a robot description holds it: torque by velocity, or torque against the velocity. What joints feel of
+        all such parameters is written into a URDF; parameters without it stand in the estimate alone.
 
     Examples
     --------
@@ -52,6 +55,7 @@ class TermParameter:
     unit_prismatic: str
     description: str
     nonnegative: bool
+    described_as: Literal["damping", "friction"] | None = None
 
 
 @dataclass(frozen=True, eq=False)
@@ -353,6 +357,11 @@ class Robot:
             When a term does not fit the robot, or two parameters would have the same name.
         """
         for term in terms:
+            if not isinstance(term, Term) or not all(isinstance(one, TermParameter) for one in term.parameters):
+                raise InputError(
+                    f'robot "{self.name}": a term must be derived from Term, with TermParameter as its parameters, '
+                    f"got {term!r}"
+                )
             term.check(self)
         symbols = [*INERTIA_SYMBOLS, *(parameter.symbol for term in terms for parameter in term.parameters)]
         twice = next((symbol for symbol in symbols if symbols.count(symbol) > 1), None)

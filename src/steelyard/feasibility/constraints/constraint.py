@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
 from typing import Any, Protocol
@@ -10,14 +11,17 @@ import numpy as np
 import numpy.typing as npt
 
 from steelyard import dynamics
-from steelyard.errors import InputError
+from steelyard.errors import InputError, faults_told
+from steelyard.files import shown
 from steelyard.lmi import AffineBlock
 
 __all__ = [
     "Constraint",
     "Equality",
     "ModelLike",
+    "blocks_of",
     "distinct_blocks",
+    "equalities_of",
     "independent_equalities",
     "solved_for_some",
 ]
@@ -98,6 +102,60 @@ class Constraint(Protocol):
 
     def equalities(self, model: ModelLike) -> tuple[Equality, ...]:
         """Equations that must hold."""
+
+
+def blocks_of(constraint: Constraint, model: ModelLike) -> tuple[AffineBlock, ...]:
+    """The blocks of a constraint, which may be of a class of another package.
+
+    Raises
+    ------
+    InputError
+        If they are no blocks in the parameters of the model.
+    """
+    with _told(constraint):
+        blocks = tuple(constraint.blocks(model))
+        for block in blocks:
+            if not isinstance(block, AffineBlock):
+                raise TypeError(f"expected AffineBlock as blocks, got {shown(block)}")
+            values = (block.constant, block.coefficients)
+            _check_parameters(block.name, block.indices, values, model)
+        # What a constraint says is no law of physics, whatever the default of the class is.
+        return tuple(b if b.kind == "constraint" else replace(b, kind="constraint") for b in blocks)
+
+
+def equalities_of(constraint: Constraint, model: ModelLike) -> tuple[Equality, ...]:
+    """The equations of a constraint, which may be of a class of another package.
+
+    Raises
+    ------
+    InputError
+        If they are no equations in the parameters of the model.
+    """
+    with _told(constraint):
+        equalities = tuple(constraint.equalities(model))
+        for one in equalities:
+            if not isinstance(one, Equality):
+                raise TypeError(f"expected Equality as equalities, got {shown(one)}")
+            if np.shape(one.indices) != np.shape(one.coefficients):
+                raise ValueError(f"{one.name!r} has other numbers of indices and of coefficients")
+            _check_parameters(one.name, one.indices, (one.coefficients, np.asarray(one.value)), model)
+        return equalities
+
+
+def _told(constraint: Constraint) -> contextlib.AbstractContextManager[None]:
+    """Faults of other packages' classes become a sentence; ours are faults of this program."""
+    kind = type(constraint)
+    if kind.__module__.partition(".")[0] == __package__.partition(".")[0]:
+        return contextlib.nullcontext()
+    return faults_told(f"The constraint {kind.__name__} cannot be used", "mend its class")
+
+
+def _check_parameters(name: str, indices: Any, values: Iterable[Any], model: ModelLike) -> None:
+    places, count = np.asarray(indices), len(model.parameter_names)
+    if places.dtype.kind != "i" or places.ndim != 1 or (places.size and not 0 <= places.min() <= places.max() < count):
+        raise ValueError(f"the indices of {name!r} must be whole numbers from 0 to {count - 1}, got {shown(indices)}")
+    if not all(np.isfinite(array).all() for array in values):
+        raise ValueError(f"{name!r} holds a number that is not finite")
 
 
 def distinct_blocks(blocks: Iterable[AffineBlock]) -> tuple[AffineBlock, ...]:

@@ -6,7 +6,9 @@ from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Any
 
-from steelyard.files import TomlTable
+from steelyard.errors import InputError, faults_told
+from steelyard.extensions import Extensions
+from steelyard.files import TomlTable, made_from_table, shown, suggestion
 from steelyard.regression import Estimate
 
 from .center_of_mass import CenterOfMassBox, CenterOfMassSphere
@@ -18,12 +20,39 @@ from .linear import ConfidenceInterval, LinearBound, confidence_intervals
 from .masses import MeasuredMass, TotalMass
 from .symmetry import EqualLinks, SymmetricLink
 
-__all__ = ["constraints_from_dict"]
-
-_Reader = Callable[[Mapping[str, Any], Path | None], Constraint]
+__all__ = ["CONSTRAINTS", "constraints_from_dict"]
 
 
-def constraints_from_dict(section: Mapping[str, Any], folder: str | Path | None = None) -> tuple[Constraint, ...]:
+def _checked_constraint(name: str, offered: object) -> type[Constraint]:
+    if isinstance(offered, type) and all(callable(getattr(offered, key, None)) for key in ("blocks", "equalities")):
+        return offered
+    raise TypeError(f"expected a class with the methods blocks and equalities, got {shown(offered)}")
+
+
+CONSTRAINTS: Extensions[type[Constraint]] = Extensions(
+    "constraints",
+    "constraint",
+    {
+        "total_mass": TotalMass,
+        "measured_mass": MeasuredMass,
+        "linear_bound": LinearBound,
+        "confidence_interval": ConfidenceInterval,
+        "center_of_mass_box": CenterOfMassBox,
+        "center_of_mass_sphere": CenterOfMassSphere,
+        "center_of_mass_hull": CenterOfMassHull,
+        "density_in_box": DensityInBox,
+        "density_in_ellipsoid": DensityInEllipsoid,
+        "symmetric_link": SymmetricLink,
+        "equal_links": EqualLinks,
+    },
+    _checked_constraint,
+)
+"""By the key under ``[constraints]``."""
+
+
+def constraints_from_dict(
+    section: Mapping[str, Any], folder: str | Path | None = None, *, allow_extensions: bool = False
+) -> tuple[Constraint, ...]:
     """Constraints from the ``[constraints]`` section of ``robot.toml``.
 
     Parameters
@@ -31,9 +60,12 @@ def constraints_from_dict(section: Mapping[str, Any], folder: str | Path | None 
     section : mapping
         For each kind (``total_mass``, ``measured_mass``, ``linear_bound``, ``confidence_interval``,
         ``center_of_mass_box``, ``center_of_mass_sphere``, ``center_of_mass_hull``, ``density_in_box``,
-        ``density_in_ellipsoid``, ``symmetric_link``, ``equal_links``) a table, or a list of tables.
+        ``density_in_ellipsoid``, ``symmetric_link``, ``equal_links``, one that a package adds, or ``"module:Class"``) a
+        table, or a list of tables.
     folder : str or Path, optional
         What paths in it are relative to: the folder of the robot file. The working directory where absent.
+    allow_extensions : bool
+        Whether a class that the section names by its import path may be imported.
 
     Returns
     -------
@@ -42,7 +74,7 @@ def constraints_from_dict(section: Mapping[str, Any], folder: str | Path | None 
     Raises
     ------
     InputError
-        For unknown or missing keys and impossible values.
+        For unknown, forbidden or missing keys and impossible values.
     MissingExtraError
         If a mesh is to be read without trimesh.
 
@@ -51,29 +83,32 @@ def constraints_from_dict(section: Mapping[str, Any], folder: str | Path | None 
     >>> constraints_from_dict({"total_mass": {"maximum": 27.0}})
     (TotalMass(maximum=27.0),)
     """
-    kinds: dict[str, _Reader] = {
-        "total_mass": TotalMass.from_dict,
-        "measured_mass": MeasuredMass.from_dict,
-        "linear_bound": LinearBound.from_dict,
-        "confidence_interval": ConfidenceInterval.from_dict,
-        "center_of_mass_box": CenterOfMassBox.from_dict,
-        "center_of_mass_sphere": CenterOfMassSphere.from_dict,
-        "center_of_mass_hull": CenterOfMassHull.from_dict,
-        "density_in_box": DensityInBox.from_dict,
-        "density_in_ellipsoid": DensityInEllipsoid.from_dict,
-        "symmetric_link": SymmetricLink.from_dict,
-        "equal_links": EqualLinks.from_dict,
-    }
-    tables = TomlTable(section, "[constraints]", tuple(kinds), "is no kind of constraint")
     place = None if folder is None else Path(folder)
     found: list[Constraint] = []
-    for key, entries in tables.items():
+    for key, entries in TomlTable(section, "[constraints]", None).items():
+        kind = CONSTRAINTS.at(key, "[constraints]", allow_extensions) if ":" in key else CONSTRAINTS.get(key)
+        if kind is None:
+            close = suggestion(key, CONSTRAINTS.names())
+            raise InputError(f"[constraints]: {shown(key)} is no kind of constraint; {close}")
         for entry in entries if isinstance(entries, (list, tuple)) else [entries]:
             if key == "confidence_interval" and isinstance(entry, Mapping) and "estimate" in entry:
                 found.extend(_of_estimate(entry, place))
             else:
-                found.append(kinds[key](entry, place))
+                found.append(_made(kind, key, entry, place))
     return tuple(found)
+
+
+def _made(kind: type[Constraint], key: str, entry: Any, folder: Path | None) -> Constraint:
+    """One constraint: by the method ``from_dict(entry, folder)`` of its class, or else with its keys as arguments."""
+    reader: Callable[[Any, Path | None], Constraint] | None = getattr(kind, "from_dict", None)
+    if key in CONSTRAINTS.own and reader is not None:
+        return reader(entry, folder)
+    where = f"[[constraints.{key}]]"
+    given = TomlTable(entry, where, None)
+    if reader is None:
+        return made_from_table(kind, given, where)
+    with faults_told(f"{where} cannot be used", "correct its keys, or mend its package"):
+        return reader(entry, folder)
 
 
 def _of_estimate(entry: Mapping[str, Any], folder: Path | None) -> tuple[ConfidenceInterval, ...]:
