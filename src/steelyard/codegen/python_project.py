@@ -91,7 +91,7 @@ _BUILTINS = """
 annotations list tuple str int float len range zip map sum
 """
 _RESERVED = frozenset([*_BUILTINS.split(), *keyword.kwlist])
-_WIDTH = 100
+_WIDTH = 100  # columns of a docstring
 
 
 EVALUATED_ON_ARRAYS = (

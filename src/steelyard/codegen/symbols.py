@@ -14,8 +14,9 @@ from steelyard.files import suggestion
 
 __all__ = ["exact_number", "import_sympy", "intermediate_prefix", "latex_name", "substitution"]
 
+# Dyadic fractions with larger denominators are measured numbers, whose exact form would only lengthen expressions.
 _LARGEST_DENOMINATOR = 1024
-_LARGEST_INTEGER = 2.0**53
+_LARGEST_INTEGER = 2.0**53  # a larger float is not known to be a whole number
 _FUNCTIONS = ("sin", "cos", "tan", "sqrt")
 _ALLOWED = (
     ast.Expression,

@@ -40,7 +40,7 @@ LARGEST_TOML = 2_000_000
 # Nothing that is saved here is nested more than ten times; a message that quotes a value must be able to print it.
 DEEPEST = 50
 LARGEST_INTEGER = 2**63
-LONGEST_QUOTE = 200
+LONGEST_QUOTE = 200  # characters, so that a message stays a sentence
 
 
 def shown(value: object) -> str:

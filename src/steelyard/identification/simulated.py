@@ -22,9 +22,8 @@ from .saved import matching_estimate, parameters_of_description
 __all__ = ["FileSimulation", "simulate_files"]
 
 Array = NDArray[np.float64]
-LEAST_RATE = (
-    1000.0  # Hz, of the samples where torques come from a file, so that they show what happens between its rows
-)
+# Hz, of the samples where torques come from a file, so that they show the motion between its rows.
+LEAST_RATE = 1000.0
 
 
 @dataclass(frozen=True, eq=False)

@@ -29,7 +29,7 @@ Array = NDArray[np.float64]
 CLOCK_ROWS = 50_000
 """Rows that are looked at together; the same for a log in memory and one that is read in pieces, so that both agree."""
 FEWEST_ROWS = 8
-"""Rows below which a log has no clock to speak of."""
+"""Rows below which the clock of a log cannot be measured."""
 MARGIN = 200
 """Rows on either side of an interval that tell whether rows are missing there: several windows of `row_numbers`."""
 TICK = 256
@@ -43,7 +43,7 @@ COLOUR = 1.5
 SURE = 0.2
 """Largest standard deviation of the share that decides; with a larger one, neither clock makes a visible difference."""
 JITTER_SILENT = 0.01
-"""Largest deviation of an interval from the period, as a fraction of it, that nobody needs to hear of."""
+"""Largest deviation of an interval from the period, as a fraction of it, that is not remarked on."""
 GAP = 1.5
 """Periods; longer intervals are looked at for missing rows."""
 TOGETHER, MANY = 2.0, 64
@@ -59,10 +59,10 @@ FEW_ROWS, WANDERING = 8, 1.8
 DRIFT = 401
 """Rows over which a clock drifts by much less than a period."""
 GATHERED = 0.2
-"""How much the stamps gather about whole periods, from 0 to 1, with which each tells its number: 1 without jitter, 0.5
-with up to 0.3 periods either way, 0.23 with 0.4."""
+"""Least concentration of the stamps about whole periods, from 0 to 1, with which each stamp gives its own number: it is 1
+without jitter, 0.5 with up to 0.3 periods either way, 0.23 with 0.4."""
 IN_TIME = 4.0
-"""Votes of a row that is in time against rows that are late: a computer that is busy stamps late, and never early."""
+"""Weight of a row that is in time, relative to rows that are late: a busy computer stamps late, and never early."""
 NEIGHBOURS = 40
 """Rows on either side of a long interval that tell whether the stamps stay displaced."""
 ENOUGH = 10

@@ -1,4 +1,4 @@
-"""Measurements of a robot's joints in SI units: what a log says, before any signal processing."""
+"""Measurements of a robot's joints in SI units: the content of a log, before any signal processing."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Recording: what one log says, in SI units, and what can be done with it."""
+"""Recording: the measurements of one log, in SI units, with reading, processing and writing."""
 
 from __future__ import annotations
 

@@ -27,9 +27,10 @@ FAR = 0.05
 SLOWEST_RATE, FASTEST_RATE = 10.5, 5e4
 """Hz. Accelerations from ten rows a second are those of no robot; current loops, the fastest, run at some 40 kHz."""
 MANY_TURNS = 8.0 * pi
-"""rad, or m, beyond which a position is worth a word: 25 degrees make it, and few joints turn four times."""
+"""rad, or m, beyond which a position is remarked on: 26 degrees taken for radians are more, and few joints turn four
+times."""
 FULL_TURN = 2.2 * pi
-"""rad to which positions reach at most that are right as degrees; those of motors reach any number of turns."""
+"""rad up to which positions in degrees reach once they are converted; those of motors reach any number of turns."""
 FASTEST_JOINT = 40.0
 """rad/s, or m/s: legs reach 30, arms 3 to 10; motors run at 100 to 600, and arms at 40 to 200 degrees per s."""
 MOVING = 5e-3

@@ -30,14 +30,13 @@ RATIO = 1.4
 HIGHEST = 0.2
 """Of the sample rate: beyond it, central differences take more than a third off the accelerations."""
 TOLERANCE = 0.01
-"""The highest cutoff is taken whose residual is this little above the least. What a filter takes off the motion is in
-step with it and biases every parameter; noise in the accelerations is not, averages out over the rows, and biases by
-its square only. On a
-simulated UR5 (`benchmarks/defaults.py`, least squares) the lowest cutoff within the tolerance, 1.5 Hz, has an error of
-0.19 %, the highest, 6 Hz, one of 0.15 %."""
+"""The highest cutoff is taken whose residual is at most this part above the least. What a filter takes off the motion is
+in step with it and biases every parameter; noise in the accelerations is not, averages out over the rows, and biases by
+its square only. On a simulated UR5 (`benchmarks/defaults.py`, least squares) the lowest cutoff within the tolerance,
+1.5 Hz, has an error of 0.19 %, the highest, 6 Hz, one of 0.15 %."""
 FAST = 0.3
-"""Of a joint's own root mean square velocity: slower rows do not vote. Near a reversal the residual tells how friction
-turns its sign, and how the filter rounds that; with a share of 0.1 it has several minima on arms that stick."""
+"""Fraction of a joint's own root mean square velocity below which rows do not count. Near a reversal the residual shows
+how friction turns its sign, and how the filter rounds that; with 0.1 it has several minima on arms that stick."""
 REFERENCE = 4.0
 """The velocities by which rows are told slow are filtered at so many times the frequency of the motion."""
 ENOUGH, CLEARLY = 0.25, 0.5
@@ -45,6 +44,8 @@ ENOUGH, CLEARLY = 0.25, 0.5
 MOST_ROWS = 4000
 """Of all logs together, from which the residual of a candidate is computed."""
 ROUNDING = 1e-11
+"""Eigenvalues of the products below this part of the largest, and squared residuals below this part of the squared
+torques, are rounding of the sums of products."""
 
 
 class TorqueFit:

@@ -18,7 +18,7 @@ Array = NDArray[np.float64]
 WIDTH, HEIGHT = 520, 300
 LEFT, RIGHT, TOP, BOTTOM = 64, 12, 12, 62
 COLORS = ("#005f9e", "#c8680e", "#2c7d59", "#a33a72", "#7a5fc0", "#8a6d00", "#4f6d8a", "#b0413e")
-POINTS = 300
+POINTS = 300  # of a curve in a plot 444 pixels wide
 
 
 class Curve(NamedTuple):

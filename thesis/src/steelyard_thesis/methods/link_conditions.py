@@ -22,7 +22,7 @@ TWICE = np.where(ROWS == COLUMNS, 1.0, 2.0)  # off-diagonal elements stand for t
 PLACES = np.zeros((3, 3), dtype=np.intp)
 PLACES[ROWS, COLUMNS] = PLACES[COLUMNS, ROWS] = np.arange(6)
 EYE = np.eye(3)
-COMPLEX_STEP = 1e-30
+COMPLEX_STEP = 1e-30  # its square vanishes beside 1, so that the derivative is exact to rounding
 NEAR = 1e-3
 """Eigenvalues closer than this part of the trace count as that far apart in second derivatives."""
 

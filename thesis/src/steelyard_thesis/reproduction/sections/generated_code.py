@@ -40,7 +40,7 @@ _STANFORD = (
     (0, 0, 0.263, "q"),
 )
 ROBOTS: dict[str, Sequence[Sequence[str | float]]] = {"Stanford": _STANFORD, "Puma 560": _PUMA, "WAM 7-DOF": DH_ROWS}
-_REPEATS = 200
+_REPEATS = 200  # calls whose mean is one measurement
 
 
 def _compute(context: Context) -> SectionResult:

@@ -15,7 +15,7 @@ from .correction import boxes
 
 __all__ = ["SECTION", "SEED"]
 
-SEED = 44
+SEED = 44  # of the simulated noise; any other gives similar numbers
 _REMARK = (
     "The recordings of the thesis are not published. Here the arm is simulated on trajectories A and B, with CAD "
     "parameters and friction of the order of table 4.9 as the truth, and with errors of the torques of the order of "

@@ -20,7 +20,7 @@ __all__ = ["SECTION"]
 # The thesis in section 6.4; the errors in per cent.
 _PUBLISHED = {"excluded": 36, "reduced": 4.66, "classical": 4.57, "feasible": 4.62}
 _SEEDS = tuple(range(8))
-_SHOWN = 5
+_SHOWN = 5  # base parameters that the table of changes shows, those that change most
 _REMARKS = (
     "The recordings of the thesis are not published; these numbers stand beside the published ones and do not "
     "count as values that agree or not. The parameter with the largest relative standard deviation is taken out, "
