@@ -59,8 +59,8 @@ FEW_ROWS, WANDERING = 8, 1.8
 DRIFT = 401
 """Rows over which a clock drifts by much less than a period."""
 GATHERED = 0.2
-"""Least concentration of the stamps about whole periods, from 0 to 1, with which each stamp gives its own number: it is 1
-without jitter, 0.5 with up to 0.3 periods either way, 0.23 with 0.4."""
+"""Least concentration of the stamps about whole periods, from 0 to 1, with which each stamp gives its own number. It is
+1 without jitter, 0.5 with up to 0.3 periods either way, 0.23 with 0.4."""
 IN_TIME = 4.0
 """Weight of a row that is in time, relative to rows that are late: a busy computer stamps late, and never early."""
 NEIGHBOURS = 40

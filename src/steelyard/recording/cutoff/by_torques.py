@@ -30,9 +30,9 @@ RATIO = 1.4
 HIGHEST = 0.2
 """Of the sample rate: beyond it, central differences take more than a third off the accelerations."""
 TOLERANCE = 0.01
-"""The highest cutoff is taken whose residual is at most this part above the least. What a filter takes off the motion is
-in step with it and biases every parameter; noise in the accelerations is not, averages out over the rows, and biases by
-its square only. On a simulated UR5 (`benchmarks/defaults.py`, least squares) the lowest cutoff within the tolerance,
+"""The highest cutoff is taken whose residual is at most this part above the least. What a filter takes off the motion
+is in step with it and biases every parameter; noise in the accelerations is not, averages out over the rows, and biases
+by its square only. On a simulated UR5 (`benchmarks/defaults.py`, least squares) the lowest cutoff within the tolerance,
 1.5 Hz, has an error of 0.19 %, the highest, 6 Hz, one of 0.15 %."""
 FAST = 0.3
 """Fraction of a joint's own root mean square velocity below which rows do not count. Near a reversal the residual shows

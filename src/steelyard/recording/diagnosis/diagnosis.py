@@ -1,4 +1,4 @@
-"""The diagnosis of a log: all detectors together, and what there is to say."""
+"""The diagnosis of a log: all detectors together, and the sentences on what they found."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ Array = NDArray[np.float64]
 DETECTORS = {"stiction": stuck_while_others_move, "saturation": find_saturation, "repeated": find_repeated}
 """By the option of [processing] that leaves out what they find."""
 FEW = {"stiction": 0.1, "saturation": 1e-3, "repeated": 1e-3}
-"""Shares of a joint's rows below which they are not worth a word: every robot stands a while where it turns around."""
+"""Shares of a joint's rows below which they are not remarked on: every robot stands a while where it turns around."""
 
 
 @dataclass(frozen=True, eq=False)

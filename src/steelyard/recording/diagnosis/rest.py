@@ -48,9 +48,9 @@ BINS = 6
 RATIO = 1.6
 """Of the limits of neighbouring bins of velocities, of which the last ends at `LARGEST`."""
 CHANCE = 1e-3
-"""With which a joint without stiction shows less friction in its slowest bin."""
+"""Probability with which a joint without stiction is found to have less friction in its slowest bin."""
 CLEAR = 0.05
-"""Share of the friction that lacks at the lowest velocities, below which a lack of friction is let be."""
+"""Share of the friction that is missing at the lowest velocities, below which the lack is ignored."""
 FEWEST_PASSES = 4
 """Passes through a bin without which its mean residual says nothing."""
 MOST_ROWS = 20_000

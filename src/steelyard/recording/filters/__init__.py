@@ -1,4 +1,4 @@
-"""Filters that turn measured positions into positions, velocities and accelerations: one a file, behind one base."""
+"""Filters that turn measured positions into positions, velocities and accelerations: one a file, with one base."""
 
 from typing import TYPE_CHECKING
 

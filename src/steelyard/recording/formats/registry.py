@@ -20,9 +20,7 @@ from .log_file import Columns, LogFile, column_length
 __all__ = ["LOG_FORMATS", "LogFiles", "Source", "log_format", "open_log", "write_log"]
 
 Source = str | os.PathLike[str] | Sequence[str | os.PathLike[str]]
-MOST_COLUMNS = (
-    5000  # a humanoid's log has some hundreds; files with far more are no logs, and finding columns would take long
-)
+MOST_COLUMNS = 5000  # a humanoid's log has some hundreds; a file with far more is no log
 REMEDY = "give the path of a CSV, Parquet or NPZ file"
 
 
