@@ -6,8 +6,9 @@ from steelyard.first_use import import_at_first_use
 
 if TYPE_CHECKING:
     from .base_parameters import BaseParameters as BaseParameters
+    from .functions import DEFAULT_FUNCTIONS as DEFAULT_FUNCTIONS
     from .model import Model as Model
-    from .model_source import DEFAULT_FUNCTIONS as DEFAULT_FUNCTIONS
+    from .model_source import model_project as model_project
     from .terms import Coulomb as Coulomb
     from .terms import MotorSide as MotorSide
     from .terms import Offset as Offset

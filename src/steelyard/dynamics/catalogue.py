@@ -8,8 +8,9 @@ from typing import Any
 
 import numpy as np
 
+from steelyard import graph
 from steelyard.errors import InputError
-from steelyard.graph import Node, jacobian
+from steelyard.graph import Node
 from steelyard.robot import Robot, Term
 
 from . import jacobians
@@ -199,7 +200,7 @@ def _derivatives(scene: Scene) -> list[Value]:
     frames, links = scene.bodies
     of_links = inverse_dynamics_derivatives(frames, dq, ddq, links, scene.gravity)
     torques = [t if isinstance(t, Node) else q[0].graph.node(t) for t in scene.term_torques(q, dq, ddq)]
-    of_terms = [jacobian(torques, inputs) for inputs in (q, dq, ddq)]
+    of_terms = [graph.jacobian(torques, inputs) for inputs in (q, dq, ddq)]
     blocks = zip(("by_q", "by_dq", "by_ddq"), (of_links.by_q, of_links.by_dq, of_links.by_ddq), of_terms, strict=True)
     units = {"by_q": "position", "by_dq": "velocity", "by_ddq": "acceleration"}
     return [

@@ -22,7 +22,10 @@ from .layout import ParameterLayout
 from .scene import Scene
 from .terms import is_known_term
 
-__all__ = ["BaseColumns", "Evaluator", "ModelFunctions", "SmoothSign"]
+__all__ = ["DEFAULT_FUNCTIONS", "BaseColumns", "Evaluator", "ModelFunctions", "SmoothSign"]
+
+DEFAULT_FUNCTIONS = ("inverse_dynamics", "forward_dynamics", "inertia_matrix", "coriolis", "gravity", "regressor")
+"""Those of which source is generated where none are named."""
 
 
 class SmoothSign:

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from steelyard import codegen  # its files are loaded when code is generated
+from steelyard import codegen, dynamics  # what generates code is loaded when code is generated
 from steelyard.errors import InputError
 from steelyard.graph import Function, Kernel
 from steelyard.lmi import AffineBlock
@@ -19,10 +19,9 @@ from steelyard.robot import Robot, RobotFile
 from .base_parameters import BaseParameters, model_base_parameters
 from .catalogue import CATALOGUE, forward_dynamics_function
 from .conditions import model_conditions
-from .functions import BaseColumns, Evaluator, ModelFunctions
+from .functions import DEFAULT_FUNCTIONS, BaseColumns, Evaluator, ModelFunctions
 from .kinematics import joint_frames
 from .layout import ParameterLayout
-from .model_source import DEFAULT_FUNCTIONS, model_project
 from .regressor import regressor_with_numpy, term_torques
 from .terms import check_term, is_known_term, term_from_dict
 from .threads import one_thread
@@ -454,7 +453,7 @@ class Model:
         InputError
             If the language or a function is unknown, or the directory cannot be written.
         """
-        project = model_project(
+        project = dynamics.model_project(
             self._functions, functions, base=base, gravity=gravity, sign=sign, parameters=parameters
         )
         return codegen.generate(project, language, Path(directory))

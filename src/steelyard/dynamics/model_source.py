@@ -16,9 +16,8 @@ from steelyard.robot import Inertia, Robot
 from .functions import ModelFunctions
 from .layout import ParameterLayout
 
-__all__ = ["DEFAULT_FUNCTIONS", "model_project", "possible_parameters"]
+__all__ = ["model_project", "possible_parameters"]
 
-DEFAULT_FUNCTIONS = ("inverse_dynamics", "forward_dynamics", "inertia_matrix", "coriolis", "gravity", "regressor")
 _SAMPLES = 3  # random motions of a self-test: enough to notice any wrong element, and the files stay short
 
 

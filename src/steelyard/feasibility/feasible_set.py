@@ -8,11 +8,12 @@ import numpy as np
 import numpy.typing as npt
 import scipy.sparse as sparse
 
+from steelyard import lmi  # its objects are made when they are asked for
 from steelyard.conic import Cone, Rows
 from steelyard.display import html_table
 from steelyard.errors import InputError
 from steelyard.files import read_number, suggestion
-from steelyard.lmi import AffineBlock, AffineStack, LinearMatrixInequality
+from steelyard.lmi import AffineBlock, AffineStack
 from steelyard.robot.inertia import INERTIA_SYMBOLS
 
 from .constraints import Constraint, Equality
@@ -130,7 +131,7 @@ class FeasibleSet:
         return AffineStack(self.blocks, self.parameter_count)
 
     @cached_property
-    def inequality(self) -> LinearMatrixInequality:
+    def inequality(self) -> "lmi.LinearMatrixInequality":
         """The inequality D(δ) ≻ 0 of all blocks in named parameters (thesis 3.26), without equations of constraints.
 
         Examples
@@ -144,7 +145,7 @@ class FeasibleSet:
         ⎢ ⋮             ⋱  ⋮          ⎥
         ⎣ -ly1          ⋯  m1 - 1e-06 ⎦ ⪰ 0
         """
-        return LinearMatrixInequality(tuple(map(str, self.model.parameter_names)), self.blocks, strict=True)
+        return lmi.LinearMatrixInequality(tuple(map(str, self.model.parameter_names)), self.blocks, strict=True)
 
     @cached_property
     def K(self) -> Matrix:

@@ -13,8 +13,9 @@ from numpy.typing import NDArray
 from steelyard.errors import InputError
 from steelyard.files import TomlSection, suggestion
 
+from . import filters
 from .columns import number
-from .filters import Butterworth, FourierFit, KalmanSmoother, MotionFilter, SavitzkyGolay, whole
+from .filters import Butterworth, MotionFilter, whole
 from .measurements import Measurements
 from .survey import stuck_torques
 
@@ -23,10 +24,13 @@ __all__ = ["AUTO", "FILTERS", "Processing", "filter_from"]
 BUTTERWORTH = Butterworth()
 AUTO = "auto"
 """The word for what the data, or the filter, decides."""
-FILTERS: dict[str, type[MotionFilter]] = {
-    one.kind: one for one in (Butterworth, SavitzkyGolay, KalmanSmoother, FourierFit)
+FILTERS = {
+    "butterworth": "Butterworth",
+    "savitzky_golay": "SavitzkyGolay",
+    "kalman": "KalmanSmoother",
+    "fourier": "FourierFit",
 }
-"""The filters of the positions by name."""
+"""The filters of the positions: the names of their classes, each of which is imported when it is asked for, by kind."""
 NOT_NEGATIVE = -1e-300
 """Numbers above this one are 0 or more."""
 NUMBERS: dict[str, tuple[float, bool, tuple[object, ...], str]] = {
@@ -212,7 +216,7 @@ class Processing(TomlSection):
         """Whether the filter has no width of its own, so that `cutoff` is its cutoff."""
         own = self.filter
         widths = (getattr(own, name, None) for name in ("cutoff", "window", "density"))
-        return not isinstance(own, FourierFit) and all(width is None for width in widths)
+        return own.kind != "fourier" and all(width is None for width in widths)
 
     def excluded(self, recording: Measurements) -> list[int]:
         """Return the indices of the excluded joints."""
@@ -279,4 +283,5 @@ def filter_from(value: Any, where: str) -> MotionFilter:
     if kind not in FILTERS:
         raise InputError(f"{where} is {kind!r}; {suggestion(kind, FILTERS)}")
     rest = {key: entry for key, entry in table.items() if key != "kind"}
-    return FILTERS[kind].from_dict(rest, where.rstrip(","))
+    chosen: type[MotionFilter] = getattr(filters, FILTERS[kind])
+    return chosen.from_dict(rest, where.rstrip(","))

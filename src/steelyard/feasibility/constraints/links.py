@@ -10,9 +10,10 @@ import numpy as np
 import numpy.typing as npt
 import scipy.linalg as linalg
 
+from steelyard import lmi
 from steelyard.errors import InputError
 from steelyard.files import suggestion
-from steelyard.lmi import AffineBlock, LinearExpression
+from steelyard.lmi import AffineBlock
 from steelyard.robot import INERTIA_SYMBOLS
 
 from .constraint import Equality, ModelLike
@@ -114,7 +115,7 @@ def equation(
     used = np.flatnonzero(values)
     places = np.asarray(indices, dtype=np.intp)[used]
     names = list(model.parameter_names)
-    text = LinearExpression({names[i]: float(f"{v:.6g}") for i, v in zip(places, values[used], strict=True)})
+    text = lmi.LinearExpression({names[i]: float(f"{v:.6g}") for i, v in zip(places, values[used], strict=True)})
     return Equality(f"{what}: {text} = {value:g}", places, values[used], float(value))
 
 

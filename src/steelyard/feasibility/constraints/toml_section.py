@@ -11,14 +11,9 @@ from steelyard.extensions import Extensions
 from steelyard.files import TomlTable, made_from_table, shown, suggestion
 from steelyard.regression import Estimate
 
-from .center_of_mass import CenterOfMassBox, CenterOfMassSphere
+from .. import constraints
 from .constraint import Constraint
-from .density import DensityInBox, DensityInEllipsoid
 from .entries import table
-from .hull import CenterOfMassHull
-from .linear import ConfidenceInterval, LinearBound, confidence_intervals
-from .masses import MeasuredMass, TotalMass
-from .symmetry import EqualLinks, SymmetricLink
 
 __all__ = ["CONSTRAINTS", "constraints_from_dict"]
 
@@ -33,21 +28,21 @@ CONSTRAINTS: Extensions[type[Constraint]] = Extensions(
     "constraints",
     "constraint",
     {
-        "total_mass": TotalMass,
-        "measured_mass": MeasuredMass,
-        "linear_bound": LinearBound,
-        "confidence_interval": ConfidenceInterval,
-        "center_of_mass_box": CenterOfMassBox,
-        "center_of_mass_sphere": CenterOfMassSphere,
-        "center_of_mass_hull": CenterOfMassHull,
-        "density_in_box": DensityInBox,
-        "density_in_ellipsoid": DensityInEllipsoid,
-        "symmetric_link": SymmetricLink,
-        "equal_links": EqualLinks,
+        "total_mass": f"{__package__}.masses:TotalMass",
+        "measured_mass": f"{__package__}.masses:MeasuredMass",
+        "linear_bound": f"{__package__}.linear:LinearBound",
+        "confidence_interval": f"{__package__}.linear:ConfidenceInterval",
+        "center_of_mass_box": f"{__package__}.center_of_mass:CenterOfMassBox",
+        "center_of_mass_sphere": f"{__package__}.center_of_mass:CenterOfMassSphere",
+        "center_of_mass_hull": f"{__package__}.hull:CenterOfMassHull",
+        "density_in_box": f"{__package__}.density:DensityInBox",
+        "density_in_ellipsoid": f"{__package__}.density:DensityInEllipsoid",
+        "symmetric_link": f"{__package__}.symmetry:SymmetricLink",
+        "equal_links": f"{__package__}.symmetry:EqualLinks",
     },
     _checked_constraint,
 )
-"""By the key under ``[constraints]``."""
+"""By the key under ``[constraints]``; a file is imported when one of its kinds is asked for."""
 
 
 def constraints_from_dict(
@@ -111,11 +106,13 @@ def _made(kind: type[Constraint], key: str, entry: Any, folder: Path | None) -> 
         return reader(entry, folder)
 
 
-def _of_estimate(entry: Mapping[str, Any], folder: Path | None) -> tuple[ConfidenceInterval, ...]:
+def _of_estimate(entry: Mapping[str, Any], folder: Path | None) -> tuple[Constraint, ...]:
     """All intervals of a saved estimate."""
     given = table(entry, "confidence_interval", ("estimate",), ("deviations", "combinations"))
     path = given.text("estimate", "a path") or ""
     combinations = given.get("combinations")
     if combinations is not None and not isinstance(combinations, list):
         raise given.refuse("combinations", "a list of texts")
-    return confidence_intervals(Estimate.load(Path(folder or ".") / path), given.get("deviations", 3.0), combinations)
+    return constraints.confidence_intervals(
+        Estimate.load(Path(folder or ".") / path), given.get("deviations", 3.0), combinations
+    )
