@@ -1,4 +1,4 @@
-"""Numbers rounded outward, and combinations of parameters in words."""
+"""Numbers and combinations of parameters as text, for messages and tables."""
 
 import math
 from collections.abc import Sequence
@@ -15,7 +15,7 @@ Vector = npt.NDArray[np.float64]
 
 
 def plain(value: float, digits: int = 4) -> str:
-    """A number in a few digits; infinity as a sign.
+    """A number with a few digits; infinity as ∞.
 
     Examples
     --------
@@ -28,7 +28,7 @@ def plain(value: float, digits: int = 4) -> str:
 
 
 def percent(share: float, digits: int = 3) -> str:
-    """A share in per cent, in about so many digits.
+    """A share in per cent with about `digits` digits.
 
     Examples
     --------
@@ -44,7 +44,7 @@ def percent(share: float, digits: int = 3) -> str:
 
 
 def outward(lower: float, upper: float) -> tuple[str, str]:
-    """Both ends of an interval, rounded outward to a thousandth of its width or so.
+    """Both ends of an interval, rounded outward to about a thousandth of its width.
 
     Examples
     --------
@@ -67,7 +67,7 @@ def outward(lower: float, upper: float) -> tuple[str, str]:
 def _rounded(value: float, step: Decimal, direction: str) -> str:
     if math.isinf(value):
         return plain(value)
-    # A thousandth of the last digit is within the accuracy of the value.
+    # Values may be off by a thousandth of the last digit, which must not change that digit.
     inward = Decimal("0.001") if direction == ROUND_FLOOR else Decimal("-0.001")
     number = (Decimal(value) / step + inward).to_integral_value(rounding=direction) * step
     text = f"{number:f}"
@@ -88,7 +88,7 @@ def base_expressions(feasible_set: FeasibleSet) -> tuple[str, ...]:
 
 
 def base_names(feasible_set: FeasibleSet) -> tuple[str, ...]:
-    """Short names: the parameter that leads the combination, with an R (regrouped) where it is not alone."""
+    """Short names: the leading parameter of each combination, with an R (regrouped) if there are others."""
     names = feasible_set.model.parameter_names
     leading = np.asarray(feasible_set.model.base_parameters().independent, dtype=np.intp)
     alone = np.count_nonzero(feasible_set.K, axis=1) == 1
@@ -96,7 +96,7 @@ def base_names(feasible_set: FeasibleSet) -> tuple[str, ...]:
 
 
 def combination(weights: Vector, names: Sequence[str], most: int | None = None, digits: int = 3) -> str:
-    """A weighted sum in words, terms in the order given; those left out are told by "...".
+    """A weighted sum as text, with the terms in the given order; "..." stands for terms that are left out.
 
     Examples
     --------

@@ -1,4 +1,4 @@
-"""Constraints beyond the physics of single bodies: what else is known of the robot."""
+"""Constraints: further knowledge of a robot, beyond the physics of single bodies."""
 
 from typing import TYPE_CHECKING
 

@@ -1,4 +1,4 @@
-"""Where the centre of mass of a link may be: in a box, or in a sphere."""
+"""Constraints that keep the centre of mass of a link within a box or a sphere."""
 
 from __future__ import annotations
 
@@ -22,14 +22,14 @@ __all__ = ["CenterOfMassBox", "CenterOfMassSphere"]
 
 @dataclass(frozen=True)
 class CenterOfMassBox:
-    """The centre of mass of a link within a box along the axes of the link frame (thesis 4.38).
+    """Keeps the centre of mass of a link within a box along the axes of the link frame (thesis 4.38).
 
     Parameters
     ----------
     link : str
     lower, upper : (3,)
-        Corners, in metres, in the link frame. Infinite ones leave that side open; where both are equal, that
-        coordinate is known exactly.
+        Corners, in metres, in the link frame. An infinite bound leaves its side open; if both bounds of a coordinate
+        are equal, it is known exactly.
 
     Raises
     ------
@@ -38,7 +38,7 @@ class CenterOfMassBox:
 
     See Also
     --------
-    DensityInBox : The whole body within the box, which says more.
+    DensityInBox : The whole body within the box, which is a stronger condition.
 
     Examples
     --------
@@ -77,7 +77,7 @@ class CenterOfMassBox:
         return cls(**table(entry, "center_of_mass_box", ("link", "lower", "upper")))
 
     def blocks(self, model: ModelLike) -> tuple[AffineBlock, ...]:
-        """Six (or fewer, where a bound is infinite) 1 x 1 blocks, in kg m: l - m lower and m upper - l."""
+        """At most six 1 x 1 blocks in kg m, l - m lower and m upper - l, one for each finite bound."""
         link = LinkParameters.of(model, self.link, "CenterOfMassBox")
         name = f"{link.title}: centre of mass"
         found = []
@@ -92,7 +92,7 @@ class CenterOfMassBox:
         return tuple(found)
 
     def equalities(self, model: ModelLike) -> tuple[Equality, ...]:
-        """The coordinates that are known exactly."""
+        """One equation for each coordinate that is known exactly."""
         link = LinkParameters.of(model, self.link, "CenterOfMassBox")
         exact = [k for k in range(3) if self.lower[k] == self.upper[k]]
         return tuple(_coordinate(link, k, self.lower[k]) for k in exact)
@@ -100,7 +100,7 @@ class CenterOfMassBox:
 
 @dataclass(frozen=True)
 class CenterOfMassSphere:
-    """The centre of mass of a link within a sphere.
+    """Keeps the centre of mass of a link within a sphere.
 
     Parameters
     ----------
@@ -108,7 +108,7 @@ class CenterOfMassSphere:
     center : (3,)
         In metres, in the link frame.
     radius : float
-        In metres; 0 where the centre of mass is known exactly.
+        In metres; 0 if the centre of mass is known exactly.
 
     Raises
     ------
@@ -153,12 +153,12 @@ class CenterOfMassSphere:
         return (AffineBlock(name, np.zeros((4, 4)), link.indices[6:], coefficients + 0.0, "constraint", "kg m"),)
 
     def equalities(self, model: ModelLike) -> tuple[Equality, ...]:
-        """The centre of mass, where the radius is 0."""
+        """Three equations if the radius is 0."""
         link = LinkParameters.of(model, self.link, "CenterOfMassSphere")
         return tuple(_coordinate(link, k, self.center[k]) for k in range(3)) if self.radius == 0 else ()
 
 
 def _coordinate(link: LinkParameters, axis: int, value: float) -> Equality:
-    """The centre of mass has this coordinate: l - m value = 0."""
+    """The equation that sets a coordinate of the centre of mass: l - m value = 0."""
     places = (int(link.indices[6 + axis]), link.mass)
     return equation(f"{link.title}: centre of mass {'xyz'[axis]} = {value:g} m", link.model, places, (1.0, -value))

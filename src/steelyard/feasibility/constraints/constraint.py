@@ -1,4 +1,4 @@
-"""What a constraint is: anything that gives blocks and equations for a model; and many of them put together."""
+"""The interface of constraints, which give blocks and equations for a model, and how several are combined."""
 
 from __future__ import annotations
 
@@ -30,18 +30,18 @@ Vector = npt.NDArray[np.float64]
 Matrix = npt.NDArray[np.float64]
 
 _DEPENDENT = 1e-9
-"""An equation counts as following from others where what is left of it is less than this part of it."""
+"""An equation counts as a combination of others if the rest that is orthogonal to them is less than this part of it."""
 
 _ROUNDING = 1e-14
-"""Relative to its length, what an equation may be wrong by that was computed from others in floating point."""
+"""Relative rounding error of an equation as it is given."""
 
 
 class ModelLike(Protocol):
-    """What feasibility asks of a model: `Model` has it, and so may a class of one's own, such as a published table."""
+    """The part of a model that feasibility uses; `Model` has it, and classes of your own may have it too."""
 
     @property
     def robot(self) -> Any:
-        """What has `link_names`, and `parameters` from CAD, (n,), NaN where unknown."""
+        """The robot, with `link_names`, and `parameters` of the description, (n,), NaN where unknown."""
 
     @property
     def parameter_names(self) -> Sequence[str]:
@@ -61,9 +61,9 @@ class Equality:
     Attributes
     ----------
     name : str
-        What it says, e.g. ``"total mass = 27 kg"``.
+        The equation in words, e.g. ``"total mass = 27 kg"``.
     indices : (c,)
-        Which parameters it is about.
+        Indices of its parameters.
     coefficients : (c,)
     value : float
     """
@@ -79,7 +79,7 @@ class Equality:
 
 
 class Constraint(Protocol):
-    """Anything that gives blocks (and equations) for a model; users may add their own classes.
+    """An object that gives blocks and equations for a model; you may add classes of your own.
 
     Examples
     --------
@@ -159,7 +159,7 @@ def _check_parameters(name: str, indices: Any, values: Iterable[Any], model: Mod
 
 
 def distinct_blocks(blocks: Iterable[AffineBlock]) -> tuple[AffineBlock, ...]:
-    """Leave out blocks that say exactly what an earlier one says, and number those that share a name.
+    """Leave out blocks that are equal to an earlier one, and number those that share a name.
 
     Examples
     --------
@@ -217,7 +217,7 @@ def independent_equalities(equalities: Iterable[Equality], parameter_count: int)
     """
     given = list(equalities)
     most = min(len(given), parameter_count)
-    # The rows that are kept are triangle @ basis, by Gram and Schmidt.
+    # Gram-Schmidt: the rows that are kept are triangle @ basis.
     basis, triangle = np.zeros((most, parameter_count)), np.zeros((most, most))
     kept: list[Equality] = []
     values, errors = np.zeros(most), np.zeros(most)
@@ -235,7 +235,7 @@ def independent_equalities(equalities: Iterable[Equality], parameter_count: int)
             step = basis[:count] @ rest
             along, rest = along + step, rest - step @ basis[:count]
         left = float(np.linalg.norm(rest))
-        # What is left of nearly dependent equations has lost digits, and so has what is left of others beside it.
+        # The rest of a nearly dependent equation has lost digits, and so have the rests that are computed from it.
         error = _ROUNDING + float(np.abs(along) @ errors[:count])
         if left > max(_DEPENDENT, error):
             errors[count] = error / left
@@ -259,7 +259,7 @@ def _contradiction(name: str, others: list[str]) -> str:
 
 
 def solved_for_some(matrix: Matrix, values: Vector) -> tuple[npt.NDArray[np.intp], Matrix, Vector]:
-    """Solve independent equations E δ = f for as many of the parameters, those with the largest coefficients.
+    """Solve independent equations E δ = f for the parameters with the largest coefficients.
 
     Parameters
     ----------
@@ -271,7 +271,7 @@ def solved_for_some(matrix: Matrix, values: Vector) -> tuple[npt.NDArray[np.intp
     Returns
     -------
     (r,) int
-        Which parameters.
+        Indices of the parameters that are solved for.
     (r, n)
         R, with zeros in their columns: δ[which] = constant - R δ.
     (r,)

@@ -1,4 +1,4 @@
-"""Bodies that lie within a box or an ellipsoid: the second moments that a density there can have."""
+"""Constraints that keep a body within a box or an ellipsoid: the moments that a density there can have."""
 
 from __future__ import annotations
 
@@ -37,13 +37,13 @@ class DensityInEllipsoid:
     semi_axes : float or (3,)
         Half the lengths of the axes, in metres; one number for a sphere.
     rotation : (3, 3) or (3,), optional
-        Directions of the axes in the link frame, as columns; or roll, pitch and yaw of them, in radians. Along the
-        axes of the link frame where absent.
+        Directions of the axes in the link frame as columns, or their roll, pitch and yaw in radians. By default the
+        axes are those of the link frame.
 
     Raises
     ------
     InputError
-        If a value is not a number, an axis is not positive, or the rotation is none.
+        If a value is not a number, a semi-axis is not positive, or the rotation is not a rotation matrix.
 
     Notes
     -----
@@ -131,7 +131,7 @@ class DensityInBox:
 
     Notes
     -----
-    Where f and g are not negative within the box, ∫ f g dm ≥ 0, which is linear in the ten parameters where f and g are
+    If f and g are not negative within the box, ∫ f g dm ≥ 0, which is linear in the ten parameters if f and g are
     affine. The blocks are
 
     - the pseudo-inertia P ⪰ 0, part of ``"full"`` consistency, which is added for the link under ``"inertia"``;
@@ -139,9 +139,10 @@ class DensityInBox:
       ∫ (x - a)(y - c) dm;
     - four conditions on products of the three coordinates together, the triangle inequalities of Padberg (1989).
 
-    All are necessary. They are sufficient for what depends on two of the axes only (Anstreicher and Burer 2010), and
-    for the products of different coordinates alone. They are not known to be sufficient altogether: an exact form takes
-    more unknowns, and sharper conditions without them take moments of third order, which no torque depends on. For 1900
+    All are necessary. They are sufficient for moments that involve two of the axes only (Anstreicher and Burer 2010),
+    and for the products of different coordinates alone. They are not known to be sufficient in general: an exact form
+    needs more unknowns, and sharper conditions without these involve moments of third order, on which no torque
+    depends. For 1900
     random quadratic functions the least value of their mean that the conditions allow was the least value within the
     box, to 1e-8 of the range. The centre of mass is within the box as a consequence: no `CenterOfMassBox` is needed.
 
@@ -200,12 +201,12 @@ class DensityInBox:
         return tuple(found)
 
     def _triangles(self) -> list[tuple[str, Matrix]]:
-        """With s, t, u from 0 to 1 across the box, 1 - s - t - u + st + su + tu ≥ 0, s - st - su + tu ≥ 0 and alike."""
+        """For coordinates s, t, u from 0 to 1, 1 - s - t - u + st + su + tu ≥ 0, s - st - su + tu ≥ 0, and so on."""
         width = np.subtract(self.upper, self.lower)
         s, t, u = (_affine(k, 1.0 / width[k], -self.lower[k] / width[k]) for k in range(3))
         one = _affine(0, 0.0, 1.0)
         st, su, tu = _product(s, t), _product(s, u), _product(t, u)
-        # In kg m², of the size of the other blocks.
+        # Scaled to kg m², to be of the size of the other blocks.
         scale = float(np.prod(width) ** (2.0 / 3.0))
         found = [("x, y and z together", _product(one, one - s - t - u) + st + su + tu)]
         found += [

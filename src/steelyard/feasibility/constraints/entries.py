@@ -1,4 +1,4 @@
-"""Reading the values of constraints: tables of robot.toml, numbers, vectors, rotations and placements."""
+"""Reading the values of constraints from robot.toml or arguments: numbers, vectors, rotations, placements."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The centre of mass within the convex hull of points or of a mesh."""
+"""The constraint that keeps the centre of mass within the convex hull of points or of a mesh."""
 
 from __future__ import annotations
 
@@ -28,8 +28,10 @@ Vector = npt.NDArray[np.float64]
 Matrix = npt.NDArray[np.float64]
 
 _FLAT = 1e-6
-_POINT = 1e-12  # m; what extends over less is a point
-"""Extents below this fraction of the largest one count as none: what is left of single precision in mesh files."""
+"""Extents below this fraction of the largest one count as zero: mesh files hold numbers in single precision."""
+
+_POINT = 1e-12
+"""Points that extend over less than this, in m, count as one."""
 
 _PARALLEL, _SAME = 1e-7, 1e-9
 """Facets whose normals differ by less than the first, and offsets by less than the second of the extent, are one."""
@@ -37,25 +39,28 @@ _PARALLEL, _SAME = 1e-7, 1e-9
 _BEYOND = 1e15
 """Coordinates beyond this, in the unit of the file, are refused."""
 
-_FARTHEST = 1e9  # m
+_FARTHEST = 1e9
+"""Points beyond this, in m, are refused."""
+
 _LARGEST = 50.0
-"""Extent, in m, from which a mesh without a scale is taken to be in other units."""
+"""A mesh without a given scale is refused if it extends over more than this, in m: it is probably in millimetres."""
 
 
 @dataclass(frozen=True)
 class CenterOfMassHull:
-    """The centre of mass of a link within the convex hull of points, such as the vertices of its mesh.
+    """Keeps the centre of mass of a link within the convex hull of points, such as the vertices of its mesh.
 
-    Wherever the material is, the centre of mass is in the convex hull of the link's shape.
+    The centre of mass lies in the convex hull of the link's shape, however the mass is distributed.
 
     Parameters
     ----------
     link : str
     points : (k, 3)
-        In metres, in the link frame. Of those given only the vertices of the hull are kept. Points in a plane, on a
-        line, or one point alone, bind the centre of mass to that plane, line or point.
+        In metres, in the link frame; only the vertices of the hull are kept. Points in a plane, points on a line, or a
+        single point restrict the centre of mass to that plane, line or point.
     tolerance : float
-        How far, in metres, the hull may reach beyond the points, so that fewer facets do; 0 for the hull itself.
+        Distance, in metres, by which the hull may extend beyond the points so that it has fewer facets; 0 for the exact
+        hull.
 
     Raises
     ------
@@ -119,7 +124,7 @@ class CenterOfMassHull:
             STL, OBJ and whatever else trimesh reads (extra ``meshes``); ``.npy``, ``.csv``, ``.txt`` or ``.xyz`` with
             points.
         scale : float, optional
-            Metres in a unit of the file, such as 0.001; 1 where absent.
+            Metres per unit of the file, such as 0.001; 1 by default.
         placement : (4, 4), or mapping with xyz and rpy, optional
             Of the mesh in the link frame (m and rad), as URDF's ``<origin>``; applied after the scale.
         tolerance : float
@@ -225,7 +230,7 @@ def convex_hull(points: Matrix, tolerance: float = 0.0) -> ConvexHullForm:
     ----------
     points : (k, 3)
     tolerance : float
-        How far the hull may reach beyond the points so that fewer facets do.
+        Distance by which the hull may extend beyond the points so that it has fewer facets.
 
     Returns
     -------
@@ -247,7 +252,7 @@ def convex_hull(points: Matrix, tolerance: float = 0.0) -> ConvexHullForm:
     if dimension == 0:
         normals, offsets, vertices = np.zeros((0, 3)), np.zeros(0), points[:1]
     else:
-        # In units of the extents, so that thin bodies are no harder than others.
+        # Scaled to extents of 1, so that thin bodies are as accurate as others.
         scaled = local[:, :dimension] / extents[:dimension]
         kept = np.arange(len(points))
         if dimension == 1:
@@ -268,7 +273,10 @@ def convex_hull(points: Matrix, tolerance: float = 0.0) -> ConvexHullForm:
 
 
 def _axes(centered: Matrix) -> tuple[Matrix, Vector]:
-    """Orthogonal axes (3, 3) by falling extent, and the extents: those of the frame, where they show what is flat."""
+    """Orthogonal axes (3, 3) in the order of falling extents, and the extents.
+
+    They are those of the frame if the points are as flat along these as along their principal axes.
+    """
     factor = np.zeros((3, 3))
     triangle = np.linalg.qr(centered, mode="r")
     factor[: len(triangle)] = triangle
@@ -301,9 +309,9 @@ def _merged(normals: Matrix, vertices: Matrix, extent: float) -> tuple[Matrix, V
 
 
 def _fewer(normals: Matrix, offsets: Vector, vertices: Matrix, tolerance: float) -> tuple[Matrix, Vector]:
-    """Some of the half-spaces, and a box, whose intersection reaches beyond the hull by at most the tolerance.
+    """Some of the half-spaces, and a box, whose intersection extends beyond the hull by at most the tolerance.
 
-    The half-spaces that the outermost corners of the intersection violate are added until none is violated by more.
+    Half-spaces are added that the corners of the intersection violate most, until no corner is beyond the tolerance.
     """
     from scipy.spatial import HalfspaceIntersection
 

@@ -30,7 +30,7 @@ _UNITS = {"L": "kg m²", "l": "kg m", "m": "kg"}
 
 @dataclass(frozen=True)
 class LinearBound:
-    """Bounds on a linear combination of parameters.
+    """Bounds a linear combination of parameters.
 
     Parameters
     ----------
@@ -39,11 +39,11 @@ class LinearBound:
         expression of a base parameter, as in `BaseParameters.expressions`, is taken as that base parameter, with all
         the digits of its coefficients.
     minimum, maximum : float, optional
-        Equal ones are an exact value.
+        Bounds; equal ones give an exact value.
     equal : float, optional
         The exact value, instead of bounds.
     unit : str, optional
-        Unit of the values; found by the names where all parameters are masses, first moments or inertias.
+        Unit of the values; it follows from the names if all parameters are masses, first moments or moments of inertia.
 
     Raises
     ------
@@ -114,7 +114,7 @@ class LinearBound:
 
 @dataclass(frozen=True)
 class ConfidenceInterval:
-    """A linear combination of parameters within some standard deviations of an estimated value.
+    """Keeps a linear combination of parameters within some standard deviations of an estimated value.
 
     Parameters
     ----------
@@ -123,11 +123,11 @@ class ConfidenceInterval:
     value : float
         The estimate.
     standard_deviation : float
-        Of the estimate; at 0 the value is taken as exact.
+        Standard deviation of the estimate; with 0 the value is exact.
     deviations : float
-        How many standard deviations the true value may be away.
+        Number of standard deviations by which the true value may differ.
     base_expressions : tuple of str
-        The base parameters that beta1, beta2, ... in the expression are; those of the model where empty.
+        The base parameters that beta1, beta2, ... stand for; by default those of the model.
 
     Raises
     ------
@@ -182,7 +182,7 @@ class ConfidenceInterval:
         return _interval(label, _unit(row, model), row, constant, self.value - reach, self.value + reach)
 
     def equalities(self, model: ModelLike) -> tuple[Equality, ...]:
-        """The value, where it is exact."""
+        """The value as an equation if it is exact."""
         row, constant = self._resolved(model)
         if self.standard_deviation != 0:
             return ()
@@ -211,25 +211,25 @@ def confidence_intervals(
     combinations: Sequence[Any] | None = None,
     covariance: npt.ArrayLike | None = None,
 ) -> tuple[ConfidenceInterval, ...]:
-    """Confidence intervals of an estimate as constraints.
+    """The confidence intervals of an estimate as constraints.
 
     Parameters
     ----------
     estimate : Estimate
-        Best one of other data than those that the constraints will be used with.
+        Preferably one of other data than those that the constraints will be used with.
     deviations : float
-        How many standard deviations the true values may be away; 3 are 99.7 % of a normal distribution for each.
+        Number of standard deviations by which true values may differ; 3 hold 99.7 % of a normal distribution.
     combinations : sequence of str, mapping or LinearExpression, optional
-        Of which combinations, in beta1, beta2, ..., the names of the base parameters (of the parameters that lead them)
-        or their expressions; all base parameters where absent.
+        Combinations of beta1, beta2, ..., of names of base parameters (those of their leading parameters), or
+        expressions of base parameters. By default every base parameter.
     covariance : (n_b, n_b), optional
-        Of the base parameters. Without it a combination gets the largest standard deviation that the standard errors of
-        its parts allow, Σ |cᵢ| σᵢ.
+        Covariance of the base parameters. Without it a combination gets Σ |cᵢ| σᵢ, the largest standard deviation that
+        the standard errors of its parts allow.
 
     Returns
     -------
     tuple of ConfidenceInterval
-        Those that the data says nothing of are left out.
+        Combinations that the data does not determine are left out.
 
     Raises
     ------
@@ -284,7 +284,7 @@ def _covariance(covariance: npt.ArrayLike, count: int) -> npt.NDArray[np.float64
 
 
 def _open(key: str, value: float) -> bool:
-    """Whether an infinite bound is none."""
+    """Whether an infinite bound leaves its side open, so that it can be left out."""
     return (key == "minimum") == (value < 0)
 
 

@@ -1,4 +1,4 @@
-"""The parameters of single links, and blocks and equations made of them."""
+"""The parameters of single links, and blocks and equations in these parameters."""
 
 from __future__ import annotations
 
@@ -24,9 +24,11 @@ Vector = npt.NDArray[np.float64]
 Matrix = npt.NDArray[np.float64]
 
 _NEGLIGIBLE = 1e-12
+"""Numbers below this part of the largest one are rounding errors."""
 
 _LEAST_PIVOT = 0.1
-"""Of the largest element that is left. With 1e-12, an axis 0.1 degrees off a plane of the frame lost five digits."""
+"""Smallest pivot relative to the largest remaining element. With 1e-12, the equations of a symmetry axis that is 0.1
+degrees off a plane of the frame lost five digits."""
 
 
 def link_index(model: ModelLike, link: str, where: str) -> int:
@@ -45,7 +47,7 @@ def link_index(model: ModelLike, link: str, where: str) -> int:
 
 @dataclass(frozen=True)
 class LinkParameters:
-    """Where the ten inertial parameters of a link stand in a model.
+    """The places of the inertial parameters of a link in a model.
 
     Attributes
     ----------
@@ -58,17 +60,17 @@ class LinkParameters:
 
     @classmethod
     def of(cls, model: ModelLike, link: str, where: str) -> LinkParameters:
-        """Those of a link by name; `where` begins the message where there is none."""
+        """The parameters of a link by name; `where` begins the message if there is no such link."""
         return cls(model, link_index(model, link, where))
 
     @property
     def title(self) -> str:
-        """As in ``"link 3 (forearm)"``."""
+        """Number and name of the link, such as ``"link 3 (forearm)"``."""
         return f"link {self.index + 1} ({list(self.model.robot.link_names)[self.index]})"
 
     @cached_property
     def indices(self) -> npt.NDArray[np.intp]:
-        """Of Lxx Lxy Lxz Lyy Lyz Lzz lx ly lz m, (10,)."""
+        """Indices of Lxx Lxy Lxz Lyy Lyz Lzz lx ly lz m, (10,)."""
         names = list(self.model.parameter_names)
         return np.array([names.index(f"{symbol}{self.index + 1}") for symbol in INERTIA_SYMBOLS], dtype=np.intp)
 
@@ -110,7 +112,7 @@ def scalar_block(
 def equation(
     what: str, model: ModelLike, indices: Sequence[int] | npt.NDArray[np.intp], row: npt.ArrayLike, value: float = 0.0
 ) -> Equality:
-    """The equation row · δ[indices] = value, named by what it comes from and by how it reads."""
+    """The equation row · δ[indices] = value; its name begins with `what`, and contains the equation."""
     values = np.asarray(row, dtype=float)
     used = np.flatnonzero(values)
     places = np.asarray(indices, dtype=np.intp)[used]
@@ -122,8 +124,8 @@ def equation(
 def independent_rows(matrix: Matrix) -> Matrix:
     """Independent rows with the same null space, each with a 1 where all others have 0, by Gauss and Jordan.
 
-    The pivot is in the left-most column that has one not much smaller than the largest element: small pivots would
-    make rounding, and with it the rank, as much larger.
+    The pivot is in the left-most column that has an element not much smaller than the largest one, since small pivots
+    would increase rounding errors.
 
     Parameters
     ----------

@@ -1,4 +1,4 @@
-"""What is known of masses: the total, parts of it, and links that were weighed."""
+"""Constraints on masses: the total mass, that of some links, and links that were weighed."""
 
 from __future__ import annotations
 
@@ -23,16 +23,16 @@ __all__ = ["MeasuredMass", "TotalMass"]
 
 @dataclass(frozen=True)
 class TotalMass:
-    """The mass of some links together, in kg (thesis 2.66, 4.39).
+    """Bounds the total mass of some or all links, in kg (thesis 2.66, 4.39).
 
     Parameters
     ----------
     maximum, minimum : float, optional
-        Bounds. Equal ones are an exact mass.
+        Bounds; equal ones give an exact mass.
     equal : float, optional
         The exact mass, instead of bounds.
     links : sequence of str, optional
-        Names of the links that are weighed together; all of them where absent.
+        Names of the links whose masses are added; by default all links.
 
     Raises
     ------
@@ -103,18 +103,19 @@ class TotalMass:
 
 @dataclass(frozen=True)
 class MeasuredMass:
-    """A link, or several together, that was put on a scale.
+    """Uses the weight of a link, or of several together.
 
     Parameters
     ----------
     value : float
         In kg.
     links : str or sequence of str, optional
-        The links that were weighed together; the whole robot (its moving links) where absent.
+        The links that were weighed together; by default all moving links of the robot.
     standard_deviation : float, optional
-        Of the scale, and of what was on it beside the links, in kg. Without it, or at 0, the mass is taken as exact.
+        Standard deviation of the weight in kg, including other parts on the scale. Without it, or with 0, the mass is
+        exact.
     deviations : float
-        How many standard deviations the mass may be away.
+        Number of standard deviations by which the mass may differ.
 
     Raises
     ------
@@ -124,7 +125,7 @@ class MeasuredMass:
     Notes
     -----
     The mass lies in value ± deviations · standard_deviation, two 1 x 1 blocks; without a standard deviation it is
-    an equation. What a link weighs in the model includes what is fixed to it.
+    an equation. The mass of a link in the model includes all parts that are fixed to it.
 
     Examples
     --------
@@ -161,7 +162,7 @@ class MeasuredMass:
         return cls(**table(entry, "measured_mass", ("value",), ("links", "standard_deviation", "deviations")))
 
     def blocks(self, model: ModelLike) -> tuple[AffineBlock, ...]:
-        """Lower and upper limit of the mass; the lower one only where it is above 0."""
+        """Upper limit of the mass, and the lower one if it is above 0."""
         label, indices = _masses(model, self.links, "weighed total mass", "weighed mass of", "MeasuredMass")
         if not self.standard_deviation:
             return ()

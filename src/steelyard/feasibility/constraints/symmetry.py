@@ -1,4 +1,4 @@
-"""Symmetric links, and links that are alike."""
+"""Constraints for symmetric links, and for pairs of equal or mirrored links."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ _AXES = {"x": (1.0, 0.0, 0.0), "y": (0.0, 1.0, 0.0), "z": (0.0, 0.0, 1.0)}
 
 @dataclass(frozen=True)
 class SymmetricLink:
-    """A link whose mass is distributed symmetrically about a plane, several planes, or an axis.
+    """Makes the mass of a link symmetric about one or more planes, or about an axis.
 
     Parameters
     ----------
@@ -41,19 +41,19 @@ class SymmetricLink:
     axis : str or (3,), optional
         ``"x"``, ``"y"`` or ``"z"``, or its direction in the link frame.
     order : int, optional
-        How many turns about the axis the link looks the same after: 2 where it takes half a turn. 3 and more, and
-        a body of revolution (where absent), come to the same moments.
+        Order of the symmetry about the axis: 2 for a link that looks the same after half a turn. Orders from 3 on and
+        bodies of revolution (the default) restrict the moments equally.
     through : (3,)
-        A point that the planes and the axis go through, in metres, in the link frame; its origin where absent.
+        A point on all the planes and the axis, in metres, in the link frame; its origin by default.
 
     Raises
     ------
     InputError
-        If neither plane nor axis is given, or one cannot be understood.
+        If neither plane nor axis is given, or one is invalid.
 
     Notes
     -----
-    A symmetry T leaves the pseudo-inertia as it is, T P Tᵀ = P, which is linear in the ten parameters: for the plane yz
+    A symmetry T does not change the pseudo-inertia, T P Tᵀ = P, which is linear in the ten parameters: for the plane yz
     through the origin Lxy = Lxz = lx = 0; for the axis z also Lyz = ly = 0 and Lxx = Lyy. Only independent equations
     are given.
 
@@ -112,7 +112,7 @@ class SymmetricLink:
         return ()
 
     def equalities(self, model: ModelLike) -> tuple[Equality, ...]:
-        """What the symmetries say of the ten parameters."""
+        """The equations that the symmetries impose on the ten parameters."""
         link = LinkParameters.of(model, self.link, "SymmetricLink")
         symmetries = self._symmetries()
         rows = independent_rows(np.vstack([transformation(matrix) - np.eye(10) for _, matrix in symmetries]))
@@ -122,26 +122,27 @@ class SymmetricLink:
 
 @dataclass(frozen=True)
 class EqualLinks:
-    """Two links that are built alike, such as those of a left and a right limb.
+    """Makes two links equal or mirror images, such as those of a left and a right limb.
 
     Parameters
     ----------
     first, second : str
         Names of the links.
     mirror : str or (3,), optional
-        Where the second link is the mirror image of the first: the plane, ``"xy"``, ``"xz"`` or ``"yz"`` or its normal,
-        through the origin of the link frames: the first body, drawn in the frame of the second, and reflected.
+        Plane through the origin of the link frames, ``"xy"``, ``"xz"`` or ``"yz"``, or its normal, if the second body
+        is the mirror image of the first one drawn in its frame.
     placement : (4, 4), or mapping with xyz and rpy, optional
-        Where the link frames lie differently in the two bodies: a point at r in the frame of the first link stands at
-        placement (r, 1) in that of the second (m and rad); applied after the mirror.
+        Needed if the link frames lie differently in the two bodies: the point r in the frame of the first link is at
+        placement (r, 1) in that of the second (m and rad). It is applied after the mirror.
     terms : bool or sequence of str
-        Whether friction, rotor inertia and whatever else the terms of the two joints have are equal too; or the symbols
-        of those that are, such as ``["Fvj", "Fcj"]``. Offsets are rarely equal, because sensors make them too.
+        Whether the parameters of the terms of the two joints, such as friction and rotor inertia, are equal too; or the
+        symbols of those that are, such as ``["Fvj", "Fcj"]``. Offsets are rarely equal, since they also come from
+        sensors.
 
     Raises
     ------
     InputError
-        If a value cannot be understood, or both links are the same.
+        If a value is invalid, or both links are the same.
 
     Notes
     -----
@@ -271,7 +272,7 @@ def _reflection(normal: Matrix, through: Sequence[float]) -> Matrix:
 
 
 def _turn(axis: Matrix, through: Sequence[float], half: bool) -> Matrix:
-    """Half a turn, or a quarter: that one leaves only moments as they are which all turns leave."""
+    """Half a turn, or a quarter turn, which changes all moments except those that no turn changes."""
     if half:
         return _about(2.0 * np.outer(axis, axis) - np.eye(3), through)
     x, y, z = axis

@@ -1,4 +1,4 @@
-"""The section [constraints] of a robot file."""
+"""Reading the section [constraints] of a robot file."""
 
 from __future__ import annotations
 
@@ -58,7 +58,7 @@ def constraints_from_dict(
         ``density_in_ellipsoid``, ``symmetric_link``, ``equal_links``, one that a package adds, or ``"module:Class"``) a
         table, or a list of tables.
     folder : str or Path, optional
-        What paths in it are relative to: the folder of the robot file. The working directory where absent.
+        Folder of the robot file, to which paths are relative; by default the working directory.
     allow_extensions : bool
         Whether a class that the section names by its import path may be imported.
 
@@ -107,7 +107,7 @@ def _made(kind: type[Constraint], key: str, entry: Any, folder: Path | None) -> 
 
 
 def _of_estimate(entry: Mapping[str, Any], folder: Path | None) -> tuple[Constraint, ...]:
-    """All intervals of a saved estimate."""
+    """The confidence intervals of a saved estimate."""
     given = table(entry, "confidence_interval", ("estimate",), ("deviations", "combinations"))
     path = given.text("estimate", "a path") or ""
     combinations = given.get("combinations")
