@@ -222,7 +222,7 @@ def test_bad_tables(chain, options, message):
         ({"lower": "low"}, "lower must be three numbers in m, got 'low'"),
         ({"upper": (np.nan, 0, 0)}, "upper must be three numbers"),
         ({"upper": (1, 1, 1), "point": (0, np.inf, 0)}, "the point must be finite"),
-        ({"lower": (5, 5, 5)}, "workspace: tool above x = 5 is violated by .*mend the box"),
+        ({"lower": (5, 5, 5)}, "workspace: tool above x = 5 is violated by .*correct the box"),
         ({"link": "base", "upper": (1, 1, 1)}, 'link "base" is fixed to the base and does not move'),
         ({"link": "hand", "upper": (1, 1, 1)}, 'no link "hand"'),
     ],
@@ -234,9 +234,9 @@ def test_bad_boxes(chain, options, message):
 
 def test_wrong_shapes_of_arrays(chain):
     box = WorkspaceBox(chain.robot, "tool", (0, 0, 0), (2, 2, 2))
-    with pytest.raises(InputError, match=r"workspace: configurations must be of shape \(S, 4\), got shape \(5, 3\)"):
+    with pytest.raises(InputError, match=r"workspace: configurations must have shape \(S, 4\), got shape \(5, 3\)"):
         box.clearance(np.zeros((5, 3)))
-    with pytest.raises(InputError, match=r"workspace: weights must be of shape \(5, 6\), got \(5, 2\)"):
+    with pytest.raises(InputError, match=r"workspace: weights must have shape \(5, 6\), got \(5, 2\)"):
         box.vjp(np.zeros((5, 4)), None, None, np.zeros((5, 2)))
     assert repr(box) == "WorkspaceBox(workspace: 6 clearances)"
 

@@ -1,4 +1,4 @@
-"""Constraints on where a robot is: collisions of its links, obstacles, a table, a workspace."""
+"""Constraints on the configuration of a robot: collisions of its links, obstacles, a table, a workspace."""
 
 from typing import TYPE_CHECKING
 

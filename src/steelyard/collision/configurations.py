@@ -1,4 +1,4 @@
-"""Configurations of a robot, where its links are in them, and what forces on the links do at the joints."""
+"""Configurations of a robot, the poses of its links in them, and the joint torques of forces on the links."""
 
 from __future__ import annotations
 
@@ -21,14 +21,14 @@ def _range(robot: Robot) -> tuple[Array, Array]:
     joints = [robot.joints[index] for index in robot.driving_joints]
     widest = np.array([np.pi if joint.rotates else 0.5 for joint in joints])
     lower, upper = (np.array([getattr(joint, name) for joint in joints]) for name in ("lower", "upper"))
-    # A joint without limits turns once around, or slides 0.5 m to both sides.
+    # A joint without limits gets a range of one turn, or of 1 m.
     lower = np.where(np.isfinite(lower), lower, np.where(np.isfinite(upper), upper - 2 * widest, -widest))
     upper = np.where(np.isfinite(upper), upper, lower + 2 * widest)
     return lower, upper
 
 
 def default_neutral_configuration(robot: Robot) -> Array:
-    """Return the configuration (N,) of zeros, save where the limits of a joint exclude 0: there their middle.
+    """Return the configuration (N,) of zeros, with the middle of the range where the limits of a joint exclude 0.
 
     Examples
     --------
@@ -40,17 +40,14 @@ def default_neutral_configuration(robot: Robot) -> Array:
 
 
 def random_configurations(robot: Robot, count: int, seed: int = 0) -> Array:
-    """Return configurations (count, N) drawn evenly between the limits of the joints."""
+    """Return configurations (count, N) from a uniform distribution between the limits of the joints."""
     lower, upper = _range(robot)
     return np.random.default_rng(seed).uniform(lower, upper, (count, robot.dof))
 
 
-# Where the moving links are, for a batch of configurations, and what forces on them do at the joints.
-
-
 @dataclass(frozen=True, eq=False)
 class LinkPlacements:
-    """Frames of the B moving links at S configurations, in the base frame; the base comes last, with the index -1.
+    """Poses of the B moving links at S configurations, in the base frame; the base comes last, with the index -1.
 
     Attributes
     ----------
@@ -59,7 +56,7 @@ class LinkPlacements:
     positions : ndarray
         (B + 1, S, 3), m.
     frames : tuple of JointFrame
-        The joints.
+        Frames of the joints.
     """
 
     rotations: Array
@@ -72,19 +69,19 @@ class LinkPlacements:
         return int(self.positions.shape[1])
 
     def of(self, body: int, placement: Array) -> tuple[Array, Array]:
-        """Return rotations (S, 3, 3) and positions (S, 3) of a frame that is fixed to a moving link."""
+        """Return rotations (S, 3, 3) and positions (S, 3) of a frame with a given placement on a moving link."""
         rotation, position = self.rotations[body], self.positions[body]
         return rotation @ placement[:3, :3], position + rotation @ placement[:3, 3]
 
     def vjp(self, forces: Array, moments: Array, dof: int) -> Array:
-        """Return the joint torques (S, N) of forces and moments on the links: the transposed Jacobians times them.
+        """Return the joint torques (S, N) of forces and moments on the links, by the transposed Jacobians.
 
         Parameters
         ----------
         forces : ndarray
-            (B + 1, S, 3), in the base frame; those on the base have no effect.
+            (B + 1, S, 3) forces in the base frame; those on the base have no effect.
         moments : ndarray
-            (B + 1, S, 3), about the origin of the base frame.
+            (B + 1, S, 3) moments about the origin of the base frame.
         dof : int
             Number N of coordinates.
         """

@@ -20,21 +20,22 @@ __all__ = ["Nearest", "PairDistances", "segment_distance_bound"]
 
 Array = NDArray[np.float64]
 
-# Segments whose angle has a smaller squared sine are taken as parallel, which moves a point by at most `SLACK` of
-# their length.
+# Segments are treated as parallel where the square of the sine of their angle is below PARALLEL. This moves the nearest
+# point by at most the fraction SLACK of their length, which is subtracted, so that the result stays a lower bound.
 PARALLEL = 1e-9
 SLACK = 1e-4
 
 
 def segment_distance_bound(first: tuple[Array, Array], second: tuple[Array, Array]) -> Array:
-    """Return lower bounds (...) of the distances of segments, equal to them but for 1e-4 of the segments' lengths.
+    """Return lower bounds (...) of the distances of segments, tight to 1e-4 of the lengths of the segments.
 
-    The closest points of two lines, clamped to the segments (Ericson, Real-Time Collision Detection, 2005, 5.1.9).
+    They come from the closest points of two lines, clamped to the segments (Ericson, Real-Time Collision Detection,
+    2005, section 5.1.9).
 
     Parameters
     ----------
     first, second : tuple of ndarray
-        Both ends, (..., 3) each, m.
+        The two ends of the segment, (..., 3) each, m.
 
     Examples
     --------
@@ -62,26 +63,24 @@ def _ratio(numerator: Array, denominator: Array, valid: NDArray[np.bool_]) -> Ar
     return np.divide(numerator, denominator, out=np.zeros_like(numerator), where=valid)
 
 
-# Signed distances between pairs of bodies for batches of configurations.
-
 Flags = NDArray[np.bool_]
 
-# Below this distance (m) surfaces of triangles count as crossing each other.
+# Surfaces of triangles count as crossing each other below this distance (m), the accuracy of the distances.
 CROSSING = 1e-6
 
 
 @dataclass(frozen=True, eq=False)
 class Nearest:
-    """What is nearest in one group at the rows that were asked for.
+    """The nearest points of the pairs of one group.
 
     Attributes
     ----------
     rows : ndarray
         (K,) indices of the configurations at which the distance is below the horizon.
     first, second : ndarray
-        (K, 3) nearest points of the two bodies, base frame, m; where bodies overlap, the deepest points.
+        (K, 3) nearest points of the two bodies, base frame, m; the deepest points where the bodies overlap.
     normal : ndarray
-        (K, 3) unit vectors from the first to the second: the gradient of the distance by the second point.
+        (K, 3) unit vectors from the first to the second body: the gradient of the distance by the second point.
     """
 
     rows: NDArray[np.intp]
@@ -91,20 +90,21 @@ class Nearest:
 
 
 class PairDistances:
-    """Signed distances of groups of pairs of shapes: the least of each group.
+    """Computes the smallest signed distance of each group of pairs of shapes.
 
     Parameters
     ----------
     shapes : sequence of PlacedShape
     groups : sequence of sequence of (int, int)
-        For each of the m groups its pairs, as indices of shapes.
+        The pairs of each of the m groups, as indices of shapes.
 
     Notes
     -----
-    Pairs whose bounding capsules are farther apart than the horizon, or than the least distance of their group so far,
-    are not computed; since the capsules contain the shapes, this changes no result. The rest is computed by coal:
-    GJK and EPA for convex shapes, which find the distance and, where they overlap, the depth (Montaut et al., Collision
-    Detection Accelerated: An Optimization Perspective, 2022), and hierarchies of boxes for surfaces of triangles.
+    Pairs whose bounding capsules are farther apart than the horizon, or than the smallest distance of their group so
+    far, are skipped. This changes no result, because the capsules contain the shapes. All other pairs are computed by
+    coal: convex shapes with GJK and EPA, which find the distance and, where they overlap, the penetration depth
+    (Montaut et al., Collision Detection Accelerated: An Optimization Perspective, 2022), and surfaces of triangles with
+    hierarchies of boxes.
     """
 
     def __init__(self, shapes: Sequence[PlacedShape], groups: Sequence[Sequence[tuple[int, int]]]) -> None:
@@ -116,21 +116,21 @@ class PairDistances:
         self._engine: _Engine | None = None
 
     def __getstate__(self) -> dict[str, Any]:
-        # The objects of coal stay behind when a constraint goes to another process; they are made again there.
+        # Objects of coal cannot be sent to another process; they are made again there.
         return {**self.__dict__, "_engine": None}
 
     def bodies(self, group: int) -> tuple[int, int]:
-        """Return the moving links (-1: the base) of a group."""
+        """Return the two moving links of a group; -1 is the base."""
         first, second = self._groups[group][0]
         return self._shapes[first].body, self._shapes[second].body
 
     def distances(self, places: LinkPlacements, horizon: float) -> Array:
-        """Return the signed distances (S, m), m, no larger than the horizon; negative values are depths."""
+        """Return the signed distances (S, m), m, limited to the horizon; negative values are penetration depths."""
         wanted = np.ones((places.count, len(self._groups)), dtype=np.bool_)
         return self._search(places, wanted, horizon, None)
 
     def nearest(self, places: LinkPlacements, wanted: Flags, horizon: float) -> list[Nearest]:
-        """Return for each group the nearest points at the configurations that are wanted, (S, m)."""
+        """Return the nearest points of each group at the configurations where `wanted` (S, m) is True."""
         found: list[Nearest] = []
         self._search(places, wanted, horizon, found)
         return found
@@ -154,7 +154,7 @@ class PairDistances:
         return result
 
     def _bounds(self, poses: _Poses) -> Array:
-        """Return lower bounds (P, S) of the distances of all the pairs."""
+        """Return lower bounds (P, S) of the distances of all pairs."""
         starts, ends, radii = poses.segments
         first, second = (poses.number[self._pairs[:, side]] for side in (0, 1))
         gap = segment_distance_bound((starts[first], ends[first]), (starts[second], ends[second]))
@@ -163,17 +163,17 @@ class PairDistances:
 
 @dataclass(frozen=True, eq=False)
 class _Poses:
-    """Frames of the shapes that take part, for a batch of configurations."""
+    """Poses of the K shapes in the pairs, for a batch of configurations."""
 
-    number: NDArray[np.intp]  # of a shape, among those that take part
+    number: NDArray[np.intp]  # index of each shape among those in the pairs
     rotations: Array  # (K, S, 3, 3)
     positions: Array  # (K, S, 3)
     segments: tuple[Array, Array, Array]  # ends (K, S, 3) and radii (K,) of the bounding capsules
-    transforms: list[list[Any]]  # (K, S) objects of coal, made when they are needed
+    transforms: list[list[Any]]  # (K, S) transforms of coal, made when they are needed
 
 
 class _Engine:
-    """The objects of coal, made once."""
+    """The geometries of coal, made once, and the calls of coal."""
 
     def __init__(self, shapes: Sequence[PlacedShape]) -> None:
         self.coal = require_coal()
@@ -199,7 +199,7 @@ class _Engine:
     def measure(
         self, first: int, second: int, poses: _Poses, rows: NDArray[np.intp], least: Array, points: Array | None
     ) -> None:
-        """Lower `least` (S,) at these rows where a pair is nearer, and keep its points and normal (S, 3, 3)."""
+        """Reduce `least` (S,) in the rows in which a pair is nearer, and store its points and normal (S, 3, 3)."""
         coal = self.coal
         request, result = coal.DistanceRequest(True), coal.DistanceResult()
         request.enable_signed_distance = True
@@ -220,7 +220,7 @@ class _Engine:
                 if points is not None:
                     start, end = result.getNearestPoint1(), result.getNearestPoint2()
                     points[row, 0], points[row, 1] = start, end
-                    # Surfaces give no normal, and where they cross the hulls do.
+                    # coal computes no normal for surfaces; where they cross, that of their hulls is used.
                     points[row, 2] = (end - start) / value if surfaces and not crossing else result.normal
 
     def _transforms(self, poses: _Poses, shape: int, rows: NDArray[np.intp]) -> list[Any]:

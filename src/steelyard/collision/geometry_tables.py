@@ -1,4 +1,4 @@
-"""The tables `[collision]`, `[[obstacles]]`, `[table]` and `[workspace]` of a limits file."""
+"""Reads the tables `[collision]`, `[[obstacles]]`, `[table]` and `[workspace]` of a limits file."""
 
 from __future__ import annotations
 
@@ -45,25 +45,25 @@ COLLISION_KEYS = (
 def geometry_from_dict(
     section: Mapping[str, Any], robot: Robot, folder: str | Path = ".", *, where: str = "limits"
 ) -> tuple[ConfigurationConstraint, ...]:
-    """Return the constraints in space that a limits file describes.
+    """Return the geometric constraints that a limits file describes.
 
     Parameters
     ----------
     section : mapping
-        The tables `collision`, `obstacles`, `table` and `workspace` of the file, those that there are; the how-to
+        Those of the tables `collision`, `obstacles`, `table` and `workspace` that the file has; the how-to
         "Collision-free motion" describes their keys.
     robot : Robot
     folder : str or Path
-        Of the file: paths are relative to it.
+        Folder of the file, to which paths are relative.
     where : str
-        The file, for messages.
+        Path of the file, for messages.
 
     Raises
     ------
     InputError
-        For what cannot be understood: an unknown key, a wrong value, a missing file.
+        If a key is unknown, a value is wrong, or a file is missing.
     MissingExtraError
-        When distances are asked for and coal is not installed (extra ``collision``).
+        If distances are needed and coal is not installed (extra ``collision``).
 
     Examples
     --------
@@ -212,8 +212,6 @@ class _Reader:
         placement[:3, 3] = values.numbers("xyz", 3) if "xyz" in values else 0.0
         return placement
 
-    # Values of tables
-
     def pairs(self, values: object, where: str) -> list[str | list[str]]:
         if not isinstance(values, list) or not all(
             isinstance(one, str) or (isinstance(one, list) and all(isinstance(name, str) for name in one))
@@ -223,7 +221,7 @@ class _Reader:
         return values
 
     def made(self, where: str, make: Callable[[], Made]) -> Made:
-        """Return what `make` returns; say where in the file its complaints come from."""
+        """Return what `make` returns; its errors are raised again with the place in the file."""
         try:
             return make()
         except InputError as error:
@@ -235,7 +233,7 @@ def _no_file(where: str) -> str:
 
 
 def _numbered(found: list[ConfigurationConstraint]) -> list[ConfigurationConstraint]:
-    """Tell constraints of one name apart."""
+    """Number the constraints that have the same name."""
     names = [one.name for one in found]
     for index, name in enumerate(names):
         if names.count(name) > 1:

@@ -1,7 +1,8 @@
-"""A program that reads meshes for another process, since damaged files crash their libraries or take all the memory.
+"""A program that reads meshes for another process, because damaged files may crash the libraries or exhaust the memory.
 
-It is started with the names of the libraries as arguments, takes a list of paths as JSON, and answers each with a line
-of JSON, followed by the bytes of vertices and triangles where the file could be read.
+It is started with the names of the libraries as arguments, and reads a list of paths as JSON from standard input. For
+each path it writes a line of JSON to standard output, followed by the bytes of vertices and triangles where the file
+could be read.
 """
 
 from __future__ import annotations
@@ -16,25 +17,30 @@ import numpy as np
 
 __all__ = ["answer", "main", "reason"]
 
-MEMORY, MEMORY_PER_BYTE = 2**30, 50  # of address space; a file of 60 MB took 13 bytes a byte with coal
-TIME, TIME_PER_BYTE = 60, 6e-6  # s of the processor, where nobody waits any more who would end it
+# Limit of the address space, bytes: a constant, and a multiple of the largest file. coal needs 13 bytes for each byte
+# of a file of 60 MB.
+MEMORY, MEMORY_PER_BYTE = 2**30, 50
+# Limit of the processor time, s, three times that after which the other process stops waiting. It ends this program
+# where the other process has been killed.
+TIME, TIME_PER_BYTE = 60, 6e-6
+# Beginnings of the lines of a message of coal that say where in the library an error was raised.
 PLACES = ("From file", "in function", "at line", "Hint", "message: Could not load")
 
 
 def reason(error: BaseException) -> str:
-    """Return what is wrong from a message of several lines, most of which say where in the library it was raised."""
+    """Return the cause from a message whose other lines say where in the library the error was raised."""
     lines = [line.strip() for line in str(error).splitlines()]
     kept = [line for line in lines if line and not line.startswith(PLACES)]
     return kept[-1].rstrip(".")[:200] if kept else type(error).__name__
 
 
 def answer(path: str, libraries: list[str]) -> tuple[dict[str, Any], bytes]:
-    """Read a mesh by the first library that can; return what to say and the arrays."""
+    """Read a mesh with the first library that can; return the line of the answer, and the bytes of the arrays."""
     problem = ""
     for library in libraries:
         try:
             vertices, triangles = (_by_coal if library == "coal" else _by_trimesh)(path)
-        except Exception as error:  # they raise whatever they meet
+        except Exception as error:  # the libraries raise exceptions of many types
             problem = problem or reason(error)
             continue
         if not len(vertices):
@@ -64,7 +70,7 @@ def _by_trimesh(path: str) -> tuple[Any, Any]:
 def main() -> None:
     """Answer for every path on standard input."""
     paths = json.load(sys.stdin)
-    # What the libraries print would stand among the answers.
+    # Text that the libraries print must not mix with the answers.
     answers = os.fdopen(os.dup(1), "wb")
     os.dup2(2, 1)
     with contextlib.suppress(ImportError, ValueError, OSError):
@@ -80,7 +86,7 @@ def main() -> None:
         said, arrays = answer(path, sys.argv[1:])
         answers.write(json.dumps(said).encode() + b"\n" + arrays)
         answers.flush()
-    os._exit(0)  # without what the libraries do at the end
+    os._exit(0)  # without the cleanup of the libraries, which may crash after a damaged file
 
 
 if __name__ == "__main__":

@@ -1,4 +1,4 @@
-"""Bodies in the surroundings that the links must keep clear of."""
+"""Obstacles, and the constraint that the links keep clear of them."""
 
 from __future__ import annotations
 
@@ -23,18 +23,18 @@ Array = NDArray[np.float64]
 
 @dataclass(frozen=True, eq=False)
 class Obstacle:
-    """A body that is fixed in the base frame.
+    """A body that is fixed in the base frame of the robot.
 
     Parameters
     ----------
     name : str
     shape : Shape
     placement : (4, 4) array
-        Its frame in the base frame.
+        Pose of the shape in the base frame.
     ignore : sequence of str
-        Links of the source that may touch it.
+        Links of the description that may touch the obstacle.
     margin : float, optional
-        Least distance from it, m; that of the constraint by default.
+        Least distance of the links from the obstacle, m; that of the constraint by default.
 
     Examples
     --------
@@ -62,24 +62,24 @@ class Obstacle:
 class ObstacleClearance(DistanceConstraint):
     """The links of a robot keep a margin from obstacles.
 
-    One clearance for each moving link and obstacle, ``min(distance, horizon) - margin``. The base is not watched, since
-    nothing moves it.
+    There is one clearance for each moving link and obstacle, ``min(distance, horizon) - margin``. The base is left out,
+    because it does not move.
 
     Parameters
     ----------
     geometry : RobotGeometry
     obstacles : sequence of Obstacle
     margin : float
-        Least distance from those obstacles that do not say their own, m.
+        Least distance from the obstacles that have no margin of their own, m.
     horizon : float, optional
-        m, see `DistanceConstraint`; 0.1 m more than the margin by default.
+        See `DistanceConstraint`, m; 0.1 m more than the margin by default.
 
     Raises
     ------
     InputError
-        When there is nothing to watch, a name is unknown or used twice, or a link can never keep the margin.
+        If no moving link has a shape, a name is unknown or used twice, or a link can never keep the margin.
     MissingExtraError
-        When coal is not installed (extra ``collision``).
+        If coal is not installed (extra ``collision``).
 
     Examples
     --------
@@ -132,7 +132,7 @@ class ObstacleClearance(DistanceConstraint):
         super().__init__(geometry, PairDistances(shapes, groups), tuple(labels), np.array(margins), largest, horizon)
         self.margin = least
         self.obstacles = bodies
-        check_possible(self, "put its name into `ignore` of the obstacle, or move the obstacle")
+        check_possible(self, "add the link to `ignore` of the obstacle, or move the obstacle")
 
 
 def _pairs_with(geometry: RobotGeometry, body: int, obstacle: int, ignore: Sequence[str]) -> list[tuple[int, int]]:

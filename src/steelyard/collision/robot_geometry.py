@@ -1,4 +1,4 @@
-"""The solid shapes of a robot, each fixed to a moving link or to the base, and how a URDF gives them."""
+"""The collision shapes of a robot, each fixed to a moving link or to the base, and how they are read from a URDF."""
 
 from __future__ import annotations
 
@@ -33,17 +33,17 @@ MeshKind = Literal["hull", "exact"]
 class PlacedShape:
     """A shape that is fixed to a link.
 
-    Use `PlacedShape.on` to place one on a link by name.
+    Use `PlacedShape.on` to place a shape on a link by its name.
 
     Parameters
     ----------
     shape : Shape
     link : str
-        Link of the source that it belongs to, merged ones included.
+        Link of the description that the shape belongs to, which may have been merged into another link.
     body : int
-        Index of the moving link that carries it, -1 for the base.
+        Index of the moving link that carries the shape, -1 for the base.
     placement : (4, 4) array
-        Its frame in the frame of that moving link.
+        Pose of the shape in the frame of this moving link.
 
     Examples
     --------
@@ -75,12 +75,12 @@ class PlacedShape:
             A moving link, the base, or a link that was merged into one of them.
         shape : Shape
         placement : (4, 4) array, optional
-            Its frame in the frame of the link; the frame of the link itself by default.
+            Pose of the shape in the frame of the link; the frame of the link itself by default.
 
         Raises
         ------
         InputError
-            When the robot has no such link.
+            If the robot has no such link.
         """
         body, of_link = robot.frame(link)
         own = np.eye(4) if placement is None else np.asarray(placement, dtype=np.float64)
@@ -89,16 +89,16 @@ class PlacedShape:
 
 @dataclass(frozen=True, eq=False, repr=False)
 class RobotGeometry:
-    """The solid shapes of a robot: what can collide.
+    """The collision shapes of a robot.
 
-    Use `RobotGeometry.from_urdf`, or give shapes of your own to a robot that has no URDF.
+    Use `RobotGeometry.from_urdf`, or give your own shapes for a robot that has no URDF.
 
     Parameters
     ----------
     robot : Robot
     shapes : sequence of PlacedShape
     parents : mapping, optional
-        For each link of the source its parent link; the moving links alone by default.
+        The parent link of each link of the description; by default those of the links that the robot knows.
 
     Examples
     --------
@@ -131,30 +131,30 @@ class RobotGeometry:
         meshes: MeshKind = "hull",
         packages: Sequence[str | Path] = (),
     ) -> RobotGeometry:
-        """The shapes of the ``<collision>`` elements of a URDF.
+        """Return the shapes of the ``<collision>`` elements of a URDF.
 
-        Boxes, spheres, cylinders, capsules and meshes, in the frames of the moving links of the robot: fixed and
-        locked joints are merged as the robot has them. Links that the robot does not have (side branches beyond its
-        tip) are left out.
+        Boxes, spheres, cylinders, capsules and meshes are read and placed on the moving links of the robot, into which
+        links beyond fixed and locked joints are merged. Links that the robot does not have, such as side branches and
+        those beyond its tip, are left out.
 
         Parameters
         ----------
         robot : Robot
         path : str or Path, optional
-            The URDF; the one that the robot was read from by default.
+            Path of the URDF; by default the one that the robot was read from.
         meshes : {"hull", "exact"}
-            Meshes as their convex hulls, or as their surfaces. Hulls are fast, and contain the meshes: what keeps
-            clear of the hull keeps clear of the mesh.
+            Whether meshes are replaced by their convex hulls or kept as surfaces. Hulls are faster. They contain the
+            meshes, so that a body that keeps clear of the hull keeps clear of the mesh.
         packages : sequence of path
-            Folders of packages, or folders that hold packages, for ``package://``; ``ROS_PACKAGE_PATH``,
-            ``AMENT_PREFIX_PATH`` and the folders above the URDF are looked through after them.
+            Folders of packages, or folders that contain packages, for ``package://``. ``ROS_PACKAGE_PATH``,
+            ``AMENT_PREFIX_PATH`` and the folders above the URDF are searched after them.
 
         Raises
         ------
         InputError
-            When the robot has no URDF, an element is wrong, or a mesh is missing or broken.
+            If the robot has no URDF, an element is wrong, or a mesh is missing or damaged.
         MissingExtraError
-            When a mesh cannot be read for want of a package (extra ``collision``).
+            If a mesh cannot be read because a package is not installed (extra ``collision``).
         """
         if meshes not in ("hull", "exact"):
             raise InputError(f'meshes must be "hull" or "exact", got {meshes!r}')
@@ -168,16 +168,16 @@ class RobotGeometry:
         return cls(robot, shapes, parents)
 
     def with_shapes(self, shapes: Iterable[PlacedShape]) -> RobotGeometry:
-        """The same geometry with more shapes."""
+        """Return the geometry with additional shapes."""
         return RobotGeometry(self.robot, (*self.shapes, *shapes), self.parents)
 
     def without(self, links: Iterable[str]) -> RobotGeometry:
-        """The same geometry without the shapes of these links of the source.
+        """Return the geometry without the shapes of some links of the description.
 
         Raises
         ------
         InputError
-            When the robot has no such link.
+            If the robot has no such link.
         """
         dropped = set(links)
         for link in dropped:
@@ -186,12 +186,12 @@ class RobotGeometry:
 
     @property
     def links(self) -> tuple[str, ...]:
-        """The links of the source that have shapes."""
+        """The links of the description that have shapes."""
         return tuple(dict.fromkeys(one.link for one in self.shapes))
 
     @property
     def bodies(self) -> tuple[int, ...]:
-        """The moving links that carry shapes, by index, the base as -1 first where it has any."""
+        """Indices of the moving links that carry shapes; -1, the base, comes first."""
         return tuple(sorted({one.body for one in self.shapes}))
 
     def body_name(self, body: int) -> str:
@@ -199,7 +199,7 @@ class RobotGeometry:
         return self.robot.base_link if body < 0 else self.robot.links[body].name
 
     def check_links(self, links: Iterable[str], where: str) -> frozenset[str]:
-        """Return links as a set, or raise InputError where one of them has no shape."""
+        """Return the links as a set, or raise InputError if one of them has no shape."""
         for link in links:
             if link not in self.links:
                 self.robot.frame(link)
@@ -207,7 +207,7 @@ class RobotGeometry:
         return frozenset(links)
 
     def between(self, first: str, second: str) -> tuple[str, ...]:
-        """Links of the source that lie strictly between two links in the tree."""
+        """Return the links of the description that lie strictly between two links in the tree."""
         ways = []
         for link in (first, second):
             way = [link]
@@ -230,8 +230,6 @@ class RobotGeometry:
         return "\n".join(lines)
 
 
-# The `<collision>` elements of a URDF as shapes on the links of a robot.
-
 KINDS = ("box", "sphere", "cylinder", "capsule", "mesh")
 
 
@@ -242,9 +240,9 @@ def shapes_from_urdf(
     packages: Sequence[str | Path],
     skipped: list[tuple[str, str]] | None = None,
 ) -> tuple[list[PlacedShape], dict[str, str]]:
-    """Return the shapes of the collision elements, and for each link its parent; see `RobotGeometry.from_urdf`.
+    """Return the shapes of the collision elements, and the parent of each link; see `RobotGeometry.from_urdf`.
 
-    Elements that cannot be read are left out and added to `skipped`, by link and reason, where this is given.
+    If `skipped` is given, elements that cannot be read are left out and appended to it as pairs of link and reason.
     """
     root = parse_urdf(path)
     reader = _ShapeReader(path, meshes, packages)
@@ -277,7 +275,7 @@ class _ShapeReader(UrdfReader):
         self.files: dict[Path, MeshArrays | InputError] = {}
 
     def read_files(self, root: etree._Element) -> None:
-        """Read all the meshes at once, which takes one other process; what is wrong is said where it is needed."""
+        """Read all meshes at once, in one other process; errors are raised where a mesh is used."""
         found = []
         for element in root.iterfind(f".//{self.namespace}collision//{self.namespace}mesh"):
             with contextlib.suppress(InputError):

@@ -1,4 +1,4 @@
-"""Solid shapes, between which distances are measured."""
+"""The shapes between which distances are computed, and the optional package coal, which computes them."""
 
 from __future__ import annotations
 
@@ -30,20 +30,23 @@ __all__ = [
 Array = NDArray[np.float64]
 Indices = NDArray[np.intp]
 
-FLAT = 1e-9  # of the length of a body
-SMALLEST = 1e-9  # m, length of a body
+SMALLEST, LARGEST = 1e-9, 1e9  # lengths of bodies, m; beyond them, squares of lengths lose all their digits
+MOST_NEIGHBOURS = 255  # of a corner; coal counts them in one byte
+
+# Points count as flat, or as lying on a line, where they extend by less than this part of the length of the body.
+FLAT = 1e-9
 
 
 def convex_hull(vertices: Array) -> tuple[Array, Indices]:
     """Return corners (k, 3) and outward triangles (t, 3) of the convex hull of points.
 
-    A flat body is its polygon, seen from both sides. Faces of many corners are cut into strips, so that no corner has
-    many more neighbours than it needs.
+    The hull of a flat body is its polygon with triangles on both sides. Faces with many corners are divided into strips
+    of triangles, so that no corner has unnecessarily many neighbours.
 
     Raises
     ------
     InputError
-        When the points span no surface.
+        If the points span no surface.
 
     Examples
     --------
@@ -76,18 +79,18 @@ def convex_hull(vertices: Array) -> tuple[Array, Indices]:
     a, b, c = (corners[triangles[:, column]] for column in range(3))
     inward = np.einsum("ij,ij->i", np.cross(b - a, c - a), hull.equations[:, :3]) < 0
     triangles[inward] = triangles[inward][:, ::-1]
-    # Triangles of one face have the very same plane.
+    # Triangles of one face have exactly the same plane.
     face = np.unique(hull.equations, axis=0, return_inverse=True)[1].ravel()
     return corners, _in_strips(triangles, face)
 
 
 def most_neighbours(triangles: Indices) -> int:
-    """Return the largest number of neighbours that a corner of a closed surface has."""
+    """Return the largest number of neighbours of a corner of a closed surface."""
     return int(np.bincount(triangles.ravel()).max())
 
 
 def _in_strips(triangles: Indices, face: Indices) -> Indices:
-    """Cut the faces of more than two triangles anew: strips in place of fans about one corner."""
+    """Divide faces of more than two triangles into strips, instead of fans about one corner."""
     order = np.argsort(face, kind="stable")
     groups = np.split(triangles[order], np.flatnonzero(np.diff(face[order])) + 1)
     result: list[Indices] = []
@@ -98,7 +101,7 @@ def _in_strips(triangles: Indices, face: Indices) -> Indices:
 
 
 def _boundary(triangles: Indices) -> list[int] | None:
-    """Return the corners around some triangles of one face, in their order; None where these are no simple polygon."""
+    """Return the corners around the triangles of a face in order, or None if they form no simple polygon."""
     edges = {(one, other) for t in triangles.tolist() for one, other in zip(t, t[1:] + t[:1], strict=True)}
     following = {one: other for one, other in edges if (other, one) not in edges}
     if len(following) != len(triangles) + 2:
@@ -110,7 +113,7 @@ def _boundary(triangles: Indices) -> list[int] | None:
 
 
 def _strip(loop: list[int]) -> list[tuple[int, int, int]]:
-    """Cut a convex polygon into triangles between its two sides, in turn."""
+    """Divide a convex polygon into a strip of triangles, with corners from its two sides in turn."""
     triangles = []
     low, high = 0, len(loop) - 1
     while high - low > 1:
@@ -122,15 +125,9 @@ def _strip(loop: list[int]) -> list[tuple[int, int, int]]:
     return triangles
 
 
-# Solid shapes: what distances are measured between.
-
-SMALLEST, LARGEST = 1e-9, 1e9  # m, of a body; beyond, squares of lengths lose all their digits
-MOST_NEIGHBOURS = 255  # of a corner, which coal counts in one byte
-
-
 @dataclass(frozen=True, eq=False)
 class SweptSegment:
-    """A segment with a radius (a capsule) that holds a whole shape: what is cheap to compare in batches.
+    """A capsule (a segment with a radius) that contains a shape, whose distances are cheap to compute in batches.
 
     Attributes
     ----------
@@ -152,17 +149,17 @@ class Shape(ABC):
 
     @property
     def surface_only(self) -> bool:
-        """Whether distances are those of a surface of triangles, which has no inside."""
+        """Whether the shape is a surface of triangles, which has no inside."""
         return False
 
     @abstractmethod
     def lowest(self, direction: Array) -> Array:
-        """Return the points (S, 3) of the shape that lie lowest along directions (S, 3), m."""
+        """Return the points (S, 3) of the shape that are lowest along directions (S, 3), m."""
 
     @property
     @abstractmethod
     def bounds(self) -> SweptSegment:
-        """A capsule around the shape."""
+        """A capsule that contains the shape."""
 
     @abstractmethod
     def collision_object(self, coal: Any) -> Any:
@@ -184,7 +181,7 @@ def _unit(vectors: Array) -> Array:
 
 @dataclass(frozen=True)
 class Sphere(Shape):
-    """A ball about the origin.
+    """A ball whose centre is the origin.
 
     Parameters
     ----------
@@ -219,14 +216,14 @@ class Sphere(Shape):
 
 @dataclass(frozen=True)
 class Capsule(Shape):
-    """A cylinder about z with half balls on both ends.
+    """A cylinder along z with half balls on both ends.
 
     Parameters
     ----------
     radius : float
         m.
     length : float
-        Of the cylinder between the centres of the half balls, m.
+        Distance between the centres of the half balls, m.
     """
 
     radius: float
@@ -256,7 +253,7 @@ class Capsule(Shape):
 
 @dataclass(frozen=True)
 class Cylinder(Shape):
-    """A cylinder about z, its centre in the origin.
+    """A cylinder along z whose centre is the origin.
 
     Parameters
     ----------
@@ -281,7 +278,7 @@ class Cylinder(Shape):
 
     @property
     def bounds(self) -> SweptSegment:
-        """The cylinder with half balls on its ends."""
+        """The cylinder with half balls on both ends."""
         end = np.array([0.0, 0.0, self.length / 2])
         return SweptSegment(-end, end, self.radius)
 
@@ -292,12 +289,12 @@ class Cylinder(Shape):
 
 @dataclass(frozen=True)
 class Box(Shape):
-    """A box with edges along the axes, its centre in the origin.
+    """A box with edges along the axes whose centre is the origin.
 
     Parameters
     ----------
     size : tuple of float
-        Edges along x, y and z, m.
+        Lengths of the edges along x, y and z, m.
 
     Examples
     --------
@@ -335,21 +332,21 @@ class Box(Shape):
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Mesh(Shape):
-    """A body with a surface of triangles: its convex hull, or the surface itself.
+    """A mesh of triangles: its convex hull, or the surface itself.
 
     Parameters
     ----------
     vertices : (k, 3) array
         m.
     triangles : (t, 3) array of int
-        Indices of vertices; needed with `exact` only.
+        Indices of vertices; needed only with `exact`.
     exact : bool
-        Keep the surface as it is. Otherwise the body is its convex hull, which is larger where the surface is hollow.
+        Whether the surface is kept. Otherwise the shape is the convex hull, which fills hollows of the surface.
 
     Raises
     ------
     InputError
-        When the vertices span no surface, or the triangles name vertices that do not exist.
+        If the vertices span no surface, or the triangles refer to vertices that do not exist.
 
     Examples
     --------
@@ -386,7 +383,7 @@ class Mesh(Shape):
 
     @property
     def surface_only(self) -> bool:
-        """Whether the mesh is kept as its surface."""
+        """Whether the surface is kept."""
         return self.exact
 
     @cached_property
@@ -406,7 +403,7 @@ class Mesh(Shape):
 
     @cached_property
     def bounds(self) -> SweptSegment:
-        """A capsule along the longest axis of the vertices."""
+        """A capsule along the longest principal axis of the vertices."""
         return _swept_segment(self.hull[0])
 
     def collision_object(self, coal: Any) -> Any:
@@ -432,7 +429,7 @@ class Mesh(Shape):
 
 
 def _swept_segment(vertices: ArrayLike) -> SweptSegment:
-    """Return a capsule around points, along their longest principal axis, its ends drawn in as far as they go."""
+    """Return a capsule around points along their longest principal axis, as short as its radius allows."""
     points = np.asarray(vertices, dtype=np.float64)
     axes = np.linalg.svd(points - points.mean(axis=0), full_matrices=False)[2]
     local = points @ axes.T
@@ -445,7 +442,7 @@ def _swept_segment(vertices: ArrayLike) -> SweptSegment:
     if low > high:
         low = high = (low + high) / 2
     ends = np.array([[low, *middle[1:]], [high, *middle[1:]]]) @ axes
-    # What rounding may have taken from the radius.
+    # The increase makes up for rounding errors of the radius.
     return SweptSegment(ends[0], ends[1], radius * (1.0 + 1e-12) + 1e-15)
 
 
@@ -464,7 +461,7 @@ def require_coal() -> Any:
     Raises
     ------
     MissingExtraError
-        When it is not installed.
+        If it is not installed.
     """
     coal = coal_or_none()
     if coal is None:

@@ -1,4 +1,4 @@
-"""What a motion is checked against in space where nobody asked, and what it is not."""
+"""Checks of a motion against collisions that apply by default, and remarks on what was not checked."""
 
 from __future__ import annotations
 
@@ -24,27 +24,27 @@ __all__ = ["MARGIN", "Surroundings"]
 Array = NDArray[np.float64]
 
 MARGIN = 0.01
-"""m, between the links of a robot where nothing else is said: several times what 2 m/s move between two samples at
-1 kHz, and about what controllers of arms err on fast motions."""
+"""Default distance between the links of a robot, m. It is several times what a point moves at 2 m/s between two
+samples at 1 kHz, and about the tracking error of controllers of arms in fast motions."""
 
 
 @dataclass(frozen=True, eq=False)
 class Surroundings:
-    """What a motion keeps clear of by default.
-
-    Use `Surroundings.of`.
+    """The collision checks of a design that apply by default; made by `Surroundings.of`.
 
     Attributes
     ----------
     robot : Robot
     own : SelfCollision or None
-        Watched because nobody said anything of self-collision; None where somebody did, or where it cannot be watched.
+        The constraint that is added by default; None where self-collision was specified, or cannot be checked.
     geometry : RobotGeometry or None
+        The collision shapes of the robot, where they are known.
     unchecked : tuple of str
-        What about self-collision is not checked, in sentences with the reason and the remedy.
+        Sentences on self-collisions that are not checked, with the reason and the remedy.
     remarks : tuple of str
+        Further remarks, in sentences.
     has_table : bool
-        Whether a plane is given that the links stay above.
+        Whether a plane is given above which the links stay.
     shapeless : tuple of str
         Links whose shapes cannot be read.
     """
@@ -61,17 +61,17 @@ class Surroundings:
     def of(
         cls, robot: Robot, constraints: Sequence[object], sections: Mapping[str, Any], self_collision: bool
     ) -> Surroundings:
-        """Watch self-collision where the description has collision geometry and nothing is said of it.
+        """Add self-collision where the description has collision geometry and nothing was specified.
 
         Parameters
         ----------
         robot : Robot
         constraints : sequence
-            Those that are given.
+            The constraints that the user gave.
         sections : mapping
-            Tables of the limits file.
+            The tables of the limits file.
         self_collision : bool
-            Whether it is wanted at all.
+            Whether self-collision is to be checked by default.
         """
         has_table = any(isinstance(one, TablePlane) for one in constraints)
         given = next((one.geometry for one in constraints if isinstance(one, SelfCollision | TablePlane)), None)
@@ -99,7 +99,7 @@ class Surroundings:
         return cls(robot, own, geometry, tuple(problems), remarks, has_table, shapeless)
 
     def missing(self, q: Array) -> tuple[str, ...]:
-        """Return what was not checked of a motion (S, N), in sentences; how low it reaches where no table is given."""
+        """Return sentences on what was not checked of a motion (S, N); without a table they say how low it reaches."""
         if self.has_table:
             return self.unchecked
         gravity = np.asarray(self.robot.gravity, dtype=np.float64)
@@ -116,9 +116,9 @@ class Surroundings:
         )
 
     def _lowest(self, q: Array, up: Array) -> tuple[str, float]:
-        """Return what comes lowest, and its height above the origin of the base, m."""
+        """Return the lowest link, and its height above the origin of the base, m."""
         shapes = [] if self.geometry is None else [one for one in self.geometry.shapes if one.body >= 0]
-        # Links without bodies: where their frames are is all that is known.
+        # Of links without shapes only the positions of their frames are known.
         frames = self.shapeless
         if not shapes:
             frames = tuple(
@@ -141,9 +141,9 @@ class Surroundings:
 
 
 def _geometry(robot: Robot, problems: list[str], skipped: list[tuple[str, str]]) -> RobotGeometry | None:
-    """Return the shapes of the description, those that can be read, and say why others, or all, cannot.
+    """Return the shapes of the description that can be read, or None where there are none.
 
-    Links whose shapes are left out are added to `skipped`, with the reason.
+    Sentences on shapes that cannot be read are appended to `problems`, and their links, with the reason, to `skipped`.
     """
     if robot.source is None:
         problems.append(

@@ -1,4 +1,4 @@
-"""The space that a robot may use: above a table, and inside a box."""
+"""Constraints on the workspace: the links stay above a table, or a point of a link stays in a box."""
 
 from __future__ import annotations
 
@@ -20,30 +20,30 @@ Array = NDArray[np.float64]
 
 
 class TablePlane(ConfigurationConstraint):
-    """Links stay in the half space ``normal · x >= offset`` of the base frame, with a margin.
+    """The links stay in the half space ``normal · x >= offset`` of the base frame, with a margin.
 
-    One clearance for each moving link that carries shapes: the height of its lowest point above the plane, less the
-    margin. The height is exact for boxes, spheres, cylinders, capsules and meshes (the lowest point of a mesh is that
-    of its convex hull).
+    There is one clearance for each moving link that carries shapes: the height of its lowest point above the plane,
+    minus the margin. The height is exact for boxes, spheres, cylinders, capsules and meshes (the lowest point of a mesh
+    is that of its convex hull).
 
     Parameters
     ----------
     geometry : RobotGeometry
     normal : (3,) array
-        Away from the table, in the base frame; of any length.
+        Direction away from the table, in the base frame, of any length.
     offset : float
-        ``normal · x`` on the plane: with the default normal, the height of the table top, m.
+        Value of ``normal · x`` on the plane; with the default normal this is the height of the table top, m.
     margin : float
         Least height above the plane, m.
     links : sequence of str, optional
-        The links of the source that are watched; all that move by default.
+        Links of the description that are watched; by default all that move.
     ignore : sequence of str
-        Links of the source that are not.
+        Links of the description that are not watched.
 
     Raises
     ------
     InputError
-        When there is nothing to watch, a name is unknown, or a link can never stay above the plane.
+        If no watched link has a shape, a name is unknown, or a link can never stay above the plane.
 
     Examples
     --------
@@ -93,10 +93,10 @@ class TablePlane(ConfigurationConstraint):
             )
         self._bodies = sorted(self._shapes)
         self.labels = tuple(geometry.body_name(body) for body in self._bodies)
-        check_possible(self, "put its name into `ignore`, or mend normal, offset or margin")
+        check_possible(self, "add the link to `ignore`, or correct normal, offset or margin")
 
     def lowest(self, places: LinkPlacements, body: int) -> tuple[Array, Array]:
-        """Return the lowest points (S, 3) of what a moving link carries, base frame, and their heights (S,), m."""
+        """Return the lowest points (S, 3) of the shapes on a moving link, base frame, and their heights (S,), m."""
         points, heights = np.empty((places.count, 3)), np.full(places.count, np.inf)
         for one in self._shapes[body]:
             rotation, position = places.of(body, one.placement)
@@ -118,28 +118,25 @@ class TablePlane(ConfigurationConstraint):
         return forces, moments
 
 
-# A box that the tool must stay in.
-
-
 class WorkspaceBox(ConfigurationConstraint):
-    """A point of a link stays in a box along the axes of the base frame.
+    """A point of a link stays in a box whose edges are along the axes of the base frame.
 
-    One clearance for each side of the box that is finite.
+    There is one clearance for each finite side of the box.
 
     Parameters
     ----------
     robot : Robot
     link : str
-        A link of the source, merged ones (such as ``tool0``) included.
+        A link of the description, which may have been merged into another one (such as ``tool0``).
     lower, upper : (3,) array
-        Corners of the box in the base frame, m; infinite where it is open.
+        Corners of the box in the base frame, m; infinite where the box is open.
     point : (3,) array
-        In the frame of the link, m; its origin by default.
+        Point in the frame of the link, m; the origin of this frame by default.
 
     Raises
     ------
     InputError
-        When the robot has no such link, the box is empty or open on all sides, or the point can never be in it.
+        If the robot has no such link, the box is empty or open on all sides, or the point can never be in it.
 
     Examples
     --------
@@ -190,10 +187,10 @@ class WorkspaceBox(ConfigurationConstraint):
         self._axes = np.array([axis for axis, _, _ in sides])
         self._signs = np.array([sign for _, sign, _ in sides])
         self._limits = np.array([limit for _, _, limit in sides])
-        check_possible(self, "mend the box, which is given in the base frame, in m")
+        check_possible(self, "correct the box, which is given in the base frame, in m")
 
     def positions(self, q: ArrayLike) -> Array:
-        """Return where the point is at configurations (S, N): (S, 3), base frame, m."""
+        """Return the positions of the point (S, 3) at configurations (S, N), base frame, m."""
         return self._positions(self._places(q))
 
     def _positions(self, places: LinkPlacements) -> Array:
