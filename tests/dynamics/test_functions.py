@@ -268,3 +268,19 @@ def test_descriptions_say_what_each_element_is(wam):
     assert base.elements[0].startswith("beta1 = Lyy1 ")
     assert "in order, to Lxx1, Lxy1, Lxz1" in wam.function("regressor").outputs[0].description
     assert "in order, to Lyy1 " in wam.function("regressor", base=True).outputs[0].description
+
+
+def test_a_regressor_is_the_same_where_its_kernel_leaves_the_zeros_out(monkeypatch):
+    arm = sy.Robot.from_dh(PUMA, gravity=(0, 0, -9.81)).with_terms(sy.Viscous(), sy.Coulomb())
+    dense, sparse = sy.Model(arm), sy.Model(arm)
+    random = np.random.default_rng(7)
+    q, dq, ddq = random.normal(size=(3, 20, 6))
+    expected = dense.regressor(q, dq, ddq)
+    monkeypatch.setattr("steelyard.dynamics.functions._LARGEST_DENSE", 10)
+    assert sparse.kernel("regressor").width < dense.kernel("regressor").width
+    np.testing.assert_allclose(sparse.regressor(q, dq, ddq), expected, rtol=0, atol=1e-14)
+    np.testing.assert_allclose(sparse.regressor(q[0], dq[0], ddq[0]), expected[0], rtol=0, atol=1e-14)
+    parameters = random.normal(size=dense.parameter_count)
+    np.testing.assert_allclose(
+        expected @ parameters, dense.inverse_dynamics(q, dq, ddq, parameters), rtol=1e-12, atol=1e-12
+    )
