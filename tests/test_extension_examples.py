@@ -17,8 +17,10 @@ from steelyard.codegen import files
 from steelyard.conic import Outcome, Solver, find_solver, solve, solver_table
 from steelyard.dynamics import term_from_dict
 from steelyard.errors import InputError, SolverError
+from steelyard.estimators import estimate_with
 from steelyard.excitation import FourierTrajectory
 from steelyard.extensions import register
+from steelyard.feasibility import verify_document
 from steelyard.feasibility.constraints import Equality, constraints_from_dict
 from steelyard.lmi import AffineBlock
 from steelyard.robot import Condition
@@ -426,3 +428,78 @@ def test_a_broken_solver_is_left_out_of_the_table(install):
     assert [row[0] for row in solver_table().rows] == ["clarabel", "scs", "csdp", "dsdp", "sdpa"]
     with pytest.raises(InputError, match="The solver `ill` of ill cannot be loaded"):
         find_solver("ill")
+
+
+def test_the_estimator_passes_through_an_identification(sprung, run, install, tmp_path):
+    text = PAGE.read_text(encoding="utf-8").partition("\n## An estimator\n")[2]
+    (block, *_) = re.findall(r"^```python\n(.*?)^```", text, re.MULTILINE | re.DOTALL)
+    install("near", "estimators", {"nearest": "of_near:nearest"}, block.replace("register(", "(lambda *a: None)("))
+    path, output = sprung / "robot.toml", sprung / "result"
+    path.write_text('terms = []\n[description]\nurdf = "pair.urdf"\n[processing]\ncutoff = 20.0\n')
+    code, _, err = run("identify", path, sprung / "log.csv", "-o", output, "--estimator", "neerest")
+    assert (code, "There is no estimator 'neerest'; did you mean \"nearest\"?" in err) == (2, True)
+    assert "of_near" not in sys.modules
+    assert run("identify", path, sprung / "log.csv", "-o", output, "--estimator", "nearest")[0] == 0
+    estimate = sy.Estimate.load(output / "estimate.json")
+    assert estimate.method.endswith("least squares, moved to the nearest possible robot")
+    assert json.loads((output / "run.json").read_text())["options"]["estimator"] == "nearest"
+    assert run("check", path, output / "estimate.json")[0] == 0
+
+
+def test_the_estimator_finds_the_nearest_possible_pendulum(example, monkeypatch):
+    """Its inertia must not be negative, and everything else may stay, since its mass is free."""
+    monkeypatch.setattr(sy, "identify", lambda *a, **b: Identified)
+    estimator = example("An estimator")["nearest"]
+    model = sy.Model(sy.Robot.from_dh([("0", 0.0, 0.0, "q")], gravity=(0, -9.81, 0)))
+    info = sy.Information.from_factor(10 * np.eye(3), [-0.1, 5.0, 0.0], 0.02, 100, model.base_parameters().names)
+    found = estimate_with(estimator, info, sy.FeasibleSet(model))
+    np.testing.assert_allclose(found.base, [0.0, 0.5, 0.0], atol=2e-4)
+    assert found.base[0] > 0
+
+
+class Identified:
+    """Stands for a result of the page, which test_documentation makes."""
+
+    class estimate:  # noqa: N801
+        method = ""
+
+
+def _answer(info, feasible_set, **options):
+    return sy.fit(info, feasible_set)
+
+
+@pytest.mark.parametrize(
+    ("estimator", "reason"),
+    [
+        (lambda info, feasible_set: _answer(info, feasible_set), "TypeError: .* unexpected keyword argument"),
+        (lambda *a, **b: 1 / 0, "ZeroDivisionError: division by zero"),
+        (lambda *a, **b: _answer(*a).parameters, "TypeError: expected a steelyard.Estimate, got"),
+        (lambda info, *a, **b: sy.least_squares(info), "got one with base parameters alone"),
+        (lambda *a, **b: replace(_answer(*a), parameters=np.ones(3)), "must give 10 finite parameters, got"),
+        (lambda *a, **b: replace(_answer(*a), parameters=-_answer(*a).parameters), "are not feasible, so that"),
+        (lambda *a, **b: replace(_answer(*a), base=2 * _answer(*a).base), "do not make the base that it says"),
+        (lambda *a, **b: replace(_answer(*a), relative_error=0.0), "do not make the relative_error that it says"),
+        (lambda *a, **b: replace(_answer(*a), base_expressions=("a", "b", "c")), "its base_expressions are not those"),
+        (lambda *a, **b: replace(_answer(*a), consistency="inertia"), "its consistency are not those"),
+        (lambda *a, **b: replace(_answer(*a), standard_error=np.ones(2)), "its standard_error has the shape"),
+    ],
+)
+def test_what_an_estimator_does_wrong_is_said(estimator, reason):
+    model = sy.Model(sy.Robot.from_dh([("0", 0.0, 0.0, "q")], gravity=(0, -9.81, 0)))
+    names = model.base_parameters().names
+    info = sy.Information.from_factor(10 * np.eye(3), [-0.1, 5.0, 0.0], 0.02, 100, names)
+    with pytest.raises((InputError, SolverError), match=reason) as raised:
+        estimate_with(estimator, info, sy.FeasibleSet(model), weights="joint")
+    assert "\n" not in str(raised.value)
+
+
+def test_a_forged_proof_and_gap_are_not_told():
+    model = sy.Model(sy.Robot.from_dh([("0", 0.0, 0.0, "q")], gravity=(0, -9.81, 0)))
+    info = sy.Information.from_factor(10 * np.eye(3), [-0.1, 5.0, 0.0], 0.02, 100, model.base_parameters().names)
+
+    def forged(*given, **options):
+        return replace(_answer(*given), certificate={"verdict": "feasible"}, optimality_gap=0.0)
+
+    found = estimate_with(forged, info, sy.FeasibleSet(model))
+    assert found.optimality_gap is None
+    assert verify_document(found.certificate, "proof").valid

@@ -33,6 +33,9 @@ def identify(
     residual_slack: Annotated[
         float, typer.Option(help="Fraction of the squared residual that this choice may cost.", min=0.0, max=1.0)
     ] = 5e-4,
+    estimator: Annotated[
+        str, typer.Option(help="What estimates the parameters: fit, or one that a package adds.")
+    ] = "fit",
     chunk_rows: Annotated[int, typer.Option(help="Rows of a log that stand in memory together.", min=1000)] = 200_000,
     allow_extensions: AllowExtensions = False,
 ) -> None:
@@ -53,6 +56,7 @@ def identify(
             weights="joint" if weights is Weights.JOINT else None,
             prefer=prefer.value,
             residual_slack=residual_slack,
+            estimator=estimator,
             chunk_rows=chunk_rows,
             progress=say,
         )

@@ -5,6 +5,10 @@ from typing import TYPE_CHECKING
 from steelyard.first_use import import_at_first_use
 
 if TYPE_CHECKING:
+    from .estimator import ESTIMATORS as ESTIMATORS
+    from .estimator import Estimator as Estimator
+    from .estimator import estimate_with as estimate_with
+    from .estimator import proved_estimate as proved_estimate
     from .fit import fit as fit
     from .l_curve import LCurve as LCurve
     from .l_curve import l_curve as l_curve

@@ -6,13 +6,12 @@ import numpy as np
 import numpy.typing as npt
 
 from steelyard import estimators
-from steelyard.dynamics import Model
 from steelyard.errors import InputError
 from steelyard.feasibility import TieBreak
-from steelyard.feasibility.certificates import FeasibilityCertificate
 from steelyard.feasibility.feasible_set import FeasibleSet
-from steelyard.regression import Estimate, Information, ParameterCovariance, method_name
+from steelyard.regression import Estimate, Information, method_name
 
+from .estimator import proved_estimate
 from .prior import Prior
 from .reduced_fit import fit_reduced
 
@@ -91,8 +90,7 @@ def fit(
     Examples
     --------
     >>> import numpy as np
-    >>> from steelyard.dynamics import Model
-    >>> from steelyard.robot import Robot
+    >>>     >>> from steelyard.robot import Robot
     >>> model = Model(Robot.from_dh([("0", 0.0, 0.0, "q")], name="pendulum", gravity=(0, -9.81, 0)))
     >>> names = model.base_parameters().names
     >>> names
@@ -104,7 +102,6 @@ def fit(
     """
     values = info.joint_weights(weights) if info.is_weighted(weights) else None
     problem = info.reduced(values)
-    remarks = list(info.remarks)
     weight = prior_weight
     if isinstance(weight, str):
         if weight != "corner" or prior is None:
@@ -113,13 +110,7 @@ def fit(
         weight = estimators.l_curve(info, feasible_set, prior, weights=values, solver=solver).corner
     found = fit_reduced(problem, feasible_set, prefer, residual_slack, prior, weight, solver)
 
-    model = feasible_set.model
-    joint_names = info.joint_names
-    damping, friction = None, None
-    if isinstance(model, Model):
-        damping, friction = model.joint_friction(found.parameters)
-        joint_names = joint_names or tuple(model.robot.joint_names)  # reduced data does not name them
-    remarks += found.remarks
+    remarks = list(found.remarks)
     unidentifiable = np.asarray(info.unidentifiable_mask)
     if unidentifiable.any():
         decides = "tie-break" if prior is None else "prior"
@@ -127,27 +118,12 @@ def fit(
             f"The data does not determine {len(info.unidentifiable)} of {info.base_count} base parameters, which the "
             f"{decides} decides: {'; '.join(info.unidentifiable)}."
         )
-    # The certificate is about the standard parameters, which users take; the base parameters follow from them.
-    certificate = FeasibilityCertificate.of_parameters(feasible_set, found.parameters)
-    return Estimate(
-        method=f"feasible {method_name(info, values is not None)}",
-        base_names=info.base_names,
-        base_expressions=certificate.base_expressions,  # reduced data may have names of its own
-        base=certificate.base,
-        standard_error=ParameterCovariance.of(info, found.base, values).standard_error,
-        filtered_torque=info.filtered_torque,
-        joint_names=joint_names,
-        relative_error=info.relative_error(found.base),
-        row_count=info.count,
-        condition_number=info.condition_number,
-        joint_relative_error=info.joint_relative_error(found.base) if info.has_joint_errors else None,
+    return proved_estimate(
+        info,
+        feasible_set,
+        found.parameters,
+        f"feasible {method_name(info, values is not None)}",
         weights=values,
-        parameter_names=tuple(model.parameter_names),
-        parameters=found.parameters,
-        consistency=feasible_set.consistency,
-        damping=damping,
-        friction=friction,
-        certificate=certificate.document(),
-        remarks=tuple(remarks),
+        remarks=remarks,
         optimality_gap=found.optimality_gap if np.isfinite(found.optimality_gap) else None,
     )

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from steelyard.dynamics import Model
 from steelyard.dynamics.threads import in_one_thread
 from steelyard.errors import InputError
-from steelyard.estimators.fit import fit
+from steelyard.estimators.estimator import Estimator, estimate_with
 from steelyard.feasibility import FeasibleSet, check
 from steelyard.feasibility.constraints import constraints_from_dict
 from steelyard.recording import (
@@ -59,6 +59,7 @@ def identify(
     consistency: Literal["full", "inertia"] = "full",
     prefer: Literal["auto", "lightest", "cad"] | None = "auto",
     residual_slack: float = 5e-4,
+    estimator: str | Estimator = "fit",
     chunk_rows: int = 200_000,
     progress: Progress | None = None,
 ) -> Identification:
@@ -84,6 +85,9 @@ def identify(
         ``"lightest"``.
     residual_slack : float
         See :func:`steelyard.fit`.
+    estimator : str or callable
+        What estimates the parameters: :func:`steelyard.fit`, an estimator that another package adds, by its name, or a
+        function ``estimator(info, feasible_set, **options)``. The options are `weights`, `prefer` and `residual_slack`.
     chunk_rows : int
         Rows of a log that stand in memory together.
     progress : callable, optional
@@ -131,7 +135,8 @@ def identify(
     if prefer == "auto":
         prefer = "cad" if _has_cad(model) else "lightest"
     say("feasible fit")
-    estimate = fit(information, feasible_set, weights=weights, prefer=prefer, residual_slack=residual_slack)
+    options = {"weights": weights, "prefer": prefer, "residual_slack": residual_slack}
+    estimate = estimate_with(estimator, information, feasible_set, **options)
     estimate = replace(estimate, description=reader.description)
     predictions = tuple(_predict(model, unconstrained, estimate, *part) for part in parts)
     remarks = dict.fromkeys(reader.remarks)
@@ -160,6 +165,7 @@ def identify(
             "consistency": consistency,
             "prefer": prefer,
             "residual_slack": residual_slack,
+            "estimator": estimator if isinstance(estimator, str) else getattr(estimator, "__name__", repr(estimator)),
             "margin": feasible_set.margin,
             "chunk_rows": chunk_rows,
             "log": reader.columns.to_dict(),

@@ -1,0 +1,187 @@
+"""What an estimator is, the estimators by name, and the Estimate of parameters that an estimator found."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from steelyard.dynamics import Model
+from steelyard.errors import InputError, SolverError, faults_told
+from steelyard.extensions import Extensions
+from steelyard.feasibility.certificates import FeasibilityCertificate
+from steelyard.feasibility.feasible_set import FeasibleSet
+from steelyard.files import shown, suggestion
+from steelyard.regression import Estimate, Information, ParameterCovariance
+
+__all__ = ["ESTIMATORS", "Estimator", "estimate_with", "proved_estimate"]
+
+Vector = npt.NDArray[np.float64]
+
+Estimator = Callable[..., Estimate]
+"""Called as ``estimator(info, feasible_set, **options)``; `proved_estimate` makes its answer from parameters."""
+
+_CONSISTENT = 1e-6
+"""Relative difference up to which what an estimate says is what its parameters make: rounding is far below that, and a
+number that belongs to other parameters far above it."""
+
+
+def _checked_estimator(name: str, offered: object) -> Estimator:
+    if not callable(offered):
+        raise TypeError(f"expected a function of an Information and a FeasibleSet, got {shown(offered)}")
+    return offered
+
+
+ESTIMATORS: Extensions[Estimator] = Extensions(
+    "estimators", "estimator", {"fit": f"{__package__}.fit:fit"}, _checked_estimator
+)
+
+
+def proved_estimate(
+    info: Information,
+    feasible_set: FeasibleSet,
+    parameters: Vector,
+    method: str,
+    *,
+    weights: npt.NDArray[np.float64] | None = None,
+    remarks: Iterable[str] = (),
+    optimality_gap: float | None = None,
+) -> Estimate:
+    """Return the estimate of feasible parameters, with their proof, their errors and their standard errors.
+
+    Parameters
+    ----------
+    info : Information
+        The data.
+    feasible_set : FeasibleSet
+    parameters : (n,)
+        A point of the set.
+    method : str
+        How they were found, in a few words.
+    weights : (N,), optional
+        By which joints were weighted.
+    remarks : iterable of str
+        What the user should know, beside what the data says of itself.
+    optimality_gap : float, optional
+        See :class:`steelyard.Estimate`.
+
+    Returns
+    -------
+    Estimate
+        Its base parameters are K times the parameters.
+
+    Raises
+    ------
+    SolverError
+        If the parameters are not feasible.
+    """
+    model = feasible_set.model
+    parameters = np.asarray(parameters, dtype=np.float64)
+    if parameters.shape != (feasible_set.parameter_count,) or not np.isfinite(parameters).all():
+        raise InputError(
+            f"{method} must give {feasible_set.parameter_count} finite parameters, got {shown(parameters.tolist())}."
+        )
+    if not feasible_set.contains(parameters):
+        raise SolverError(
+            f"The parameters that {method} found are not feasible, so that they are no answer; "
+            "steelyard.check tells which conditions they violate."
+        )
+    joint_names = info.joint_names
+    damping, friction = None, None
+    if isinstance(model, Model):
+        damping, friction = model.joint_friction(parameters)
+        joint_names = joint_names or tuple(model.robot.joint_names)  # reduced data does not name them
+    # The certificate is about the standard parameters, which users take; the base parameters follow from them.
+    certificate = FeasibilityCertificate.of_parameters(feasible_set, parameters)
+    base = feasible_set.K @ parameters
+    return Estimate(
+        method=method,
+        base_names=info.base_names,
+        base_expressions=certificate.base_expressions,  # reduced data may have names of its own
+        base=certificate.base,
+        standard_error=ParameterCovariance.of(info, base, weights).standard_error,
+        filtered_torque=info.filtered_torque,
+        joint_names=joint_names,
+        relative_error=info.relative_error(base),
+        row_count=info.count,
+        condition_number=info.condition_number,
+        joint_relative_error=info.joint_relative_error(base) if info.has_joint_errors else None,
+        weights=weights,
+        parameter_names=tuple(model.parameter_names),
+        parameters=parameters,
+        consistency=feasible_set.consistency,
+        damping=damping,
+        friction=friction,
+        certificate=certificate.document(),
+        remarks=(*info.remarks, *remarks),
+        optimality_gap=optimality_gap,
+    )
+
+
+def estimate_with(estimator: str | Estimator, info: Information, feasible_set: FeasibleSet, **options: Any) -> Estimate:
+    """Estimate with an estimator by name, or with a function.
+
+    Parameters
+    ----------
+    estimator : str or callable
+        ``"fit"``, a name that another package adds, or ``estimator(info, feasible_set, **options)``.
+    info : Information
+    feasible_set : FeasibleSet
+    **options
+        Those of the estimator.
+
+    Returns
+    -------
+    Estimate
+        Of an estimator of another package it is checked that the parameters are feasible, and that they have the base
+        parameters and the error that the estimate says.
+
+    Raises
+    ------
+    InputError
+        If there is no such estimator.
+    SolverError
+        If it fails, or gives no feasible estimate of this robot.
+    """
+    found = ESTIMATORS.get(estimator) if isinstance(estimator, str) else estimator
+    if found is None:
+        raise InputError(f"There is no estimator {estimator!r}; {suggestion(str(estimator), ESTIMATORS.names())}")
+    if not callable(found):
+        raise InputError(f"estimator must be a name or a function, got {shown(estimator)}.")
+    if estimator in ESTIMATORS.own or found is ESTIMATORS.get("fit"):
+        return found(info, feasible_set, **options)
+    name = f"`{estimator}`" if isinstance(estimator, str) else getattr(estimator, "__name__", "given")
+    with faults_told(f"The estimator {name} failed", 'mend it, or use estimator="fit"', SolverError):
+        return _checked(found(info, feasible_set, **options), info, feasible_set)
+
+
+def _checked(given: object, info: Information, feasible_set: FeasibleSet) -> Estimate:
+    """Return what an estimator gives, if all that it says of its parameters is so."""
+    if not isinstance(given, Estimate):
+        raise TypeError(f"expected a steelyard.Estimate, got {shown(given)}")
+    if given.parameters is None:
+        raise TypeError("expected an Estimate with the parameters of all links, got one with base parameters alone")
+    own = proved_estimate(info, feasible_set, given.parameters, given.method, weights=given.weights)
+    for name in ("base_expressions", "parameter_names", "joint_names", "consistency", "row_count"):
+        if getattr(given, name) != getattr(own, name):
+            raise ValueError(f"its {name} are not those of the robot and the data: {shown(getattr(given, name))}")
+    for name in ("base", "relative_error"):
+        said, made = np.asarray(getattr(given, name)), np.asarray(getattr(own, name))
+        rounding = _CONSISTENT * np.abs(made).max()
+        if said.shape != made.shape or not np.allclose(said, made, rtol=_CONSISTENT, atol=rounding):
+            raise ValueError(f"its parameters do not make the {name} that it says")
+    if given.standard_error.shape != own.standard_error.shape:
+        raise ValueError(f"its standard_error has the shape {given.standard_error.shape}")
+    # What nobody measured is not told, and the proof is that of these parameters.
+    return replace(
+        given,
+        certificate=own.certificate,
+        damping=own.damping,
+        friction=own.friction,
+        joint_relative_error=own.joint_relative_error,
+        condition_number=own.condition_number,
+        optimality_gap=None,
+    )
