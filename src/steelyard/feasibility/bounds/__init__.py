@@ -1,4 +1,4 @@
-"""What an estimate leaves possible: intervals of every parameter, and the lightest robot, with proofs (thesis 8.1)."""
+"""Bounds of what an estimate leaves possible: intervals of parameters and least masses, with proofs (thesis 8.1)."""
 
 from typing import TYPE_CHECKING
 

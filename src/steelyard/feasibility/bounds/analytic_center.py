@@ -1,7 +1,7 @@
 """The analytic center of a slice, and the units in which the slice is round.
 
 The analytic center minimises -Σ log det D_b, with a bound on the sum of the traces, since the slice may go on
-without end. In the metric of that function's Hessian the slice contains the unit ball around the center, and what
+without bound. In the metric of that function's Hessian the slice contains the unit ball around the center, and what
 it holds below the bound lies within a ball whose radius is the number of rows of all blocks (Nesterov and
 Nemirovskii, 1994). So links of 50 g beside links of 50 kg are all of size 1.
 """
@@ -20,12 +20,14 @@ Vector = npt.NDArray[np.float64]
 Matrix = npt.NDArray[np.float64]
 
 TRACE_FACTOR = 10.0
-"""The bound on the sum of the traces while the center is looked for, relative to that of the starting point."""
+"""Bound on the sum of the traces while the center is searched for, relative to that of the starting point, which is a
+robot of moderate size."""
 
 STEPS = 200
+"""Largest number of Newton steps; damped steps of a self-concordant function need some tens."""
 
 CLOSE_ENOUGH = 1e-2
-"""Newton decrement at which the center is found."""
+"""Newton decrement at which the search ends. The center only provides units, so that a rough one is good enough."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -117,7 +119,7 @@ def _congruent(inverse: Matrix, matrices: Matrix) -> Matrix:
 
 
 def _root(hessian: Matrix) -> Matrix:
-    """Cholesky factor, of a Hessian whose unknowns may have very different units."""
+    """Cholesky factor of a Hessian, which is scaled first since its unknowns may have very different units."""
     scale = 1.0 / np.sqrt(np.diagonal(hessian))
     scaled = hessian * np.outer(scale, scale)
     root = np.linalg.cholesky(scaled + 1e-14 * np.eye(len(scaled)))
@@ -146,7 +148,7 @@ def _derivatives(slice_: Slice, point: Vector, k: int) -> tuple[Vector, Matrix, 
 
 
 def _length(slice_: Slice, factors: tuple[Matrix, ...], u: Vector, step: Vector, k: int, trace_rate: float) -> float:
-    """The length t along a step that minimises the barrier: its derivative has one zero before the boundary."""
+    """The length t of the step that minimises the barrier, by bisection for the zero of its derivative."""
     rates = [-np.array([trace_rate])]
     for group, inverse in zip(slice_.groups, factors, strict=True):
         changes = group.change(step)

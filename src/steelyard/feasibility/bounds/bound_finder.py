@@ -1,7 +1,8 @@
 """Least values of a combination of parameters, or of a ratio of two, over a slice of the feasible set.
 
-Every answer has two values: the proved one, below which nothing is (`SliceBound`), and the attained one, at parameters
-that were found inside the set. The truth lies between the two."""
+Every answer has two values: a proved lower bound (`SliceBound`), and the attained value at parameters that were found
+inside the set. The true minimum lies between them.
+"""
 
 import math
 from collections.abc import Callable, Sequence
@@ -43,16 +44,18 @@ Vector = npt.NDArray[np.float64]
 Matrix = npt.NDArray[np.float64]
 
 TIGHT = 1e-6
-"""Gap between what is proved and what is attained, relative to both, that needs no better proof."""
+"""Relative gap between the proved and the attained value at which no better proof is searched for."""
 
 WIDE = 1e-4
-"""Gap, in units of the set, that is worth another attempt to find a better point."""
+"""Gap, in units of the set, above which a second, more accurate solution is tried for a better point."""
 
 STRAIN = 1e-2
-"""Where there is no dual point, the error of the equations times its size is a quarter or more, however small."""
+"""Largest product of a dual point's size and the error of its equations with which it counts as a dual point. If none
+exists, the product is a quarter or more, however small the error."""
 
 Certify = Callable[[DualPoint, float], float]
-"""From a dual point, for an objective of length 1, and that objective's true length, to the least value it proves."""
+"""Maps a dual point for an objective of length 1, and the true length of that objective, to the bound that it
+proves."""
 
 
 class NoInteriorError(InputError):
@@ -61,14 +64,14 @@ class NoInteriorError(InputError):
 
 @dataclass(frozen=True, eq=False)
 class Found:
-    """What is known of the least value of an objective.
+    """A point and a lower bound for the least value of an objective.
 
     Attributes
     ----------
     point : (q,) or None
-        Inside; None where the objective falls along a ray.
+        Point inside the set; None if the objective falls along a ray.
     proved : float
-        No point has less; -inf where it is not bounded.
+        Lower bound of the objective; -inf if it is unbounded.
     """
 
     point: Vector | None = field(repr=False)
@@ -76,7 +79,7 @@ class Found:
 
 
 class Search:
-    """One problem, solved for many objectives, on its faces where it must be.
+    """One problem that is solved for many objectives, on a face of the dual cone where necessary.
 
     Parameters
     ----------
@@ -94,14 +97,14 @@ class Search:
         objective : (q,)
             Not zero.
         certify : callable
-            Tells what a dual point proves.
+            Maps a dual point to the bound that it proves.
         """
         problem = self.problem
         length = float(np.linalg.norm(objective))
         unit = objective / length
         general = self._general_face
         known = general.bounds(unit)
-        # On a face the solver does not stall; the whole problem then need only give a point.
+        # On a face the solver does not stall. If there is one, the whole problem is solved roughly, for a point only.
         rough = known and general.lineality.shape[1] > 0
         solution = problem.least(unit, rough)
         if not known and solution.outcome is Outcome.UNBOUNDED and self._is_ray(solution.point, unit):
@@ -125,11 +128,11 @@ class Search:
 
     @cached_property
     def _general_face(self) -> MinimalFace:
-        """The face of all objectives that are bounded from both sides."""
+        """The face for all objectives that are bounded from both sides."""
         return minimal_face(self.problem)
 
     def _is_ray(self, point: Vector, unit: Vector) -> bool:
-        """Whether the objective falls for ever along a direction that stays inside."""
+        """Whether the objective falls without bound along a direction that stays inside the set."""
         size = float(np.linalg.norm(point))
         if not 0 < size < np.inf:
             return False
@@ -140,7 +143,7 @@ class Search:
 
 
 WIDE_RATIO = 1e-4
-"""Gap between the two values of a ratio, relative to it, that is worth another attempt."""
+"""Relative gap between the two values of a ratio above which another bound is tried."""
 
 SMALLEST_MASS = 1e-3
 """A ratio is proved where its denominator is at least this part of what it is at the center, or its least value."""
@@ -150,7 +153,7 @@ WIDE_AT_NO_MASS = 1e-3
 """Gap between the two values of a ratio, relative to both, that is allowed where the mass may vanish."""
 
 ROOM = 1e-8
-"""Part of the size of a ratio's interval that is given away for mending."""
+"""Part of the size of a ratio's interval by which the bound is lowered, so that mending can change the dual point."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -160,11 +163,11 @@ class Bound:
     Attributes
     ----------
     proved : float
-        No parameters of the slice have less; -inf where it is not bounded.
+        Lower bound over the slice; -inf if the quantity is unbounded.
     attained : float
-        A value that is reached.
+        A value that some parameters of the slice have.
     parameters : (n,) or None
-        Where it is reached: inside the set, to rounding.
+        Those parameters, inside the set up to rounding.
     """
 
     proved: float
@@ -176,7 +179,7 @@ UNBOUNDED = Bound(-np.inf, -np.inf, None)
 
 
 class BoundFinder:
-    """Least values over one slice; only the objective changes from one to the next.
+    """Least values of many quantities over one slice.
 
     Parameters
     ----------
@@ -198,7 +201,7 @@ class BoundFinder:
 
     @property
     def trace_bound(self) -> float:
-        """The proofs hold for parameters whose blocks have traces (kg, kg m², ...) that add to less than this."""
+        """The proofs hold for parameters whose traces of all blocks (kg, kg m², ...) add up to less than this."""
         return self._dual.trace_bound
 
     def least(self, row: Vector) -> Bound:
@@ -230,13 +233,13 @@ class BoundFinder:
         return Bound(min(value + found.proved, attained - self._rounding(row)), attained, parameters)
 
     def least_ratio(self, row: Vector, mass: Vector, moments: Sequence[Vector] = ()) -> Bound:
-        """The least value of (row · δ) / (mass · δ), for a mass that is positive all over the slice.
+        """The least value of (row · δ) / (mass · δ), where the mass is positive in the whole slice.
 
         Parameters
         ----------
         row, mass : (n,)
         moments : sequence of (n,)
-            Combinations with (row · δ)² ≤ (moment · δ) (mass · δ) in the whole set, such as moments of inertia.
+            Combinations, such as moments of inertia, with (row · δ)² ≤ (moment · δ) (mass · δ) in the whole set.
         """
         slice_, center = self.center.slice, self.center
         if not slice_.is_constrained(row):
@@ -257,7 +260,7 @@ class BoundFinder:
         point = units @ found.point
         attained, proved = float(objective @ point), found.proved
         if lightest == 0.0 and attained - proved > WIDE_AT_NO_MASS * max(float(np.linalg.norm(own)), -attained):
-            # Where the mass may vanish, nothing is proved by a bound for masses above the floor.
+            # If the mass may vanish, a bound for masses above the floor proves nothing.
             proved = -np.inf
         proved += ratio
         if not ratio + attained - proved <= WIDE_RATIO * abs(ratio + attained):
@@ -277,8 +280,8 @@ class BoundFinder:
         room = self._mass_duals(mass)
 
         def certify(dual: DualPoint, size: float) -> float:
-            # Where row - (ratio + value) mass is nowhere below -x, no ratio is below by more than x / mass. A little
-            # less than that value leaves room for mending where the ratio is that of an infinite mass.
+            # If row - (ratio + value) mass is at least -x everywhere, no ratio is below ratio + value - x / mass. A
+            # slightly smaller value leaves room for mending if the ratio is attained at an infinite mass.
             value = size * (dual.value - ROOM)
             aim = row - (ratio + value) * mass
             length = float(np.linalg.norm(center.directions.T @ aim))
@@ -290,7 +293,7 @@ class BoundFinder:
         return certify
 
     def _plain_ratio(self, row: Vector, mass: Vector, moments: Sequence[Vector]) -> float:
-        """A lower bound of a ratio from the bounds of its parts, which helps where the mass may vary a lot."""
+        """A lower bound of a ratio from the bounds of its parts, which is tighter if the mass may vary a lot."""
         numerator, lightest, heaviest = self.least(row).proved, self.least(mass).proved, -self.least(-mass).proved
         if lightest <= 0:
             return 0.0 if numerator >= 0 else -np.inf
@@ -350,16 +353,16 @@ class BoundFinder:
 
 @dataclass(frozen=True, eq=False)
 class Given:
-    """What is known of the base parameters, and the search for bounds over what they leave possible.
+    """The base parameters that are given, and the search for bounds over the slice that they leave.
 
     Attributes
     ----------
     finder : BoundFinder
     base : (n_b,)
     confidence : float or None
-        Of the region; None for a point.
+        Probability of the confidence region; None for a point.
     distance : float
-        How far outside the set the estimate is, in units of the region; 0 where it is feasible.
+        Distance of the estimate from the set, relative to the size of the region; 0 if it is feasible.
     """
 
     finder: BoundFinder = field(repr=False)
@@ -377,13 +380,13 @@ def given_by(
     confidence: float,
     solver: str,
 ) -> Given:
-    """What the arguments of `parameter_intervals` tell of the base parameters: a point, or a confidence region."""
+    """The point or confidence region of base parameters that the arguments of `parameter_intervals` describe."""
     region = region_of(feasible_set, base, information, covariance, weights, confidence)
     return given_base(feasible_set, base, solver) if region is None else given_region(feasible_set, region, solver)
 
 
 def given_base(feasible_set: FeasibleSet, base: npt.ArrayLike | None, solver: str) -> Given:
-    """The base parameters are known exactly.
+    """The slice for base parameters that are known exactly.
 
     Raises
     ------
@@ -400,7 +403,7 @@ def given_base(feasible_set: FeasibleSet, base: npt.ArrayLike | None, solver: st
 
 
 def given_region(feasible_set: FeasibleSet, region: ConfidenceRegion, solver: str) -> Given:
-    """The base parameters lie within a confidence region.
+    """The slice for base parameters within a confidence region.
 
     Raises
     ------
@@ -456,6 +459,6 @@ def _finder(slice_: Slice, start: Vector, solver: str) -> BoundFinder:
 
 
 def _above(value: float) -> float:
-    """Two digits, rounded up."""
+    """The number with two digits, rounded up."""
     step = 10.0 ** (math.floor(math.log10(value)) - 1)
     return round(math.ceil(value / step + 1e-9) * step, 12)

@@ -1,4 +1,4 @@
-"""What an estimate leaves possible of the base parameters: its confidence region."""
+"""Confidence regions of base parameters."""
 
 from dataclasses import dataclass, field
 from typing import Any
@@ -21,7 +21,7 @@ Matrix = npt.NDArray[np.float64]
 
 @dataclass(frozen=True, eq=False)
 class ConfidenceRegion:
-    """All β = base + radius axes u + unknown v with ‖u‖ ≤ 1: an ellipsoid, or a cylinder where data leaves β open.
+    """All β = base + radius axes u + unknown v with ‖u‖ ≤ 1: an ellipsoid, or a cylinder if data does not determine β.
 
     Attributes
     ----------
@@ -29,7 +29,7 @@ class ConfidenceRegion:
     covariance : ParameterCovariance
         Of the estimate: its `root` are the axes, its `unidentifiable` the combinations v that the data leaves open.
     confidence : float
-        Probability with which the region holds the true β.
+        Probability that the region contains the true β.
     """
 
     base: Vector = field(repr=False)
@@ -57,13 +57,13 @@ class ConfidenceRegion:
 
     @property
     def radius(self) -> float:
-        """Root of the quantile of the χ² distribution with as many degrees of freedom as β has determined ones."""
+        """Square root of the quantile of the χ² distribution, with one degree of freedom for each axis."""
         from scipy.special import gammaincinv
 
         return float(np.sqrt(2.0 * gammaincinv(max(self.axes.shape[1], 1) / 2.0, self.confidence)))
 
     def probability(self, distance: float) -> float:
-        """Probability of the region that reaches this far, in standard deviations."""
+        """Probability of the region with this radius, in standard deviations."""
         from scipy.special import gammainc
 
         return float(gammainc(max(self.axes.shape[1], 1) / 2.0, distance**2 / 2.0))
@@ -77,12 +77,12 @@ def region_of(
     weights: Any = "joint",
     confidence: float = 0.95,
 ) -> ConfidenceRegion | None:
-    """The region that data or a covariance tells of; None where neither is given.
+    """The region that follows from data or a covariance; None if neither is given.
 
     Raises
     ------
     InputError
-        If both are given, something does not fit, or the torques of the data were filtered, so that no region holds.
+        If both are given, something does not fit, or the torques were filtered, so that no region is valid.
     """
     if information is not None and covariance is not None:
         raise InputError("information= and covariance= both tell how certain the estimate is; give only one of them.")
@@ -112,12 +112,12 @@ def region_of(
 
 
 def reduced_regression(data: Any, weights: Any, feasible_set: FeasibleSet) -> Reduced:
-    """The reduced regression of an Information, or what already is one.
+    """The reduced regression of an Information, or of an object that already is one, checked.
 
     Raises
     ------
     InputError
-        If it is of another model or holds no usable numbers.
+        If it belongs to another model or holds no usable numbers.
     """
     reduced = data.reduced(weights) if hasattr(data, "reduced") else data
     missing = [name for name in ("R", "rho", "residual2", "count", "norm2") if not hasattr(reduced, name)]

@@ -1,4 +1,4 @@
-"""Which values of a parameter are physically possible, given an estimate of the base parameters."""
+"""Intervals of the values of parameters that are physically possible, given an estimate of the base parameters."""
 
 import math
 from collections.abc import Iterator, Mapping, Sequence
@@ -25,23 +25,23 @@ Vector = npt.NDArray[np.float64]
 
 @dataclass(frozen=True, eq=False)
 class ParameterInterval:
-    """The values of one quantity that some physically possible robot has, with the base parameters given.
+    """The values of one quantity among all physically possible robots with the given base parameters.
 
     Attributes
     ----------
     name : str
-        E.g. ``"m3"``.
+        Such as ``"m3"``.
     meaning : str
-        E.g. ``"mass of forearm"``.
+        Such as ``"mass of forearm"``.
     unit : str
     lower, upper : float
-        Proved: no robot has less or more. Infinite where nothing bounds it.
+        Proved bounds: no robot has a smaller or larger value. Infinite if there is none.
     attained_lower, attained_upper : float
-        Values that robots are known to have; between them everything is possible.
+        Values that certain robots have; all values between them are possible.
     lower_parameters, upper_parameters : (n,) or None
-        Those robots. Where a value is only approached as masses elsewhere grow, they are very heavy.
+        The parameters of those robots; they are very heavy if a bound is only approached as other masses grow.
     identifiable : bool
-        Whether the base parameters alone decide the value.
+        Whether the base parameters determine the value.
     """
 
     name: str
@@ -57,7 +57,7 @@ class ParameterInterval:
 
     @property
     def width(self) -> float:
-        """Upper less lower end; 0 where identifiable."""
+        """Upper minus lower end; 0 if identifiable."""
         return 0.0 if self.identifiable else self.upper - self.lower
 
     @property
@@ -75,7 +75,7 @@ class ParameterInterval:
 
     @property
     def tolerance(self) -> float:
-        """By how much the proved ends may lie outside the true ones."""
+        """Largest possible distance of the proved ends from the true ones."""
         ends = ((self.attained_lower, self.lower), (self.upper, self.attained_upper))
         return max((inner - outer for inner, outer in ends if math.isfinite(inner - outer)), default=0.0)
 
@@ -117,11 +117,11 @@ class ParameterIntervals:
     base : (n_b,)
     consistency : str
     confidence : float or None
-        Of the region that the base parameters may lie in; None for a point.
+        Probability of the region of base parameters; None for a point.
     distance : float
-        How far outside the set the estimate itself is, in units of the region; 0 where it is feasible.
+        Distance of the estimate from the set, relative to the size of the region; 0 if it is feasible.
     trace_bound : float
-        The proofs hold for robots whose blocks have traces (kg, kg m², ...) that add to less than this.
+        The proofs hold for robots whose traces of all blocks (kg, kg m², ...) add up to less than this.
     """
 
     intervals: tuple[ParameterInterval, ...]
@@ -144,7 +144,7 @@ class ParameterIntervals:
         return len(self.intervals)
 
     def sentences(self) -> tuple[str, ...]:
-        """What the table shows, in words."""
+        """A summary of the table in sentences."""
         given = "these base parameters"
         if self.confidence is not None:
             given = f"base parameters in the {100 * self.confidence:g} % region of the estimate"
@@ -203,40 +203,40 @@ def parameter_intervals(
     combinations: Mapping[str, Combination] | None = None,
     solver: str = "clarabel",
 ) -> ParameterIntervals:
-    """For every parameter the interval of values that are physically possible, given an estimate (thesis 8.1).
+    """Find the interval of physically possible values of every parameter, given an estimate (thesis 8.1).
 
-    The motion shows base parameters alone, but not every set of standard parameters behind them is a robot: the mass
-    of a link may be bounded to within a few percent even though it is not identifiable.
+    Motion determines base parameters only, but not all standard parameters that have these are physically possible. So
+    the mass of a link may be known to within a few per cent even though it is not identifiable.
 
     Parameters
     ----------
     feasible_set : FeasibleSet
-        Its constraints count; a `TotalMass` bounds much that else is open.
+        Its constraints narrow the intervals; a `TotalMass` bounds many of them.
     base : (n_b,), optional
-        Base parameters β. Alone, they are taken as exact, and must be feasible; not needed with `information`, whose
-        least squares they then are.
+        Base parameters β. Without `information` or `covariance` they are exact and must be feasible. With `information`
+        the default is the least-squares solution.
     information : Information, optional
-        The data: β then may be anywhere in the confidence region of the estimate, which reckons with residuals that
-        are correlated in time where the Information tells of it.
+        The data: β may then be anywhere in the confidence region of the estimate, which accounts for correlation of the
+        residuals in time if the Information has batch means.
     covariance : (n_b, n_b) or ParameterCovariance, optional
-        Of the base parameters, instead of `information`.
+        Covariance of the base parameters, instead of `information`.
     confidence : float
-        Probability of that region; it is one for all base parameters together.
+        Probability that this region contains all base parameters together.
     weights : "joint", None or (N,)
-        Of the joints in `information`, as in `least_squares`.
+        Weights of the joints in `information`, as in `least_squares`.
     names : sequence of str, optional
-        Which quantities: standard parameters, ``"total mass"``, and ``"cx2"``, ``"cy2"``, ``"cz2"``, the centre of
-        mass of the second link in its own frame. All of them where absent.
+        The quantities: standard parameters, ``"total mass"``, and ``"cx2"``, ``"cy2"``, ``"cz2"``, the centre of
+        mass of the second link in its own frame. By default all of them.
     combinations : mapping, optional
-        More quantities: from a name to a row (n,), or to a mapping from parameters to coefficients.
+        Further quantities by name: rows (n,), or mappings from parameters to coefficients.
     solver : str
         As in `solve`.
 
     Returns
     -------
     ParameterIntervals
-        Ends are proved by dual points, which are checked, and rounded outward; `attained_lower` and `attained_upper`
-        are those of parameters inside the set.
+        The ends are proved by dual points and rounded outward; `attained_lower` and `attained_upper` are values of
+        parameters inside the set.
 
     Raises
     ------
@@ -247,20 +247,20 @@ def parameter_intervals(
 
     See Also
     --------
-    lightest_robot : The smallest masses alone.
+    lightest_robot : The smallest masses only.
 
     Notes
     -----
-    K δ = β is put into the conditions, which leaves c·δ to be minimised and maximised over D(δ) ⪰ 0 (with a
-    second-order cone for the region). A quotient such as a centre of mass is made linear after Charnes and Cooper
+    With K δ = β substituted into the conditions, c·δ is minimised and maximised over D(δ) ⪰ 0 (with a second-order
+    cone for the region). A quotient such as a centre of mass is made linear after Charnes and Cooper
     (1962). All blocks are scaled by their own values at the analytic center, so that links of very different sizes do
-    not disturb each other. An end that is only approached as masses elsewhere grow without limit is found by facial
+    not disturb each other. A bound that is only approached as other masses grow without limit is found by facial
     reduction (Borwein and Wolkowicz 1981).
 
     Examples
     --------
-    A pendulum about a fixed horizontal axis tells its moment of inertia Lzz about the axis and its first moments lx,
-    ly, but not its mass. It cannot be lighter than (lx² + ly²) / Lzz, all of it in one point:
+    The motion of a pendulum determines its moment of inertia Lzz about the axis and its first moments lx and ly, but
+    not its mass. It is at least (lx² + ly²) / Lzz, the mass of a pendulum that is a single point:
 
     >>> from steelyard.dynamics import Model
     >>> from steelyard.feasibility import FeasibleSet
@@ -281,7 +281,7 @@ def parameter_intervals(
 
 
 def interval_of(finder: BoundFinder, quantity: Quantity) -> ParameterInterval:
-    """Both ends of one quantity."""
+    """The interval of one quantity."""
     rows = (quantity.row,) if quantity.mass is None else (quantity.row, quantity.mass)
     identifiable = all(finder.center.slice.is_identifiable(row) for row in rows)
     if quantity.mass is None:

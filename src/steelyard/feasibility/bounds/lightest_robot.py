@@ -1,4 +1,4 @@
-"""How light a robot may be, given what its motion shows."""
+"""The least masses that a robot can have, given an estimate of its base parameters."""
 
 import math
 from dataclasses import dataclass, field
@@ -34,11 +34,11 @@ class LeastMass:
     name : str
     meaning : str
     proved : float
-        No robot has less, in kg.
+        Lower bound, in kg: no robot has a smaller mass.
     attained : float
-        A robot has that.
+        Mass, in kg, that a certain robot has.
     parameters : (n,)
-        That robot.
+        Parameters of that robot.
     """
 
     name: str
@@ -58,13 +58,13 @@ class LightestRobot:
     Attributes
     ----------
     total : LeastMass
-        Of all links together.
+        Least mass of all links together.
     links : tuple of LeastMass
-        Of each link by itself; the robots differ, so that these need not add to the total.
+        Least mass of each link by itself; the robots differ, so that these need not add up to the total.
     base : (n_b,)
     consistency : str
     confidence : float or None
-        Of the region that the base parameters may lie in; None for a point.
+        Probability of the region of base parameters; None for a point.
     """
 
     total: LeastMass
@@ -79,7 +79,7 @@ class LightestRobot:
         return self.total.parameters
 
     def sentences(self) -> tuple[str, ...]:
-        """The answer in words."""
+        """The answer in sentences."""
         given = (
             "these base parameters"
             if self.confidence is None
@@ -127,7 +127,7 @@ def lightest_robot(
     weights: Any = "joint",
     solver: str = "clarabel",
 ) -> LightestRobot:
-    """The smallest total mass with which an estimate is physically possible, and the smallest mass of each link.
+    """Find the least total mass with which an estimate is physically possible, and the least mass of each link.
 
     Parameters
     ----------
@@ -174,7 +174,7 @@ def lightest_robot(
 
 
 def _inside(finder: BoundFinder, mass: Quantity) -> LeastMass:
-    """The least mass where there is room to search in."""
+    """The least mass over a slice with an interior."""
     found = finder.least(mass.row)
     parameters = found.parameters if found.parameters is not None else finder.center.parameters
     attained = found.attained if math.isfinite(found.attained) else 0.0
@@ -184,7 +184,7 @@ def _inside(finder: BoundFinder, mass: Quantity) -> LeastMass:
 def _on_the_boundary(
     feasible_set: FeasibleSet, base: Vector, mass: Quantity, solver: str, error: NoInteriorError
 ) -> LeastMass:
-    """The least mass where all masses are points, from one cone program and the bound that its dual point proves."""
+    """The least mass over a set without an interior, from one cone program and the bound that its dual point proves."""
     conditions, nothing = feasible_set.kept(unidentifiable_conditions), np.zeros((0, feasible_set.parameter_count))
     units = Units.of(feasible_set).parameters
     program = Program.along(feasible_set, conditions, units, feasible_set.lift @ base, 0.0)

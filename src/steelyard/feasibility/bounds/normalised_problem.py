@@ -1,4 +1,4 @@
-"""Linear objectives over a set that is round in its own units: one problem, of which only the objective changes."""
+"""Linear objectives over a set in units in which it is round; only the objective changes between problems."""
 
 from dataclasses import dataclass, field
 from functools import cached_property
@@ -19,9 +19,10 @@ Matrix = npt.NDArray[np.float64]
 
 
 ACCURACY = 1e-10
+"""Accuracy of the solver: dual points are used for proofs, whose tightness depends on it."""
 
 ROUGH = 1e-8
-"""Accuracy where the point alone matters."""
+"""Accuracy if only the point is used."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -48,22 +49,22 @@ class Ball:
         a, b = growth**2 - float(step @ step), growth - float(self.first @ step)
         c = 1.0 - float(self.first @ self.first)
         root = float(np.sqrt(max(b * b - a * c, 0.0)))
-        # It falls from c > 0 through its first zero.
+        # Its first zero beyond s = 0, where it is c > 0.
         return min(1.0, c / (root - b)) if root > b else 1.0
 
 
 @dataclass(frozen=True, eq=False)
 class DualPoint:
-    """What proves a least value of an objective of length 1, up to the solver's accuracy.
+    """A dual point for an objective of length 1, to the solver's accuracy.
 
     Attributes
     ----------
     matrices : tuple of (b, d, d)
         Z of the blocks of each group.
     pull : (k,)
-        What pulls at first + second v in the ball.
+        Multiplier of first + second v in the ball.
     value : float
-        The least value that they speak of.
+        The dual objective: the least value, if the equations hold.
     """
 
     matrices: tuple[Matrix, ...] = field(repr=False)
@@ -73,7 +74,7 @@ class DualPoint:
 
 @dataclass(frozen=True, eq=False)
 class NormalisedSolution:
-    """What the solver found for one objective.
+    """The answer of the solver for one objective.
 
     Attributes
     ----------
@@ -138,7 +139,7 @@ class NormalisedProblem:
         return tuple(found)
 
     def rounded(self) -> tuple["NormalisedProblem", Matrix]:
-        """The same problem in units in which it is round around v = 0, and those units: v = units v'."""
+        """The same problem in units v = units v' in which it is round around v = 0, and these units."""
         hessian = self.coefficients.T @ self.coefficients
         if self.ball is not None:
             # Of -log((1 + rate·v)² - ‖first + second v‖²), to first order in its own two cones.
@@ -179,7 +180,7 @@ class NormalisedProblem:
         return RepeatedProblem(problem, self.solver, ACCURACY)
 
     def strain(self, objective: Vector, dual: DualPoint) -> float:
-        """How much a dual point misses its equations by, times its size."""
+        """The error of a dual point's equations times its size."""
         missing = objective.copy()
         for group, Z in zip(self.groups, dual.matrices, strict=True):
             missing -= np.einsum("bqij,bij->q", group.coefficients, Z)
@@ -202,7 +203,7 @@ class NormalisedProblem:
         return (1.0 - 1e-9) * share * point
 
     def least(self, objective: Vector, rough: bool = False) -> NormalisedSolution:
-        """Minimise objective · v, perhaps roughly; the objective should be of length 1."""
+        """Minimise objective · v for an objective of length 1; `rough` uses the lower accuracy."""
         outcome, point, dual = (self._rough if rough else self._repeated).solve(objective)
         rows = len(self.identity)
         value = -float(self._repeated.problem.b @ dual)

@@ -1,4 +1,4 @@
-"""What may be asked of a robot: standard parameters, combinations of them, masses together, centres of mass."""
+"""Quantities with intervals: standard parameters, combinations of them, the total mass, and centres of mass."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
@@ -28,14 +28,14 @@ class Quantity:
     ----------
     name : str
     meaning : str
-        In words.
+        Description for people.
     unit : str
     row : (n,)
     mass : (n,) or None
     moments : tuple of (n,)
-        Moments of inertia with (row · δ)² ≤ (moment · δ) (mass · δ), of a centre of mass.
+        For a centre of mass, the moments of inertia with (row · δ)² ≤ (moment · δ) (mass · δ).
     never_negative : bool
-        Whether the conditions themselves say so.
+        Whether the conditions themselves keep it from being negative.
     """
 
     name: str
@@ -59,9 +59,9 @@ def quantities(
     feasible_set : FeasibleSet
     names : sequence of str, optional
         Standard parameters, ``"total mass"``, and ``"cx1"``, ``"cy1"``, ``"cz1"`` for the centre of mass of the first
-        link. All of them where absent.
+        link. By default all of them.
     combinations : mapping, optional
-        More of them: a row (n,), or a mapping from names of parameters to coefficients.
+        Further quantities by name: rows (n,), or mappings from names of parameters to coefficients.
 
     Raises
     ------
@@ -135,7 +135,7 @@ def _positive(feasible_set: FeasibleSet) -> set[int]:
 
 
 def _units(feasible_set: FeasibleSet) -> dict[int, str]:
-    """Units of the parameters of drive terms, where they are told."""
+    """Units of the parameters of drive terms, if these are known."""
     found = {
         int(b.indices[0]): b.unit for b in feasible_set.blocks if b.kind == "term" and len(b.indices) == 1 and b.unit
     }

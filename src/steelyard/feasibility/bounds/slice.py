@@ -22,7 +22,7 @@ Vector = npt.NDArray[np.float64]
 Matrix = npt.NDArray[np.float64]
 
 ROUNDING = 1e-12
-"""What is smaller than this part of the largest number of its kind is zero but for rounding."""
+"""Numbers below this part of the largest of their kind count as rounding errors."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -34,7 +34,7 @@ class BlockGroup:
     size : int
         d.
     indices : (b,)
-        Which blocks of the feasible set these are.
+        Indices of these blocks in the feasible set.
     constants : (b, d, d)
     coefficients : (b, q, d, d)
     """
@@ -114,7 +114,7 @@ class Slice:
 
     @cached_property
     def bounded_basis(self) -> Matrix:
-        """Orthonormal basis of the other directions of (u, d), (k + p, q): the coordinates w."""
+        """Orthonormal basis of the remaining directions of (u, d), (k + p, q), which defines the coordinates w."""
         k, p = self.region.shape[1], self.unidentifiable.shape[1]
         others = null_space(self.unconstrained.T) if self.unconstrained.shape[1] else np.eye(p)
         basis = np.zeros((k + p, k + others.shape[1]))
@@ -124,7 +124,7 @@ class Slice:
 
     @cached_property
     def groups(self) -> tuple[BlockGroup, ...]:
-        """The blocks that are not the same in the whole slice, by size, as functions of w."""
+        """The blocks that vary over the slice, grouped by size, as functions of w."""
         return grouped(self.feasible_set.blocks, self.directions @ self.bounded_basis, self.reference)
 
     @cached_property
@@ -143,7 +143,7 @@ class Slice:
         return np.asarray(self.bounded_basis.T @ stacked)
 
     def is_constrained(self, row: Vector) -> bool:
-        """Whether a combination c·δ depends on no direction that nothing bounds."""
+        """Whether a combination c·δ is constant along all unconstrained directions."""
         along = (row @ self.unidentifiable) @ self.unconstrained
         size = float(np.abs(row).max(initial=0.0) * np.abs(self.unidentifiable).max(initial=0.0))
         return bool(np.all(np.abs(along) <= 1e-9 * size))
@@ -156,7 +156,7 @@ class Slice:
 
 
 def grouped(blocks: Sequence[AffineBlock], directions: Matrix, reference: Vector) -> tuple[BlockGroup, ...]:
-    """Blocks by size as functions of w, where δ = reference + directions w; those that do not depend on w left out."""
+    """The blocks that depend on w, grouped by size, as functions of w with δ = reference + directions w."""
     found: dict[int, list[tuple[int, Matrix, Matrix]]] = {}
     for index, block in enumerate(blocks):
         rows = directions[block.indices]
@@ -177,7 +177,7 @@ def grouped(blocks: Sequence[AffineBlock], directions: Matrix, reference: Vector
 
 
 def null_space(matrix: Matrix) -> Matrix:
-    """Orthonormal basis of what a matrix sends to zero, (columns, l), where each column counts in its own size."""
+    """Orthonormal basis of the null space of a matrix, (columns, l), after its columns are scaled to length 1."""
     count = matrix.shape[1]
     if not matrix.size:
         return np.eye(count)
@@ -197,7 +197,7 @@ def _within_equations(
     left, values = feasible_set.equation_matrix, feasible_set.equation_values
     across = left @ unidentifiable
     inverse = np.linalg.pinv(across, rcond=1e-10)
-    # What no unidentifiable direction can mend restricts the region itself.
+    # Equations that unidentifiable parameters cannot satisfy restrict the region itself.
     rest = np.eye(len(values)) - across @ inverse
     wall, missing = rest @ (left @ region), rest @ (values - left @ reference)
     inside = null_space(wall)
