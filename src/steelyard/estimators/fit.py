@@ -90,7 +90,8 @@ def fit(
     Examples
     --------
     >>> import numpy as np
-    >>>     >>> from steelyard.robot import Robot
+    >>> from steelyard.dynamics import Model
+    >>> from steelyard.robot import Robot
     >>> model = Model(Robot.from_dh([("0", 0.0, 0.0, "q")], name="pendulum", gravity=(0, -9.81, 0)))
     >>> names = model.base_parameters().names
     >>> names
