@@ -25,7 +25,7 @@ design = sy.design_excitation(
 )
 print(design)
 
-# 2. The robot plays it under a controller; its encoders and its torque measurement are what they are.
+# 2. The robot follows this motion under a controller, with the resolution of its encoders and noise of its torques.
 sensors = sy.simulation.Sensors(encoder_resolution=2 * np.pi / 65536, torque_noise=0.2)
 log = sy.play(model, delta, design.trajectory, sensors=sensors, seed=1)
 
@@ -42,7 +42,7 @@ for name, found, true in zip(
 ):
     print(f"  {name:32} {found:8.4f}   true {true:8.4f}")
 
-# 4. The model in use: how the arm falls, as it is and as it was identified.
+# 4. Use of the model: the free fall of the true and of the identified arm.
 still = np.zeros(2)
 falls = [sy.simulate(model, p, still, still, 1.0) for p in (delta, estimate.parameters)]
 apart = np.abs(falls[0].q - falls[1].q).max()

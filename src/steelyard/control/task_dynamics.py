@@ -50,28 +50,28 @@ class NullSpaceControl:
     damping: ArrayLike = 10.0
 
     def of(self, model: Model) -> NullSpaceControl:
-        """Return the same with an array for each attribute, checked for a robot.
+        """Return a copy whose attributes are arrays, checked for a robot.
 
         Raises
         ------
         InputError
-            If the shape of one does not fit, or there is a stiffness without positions.
+            If the shape of an attribute does not fit, or there is a stiffness without positions.
         """
         count = model.dof
         stiffness = per_joint(self.stiffness, count, "the null space's stiffness", finite=True)
         if self.q is None and stiffness.any():
             raise InputError("The null space has a stiffness and no positions; give it q, or leave the stiffness out.")
-        place = np.zeros(count) if self.q is None else np.array(self.q, dtype=np.float64)
-        if place.shape != (count,) or not np.isfinite(place).all():
+        rest = np.zeros(count) if self.q is None else np.array(self.q, dtype=np.float64)
+        if rest.shape != (count,) or not np.isfinite(rest).all():
             raise InputError(f"The null space's q must be {count} finite numbers, got {self.q!r}.")
         return NullSpaceControl(
-            place, stiffness, per_joint(self.damping, count, "the null space's damping", finite=True)
+            rest, stiffness, per_joint(self.damping, count, "the null space's damping", finite=True)
         )
 
     def acceleration(self, q: Array, dq: Array) -> Array:
-        """Return joint accelerations (..., N), of what `of` returned."""
-        place, stiffness, damping = (np.asarray(a, dtype=np.float64) for a in (self.q, self.stiffness, self.damping))
-        return stiffness * (place - q) - damping * dq
+        """Return joint accelerations (..., N); to be called on an object that `of` returned."""
+        rest, stiffness, damping = (np.asarray(a, dtype=np.float64) for a in (self.q, self.stiffness, self.damping))
+        return stiffness * (rest - q) - damping * dq
 
 
 _AXES = ("x", "y", "z", "rx", "ry", "rz")
