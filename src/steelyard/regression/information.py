@@ -312,11 +312,11 @@ class Information:
     @property
     def has_joint_errors(self) -> bool:
         """Whether errors can be told joint by joint."""
-        return all(f.joint is not None for f in self._measured)
+        return all(f.joint is not None for f in self.measured)
 
     @property
-    def _measured(self) -> tuple[Factor, ...]:
-        """The rows in N·m or N."""
+    def measured(self) -> tuple[Factor, ...]:
+        """The factors of the rows in N·m or N, as they were measured."""
         return self.torque_factors or self.factors
 
     def reduced(self, weights: str | ArrayLike | None = "joint") -> Reduced:
@@ -412,22 +412,22 @@ class Information:
         float
         """
         beta = self._base(base)
-        residual = sum(f.residual2(beta) for f in self._measured)
-        norm = sum(f.norm2 for f in self._measured)
+        residual = sum(f.residual2(beta) for f in self.measured)
+        norm = sum(f.norm2 for f in self.measured)
         return float(np.sqrt(residual / norm)) if norm > 0.0 else float("nan")
 
     def joint_relative_error(self, base: ArrayLike) -> Array:
         """Return the relative error of each joint, (N,)  (thesis table 4.7); NaN where a joint has no torque."""
         beta = self._base(base)
         self._require_joints("Errors per joint", self.has_joint_errors)
-        pairs = [(f.residual2(beta), f.norm2) for f in self._measured]
+        pairs = [(f.residual2(beta), f.norm2) for f in self.measured]
         return np.array([np.sqrt(r / n) if n > 0.0 else np.nan for r, n in pairs])
 
     def joint_rms_error(self, base: ArrayLike) -> Array:
         """Return the root mean square residual of each joint, (N,), N·m or N; NaN where a joint has no rows."""
         beta = self._base(base)
         self._require_joints("Errors per joint", self.has_joint_errors)
-        return np.array([np.sqrt(f.residual2(beta) / f.count) if f.count else np.nan for f in self._measured])
+        return np.array([np.sqrt(f.residual2(beta) / f.count) if f.count else np.nan for f in self.measured])
 
     def _base(self, base: ArrayLike) -> Array:
         beta = np.asarray(base, dtype=np.float64)

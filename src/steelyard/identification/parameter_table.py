@@ -1,0 +1,397 @@
+"""What every number of an answer rests on: data, physics or the prior; with its interval and its value in CAD."""
+
+from __future__ import annotations
+
+import csv
+import io
+from collections.abc import Iterator
+from dataclasses import dataclass, field
+from typing import Any, Literal
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from steelyard.display import html_table, text_table
+from steelyard.errors import InputError
+from steelyard.feasibility import FeasibleSet
+from steelyard.feasibility.bounds.profile_intervals import ProfileIntervals, profile_intervals
+from steelyard.feasibility.bounds.quantities import Quantity, quantities
+from steelyard.files import suggestion
+from steelyard.regression import Estimate, Information, ParameterCovariance
+from steelyard.robot.inertia import moment_row
+
+__all__ = ["Basis", "ParameterRow", "ParameterTable", "parameter_table"]
+
+Array = NDArray[np.float64]
+Basis = Literal["measured", "bounded", "assumed"]
+
+MEASURED, BOUNDED = 0.2, 1.0
+"""Largest half-width of the interval of a parameter that counts as measured, and as bounded, in units of its scale. A
+fifth is about what CAD is wrong by; where the half-width is the scale itself, not even the sign is sure."""
+
+NEGLIGIBLE = 0.05
+"""A term this small beside what would make the whole torque of its joint counts as if it had this size."""
+
+
+@dataclass(frozen=True, eq=False)
+class ParameterRow:
+    """One number of the answer.
+
+    Attributes
+    ----------
+    name : str
+        ``"m3"``, ``"Fvj2"``; ``"cx3"`` for a centre of mass, ``"J1_3"`` for a principal moment of inertia.
+    meaning : str
+        In words.
+    unit : str
+    value : float
+    lower, upper : float
+        Of the interval that holds the true value with a probability of 95 %; infinite where nothing bounds it, NaN
+        where no interval is told.
+    cad : float
+        What the description says; NaN where it says nothing.
+    basis : {"measured", "bounded", "assumed"}
+        ``"measured"``: the data alone tells it, to a fifth of its scale. ``"bounded"``: data and physics confine it to
+        its scale. ``"assumed"``: neither does; the prior chose it.
+    """
+
+    name: str
+    meaning: str
+    unit: str
+    value: float
+    lower: float
+    upper: float
+    cad: float
+    basis: Basis
+
+
+@dataclass(frozen=True, eq=False)
+class ParameterTable:
+    """All numbers of an answer; ``table["m3"]`` is one of them.
+
+    Attributes
+    ----------
+    rows : tuple of ParameterRow
+    confidence : float or None
+        Of the intervals; None where there are none.
+    sentences : tuple of str
+        Which numbers are known only together.
+    """
+
+    rows: tuple[ParameterRow, ...]
+    confidence: float | None
+    sentences: tuple[str, ...] = field(default=(), repr=False)
+
+    def __getitem__(self, name: str) -> ParameterRow:
+        for row in self.rows:
+            if row.name == name:
+                return row
+        raise InputError(f"there is no parameter {name!r}; {suggestion(name, [row.name for row in self.rows])}")
+
+    def __iter__(self) -> Iterator[ParameterRow]:
+        return iter(self.rows)
+
+    def __len__(self) -> int:
+        return len(self.rows)
+
+    def count(self, basis: Basis) -> int:
+        """How many rest on it."""
+        return sum(row.basis == basis for row in self.rows)
+
+    def __str__(self) -> str:
+        return text_table(HEADS, [_written(row) for row in self.rows], numbers=(1, 2, 3, 4))
+
+    def _repr_html_(self) -> str:
+        told = f"{self.count('measured')} measured, {self.count('bounded')} bounded, {self.count('assumed')} assumed"
+        return html_table(told, HEADS, [_written(row) for row in self.rows])
+
+    def to_csv(self) -> str:
+        """The table as comma-separated values, numbers in full, with a line of names."""
+        out = io.StringIO()
+        writer = csv.writer(out, lineterminator="\n")
+        writer.writerow(("name", "meaning", "unit", "value", "lower", "upper", "cad", "basis"))
+        for row in self.rows:
+            numbers = ("" if np.isnan(v) else repr(float(v)) for v in (row.value, row.lower, row.upper, row.cad))
+            writer.writerow((row.name, row.meaning, row.unit, *numbers, row.basis))
+        return out.getvalue()
+
+    def to_list(self) -> list[dict[str, Any]]:
+        """As plain data for JSON; numbers that are not finite are None."""
+
+        def finite(value: float) -> float | None:
+            return float(value) if np.isfinite(value) else None
+
+        return [
+            {
+                "name": row.name,
+                "meaning": row.meaning,
+                "unit": row.unit,
+                **{key: finite(getattr(row, key)) for key in ("value", "lower", "upper", "cad")},
+                "basis": row.basis,
+            }
+            for row in self.rows
+        ]
+
+
+HEADS = ("name", "value", "from", "to", "CAD", "unit", "rests on", "meaning")
+
+
+def _written(row: ParameterRow) -> tuple[str, ...]:
+    def number(value: float) -> str:
+        return "" if np.isnan(value) else "open" if np.isinf(value) else f"{value:.4g}"
+
+    return (
+        row.name,
+        number(row.value),
+        number(row.lower),
+        number(row.upper),
+        number(row.cad),
+        row.unit,
+        row.basis,
+        row.meaning,
+    )
+
+
+def parameter_table(
+    info: Information,
+    feasible_set: FeasibleSet,
+    estimate: Estimate,
+    unconstrained: Estimate,
+    *,
+    cad: ArrayLike | None = None,
+    term_scales: ArrayLike | None = None,
+    confidence: float = 0.95,
+) -> ParameterTable:
+    """Tell what every parameter, mass, centre of mass, principal moment and friction of an answer rests on.
+
+    Intervals are those of `profile_intervals`: noise, with its correlation in time, and directions that the motion does
+    not show, within what is physically possible. They speak of data and physics alone. Where the prior of the answer
+    draws a value out of its interval, the interval is widened to hold it.
+
+    Parameters
+    ----------
+    info : Information
+    feasible_set : FeasibleSet
+    estimate : Estimate
+        The answer, with standard parameters.
+    unconstrained : Estimate
+        Plain least squares of the same data and weights.
+    cad : (n,), optional
+        Standard parameters of the description; those of the model's robot where absent.
+    term_scales : (n,), optional
+        Parameters of terms that would make the whole torque of their joints, such as `term_deviations` tells.
+    confidence : float
+
+    Returns
+    -------
+    ParameterTable
+        Without intervals, and every number "assumed", where torques were filtered.
+    """
+    parameters = estimate.parameters
+    if parameters is None:
+        raise InputError("parameter_table needs an estimate with standard parameters, such as that of fit.")
+    asked, about = _quantities(feasible_set, parameters)
+    covariance = ParameterCovariance.of(info, unconstrained.base, unconstrained.weights)
+    values = np.array([_value(quantity, parameters) for quantity in asked])
+    source = feasible_set.model.robot.parameters if cad is None else cad
+    described = _described(feasible_set, np.asarray(source, dtype=float), asked, about)
+    told: ProfileIntervals | None = None
+    if not covariance.filtered_torque:
+        told = profile_intervals(feasible_set, unconstrained.base, covariance, asked, parameters, confidence)
+    scales = _scales(feasible_set, parameters, values, asked, about, term_scales)
+    alone = _half_widths(feasible_set, covariance, asked, parameters, confidence)
+    rows = []
+    for index, quantity in enumerate(asked):
+        low, high, basis = np.nan, np.nan, "assumed"
+        if told is not None:
+            low, high = min(told.lower[index], values[index]), max(told.upper[index], values[index])
+            half = 0.5 * (high - low)
+            if alone[index] <= MEASURED * scales[index] and half <= 2.0 * MEASURED * scales[index]:
+                basis = "measured"
+            elif half <= BOUNDED * scales[index]:
+                basis = "bounded"
+        rows.append(
+            ParameterRow(
+                quantity.name,
+                quantity.meaning,
+                quantity.unit,
+                float(values[index]),
+                float(low),
+                float(high),
+                float(described[index]),
+                basis,  # type: ignore[arg-type]
+            )
+        )
+    table = ParameterTable(tuple(rows), None if told is None else confidence)
+    return ParameterTable(table.rows, table.confidence, _known_together(info, feasible_set, unconstrained, table))
+
+
+@dataclass(frozen=True)
+class _About:
+    """What a quantity is about: the link with this number, or none; and its kind."""
+
+    link: int
+    kind: Literal["mass", "center", "first", "second", "principal", "total", "term"]
+
+
+def _quantities(feasible_set: FeasibleSet, parameters: Array) -> tuple[list[Quantity], list[_About]]:
+    """Standard parameters, total mass, centres of mass, and principal moments of the answer."""
+    asked = list(quantities(feasible_set))
+    places = {int(c): divmod(k, 10) for k, c in enumerate(feasible_set.link_columns.ravel())}
+    about = []
+    for quantity in asked:
+        used = np.flatnonzero(quantity.row)
+        link, place = places.get(int(used[0]), (-1, 0))
+        if quantity.mass is not None:
+            about.append(_About(link, "center"))
+        elif len(used) > 1:
+            about.append(_About(-1, "total"))
+        elif link < 0:
+            about.append(_About(-1, "term"))
+        else:
+            about.append(_About(link, "mass" if place == 9 else "first" if place >= 6 else "second"))
+    names = feasible_set.model.robot.link_names
+    for link, columns in enumerate(feasible_set.link_columns):
+        center, axes = _principal(parameters[columns])
+        for number, axis in enumerate(axes.T):
+            across = np.eye(3) - np.outer(axis, axis)
+            quadratic = np.block(
+                [[across, -(across @ center)[:, None]], [-(center @ across)[None], center @ across @ center]]
+            )
+            row = np.zeros(len(parameters))
+            row[columns] = moment_row(quadratic)
+            meaning = f"principal moment of inertia {number + 1} of {names[link]}"
+            asked.append(Quantity(f"J{number + 1}_{link + 1}", meaning, "kg m²", row, never_negative=True))
+            about.append(_About(link, "principal"))
+    return asked, about
+
+
+def _principal(body: Array) -> tuple[Array, Array]:
+    """Centre of mass and principal axes, the columns (3, 3), in ascending order of the moments."""
+    center = body[6:9] / body[9]
+    inertia = np.array([body[[0, 1, 2]], body[[1, 3, 4]], body[[2, 4, 5]]])
+    about_com = inertia - body[9] * ((center @ center) * np.eye(3) - np.outer(center, center))
+    return center, np.linalg.eigh(about_com)[1]
+
+
+def _value(quantity: Quantity, parameters: Array) -> float:
+    value = float(quantity.row @ parameters)
+    if quantity.mass is None:
+        return value
+    mass = float(quantity.mass @ parameters)
+    return value / mass if mass > 0.0 else float("nan")
+
+
+def _described(feasible_set: FeasibleSet, cad: Array, asked: list[Quantity], about: list[_About]) -> Array:
+    """The same quantities of the description, NaN where it says nothing; principal moments in ascending order."""
+    found = []
+    for quantity, what in zip(asked, about, strict=True):
+        used = np.flatnonzero(quantity.row if quantity.mass is None else quantity.row + quantity.mass)
+        known = np.isfinite(cad[used]).all()
+        if what.kind == "principal":
+            body = cad[feasible_set.link_columns[what.link]]
+            known = np.isfinite(body).all() and body[9] > 0.0
+            if known:
+                center, axes = _principal(body)
+                about_com = np.diag(axes.T @ _about_com(body, center) @ axes)
+                found.append(float(about_com[int(quantity.name[1]) - 1]))
+                continue
+        found.append(_value(quantity, np.nan_to_num(cad)) if known else np.nan)
+    return np.array(found)
+
+
+def _about_com(body: Array, center: Array) -> Array:
+    inertia = np.array([body[[0, 1, 2]], body[[1, 3, 4]], body[[2, 4, 5]]])
+    return np.asarray(inertia - body[9] * ((center @ center) * np.eye(3) - np.outer(center, center)))
+
+
+def _scales(
+    feasible_set: FeasibleSet,
+    parameters: Array,
+    values: Array,
+    asked: list[Quantity],
+    about: list[_About],
+    term_scales: ArrayLike | None,
+) -> Array:
+    """What half-widths are compared with: the size of such a parameter in a link of this mass and extent."""
+    bodies = parameters[feasible_set.link_columns]
+    mass = bodies[:, 9]
+    second = 0.5 * bodies[:, [0, 3, 5]].sum(axis=1)
+    length = np.sqrt(second / mass)
+    terms = np.full(len(parameters), np.inf) if term_scales is None else np.asarray(term_scales, dtype=float)
+    found = np.empty(len(asked))
+    for index, (quantity, what) in enumerate(zip(asked, about, strict=True)):
+        link = what.link
+        if what.kind == "term":
+            whole = float(terms[int(np.flatnonzero(quantity.row)[0])])
+            found[index] = max(abs(values[index]), NEGLIGIBLE * whole if np.isfinite(whole) else 0.0)
+        elif what.kind == "total":
+            found[index] = abs(values[index])
+        elif what.kind == "principal":
+            found[index] = max(values[k] for k, other in enumerate(about) if other == what)
+        else:
+            sizes = {"mass": mass, "center": length, "first": mass * length, "second": second}
+            found[index] = sizes[what.kind][link]
+    return found
+
+
+def _half_widths(
+    feasible_set: FeasibleSet,
+    covariance: ParameterCovariance,
+    asked: list[Quantity],
+    parameters: Array,
+    confidence: float,
+) -> Array:
+    """Of the intervals of plain least squares; infinite for what the base parameters do not tell."""
+    from scipy.special import ndtri
+
+    reach = float(ndtri(0.5 + 0.5 * confidence))
+    inverse = np.linalg.pinv(feasible_set.K)
+    found = np.full(len(asked), np.inf)
+    for index, quantity in enumerate(asked):
+        row = quantity.row
+        if quantity.mass is not None:
+            row = (row - _value(quantity, parameters) * quantity.mass) / float(quantity.mass @ parameters)
+        in_base = row @ inverse
+        size = float(np.abs(row).max())
+        if np.abs(in_base @ feasible_set.K - row).max() > 1e-9 * size:
+            continue
+        if np.any(np.abs(in_base @ covariance.unidentifiable) > 1e-9 * size):
+            continue
+        found[index] = reach * float(np.linalg.norm(in_base @ covariance.root))
+    return found
+
+
+MOST_SENTENCES = 3
+"""Combinations that are named: more are not read."""
+
+
+def _known_together(
+    info: Information, feasible_set: FeasibleSet, unconstrained: Estimate, table: ParameterTable
+) -> tuple[str, ...]:
+    """Say of which assumed numbers a combination is measured, those with the most of them first."""
+    names = [str(name) for name in feasible_set.model.parameter_names]
+    assumed = {row.name for row in table.rows if row.basis == "assumed"}
+    found = []
+    for base, expression in enumerate(unconstrained.base_expressions):
+        parts = [names[index] for index in np.flatnonzero(feasible_set.K[base])]
+        error, value = unconstrained.standard_error[base], unconstrained.base[base]
+        if len(parts) > 1 and assumed.intersection(parts) and 2.0 * error <= MEASURED * abs(value):
+            count = len(assumed.intersection(parts))
+            found.append((count, f"{expression} ({value:.4g} ± {2.0 * error:.2g})"))
+    found.sort(key=lambda item: -item[0])
+    sentences = []
+    if found:
+        shown = "; ".join(text for _, text in found[:MOST_SENTENCES])
+        sentences.append(
+            f"Of these only the sum is measured, and no motion of this robot tells the parts apart: {shown}."
+        )
+    if info.unidentifiable:
+        shown = ", ".join(info.unidentifiable[:MOST_SENTENCES])
+        more = (
+            f" and {len(info.unidentifiable) - MOST_SENTENCES} more"
+            if len(info.unidentifiable) > MOST_SENTENCES
+            else ""
+        )
+        sentences.append(f"These logs do not show {shown}{more}: joints that stood still, or moved alone, hide them.")
+    return tuple(sentences)

@@ -1,0 +1,247 @@
+"""The second verdict: does the model predict torques that it has not seen?"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from typing import Any, Literal
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from steelyard.display import html_table, text_table
+from steelyard.regression import Information
+from steelyard.regression.batch_means import BATCH_LENGTHS
+
+__all__ = ["PredictionVerdict", "Word", "prediction_verdict", "white_noise"]
+
+Array = NDArray[np.float64]
+Word = Literal["good", "usable", "poor", "wrong"]
+
+GOOD, USABLE, WRONG = 0.08, 0.15, 0.2
+"""Largest error of the model, relative to the torques and without white noise, that counts as good and as usable, and
+above which the model is wrong. Published identifications of industrial arms end at 3 to 8 %; feedforward with 15 % off
+still helps a controller; above 20 %, models of sound logs are rare, and those of logs with a mistake common."""
+
+POOR_JOINT, WRONG_JOINT = 0.4, 0.75
+"""The same of a single joint: wrists with small torques reach 30 % on sound logs; a joint whose torques are those of
+another one comes near 100 %, while the joints with large torques keep the whole small."""
+
+UNSEEN = 0.5
+"""Where the model explains its own data, an error on unseen data up to this is poor and not wrong: the motion did not
+show enough, which is no mistake of the log."""
+
+NEGLIGIBLE = 1e-3
+"""Joints with less than this part of the largest torque are not judged by themselves."""
+
+FEWEST_BATCHES = 20
+"""Of a joint: fewer tell nothing of what is white."""
+
+
+@dataclass(frozen=True, eq=False)
+class PredictionVerdict:
+    """How well a model predicts torques that were not used to find it.
+
+    Attributes
+    ----------
+    word : {"good", "usable", "poor", "wrong"}
+        By `model_error`: at most 8 %, at most 15 %, at most 20 %, or more; and by the same of the worst joint:
+        ``"poor"`` at best above 40 %, ``"wrong"`` above 75 %. Where the model explains its own data to 20 %, it is
+        ``"poor"`` up to 50 % on unseen data. ``"poor"`` also where nothing could be held out.
+    source : str
+        What was predicted, in words.
+    model_error : float
+        Relative to the torques over all the joints, without what is white noise; 0.05 means 5 %.
+    relative_error : float
+        With the noise.
+    joint_names : tuple of str
+    joint_relative_error : ndarray
+        (N,).
+    joint_error : ndarray
+        (N,) root mean square, N·m or N.
+    noise_floor : ndarray
+        (N,) root mean square of the white noise in the torques, N·m or N: no model predicts that. NaN where it could
+        not be told apart.
+    whiteness : ndarray
+        (N,): the part of the mean square of the residuals of the fit that is white, 0 to 1. Little says that what is
+        left follows a pattern, which a better model would explain.
+    sentences : tuple of str
+    """
+
+    word: Word
+    source: str
+    model_error: float
+    relative_error: float
+    joint_names: tuple[str, ...]
+    joint_relative_error: Array = field(repr=False)
+    joint_error: Array = field(repr=False)
+    noise_floor: Array = field(repr=False)
+    whiteness: Array = field(repr=False)
+    sentences: tuple[str, ...] = field(default=(), repr=False)
+
+    def _rows(self) -> list[tuple[str, ...]]:
+        def number(value: float, unit: str = "") -> str:
+            return f"{value:.3g}{unit}" if np.isfinite(value) else ""
+
+        columns = (self.joint_names, self.joint_relative_error, self.joint_error, self.noise_floor, self.whiteness)
+        return [
+            (name, number(100 * relative, " %"), number(error), number(floor), number(100 * white, " %"))
+            for name, relative, error, floor, white in zip(*columns, strict=True)
+        ]
+
+    def __str__(self) -> str:
+        heads = ("joint", "error", "RMS", "noise", "white")
+        return "\n".join((*self.sentences, text_table(heads, self._rows(), numbers=(1, 2, 3, 4))))
+
+    def _repr_html_(self) -> str:
+        heads = ("joint", "error", "RMS, N·m or N", "noise, N·m or N", "white")
+        return html_table(f"{self.word}: {self.model_error:.1%} on {self.source}", heads, self._rows(), self.sentences)
+
+    def to_dict(self) -> dict[str, Any]:
+        """As plain data for JSON; numbers that are not finite are None."""
+
+        def finite(values: Array) -> list[float | None]:
+            return [float(v) if np.isfinite(v) else None for v in values]
+
+        arrays = ("joint_relative_error", "joint_error", "noise_floor", "whiteness")
+        errors = finite(np.array([self.model_error, self.relative_error]))
+        return {
+            "word": self.word,
+            "source": self.source,
+            "model_error": errors[0],
+            "relative_error": errors[1],
+            "joint_names": list(self.joint_names),
+            **{name: finite(getattr(self, name)) for name in arrays},
+            "sentences": list(self.sentences),
+        }
+
+
+def white_noise(info: Information, base: ArrayLike) -> tuple[Array, Array]:
+    """Root mean square of the white noise of each joint, and its part of the mean square of the residuals, (N,) each.
+
+    Of residuals that are the sum of white noise, of variance w, and of errors that stay for eight samples, of variance
+    s, single ones have the variance w + s, and sums of eight neighbours have eight times w + 8 s.
+
+    Parameters
+    ----------
+    info : Information
+        With `batch_means`.
+    base : (n_b,)
+        At which the residuals are taken.
+
+    Returns
+    -------
+    noise_floor : (N,)
+        N·m or N; NaN where the data is too short, or holds no batch means.
+    whiteness : (N,)
+        0 to 1; NaN likewise.
+    """
+    beta = np.asarray(base, dtype=float)
+    count = len(info.factors)
+    unknown = np.full(count, np.nan)
+    if not info.batch_means or not info.by_joint:
+        return unknown, unknown.copy()
+    length = BATCH_LENGTHS[0]
+    floors, shares = unknown, unknown.copy()
+    for joint, (single, sums) in enumerate(zip(info.factors, info.batch_means[0], strict=True)):
+        if sums.count < FEWEST_BATCHES or single.count == 0:
+            continue
+        variance = single.residual2(beta) / single.count
+        of_sums = sums.residual2(beta) / single.count
+        lasting = min(max((of_sums - variance) / (length - 1), 0.0), variance)
+        floors[joint] = np.sqrt(variance - lasting)
+        shares[joint] = 1.0 - lasting / variance if variance > 0.0 else 1.0
+    return floors, shares
+
+
+def prediction_verdict(
+    info: Information,
+    base: ArrayLike,
+    *,
+    validation: Sequence[Information] = (),
+    held_out_error: ArrayLike | None = None,
+    fold_count: int = 0,
+) -> PredictionVerdict:
+    """Judge how well base parameters predict: validation logs where there are any, else what cross-validation held out.
+
+    Parameters
+    ----------
+    info : Information
+        The data of the fit.
+    base : (n_b,)
+        The answer.
+    validation : sequence of Information
+        Of logs that were not used.
+    held_out_error : (N,), optional
+        Root mean square of the held-out residuals of each joint, as `CrossValidation.joint_errors` tells for the weight
+        that was chosen.
+    fold_count : int
+        Of the cross-validation.
+
+    Returns
+    -------
+    PredictionVerdict
+    """
+    beta = np.asarray(base, dtype=float)
+    names = info.joint_names if info.has_joint_errors else ("all",)
+    training, torque = _root_mean_squares([info], beta)
+    floor, white = white_noise(info, beta)
+    if len(floor) != len(names):
+        floor = white = np.full(len(names), np.nan)
+    tested = True
+    if validation:
+        count = len(validation)
+        error, torque = _root_mean_squares(validation, beta)
+        source = f"{count} validation logs" if count > 1 else "the validation log"
+    elif held_out_error is not None:
+        error = np.asarray(held_out_error, dtype=float)
+        source = f"{fold_count} stretches of the logs, each left out in turn"
+    else:
+        error, tested = training, False
+        source = "the data of the fit itself"
+    whole = float(np.linalg.norm(error) / np.linalg.norm(torque))
+    own = float(np.linalg.norm(training) / np.linalg.norm(torque))
+    noise = np.minimum(np.nan_to_num(floor), error)
+    model = float(np.sqrt(np.sum(error**2 - noise**2)) / np.linalg.norm(torque))
+    with np.errstate(divide="ignore", invalid="ignore"):
+        relative = np.where(torque > 0.0, error / torque, np.nan)
+        alone = np.nan_to_num(np.sqrt(error**2 - noise**2) / torque)
+    shown = alone[torque > NEGLIGIBLE * torque.max(initial=0.0)]
+    word = _word(model, own, float(shown.max(initial=0.0)), tested)
+    sentences = _sentences(word, model, own, source, tested)
+    return PredictionVerdict(word, source, model, whole, tuple(names), relative, error, floor, white, sentences)
+
+
+def _root_mean_squares(data: Sequence[Information], base: Array) -> tuple[Array, Array]:
+    """Of the residuals and of the torques of each joint, over all data together."""
+    groups = [information.measured for information in data]
+    counts = np.maximum(np.sum([[f.count for f in factors] for factors in groups], axis=0), 1)
+    residuals = np.sum([[f.residual2(base) for f in factors] for factors in groups], axis=0)
+    torques = np.sum([[f.norm2 for f in factors] for factors in groups], axis=0)
+    return np.sqrt(residuals / counts), np.sqrt(torques / counts)
+
+
+def _word(model: float, own: float, worst_joint: float, tested: bool) -> Word:
+    if worst_joint > WRONG_JOINT or (model > WRONG and not (own <= WRONG and model <= UNSEEN)):
+        return "wrong"
+    if not tested or model > USABLE or worst_joint > POOR_JOINT:
+        return "poor"
+    return "good" if model <= GOOD else "usable"
+
+
+def _sentences(word: Word, model: float, own: float, source: str, tested: bool) -> tuple[str, ...]:
+    said = {
+        "good": "The model predicts well",
+        "usable": "The model predicts usably",
+        "poor": "The model predicts poorly",
+        "wrong": "The model does not predict this robot",
+    }[word]
+    found = [f"{said}: {model:.1%} of the torques of {source} are left unexplained, noise aside."]
+    if not tested:
+        found.append("The logs are too short to hold anything out; record a longer motion, or give --validate LOG.")
+    elif word in ("poor", "wrong") and own <= 0.5 * model:
+        found.append(
+            f"It explains the data of the fit to {own:.1%}: the motion shows too little for other motions. "
+            "steelyard excite designs one that shows more."
+        )
+    return tuple(found)

@@ -1,0 +1,134 @@
+"""What numbers rest on, against the truth of a simulated arm and against closed forms."""
+
+import csv
+import io
+import json
+
+import numpy as np
+import pytest
+from simulated_arm import MASSES, SimulatedArm, blurred, simulated_arm
+
+import steelyard as sy
+from steelyard.errors import InputError
+from steelyard.estimators import EntropicPrior
+from steelyard.estimators.cross_validation import cross_validation, term_deviations
+from steelyard.feasibility import DensityInBox, FeasibleSet, TotalMass
+from steelyard.identification.parameter_table import ParameterTable, parameter_table
+
+
+def table_of(arm: SimulatedArm, seed: int) -> tuple[ParameterTable, FeasibleSet]:
+    boxes = [DensityInBox(f"link{k}", [-0.6] * 3, [0.6] * 3) for k in (1, 2, 3)]
+    feasible_set = FeasibleSet(arm.model, constraints=[*boxes, TotalMass(maximum=60.0)])
+    cad = blurred(arm, seed)
+    scales = term_deviations(arm.information, feasible_set)
+    prior = EntropicPrior(cad, term_deviations=scales)
+    weight = cross_validation(arm.information, arm.stretches, feasible_set, prior).weight
+    estimate = sy.fit(arm.information, feasible_set, prior=prior, prior_weight=weight)
+    unconstrained = sy.least_squares(arm.information)
+    table = parameter_table(arm.information, feasible_set, estimate, unconstrained, cad=cad, term_scales=scales)
+    return table, feasible_set
+
+
+@pytest.fixture(scope="module")
+def found() -> tuple[SimulatedArm, ParameterTable]:
+    arm = simulated_arm(3)
+    return arm, table_of(arm, 3)[0]
+
+
+def true_values(arm: SimulatedArm, table: ParameterTable) -> dict[str, float]:
+    """Of standard parameters, masses and centres of mass, from the parameters themselves."""
+    names = list(arm.model.parameter_names)
+    values = dict(zip(names, arm.truth, strict=True))
+    values["total mass"] = sum(MASSES)
+    for link in (1, 2, 3):
+        for axis in "xyz":
+            values[f"c{axis}{link}"] = values[f"l{axis}{link}"] / values[f"m{link}"]
+    return {row.name: values[row.name] for row in table if row.name in values}
+
+
+def test_every_number_is_there(found) -> None:
+    arm, table = found
+    names = {row.name for row in table}
+    assert names >= {*arm.model.parameter_names, "total mass", "cx1", "cz3", "J1_1", "J3_3"}
+    assert len(table) == len(names) == 39 + 1 + 9 + 9
+    assert table.count("measured") + table.count("bounded") + table.count("assumed") == len(table)
+
+
+def test_friction_is_measured_and_the_mass_on_a_vertical_axis_is_assumed(found) -> None:
+    _, table = found
+    assert all(table[f"Fcj{joint}"].basis == "measured" for joint in (1, 2, 3))
+    assert table["m1"].basis == "assumed"
+    # One torque offset along gravity and first moments cannot be told apart here: no interval that is narrow.
+    assert table["m2"].basis == "assumed"
+
+
+def test_values_lie_in_their_intervals(found) -> None:
+    _, table = found
+    for row in table:
+        assert row.lower <= row.value <= row.upper, row.name
+        assert row.lower >= 0.0 or row.name[0] != "m"
+
+
+def test_measured_ones_are_as_narrow_as_the_data_allows(found) -> None:
+    """The half-width is at most twice that of least squares (Cramér and Rao)."""
+    arm, table = found
+    deviations = dict(zip(arm.information.base_names, sy.least_squares(arm.information).standard_error, strict=True))
+    rows = [row for row in table if row.basis == "measured" and row.name in deviations]
+    assert len(rows) >= 6
+    for row in rows:
+        if list(arm.feasible_set.K[arm.information.base_names.index(row.name)] != 0).count(True) == 1:
+            assert 0.5 * (row.upper - row.lower) <= 2.0 * 1.96 * deviations[row.name]
+
+
+def test_description_stands_beside(found) -> None:
+    arm, table = found
+    cad = blurred(arm, 3)
+    names = list(arm.model.parameter_names)
+    assert table["m2"].cad == cad[names.index("m2")]
+    assert table["cx2"].cad == pytest.approx(arm.truth[names.index("lx2")] / arm.truth[names.index("m2")])
+    assert np.isnan(table["Fvj1"].cad)
+    # Boxes of 0.3 m by 0.1 m by 0.1 m: the moments about the centre of mass, scaled with the blurred mass.
+    mass = cad[names.index("m3")]
+    assert table["J1_3"].cad == pytest.approx(mass * 0.02 / 12)
+    assert table["J3_3"].cad == pytest.approx(mass * 0.10 / 12)
+
+
+def test_combinations_are_named(found) -> None:
+    _, table = found
+    assert len(table.sentences) == 1
+    assert "only the sum is measured" in table.sentences[0]
+    assert "m2" in table.sentences[0]
+
+
+def test_table_as_text_and_data(found) -> None:
+    _, table = found
+    lines = str(table).splitlines()
+    assert lines[0].split() == ["name", "value", "from", "to", "CAD", "unit", "rests", "on", "meaning"]
+    rows = list(csv.DictReader(io.StringIO(table.to_csv())))
+    assert [row["name"] for row in rows] == [row.name for row in table]
+    assert float(rows[9]["value"]) == table["m1"].value
+    assert rows[10]["cad"] == ""
+    data = json.loads(json.dumps(table.to_list(), allow_nan=False))
+    assert data[9]["basis"] == "assumed"
+    assert "<table>" in table._repr_html_()
+    with pytest.raises(InputError, match="did you mean"):
+        table["Fvj9"]
+
+
+def test_still_joint_is_said() -> None:
+    arm = simulated_arm(4, still=(2,))
+    table, _ = table_of(arm, 4)
+    assert any("do not show" in sentence for sentence in table.sentences)
+    assert table["Fvj3"].basis == "assumed"
+    assert table["Fvj1"].basis == "measured"
+
+
+@pytest.mark.slow
+def test_intervals_hold_the_truth() -> None:
+    inside = []
+    for seed in range(30):
+        arm = simulated_arm(200 + seed, size=(0.3, 0.8)[seed % 2])
+        table, _ = table_of(arm, seed)
+        truth = true_values(arm, table)
+        inside.append([table[name].lower <= value <= table[name].upper for name, value in truth.items()])
+    assert np.mean(inside) >= 0.93

@@ -1,0 +1,116 @@
+"""The second verdict on simulated logs whose noise and whose mistakes are known."""
+
+import json
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from scipy.signal import lfilter
+from simulated_arm import SimulatedArm, blurred, simulated_arm
+
+import steelyard as sy
+from steelyard.estimators import EntropicPrior
+from steelyard.estimators.cross_validation import cross_validation, term_deviations
+from steelyard.identification.prediction_verdict import prediction_verdict, white_noise
+from steelyard.recording import Samples
+from steelyard.regression import Information
+from steelyard.regression.reduction import empty_factors
+from steelyard.regression.time_blocks import TimeBlocks
+
+
+def with_torque(arm: SimulatedArm, torque: np.ndarray) -> SimulatedArm:
+    samples = Samples(q=arm.samples.q, dq=arm.samples.dq, ddq=arm.samples.ddq, torque=torque, t=arm.samples.t)
+    blocks = TimeBlocks(empty_factors(arm.model))
+    information = Information.from_chunks(arm.model, [samples], blocks=blocks)
+    return replace(arm, samples=samples, information=information, stretches=information.stretches(blocks))
+
+
+def verdict_of(arm: SimulatedArm, seed: int, validation=()):
+    prior = EntropicPrior(blurred(arm, seed), term_deviations=term_deviations(arm.information, arm.feasible_set))
+    validated = cross_validation(arm.information, arm.stretches, arm.feasible_set, prior)
+    estimate = sy.fit(arm.information, arm.feasible_set, prior=prior, prior_weight=validated.weight)
+    held_out = validated.joint_errors[validated.chosen_index]
+    return prediction_verdict(
+        arm.information, estimate.base, validation=validation, held_out_error=held_out, fold_count=len(arm.stretches)
+    )
+
+
+@pytest.mark.parametrize(("white", "lasting"), [(0.5, 0.0), (0.3, 0.3), (0.0, 0.4), (0.2, 1.0)])
+def test_white_noise_is_told_from_errors_that_last(white: float, lasting: float) -> None:
+    arm = simulated_arm(11, seconds=60.0, noise=0.0)
+    random = np.random.default_rng(5)
+    shape = arm.samples.torque.shape
+    slow = lfilter([np.sqrt(1 - 0.99**2)], [1, -0.99], random.normal(size=shape), axis=0)
+    noisy = with_torque(arm, arm.samples.torque + white * random.normal(size=shape) + lasting * slow)
+    floor, whiteness = white_noise(noisy.information, sy.least_squares(noisy.information).base)
+    # Errors that fade with a time constant of 100 samples are white to 7 % within eight of them.
+    np.testing.assert_allclose(floor, np.hypot(white, 0.17 * lasting), atol=0.05 * (white + lasting))
+    expected = white**2 / (white**2 + lasting**2)
+    assert np.all(np.abs(whiteness - expected) < 0.12)
+
+
+def test_sound_log_is_good_and_a_noisy_one_as_well() -> None:
+    arm = simulated_arm(12, seconds=20.0)
+    assert verdict_of(arm, 1).word == "good"
+    random = np.random.default_rng(6)
+    size = np.sqrt(np.mean(arm.samples.torque**2, axis=0))
+    noisy = with_torque(arm, arm.samples.torque + 0.4 * size * random.normal(size=arm.samples.torque.shape))
+    found = verdict_of(noisy, 1)
+    assert found.relative_error > 0.3
+    assert found.word == "good"
+    np.testing.assert_allclose(found.noise_floor, 0.4 * size, rtol=0.1)
+
+
+def test_errors_are_those_of_the_samples() -> None:
+    arm, other = simulated_arm(13, seconds=20.0), simulated_arm(14)
+    # The other log of the same robot.
+    torque = arm.model.inverse_dynamics(other.samples.q, other.samples.dq, other.samples.ddq, arm.truth) + 0.5
+    log = with_torque(replace(other, model=arm.model), torque)
+    found = verdict_of(arm, 1, validation=[log.information])
+    estimate = sy.fit(arm.information, arm.feasible_set)
+    found = prediction_verdict(arm.information, estimate.base, validation=[log.information])
+    predicted = arm.model.inverse_dynamics(other.samples.q, other.samples.dq, other.samples.ddq, estimate.parameters)
+    error = np.sqrt(np.mean((torque - predicted) ** 2, axis=0))
+    np.testing.assert_allclose(found.joint_error, error, rtol=1e-9)
+    np.testing.assert_allclose(found.joint_relative_error, error / np.sqrt(np.mean(torque**2, axis=0)), rtol=1e-9)
+    assert found.source == "the validation log"
+
+
+def flipped(arm: SimulatedArm) -> SimulatedArm:
+    torque = arm.samples.torque.copy()
+    torque[:, 1] *= -1.0
+    return with_torque(arm, torque)
+
+
+def swapped(arm: SimulatedArm) -> SimulatedArm:
+    return with_torque(arm, arm.samples.torque[:, [2, 1, 0]])
+
+
+@pytest.mark.parametrize("seed", [15, 16, 17])
+@pytest.mark.parametrize("mistake", [flipped, swapped])
+def test_planted_mistakes_are_wrong_where_they_cost_a_fifth(mistake, seed: int) -> None:
+    found = verdict_of(mistake(simulated_arm(seed, seconds=20.0)), seed)
+    # A body whose other side hangs down explains most of a flipped sign.
+    assert (found.word == "wrong") == (found.model_error > 0.2 or found.joint_relative_error.max() > 0.76)
+    assert found.word != "good"
+    assert mistake is flipped or found.word == "wrong"
+
+
+def test_nothing_held_out_is_poor() -> None:
+    arm = simulated_arm(18)
+    found = prediction_verdict(arm.information, sy.least_squares(arm.information).base)
+    assert found.word == "poor"
+    assert "too short" in found.sentences[1]
+
+
+def test_plain_data() -> None:
+    arm = simulated_arm(19)
+    found = verdict_of(arm, 1)
+    data = json.loads(json.dumps(found.to_dict(), allow_nan=False))
+    assert data["word"] == found.word
+    assert len(data["noise_floor"]) == 3
+    assert str(found).splitlines()[-1].split()[0] == arm.information.joint_names[-1]
+    assert "<table>" in found._repr_html_()
+    silent = prediction_verdict(replace(arm.information, batch_means=()), arm.truth @ arm.feasible_set.K.T)
+    assert np.all(np.isnan(silent.noise_floor))
+    json.dumps(silent.to_dict(), allow_nan=False)
