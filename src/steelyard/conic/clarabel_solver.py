@@ -4,6 +4,7 @@ from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
+import numpy.typing as npt
 import scipy.sparse as sparse
 
 from .accuracy import infeasibility_error, optimality_error
@@ -11,7 +12,7 @@ from .problem import Cone, ConicProblem, ConicSolution, Outcome
 from .scaling import Scaling, equilibrate, scaling_around
 from .solver import FEATURES, Solver
 
-__all__ = ["CLARABEL", "clarabel_cone", "clarabel_outcome", "clarabel_settings", "solve_with_clarabel"]
+__all__ = ["CLARABEL", "ClarabelProblem", "clarabel_settings", "solve_with_clarabel"]
 
 _OUTCOMES = {
     "Solved": Outcome.SOLVED,
@@ -95,7 +96,7 @@ def solve_with_clarabel(problem: ConicProblem, accuracy: float = 1e-8, iteration
         primal=size * found.primal,
         slack=size * found.slack,
         dual=size * found.dual,
-        objective=size**2 * found.objective,
+        objective=size * (size * found.objective),
         iterations=best.iterations + found.iterations,
         seconds=best.seconds + found.seconds,
     )
@@ -144,15 +145,10 @@ def _error(balanced: ConicProblem, balance: Scaling, found: ConicSolution) -> fl
     return optimality_error(balanced, primal, slack, dual)
 
 
-def clarabel_outcome(found: Any) -> Outcome:
-    """How a run of Clarabel ended."""
-    return _OUTCOMES.get(str(found.status), Outcome.STOPPED)
-
-
 def clarabel_settings(accuracy: float) -> Any:
-    """Settings of a quiet run on one thread, without presolving and chordal decomposition.
+    """Return settings of a quiet run on one thread, without presolving and chordal decomposition.
 
-    Either of the two would forbid changing the objective afterwards, as `RepeatedProblem` does.
+    Either of the two would forbid changing the objective afterwards, as `ClarabelProblem.solve` does.
     """
     import clarabel
 
@@ -165,8 +161,8 @@ def clarabel_settings(accuracy: float) -> Any:
     return settings
 
 
-def clarabel_cone(cone: Cone) -> Any:
-    """The object of the package clarabel for a cone."""
+def _clarabel_cone(cone: Cone) -> Any:
+    """Return the object of the package clarabel for a cone."""
     import clarabel
 
     if cone.kind == "exponential":
@@ -180,41 +176,73 @@ def clarabel_cone(cone: Cone) -> Any:
     return kinds[cone.kind](cone.size)
 
 
+class ClarabelProblem:
+    """A problem that Clarabel holds, to be solved once or for several linear objectives.
+
+    Parameters
+    ----------
+    problem : ConicProblem
+        Its P may be symmetric or upper triangular.
+    settings : object
+        As of `clarabel_settings`.
+    """
+
+    def __init__(self, problem: ConicProblem, settings: Any) -> None:
+        self.problem, self.settings = problem, settings
+        self._solver: Any = None
+
+    def solve(self, objective: npt.NDArray[np.float64] | None = None) -> ConicSolution:
+        """Solve the problem, with another linear objective in the place of q where one is given.
+
+        Where Clarabel panics, the outcome is `STOPPED` and the numbers are NaN; the next call sets it up anew.
+        """
+        q = self.problem.q if objective is None else objective
+        try:
+            if self._solver is None:
+                self._solver = self._set_up(q)
+            elif objective is not None:
+                self._solver.update(q=q)
+            found = self._solver.solve()
+        except BaseException as error:
+            # A panic of its Rust code is no Exception, and has no class that could be imported.
+            if type(error).__name__ != "PanicException":
+                raise
+            self._solver = None
+            nowhere, rows = np.full(len(self.problem.q), np.nan), np.full(len(self.problem.b), np.nan)
+            return ConicSolution(Outcome.STOPPED, "Panic", nowhere, rows, rows, np.nan, 0, 0.0, "Clarabel")
+        return ConicSolution(
+            outcome=_OUTCOMES.get(str(found.status), Outcome.STOPPED),
+            status=str(found.status),
+            primal=np.asarray(found.x),
+            slack=np.asarray(found.s),
+            dual=np.asarray(found.z),
+            objective=float(found.obj_val),
+            iterations=int(found.iterations),
+            seconds=float(found.solve_time),
+            solver="Clarabel",
+        )
+
+    def _set_up(self, q: npt.NDArray[np.float64]) -> Any:
+        import clarabel
+
+        problem = self.problem
+        # Clarabel reads the classic matrix classes of SciPy, and of P the upper triangle.
+        P = sparse.csc_matrix(problem.P if problem.balanced else sparse.triu(problem.P, format="csc"))
+        A = sparse.csc_matrix(problem.A)
+        cones = [_clarabel_cone(cone) for cone in problem.cones if cone.size]
+        return clarabel.DefaultSolver(P, q, A, problem.b, cones, self.settings)
+
+
 def _run(
     problem: ConicProblem, scaling: Scaling | None, attempt: _Attempt, accuracy: float, iterations: int
 ) -> ConicSolution:
     """Run Clarabel once, and return the answer in the units of the problem."""
-    import clarabel
-
     settings = clarabel_settings(accuracy)
     settings.max_iter = iterations
     settings.equilibrate_enable = attempt.own_scaling
     settings.static_regularization_constant = attempt.regularisation
     settings.max_step_fraction = attempt.longest_step
-    scaled = problem if scaling is None else scaling.apply(problem)
-    # Clarabel reads the classic matrix classes of SciPy.
-    P = sparse.csc_matrix(scaled.P if problem.balanced else sparse.triu(scaled.P, format="csc"))
-    A = sparse.csc_matrix(scaled.A)
-    cones = [clarabel_cone(cone) for cone in problem.cones if cone.size]
-    try:
-        found = clarabel.DefaultSolver(P, scaled.q, A, scaled.b, cones, settings).solve()
-    except BaseException as error:
-        # A panic of its Rust code is no Exception, and has no class that could be imported.
-        if type(error).__name__ != "PanicException":
-            raise
-        nowhere, rows = np.full(len(problem.q), np.nan), np.full(len(problem.b), np.nan)
-        return ConicSolution(Outcome.STOPPED, "Panic", nowhere, rows, rows, np.nan, 0, 0.0, "Clarabel")
-    solution = ConicSolution(
-        outcome=clarabel_outcome(found),
-        status=str(found.status),
-        primal=np.asarray(found.x),
-        slack=np.asarray(found.s),
-        dual=np.asarray(found.z),
-        objective=float(found.obj_val),
-        iterations=int(found.iterations),
-        seconds=float(found.solve_time),
-        solver="Clarabel",
-    )
+    solution = ClarabelProblem(problem if scaling is None else scaling.apply(problem), settings).solve()
     return solution if scaling is None else scaling.undo(solution)
 
 

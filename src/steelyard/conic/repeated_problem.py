@@ -2,14 +2,12 @@
 
 from dataclasses import replace
 from functools import cached_property
-from typing import Any
 
 import numpy as np
 import numpy.typing as npt
-import scipy.sparse as sparse
 
-from .clarabel_solver import clarabel_cone, clarabel_outcome, clarabel_settings
-from .problem import ConicProblem, Outcome
+from .clarabel_solver import ClarabelProblem, clarabel_settings
+from .problem import ConicProblem, ConicSolution
 from .solver import solve
 
 __all__ = ["RepeatedProblem"]
@@ -36,26 +34,14 @@ class RepeatedProblem:
         self.solver = solver
         self.accuracy = accuracy
 
-    def solve(self, objective: Vector) -> tuple[Outcome, Vector, Vector]:
-        """Minimise objective · x; return the outcome, the point x and the dual point z."""
-        problem = self.problem
-        if self.solver != "clarabel":
-            changed = replace(problem, q=objective)
-            solution = solve(changed, accuracy=self.accuracy, solver=self.solver)
-            return solution.outcome, solution.primal, solution.dual
-        self._clarabel.update(q=objective)
-        found = self._clarabel.solve()
-        return clarabel_outcome(found), np.asarray(found.x), np.asarray(found.z)
+    def solve(self, objective: Vector) -> ConicSolution:
+        """Minimise objective · x; look at the outcome of the answer, which may be `STOPPED` and without numbers."""
+        if self.solver == "clarabel":
+            return self._clarabel.solve(objective)
+        return solve(replace(self.problem, q=objective), accuracy=self.accuracy, solver=self.solver)
 
     @cached_property
-    def _clarabel(self) -> Any:
-        """The solver object of Clarabel that holds the problem."""
-        import clarabel
-
+    def _clarabel(self) -> ClarabelProblem:
         settings = clarabel_settings(self.accuracy)
         settings.direct_solve_method = "auto"
-        problem = self.problem
-        # Clarabel reads the classic matrix classes of SciPy.
-        P, A = sparse.csc_matrix(problem.P), sparse.csc_matrix(problem.A)
-        cones = [clarabel_cone(cone) for cone in problem.cones if cone.size]
-        return clarabel.DefaultSolver(P, problem.q, A, problem.b, cones, settings)
+        return ClarabelProblem(self.problem, settings)

@@ -429,7 +429,7 @@ def _proof_of_greatest_rank(problem: NormalisedProblem, objective: Vector | None
     cost = np.zeros(unknowns)
     cost[-1] = -1.0
     conic = ConicProblem.from_rows(cost, pieces)
-    _, found, _ = RepeatedProblem(conic, "clarabel", ACCURACY).solve(cost)
+    found = RepeatedProblem(conic, "clarabel", ACCURACY).solve(cost).primal
     return np.where(np.isfinite(found), found, 0.0)[:rows]
 
 

@@ -204,7 +204,8 @@ class NormalisedProblem:
 
     def least(self, objective: Vector, rough: bool = False) -> NormalisedSolution:
         """Minimise objective · v for an objective of length 1; `rough` uses the lower accuracy."""
-        outcome, point, dual = (self._rough if rough else self._repeated).solve(objective)
-        rows = len(self.identity)
+        found = (self._rough if rough else self._repeated).solve(objective)
+        rows, dual = len(self.identity), found.dual
         value = -float(self._repeated.problem.b @ dual)
-        return NormalisedSolution(outcome, point, DualPoint(self.split(dual[:rows]), dual[rows + 1 :], value))
+        point = DualPoint(self.split(dual[:rows]), dual[rows + 1 :], value)
+        return NormalisedSolution(found.outcome, found.primal, point)
