@@ -62,8 +62,8 @@ def vector_to_symmetric(vector: Vector) -> Matrix:
 def is_positive_definite(matrix: Matrix) -> bool:
     """Whether a symmetric matrix is positive definite, proved by a Cholesky factorisation in floating point.
 
-    The factorisation is made of the matrix less a bound of the rounding errors that it can make itself, so that success
-    is a proof for the matrix as stored (S. M. Rump, Verification of positive definiteness, BIT 46, 2006).
+    A bound of the rounding errors of the factorisation is subtracted from the matrix first, so that success is a proof
+    for the matrix as stored (S. M. Rump, Verification of positive definiteness, BIT 46, 2006).
 
     Parameters
     ----------
@@ -92,19 +92,19 @@ class AffineBlock:
     Attributes
     ----------
     name : str
-        What the block says, e.g. ``"link 4 (forearm): inertia"``.
+        The condition in words, such as ``"link 4 (forearm): inertia"``.
     constant : (d, d)
         D₀.
     indices : (c,)
-        Which parameters the block depends on.
+        Indices of the parameters on which the block depends.
     coefficients : (c, d, d)
         Dᵢ of those parameters.
     kind : str
         ``"link"``, ``"term"`` or ``"constraint"``.
     unit : str
-        Unit of the value of a 1 x 1 block, empty where the elements have several.
+        Unit of the value of a 1 x 1 block; empty if the elements have different units.
     link, joint : str or None
-        The link whose body, or the joint whose term, it is about.
+        The link to whose body, or the joint to whose term, the condition belongs.
 
     Examples
     --------
@@ -161,7 +161,7 @@ class AffineBlock:
         ----------
         matrix : (n, m)
         offset : (n,), optional
-            Zero where absent.
+            Zero by default.
 
         Examples
         --------

@@ -1,4 +1,4 @@
-"""Linear matrix inequalities in named variables, and the semidefinite programs that they make."""
+"""Linear matrix inequalities in named variables, and semidefinite programs made of them."""
 
 from __future__ import annotations
 
@@ -37,9 +37,10 @@ ExpressionMatrix = npt.NDArray[Any]
 Values = Mapping[str, Any] | npt.ArrayLike
 
 _SHOWN = 12
+"""Largest number of rows and columns of a matrix that is printed; the others become dots."""
 
 _MOST_NUMBERS = 50_000_000
-"""The coefficient matrices of a block may hold this many numbers (400 MB)."""
+"""Largest number of elements of the coefficient matrices of a block (400 MB)."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -107,7 +108,7 @@ class LinearMatrixInequality:
             Elements are numbers, texts such as ``"Lyy1 - 2*m3"``, `LinearExpression` or SymPy expressions; a single
             element is a 1 x 1 matrix.
         names : iterable of str, optional
-            The variables and their order; that of their appearance where absent.
+            The variables and their order; by default the order in which they appear.
         labels : sequence of str
             Names of the blocks.
         strict : bool
@@ -293,7 +294,7 @@ class LinearMatrixInequality:
         return replace(self, blocks=tuple(blocks), strict=False)
 
     def with_names(self, names: Sequence[str]) -> LinearMatrixInequality:
-        """The same inequality with its variables in another order, or with more variables, which do not matter.
+        """The same inequality with its variables in another order, or with further variables that do not occur in it.
 
         Raises
         ------
@@ -310,7 +311,7 @@ class LinearMatrixInequality:
         ----------
         values : mapping from name to number, text, LinearExpression or SymPy expression
 
-        The variables of the result stand where those stood that they replace.
+        New variables take the places of those that they replace.
 
         Raises
         ------
@@ -362,13 +363,13 @@ class LinearMatrixInequality:
         Parameters
         ----------
         objective : str, LinearExpression, mapping from name to float, or (c,)
-            A constant in it does not count.
+            A constant in it has no effect.
 
         Returns
         -------
         SemidefiniteProgram
             Its matrices are F₀ = -D₀ and Fᵢ = Dᵢ; names of variables and blocks are kept.
-            Strict inequalities are taken as they stand, as non-strict ones; see `with_margin`.
+            Strict inequalities become non-strict ones; see `with_margin`.
 
         Raises
         ------
@@ -380,7 +381,7 @@ class LinearMatrixInequality:
         parts: list[tuple[npt.NDArray[np.intp], ...]] = []
         values: list[Vector] = []
         for place, block in enumerate(self.blocks):
-            # Element (0, 0, 0) of `stacked` belongs to F₀, whose sign is the other one.
+            # The first matrix of `stacked` belongs to F₀, which has the opposite sign.
             stacked = np.concatenate([-block.constant[None], block.coefficients])
             which, row, column = np.nonzero(np.triu(stacked))
             matrices = np.concatenate([[0], block.indices + 1]).astype(np.intp)[which]
@@ -440,17 +441,18 @@ class LinearMatrixInequality:
 
 
 def block_diagonal(*inequalities: LinearMatrixInequality) -> LinearMatrixInequality:
-    """All of several inequalities as one, block-diagonal; ``a & b`` is the same for two (thesis 3.25).
+    """Combine several inequalities into one block-diagonal inequality, like ``a & b`` for two (thesis 3.25).
 
     Parameters
     ----------
     *inequalities : LinearMatrixInequality
-        The variables are all of theirs, by name, in the order of their first appearance. Strict where all are.
+        The result has the variables of all of them, by name, in the order of their first appearance. It is strict if
+        all of them are.
 
     Raises
     ------
     InputError
-        Without any, or where strict and non-strict ones are mixed.
+        If there are none, or strict and non-strict ones are mixed.
     """
     if not inequalities:
         raise InputError("block_diagonal needs at least one inequality.")
@@ -477,7 +479,7 @@ def inequality_of_program(program: SemidefiniteProgram, names: Sequence[str] | N
     ----------
     program : SemidefiniteProgram
     names : sequence of str, optional
-        Of the variables; those of the program where absent, or x1, x2, ... where it has none.
+        Names of the variables; by default those of the program, or x1, x2, ... if it has none.
 
     Returns
     -------

@@ -1,4 +1,4 @@
-"""Affine expressions in named variables: what the elements of a linear matrix inequality are."""
+"""Affine expressions in named variables, the elements of linear matrix inequalities."""
 
 from __future__ import annotations
 
@@ -20,6 +20,8 @@ __all__ = ["LinearExpression", "as_expression", "distinct_names", "number_text",
 
 _SIGNS = str.maketrans({"−": "-", "–": "-", "·": "*", "⋅": "*", "×": "*"})
 _LONGEST_TEXT = 1_000_000
+"""Longest text that is parsed, since parsing takes many times its memory."""
+
 _TOO_DEEP = "is too long or nested too deeply; add several expressions, or give a mapping from names to coefficients."
 _ALLOWED = "a sum of names and numbers, with + - * / and parentheses, such as 'Lyy1 + Iam1 - 2*m3'"
 
@@ -440,7 +442,7 @@ class _Reader:
         return LinearExpression({name: 1.0})
 
     def _sum(self, node: ast.expr) -> LinearExpression:
-        # A long sum leans to the left; a loop takes it apart without recursion.
+        # A long sum is a deep tree to the left, which a loop takes apart without recursion.
         parts: list[tuple[float, LinearExpression]] = []
         while True:
             match node:

@@ -1,4 +1,4 @@
-"""Squared distances and squared residuals as linear matrix inequalities: the matrices U of the thesis."""
+"""Squared distances and squared residuals as linear matrix inequalities, the matrices U of the thesis."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from .linear_expression import distinct_names
 __all__ = ["distance_inequality", "residual_inequality"]
 
 _MOST_NUMBERS = 50_000_000
-"""The coefficient matrices may hold this many numbers (400 MB)."""
+"""Largest number of elements of the coefficient matrices (400 MB)."""
 
 
 def distance_inequality(target: npt.ArrayLike, names: Sequence[str], bound: str = "u") -> LinearMatrixInequality:

@@ -1,4 +1,4 @@
-"""Many affine symmetric matrices as one sparse affine vector: what a conic solver is given."""
+"""Many affine symmetric matrices stacked as one sparse affine vector, the form that conic solvers use."""
 
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -20,7 +20,7 @@ Matrix = npt.NDArray[np.float64]
 
 @dataclass(frozen=True, eq=False)
 class AffineStack:
-    """Many blocks as one sparse affine vector, scalar blocks first: what a conic solver is given.
+    """Many blocks stacked as one sparse affine vector, 1 x 1 blocks first.
 
     Attributes
     ----------
@@ -56,7 +56,7 @@ class AffineStack:
 
     @cached_property
     def cones(self) -> tuple[Cone, ...]:
-        """What the stacked vector must lie in, where all blocks are to be positive semidefinite."""
+        """Cones in which the stacked vector lies if all blocks are positive semidefinite."""
         return (Cone("nonnegative", self.scalar_count), *(Cone("semidefinite", size) for size in self.matrix_sizes))
 
     @cached_property
@@ -110,7 +110,7 @@ class AffineStack:
         return np.array([block.smallest_eigenvalue(parameters) for block in self.blocks])
 
     def all_positive(self, parameters: Vector) -> bool:
-        """Whether every block is proved positive definite; 1 x 1 blocks may also be exactly zero."""
+        """Whether all blocks are proved positive definite; 1 x 1 blocks may also be zero."""
         values = self.constant + self.coefficients @ parameters
         if not np.all(np.isfinite(values)) or np.any(values[: self.scalar_count] < 0):
             return False

@@ -1,4 +1,4 @@
-"""Proofs of feasibility and infeasibility, which anybody can check without a solver."""
+"""Certificates of feasibility and infeasibility, which can be checked without a solver."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
@@ -27,10 +27,10 @@ Matrix = npt.NDArray[np.float64]
 
 @dataclass(frozen=True, eq=False)
 class FeasibilityCertificate:
-    """Standard parameters δ of a real robot that has the base parameters β: K δ = β, D(δ) ≻ 0 (thesis 3.34).
+    """Feasible standard parameters δ that have the base parameters β: K δ = β, D(δ) ≻ 0 (thesis 3.34).
 
-    The proof holds for decimal numbers, those that floats print. Either β is what was asked about, so that the
-    independent parameters follow exactly from K δ = β and from the others; or δ is, and β follows.
+    The proof is about the decimal numbers that floats print. Either β is given, and the independent parameters follow
+    exactly from K δ = β and the other parameters; or δ is given, and β follows.
 
     Attributes
     ----------
@@ -38,7 +38,7 @@ class FeasibilityCertificate:
     base : (n_b,)
     parameters : (n,)
     given : {"base", "parameters"}
-        Which of the two stands for the decimal numbers that it prints.
+        Which of the two is given, so that it stands for the decimal numbers that its floats print.
 
     See Also
     --------
@@ -52,16 +52,16 @@ class FeasibilityCertificate:
 
     @classmethod
     def of_parameters(cls, feasible_set: FeasibleSet, parameters: Vector) -> "FeasibilityCertificate":
-        """The certificate that these very parameters are feasible, as the decimal numbers that they print.
+        """The certificate that given parameters are feasible, as the decimal numbers that they print.
 
-        Its `base` holds the doubles that are nearest to the exact K δ.
+        Its `base` holds the doubles nearest to the exact K δ.
         """
         exact = _products(exact_conditions(feasible_set).base_map, exact_vector(parameters))
         return cls(feasible_set, np.array([float(value) for value in exact]), parameters, "parameters")
 
     @property
     def base_expressions(self) -> tuple[str, ...]:
-        """The base parameters in words, as the statement names them."""
+        """The base parameters as combinations of standard parameters, as the statement names them."""
         return exact_conditions(self.feasible_set).base_expressions
 
     @cached_property
@@ -85,12 +85,12 @@ class FeasibilityCertificate:
         return tuple(found)
 
     def verify(self) -> CertificateCheck:
-        """Check everything anew in rational arithmetic."""
+        """Check the whole proof in rational arithmetic."""
         statement = exact_statement(self.feasible_set, self.exact_base)
         return verify_witness(statement, self.exact_parameters)
 
     def to_dict(self) -> dict[str, Any]:
-        """As plain data, for JSON: the whole statement with its proof."""
+        """The statement and its proof as plain data for JSON."""
         statement = exact_statement(self.feasible_set, self.exact_base)
         return {
             "format": FORMAT,
@@ -100,7 +100,7 @@ class FeasibilityCertificate:
         }
 
     def document(self) -> CertificateDocument:
-        """The same, put together when it is first looked at."""
+        """The certificate as a document, which is put together when it is first read."""
         return CertificateDocument(self.to_dict)
 
     def save(self, path: str | Path) -> None:
@@ -114,12 +114,12 @@ def _products(rows: Sequence[Mapping[int, Fraction]], parameters: Sequence[Fract
 
 @dataclass(frozen=True, eq=False)
 class InfeasibilityCertificate:
-    """A dual point: matrices Z ⪰ 0 that no feasible parameters with this β can face.
+    """A dual point: matrices Z ⪰ 0 that contradict the feasibility of every δ with K δ = β.
 
-    For every δ with K δ = β, Σ <D_b(δ), Z_b> has the same value (but for the equations of constraints, which have
-    multipliers), because Z is orthogonal to all directions that the motion does not show; the value is negative, but
-    would not be if every D_b(δ) were positive semidefinite. In base space: yᵀβ is negative, and yᵀK δ is not for any
-    feasible δ.
+    Z is orthogonal to all directions that the motion does not show, so that Σ <D_b(δ), Z_b> has the same value for
+    every δ with K δ = β (up to the equations of constraints, which have multipliers). This value is negative, which is
+    impossible if every D_b(δ) is positive semidefinite. In terms of base parameters: yᵀβ is negative, but yᵀK δ is not
+    negative for any feasible δ.
 
     Attributes
     ----------
@@ -128,11 +128,11 @@ class InfeasibilityCertificate:
     exact_direction : tuple of Fraction
         y.
     exact_dual : mapping from index of a block to rows of Fraction
-        Z_b, where it is not zero.
+        Z_b, for blocks in which it is not zero.
     exact_multipliers : tuple of Fraction
-        Of the equations of constraints.
+        Multipliers of the equations of constraints.
     shift : Fraction
-        What Z_b may lack to be semidefinite; 0 but for robots whose lengths are not decimal numbers.
+        Z_b + shift 1 is positive semidefinite; 0 except for robots whose lengths are not decimal numbers.
     """
 
     feasible_set: FeasibleSet = field(repr=False)
@@ -152,7 +152,7 @@ class InfeasibilityCertificate:
         multipliers: Sequence[Fraction],
         shift: Fraction,
     ) -> "InfeasibilityCertificate":
-        """From exact numbers, scaled such that the traces of the dual matrices add to 1 or a little more."""
+        """The certificate of exact numbers, scaled such that the traces of the dual matrices add up to about 1."""
         total = sum((row[i] for matrix in dual.values() for i, row in enumerate(matrix)), Fraction(0))
         # A power of two keeps the numbers as short as they are.
         unit = (
@@ -200,11 +200,11 @@ class InfeasibilityCertificate:
         return verify_dual_point(statement, self.exact_direction, self.exact_dual, self.exact_multipliers, self.shift)
 
     def verify(self) -> CertificateCheck:
-        """Check everything anew in rational arithmetic."""
+        """Check the whole proof in rational arithmetic."""
         return self._checked
 
     def to_dict(self) -> dict[str, Any]:
-        """As plain data, for JSON: the whole statement with its proof."""
+        """The statement and its proof as plain data for JSON."""
         statement = exact_statement(self.feasible_set, exact_vector(self.base))
         return {
             "format": FORMAT,

@@ -1,4 +1,4 @@
-"""Certificates as documents, which are checked with nothing but Python's integers."""
+"""Certificates as documents, which are verified with Python's integers alone."""
 
 from collections.abc import Callable, Iterator, Mapping
 from fractions import Fraction
@@ -20,9 +20,9 @@ FORMAT = "steelyard-certificate-1"
 
 
 class CertificateDocument(Mapping[str, Any]):
-    """A certificate as plain data that is put together when it is first looked at.
+    """A certificate as plain data that is put together when it is first read.
 
-    Exact numbers take longer to write than a small fit takes to solve, and many certificates are never read.
+    Writing exact numbers takes longer than solving a small fit, and many certificates are never read.
     """
 
     def __init__(self, build: Callable[[], dict[str, Any]]) -> None:
@@ -43,7 +43,7 @@ class CertificateDocument(Mapping[str, Any]):
 
 
 def load_certificate(path: str | Path) -> dict[str, Any]:
-    """Read a certificate from a file: one that was saved by itself, or that of a saved estimate.
+    """Read a certificate from its own file, or from that of a saved estimate.
 
     Raises
     ------
@@ -75,19 +75,19 @@ def _is_estimate(document: Any) -> bool:
 
 
 def verify_certificate(path: str | Path) -> CertificateCheck:
-    """Verify a certificate in a file, with integers alone: no solver, no floating point, no robot is needed.
+    """Verify a certificate in a file with integers alone, without a solver, floating point or the robot.
 
     Parameters
     ----------
     path : str or Path
-        What `save` of a certificate wrote, or of an estimate. The numbers of an estimate must be those that its
-        certificate speaks of.
+        File that `save` of a certificate or of an estimate wrote. The numbers of an estimate must agree with its
+        certificate.
 
     Returns
     -------
     CertificateCheck
-        True where the file proves what it says; its sentence says what that is, or what is wrong. That the statement is
-        that of a certain robot is seen by `speaks_of`, which needs the robot.
+        True if the proof is valid; its sentence says what is proved, or what is wrong. Whether the statement is about a
+        certain robot is checked by `speaks_of`, which needs the robot.
 
     Raises
     ------

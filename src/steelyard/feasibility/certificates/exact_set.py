@@ -1,4 +1,4 @@
-"""A feasible set in exact numbers: every float stands for the decimal number that it prints."""
+"""Feasible sets in exact numbers, where every float stands for the decimal number that it prints."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
@@ -17,9 +17,9 @@ from .statement import EQUATION_TOLERANCE, Equation, MatrixCondition, Statement
 __all__ = ["LAST_DIGITS", "exact_conditions", "exact_doubles", "exact_statement", "exact_vector", "speaks_of"]
 
 LAST_DIGITS = Fraction(1, 10**12)
-"""What numbers of one robot may differ by between processors: base parameters of joints that mimic others, facets of
-flat hulls and the like are found in floating point. 4e-15 was seen for the fingers of a Panda; lengths that anybody
-measured anew differ by more."""
+"""Largest difference between numbers of one robot on different processors, since base parameters of joints that mimic
+others and facets of flat hulls are computed in floating point. 4e-15 was seen for the fingers of a Panda; lengths that
+are measured again differ by more."""
 
 
 def exact_vector(values: npt.NDArray[np.float64]) -> tuple[Fraction, ...]:
@@ -37,7 +37,7 @@ def _condition(block: AffineBlock) -> MatrixCondition:
     return MatrixCondition(
         name=block.name,
         size=block.size,
-        # Bodies have a positive mass and inertia; friction may be zero, and a constraint may be just met.
+        # Mass and inertia must be positive; friction may be zero, and constraints may hold with equality.
         strict=block.kind == "link",
         physical=block.kind != "constraint",
         constant=_elements(block.constant),
@@ -46,7 +46,7 @@ def _condition(block: AffineBlock) -> MatrixCondition:
 
 
 def exact_conditions(feasible_set: FeasibleSet) -> Statement:
-    """The statement of a feasible set without a base parameter vector (zeros); made once for each set."""
+    """The statement of a feasible set with zeros for the base parameters; it is made once for each set."""
     return feasible_set.kept(_exact_conditions)
 
 
@@ -82,11 +82,11 @@ def speaks_of(
     *,
     rounding: Fraction = Fraction(0),
 ) -> str:
-    """What of a certificate's statement differs from a feasible set (and base parameters); empty where nothing does.
+    """The part of a certificate's statement that differs from a feasible set (and base parameters); empty if none does.
 
-    A certificate proves its own statement. That the statement is about a certain robot is seen by making it anew. A
-    proof of feasibility may ask for more than the robot's own conditions, and a proof of infeasibility for less: either
-    proves what the robot's own statement would.
+    A certificate proves its own statement. Whether this is about a certain robot is checked by making the robot's
+    statement again. A proof of feasibility may have more conditions than the robot, and a proof of infeasibility fewer:
+    both imply the robot's own statement.
 
     Parameters
     ----------
@@ -94,10 +94,10 @@ def speaks_of(
         A certificate as plain data.
     feasible_set : FeasibleSet
     base : (n_b,), optional
-        Each must be the double that is nearest to the certificate's exact number.
+        Each must be the double nearest to the exact number of the certificate.
     rounding : Fraction
-        How far numbers of the robot may be off, relative to 1 and to their size. With 0 the certificate proves the
-        robot's own statement; otherwise it shows alone that it was made for the same robot, see `LAST_DIGITS`.
+        Largest difference between numbers, relative to 1 and to their size. With 0 the certificate proves the robot's
+        own statement; otherwise the comparison only shows that it was made for this robot, see `LAST_DIGITS`.
     """
     found = Statement.from_dict(document["statement"])
     expected = exact_conditions(feasible_set)
@@ -123,7 +123,7 @@ def speaks_of(
 
 
 def exact_doubles(values: Sequence[Fraction]) -> list[float]:
-    """The doubles that are nearest to exact numbers; infinite beyond the largest."""
+    """The doubles nearest to exact numbers; infinite beyond the largest."""
     return [nearest_double(value) for value in values]
 
 

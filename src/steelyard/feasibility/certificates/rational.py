@@ -1,4 +1,4 @@
-"""Exact arithmetic on rational numbers: nothing here uses floating point."""
+"""Exact arithmetic on rational numbers, without floating point."""
 
 import re
 from collections.abc import Mapping, Sequence
@@ -22,7 +22,7 @@ _NUMBER = re.compile(r"[+-]?[0-9]{1,5000}(\.[0-9]{0,5000})?([eE][+-]?[0-9]{1,3})
 
 
 def exact_number(value: float) -> Fraction:
-    """Return the number that a float prints, 0.1 as 1/10: what is proved is what people read.
+    """Return the decimal number that a float prints, such as 1/10 for 0.1.
 
     Parameters
     ----------
@@ -120,7 +120,7 @@ def is_definite(matrix: Sequence[Sequence[Fraction]], strict: bool) -> bool:
         if pivot < 0 or (strict and pivot == 0):
             return False
         if pivot == 0:
-            # A semidefinite matrix has zeros beside a zero on its diagonal; the rest is the Schur complement still.
+            # In a semidefinite matrix the row of a zero diagonal element is zero; the rest remains to be checked.
             if any(rows[k][j] for j in range(k + 1, size)):
                 return False
             continue
@@ -148,8 +148,8 @@ def zero_combination_basis(
     columns : int
         Number of unknowns.
     preference : sequence of int
-        Rank of each unknown as a pivot, least first; among equals those with a large coefficient, so that errors of the
-        free unknowns do not grow, and of these the one in the fewest rows.
+        Rank of each unknown as a pivot, smallest first. Among equals those with a large coefficient are taken, so that
+        errors of the free unknowns do not grow, and of these the one in the fewest rows.
 
     Returns
     -------

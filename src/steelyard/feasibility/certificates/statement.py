@@ -1,4 +1,4 @@
-"""What a certificate speaks of, in exact numbers: base parameters, the map to them, conditions and equations."""
+"""Statements of certificates in exact numbers: base parameters, the map to them, conditions and equations."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -13,8 +13,10 @@ __all__ = ["EQUATION_TOLERANCE", "Equation", "Matrix", "MatrixCondition", "State
 
 Matrix = list[list[Fraction]]
 LARGEST_CONDITION = 1000
+"""Largest order of a condition that is read, so that a damaged file cannot fill the memory."""
+
 EQUATION_TOLERANCE = Fraction(1, 10**9)
-"""Equations of constraints hold to this, relative to their value or largest coefficient: measured numbers are
+"""Equations of constraints must hold to this part of their value or largest coefficient, since measured numbers are
 rounded."""
 
 
@@ -35,7 +37,7 @@ class MatrixCondition:
     size : int
     strict : bool
     physical : bool
-        Whether it is of a link or a term (and not of a constraint).
+        Whether it belongs to a link or a term, rather than to a constraint.
     constant : mapping from (i, j) to value
     coefficients : mapping from parameter index to mapping from (i, j) to value
     """
@@ -66,7 +68,7 @@ class MatrixCondition:
 
 @dataclass(frozen=True)
 class Equation:
-    """Σ coefficient δᵢ = value, to within a tolerance (equations come in floating point)."""
+    """The equation Σ coefficient δᵢ = value, within a tolerance, since equations are given in floating point."""
 
     name: str
     coefficients: Mapping[int, Fraction]
@@ -75,13 +77,13 @@ class Equation:
 
     @property
     def scale(self) -> Fraction:
-        """The largest of its value and its coefficients, without sign."""
+        """The largest absolute value of the right side and the coefficients."""
         return max([abs(self.value), *(abs(c) for c in self.coefficients.values())])
 
 
 @dataclass(frozen=True)
 class Statement:
-    """The question: is there δ with K δ = β, all conditions and all equations?
+    """The question whether some δ satisfies K δ = β, all conditions and all equations.
 
     Attributes
     ----------
@@ -105,7 +107,7 @@ class Statement:
     equations: tuple[Equation, ...]
 
     def to_dict(self) -> dict[str, Any]:
-        """As plain data; numbers are texts, so that nothing is rounded on the way."""
+        """The statement as plain data, with numbers as texts so that none is rounded."""
 
         def sparse(row: Mapping[int, Fraction]) -> list[list[Any]]:
             return [[index, written(value)] for index, value in row.items()]

@@ -1,4 +1,4 @@
-"""Is a certificate a proof? Decided with integers alone, without a solver and without floating point."""
+"""Verifying certificates with integers alone, without a solver and without floating point."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -68,24 +68,24 @@ def body_matrix(inertial: Sequence[Fraction], consistency: str) -> Matrix:
 
 
 LEAST_TRACE_BOUND, LEAST_RELATIVE_TRACE_BOUND = 10**6, 10**4
-"""A proof of infeasibility up to a size must reach this far, in kg and kg m², and this many times the largest base
-parameter: a robot beyond is none that anybody weighs. Below that, every robot is "infeasible"."""
+"""Least trace bound of a proof of infeasibility up to a size, in kg and kg m², and relative to the largest base
+parameter. No real robot is larger. With a bound that is too small, all base parameters would be proved infeasible."""
 
 
 @dataclass(frozen=True)
 class CertificateCheck:
-    """Outcome of verifying a certificate; true where it proves what it says.
+    """Outcome of verifying a certificate; true if the proof is valid.
 
     Attributes
     ----------
     valid : bool
     sentence : str
-        What is proved, or what is wrong.
+        The statement that is proved, or the error.
     gap : float
-        By how much the dual point contradicts feasibility; 0 for a witness.
+        Amount by which the dual point contradicts feasibility; 0 for a witness.
     trace_bound : float
         Sum of the traces of the links' and terms' matrices (kg, kg m² and units of friction) up to which
-        infeasibility is proved; infinite where it is proved without restriction.
+        infeasibility is proved; infinite if it is proved without restriction.
     """
 
     valid: bool
@@ -100,7 +100,7 @@ class CertificateCheck:
 def verify_witness(statement: Statement, parameters: Sequence[Fraction]) -> CertificateCheck:
     """Check K δ = β, every equation, and that every condition is definite at δ (thesis 3.34).
 
-    The conditions of the bodies are checked whether the statement names them or not, so that none can be left out.
+    The conditions of the bodies are checked even if the statement does not name them, so that none can be left out.
     """
     links = bodies(statement.parameter_names)
     if statement.consistency not in CONSISTENCIES:
@@ -138,14 +138,14 @@ def verify_dual_point(
     multipliers: Sequence[Fraction],
     shift: Fraction,
 ) -> CertificateCheck:
-    """Check that no δ can satisfy everything.
+    """Check that no δ satisfies all conditions and equations.
 
     For Z_b, y and λ with Σ <D_bi, Z_b> + Σ λ_e E_ei = (Kᵀ y)_i for every parameter i,
 
     Σ <D_b(δ), Z_b> = Σ <D_b0, Z_b> + yᵀβ - λᵀ E δ
 
     for all δ with K δ = β. The left side is not negative where Z_b ⪰ 0 and δ is feasible, so that a negative right side
-    proves infeasibility. With Z_b + shift 1 ⪰ 0 alone it proves it for all δ up to a size, the trace bound.
+    proves infeasibility. If only Z_b + shift 1 ⪰ 0 holds, this is proved for all δ up to a size, the trace bound.
 
     Parameters
     ----------
@@ -224,5 +224,5 @@ def _dot(row: Mapping[int, Fraction], parameters: Sequence[Fraction]) -> Fractio
 
 
 def refused(reason: str) -> CertificateCheck:
-    """The outcome for what proves nothing."""
+    """The outcome for a certificate that proves nothing."""
     return CertificateCheck(False, f"Not a proof: {reason}.", 0.0, 0.0)

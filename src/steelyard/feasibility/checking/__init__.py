@@ -1,4 +1,4 @@
-"""How a verdict is reached: largest margins, the face of the dual points, and exact proofs from solvers' answers."""
+"""The search for proofs of feasibility or infeasibility: margins, dual centers, witnesses and exact dual points."""
 
 from typing import TYPE_CHECKING
 

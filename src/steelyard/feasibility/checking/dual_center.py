@@ -1,9 +1,9 @@
-"""Newton's method for the center of the dual points: it meets a feasible point, or runs into a proof of none.
+"""Newton's method for the analytic center of the dual points, which finds a feasible point or a proof of none.
 
 The function v(W) - Σ log det W_b, with v(W) = Σ <D_b(δ), W_b> for dual points W, has a minimum exactly where the base
-parameters are strictly feasible: there W_b⁻¹ = D_b(δ) for a δ in the middle of its fibre. Otherwise it falls without
-end, and v becomes negative. The function is self-concordant, so that steps do not depend on units, however much
-smaller some links are than others (Nesterov and Nemirovskii 1994; on such dual steps, Benson, Ye and Zhang 2000).
+parameters are strictly feasible: there W_b⁻¹ = D_b(δ) for the analytic center δ of its fibre. Otherwise it falls
+without bound, and v becomes negative. The function is self-concordant, so that steps do not depend on units, even if
+some links are much smaller than others (Nesterov and Nemirovskii 1994; on such dual steps, Benson, Ye and Zhang 2000).
 """
 
 from collections.abc import Sequence
@@ -32,9 +32,9 @@ class Fibre:
     ----------
     feasible_set : FeasibleSet
     origin : (n,)
-        A δ of the fibre; close to what is looked for, nothing large has to cancel.
+        A δ of the fibre; rounding errors are small if it is close to the solution.
     bases : tuple of (d, r)
-        Of the face of the dual points.
+        Bases of the face of the dual points.
     """
 
     def __init__(self, feasible_set: FeasibleSet, origin: Vector, bases: tuple[Matrix, ...]) -> None:
@@ -48,7 +48,7 @@ class Fibre:
             values = feasible_set.equation_values - feasible_set.equation_matrix @ origin
             self.origin = origin + feasible_set.unidentifiable @ np.linalg.lstsq(self._equations, values)[0]
             directions = linalg.null_space(self._equations)
-        # Directions that leave no trace in the blocks drop out.
+        # Directions that change no block are left out.
         columns = stack.coefficients @ directions
         lengths = np.linalg.norm(columns, axis=0)
         seen = lengths > 0
@@ -110,7 +110,7 @@ class Metric:
     Attributes
     ----------
     stack : AffineStack
-        Tells sizes and places of the blocks.
+        Sizes and places of the blocks.
     roots : tuple of (r, r)
         R, lower triangular.
     Q : (rows, k)
@@ -133,13 +133,13 @@ class Metric:
         return vector
 
     def along(self, coordinates: Vector) -> Vector:
-        """Coordinates on the columns of the fibre, from those on Q."""
+        """Coordinates with respect to the columns of the fibre, from those with respect to Q."""
         if not len(coordinates):
             return coordinates
         return np.asarray(linalg.solve_triangular(self.triangle, coordinates) / self.lengths)
 
     def across(self, vector: Vector) -> Vector:
-        """The part that is orthogonal to the fibre, to rounding."""
+        """The part of a vector that is orthogonal to the fibre, to rounding."""
         for _ in range(2):
             vector = vector - self.Q @ (self.Q.T @ vector)
         return vector
@@ -155,7 +155,7 @@ class Metric:
     def largest_margin(self, constant: Vector, cap: float, accuracy: float) -> tuple[float, Vector, Vector]:
         """Solve max t subject to constant + Q q - t 1 ⪰ 0, t ≤ cap.
 
-        Returns t, q and the dual vector, its part across the fibre only.
+        Returns t, q, and the part of the dual vector that is orthogonal to the fibre.
         """
         count = self.Q.shape[1]
         cost = np.append(np.zeros(count), -1.0)
@@ -169,25 +169,26 @@ class Metric:
 
 
 CLEARLY_INSIDE = 1e-3
-"""A step whose point has scaled eigenvalues above this has found a feasible point."""
+"""A step whose scaled blocks have eigenvalues above this has found a feasible point: far enough inside for rounding."""
 
 LARGEST = 1e60
-"""Dual points grow without end exactly on the boundary; beyond this nothing more is learnt."""
+"""Dual points grow without bound if the base parameters lie exactly on the boundary; the iterations end at this
+size."""
 
 
 @dataclass(frozen=True, eq=False)
 class Center:
-    """Where the iterations stopped.
+    """The last point of the iterations.
 
     Attributes
     ----------
     matrices : tuple of (r, r)
         W, positive definite.
     parameters : (n,)
-        The best δ that belongs to it; where `feasible`, its blocks are positive definite on the face.
+        The best δ that belongs to it; if `feasible`, its blocks are positive definite on the face.
     feasible : bool
     value : float
-        v; where it is negative W is a proof, up to rounding.
+        v; if it is negative, W proves infeasibility up to rounding.
     """
 
     matrices: tuple[Matrix, ...]
@@ -197,15 +198,15 @@ class Center:
 
 
 def center(fibre: Fibre, matrices: tuple[Matrix, ...], iterations: int) -> Center | None:
-    """Iterate from a dual point inside the cone; None where rounding leads out of it.
+    """Iterate from a dual point inside the cone; None if rounding errors lead out of it.
 
     Parameters
     ----------
     fibre : Fibre
     matrices : tuple of (r, r)
-        W to start from.
+        W at the start.
     iterations : int
-        Most Newton steps.
+        Largest number of Newton steps.
     """
     parameters = fibre.origin
     value, inside = np.inf, False
@@ -238,7 +239,7 @@ def center(fibre: Fibre, matrices: tuple[Matrix, ...], iterations: int) -> Cente
 
 
 def _line_minimum(slope: float, eigenvalues: Vector, value: float) -> float:
-    """Least a·slope - Σ log(1 + a e) over a > 0, by Newton's method; far along where it falls without end."""
+    """The minimum of a·slope - Σ log(1 + a e) over a > 0 by Newton's method; a long step if there is none."""
     smallest = float(eigenvalues.min(initial=0.0))
     limit = -1.0 / smallest if smallest < 0 else np.inf
     if slope < 0 and not np.isfinite(limit):

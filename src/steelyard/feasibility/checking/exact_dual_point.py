@@ -1,4 +1,4 @@
-"""From a solver's dual point, which satisfies its equations to rounding, to one that satisfies them exactly."""
+"""Exact dual points, from those of a solver, which satisfy their equations only approximately."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -26,7 +26,7 @@ Matrix = npt.NDArray[np.float64]
 
 @dataclass(frozen=True, eq=False)
 class _DualSpace:
-    """All exact solutions of the equations of a dual point: pivots in terms of free unknowns.
+    """All exact solutions of the equations of a dual point, as pivots that depend on free unknowns.
 
     The unknowns are the elements of W (upper triangles, block by block), the multipliers λ of the equations, and y.
     """
@@ -46,24 +46,25 @@ class _DualSpace:
 def prove_infeasible(
     feasible_set: FeasibleSet, parameters: Vector, base: Vector, point: DualPoint, middle: DualPoint | None = None
 ) -> InfeasibilityCertificate | None:
-    """The certificate that a dual point amounts to, or None where it does not prove anything.
+    """The certificate that follows from a dual point, or None if it proves nothing.
 
-    The point is moved a little towards the middle of the face, as far as the contradiction allows, so that what
-    rounding takes away leaves it semidefinite; then its free unknowns are taken as decimal numbers, and the others
-    follow exactly. Where the face itself is not exact in decimals, the full matrices are repaired, at the price of a
-    finite trace bound.
+    The point is moved towards the interior of the face, as far as it stays a contradiction, so that its matrices remain
+    semidefinite after rounding. Then its free unknowns are taken as decimal numbers, and the others follow exactly. If
+    the face has no exact decimal basis, the full matrices are repaired instead, and the proof holds up to a trace bound
+    only.
 
     Parameters
     ----------
     feasible_set : FeasibleSet
     parameters : (n,)
-        Some δ with the base parameters β, such as P_b β; one near the middle of the fibre leaves little to cancel.
+        Some δ with the base parameters β, such as P_b β; rounding errors are smaller for one near the center of the
+        fibre.
     base : (n_b,)
         β.
     point : DualPoint
-        From a solver, with a negative value.
+        Dual point of a solver, with a negative value.
     middle : DualPoint, optional
-        Inside the cone, and satisfying its equations; that of the face where absent.
+        Dual point in the interior of the face; by default that of `dual_face`.
     """
     face = dual_face(feasible_set)
     middle = DualPoint(face.interior, face.multipliers) if middle is None else middle
@@ -89,9 +90,9 @@ def prove_infeasible(
 def prove_infeasible_up_to_a_size(
     feasible_set: FeasibleSet, point: DualPoint, base: Vector
 ) -> InfeasibilityCertificate | None:
-    """The certificate that a dual point of the whole blocks amounts to, where it reaches far enough to count.
+    """The certificate that follows from a dual point of the whole blocks, if its trace bound is large enough.
 
-    Where the face is not seen clearly, as with axes a thousandth of a degree from parallel, nothing is asked of it.
+    It serves if the face cannot be found in floating point, as for axes a thousandth of a degree from parallel.
     """
     whole = tuple(np.eye(block.size) for block in feasible_set.blocks)
     nothing = np.zeros(feasible_set.parameter_count)
@@ -100,7 +101,7 @@ def prove_infeasible_up_to_a_size(
 
 
 def least_trace_bound(base: Vector) -> float:
-    """How far a proof up to a size must reach to count, in kg and kg m²."""
+    """Least trace bound of a proof that counts, in kg and kg m²."""
     return max(LEAST_TRACE_BOUND, LEAST_RELATIVE_TRACE_BOUND * float(np.abs(base).max(initial=0.0)))
 
 
@@ -204,7 +205,7 @@ def _dual_space(feasible_set: FeasibleSet) -> _DualSpace:
 def _beside_the_face(
     feasible_set: FeasibleSet, face: DualFace, point: DualPoint, base: Vector
 ) -> InfeasibilityCertificate | None:
-    """Take y as it is and let the blocks of the links absorb the residual; the shift makes up for what they lose."""
+    """Keep y, let the blocks of links absorb the residual, and shift them to be positive semidefinite."""
     conditions = exact_conditions(feasible_set)
     matrices = [U @ W @ U.T for U, W in zip(face.bases, point.matrices, strict=True)]
     scale = max((float(np.abs(Z).max(initial=0.0)) for Z in matrices), default=0.0)
@@ -226,7 +227,7 @@ def _beside_the_face(
     duals: dict[int, ExactMatrix] = {}
     for b, (condition, Z) in enumerate(zip(conditions.conditions, matrices, strict=True)):
         if not condition.physical:
-            # The shift is for links and terms alone.
+            # The statement allows a shift for links and terms only.
             smallest = float(np.linalg.eigvalsh(Z)[0])
             Z = Z + (max(0.0, -2.0 * smallest) + 1e-15 * scale * (smallest < 1e-15 * scale)) * np.eye(len(Z))
         exact = [[exact_number(float(v)) for v in row] for row in ((Z + Z.T) / (2 * scale)).tolist()]
@@ -257,9 +258,10 @@ def _beside_the_face(
 def _balanced(
     feasible_set: FeasibleSet, direction: tuple[Fraction, ...], multipliers: tuple[Fraction, ...]
 ) -> tuple[list[Fraction], list[Fraction]]:
-    """y and λ, changed by rounding, that leave alone what no condition holds, such as an offset of a motor.
+    """y and λ, changed by rounding errors, that satisfy the equations of parameters without a condition exactly.
 
-    Where such a parameter is a part of several base parameters, nothing else makes up for what rounding leaves of it.
+    An example is the offset of a motor. If such a parameter is part of several base parameters, no dual matrix can
+    absorb the residual of its equation.
     """
     conditions = exact_conditions(feasible_set)
     held = {parameter for condition in conditions.conditions for parameter in condition.coefficients}
@@ -280,8 +282,7 @@ def _balanced(
 
 
 def _absorb(feasible_set: FeasibleSet, index: int, residual: list[Fraction]) -> ExactMatrix | None:
-    """A symmetric matrix Z with <D_i, Z> = residual_i, from the dual basis of the coefficients; None where there is
-    none."""
+    """A symmetric matrix Z with <D_i, Z> = residual_i, from the dual basis of the coefficients; None if none exists."""
     block = feasible_set.blocks[index]
     size = block.size
     if not any(residual):

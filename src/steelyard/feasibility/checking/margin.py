@@ -1,4 +1,4 @@
-"""The conditions at given base parameters as a conic problem, their largest margin, and what they lack."""
+"""The largest margin of the conditions at given base parameters, and the least violations."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -18,7 +18,8 @@ Vector = npt.NDArray[np.float64]
 Matrix = npt.NDArray[np.float64]
 
 ROUNDING = 1e-10
-"""Coefficients below this, relative to the largest of their parameter in the block, are what cancelling leaves."""
+"""Coefficients below this part of the largest of their parameter in the block are rounding errors of cancelled
+terms."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -29,11 +30,11 @@ class BlockProblem:
     ----------
     feasible_set : FeasibleSet
     particular : (n,)
-        P_b β, or another δ with K δ = β.
+        P_b β or another δ with K δ = β.
     used : tuple of int
-        Indices of the blocks that are there; those whose T has no column are not.
+        Indices of the blocks whose T has columns; the others are left out.
     stack : AffineStack
-        As functions of δ_d.
+        The blocks as functions of δ_d.
     """
 
     feasible_set: FeasibleSet
@@ -69,7 +70,7 @@ class BlockProblem:
             used.append(index)
             found = block.substitute(directions, particular)
             constant, coefficients = _congruent(found.constant, basis), _congruent(found.coefficients, basis)
-            # What cancels leaves rounding, which a solver would take for something that a large number can make use of.
+            # A solver would multiply rounding errors of cancelled terms by large numbers.
             size = np.abs(found.coefficients).max(axis=(1, 2), initial=0.0) * float(np.abs(basis).max()) ** 2
             coefficients[np.abs(coefficients) <= ROUNDING * size[:, None, None]] = 0.0
             if scalings is not None:
@@ -85,7 +86,7 @@ class BlockProblem:
     def conic(self, slack: sparse.csc_array, cost: Vector, bounds: Matrix, trace_bound: float | None) -> ConicProblem:
         """Minimise costᵀ s subject to blocks + slack s ⪰ 0, bounds [s, 1] ≥ 0, the equations and the trace bound.
 
-        The trace bound is on the sum of the traces of the blocks of links and terms.
+        The trace bound limits the sum of the traces of the blocks of links and terms.
         """
         feasible_set, stack = self.feasible_set, self.stack
         unknowns, extra = stack.parameter_count, len(cost)
@@ -121,10 +122,11 @@ def _congruent(matrices: Matrix, transform: Matrix) -> Matrix:
 
 
 MARGIN_CAP = 1.0
-"""Margins above this are not looked for, so that the problem is bounded."""
+"""Largest margin that is searched for, so that the problem is bounded."""
 
 TRACE_BOUND = 1e5
-"""Bound on the sum of the traces of all blocks, times the largest |β| (at least 1): keeps the solver's set compact."""
+"""Bound on the sum of the traces of all blocks, relative to the largest |β| (at least 1), which keeps the set compact.
+A larger one would cost digits of small margins."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -142,11 +144,11 @@ class Margin:
     Attributes
     ----------
     value : float
-        t; -inf where the equations of constraints contradict β.
+        t; -inf if the equations of constraints contradict β.
     parameters : (n,)
-        δ where it is reached.
+        δ with this margin.
     point : DualPoint
-        The dual point, on the bases that were given.
+        The dual point, with respect to the given bases.
     """
 
     value: float
@@ -171,9 +173,9 @@ def largest_margin(
     bases : sequence of (d, r)
         U_b; unit matrices for the whole blocks.
     scalings : sequence of (r, r), optional
-        C_b, invertible: the sign of t does not depend on them.
+        C_b, invertible; the sign of t does not depend on them.
     trace_bound : float, optional
-        Bound on the sum of the traces of the scaled blocks of links and terms, which keeps the set compact; not
+        Bound on the sum of the traces of the scaled blocks of links and terms, which keeps the set compact. It is not
         needed on the face of the dual points.
     accuracy : float
         Of the solver.
@@ -197,7 +199,7 @@ def largest_margin(
 
 
 def least_violations(feasible_set: FeasibleSet, base: Vector) -> Vector:
-    """Solve min Σ s_b subject to D_b(δ) + s_b 1 ⪰ 0, s_b ≥ 0, K δ = β: by how much each block is short.
+    """Solve min Σ s_b subject to D_b(δ) + s_b 1 ⪰ 0, s_b ≥ 0, K δ = β: the least violations of the blocks.
 
     Returns
     -------

@@ -1,4 +1,4 @@
-"""Feasible or not: the search for a proof of either."""
+"""The search for a proof of feasibility or infeasibility."""
 
 from dataclasses import dataclass
 
@@ -19,24 +19,31 @@ Vector = npt.NDArray[np.float64]
 Matrix = npt.NDArray[np.float64]
 
 TURNS, FIRST_STEPS, LATER_STEPS = 5, 40, 25
-"""Most turns of Newton's method and a solver before the answer is that there is no proof, and steps in each."""
+"""Largest number of rounds of Newton's method and a solver before the search ends without a proof, and Newton steps in
+the first and in later rounds."""
 
 FARTHEST = 1e6
+"""Largest step towards the dual point of the solver; a longer one would lose the digits of the present point."""
 
-CAP_REACHED, TRACE_BOUND_FACTOR = 1e-6, 10.0
+CAP_REACHED = 1e-6
+"""A margin within this part of `MARGIN_CAP` counts as the cap."""
+
+TRACE_BOUND_FACTOR = 10.0
+"""Trace bound of the last attempt, relative to the least one that counts: rounding costs a part of it."""
 
 ADDITIONS = (0.0, 1e2, 1e4, 1e6, 1e8)
-"""Mass beside the face, kg, with which a margin on the face is tried: 1e10 kg leave no digits of a margin of 1e-6."""
+"""Masses beside the face, in kg, with which a margin on the face is tried; with 1e10 kg no digit of a margin of 1e-6
+would remain."""
 
 
 @dataclass(frozen=True, eq=False)
 class Decision:
-    """What is proved of a base parameter vector.
+    """The proof that was found for base parameters.
 
     Attributes
     ----------
     certificate : FeasibilityCertificate, InfeasibilityCertificate or None
-        None where neither could be proved.
+        None if neither could be proved.
     margin : float
         Largest t with D(δ) - t 1 ⪰ 0, as the solver found it.
     """
@@ -46,12 +53,12 @@ class Decision:
 
 
 def decide(feasible_set: FeasibleSet, base: Vector) -> Decision:
-    """Look for parameters, and for a dual point, until one of them is a proof.
+    """Search for feasible parameters and for a dual point until one of them is a proof.
 
-    The first tries are the largest margin of the blocks as they are, and on the face of the dual points. Where this
-    leaves it open, the problem is solved in units that fit it: for a dual point those in which Newton's method has
-    brought it to the middle, for a witness those in which the blocks near the best parameters so far are about unit
-    matrices. What is small beside other links, or close to the boundary, then has the solver's full accuracy.
+    The first attempts are the largest margin of the whole blocks, and that on the face of the dual points. If neither
+    decides, the problem is solved in suitable units: for a dual point in those of the analytic center of the dual
+    points, for a witness in those in which the blocks at the best parameters so far are about unit matrices. Links that
+    are much smaller than others, and points close to the boundary, then have the full accuracy of the solver.
     """
     whole = [np.eye(block.size) for block in feasible_set.blocks]
     face = dual_face(feasible_set).bases
@@ -76,7 +83,7 @@ def decide(feasible_set: FeasibleSet, base: Vector) -> Decision:
     witness = scaled_witness(feasible_set, base, first.parameters)
     if witness is not None or first.value >= 0:
         return Decision(witness, margin)
-    # The shift that makes up for rounding costs about half of the trace bound.
+    # The shift that covers rounding errors costs about half of the trace bound.
     bounded = largest_margin(feasible_set, base, whole, trace_bound=TRACE_BOUND_FACTOR * least_trace_bound(base))
     return Decision(prove_infeasible_up_to_a_size(feasible_set, bounded.point, base), min(margin, bounded.value))
 
@@ -84,16 +91,15 @@ def decide(feasible_set: FeasibleSet, base: Vector) -> Decision:
 def _orthonormal(basis: Matrix) -> Matrix:
     """C, such that the columns of U C are orthonormal.
 
-    A margin on the face is then one of the whole blocks, which is what they approach as mass that does not show is
-    added beside the face.
+    A margin on the face then equals the margin that the whole blocks approach as unidentifiable mass is added.
     """
     return np.asarray(np.linalg.inv(np.linalg.qr(basis)[1])) if basis.shape[1] else np.zeros((0, 0))
 
 
 def _attained(feasible_set: FeasibleSet, parameters: Vector) -> float:
-    """The largest margin that parameters have, with mass added beside the face that does not show.
+    """The largest margin of parameters to which unidentifiable mass beside the face is added.
 
-    The face is known to the accuracy of floating point, so a margin on it counts where some robot has it.
+    The face is known in floating point only, so that a margin on it counts only if some robot has it.
     """
     recession = dual_face(feasible_set).recession
     return max(
@@ -103,7 +109,7 @@ def _attained(feasible_set: FeasibleSet, parameters: Vector) -> float:
 
 
 def _centred_proof(feasible_set: FeasibleSet, base: Vector) -> InfeasibilityCertificate | FeasibilityCertificate | None:
-    """A proof of either by Newton's method and margins in its metric; None where neither was met."""
+    """A proof of either kind by Newton's method and margins in its metric; None if none is found."""
     face = dual_face(feasible_set)
     fibre = Fibre(feasible_set, feasible_set.lift @ base, face.bases)
     matrices = fibre.matrices(DualPoint(face.interior, face.multipliers))

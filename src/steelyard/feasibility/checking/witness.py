@@ -17,22 +17,25 @@ Vector = npt.NDArray[np.float64]
 Matrix = npt.NDArray[np.float64]
 
 FLOORS = (1e-2, 1e-4, 1e-6, 1e-8, 1e-9, 1e-10)
-"""Least eigenvalues of a block, relative to its largest, that still count when it is scaled."""
+"""Smallest eigenvalues of a block, relative to its largest, that are kept when it is scaled; they are tried in turn,
+since the first parameters are wrong in small eigenvalues."""
 
 SCALED_ACCURACY = 1e-11
-"""Of the solver, on problems that are scaled to their middle."""
+"""Accuracy of the solver on problems that are scaled around a point near the solution."""
 
 LARGEST_ADDITION = 1e12
+"""Largest unidentifiable mass, in kg, that is added to reach the inside; beyond, doubles have no digits left for
+links."""
 
 SHORT_DECIMAL, MAP_ACCURACY = 10**10, 1e-13
-"""Denominators of elements of K that count as exact, and the relative accuracy of the others."""
+"""Elements of K with denominators up to the first number count as exact, others as accurate to the second."""
 
 
 def proved_witness(feasible_set: FeasibleSet, base: Vector, parameters: Vector) -> FeasibilityCertificate | None:
-    """The certificate that parameters amount to, or None where they do not prove anything."""
+    """The certificate of feasible parameters, or None if they are not proved feasible."""
     if not np.all(np.isfinite(parameters)):
         return None
-    # Far from definite, exact arithmetic is not needed to see it.
+    # Exact arithmetic is not needed for blocks that are far from positive definite.
     for block, smallest in zip(feasible_set.blocks, feasible_set.stack.smallest_eigenvalues(parameters), strict=True):
         if smallest < -1e-9 * max(1.0, float(np.abs(block.evaluate(parameters)).max(initial=0.0))):
             return None
@@ -43,10 +46,10 @@ def proved_witness(feasible_set: FeasibleSet, base: Vector, parameters: Vector) 
 
 
 def _beyond_rounding(feasible_set: FeasibleSet, parameters: Vector) -> bool:
-    """Whether the blocks stay definite for all maps K that round to the one given.
+    """Whether the blocks remain definite for all maps K that round to the given one.
 
-    Elements of K that are no short decimals are rounded. Parameters of tonnes could make a robot of grams possible that
-    is not, by what rounding leaves of terms that cancel.
+    Elements of K that are not short decimals are rounded. With parameters of tonnes, rounding errors of terms that
+    cancel could make an impossible robot of grams look possible.
     """
     change = feasible_set.kept(_rounding_of_map) @ np.abs(parameters)
     if not np.any(change):
@@ -72,10 +75,10 @@ def _rounding_of_map(feasible_set: FeasibleSet) -> Matrix:
 
 
 def raised_witness(feasible_set: FeasibleSet, base: Vector, parameters: Vector) -> FeasibilityCertificate | None:
-    """Add mass that does not show until blocks that are definite on the face of the dual points are definite.
+    """Add unidentifiable mass until blocks that are definite on the face of the dual points are definite.
 
-    With U on the face and V beside it, D = [[D_UU, D_UV], [D_VU, D_VV + s G]] is positive definite for s large enough,
-    since D_UU is.
+    With bases U of the face and V of its complement, D = [[D_UU, D_UV], [D_VU, D_VV + s G]] is positive definite for
+    large s, because D_UU is.
     """
     face = dual_face(feasible_set)
     amount = 0.0
@@ -108,7 +111,7 @@ def raised_witness(feasible_set: FeasibleSet, base: Vector, parameters: Vector) 
 
 
 def scaled_witness(feasible_set: FeasibleSet, base: Vector, parameters: Vector) -> FeasibilityCertificate | None:
-    """Parameters inside the set, from margins of blocks that are scaled at the best parameters so far."""
+    """Parameters inside the set, from the margin of blocks that are scaled around the best parameters so far."""
     whole = [np.eye(block.size) for block in feasible_set.blocks]
     for floor in FLOORS:
         scalings = _scalings(feasible_set, whole, parameters, floor)
@@ -121,7 +124,7 @@ def scaled_witness(feasible_set: FeasibleSet, base: Vector, parameters: Vector) 
 
 
 def _scalings(feasible_set: FeasibleSet, bases: Sequence[Matrix], parameters: Vector, floor: float) -> list[Matrix]:
-    """C_b with C_bᵀ U_bᵀ |D_b(δ)| U_b C_b = 1, where eigenvalues below `floor` times the largest count as that."""
+    """C_b with C_bᵀ U_bᵀ |D_b(δ)| U_b C_b = 1, after eigenvalues are raised to `floor` times the largest."""
     found = []
     for block, U in zip(feasible_set.blocks, bases, strict=True):
         values, vectors = np.linalg.eigh(U.T @ block.evaluate(parameters) @ U)

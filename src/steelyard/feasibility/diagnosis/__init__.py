@@ -1,4 +1,4 @@
-"""What infeasibility tells: conditions that contradict each other, and the base parameters at fault (thesis 8.1)."""
+"""Diagnosis of infeasible estimates: contradictory conditions and the base parameters involved (thesis 8.1)."""
 
 from typing import TYPE_CHECKING
 

@@ -1,4 +1,4 @@
-"""Why an estimate is infeasible."""
+"""Explaining why an estimate is infeasible."""
 
 import math
 from dataclasses import dataclass, field
@@ -31,30 +31,31 @@ __all__ = [
 Vector = npt.NDArray[np.float64]
 
 ABSENT = 1e-7
-"""A base parameter with less weight than this in a contradiction cannot end it."""
+"""A base parameter with less weight than this in a contradiction cannot resolve it: the weight is a rounding error of a
+direction whose largest element is 1."""
 
 
 @dataclass(frozen=True, eq=False)
 class BaseParameterDegree:
-    """What one base parameter has to do with the infeasibility of an estimate.
+    """The part of one base parameter in the infeasibility of an estimate.
 
     Attributes
     ----------
     name : str
-        E.g. ``"Lzz1R"``: the parameter that leads the combination, with an R where it is regrouped with others.
+        Such as ``"Lzz1R"``: the leading parameter of the combination, with an R if it is regrouped with others.
     expression : str
-        The combination of standard parameters, e.g. ``"Lzz1 + m2"``.
+        The combination of standard parameters, such as ``"Lzz1 + m2"``.
     value : float
     change : float
-        From the estimate to the nearest feasible base parameters.
+        Difference between the nearest feasible base parameters and the estimate.
     share : float
-        Of this parameter in the squared distance; shares add to 1, and single ones may be negative where the metric
-        is not diagonal.
+        Share of this parameter in the squared distance. Shares add up to 1; they may be negative if the metric is not
+        diagonal.
     alone : float
-        Smallest change of this parameter alone that makes the estimate feasible, with its sign; infinite where none
-        does.
+        Smallest change of this parameter alone, with its sign, that makes the estimate feasible; infinite if there is
+        none.
     deviation : float
-        Standard deviation; nan where it is not known, infinite where the data does not determine the parameter.
+        Standard deviation; nan if it is not known, infinite where the data does not determine the parameter.
     """
 
     name: str
@@ -83,7 +84,7 @@ def change_alone(
     subsystems: tuple[IrreducibleInfeasibleSubsystem, ...],
     solver: str,
 ) -> float:
-    """The smallest change of one base parameter that makes all of them feasible; infinite where there is none.
+    """The smallest change of one base parameter that makes the estimate feasible; infinite if there is none.
 
     Parameters
     ----------
@@ -91,7 +92,7 @@ def change_alone(
     base : (n_b,)
     index : int
     subsystems : tuple of IrreducibleInfeasibleSubsystem
-        Of these base parameters; each must end.
+        The contradictions of these base parameters; all must be resolved.
     solver : str
     """
     if not subsystems:
@@ -104,7 +105,7 @@ def change_alone(
     needed = max(
         (subsystem.threshold - subsystem.value) / abs(w) for subsystem, w in zip(subsystems, weights, strict=True)
     )
-    # In units of what the contradictions tell to be necessary.
+    # In units of the change that the contradictions require at least.
     directions = np.hstack([needed * unit[:, None], feasible_set.unidentifiable])
     reference, count = feasible_set.lift @ base, directions.shape[1]
     equations, blocks = feasible_set.rows(directions, reference)
@@ -130,7 +131,7 @@ def _smallest_eigenvalue(feasible_set: FeasibleSet, stacked: Vector) -> float:
 
 
 def rank_correlation(first: Vector, second: Vector) -> tuple[float, float]:
-    """Spearman's rank correlation, and the probability of one as strong by chance; nan where it does not exist.
+    """Spearman's rank correlation and its p-value; nan if they are not defined.
 
     Examples
     --------
@@ -154,10 +155,10 @@ def rank_correlation(first: Vector, second: Vector) -> tuple[float, float]:
 HEADS = ("name", "value", "change", "in deviations", "share", "alone", "base parameter")
 
 SMALLEST_SHARE = 1e-4
-"""Shares of conditions below this are left out."""
+"""Smallest share of a condition that is listed."""
 
 SHOWN = 12
-"""Base parameters that are shown, those with the largest shares."""
+"""Number of base parameters in the table, those with the largest shares."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -171,23 +172,25 @@ class InfeasibilityExplanation:
     margin : float
         Largest margin (`Verdict.margin`).
     shares : tuple of (str, float)
-        Conditions that keep the estimate out, with their shares in the squared distance, largest first.
+        Conditions that the nearest feasible parameters only just satisfy, with their shares in the squared distance,
+        largest first.
     subsystems : tuple of IrreducibleInfeasibleSubsystem
-        Small sets of conditions that contradict each other. No condition is in two of them, and without them the rest
-        can hold.
+        Small sets of conditions that contradict each other. No condition is in two of them, and the conditions outside
+        them can hold together.
     degrees : tuple of BaseParameterDegree
         Of every base parameter.
     distance : float
-        To the nearest feasible base parameters: in standard deviations where the covariance is known, else Euclidean.
+        Distance to the nearest feasible base parameters, in standard deviations if the covariance is known, else
+        Euclidean.
     probability : float or None
-        Of the confidence region that reaches as far as that.
+        Probability of the confidence region with that radius.
     region : float or None
-        How far the 95 % region reaches, in standard deviations.
+        Radius of the 95 % region, in standard deviations.
     correlation : float or None
         Spearman's rank correlation between relative standard deviation and degree of infeasibility (the size of the
         change over that of the parameter), over all identifiable base parameters.
     chance : float or None
-        Probability of a correlation as strong by chance.
+        Probability of a correlation at least as strong by chance (p-value).
     base : (n_b,)
     nearest : (n_b,)
         The nearest feasible base parameters.
@@ -209,7 +212,7 @@ class InfeasibilityExplanation:
     consistency: str
 
     def sentences(self) -> tuple[str, ...]:
-        """The explanation in plain sentences."""
+        """The explanation in sentences."""
         kind = f'under "{self.consistency}" consistency'
         if self.status == "feasible":
             return (f"Nothing to explain: the estimate is feasible {kind}, with a margin of {self.margin:.3g}.",)
@@ -325,7 +328,7 @@ class InfeasibilityExplanation:
 
 
 def _in_words(subsystem: IrreducibleInfeasibleSubsystem, base: Vector, names: list[str]) -> str:
-    """The combination that is impossible, with its largest terms."""
+    """The impossible combination, with its largest terms."""
     parts = np.abs(subsystem.direction * base)
     order = np.argsort(-parts, kind="stable")
     kept = [i for i in order if parts[i] > 1e-3 * parts.max(initial=0.0)]
@@ -343,19 +346,19 @@ def explain_infeasibility(
     weights: Any = "joint",
     solver: str = "clarabel",
 ) -> InfeasibilityExplanation:
-    """Tell which links, terms and constraints make an estimate infeasible, and which base parameters (thesis 8.1).
+    """Find the links, terms, constraints and base parameters that make an estimate infeasible (thesis 8.1).
 
     Parameters
     ----------
     feasible_set : FeasibleSet
     base : (n_b,), optional
-        The estimate; least squares where `information` is given.
+        The estimate; by default the least-squares solution if `information` is given.
     information : Information, optional
-        The data: distances then are in standard deviations of the estimate.
+        The data, with which distances are in standard deviations of the estimate.
     covariance : (n_b, n_b) or ParameterCovariance, optional
-        Of the estimate, instead.
+        Covariance of the estimate, instead of `information`.
     weights : "joint", None or (N,)
-        Of the joints in `information`, as in `least_squares`.
+        Weights of the joints in `information`, as in `least_squares`.
     solver : str
         As in `solve`.
 
@@ -373,7 +376,7 @@ def explain_infeasibility(
     See Also
     --------
     check : The verdict, with its proof.
-    shadow_prices : What the conditions cost in the fit.
+    shadow_prices : By how much the conditions raise the residual of a fit.
 
     Examples
     --------

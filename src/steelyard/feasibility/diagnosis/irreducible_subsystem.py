@@ -1,4 +1,4 @@
-"""Which conditions contradict each other: irreducible infeasible subsystems, which no parameters satisfy together."""
+"""Irreducible infeasible subsystems: smallest sets of conditions that no parameters satisfy together."""
 
 from dataclasses import dataclass, field
 
@@ -16,29 +16,30 @@ Vector = npt.NDArray[np.float64]
 Matrix = npt.NDArray[np.float64]
 
 CLEAR = 1e-7
-"""A contradiction counts where it is larger than this part of the largest number in it."""
+"""A contradiction counts if it exceeds this part of the largest number in it, ten times the accuracy of a solver."""
 
 TAKES_PART = 1e-6
-"""Share of a condition in a contradiction below which it takes no part."""
+"""Smallest share of a condition that takes part in a contradiction; smaller ones are errors of the solver."""
 
 MOST = 50
-"""Subsystems that are looked for."""
+"""Largest number of subsystems that are searched for."""
 
 
 @dataclass(frozen=True, eq=False)
 class IrreducibleInfeasibleSubsystem:
-    """Conditions that no parameters with these base parameters satisfy together, but without any one of them some do.
+    """Conditions that no parameters with these base parameters satisfy together, although any proper subset can hold.
 
-    For every robot that satisfies them, direction · β is at least `threshold`; here it is `value`, which is less.
+    For every robot that satisfies them, direction · β is at least `threshold`; for these base parameters it is `value`,
+    which is less.
 
     Attributes
     ----------
     conditions : tuple of str
         Names of the blocks and equations.
     shares : tuple of float
-        Traces of their dual matrices, which add to 1, largest first; nan for equations.
+        Traces of their dual matrices, which add up to 1, largest first; nan for equations.
     direction : (n_b,)
-        Its largest element is 1 in size.
+        Scaled such that the largest absolute value of its elements is 1.
     value : float
     threshold : float
     blocks : tuple of int
@@ -60,7 +61,7 @@ class IrreducibleInfeasibleSubsystem:
 
 @dataclass(frozen=True, eq=False)
 class Separation:
-    """Dual matrices of some blocks whose product with D(δ) is negative for all δ with K δ = β.
+    """Dual matrices of some blocks, whose inner product with D(δ) is negative for all δ with K δ = β.
 
     Attributes
     ----------
@@ -73,10 +74,10 @@ class Separation:
 
 
 def separation(feasible_set: FeasibleSet, base: Vector, blocks: list[int], equations: list[int]) -> Separation | None:
-    """Why no δ with K δ = β satisfies some of the conditions; None where there is no clear reason.
+    """A proof that no δ with K δ = β satisfies the given conditions; None if there is no clear one.
 
-    Minimise Σ <D_b(δ), Z_b> over Z_b ⪰ 0 with traces that add to 1 and whose product with D(δ) is the same for all δ
-    with this β.
+    Minimise Σ <D_b(δ), Z_b> over Z_b ⪰ 0 with traces that add up to 1, and for which the sum is the same for all δ with
+    this β.
     """
     if not blocks:
         return None
@@ -87,7 +88,7 @@ def separation(feasible_set: FeasibleSet, base: Vector, blocks: list[int], equat
     left = feasible_set.equation_matrix[equations] @ feasible_set.unidentifiable
     missing = feasible_set.equation_matrix[equations] @ particular - feasible_set.equation_values[equations]
     count = len(values)
-    # Each block in units of its own numbers, which changes the shares but not the sign.
+    # Each block is scaled to 1, which changes the shares but not the sign.
     units = np.ones(count)
     for block, place in zip(stack.blocks, stack.slices, strict=True):
         size = max(float(np.abs(values[place]).max(initial=0.0)), float(np.abs(block.constant).max(initial=0.0)))
@@ -116,9 +117,9 @@ def separation(feasible_set: FeasibleSet, base: Vector, blocks: list[int], equat
 def irreducible_infeasible_subsystems(
     feasible_set: FeasibleSet, base: Vector
 ) -> tuple[IrreducibleInfeasibleSubsystem, ...]:
-    """Irreducible infeasible subsystems, no condition in two of them; after the last one the rest can hold together.
+    """Disjoint irreducible infeasible subsystems, such that the conditions outside them can hold together.
 
-    Each is found by leaving out one condition after the other, as long as what is left still conflicts.
+    Each is found by removing one condition after the other as long as the remaining ones are contradictory.
 
     Parameters
     ----------
@@ -128,7 +129,7 @@ def irreducible_infeasible_subsystems(
     blocks = list(range(len(feasible_set.blocks)))
     equations = list(range(len(feasible_set.equalities)))
     found: list[IrreducibleInfeasibleSubsystem] = []
-    # A condition that β alone decides is a subsystem of its own.
+    # A condition that β alone violates is a subsystem of its own.
     for index in _violated_alone(feasible_set, base):
         reason = separation(feasible_set, base, [index], [])
         if reason is not None:
@@ -155,7 +156,7 @@ def _violated_alone(feasible_set: FeasibleSet, base: Vector) -> list[int]:
 
 
 def _smallest(feasible_set: FeasibleSet, base: Vector, reason: Separation) -> Separation:
-    """Leave out conditions, those with the smallest share first, as long as the others still conflict."""
+    """Remove conditions, those with the smallest share first, as long as the others are still contradictory."""
     reason = _taking_part(reason)
     tried: set[tuple[str, int]] = set()
     while True:
