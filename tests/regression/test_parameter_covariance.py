@@ -250,7 +250,7 @@ def test_no_interval_is_told_of_filtered_torques(options, tmp_path):
     assert off.max() > 3.0  # what an interval of noise would miss
     assert np.all(np.isinf(estimate.confidence_interval()))
     assert set(estimate.weak) <= {"ly1"}  # by what noise alone explains; ly1 is zero
-    assert any("no interval of a base parameter is told" in remark for remark in estimate.remarks)
+    assert any("no interval of a base parameter is given" in remark for remark in estimate.remarks)
     information.save(tmp_path / "information.json")
     again = sy.least_squares(sy.Information.load(tmp_path / "information.json") + sy.Information.empty(model))
     assert np.all(np.isinf(again.confidence_interval()))

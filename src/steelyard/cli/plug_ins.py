@@ -31,7 +31,7 @@ class Commands(typer.core.TyperGroup):
     """
 
     def list_commands(self, ctx: Any) -> list[str]:
-        """Name the commands; one of another package that cannot be had is told on standard error and left out."""
+        """Name the commands; those of other packages that cannot be loaded are reported on standard error."""
         found = super().list_commands(ctx)
         for name in COMMANDS.names():
             try:

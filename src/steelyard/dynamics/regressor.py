@@ -1,6 +1,6 @@
 """Regressors of torque and energy: from the joint axes, and evaluated by NumPy where compiling would not pay.
 
-Each joint's unit motion is carried into the frames of the links beyond it, and meets there the wrench of the link,
+Each joint's unit motion is carried into the frames of the links beyond it, and multiplied by the wrench of the link,
 which is linear in its ten parameters. For the joints below a link that turns, three of its ten columns follow from
 those of its parent, because mass on the joint axis might as well belong to the parent (see :mod:`.regrouping`). These
 columns are read from those of the parent where that takes fewer operations.

@@ -245,7 +245,7 @@ def _passed(
     effects: DriveEffects,
     coupled: set[int],
 ) -> tuple[RowSpace, _Seen]:
-    """Conditions on what hangs on a joint, over S and the terms, and what its link sees."""
+    """Return the conditions on a body beyond a joint, over S and the terms, and the spans that its link sees."""
     rate = {_RATES + coordinate: _ONE} if coordinate in coupled else {}
     own = _unit_twist(rotates)
     twists, functions = RowSpace(), RowSpace()

@@ -191,7 +191,7 @@ def correct_estimate(
     Returns
     -------
     Estimate
-        Its errors are NaN, since there are no data to tell them.
+        Its errors are NaN, because there is no data to compute them from.
 
     Raises
     ------

@@ -66,7 +66,7 @@ IN_TIME = 4.0
 NEIGHBOURS = 40
 """Rows on either side of a long interval that tell whether the stamps stay displaced."""
 ENOUGH = 10
-"""Rows on the shorter side without which a single missing row cannot be told from jitter."""
+"""Rows on the shorter side without which a single missing row cannot be distinguished from jitter."""
 MISSING = 0.6
 """Periods by which stamps must stay behind after a long interval for a row to count as missing there."""
 MOST_PASSES = 100

@@ -43,7 +43,7 @@ class Estimate:
     Attributes
     ----------
     method : str
-        How they were found, in words.
+        How the parameters were found, in words.
     base_names, base_expressions : tuple of str
         The n_b base parameters.
     base : ndarray
@@ -78,13 +78,13 @@ class Estimate:
     description : mapping
         How the robot was read (``tip``, ``locked``), for writing a URDF.
     filtered_torque : bool
-        Whether torques were filtered and the dynamics were not, see `Samples`; the estimate is then off by more than
-        its standard errors tell, and no interval of a base parameter holds.
+        Whether torques were filtered and the dynamics were not, see `Samples`; the errors of the estimate then exceed
+        its standard errors, and no interval of a base parameter holds.
     optimality_gap : float or None
-        Of a feasible fit, measured: no feasible parameters (below the mass bound of its remarks, and below a thousand
-        times what is typical of the robot) have a squared residual that is smaller than the least one that was found by
-        more than this part of it. 1e-6 and less counts as the optimum; more is told by the remarks. None for other
-        methods, and where the bound says nothing.
+        How far the squared residual of a feasible fit can be above the least possible one, as a part of it. It follows
+        from a lower bound for all feasible parameters below the mass bound of the remarks, and below a thousand times
+        what is typical of the robot. A gap of at most 1e-6 counts as the optimum; the remarks state a larger one. None
+        for other methods, and where there is no useful bound.
 
     Examples
     --------

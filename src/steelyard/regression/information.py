@@ -33,7 +33,7 @@ FORMAT = "steelyard-information-2"
 
 FILTERED = (
     "Torques were filtered or decimated, which rounds the jumps of friction that the model keeps: estimates are biased "
-    "by more than noise explains, and no interval of a base parameter is told; leave out `torque_cutoff` and "
+    "by more than noise explains, and no interval of a base parameter is given; leave out `torque_cutoff` and "
     "`decimate` in [processing] to have them."
 )
 
@@ -53,8 +53,8 @@ class Information:
     factors : tuple of Factor
         One for each joint, or a single one for all the joints where the data came reduced or its noise is correlated.
     torque_factors : tuple of Factor
-        The same rows for each joint as they were measured, where `factors` holds weighted or whitened ones; errors are
-        told from them. Empty where `factors` is that already.
+        The same rows for each joint as they were measured, where `factors` holds weighted or whitened rows; errors are
+        computed from them. Empty where `factors` holds the rows as measured.
     covariance : ndarray or None
         (N, N), of the noise across the joints with which the rows were whitened.
     remarks : tuple of str
@@ -311,7 +311,7 @@ class Information:
 
     @property
     def has_joint_errors(self) -> bool:
-        """Whether errors can be told joint by joint."""
+        """Whether errors can be computed joint by joint."""
         return all(f.joint is not None for f in self.measured)
 
     @property

@@ -38,7 +38,7 @@ FAST = 0.3
 """Fraction of a joint's own root mean square velocity below which rows do not count. Near a reversal the residual shows
 how friction turns its sign, and how the filter rounds that; with 0.1 it has several minima on arms that stick."""
 REFERENCE = 4.0
-"""The velocities by which rows are told slow are filtered at so many times the frequency of the motion."""
+"""The velocities that decide which rows are slow are filtered at this many times the frequency of the motion."""
 ENOUGH, CLEARLY = 0.25, 0.5
 """Rise of the logarithm of the residual above its least, of two candidates, from which higher ones are not tried."""
 MOST_ROWS = 4000

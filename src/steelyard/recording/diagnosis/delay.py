@@ -35,7 +35,7 @@ SPREAD = float(np.log(5.0) / (np.log(1.0 + np.sqrt(2.0)) / 6.0))
 """A second pass of the same filter lowers its cutoff (order 3) by a factor of (1 + √2)^(1/6); the delay's change is
 carried on to a factor of 5, for what a filter does to a motion with friction is seen in full over such a range."""
 MOST_JOINTS, FEW_JOINTS = 8, 3
-"""For which products of three (four) factors are tried where there is no model."""
+"""Joints up to which products of three (four) factors are tried where there is no model; their number grows fast."""
 
 
 @dataclass(frozen=True, eq=False)
