@@ -15,7 +15,7 @@ import numpy.typing as npt
 from steelyard import collision
 from steelyard.errors import InputError
 from steelyard.files import read_bytes, read_text, require_file, shown
-from steelyard.files.reading import read_array
+from steelyard.files.arrays import read_array
 from steelyard.lmi import AffineBlock
 
 from .constraint import Equality, ModelLike

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from steelyard.errors import InputError
 from steelyard.files import shown
-from steelyard.files.reading import read_array_header
+from steelyard.files.arrays import read_array_header
 
 from ..columns import LABELS
 from .log_file import Columns, LogFile
