@@ -207,11 +207,14 @@ class AdaptiveForceControl(TaskControl):
             * float(np.sqrt(self.sample_time)),
             order=tuning.order,
         )
-        # The mean of so many samples is as quiet as a sensor with a noise of `_QUIET`.
+        # The mean of so many samples has the noise `_QUIET`; a first-order filter with time constant T averages over
+        # about 1 + 2 T / sample_time of them.
         samples = max((tuning.force_noise / _QUIET) ** 2, 1.0)
         smoothing = min(0.5 * self.sample_time * (samples - 1.0), _LONGEST_SMOOTHING)
         self._keep = float(np.exp(-self.sample_time / smoothing)) if smoothing else 0.0
         quiet = tuning.force_noise * float(np.sqrt((1.0 - self._keep) / (1.0 + self._keep)))
+        # Ten increments of ten standard deviations each give the stiffness within about 5 %. Forces of five standard
+        # deviations are contact: noise exceeds them less than once in a million samples.
         self._estimator = (
             StiffnessEstimator(smallest_force=max(0.5, 10.0 * quiet), smoothing=smoothing)
             if tuning.stiffness is None
@@ -310,6 +313,7 @@ class AdaptiveForceControl(TaskControl):
         # In contact the point stays with the tool. Out of contact its lead is bounded, because friction may hold the
         # tool back.
         self._ahead = np.where(self.contact, position, np.minimum(self._ahead + step, position + _LEAD))
+        # The stiffness that gives critical damping with the damping K2.
         return self._damping * speed + 0.25 * self._damping**2 * (self._ahead - position)
 
 

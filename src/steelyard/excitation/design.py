@@ -199,13 +199,13 @@ def design_excitation(
     if len(problem.constraints) == len(joint_limits(bounds)):
         configurations = configurations[:1]  # with limits of the joints alone, all starts are about the middle
 
-    judged = _period_times(chosen, rate)
-    judged_basis = chosen.basis(judged)
+    recorded = _period_times(chosen, rate)
+    recorded_basis = chosen.basis(recorded)
 
     def spectrum(x: Array) -> Spectrum:
         """Return the spectrum of the whole information, with the exact sign of Coulomb friction."""
-        motion = problem.motion(x, judged_basis)
-        part = problem.count / len(judged)
+        motion = problem.motion(x, recorded_basis)
+        part = problem.count / len(recorded)
         return Spectrum.of(
             prior.T @ prior + part * RegressorInformation.exact(model, *motion, weights),
             lambda: np.vstack([prior, np.sqrt(part) * RegressorInformation.exact_factor(model, *motion, weights)]),
@@ -347,16 +347,16 @@ def _problem(
 ) -> DesignProblem:
     begin, end = family.window
     count = int(np.ceil((end - begin) / family.step))
-    judged = begin + (end - begin) * np.arange(count) / count
+    period = begin + (end - begin) * np.arange(count) / count
     leads = np.concatenate([np.arange(0.0, begin, family.step), [end]])
     if begin > 0.0:
         leads = np.concatenate([leads, np.arange(family.duration, family.duration - begin, -family.step)])
     # A joint without limits on both sides moves about 0, or about a point that is 1 rad or m from its only limit.
     lower = np.where(np.isfinite(limits.lower), limits.lower, np.minimum(limits.upper - 2.0, -1.0))
     upper = np.where(np.isfinite(limits.upper), limits.upper, np.maximum(lower + 2.0, 1.0))
-    scale = coefficient_scale(limits, family.basis(judged))
+    scale = coefficient_scale(limits, family.basis(period))
     # A typical velocity of a motion within its limits.
-    fast = np.sqrt(np.mean(scale**2)) * float(np.abs(family.basis(judged)[1]).max())
+    fast = np.sqrt(np.mean(scale**2)) * float(np.abs(family.basis(period)[1]).max())
     width = _SMOOTHNESS * min(fast, float(np.min(limits.velocity)))
     return DesignProblem(
         family=family,
@@ -367,10 +367,10 @@ def _problem(
         scale=scale,
         prior=np.zeros((model.base_parameters().count,) * 2),
         count=(end - begin) * rate * getattr(family, "periods", 1),
-        times=np.concatenate([judged, leads]),
-        judged=count,
-        given=len(constraints),
-        regular=count + len(leads),
+        times=np.concatenate([period, leads]),
+        period_count=count,
+        external_count=len(constraints),
+        initial_count=count + len(leads),
     )
 
 

@@ -80,12 +80,12 @@ class DesignProblem:
         Number of samples that the motion will give.
     times : ndarray
         Instants of the whole motion at which the limits are checked, s; those of the period come first.
-    judged : int
+    period_count : int
         Number of these instants that belong to the period and enter the objective.
-    given : int
+    external_count : int
         Number of constraints that were given from outside; they are the last ones. Since they may be expensive, they
         are evaluated at one in three instants only.
-    regular : int
+    initial_count : int
         Number of instants that were there from the beginning. All constraints are evaluated at those added later.
     tightening : float
         Fraction of the scale of each limit that is kept free.
@@ -100,9 +100,9 @@ class DesignProblem:
     prior: Array
     count: float
     times: Array
-    judged: int
-    given: int
-    regular: int
+    period_count: int
+    external_count: int
+    initial_count: int
     tightening: float = 1e-3
 
     @cached_property
@@ -131,14 +131,14 @@ class DesignProblem:
         return np.asarray((self.scale * total).ravel())
 
     def objective(self, motion: tuple[Array, Array, Array], sharpness: float) -> tuple[float, list[Array]]:
-        """Return the criterion, and its gradients (judged, N) by q, dq and ddq."""
-        own = [np.ascontiguousarray(part[: self.judged]) for part in motion]
+        """Return the criterion, and its gradients (period_count, N) by q, dq and ddq."""
+        own = [np.ascontiguousarray(part[: self.period_count]) for part in motion]
         spectrum, parts = self.spectrum(own[0], own[1], own[2])
         value, adjoint = self.criterion.evaluate(spectrum, sharpness)
         return value, list(self.regressor.vjp(own[0], own[1], own[2], parts, self.count * adjoint))
 
     def spectrum(self, q: Array, dq: Array, ddq: Array) -> tuple[Spectrum, list[Array]]:
-        """Return the spectrum of the information of a motion (judged, N) with the prior, and the parts for `vjp`."""
+        """Return the spectrum of the information of a motion with the prior, and the parts for `vjp`."""
         mean, parts = self.regressor.information(q, dq, ddq)
         size = np.sqrt(self.count)
         known = self.prior.T @ self.prior
@@ -147,18 +147,18 @@ class DesignProblem:
         ), parts
 
     @cached_property
-    def looked_at(self) -> list[NDArray[np.intp]]:
+    def checked_instants(self) -> list[NDArray[np.intp]]:
         """For each constraint the indices of the instants at which it is evaluated."""
         everything = np.arange(len(self.times))
-        some = everything[(everything % _STRIDE == 0) | (everything >= self.regular)]
-        own = len(self.constraints) - self.given
+        some = everything[(everything % _STRIDE == 0) | (everything >= self.initial_count)]
+        own = len(self.constraints) - self.external_count
         return [everything if k < own else some for k in range(len(self.constraints))]
 
     def clearances(self, motion: tuple[Array, Array, Array]) -> list[Array]:
         """Return for each constraint its clearances in units of its scale, (S, m), where it is evaluated."""
         return [
             np.asarray(c.clearance(*(part[where] for part in motion))) / np.asarray(c.scale)
-            for c, where in zip(self.constraints, self.looked_at, strict=True)
+            for c, where in zip(self.constraints, self.checked_instants, strict=True)
         ]
 
     def with_times(self, more: Array) -> DesignProblem:
@@ -219,7 +219,7 @@ def minimise(
     now = Iterate(start.x.copy(), list(start.multipliers))
     if not now.multipliers:
         now.multipliers = [np.zeros((0, len(c.labels))) for c in problem.constraints]
-    now.multipliers = [_padded(m, len(w)) for m, w in zip(now.multipliers, problem.looked_at, strict=True)]
+    now.multipliers = [_padded(m, len(w)) for m, w in zip(now.multipliers, problem.checked_instants, strict=True)]
     for sharpness, iterations in rounds:
 
         def evaluate(x: Array, sharpness: float = sharpness) -> tuple[float, Array]:
@@ -259,8 +259,8 @@ def _augmented(problem: DesignProblem, x: Array, multipliers: Sequence[Array], s
     value, slopes = problem.objective(motion, sharpness)
     total = [np.zeros_like(part) for part in motion]
     for whole, part in zip(total, slopes, strict=True):
-        whole[: problem.judged] = part
-    for constraint, known, where in zip(problem.constraints, multipliers, problem.looked_at, strict=True):
+        whole[: problem.period_count] = part
+    for constraint, known, where in zip(problem.constraints, multipliers, problem.checked_instants, strict=True):
         scale = np.asarray(constraint.scale)
         q, dq, ddq = motion if len(where) == len(motion[0]) else tuple(part[where] for part in motion)
         push = known + _PENALTY * (problem.tightening - np.asarray(constraint.clearance(q, dq, ddq)) / scale)

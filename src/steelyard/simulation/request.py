@@ -186,6 +186,8 @@ actuators, environment, stopping_conditions, rate
         """Return whether there is Coulomb friction: torques that jump where a velocity changes its sign."""
         n, rows = self.model.dof, np.atleast_2d(self.parameters)
         kernel = self.model.kernel("drive_torque", base=self.base)
+        # Velocities so small that viscous friction is far below 1e-9 N·m, and different for each joint, so that jumps
+        # of coupled joints do not cancel.
         slow, still = 1e-12 * (1.0 + np.arange(n) / 7.0), np.zeros(n)
         jumps = [kernel.sample(still, slow, still, p) - kernel.sample(still, -slow, still, p) for p in rows]
         return bool(np.abs(jumps).max(initial=0.0) > 1e-9)

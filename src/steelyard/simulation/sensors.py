@@ -146,7 +146,7 @@ class SensorReadings:
         """Read the torque channel at time t, at which the torques `applied` begin to act."""
         sensors = self._sensors
         self._history.append((t, applied.copy()))
-        earlier = t - sensors.torque_delay + 1e-12
+        earlier = t - sensors.torque_delay + 1e-12  # rounding errors must not delay the torque by another sample
         while len(self._history) > 1 and self._history[1][0] <= earlier:
             self._history.pop(0)
         if self._read is not None and not self._is_due(t, self._read[0]):
@@ -159,6 +159,7 @@ class SensorReadings:
 
     def _is_due(self, t: float, last: float) -> bool:
         rate = self._sensors.rate
+        # A time that rounding errors put just before a sampling instant counts as this instant.
         return rate is None or math.floor(t * rate + 1e-6) > math.floor(last * rate + 1e-6)
 
     def _numerical(self, t: float, q: Array, dq: Array) -> Array:

@@ -58,10 +58,10 @@ def minimise_with_cobyla(
         if stop():
             raise Stopped
         motion = problem.motion(x)
-        own = [np.ascontiguousarray(part[: problem.judged]) for part in motion]
+        own = [np.ascontiguousarray(part[: problem.period_count]) for part in motion]
         value = problem.criterion.evaluate(problem.spectrum(own[0], own[1], own[2])[0], _SHARP)[0]
         for fractions in problem.clearances(motion):
-            value += _WEIGHT * float(np.square(np.minimum(fractions, 0.0)).sum()) / problem.judged
+            value += _WEIGHT * float(np.square(np.minimum(fractions, 0.0)).sum()) / problem.period_count
         if value < best[0]:
             best[:] = [value, np.array(x)]
         return value
