@@ -23,7 +23,7 @@ from steelyard.extensions import register
 from steelyard.feasibility import verify_document
 from steelyard.feasibility.constraints import Equality, constraints_from_dict
 from steelyard.lmi import AffineBlock
-from steelyard.robot import Condition
+from steelyard.robot import Condition, DescriptionFormat
 
 PAGE = Path(__file__).resolve().parents[1] / "docs" / "how-to" / "extend.md"
 EVERYTHING = frozenset({"quadratic", "zero", "nonnegative", "second-order", "semidefinite", "exponential"})
@@ -503,3 +503,78 @@ def test_a_forged_proof_and_gap_are_not_told():
     found = estimate_with(forged, info, sy.FeasibleSet(model))
     assert found.optimality_gap is None
     assert verify_document(found.certificate, "proof").valid
+
+
+def _dh_table(install):
+    text = PAGE.read_text(encoding="utf-8").partition("\n## A description format\n")[2]
+    (block, *_) = re.findall(r"^```python\n(.*?)^```", text, re.MULTILINE | re.DOTALL)
+    source = block.replace("register(", "(lambda *a: None)(")
+    install("tables", "description_formats", {"dh": "of_tables:DhTable", "rows": "of_tables:DhTable"}, source)
+
+
+ROWS = [[0, 0.5, 0, "q"], [0, 0.4, 0, "q"]]
+
+
+@pytest.mark.parametrize("content", ["direct", "file", "xml"])
+def test_the_description_passes_through_an_identification(content, tmp_path, run, install):
+    model = sy.Model(sy.Robot.from_dh(ROWS).with_terms(sy.Viscous(), sy.Coulomb(), sy.Offset()))
+    random = np.random.default_rng(1)
+    truth = np.array([0.0, 0, 0, 0.02, 0, 0.02, -0.2, 0.01, 0, 2.0, 0.3, 0.2, 0.0] * 2)
+    waves = random.normal(size=(2, 2, 4)) * 0.4
+    t, q, dq, ddq = FourierTrajectory(a=waves[0], b=waves[1], center=np.zeros(2), frequency=0.2).sample(200.0, 5.0)
+    torque = model.inverse_dynamics(q, dq, ddq, truth)
+    sy.Recording(t=t, q=q, torque=torque, joint_names=model.robot.joint_names).save(tmp_path / "log.csv")
+    _dh_table(install)
+    path = tmp_path / "arm.DH"
+    path.write_text(json.dumps({"rows": ROWS, "owner": "me"}))
+    if content == "file":
+        (tmp_path / "robot.toml").write_text('[description]\nfile = "arm.DH"\n')
+        given = tmp_path / "robot.toml"
+    else:
+        given = path
+    if content == "xml":
+        other = tmp_path / "arm.xml"
+        other.write_text("<?xml version='1.0'?><!-- <robot> --><rows/>")
+        with pytest.raises(InputError, match=r"arm.xml cannot be read .JSONDecodeError"):  # by its root element
+            sy.RobotFile.load(other)
+    assert run("identify", given, tmp_path / "log.csv", "-o", tmp_path / "result")[0] == 0
+    estimate = sy.Estimate.load(tmp_path / "result" / "estimate.json")
+    written = json.loads((tmp_path / "result" / "robot.dh").read_text())
+    assert (written["owner"], written["rows"]) == ("me", ROWS)
+    assert written["parameters"]["m2"] == dict(zip(estimate.parameter_names, estimate.parameters, strict=True))["m2"]
+    np.testing.assert_allclose(written["damping"], [0.3, 0.3], atol=0.01)  # of the robot that was simulated
+    assert "robot.dh" in json.loads((tmp_path / "result" / "run.json").read_text())["files"]
+    assert run("identify", given, tmp_path / "log.csv", "-o", tmp_path / "result")[0] == 0  # it may be replaced
+    assert run("check", given, tmp_path / "result" / "estimate.json")[0] == 0
+
+
+class Odd(DescriptionFormat):
+    def read(self, path, tip, locked, gravity):
+        return {"1": lambda: 1 / 0, "2": dict, "3": lambda: sy.Robot.from_dh(ROWS)}[path.read_text()]()
+
+
+def test_what_a_description_format_does_wrong_is_said(tmp_path, run, no_extensions):
+    path = tmp_path / "arm.odd"
+    path.write_text("1")
+    with pytest.raises(InputError, match=r"by a .urdf or a .toml file, got the suffix '.odd'"):
+        sy.RobotFile.load(path)
+    register("description_formats", "odd", Odd)
+    with pytest.raises(InputError, match=r"arm.odd cannot be read \(ZeroDivisionError: division by zero\)"):
+        sy.RobotFile.load(path)
+    path.write_text("2")
+    with pytest.raises(InputError, match=r"TypeError: expected a steelyard.Robot, got"):
+        sy.RobotFile.load(path)
+    path.write_text("3")
+    assert sy.RobotFile.load(path).robot.source == path
+    (tmp_path / "robot.toml").write_text('[description]\nfile = "arm.odd"\nurdf = "arm.urdf"\n')
+    with pytest.raises(InputError, match="it has both urdf and file; keep one"):
+        sy.RobotFile.load(tmp_path / "robot.toml")
+    with pytest.raises(InputError, match=r"expected a class derived from steelyard\.robot\.DescriptionFormat"):
+        register("description_formats", "other", Odd())
+    model = sy.Model(sy.RobotFile.load(path).robot)
+    parameters = np.array([0.1, 0, 0, 0.1, 0, 0.1, 0, 0, 0, 2.0] * 2)
+    q, dq, ddq = np.random.default_rng(0).normal(size=(3, 50, 2))
+    samples = sy.Samples(q=q, dq=dq, ddq=ddq, torque=model.inverse_dynamics(q, dq, ddq, parameters))
+    estimate = sy.fit(sy.Information.from_samples(model, samples), sy.FeasibleSet(model))
+    with pytest.raises(InputError, match=r"arm.odd: descriptions of this format are read only"):
+        estimate.write_description(path, tmp_path / "new.odd")

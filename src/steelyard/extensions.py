@@ -22,6 +22,7 @@ T = TypeVar("T")
 KINDS = {
     "commands": "steelyard.cli.plug_ins:COMMANDS",
     "constraints": "steelyard.feasibility.constraints.toml_section:CONSTRAINTS",
+    "description_formats": "steelyard.robot.description:DESCRIPTION_FORMATS",
     "estimators": "steelyard.estimators.estimator:ESTIMATORS",
     "languages": "steelyard.codegen.project:LANGUAGES",
     "log_formats": "steelyard.recording.formats.registry:LOG_FORMATS",

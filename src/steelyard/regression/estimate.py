@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 from collections.abc import Mapping
 from dataclasses import dataclass, field, fields
 from pathlib import Path
@@ -11,8 +12,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from steelyard.display import html_table
-from steelyard.errors import InputError
+from steelyard.errors import InputError, faults_told
 from steelyard.files import plain, read_json, shown, write_json
+from steelyard.robot.description import URDF, DescriptionFormat, description_format
 
 from .certified_numbers import certified_numbers_differ
 from .factor import LARGEST
@@ -271,27 +273,48 @@ class Estimate:
         InputError
             If the estimate has no parameters, or does not belong to this robot.
         """
-        from steelyard.robot import Robot, write_urdf
+        self._write(URDF, Path(source), Path(target))
 
+    def write_description(self, source: str | Path, target: str | Path) -> None:
+        """Write a copy of a description with the identified parameters, in the format of its suffix.
+
+        Parameters
+        ----------
+        source : str or Path
+            The description of the robot; it is not changed.
+        target : str or Path
+
+        Raises
+        ------
+        InputError
+            If the estimate has no parameters, does not belong to this robot, or the format is only read.
+        """
+        source = Path(source)
+        self._write(description_format(source) or URDF, source, Path(target))
+
+    def _write(self, kind: DescriptionFormat, source: Path, target: Path) -> None:
         if self.parameters is None:
             raise InputError(
-                "A URDF needs the parameters of every link, but this estimate has base parameters alone: "
+                "A description needs the parameters of every link, but this estimate has base parameters alone: "
                 "use steelyard.fit."
             )
-        robot = Robot.from_urdf(source, tip=self.description.get("tip"), locked=self.description.get("locked") or ())
-        names = list(robot.parameter_names)
-        missing = [name for name in names if name not in self.parameter_names]
-        if missing or tuple(robot.joint_names) != self.joint_names:
-            raise InputError(
-                f"{source}: does not describe the robot of this estimate, whose joints are "
-                f"{', '.join(self.joint_names)}; it has {', '.join(robot.joint_names)}."
-            )
-        index = {name: k for k, name in enumerate(self.parameter_names)}
-        links = self.parameters[[index[name] for name in names]]
-        unknown = np.full(robot.dof, np.nan)
-        damping = unknown if self.damping is None else self.damping
-        friction = unknown if self.friction is None else self.friction
-        write_urdf(robot, links, damping, friction, source, target)
+        told = faults_told(f"{source} cannot be read and written", "mend the package that does so")
+        with contextlib.nullcontext() if kind is URDF else told:
+            tip, locked = self.description.get("tip"), self.description.get("locked") or ()
+            robot = kind.read(source, tip, locked, (0, 0, -9.81))
+            names = list(robot.parameter_names)
+            missing = [name for name in names if name not in self.parameter_names]
+            if missing or tuple(robot.joint_names) != self.joint_names:
+                raise InputError(
+                    f"{source}: does not describe the robot of this estimate, whose joints are "
+                    f"{', '.join(self.joint_names)}; it has {', '.join(robot.joint_names)}."
+                )
+            index = {name: k for k, name in enumerate(self.parameter_names)}
+            links = self.parameters[[index[name] for name in names]]
+            unknown = np.full(robot.dof, np.nan)
+            damping = unknown if self.damping is None else self.damping
+            friction = unknown if self.friction is None else self.friction
+            kind.write(robot, links, damping, friction, source, target)
 
 
 def _read(name: str, value: Any, where: str) -> Any:

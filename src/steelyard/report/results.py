@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import re
 from collections.abc import Iterable
 from pathlib import Path
 from typing import Any
@@ -10,6 +11,7 @@ from typing import Any
 from steelyard.errors import InputError
 from steelyard.files import read_json, replaced_folder, write_json
 from steelyard.identification import Identification
+from steelyard.robot.description import URDF, description_format
 
 from .html import write_report
 from .sections import hashed_file, versions
@@ -19,6 +21,7 @@ __all__ = ["require_apart", "require_folder", "save_results"]
 FORMAT = "steelyard-run-1"
 RECORD = "run.json"
 FILES = ("estimate.json", "report.html", "robot.urdf", RECORD)
+DESCRIPTION = r"robot\.(?!toml$)\w+"
 
 
 def require_folder(folder: Path) -> None:
@@ -59,14 +62,16 @@ def require_apart(folder: Path, inputs: Iterable[Path | None]) -> None:
     InputError
         If one of them would be replaced.
     """
-    for name in FILES:
+    given = [one for one in inputs if one is not None]
+    descriptions = [name for one in given if re.fullmatch(DESCRIPTION, name := f"robot{one.suffix.lower()}")]
+    for name in (*FILES, *descriptions):
         place = folder / name
-        if place.exists() and any(one is not None and one.exists() and place.samefile(one) for one in inputs):
+        if place.exists() and any(one.exists() and place.samefile(one) for one in given):
             raise InputError(f"{place}: is read, and the results would replace it; give another --output.")
 
 
 def save_results(identification: Identification, folder: Path) -> tuple[Path, ...]:
-    """Write ``estimate.json``, ``report.html``, ``run.json`` and, where the robot came as URDF, ``robot.urdf``.
+    """Write ``estimate.json``, ``report.html``, ``run.json`` and the description, such as ``robot.urdf``.
 
     They appear together, see :func:`steelyard.files.replaced_folder`.
 
@@ -91,11 +96,21 @@ def save_results(identification: Identification, folder: Path) -> tuple[Path, ..
     with replaced_folder(folder, record=RECORD, stale=_earlier(folder)) as made:
         identification.estimate.save(made / "estimate.json")
         if source is not None:
-            identification.estimate.write_urdf(source, made / "robot.urdf")
+            name = _described(source)
+            if name is not None:
+                identification.estimate.write_description(source, made / name)
         write_report(identification, made / "report.html")
         names = sorted([RECORD, *(path.name for path in made.iterdir())])
         write_json({**run_record(identification), "files": names}, made / RECORD)
     return tuple(folder / name for name in names)
+
+
+def _described(source: Path) -> str | None:
+    """Name the file for the description with the identified parameters; None where its format is only read."""
+    kind = description_format(source) or URDF
+    if kind is URDF:
+        return "robot.urdf"
+    return f"robot{source.suffix.lower()}" if kind.is_written else None
 
 
 def _earlier(folder: Path) -> tuple[str, ...]:
@@ -106,7 +121,7 @@ def _earlier(folder: Path) -> tuple[str, ...]:
         return ()
     if not isinstance(record, dict) or record.get("format") != FORMAT or not isinstance(record.get("files"), list):
         return ()
-    return tuple(name for name in record["files"] if name in FILES)
+    return tuple(name for name in record["files"] if name in FILES or re.fullmatch(DESCRIPTION, str(name)))
 
 
 def run_record(identification: Identification) -> dict[str, Any]:

@@ -5,6 +5,8 @@ from typing import TYPE_CHECKING
 from steelyard.first_use import import_at_first_use
 
 if TYPE_CHECKING:
+    from .description import DescriptionFormat as DescriptionFormat
+    from .description import description_format as description_format
     from .file import RobotFile as RobotFile
     from .inertia import INERTIA_SYMBOLS as INERTIA_SYMBOLS
     from .inertia import Inertia as Inertia

@@ -14,6 +14,7 @@ import numpy as np
 from steelyard.errors import InputError
 from steelyard.files import TomlTable, is_number, read_toml, shown, suggestion
 
+from .description import URDF, read_description
 from .dh import dh_joints
 from .robot import Robot
 
@@ -23,7 +24,7 @@ TABLES = ("log", "processing", "limits", "constraints")
 TOP_LEVEL = ("name", "description", "terms", *TABLES)
 DEFAULT_TERMS = ("viscous", "coulomb", "offset")
 """The terms of a file that names none: every robot has friction, and few drives measure exactly zero torque at rest."""
-URDF_KEYS = ("urdf", "tip", "locked", "gravity")
+FILE_KEYS = ("tip", "locked", "gravity")
 LIMITS = {"lower": "lower", "upper": "upper", "velocity": "velocity_limit", "effort": "effort_limit"}
 DH_KEYS = ("convention", "rows", "lengths", "gravity")
 
@@ -98,12 +99,9 @@ class RobotFile:
         if isinstance(path, RobotFile):
             return path
         path = Path(path)
-        match path.suffix.lower():
-            case ".urdf" | ".xml":
-                return cls(path, Robot.from_urdf(path), _default_terms())
-            case ".toml":
-                return replace(cls._from_toml(path), allow_extensions=allow_extensions)
-        raise InputError(f"{path}: a robot is described by a .urdf or a .toml file, got the suffix {path.suffix!r}")
+        if path.suffix.lower() == ".toml":
+            return replace(cls._from_toml(path), allow_extensions=allow_extensions)
+        return cls(path, read_description(path), _default_terms())
 
     @classmethod
     def _from_toml(cls, path: Path) -> RobotFile:
@@ -150,12 +148,14 @@ def _default_terms() -> tuple[dict[str, Any], ...]:
 
 def _describe(path: Path, description: dict[str, Any]) -> Robot:
     where = f"{path}, [description]"
-    if "urdf" in description and "rows" in description:
-        raise InputError(f"{where}: it has both urdf and rows; keep one")
-    if "urdf" not in description and "rows" not in description:
+    given = [key for key in ("urdf", "file", "rows") if key in description]
+    if len(given) > 1:
+        raise InputError(f"{where}: it has both {given[0]} and {given[1]}; keep one")
+    if not given:
         found = ", ".join(description) or "nothing"
         raise InputError(f"{where}: urdf = ... or rows = ... is needed, found {found}")
-    keys, kind = (URDF_KEYS, "a URDF") if "urdf" in description else (DH_KEYS, "DH rows")
+    names = {"urdf": "a URDF", "file": "a file of a description", "rows": "DH rows"}
+    keys, kind = DH_KEYS if given == ["rows"] else (*given, *FILE_KEYS), names[given[0]]
     table = TomlTable({"gravity": [0, 0, -9.81], **description}, where, keys, f"does not belong to {kind}")
     gravity = table.numbers("gravity", 3, expected="three numbers in m/s²")
     if "rows" in description:
@@ -168,7 +168,7 @@ def _describe(path: Path, description: dict[str, Any]) -> Robot:
         joints, links = dh_joints(rows, description.get("convention", "standard"), where)
         return Robot(path.stem, joints, links, np.asarray(gravity, dtype=object)).with_lengths(lengths)
 
-    urdf, tip = table.text("urdf", "a path") or "", table.text("tip", "the name of a link")
+    source, tip = path.parent / (table.text(given[0], "a path") or ""), table.text("tip", "the name of a link")
     locked = description.get("locked", [])
     if isinstance(locked, list):
         valid = all(isinstance(name, str) for name in locked)
@@ -176,7 +176,9 @@ def _describe(path: Path, description: dict[str, Any]) -> Robot:
         valid = isinstance(locked, dict) and all(is_number(value) for value in locked.values())
     if not valid:
         raise table.refuse("locked", "a list of joint names or a table of positions")
-    return Robot.from_urdf(path.parent / urdf, tip, locked, gravity)
+    return (
+        URDF.read(source, tip, locked, gravity) if given == ["urdf"] else read_description(source, tip, locked, gravity)
+    )
 
 
 def _with_limits(robot: Robot, section: Mapping[str, Any], where: str) -> Robot:

@@ -178,7 +178,7 @@ class Robot:
     base_attachments : tuple of Attachment
         Links of the source that are fixed to the base.
     source : Path or None
-        The URDF that the robot was read from.
+        The description that the robot was read from.
 
     Raises
     ------

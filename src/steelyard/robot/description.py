@@ -1,0 +1,143 @@
+"""The formats of robot descriptions: how a file is read as a robot, and written again with identified parameters."""
+
+from __future__ import annotations
+
+import re
+from abc import ABC, abstractmethod
+from collections.abc import Iterable, Mapping
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from steelyard.errors import InputError, faults_told
+from steelyard.extensions import Extensions
+from steelyard.files import read_bytes, shown
+
+from .robot import Robot
+
+__all__ = ["DESCRIPTION_FORMATS", "URDF", "DescriptionFormat", "description_format", "read_description"]
+
+Locked = Iterable[str] | Mapping[str, float]
+_BEFORE_ROOT = re.compile(rb"<!--.*?-->|<\?.*?\?>|<![^>]*>", re.DOTALL)
+_ROOT = re.compile(rb"<([A-Za-z_][\w.-]*)")
+
+
+class DescriptionFormat(ABC):
+    """A format of robot descriptions. One that derives from this class has `read`, and `write` where it is written."""
+
+    @abstractmethod
+    def read(self, path: Path, tip: str | None, locked: Locked, gravity: ArrayLike) -> Robot:
+        """Read a robot.
+
+        Parameters
+        ----------
+        path : Path
+        tip : str or None
+            Keep only the chain from the root to this link.
+        locked : iterable of names, or mapping from name to position
+            Joints held still; a format that does not know this, or `tip`, refuses what is not empty.
+        gravity : (3,) array_like
+            In the frame of the root link, m/s².
+
+        Raises
+        ------
+        InputError
+            If the file does not describe a robot.
+        """
+
+    def write(
+        self,
+        robot: Robot,
+        parameters: NDArray[np.float64],
+        damping: NDArray[np.float64],
+        friction: NDArray[np.float64],
+        source: Path,
+        target: Path,
+    ) -> None:
+        """Write a copy of a description with other parameters; a format that is only read does not have this.
+
+        Parameters
+        ----------
+        robot : Robot
+            As `read` gives it.
+        parameters : (n,)
+            Values of `robot.parameter_names`.
+        damping, friction : (N,)
+            Of each coordinate; NaN where nothing is known.
+        source, target : Path
+        """
+        raise InputError(f"{source}: descriptions of this format are read only; estimate.json holds the parameters.")
+
+    @property
+    def is_written(self) -> bool:
+        """Whether the format has `write`."""
+        return type(self).write is not DescriptionFormat.write
+
+
+class UrdfFormat(DescriptionFormat):
+    """URDF, which is edited in place."""
+
+    def read(self, path: Path, tip: str | None, locked: Locked, gravity: ArrayLike) -> Robot:
+        """See `Robot.from_urdf`."""
+        return Robot.from_urdf(path, tip, locked, gravity)
+
+    def write(
+        self,
+        robot: Robot,
+        parameters: NDArray[np.float64],
+        damping: NDArray[np.float64],
+        friction: NDArray[np.float64],
+        source: Path,
+        target: Path,
+    ) -> None:
+        """See `write_urdf`."""
+        from .urdf_writer import write_urdf  # what writes is loaded when something is written
+
+        write_urdf(robot, parameters, damping, friction, source, target)
+
+
+def _checked_format(name: str, offered: object) -> DescriptionFormat:
+    if isinstance(offered, type) and issubclass(offered, DescriptionFormat):
+        return offered()
+    raise TypeError(f"expected a class derived from steelyard.robot.DescriptionFormat, got {shown(offered)}")
+
+
+URDF = UrdfFormat()
+DESCRIPTION_FORMATS: Extensions[DescriptionFormat] = Extensions(
+    "description_formats", "format of descriptions", {"urdf": URDF, "robot": URDF}, _checked_format
+)
+"""By the suffix in lower case without the dot, and for files with the suffix .xml by the name of the root element."""
+
+
+def description_format(path: Path) -> DescriptionFormat | None:
+    """Return the format of a file by its suffix or, for .xml, by its root element; None where none has it."""
+    suffix = path.suffix.lower().removeprefix(".")
+    if suffix != "xml":
+        return DESCRIPTION_FORMATS.get(suffix) if suffix else None
+    root = _ROOT.search(_BEFORE_ROOT.sub(b"", read_bytes(path, remedy="give a robot description")))
+    return (DESCRIPTION_FORMATS.get(root[1].decode("ascii", "replace")) if root else None) or URDF
+
+
+def read_description(
+    path: Path, tip: str | None = None, locked: Locked = (), gravity: ArrayLike = (0, 0, -9.81)
+) -> Robot:
+    """Read a robot from a file in any of the formats; see `DescriptionFormat.read`.
+
+    Raises
+    ------
+    InputError
+        If no format has the suffix, or the file does not describe a robot.
+    """
+    chosen = description_format(path)
+    if chosen is None:
+        known = ", ".join(f"a .{name}" for name in DESCRIPTION_FORMATS.names() if name != "robot")
+        raise InputError(f"{path}: a robot is described by {known} or a .toml file, got the suffix {path.suffix!r}")
+    if chosen is URDF:
+        return chosen.read(path, tip, locked, gravity)
+    with faults_told(f"{path} cannot be read", "mend the file, or the package that reads it"):
+        robot = chosen.read(path, tip, locked, gravity)
+        if not isinstance(robot, Robot):
+            raise TypeError(f"expected a steelyard.Robot, got {shown(robot)}")
+        return replace(robot, source=path)
