@@ -1,12 +1,23 @@
 """Task-space control against Pinocchio's dynamics and kinematics."""
 
+import inspect
+
 import numpy as np
 import pytest
 from scipy.linalg import null_space as kernel_of
 from scipy.spatial.transform import Rotation
 
 import steelyard as sy
-from steelyard.control import MeasuredVelocity, NullSpaceControl, PoseTrajectory, TaskSpaceControl, Tool
+from steelyard.control import (
+    AdaptiveForceControl,
+    ImpedanceControl,
+    MeasuredVelocity,
+    NullSpaceControl,
+    PoseTrajectory,
+    TaskSpaceControl,
+    Tool,
+)
+from steelyard.control.task_space import TaskControl, TaskOptions
 from steelyard.simulation import Measurement
 
 
@@ -231,3 +242,20 @@ def test_parameters_without_inertia_give_not_a_number(six):
     seen = Measurement(t=0.0, q=np.array([0.2, -0.7, 0.9, 0.3, 0.9, 0.1]))
     controller.start(seen)
     assert controller.torque(seen).shape == (6,)
+
+
+@pytest.mark.parametrize("controller", [TaskSpaceControl, ImpedanceControl, AdaptiveForceControl])
+def test_controllers_of_a_tool_share_their_options(controller):
+    """The defaults stand in the base class alone; the options that a type checker knows are those that it takes."""
+    taken = inspect.signature(TaskControl).parameters.values()
+    options = {p.name for p in taken if p.kind is inspect.Parameter.KEYWORD_ONLY}
+    assert options == set(TaskOptions.__annotations__)
+    own = inspect.signature(controller).parameters
+    assert not options & set(own)
+    assert any(p.kind is inspect.Parameter.VAR_KEYWORD for p in own.values())
+
+
+def test_an_unknown_option_is_refused(arm):
+    model, parameters, _, link = arm
+    with pytest.raises(TypeError, match="largest_mas"):
+        TaskSpaceControl(model, parameters, Tool(link), np.eye(4), kp=1.0, kd=1.0, largest_mas=1.0)  # type: ignore[call-arg]

@@ -18,9 +18,8 @@ Array = NDArray[np.float64]
 RATE = 1000.0  # Hz
 _BLOCK = 2000  # samples in one call of a constraint, which bounds the memory
 _ROUNDS = 12  # linearisations of a repair at most
-_SPARE = (
-    2e-5  # part of the scale of a limit that a repair keeps free, because the motion between samples is not checked
-)
+# Part of the scale of a limit that a repair keeps free, because the motion between samples is not checked.
+_SPARE = 2e-5
 _NEAR = 0.05  # parts of a motion whose margin is below this part of the scale are constraints of the repair
 _LONGEST_STEP = 1.0  # of a repair, in the 2-norm of the scaled coefficients
 
