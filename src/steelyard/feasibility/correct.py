@@ -192,19 +192,13 @@ class _Given:
         standard = parameters is not None
         if standard:
             given = feasible_set.as_parameters(parameters)
-            origin, matrix, stacked = given, np.eye(feasible_set.parameter_count), feasible_set.stack.coefficients
+            origin, matrix = given, np.eye(feasible_set.parameter_count)
         else:
             given = feasible_set.as_base(base)
-            origin, matrix, stacked = (
-                feasible_set.lift @ given,
-                feasible_set.base_dependent,
-                feasible_set.stacked_base_dependent,
-            )
+            origin, matrix = feasible_set.lift @ given, feasible_set.base_dependent
         unit = float(np.abs(given).max(initial=0.0)) or 1.0
         chosen = Metric.of(metric, covariance, feasible_set, standard)
-        return cls(
-            NearestPoint(feasible_set, origin, matrix, len(given), chosen, unit, solver, stacked), given, standard
-        )
+        return cls(NearestPoint(feasible_set, origin, matrix, len(given), chosen, unit, solver), given, standard)
 
     def difference(self, parameters: Vector) -> Vector:
         """d."""

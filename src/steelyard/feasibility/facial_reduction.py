@@ -179,7 +179,7 @@ def _dual_point_of_greatest_rank(
         ],
     )
     solution = solve(problem, accuracy=1e-9)
-    if not solution.outcome.usable or not np.all(np.isfinite(solution.primal)):
+    if not solution.usable:
         return None
     start = len(solution.dual) - rows
     return stack.matrices(solution.primal[:rows]), stack.matrices(solution.dual[start:]), solution.primal[rows:-1]

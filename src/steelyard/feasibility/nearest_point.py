@@ -2,7 +2,6 @@
 
 from collections.abc import Callable
 from dataclasses import dataclass, field
-from functools import cached_property
 
 import numpy as np
 import numpy.typing as npt
@@ -61,8 +60,6 @@ class NearestPoint:
         Typical size of d.
     solver : str
         As in `steelyard.conic.solve`.
-    stacked : (rows, m) sparse, optional
-        Coefficients of the blocks in x, if they have been computed already.
     """
 
     feasible_set: FeasibleSet
@@ -72,14 +69,6 @@ class NearestPoint:
     metric: Metric
     unit: float
     solver: str
-    stacked: sparse.csc_array | None = field(default=None, repr=False)
-
-    @cached_property
-    def coefficients(self) -> sparse.csc_array:
-        """Coefficients of the stacked blocks in x."""
-        if self.stacked is not None:
-            return self.stacked
-        return sparse.csc_array(self.feasible_set.stack.coefficients @ self.matrix)
 
     def squared(self, difference: Vector) -> float:
         """Squared length of d in the units of the problem."""
@@ -119,7 +108,7 @@ class NearestPoint:
         """
         scale, solution = 1.0, self.solve(margin, 1.0, 1.0)
         iterations = solution.iterations
-        if not _has_answer(solution):
+        if not solution.usable:
             return None, solution, scale, iterations
         found, finest = self.parameters(solution), 1.0
         for _ in range(1 if self.metric.factor is None else REFINEMENTS):
@@ -129,7 +118,7 @@ class NearestPoint:
             finest = max(distance, FINEST * finest)
             finer = self.solve(margin, finest, min(1.0, max(distance * self.unit**2, LEAST_WEIGHT)))
             iterations += finer.iterations
-            if not _has_answer(finer):
+            if not finer.usable:
                 break
             point = self.parameters(finer)
             if inside(point) and (self.squared(difference(point)) < distance or not inside(found)):
@@ -138,18 +127,12 @@ class NearestPoint:
 
     def solve(self, margin: float, scale: float, weight: float) -> ConicSolution:
         """Solve with a margin; `scale` divides the squared distance, and `weight` multiplies the other squares."""
-        feasible_set, stack = self.feasible_set, self.feasible_set.stack
         count, measured = self.matrix.shape[1], self.measured
         unmeasured = UNIDENTIFIABLE_WEIGHT * weight / scale
         weights = np.full(count, unmeasured)
         weights[:measured] = 0.0
-        equations = feasible_set.equation_matrix @ self.matrix
-        missing = feasible_set.equation_values - feasible_set.equation_matrix @ self.origin
-        values = stack.constant + stack.coefficients @ self.origin - margin * stack.identity
-        rows = [
-            Rows(equations, missing / self.unit, Cone("zero", len(equations))),
-            Rows(-self.coefficients, values / self.unit, *stack.cones),
-        ]
+        conditions = self.feasible_set.rows(self.matrix, self.origin, margin)
+        rows = [Rows(part.matrix, part.right / self.unit, *part.cones) for part in conditions]
         factor = None if self.metric.factor is None else self.metric.factor / self.metric.size
         if self.metric.is_diagonal:
             squares = np.ones(measured) if factor is None else np.sum(factor**2, axis=0)
@@ -166,10 +149,6 @@ class NearestPoint:
         P = sparse.csc_array(sparse.diags_array(weights, format="csc"))
         problem = ConicProblem.from_rows(np.zeros(len(weights)), rows, P)
         return solve(problem, solver=self.solver)
-
-
-def _has_answer(solution: ConicSolution) -> bool:
-    return solution.outcome.usable and bool(np.all(np.isfinite(solution.primal)))
 
 
 @dataclass(frozen=True, eq=False)
@@ -234,7 +213,7 @@ def nearest_in_region(
             continue
         u = solution.primal[:k]
         blocks = solution.dual[len(feasible_set.equalities) :]
-        pushes = blocks * (problem.coefficients[:, :k] @ u)
+        pushes = blocks * (stack.coefficients @ (matrix[:, :k] @ u))
         shares = np.array([float(pushes[place].sum()) for place in stack.slices])
         return Nearest(found, float(np.linalg.norm(u)), shares * scale / (2.0 * float(u @ u) or 1.0))
     raise SolverError(
@@ -269,7 +248,7 @@ def light_point(
         sparse.csc_array(sparse.diags_array(np.full(directions.shape[1], UNIDENTIFIABLE_WEIGHT), format="csc")),
     )
     solution = solve(problem, solver=solver)
-    if not solution.outcome.usable or not np.all(np.isfinite(solution.primal)):
+    if not solution.usable:
         return nearest.parameters
     found = feasible_set.project_on_equations(reference + directions @ solution.primal)
     inside = np.all(stack.smallest_eigenvalues(found) > 0) and np.linalg.norm(solution.primal[:k]) < radius

@@ -13,7 +13,7 @@ import numpy as np
 import numpy.typing as npt
 import scipy.linalg as linalg
 
-from steelyard.conic import Cone, ConicProblem, Outcome, Rows, solve
+from steelyard.conic import Cone, ConicProblem, Rows, solve
 from steelyard.lmi import AffineStack, symmetric_to_vector, vector_to_symmetric
 
 from ..feasible_set import FeasibleSet
@@ -163,7 +163,7 @@ class Metric:
         blocks = Rows(np.column_stack([-self.Q, self.stack.identity]), constant, *self.stack.cones)
         problem = ConicProblem.from_rows(cost, (capped, blocks))
         solution = solve(problem, accuracy=accuracy)
-        if solution.outcome is Outcome.INFEASIBLE or not np.all(np.isfinite(solution.primal)):
+        if not solution.usable:
             return -np.inf, np.zeros(count), self.across(solution.dual[1:])
         return float(solution.primal[-1]), solution.primal[:-1], self.across(solution.dual[1:])
 

@@ -219,6 +219,6 @@ def least_violations(feasible_set: FeasibleSet, base: Vector) -> Vector:
     bounds = np.hstack([np.eye(count), np.zeros((count, 1))])
     trace_bound = TRACE_BOUND * max(1.0, float(np.abs(base).max(initial=0.0)))
     solution = solve(problem.conic(slack, np.ones(count), bounds, trace_bound))
-    if not solution.outcome.usable or not np.all(np.isfinite(solution.primal)):
+    if not solution.usable:
         return np.zeros(count)
     return np.asarray(np.maximum(solution.primal[stack.parameter_count :], 0.0))

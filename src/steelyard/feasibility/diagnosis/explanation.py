@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from steelyard.conic import ConicProblem, Outcome, solve
+from steelyard.conic import ConicProblem, solve
 from steelyard.display import html_table, text_table
 from steelyard.dynamics.threads import one_thread
 from steelyard.errors import InputError
@@ -112,11 +112,7 @@ def change_alone(
     cost = np.concatenate([[1.0], np.zeros(count - 1)])
     problem = ConicProblem.from_rows(cost, (equations, blocks))
     solution = solve(problem, solver=solver)
-    if (
-        solution.outcome is Outcome.INFEASIBLE
-        or not solution.outcome.usable
-        or not np.all(np.isfinite(solution.primal))
-    ):
+    if not solution.usable:
         return float("inf")
     left = blocks.right - blocks.matrix @ solution.primal
     if _smallest_eigenvalue(feasible_set, left) < -1e-4 * needed * float(

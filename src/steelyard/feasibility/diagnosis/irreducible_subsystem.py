@@ -5,7 +5,7 @@ from dataclasses import dataclass, field
 import numpy as np
 import numpy.typing as npt
 
-from steelyard.conic import Cone, ConicProblem, Outcome, Rows, solve
+from steelyard.conic import Cone, ConicProblem, Rows, solve
 from steelyard.lmi import AffineStack, symmetric_to_vector
 
 from ..feasible_set import FeasibleSet
@@ -102,9 +102,7 @@ def separation(feasible_set: FeasibleSet, base: Vector, blocks: list[int], equat
         ],
     )
     solution = solve(problem, accuracy=1e-9)
-    if solution.outcome is Outcome.INFEASIBLE or not np.all(np.isfinite(solution.primal)):
-        return None
-    if not solution.outcome.usable or solution.objective > -CLEAR:
+    if not solution.usable or solution.objective > -CLEAR:
         return None
     dual = stack.matrices(units * solution.primal[:count])
     total = sum(float(np.trace(Z)) for Z in dual) or 1.0
