@@ -95,7 +95,7 @@ def force_loop(bandwidth: float, velocity_gain: float, sample_time: float) -> Fo
 
 @dataclass(frozen=True, kw_only=True)
 class ForceControlOptions:
-    """How the force loop of :class:`AdaptiveForceControl` is tuned.
+    """The tuning of the force loop of :class:`AdaptiveForceControl`.
 
     Attributes
     ----------

@@ -39,7 +39,7 @@ class TaskOptions(TypedDict, total=False):
 
 
 class TaskControl(ControlBlock):
-    """What the controllers of a tool share: the dynamics at the tool, its reference, and the null-space motion.
+    """Base class of the controllers of a tool: the dynamics at the tool, its reference, and the null-space motion.
 
     Parameters
     ----------

@@ -93,7 +93,7 @@ class Occurrence:
 
 
 class Status(StrEnum):
-    """How a run ended.
+    """The ways in which a run ends.
 
     Attributes
     ----------
