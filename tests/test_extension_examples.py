@@ -439,6 +439,7 @@ def test_the_estimator_passes_through_an_identification(sprung, run, install, tm
     code, _, err = run("identify", path, sprung / "log.csv", "-o", output, "--estimator", "neerest")
     assert (code, "There is no estimator 'neerest'; did you mean \"nearest\"?" in err) == (2, True)
     assert "of_near" not in sys.modules
+    assert "reading" not in err  # hours of logs are not read before that is said
     assert run("identify", path, sprung / "log.csv", "-o", output, "--estimator", "nearest")[0] == 0
     estimate = sy.Estimate.load(output / "estimate.json")
     assert estimate.method.endswith("least squares, moved to the nearest possible robot")

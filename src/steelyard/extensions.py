@@ -130,9 +130,7 @@ class Extensions(Generic[T]):
                 "it with --allow-extensions (allow_extensions=True in Python)."
             )
         whose = f"{where}: the {self.noun} `{path}`"
-        return self._loaded(
-            _entry(path, path), whose, "it must be written as module:name, of a module that Python finds"
-        )
+        return self._loaded(_entry(path, path), whose, "name one that Python finds, as module:name")
 
     def register(self, name: str, offered: T) -> None:
         """Add one from Python; see `steelyard.extensions.register`."""

@@ -17,7 +17,7 @@ from steelyard.feasibility.feasible_set import FeasibleSet
 from steelyard.files import shown, suggestion
 from steelyard.regression import Estimate, Information, ParameterCovariance
 
-__all__ = ["ESTIMATORS", "Estimator", "estimate_with", "proved_estimate"]
+__all__ = ["ESTIMATORS", "Estimator", "estimate_with", "find_estimator", "proved_estimate"]
 
 Vector = npt.NDArray[np.float64]
 
@@ -146,16 +146,28 @@ def estimate_with(estimator: str | Estimator, info: Information, feasible_set: F
     SolverError
         If it fails, or gives no feasible estimate of this robot.
     """
-    found = ESTIMATORS.get(estimator) if isinstance(estimator, str) else estimator
-    if found is None:
-        raise InputError(f"There is no estimator {estimator!r}; {suggestion(str(estimator), ESTIMATORS.names())}")
-    if not callable(found):
-        raise InputError(f"estimator must be a name or a function, got {shown(estimator)}.")
+    found = find_estimator(estimator)
     if estimator in ESTIMATORS.own or found is ESTIMATORS.get("fit"):
         return found(info, feasible_set, **options)
     name = f"`{estimator}`" if isinstance(estimator, str) else getattr(estimator, "__name__", "given")
     with faults_told(f"The estimator {name} failed", 'mend it, or use estimator="fit"', SolverError):
         return _checked(found(info, feasible_set, **options), info, feasible_set)
+
+
+def find_estimator(estimator: str | Estimator) -> Estimator:
+    """Return the estimator of that name, or the function itself.
+
+    Raises
+    ------
+    InputError
+        If there is none; names the closest one.
+    """
+    found = ESTIMATORS.get(estimator) if isinstance(estimator, str) else estimator
+    if found is None:
+        raise InputError(f"There is no estimator {estimator!r}; {suggestion(str(estimator), ESTIMATORS.names())}")
+    if not callable(found):
+        raise InputError(f"estimator must be a name or a function, got {shown(estimator)}.")
+    return found
 
 
 def _checked(given: object, info: Information, feasible_set: FeasibleSet) -> Estimate:

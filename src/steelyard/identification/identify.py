@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from steelyard.dynamics import Model
 from steelyard.dynamics.threads import in_one_thread
 from steelyard.errors import InputError
-from steelyard.estimators.estimator import Estimator, estimate_with
+from steelyard.estimators.estimator import Estimator, estimate_with, find_estimator
 from steelyard.feasibility import FeasibleSet, check
 from steelyard.feasibility.constraints import constraints_from_dict
 from steelyard.recording import (
@@ -105,6 +105,7 @@ def identify(
     say = progress or (lambda _: None)
     if not logs:
         raise InputError("At least one log is needed to identify a robot; give the path of a CSV, Parquet or NPZ file.")
+    find_estimator(estimator)  # which is refused before logs are read
     file = RobotFile.load(robot)
     model = Model.from_file(file)
     reader = _Reader(file, model, chunk_rows)

@@ -176,9 +176,8 @@ def _describe(path: Path, description: dict[str, Any]) -> Robot:
         valid = isinstance(locked, dict) and all(is_number(value) for value in locked.values())
     if not valid:
         raise table.refuse("locked", "a list of joint names or a table of positions")
-    return (
-        URDF.read(source, tip, locked, gravity) if given == ["urdf"] else read_description(source, tip, locked, gravity)
-    )
+    read = URDF.read if given == ["urdf"] else read_description
+    return read(source, tip, locked, gravity)
 
 
 def _with_limits(robot: Robot, section: Mapping[str, Any], where: str) -> Robot:
