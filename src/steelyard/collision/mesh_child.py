@@ -53,7 +53,8 @@ def answer(path: str, libraries: list[str]) -> tuple[dict[str, Any], bytes]:
 def _by_coal(path: str) -> tuple[Any, Any]:
     import coal  # type: ignore[import-untyped]
 
-    surface = coal.MeshLoader(coal.BV_OBBRSS).load(path, np.ones(3))
+    # The tree of bounding volumes is not used; this one takes a third of the time of reading with coal's finest.
+    surface = coal.MeshLoader(coal.BV_AABB).load(path, np.ones(3))
     faces = [surface.tri_indices(index) for index in range(surface.num_tris)]
     vertices = np.array(surface.vertices(), dtype=np.float64).reshape(-1, 3)
     return vertices, np.array([(face[0], face[1], face[2]) for face in faces], dtype=np.int64).reshape(-1, 3)

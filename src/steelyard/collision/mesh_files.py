@@ -104,11 +104,17 @@ def read_mesh(path: Path) -> MeshArrays:
     return found
 
 
-def read_meshes(paths: Iterable[Path]) -> dict[Path, MeshArrays | InputError]:
+def read_meshes(paths: Iterable[Path], largest: int = LARGEST) -> dict[Path, MeshArrays | InputError]:
     """Read mesh files: STL, OBJ, COLLADA, PLY and other formats that coal or trimesh can read.
 
     Another process with limits of memory and time reads them, because damaged files may crash the libraries, exhaust
     the memory, or never end: 27 % of damaged PLY files ended the process that read them.
+
+    Parameters
+    ----------
+    paths : iterable of path
+    largest : int
+        Bytes above which a file is not read.
 
     Returns
     -------
@@ -125,8 +131,8 @@ def read_meshes(paths: Iterable[Path]) -> dict[Path, MeshArrays | InputError]:
     for path in dict.fromkeys(paths):
         try:
             require_file(path, "give the path of a mesh")
-            if path.stat().st_size > LARGEST:
-                raise InputError(f"{path}: has more than {LARGEST / 1e6:.0f} MB; simplify the mesh.")
+            if path.stat().st_size > largest:
+                raise InputError(f"{path}: has more than {largest / 1e6:.0f} MB; simplify the mesh.")
         except InputError as error:
             found[path] = error
         else:

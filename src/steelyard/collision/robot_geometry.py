@@ -17,16 +17,17 @@ from steelyard.robot import Robot
 from steelyard.robot.placement import frozen
 from steelyard.robot.urdf_document import UrdfReader, parse_urdf
 
-from .mesh_files import MeshArrays, find_mesh, read_meshes
+from .mesh_files import LARGEST, MeshArrays, find_mesh, read_meshes
 from .shapes import Box, Capsule, Cylinder, Mesh, Shape, Sphere
 
 if TYPE_CHECKING:
     from lxml import etree
 
-__all__ = ["MeshKind", "PlacedShape", "RobotGeometry", "shapes_from_urdf"]
+__all__ = ["GeometryElement", "MeshKind", "PlacedShape", "RobotGeometry", "shapes_from_urdf", "shapes_of_moving_links"]
 
 Array = NDArray[np.float64]
 MeshKind = Literal["hull", "exact"]
+GeometryElement = Literal["collision", "visual"]
 
 
 @dataclass(frozen=True, eq=False)
@@ -63,6 +64,21 @@ class PlacedShape:
 
     def __repr__(self) -> str:
         return f"PlacedShape({self.shape} on {self.link!r})"
+
+    @property
+    def moments(self) -> Array:
+        """∫ (r, 1)(r, 1)ᵀ dV over the solid, (4, 4), in the frame of the moving link; see `Shape`."""
+        return np.asarray(self.placement @ self.shape.moments @ self.placement.T)
+
+    @property
+    def box(self) -> Array:
+        """Corners (2, 3) of the box around the shape, lower first, along the axes of the moving link, m."""
+        rotation, origin = self.placement[:3, :3], self.placement[:3, 3]
+        found = []
+        for sign in (1.0, -1.0):
+            points = self.shape.lowest(sign * rotation)  # rows of the rotation: the axes, seen from the shape
+            found.append(np.einsum("ij,ij->i", rotation, points) + origin)
+        return np.array(found)
 
     @classmethod
     def on(cls, robot: Robot, link: str, shape: Shape, placement: ArrayLike | None = None) -> PlacedShape:
@@ -247,45 +263,80 @@ def shapes_from_urdf(
     root = parse_urdf(path)
     reader = _ShapeReader(path, meshes, packages)
     document = reader.document(root)
-    reader.read_files(root)
-    shapes: list[PlacedShape] = []
-    for element in reader.children(root, "link"):
-        link = element.get("name", "")
-        try:
-            robot.frame(link)
-        except InputError:
-            continue
-        for collision in reader.children(element, "collision"):
+    found = reader.shapes(root, robot, ("collision",), skipped)["collision"]
+    return found, {joint.child: joint.parent for joint in document.joints.values()}
+
+
+def shapes_of_moving_links(
+    robot: Robot, path: Path, skipped: list[tuple[str, str]], largest: int
+) -> dict[GeometryElement, list[PlacedShape]]:
+    """Return the shapes of the visual and of the collision elements of the moving links, meshes as convex hulls.
+
+    Elements that cannot be read are left out and appended to `skipped` as pairs of link and reason, and so are meshes
+    of more than `largest` bytes.
+    """
+    root = parse_urdf(path)
+    reader = _ShapeReader(path, "hull", (), largest)
+    reader.document(root)
+    return reader.shapes(root, robot, ("visual", "collision"), skipped, moving=True)
+
+
+class _ShapeReader(UrdfReader):
+    def __init__(self, path: Path, meshes: MeshKind, packages: Sequence[str | Path], largest: int = LARGEST) -> None:
+        super().__init__(path)
+        self.exact = meshes == "exact"
+        self.packages = packages
+        self.largest = largest
+        self.files: dict[Path, MeshArrays | InputError] = {}
+        self.made: dict[tuple[Path, float, float, float], Mesh] = {}
+
+    def shapes(
+        self,
+        root: etree._Element,
+        robot: Robot,
+        kinds: Sequence[GeometryElement],
+        skipped: list[tuple[str, str]] | None,
+        moving: bool = False,
+    ) -> dict[GeometryElement, list[PlacedShape]]:
+        """Read the shapes on the links of a robot, or on its moving links alone."""
+        elements: list[tuple[GeometryElement, str, etree._Element]] = []
+        for element in self.children(root, "link"):
+            link = element.get("name", "")
             try:
-                shape, placement = reader.collision(collision, f'link "{link}"')
+                carrier, _ = robot.frame(link)
+            except InputError:
+                continue
+            if carrier >= 0 or not moving:
+                elements += [(kind, link, child) for kind in kinds for child in self.children(element, kind)]
+        self.read_files(child for _, _, child in elements)
+        found: dict[GeometryElement, list[PlacedShape]] = {kind: [] for kind in kinds}
+        for kind, link, child in elements:
+            try:
+                shape, placement = self.placed_shape(child, f'link "{link}"')
             except InputError as error:
                 if skipped is None:
                     raise
                 skipped.append((link, str(error)))
                 continue
-            shapes.append(PlacedShape.on(robot, link, shape, placement))
-    return shapes, {joint.child: joint.parent for joint in document.joints.values()}
+            found[kind].append(PlacedShape.on(robot, link, shape, placement))
+        return found
 
-
-class _ShapeReader(UrdfReader):
-    def __init__(self, path: Path, meshes: MeshKind, packages: Sequence[str | Path]) -> None:
-        super().__init__(path)
-        self.meshes = meshes
-        self.packages = packages
-        self.files: dict[Path, MeshArrays | InputError] = {}
-
-    def read_files(self, root: etree._Element) -> None:
+    def read_files(self, elements: Iterable[etree._Element]) -> None:
         """Read all meshes at once, in one other process; errors are raised where a mesh is used."""
         found = []
-        for element in root.iterfind(f".//{self.namespace}collision//{self.namespace}mesh"):
-            with contextlib.suppress(InputError):
-                found.append(find_mesh(element.get("filename", ""), self.path, self.packages))
-        self.files = read_meshes(found)
+        for element in elements:
+            for mesh in element.iterfind(f".//{self.namespace}mesh"):
+                with contextlib.suppress(InputError):
+                    found.append(find_mesh(mesh.get("filename", ""), self.path, self.packages))
+        self.files = read_meshes(found, self.largest)
 
-    def collision(self, element: etree._Element, owner: str) -> tuple[Shape, Array]:
-        geometry = self.only(element, "geometry", f"{owner}, <collision>")
+    def placed_shape(self, element: etree._Element, owner: str) -> tuple[Shape, Array]:
+        """Read the shape of a ``<collision>`` or ``<visual>`` element, and its frame in that of the link."""
+        geometry = self.only(element, "geometry", f"{owner}, <{self.tag(element)}>")
         if geometry is None:
-            raise self.error(element, f"{owner}: a <collision> has no <geometry>; add one or remove the element")
+            raise self.error(
+                element, f"{owner}: a <{self.tag(element)}> has no <geometry>; add one or remove the element"
+            )
         found = [child for child in geometry if isinstance(child.tag, str)]
         if len(found) != 1:
             raise self.error(geometry, f"{owner}: a <geometry> holds one shape, found {len(found)}; keep one")
@@ -316,11 +367,15 @@ class _ShapeReader(UrdfReader):
         scale = np.array(self.vector(element, "scale", owner, (1.0, 1.0, 1.0)))
         if not scale.all():
             raise InputError(f"the scale of a mesh must not be 0, got {element.get('scale')!r}")
+        key = (file, *scale.tolist())
+        if key in self.made:
+            return self.made[key]
         read = self.files[file]
         if isinstance(read, InputError):
             raise read
         vertices, triangles = read
         try:
-            return Mesh(vertices * scale, triangles, exact=self.meshes == "exact")
+            self.made[key] = Mesh(vertices * scale, triangles, exact=self.exact)
         except InputError as error:
             raise InputError(f"{file}: {error}") from None
+        return self.made[key]

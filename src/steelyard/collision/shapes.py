@@ -23,6 +23,7 @@ __all__ = [
     "SweptSegment",
     "coal_or_none",
     "convex_hull",
+    "moments_of_surface",
     "most_neighbours",
     "require_coal",
 ]
@@ -82,6 +83,31 @@ def convex_hull(vertices: Array) -> tuple[Array, Indices]:
     # Triangles of one face have exactly the same plane.
     face = np.unique(hull.equations, axis=0, return_inverse=True)[1].ravel()
     return corners, _in_strips(triangles, face)
+
+
+def moments_of_surface(vertices: Array, triangles: Indices) -> Array:
+    """Return ∫ (r, 1)(r, 1)ᵀ dV within a closed surface, (4, 4), negative where its triangles face inwards.
+
+    Each triangle makes a tetrahedron with a point c: over a tetrahedron of volume V and corners hᵢ = (rᵢ, 1) the
+    integral is V/20 (Σ hᵢhᵢᵀ + s sᵀ) with s = Σ hᵢ.
+
+    Examples
+    --------
+    >>> corners, triangles = convex_hull(np.array([[x, y, z] for x in (0, 1) for y in (0, 2) for z in (0, 3)]))
+    >>> moments_of_surface(corners, triangles)[3].round(12).tolist()
+    [3.0, 6.0, 9.0, 6.0]
+    """
+    # Far from the origin, differences of volumes would lose their digits.
+    center = vertices.mean(axis=0)
+    corners = np.ones((len(triangles), 4, 4))
+    corners[:, :3, :3] = (vertices - center)[triangles]
+    corners[:, 3, :3] = 0.0
+    volumes = np.einsum("ti,ti->t", corners[:, 0, :3], np.cross(corners[:, 1, :3], corners[:, 2, :3])) / 6.0
+    sums = corners.sum(axis=1)
+    found = np.einsum("t,tki,tkj->ij", volumes, corners, corners) + np.einsum("t,ti,tj->ij", volumes, sums, sums)
+    shift = np.eye(4)
+    shift[:3, 3] = center
+    return np.asarray(shift @ found @ shift.T / 20.0)
 
 
 def most_neighbours(triangles: Indices) -> int:
@@ -161,9 +187,19 @@ class Shape(ABC):
     def bounds(self) -> SweptSegment:
         """A capsule that contains the shape."""
 
+    @property
+    @abstractmethod
+    def moments(self) -> Array:
+        """∫ (r, 1)(r, 1)ᵀ dV over the solid, (4, 4): its pseudo-inertia at 1 kg/m³, the volume last."""
+
     @abstractmethod
     def collision_object(self, coal: Any) -> Any:
         """Return the shape as a geometry of the package coal."""
+
+
+def _centred_moments(volume: float, *mean_squares: float) -> Array:
+    """Moments of a solid whose centre and principal axes are those of its frame, from the means of x², y² and z²."""
+    return volume * np.diag([*mean_squares, 1.0])
 
 
 def _positive(owner: str, name: str, value: object) -> float:
@@ -209,6 +245,11 @@ class Sphere(Shape):
         """The sphere itself."""
         return SweptSegment(np.zeros(3), np.zeros(3), self.radius)
 
+    @property
+    def moments(self) -> Array:
+        """See `Shape`."""
+        return _centred_moments(4.0 / 3.0 * np.pi * self.radius**3, *[self.radius**2 / 5.0] * 3)
+
     def collision_object(self, coal: Any) -> Any:
         """See `Shape`."""
         return coal.Sphere(self.radius)
@@ -246,6 +287,16 @@ class Capsule(Shape):
         end = np.array([0.0, 0.0, self.length / 2])
         return SweptSegment(-end, end, self.radius)
 
+    @property
+    def moments(self) -> Array:
+        """See `Shape`."""
+        r, length = self.radius, self.length
+        # The centroid of a half ball lies 3 r / 8 from its flat side.
+        balls = _centred_moments(
+            4.0 / 3.0 * np.pi * r**3, r**2 / 5.0, r**2 / 5.0, r**2 / 5.0 + 3.0 * length * r / 8.0 + length**2 / 4.0
+        )
+        return balls + Cylinder(r, length).moments
+
     def collision_object(self, coal: Any) -> Any:
         """See `Shape`."""
         return coal.Capsule(self.radius, self.length)
@@ -281,6 +332,12 @@ class Cylinder(Shape):
         """The cylinder with half balls on both ends."""
         end = np.array([0.0, 0.0, self.length / 2])
         return SweptSegment(-end, end, self.radius)
+
+    @property
+    def moments(self) -> Array:
+        """See `Shape`."""
+        volume = np.pi * self.radius**2 * self.length
+        return _centred_moments(volume, self.radius**2 / 4.0, self.radius**2 / 4.0, self.length**2 / 12.0)
 
     def collision_object(self, coal: Any) -> Any:
         """See `Shape`."""
@@ -324,6 +381,11 @@ class Box(Shape):
         end = np.zeros(3)
         end[longest] = half[longest]
         return SweptSegment(-end, end, float(np.linalg.norm(np.delete(half, longest))))
+
+    @property
+    def moments(self) -> Array:
+        """See `Shape`."""
+        return _centred_moments(float(np.prod(self.size)), *(np.array(self.size) ** 2 / 12.0))
 
     def collision_object(self, coal: Any) -> Any:
         """See `Shape`."""
@@ -405,6 +467,11 @@ class Mesh(Shape):
     def bounds(self) -> SweptSegment:
         """A capsule along the longest principal axis of the vertices."""
         return _swept_segment(self.hull[0])
+
+    @cached_property
+    def moments(self) -> Array:
+        """See `Shape`: those of the convex hull, also of an exact surface, which need not be closed."""
+        return moments_of_surface(*self.hull)
 
     def collision_object(self, coal: Any) -> Any:
         """See `Shape`."""

@@ -7,6 +7,9 @@ from steelyard.first_use import import_at_first_use
 if TYPE_CHECKING:
     from .excite import excite as excite
     from .identify import identify as identify
+    from .physical_prior import LinkPrior as LinkPrior
+    from .physical_prior import PhysicalPrior as PhysicalPrior
+    from .physical_prior import physical_prior as physical_prior
     from .play import play as play
     from .result import Identification as Identification
     from .result import Prediction as Prediction

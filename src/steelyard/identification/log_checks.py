@@ -9,6 +9,8 @@ from steelyard.dynamics import Model
 from steelyard.recording import Samples
 from steelyard.regression import Estimate, Information, least_squares
 
+from .kinematic_bodies import reach_of
+
 __all__ = ["implausible_mass", "swapped_positions", "swapped_torques"]
 
 _ROWS = 600
@@ -152,7 +154,7 @@ def implausible_mass(model: Model, estimate: Estimate, samples: Samples) -> tupl
         low, high = expected / _OF_DESCRIPTION, expected * _OF_DESCRIPTION
         what = f"the description's {expected:.4g} kg"
     else:
-        reach = _reach(model)
+        reach = reach_of(model.robot)
         if reach < _SHORTEST:
             return ()
         low, high = _LIGHTEST * reach**3, _HEAVIEST * reach**3
@@ -166,16 +168,3 @@ def implausible_mass(model: Model, estimate: Estimate, samples: Samples) -> tupl
     units = [f'`torque_unit = "{unit}"`' for unit, scale in _SCALES.items() if low <= mass / scale <= high]
     remedy = f"{units[0]} in [log] would fit" if units else "check `torque_unit`, `gain` and gear ratios in [log]"
     return (f"The links weigh {mass:.4g} kg together by these torques, far from {what}: {remedy}.",)
-
-
-def _reach(model: Model) -> float:
-    """Length in m of the longest chain of joints, stretched, from the first joint on."""
-    lengths: list[float] = []
-    for joint in model.robot.joints:
-        own = float(np.linalg.norm(joint.after[:3, 3]))
-        if joint.parent >= 0:
-            own += lengths[joint.parent] + float(np.linalg.norm(joint.before[:3, 3]))
-        if not joint.rotates and np.isfinite(joint.upper - joint.lower):
-            own += joint.upper - joint.lower
-        lengths.append(own)
-    return max(lengths, default=0.0)

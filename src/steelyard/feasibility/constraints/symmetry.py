@@ -96,7 +96,8 @@ class SymmetricLink:
         """From ``{"link": "link1", "plane": "xz"}``, as in ``robot.toml``."""
         return cls(**table(entry, "symmetric_link", ("link",), ("plane", "axis", "order", "through")))
 
-    def _symmetries(self) -> list[tuple[str, Matrix]]:
+    def symmetries(self) -> list[tuple[str, Matrix]]:
+        """The isometries (4, 4) that leave the link as it is, each with its name."""
         found = []
         planes = () if self.plane is None else self.plane if _is_list(self.plane) else (self.plane,)
         for plane in planes:
@@ -114,7 +115,7 @@ class SymmetricLink:
     def equalities(self, model: ModelLike) -> tuple[Equality, ...]:
         """The equations that the symmetries impose on the ten parameters."""
         link = LinkParameters.of(model, self.link, "SymmetricLink")
-        symmetries = self._symmetries()
+        symmetries = self.symmetries()
         rows = independent_rows(np.vstack([transformation(matrix) - np.eye(10) for _, matrix in symmetries]))
         what = f"{link.title} {' and '.join(name for name, _ in symmetries)}"
         return tuple(equation(what, model, link.indices, row) for row in rows)

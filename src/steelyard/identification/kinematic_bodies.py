@@ -1,0 +1,146 @@
+"""Bodies that span the joints of a robot: what is known of its links where nothing but the kinematics is."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from steelyard.collision import Capsule, PlacedShape, Shape, Sphere
+from steelyard.robot import Robot
+from steelyard.robot.placement import axis_frame, inverse
+
+__all__ = ["kinematic_bodies", "lengths_beyond", "reach_of"]
+
+Array = NDArray[np.float64]
+
+SLENDERNESS = 0.06
+"""Radius of a body relative to the reach of the robot and what reaches beyond its joint, added.
+
+On 17 arms with known masses, bodies of one density a robot have 0.63 to 1.5 times (half of the links) and 0.21 to
+9.8 times (all) the mass of the link; the standard deviation of the logarithm is 0.72. With 0.04 it is 0.77, with 0.1
+it is 0.73."""
+
+FREE_END = 0.3
+"""Radius of a last link whose length nothing tells, relative to the mean length of the links before it."""
+
+SHORTEST_REACH = 0.01
+"""m; a robot all of whose joints meet in one point has no known size."""
+
+ASSUMED_REACH = 0.3
+"""m, of a robot without a known size."""
+
+
+class _Step(NamedTuple):
+    """Where a joint stands: its frame in the link before it, and how far along its axis."""
+
+    origin: Array
+    axis: Array
+    along: float
+
+
+def lengths_beyond(robot: Robot) -> Array:
+    """Length in m of the longest chain, stretched, from each joint on, (joints,).
+
+    Strokes of prismatic joints with limits count.
+
+    Examples
+    --------
+    >>> lengths_beyond(Robot.from_dh([(0, 0.5, 0, "q"), (0, 0.4, 0, "q")])).round(12).tolist()
+    [0.9, 0.4]
+    """
+    found = np.zeros(len(robot.joints))
+    for index in reversed(range(len(robot.joints))):
+        joint = robot.joints[index]
+        found[index] += float(np.linalg.norm(joint.after[:3, 3]))
+        if not joint.rotates and np.isfinite(joint.upper - joint.lower):
+            found[index] += joint.upper - joint.lower
+        if joint.parent >= 0:
+            through = found[index] + float(np.linalg.norm(joint.before[:3, 3]))
+            found[joint.parent] = max(found[joint.parent], through)
+    return found
+
+
+def reach_of(robot: Robot) -> float:
+    """Length in m of the longest chain of joints, stretched, from the first joint on."""
+    return float(lengths_beyond(robot).max(initial=0.0))
+
+
+def kinematic_bodies(robot: Robot) -> tuple[PlacedShape, ...]:
+    """A body for each link that spans its joints: a capsule from its own joint to the farthest of the next ones.
+
+    Where two neighbouring joints stand apart along the axis of the second, the description does not tell which of the
+    two links fills that length, and each takes half.
+
+    Parameters
+    ----------
+    robot : Robot
+
+    Returns
+    -------
+    tuple of PlacedShape
+        One a link, in the frame of the link.
+
+    Examples
+    --------
+    >>> kinematic_bodies(Robot.from_dh([(0, 0.5, 0, "q"), (0, 0.4, 0, "q")]))[0]
+    PlacedShape(Capsule(radius=0.108, length=0.5) on 'link1')
+    """
+    beyond = lengths_beyond(robot)
+    reach = float(beyond.max(initial=0.0))
+    known = reach >= SHORTEST_REACH
+    reach = reach if known else ASSUMED_REACH
+    found = []
+    for index, points in enumerate(_points(robot)):
+        differences = points[:, None] - points[None]
+        distances = np.linalg.norm(differences, axis=2)
+        one, other = np.unravel_index(np.argmax(distances), distances.shape)
+        length = float(distances[one, other])
+        radius = SLENDERNESS * (reach + beyond[index])
+        if length < SHORTEST_REACH and not any(joint.parent == index for joint in robot.joints):
+            radius = FREE_END * _mean_length(robot, index, reach)
+        placement = np.eye(4)
+        shape: Shape = Sphere(radius)
+        if length > 1e-6 * reach:
+            placement = axis_frame(differences[one, other])
+            shape = Capsule(radius, length)
+        placement[:3, 3] = (points[one] + points[other]) / 2.0
+        found.append(PlacedShape(shape, robot.links[index].name, index, placement))
+    return tuple(found)
+
+
+def _mean_length(robot: Robot, index: int, reach: float) -> float:
+    """Mean length in m of the links from the base to a link, which itself does not count unless it is the only one."""
+    count, parent = 0, robot.joints[index].parent
+    while parent >= 0:
+        count, parent = count + 1, robot.joints[parent].parent
+    return reach / max(count, 1)
+
+
+def _points(robot: Robot) -> list[Array]:
+    """Points of every link: where it meets its joints, and the frames that are fixed to it."""
+    found: list[list[Array]] = [[] for _ in robot.joints]
+    for index, joint in enumerate(robot.joints):
+        steps = _steps(robot, index)
+        back = inverse(joint.after)
+        found[index] += [np.zeros(3), back[:3, 3]]
+        found[index] += [one.placement[:3, 3] for one in robot.links[index].attachments]
+        for step in steps:
+            if joint.parent >= 0:
+                found[joint.parent].append(step.origin - step.along * step.axis)
+            # The link's own frame has moved with the joint; seen from it, the shared length lies along the joint's z.
+            found[index].append(back[:3, 3] - step.along * back[:3, 2])
+    return [np.array(points) for points in found]
+
+
+def _steps(robot: Robot, index: int) -> list[_Step]:
+    joint = robot.joints[index]
+    origin, axis = joint.before[:3, 3], joint.before[:3, 2]
+    if not joint.rotates:
+        ends = [end for end in (joint.lower, joint.upper) if np.isfinite(end)]
+        return [_Step(origin + end * axis, axis, 0.0) for end in ends or [0.0]]
+    if joint.parent < 0:
+        return [_Step(origin, axis, 0.0)]
+    before = inverse(robot.joints[joint.parent].after)[:3, 3]
+    return [_Step(origin, axis, 0.5 * float((origin - before) @ axis))]
