@@ -74,7 +74,7 @@ def test_the_hull_counts_where_a_surface_is_open():
 
 def test_a_surface_far_from_the_origin_keeps_its_digits():
     corners, triangles = Mesh(np.array([[x, y, z] for x in (0, 0.1) for y in (0, 0.2) for z in (0, 0.5)])).hull
-    found = moments_of_surface([*corners, 10000.0, 0, 0], triangles)
+    found = moments_of_surface(corners + np.array([1e4, 0, 0]), triangles)
     assert found[3, 3] == pytest.approx(0.01, rel=1e-9)
     assert found[0, 3] / found[3, 3] == pytest.approx(1e4 + 0.05, rel=1e-14)
 

@@ -544,7 +544,7 @@ class _Gathering:
             shape, body = SHAPE_SLACK * self.reach, BODY_SLACK * self.reach
             found.append(
                 f"Each centre of mass stays in a box around its link, {shape:.2g} m wider on each side than the shape, "
-                f"or {body:.2g} m than what spans the joints where there is no shape; twice as much at the end of an arm."
+                f"or {body:.2g} m than what spans the joints where there is no shape; twice as much at an arm's end."
             )
         else:
             found.append("The joints meet in one point, so that the size of links without a shape is not known.")
