@@ -28,6 +28,7 @@ from steelyard.feasibility.constraints import (
 )
 from steelyard.regression import Information
 from steelyard.robot import Robot
+from steelyard.robot.description import URDF, description_format
 from steelyard.robot.inertia import moment_row, parameters_of_pseudo_inertia, pseudo_inertia, transformation
 
 from .described_inertia import DescribedBody, described_bodies, possible_body
@@ -284,7 +285,7 @@ class _Gathering:
         found: dict[GeometryElement, list[PlacedShape]] = {"visual": [], "collision": []}
         if geometry is not None:
             found["collision"] = [one for one in geometry.shapes if one.body >= 0]
-        elif self.robot.source is not None and self.robot.source.suffix.lower() in (".urdf", ".xml"):
+        elif self.robot.source is not None and description_format(self.robot.source) is URDF:
             skipped: list[tuple[str, str]] = []
             try:
                 found = shapes_of_moving_links(self.robot, self.robot.source, skipped, LARGEST_MESH)
