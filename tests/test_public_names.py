@@ -99,7 +99,7 @@ def test_unknown_name_is_refused() -> None:
         ("Samples", "q dq ddq torque mask"),
         ("Information.from_samples", "model samples"),
         ("Information.relative_error", "self base"),
-        ("least_squares", "information weights"),
+        ("least_squares", "info weights"),
         ("FeasibleSet", "model consistency constraints"),
         ("TotalMass", "maximum minimum equal"),
         ("CenterOfMassBox", "link lower upper"),

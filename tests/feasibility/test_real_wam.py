@@ -141,7 +141,7 @@ def test_smallest_mass_of_a_fit(real_wam):
     assert found.attained == pytest.approx(27.0, rel=1e-2)
     names = [f"base {i}" for i in range(57)]
     info = Information.from_factor(reduced.R, reduced.rho, reduced.residual2, reduced.count, names)
-    region = lightest_robot(free, fit.base, information=info).total
+    region = lightest_robot(free, fit.base, info=info).total
     assert region.attained < found.proved
 
 

@@ -43,7 +43,7 @@ COLLISION_KEYS = (
 
 
 def geometry_from_dict(
-    section: Mapping[str, Any], robot: Robot, folder: str | Path = ".", *, where: str = "limits"
+    section: Mapping[str, Any], robot: Robot, folder: str | Path | None = None, *, where: str = "limits"
 ) -> tuple[ConfigurationConstraint, ...]:
     """Return the geometric constraints that a limits file describes.
 
@@ -53,8 +53,8 @@ def geometry_from_dict(
         Those of the tables `collision`, `obstacles`, `table` and `workspace` that the file has; the how-to
         "Collision-free motion" describes their keys.
     robot : Robot
-    folder : str or Path
-        Folder of the file, to which paths are relative.
+    folder : str or Path, optional
+        Folder of the file, to which paths are relative; the working directory where absent.
     where : str
         Path of the file, for messages.
 
@@ -75,7 +75,7 @@ def geometry_from_dict(
     (TablePlane(table plane: 1 clearance),)
     """
     tables = TomlTable(section, where, GEOMETRY_KEYS, "is no table of geometry")
-    return tuple(_Reader(robot, Path(folder), where).constraints(tables))
+    return tuple(_Reader(robot, Path(folder or "."), where).constraints(tables))
 
 
 class _Reader:

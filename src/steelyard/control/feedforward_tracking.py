@@ -45,10 +45,10 @@ class FeedforwardTracking(ControlBlock):
         4.3 has the gains that were used on the WAM.
     coupled : bool
         Whether gains times errors are accelerations, which the inertia matrix of links and rotors turns into torques.
-    compensate_drives : bool
-        Whether the torques of friction, rotors and other terms along the reference are added.
     base : bool
         Whether `parameters` are base parameters.
+    compensate_drives : bool
+        Whether the torques of friction, rotors and other terms along the reference are added.
     sample_time : float
         s.
     velocity : VelocityEstimator, optional
@@ -80,8 +80,8 @@ class FeedforwardTracking(ControlBlock):
         kp: ArrayLike,
         kd: ArrayLike,
         coupled: bool = False,
-        compensate_drives: bool = False,
         base: bool = False,
+        compensate_drives: bool = False,
         sample_time: float = 0.001,
         velocity: VelocityEstimator | None = None,
     ) -> None:

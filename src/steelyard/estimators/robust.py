@@ -85,8 +85,8 @@ def robust_information(
     feasible_set: FeasibleSet | None = None,
     threshold: float = 1.345,
     weights: Literal["joint"] | npt.ArrayLike | None = "joint",
-    iterations: int = 50,
     accuracy: float = 1e-3,
+    iterations: int = 50,
     **options: Any,
 ) -> RobustInformation:
     """Reduce samples with Huber weights, with which rows beyond `threshold` standard deviations count less.
@@ -108,10 +108,10 @@ def robust_information(
         With 1.345 the estimator is 95 % as efficient as least squares if all noise is normal (Huber 1981).
     weights : "joint", None or (N,)
         Weights of the joints in each fit; use the same ones afterwards.
-    iterations : int
-        Largest number of fits.
     accuracy : float
         The iterations end when the root mean square change of the predictions is below this, in units of the scale.
+    iterations : int
+        Largest number of fits.
     **options
         Options of the feasible fits, see `fit_reduced`: `prefer`, `residual_slack`, `prior`, `prior_weight`, `solver`.
 

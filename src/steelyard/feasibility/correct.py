@@ -79,8 +79,8 @@ def correct(
     base: npt.ArrayLike | None = None,
     parameters: npt.ArrayLike | None = None,
     metric: Any = None,
-    solver: str = "clarabel",
     covariance: npt.ArrayLike | None = None,
+    solver: str = "clarabel",
 ) -> Correction:
     """The feasible parameters closest to given ones (thesis 3.40, 3.56), at least `feasible_set.margin` within the set.
 
@@ -96,10 +96,10 @@ def correct(
         or n for standard parameters), or data: then dᵀ M d is the rise of the squared residual of the joint-weighted
         regression above that of least squares, if β is the least-squares solution. Directions without weight are
         decided by the least Euclidean change.
-    solver : str
-        One of `solver_table`.
     covariance : (k, k), optional
         Covariance of the given parameters, such as that of an estimate; M is its inverse (Mahalanobis distance).
+    solver : str
+        One of `solver_table`.
 
     Returns
     -------

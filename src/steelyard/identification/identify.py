@@ -202,7 +202,7 @@ class _Reader:
         rows = min(DECISION_ROWS, max(_FEWEST_ROWS, _DECIDING_ROWS // count))
         say(f"choosing the filter by {count} log{'s' * (count > 1)}")
         recordings = [
-            read_middle(log, self.columns, list(self.model.robot.joint_names), rows, self.stated) for log in chosen
+            read_middle(log, self.columns, self.stated, rows, list(self.model.robot.joint_names)) for log in chosen
         ]
         decision = decide(self.stated, recordings, self.model)
         self.processing = decision.processing

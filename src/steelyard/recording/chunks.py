@@ -184,8 +184,8 @@ class LogStream:
 def read_chunks(
     source: Source,
     columns: LogColumns | dict[str, Any] | None = None,
-    joints: int | Sequence[str] | None = None,
     rows: int = CHUNK_ROWS,
+    joints: int | Sequence[str] | None = None,
     padding_seconds: float = 0.0,
 ) -> Iterator[Chunk]:
     """Read a log chunk by chunk, as `Recording.read` would read it whole.
@@ -235,9 +235,9 @@ def read_chunks(
 def read_middle(
     source: Source,
     columns: LogColumns | dict[str, Any] | None = None,
-    joints: int | Sequence[str] | None = None,
-    rows: int = DECISION_ROWS,
     processing: Processing | None = None,
+    rows: int = DECISION_ROWS,
+    joints: int | Sequence[str] | None = None,
 ) -> Recording:
     """Read the rows in the middle of a log by which its processing is decided (see `decide`).
 
@@ -245,10 +245,10 @@ def read_middle(
     ----------
     source, columns, joints
         As in `Recording.read`.
-    rows
-        How many at most.
     processing
         How uneven rows are placed on an even clock.
+    rows
+        How many at most.
 
     Raises
     ------

@@ -14,12 +14,12 @@ from .parameter_covariance import ParameterCovariance
 __all__ = ["least_squares", "method_name"]
 
 
-def least_squares(information: Information, weights: str | ArrayLike | None = "joint") -> Estimate:
+def least_squares(info: Information, weights: str | ArrayLike | None = "joint") -> Estimate:
     """Estimate the base parameters without regard to physics.
 
     Parameters
     ----------
-    information : Information
+    info : Information
     weights : "joint", None or array_like
         ``"joint"`` weights each joint by the inverse standard deviation of its residual (thesis eq. 4.30 to 4.36), and
         is ordinary least squares where the rows of the joints are not known apart; None is ordinary least squares
@@ -47,45 +47,45 @@ def least_squares(information: Information, weights: str | ArrayLike | None = "j
     Examples
     --------
     >>> import numpy as np
-    >>> information = Information.from_factor(np.diag([2.0, 1.0]), [4.0, 3.0], 0.5, 100, ["a", "b"])
-    >>> least_squares(information).base.tolist()
+    >>> info = Information.from_factor(np.diag([2.0, 1.0]), [4.0, 3.0], 0.5, 100, ["a", "b"])
+    >>> least_squares(info).base.tolist()
     [2.0, 3.0]
     """
-    if information.count < 1:
+    if info.count < 1:
         raise InputError(
             "The samples hold no usable row, so that nothing can be estimated; check trim, delay, velocity_threshold "
             "and the other options of [processing] that leave rows out."
         )
-    weighted = information.is_weighted(weights)
-    used = information.joint_weights(weights) if weighted else None
-    problem = information.reduced(used)
+    weighted = info.is_weighted(weights)
+    used = info.joint_weights(weights) if weighted else None
+    problem = info.reduced(used)
     base = solve(problem)
-    remarks = list(information.remarks)
-    unidentifiable = information.unidentifiable
+    remarks = list(info.remarks)
+    unidentifiable = info.unidentifiable
     if unidentifiable:
         remarks.append(
-            f"The data does not determine {len(unidentifiable)} of {information.base_count} base parameters: "
+            f"The data does not determine {len(unidentifiable)} of {info.base_count} base parameters: "
             f"{'; '.join(unidentifiable)}."
         )
     return Estimate(
-        method=method_name(information, weighted),
-        base_names=information.base_names,
-        base_expressions=information.base_expressions,
+        method=method_name(info, weighted),
+        base_names=info.base_names,
+        base_expressions=info.base_expressions,
         base=base,
-        standard_error=ParameterCovariance.of(information, base, used).standard_error,
-        joint_names=information.joint_names,
+        standard_error=ParameterCovariance.of(info, base, used).standard_error,
+        joint_names=info.joint_names,
         weights=used,
-        relative_error=information.relative_error(base),
-        joint_relative_error=information.joint_relative_error(base) if information.has_joint_errors else None,
-        row_count=information.count,
-        condition_number=information.condition_number,
+        relative_error=info.relative_error(base),
+        joint_relative_error=info.joint_relative_error(base) if info.has_joint_errors else None,
+        row_count=info.count,
+        condition_number=info.condition_number,
         remarks=tuple(remarks),
-        filtered_torque=information.filtered_torque,
+        filtered_torque=info.filtered_torque,
     )
 
 
-def method_name(information: Information, weighted: bool) -> str:
+def method_name(info: Information, weighted: bool) -> str:
     """Return the name of the method: ordinary, weighted or generalised least squares."""
-    if information.covariance is not None:
+    if info.covariance is not None:
         return "generalised least squares"
     return "joint-weighted least squares" if weighted else "ordinary least squares"

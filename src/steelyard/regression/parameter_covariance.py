@@ -109,11 +109,11 @@ class ParameterCovariance:
     >>> q, dq, ddq = np.sin(t), np.cos(t), -np.sin(t)
     >>> noise = lfilter([1.0], [1.0, -0.9], np.random.default_rng(1).normal(size=t.shape), axis=0)
     >>> torque = model.inverse_dynamics(q, dq, ddq, np.ones(10)) + noise
-    >>> information = sy.Information.from_samples(model, sy.Samples(q=q, dq=dq, ddq=ddq, torque=torque))
-    >>> covariance = ParameterCovariance.of(information)
+    >>> info = sy.Information.from_samples(model, sy.Samples(q=q, dq=dq, ddq=ddq, torque=torque))
+    >>> covariance = ParameterCovariance.of(info)
     >>> bool(15 < covariance.correlation.inflation[0] < 25)  # (1 + 0.9) / (1 - 0.9) = 19
     True
-    >>> bool(np.allclose(covariance.standard_error, sy.least_squares(information).standard_error))
+    >>> bool(np.allclose(covariance.standard_error, sy.least_squares(info).standard_error))
     True
     """
 
@@ -138,7 +138,7 @@ class ParameterCovariance:
 
     @classmethod
     def of(
-        cls, information: Information, base: ArrayLike | None = None, weights: str | ArrayLike | None = "joint"
+        cls, info: Information, base: ArrayLike | None = None, weights: str | ArrayLike | None = "joint"
     ) -> ParameterCovariance:
         """Return the covariance of an estimate from the data itself.
 
@@ -157,7 +157,7 @@ class ParameterCovariance:
 
         Parameters
         ----------
-        information : Information
+        info : Information
         base : array_like, optional
             (n_b,), at which the residuals are taken; those of least squares where absent.
         weights : "joint", None or array_like
@@ -178,20 +178,20 @@ class ParameterCovariance:
         R. M. Lee et al., Strategies for improving the efficiency of quantum Monte Carlo calculations,
         Phys. Rev. E 83, 2011.
         """
-        used = information.joint_weights(weights)
-        problem = information.reduced(used)
+        used = info.joint_weights(weights)
+        problem = info.reduced(used)
         beta = solve(problem) if base is None else np.asarray(base, dtype=np.float64)
-        if beta.shape != (information.base_count,):
-            raise InputError(f"There are {information.base_count} base parameters: got an array of shape {beta.shape}.")
+        if beta.shape != (info.base_count,):
+            raise InputError(f"There are {info.base_count} base parameters: got an array of shape {beta.shape}.")
         inverse, unidentifiable, unknown = _inverse(problem.R)
-        unknown = unknown | information.unidentifiable_mask
-        if not information.batch_means:
+        unknown = unknown | info.unidentifiable_mask
+        if not info.batch_means:
             root = np.sqrt(_residual_variance(problem, beta)) * inverse
-            return cls(root, unidentifiable, unknown, None, information.filtered_torque)
-        middle, correlation = _long_run(information, beta, used, inverse)
+            return cls(root, unidentifiable, unknown, None, info.filtered_torque)
+        middle, correlation = _long_run(info, beta, used, inverse)
         values, vectors = np.linalg.eigh(middle)
         root = inverse @ (vectors * np.sqrt(np.maximum(values, 0.0)))
-        return cls(root, unidentifiable, unknown, correlation, information.filtered_torque)
+        return cls(root, unidentifiable, unknown, correlation, info.filtered_torque)
 
     @classmethod
     def of_reduced(cls, problem: Reduced, base: ArrayLike | None = None) -> ParameterCovariance:
@@ -235,7 +235,7 @@ class ParameterCovariance:
         if given.shape != (count, count) or not np.all(np.isfinite(given)):
             raise InputError(
                 f"covariance must be a matrix of {count} x {count} finite numbers, one row for each base parameter, "
-                f"got an array of shape {given.shape}; use information= where some base parameters are not determined."
+                f"got an array of shape {given.shape}; use info= where some base parameters are not determined."
             )
         size = np.sqrt(np.abs(np.diagonal(given)))
         scale = np.where(size > 0, size, 1.0)
@@ -272,9 +272,9 @@ def _residual_variance(problem: Reduced, base: Array) -> float:
     return (float(difference @ difference) + problem.residual2) / max(problem.count - len(base), 1)
 
 
-def _long_run(information: Information, beta: Array, used: Array, inverse: Array) -> tuple[Array, ResidualCorrelation]:
+def _long_run(info: Information, beta: Array, used: Array, inverse: Array) -> tuple[Array, ResidualCorrelation]:
     """Return the middle of the sandwich in the coordinates of `inverse`, (r, r), and the correlation it comes from."""
-    factors = information.factors
+    factors = info.factors
 
     def seen(factor: Factor, weight: float) -> Array:
         """What the rows of a factor contribute to A, in the coordinates in which A is one: (r, r)."""
@@ -286,7 +286,7 @@ def _long_run(information: Information, beta: Array, used: Array, inverse: Array
     freedom = np.maximum(counts - np.array([np.trace(s) for s in shares]), 0.5 * counts)
     squares = np.array([f.residual2(beta) for f in factors]) * used**2
     variance = squares / np.maximum(freedom, 1.0)
-    levels = [_Level(level, beta, used, seen) for level in information.batch_means]
+    levels = [_Level(level, beta, used, seen) for level in info.batch_means]
     chosen, settled = _choose(levels, shares, variance, counts)
     matrix = np.array(
         [[float(np.sum(share * levels[c].shares[k])) for share in shares] for k, c in enumerate(chosen)]
@@ -295,7 +295,7 @@ def _long_run(information: Information, beta: Array, used: Array, inverse: Array
     target = np.array([levels[c].squares[k] for k, c in enumerate(chosen)])
     long_run = _positive(matrix, target, counts)
     middle = np.sum([u * share for u, share in zip(long_run, shares, strict=True)], axis=0)
-    names = information.joint_names if len(information.joint_names) == len(factors) else ("all",) * len(factors)
+    names = info.joint_names if len(info.joint_names) == len(factors) else ("all",) * len(factors)
     lengths = np.array([BATCH_LENGTHS[c] for c in chosen])
     return np.asarray(middle), ResidualCorrelation(
         names, variance / used**2, long_run / used**2, lengths, counts, settled

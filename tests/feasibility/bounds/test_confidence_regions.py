@@ -119,13 +119,13 @@ def test_data_gives_the_covariance_of_least_squares(two_links, data):
     info, base, covariance = data
     feasible = FeasibleSet(two_links)
     names = ["m2", "cx2", "total mass"]
-    by_data = parameter_intervals(feasible, information=info, names=names)
+    by_data = parameter_intervals(feasible, info=info, names=names)
     by_covariance = parameter_intervals(feasible, base, covariance=covariance, names=names)
     np.testing.assert_allclose(by_data.base, base, rtol=1e-9)
     for one, other in zip(by_data, by_covariance, strict=True):
         assert (one.lower, one.upper) == pytest.approx((other.lower, other.upper), rel=1e-5)
     assert by_data["m2"].lower < SQUARE / 0.25 < by_data["m2"].upper
-    tight = parameter_intervals(feasible, information=info, names=["m2"], confidence=0.5)["m2"]
+    tight = parameter_intervals(feasible, info=info, names=["m2"], confidence=0.5)["m2"]
     assert by_data["m2"].lower < tight.lower < tight.upper < by_data["m2"].upper
 
 
@@ -144,7 +144,7 @@ def test_regions_reckon_with_noise_that_lasts():
     spread = np.column_stack([matmul_toeplitz(keep ** np.arange(len(t)), column) for column in W.T])
     exact = 0.1**2 * inverse @ (W.T @ spread) @ inverse
     feasible = FeasibleSet(model)
-    found = parameter_intervals(feasible, information=info, names=["Lzz1", "m1"])
+    found = parameter_intervals(feasible, info=info, names=["Lzz1", "m1"])
     expected = parameter_intervals(feasible, found.base, covariance=exact, names=["Lzz1", "m1"])
     assert found["Lzz1"].upper - found["Lzz1"].lower == pytest.approx(
         expected["Lzz1"].upper - expected["Lzz1"].lower, rel=0.3
@@ -157,14 +157,14 @@ def test_no_region_is_told_of_filtered_torques(two_links, data):
     info, _, _ = data
     filtered = replace(info, filtered_torque=True)
     with pytest.raises(InputError, match="torques of this data were filtered"):
-        parameter_intervals(FeasibleSet(two_links), information=filtered)
+        parameter_intervals(FeasibleSet(two_links), info=filtered)
 
 
 def test_what_the_data_does_not_determine_is_left_to_physics(two_links, reduced_regression):
     """Without any data of a, nothing bounds m2 from above; of b alone, (lx² + ly²) / b stays."""
     R = np.diag([0.0, 1e4, 1e4, 1e4, 1e4, 1e4])
     reduced = reduced_regression(R, R @ ARM, 1e-6, 1006, 1.0)
-    found = parameter_intervals(FeasibleSet(two_links), information=reduced, names=["m2", "Lzz1"])
+    found = parameter_intervals(FeasibleSet(two_links), info=reduced, names=["m2", "Lzz1"])
     assert found["m2"].upper == np.inf
     assert found["m2"].lower == pytest.approx(SQUARE / 0.25, rel=1e-3)
     assert found["Lzz1"].upper == np.inf
@@ -174,7 +174,7 @@ def test_attained_ends_lie_in_the_region_and_in_the_set(two_links, data):
     info, base, covariance = data
     feasible = FeasibleSet(two_links)
     radius = scipy.stats.chi2.ppf(0.95, 6)
-    for interval in parameter_intervals(feasible, information=info):
+    for interval in parameter_intervals(feasible, info=info):
         for parameters in (interval.lower_parameters, interval.upper_parameters):
             if parameters is not None:
                 change = feasible.K @ parameters - base

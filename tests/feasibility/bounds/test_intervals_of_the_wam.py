@@ -79,7 +79,7 @@ def test_region_of_the_real_wam(real_wam):
     feasible = FeasibleSet(model, "full")
     names = ["m4", "m7", "fc5", "total mass"]
     with pytest.raises(InputError, match=r"17\.\d times as far away as its edge; .* covariance= .* 320 times as large"):
-        parameter_intervals(feasible, information=reduced, names=names)
+        parameter_intervals(feasible, info=reduced, names=names)
     base = np.linalg.solve(reduced.R, reduced.rho)
     covariance = ParameterCovariance.of_reduced(reduced).matrix
     found = parameter_intervals(feasible, base, covariance=25.0**2 * covariance, names=names)

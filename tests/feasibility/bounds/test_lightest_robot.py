@@ -26,7 +26,7 @@ def test_confidence_region_lets_it_be_lighter(two_links):
     """Where only Lzz2 is uncertain, it may be as large as the region allows."""
     R = np.diag([1e6, 1e6, 10.0, 1e6, 1e6, 1e6])
     info = Information.from_factor(R, R @ GOOD, 0.5, 106, NAMES)
-    found = lightest_robot(FeasibleSet(two_links), information=info, confidence=0.9)
+    found = lightest_robot(FeasibleSet(two_links), info=info, confidence=0.9)
     variance = 0.5 / 100
     reach = np.sqrt(variance * scipy.stats.chi2.ppf(0.9, 6)) / 10.0
     assert found.total.attained == pytest.approx(0.25 / (0.25 + reach), rel=1e-4)
@@ -67,4 +67,4 @@ def test_impossible_base_parameters_have_no_mass(two_links):
         lightest_robot(feasible)
     info = Information.from_factor(np.eye(6), GOOD, 0.5, 106, NAMES)
     with pytest.raises(InputError, match=r"a probability between 0 and 1, such as 0\.95, got 95"):
-        lightest_robot(feasible, information=info, confidence=95)
+        lightest_robot(feasible, info=info, confidence=95)

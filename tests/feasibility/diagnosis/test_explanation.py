@@ -271,7 +271,7 @@ def test_without_the_conflicts_the_wam_is_feasible(thesis_wam, table_4_9):
 def test_poorly_identified_parameters_of_the_real_wam(real_wam):
     """Thesis 8.1 asks whether the poorly identified parameters are the infeasible ones: on the real WAM they are."""
     model, reduced = real_wam
-    found = explain_infeasibility(FeasibleSet(model, "full"), information=reduced)
+    found = explain_infeasibility(FeasibleSet(model, "full"), info=reduced)
     relative = np.array([degree.relative_deviation for degree in found.degrees])
     changes = np.array([abs(degree.change / degree.value) for degree in found.degrees])
     expected = scipy.stats.spearmanr(relative, changes)

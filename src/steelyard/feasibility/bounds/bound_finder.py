@@ -374,14 +374,14 @@ class Given:
 def given_by(
     feasible_set: FeasibleSet,
     base: npt.ArrayLike | None,
-    information: Any,
+    info: Any,
     covariance: npt.ArrayLike | ParameterCovariance | None,
     weights: Any,
     confidence: float,
     solver: str,
 ) -> Given:
     """The point or confidence region of base parameters that the arguments of `parameter_intervals` describe."""
-    region = region_of(feasible_set, base, information, covariance, weights, confidence)
+    region = region_of(feasible_set, base, info, covariance, weights, confidence)
     return given_base(feasible_set, base, solver) if region is None else given_region(feasible_set, region, solver)
 
 
@@ -396,7 +396,7 @@ def given_base(feasible_set: FeasibleSet, base: npt.ArrayLike | None, solver: st
         If the parameters behind them are a set without an interior, or cannot be told from one.
     """
     if base is None:
-        raise InputError("nothing is given of the robot; give its base parameters as base=, or data as information=.")
+        raise InputError("nothing is given of the robot; give its base parameters as base=, or data as info=.")
     beta = feasible_set.as_base(base)
     start = _witness(feasible_set, beta)
     return Given(_finder(Slice.of(feasible_set, beta), start, solver), beta, None, 0.0)
@@ -442,7 +442,7 @@ def _witness(feasible_set: FeasibleSet, base: Vector) -> Vector:
     raise InputError(
         f"no physically possible robot has these base parameters (largest margin {verdict.margin:.3g} under "
         f'"{feasible_set.consistency}" consistency), so that no interval exists; take those of `correct` or `fit`, or '
-        "give the data as information=, so that the confidence region of the estimate is searched."
+        "give the data as info=, so that the confidence region of the estimate is searched."
     )
 
 

@@ -72,7 +72,7 @@ class ConfidenceRegion:
 def region_of(
     feasible_set: FeasibleSet,
     base: npt.ArrayLike | None,
-    information: Any,
+    info: Any,
     covariance: npt.ArrayLike | ParameterCovariance | None,
     weights: Any = "joint",
     confidence: float = 0.95,
@@ -84,13 +84,13 @@ def region_of(
     InputError
         If both are given, something does not fit, or the torques were filtered, so that no region is valid.
     """
-    if information is not None and covariance is not None:
-        raise InputError("information= and covariance= both tell how certain the estimate is; give only one of them.")
-    if information is not None:
-        reduced = reduced_regression(information, weights, feasible_set)
+    if info is not None and covariance is not None:
+        raise InputError("info= and covariance= both tell how certain the estimate is; give only one of them.")
+    if info is not None:
+        reduced = reduced_regression(info, weights, feasible_set)
         beta = solve(reduced) if base is None else feasible_set.as_base(base)
-        if isinstance(information, Information):
-            found = ParameterCovariance.of(information, beta, weights)
+        if isinstance(info, Information):
+            found = ParameterCovariance.of(info, beta, weights)
         else:
             found = ParameterCovariance.of_reduced(reduced, beta)
     elif covariance is not None:
@@ -122,7 +122,7 @@ def reduced_regression(data: Any, weights: Any, feasible_set: FeasibleSet) -> Re
     reduced = data.reduced(weights) if hasattr(data, "reduced") else data
     missing = [name for name in ("R", "rho", "residual2", "count", "norm2") if not hasattr(reduced, name)]
     if missing:
-        raise InputError(f"information must be an Information (or its reduced form), got {data!r}.")
+        raise InputError(f"info must be an Information (or its reduced form), got {data!r}.")
     R, rho = np.asarray(reduced.R, dtype=float), np.asarray(reduced.rho, dtype=float)
     count = feasible_set.K.shape[0]
     if R.ndim != 2 or R.shape[1] != count or rho.shape != (R.shape[0],):

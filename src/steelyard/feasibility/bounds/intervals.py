@@ -195,7 +195,7 @@ def parameter_intervals(
     feasible_set: FeasibleSet,
     base: npt.ArrayLike | None = None,
     *,
-    information: Any = None,
+    info: Any = None,
     covariance: npt.ArrayLike | ParameterCovariance | None = None,
     confidence: float = 0.95,
     weights: Any = "joint",
@@ -213,17 +213,17 @@ def parameter_intervals(
     feasible_set : FeasibleSet
         Its constraints narrow the intervals; a `TotalMass` bounds many of them.
     base : (n_b,), optional
-        Base parameters β. Without `information` or `covariance` they are exact and must be feasible. With `information`
+        Base parameters β. Without `info` or `covariance` they are exact and must be feasible. With `info`
         the default is the least-squares solution.
-    information : Information, optional
+    info : Information, optional
         The data: β may then be anywhere in the confidence region of the estimate, which accounts for correlation of the
         residuals in time if the Information has batch means.
     covariance : (n_b, n_b) or ParameterCovariance, optional
-        Covariance of the base parameters, instead of `information`.
+        Covariance of the base parameters, instead of `info`.
     confidence : float
         Probability that this region contains all base parameters together.
     weights : "joint", None or (N,)
-        Weights of the joints in `information`, as in `least_squares`.
+        Weights of the joints in `info`, as in `least_squares`.
     names : sequence of str, optional
         The quantities: standard parameters, ``"total mass"``, and ``"cx2"``, ``"cy2"``, ``"cz2"``, the centre of
         mass of the second link in its own frame. By default all of them.
@@ -273,7 +273,7 @@ def parameter_intervals(
     """
     chosen = quantities(feasible_set, names, combinations)
     with one_thread():
-        given = given_by(feasible_set, base, information, covariance, weights, confidence, solver)
+        given = given_by(feasible_set, base, info, covariance, weights, confidence, solver)
         found = tuple(interval_of(given.finder, quantity) for quantity in chosen)
     return ParameterIntervals(
         found, given.base, feasible_set.consistency, given.confidence, given.distance, given.finder.trace_bound

@@ -121,7 +121,7 @@ def lightest_robot(
     feasible_set: FeasibleSet,
     base: npt.ArrayLike | None = None,
     *,
-    information: Any = None,
+    info: Any = None,
     covariance: npt.ArrayLike | ParameterCovariance | None = None,
     confidence: float = 0.95,
     weights: Any = "joint",
@@ -131,7 +131,7 @@ def lightest_robot(
 
     Parameters
     ----------
-    feasible_set, base, information, covariance, confidence, weights, solver
+    feasible_set, base, info, covariance, confidence, weights, solver
         As in `parameter_intervals`.
 
     Returns
@@ -161,9 +161,9 @@ def lightest_robot(
     total, *links = quantities(feasible_set, ["total mass", *names])
     with one_thread():
         try:
-            given = given_by(feasible_set, base, information, covariance, weights, confidence, solver)
+            given = given_by(feasible_set, base, info, covariance, weights, confidence, solver)
         except NoInteriorError as error:
-            if base is None or information is not None or covariance is not None:
+            if base is None or info is not None or covariance is not None:
                 raise
             beta, probability = feasible_set.as_base(base), None
             found = [_on_the_boundary(feasible_set, beta, mass, solver, error) for mass in (total, *links)]

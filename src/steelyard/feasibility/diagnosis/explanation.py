@@ -337,7 +337,7 @@ def explain_infeasibility(
     feasible_set: FeasibleSet,
     base: npt.ArrayLike | None = None,
     *,
-    information: Any = None,
+    info: Any = None,
     covariance: npt.ArrayLike | ParameterCovariance | None = None,
     weights: Any = "joint",
     solver: str = "clarabel",
@@ -348,13 +348,13 @@ def explain_infeasibility(
     ----------
     feasible_set : FeasibleSet
     base : (n_b,), optional
-        The estimate; by default the least-squares solution if `information` is given.
-    information : Information, optional
+        The estimate; by default the least-squares solution if `info` is given.
+    info : Information, optional
         The data, with which distances are in standard deviations of the estimate.
     covariance : (n_b, n_b) or ParameterCovariance, optional
-        Covariance of the estimate, instead of `information`.
+        Covariance of the estimate, instead of `info`.
     weights : "joint", None or (N,)
-        Weights of the joints in `information`, as in `least_squares`.
+        Weights of the joints in `info`, as in `least_squares`.
     solver : str
         As in `solve`.
 
@@ -387,9 +387,9 @@ def explain_infeasibility(
     1. body of link1 cannot hold by itself: Lzz1 is -0.6, and in no robot negative.
     """
     with one_thread():
-        region = region_of(feasible_set, base, information, covariance, weights)
+        region = region_of(feasible_set, base, info, covariance, weights)
         if region is None and base is None:
-            raise InputError("nothing is given of the estimate; give it as base=, or data as information=.")
+            raise InputError("nothing is given of the estimate; give it as base=, or data as info=.")
         beta = region.base if region is not None else feasible_set.as_base(base if base is not None else ())
         verdict = check(feasible_set, base=beta)
         names = tuple(zip(base_names(feasible_set), base_expressions(feasible_set), strict=True))
