@@ -9,9 +9,8 @@ import scipy.linalg.lapack
 import scipy.sparse as sparse
 
 from steelyard.conic import Cone, Rows
-from steelyard.feasibility.bounds.confidence_region import reduced_regression
 from steelyard.feasibility.cone_program import Part, upper_triangle
-from steelyard.feasibility.feasible_set import FeasibleSet
+from steelyard.feasibility.feasible_set import FeasibleSet, reduced_regression
 from steelyard.feasibility.units import Units
 from steelyard.regression import Reduced, column_lengths
 

@@ -10,8 +10,7 @@ import numpy.typing as npt
 from steelyard.display import html_table, text_table
 from steelyard.dynamics.threads import one_thread
 from steelyard.errors import InputError
-from steelyard.feasibility.bounds.confidence_region import reduced_regression
-from steelyard.feasibility.feasible_set import FeasibleSet
+from steelyard.feasibility.feasible_set import FeasibleSet, reduced_regression
 from steelyard.feasibility.growth import mass_bound_of
 from steelyard.feasibility.wording import percent
 from steelyard.files import read_number

@@ -10,14 +10,17 @@ then holds for robots up to a certain size. Two classes use it: `SliceBound` for
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
+from typing import TYPE_CHECKING
 
 import numpy as np
 import numpy.typing as npt
 
 from steelyard.lmi import AffineStack, symmetric_to_vector, vector_to_symmetric
 
-from .bounds.analytic_center import AnalyticCenter
 from .feasible_set import FeasibleSet
+
+if TYPE_CHECKING:
+    from .bounds.analytic_center import AnalyticCenter
 
 __all__ = ["EPSILON", "PARAMETER_BOUND", "ConvexProblem", "Mending", "Multipliers", "SliceBound"]
 
@@ -122,7 +125,7 @@ class SliceBound:
     center : AnalyticCenter
     """
 
-    def __init__(self, center: AnalyticCenter) -> None:
+    def __init__(self, center: "AnalyticCenter") -> None:
         self.center = center
         count = len(center.point)
         second = center.ball[1]

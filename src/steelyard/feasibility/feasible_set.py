@@ -14,6 +14,7 @@ from steelyard.display import html_table
 from steelyard.errors import InputError
 from steelyard.files import read_number, suggestion
 from steelyard.lmi import AffineBlock, AffineStack
+from steelyard.regression import Reduced
 from steelyard.robot.inertia import INERTIA_SYMBOLS
 
 from .constraints import Constraint, Equality
@@ -26,7 +27,7 @@ from .constraints.constraint import (
     solved_for_some,
 )
 
-__all__ = ["FeasibleSet"]
+__all__ = ["FeasibleSet", "reduced_regression"]
 
 Vector = npt.NDArray[np.float64]
 Matrix = npt.NDArray[np.float64]
@@ -355,3 +356,27 @@ class FeasibleSet:
         """
         vector = self.as_parameters(parameters)
         return self.stack.all_positive(vector) and self.satisfies_equations(vector)
+
+
+def reduced_regression(data: Any, weights: Any, feasible_set: FeasibleSet) -> Reduced:
+    """The reduced regression of an Information, or of an object that already is one, checked.
+
+    Raises
+    ------
+    InputError
+        If it belongs to another model or holds no usable numbers.
+    """
+    reduced = data.reduced(weights) if hasattr(data, "reduced") else data
+    missing = [name for name in ("R", "rho", "residual2", "count", "norm2") if not hasattr(reduced, name)]
+    if missing:
+        raise InputError(f"info must be an Information (or its reduced form), got {data!r}.")
+    R, rho = np.asarray(reduced.R, dtype=float), np.asarray(reduced.rho, dtype=float)
+    count = feasible_set.K.shape[0]
+    if R.ndim != 2 or R.shape[1] != count or rho.shape != (R.shape[0],):
+        raise InputError(
+            f"the data belongs to another model: its reduced regression has R of shape {R.shape}, but the feasible "
+            f"set is of a model with {count} base parameters; use the Information of the same model."
+        )
+    if not (np.all(np.isfinite(R)) and np.all(np.isfinite(rho)) and reduced.norm2 > 0):
+        raise InputError("the data holds no usable samples: its torques are all zero or not finite numbers.")
+    return Reduced(R, rho, float(reduced.residual2), int(reduced.count), float(reduced.norm2))

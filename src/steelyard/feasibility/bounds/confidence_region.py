@@ -8,12 +8,12 @@ import numpy.typing as npt
 
 from steelyard.errors import InputError
 from steelyard.files import read_number
-from steelyard.regression import Information, ParameterCovariance, Reduced
+from steelyard.regression import Information, ParameterCovariance
 from steelyard.regression.factor import solve
 
-from ..feasible_set import FeasibleSet
+from ..feasible_set import FeasibleSet, reduced_regression
 
-__all__ = ["ConfidenceRegion", "reduced_regression", "region_of"]
+__all__ = ["ConfidenceRegion", "region_of"]
 
 Vector = npt.NDArray[np.float64]
 Matrix = npt.NDArray[np.float64]
@@ -109,27 +109,3 @@ def region_of(
             "confidence region holds; leave out `torque_cutoff` and `decimate` in [processing], or give base= alone."
         )
     return ConfidenceRegion(beta, found, confidence)
-
-
-def reduced_regression(data: Any, weights: Any, feasible_set: FeasibleSet) -> Reduced:
-    """The reduced regression of an Information, or of an object that already is one, checked.
-
-    Raises
-    ------
-    InputError
-        If it belongs to another model or holds no usable numbers.
-    """
-    reduced = data.reduced(weights) if hasattr(data, "reduced") else data
-    missing = [name for name in ("R", "rho", "residual2", "count", "norm2") if not hasattr(reduced, name)]
-    if missing:
-        raise InputError(f"info must be an Information (or its reduced form), got {data!r}.")
-    R, rho = np.asarray(reduced.R, dtype=float), np.asarray(reduced.rho, dtype=float)
-    count = feasible_set.K.shape[0]
-    if R.ndim != 2 or R.shape[1] != count or rho.shape != (R.shape[0],):
-        raise InputError(
-            f"the data belongs to another model: its reduced regression has R of shape {R.shape}, but the feasible "
-            f"set is of a model with {count} base parameters; use the Information of the same model."
-        )
-    if not (np.all(np.isfinite(R)) and np.all(np.isfinite(rho)) and reduced.norm2 > 0):
-        raise InputError("the data holds no usable samples: its torques are all zero or not finite numbers.")
-    return Reduced(R, rho, float(reduced.residual2), int(reduced.count), float(reduced.norm2))
