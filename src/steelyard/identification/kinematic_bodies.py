@@ -7,7 +7,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from steelyard.collision import Capsule, PlacedShape, Shape, Sphere
+from steelyard import collision  # its shapes are loaded when bodies are asked for
 from steelyard.robot import Robot
 from steelyard.robot.placement import axis_frame, inverse
 
@@ -67,7 +67,7 @@ def reach_of(robot: Robot) -> float:
     return float(lengths_beyond(robot).max(initial=0.0))
 
 
-def kinematic_bodies(robot: Robot) -> tuple[PlacedShape, ...]:
+def kinematic_bodies(robot: Robot) -> tuple[collision.PlacedShape, ...]:
     """A body for each link that spans its joints: a capsule from its own joint to the farthest of the next ones.
 
     Where two neighbouring joints stand apart along the axis of the second, the description does not tell which of the
@@ -101,12 +101,12 @@ def kinematic_bodies(robot: Robot) -> tuple[PlacedShape, ...]:
         if length < SHORTEST_REACH and not any(joint.parent == index for joint in robot.joints):
             radius = FREE_END * _mean_length(robot, index, reach)
         placement = np.eye(4)
-        shape: Shape = Sphere(radius)
+        shape: collision.Shape = collision.Sphere(radius)
         if length > 1e-6 * reach:
             placement = axis_frame(differences[one, other])
-            shape = Capsule(radius, length)
+            shape = collision.Capsule(radius, length)
         placement[:3, 3] = (points[one] + points[other]) / 2.0
-        found.append(PlacedShape(shape, robot.links[index].name, index, placement))
+        found.append(collision.PlacedShape(shape, robot.links[index].name, index, placement))
     return tuple(found)
 
 

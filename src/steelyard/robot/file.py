@@ -15,7 +15,6 @@ from steelyard.errors import InputError
 from steelyard.files import TomlTable, is_number, read_toml, shown, suggestion
 
 from .description import URDF, read_description
-from .dh import dh_joints
 from .robot import Robot
 
 __all__ = ["RobotFile"]
@@ -165,6 +164,8 @@ def _describe(path: Path, description: dict[str, Any]) -> Robot:
         lengths = description.get("lengths", {})
         if not isinstance(lengths, dict) or not all(is_number(value) for value in lengths.values()):
             raise table.refuse("lengths", "a table of names and numbers in m")
+        from .dh import dh_joints  # a format is loaded when it is read
+
         joints, links = dh_joints(rows, description.get("convention", "standard"), where)
         return Robot(path.stem, joints, links, np.asarray(gravity, dtype=object)).with_lengths(lengths)
 
