@@ -8,9 +8,8 @@ import numpy.typing as npt
 
 from steelyard.errors import InputError, SolverError
 from steelyard.feasibility.dual_bound import PARAMETER_BOUND
-from steelyard.feasibility.feasible_set import FeasibleSet
+from steelyard.feasibility.feasible_set import MARGIN_FACTORS, FeasibleSet
 from steelyard.feasibility.growth import growing_links, mass_bound_of
-from steelyard.feasibility.interior import MARGIN_FACTORS, least_eigenvalue, pull_inside
 from steelyard.feasibility.tie_break import TieBreak, closest_to_cad, lightest
 from steelyard.feasibility.units import Units
 from steelyard.feasibility.wording import percent
@@ -178,7 +177,7 @@ def fit_reduced(
         answer.parameters = _settled(feasible_set, regression.R, answer.parameters, fitting.prior or tie_break)
         if feasible_set.contains(answer.parameters):
             if outside is not None:
-                answer.parameters = pull_inside(feasible_set, outside, answer.parameters)
+                answer.parameters = feasible_set.pull_inside(outside, answer.parameters)
             return _report(fitting, tie_break, growing, answer)
         outside = answer.parameters if outside is None else outside
     raise SolverError(
@@ -244,7 +243,8 @@ def _plain(fitting: Fitting, margin: float) -> Optimum | None:
     parameters = feasible_set.lift @ regression.base
     if not feasible_set.satisfies_equations(parameters):
         return None
-    if least_eigenvalue(feasible_set.stack, parameters) < margin or not feasible_set.contains(parameters):
+    least = feasible_set.stack.smallest_eigenvalues(parameters).min(initial=np.inf)
+    if least < margin or not feasible_set.contains(parameters):
         return None
     return Optimum(parameters, regression.base, regression.residual2, True, np.inf, regression.residual2)
 

@@ -13,7 +13,6 @@ from steelyard.errors import SolverError
 from steelyard.feasibility.cone_program import Conditions, Part, Program, total, unidentifiable_conditions
 from steelyard.feasibility.dual_bound import PARAMETER_BOUND, ConvexProblem, Multipliers
 from steelyard.feasibility.feasible_set import FeasibleSet
-from steelyard.feasibility.interior import pull_inside
 from steelyard.feasibility.tie_break import TieBreak
 from steelyard.feasibility.units import Units
 
@@ -406,7 +405,7 @@ class Fitting:
 
     def _pulled(self, found: "_Found", best: "_Found") -> "_Found":
         """A point just outside, moved into the set along the line to one that is inside."""
-        parameters = pull_inside(self.feasible_set, found.parameters, best.parameters)
+        parameters = self.feasible_set.pull_inside(found.parameters, best.parameters)
         return replace(found, parameters=parameters, value=self.value(parameters), inside=True)
 
     def _problem(self, parameters: Vector, value: float) -> ConvexProblem:
@@ -468,7 +467,7 @@ class Fitting:
             inside = near + self.feasible_set.lift @ (base - self.feasible_set.K @ near)
             if not self.feasible_set.contains(inside):
                 return None
-            found = pull_inside(self.feasible_set, found, inside)
+            found = self.feasible_set.pull_inside(found, inside)
         problem = self._preferring(tie_break, found)
         problem = replace(problem, directions=program.conditions.matrix, units=program.columns)
         blocks = unit * program.stacked_dual(solution.dual)

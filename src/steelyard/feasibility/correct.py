@@ -10,8 +10,7 @@ from steelyard.conic import Outcome, find_solver
 from steelyard.errors import InputError, SolverError
 
 from .certificates import FeasibilityCertificate
-from .feasible_set import FeasibleSet
-from .interior import MARGIN_FACTORS, pull_inside
+from .feasible_set import MARGIN_FACTORS, FeasibleSet
 from .metric import Metric
 from .nearest_point import FINE, NearestPoint
 
@@ -157,7 +156,7 @@ def correct(
             outside = found if outside is None else outside
             continue
         if outside is not None:
-            found = pull_inside(feasible_set, outside, found)
+            found = feasible_set.pull_inside(outside, found)
         correction = given.correction(found, "corrected", outcome, iterations, title)
         if outcome is not Outcome.STOPPED:
             return correction

@@ -301,7 +301,7 @@ class ConvexProblem:
     def _groups(self) -> list[npt.NDArray[np.intp]]:
         """Rows of the stacked blocks of each size, (blocks, rows)."""
         scalars = np.arange(self.feasible_set.stack.scalar_count)[:, None]
-        return [rows for rows in (scalars, *self.feasible_set.stack._rows_by_size.values()) if len(rows)]
+        return [rows for rows in (scalars, *self.feasible_set.stack.rows_by_size.values()) if len(rows)]
 
     def lower_bound(self, multipliers: Multipliers, enough: float = -np.inf) -> float:
         """The greatest lower bound from the multipliers and their mended forms; -inf if they are not finite.

@@ -27,11 +27,17 @@ from .constraints.constraint import (
     solved_for_some,
 )
 
-__all__ = ["FeasibleSet", "reduced_regression"]
+__all__ = ["MARGIN_FACTORS", "FeasibleSet", "reduced_regression"]
 
 Vector = npt.NDArray[np.float64]
 Matrix = npt.NDArray[np.float64]
 
+MARGIN_FACTORS = (1.0, 1.5, 3.0, 10.0, 1e2, 1e3, 1e4, 1e5, 1e6)
+"""Factors of the margin that are tried in turn while the solver ends outside the set; the last makes a margin of 1e-6
+one of 1 SI unit, for robots of tonnes."""
+
+_BISECTIONS = 30
+"""After which the distance to the best point is 1e-9 of the line."""
 
 Kept = TypeVar("Kept")
 
@@ -356,6 +362,35 @@ class FeasibleSet:
         """
         vector = self.as_parameters(parameters)
         return self.stack.all_positive(vector) and self.satisfies_equations(vector)
+
+    def pull_inside(self, outside: Vector, inside: Vector) -> Vector:
+        """Return the point nearest to `outside`, on the line to `inside`, that is well inside.
+
+        A solver may end just outside the set. Well inside means half the margin, or a tenth of that of the point
+        `inside` if it is smaller. The set is convex, so that bisection finds the point; equations that hold at both
+        ends hold between them.
+
+        Parameters
+        ----------
+        outside : (n,)
+        inside : (n,)
+            A point that the set contains.
+
+        Returns
+        -------
+        (n,)
+            A point that the set contains.
+        """
+        least = min(0.5 * self.margin, 0.1 * self.stack.smallest_eigenvalues(inside).min(initial=np.inf))
+        low, high, best = 0.0, 1.0, inside
+        for _ in range(_BISECTIONS):
+            middle = 0.5 * (low + high)
+            point = outside + middle * (inside - outside)
+            if self.stack.smallest_eigenvalues(point).min(initial=np.inf) >= least and self.contains(point):
+                high, best = middle, point
+            else:
+                low = middle
+        return best
 
 
 def reduced_regression(data: Any, weights: Any, feasible_set: FeasibleSet) -> Reduced:

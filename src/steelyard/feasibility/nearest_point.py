@@ -10,8 +10,7 @@ import scipy.sparse as sparse
 from steelyard.conic import Cone, ConicProblem, ConicSolution, Outcome, Rows, solve
 from steelyard.errors import SolverError
 
-from .feasible_set import FeasibleSet
-from .interior import MARGIN_FACTORS
+from .feasible_set import MARGIN_FACTORS, FeasibleSet
 from .metric import Metric
 
 __all__ = ["Nearest", "NearestPoint", "light_point", "nearest_in_region"]

@@ -6,6 +6,7 @@ from steelyard.first_use import import_at_first_use
 
 if TYPE_CHECKING:
     from .affine import AffineBlock as AffineBlock
+    from .affine import AffineStack as AffineStack
     from .affine import is_positive_definite as is_positive_definite
     from .affine import symmetric_to_vector as symmetric_to_vector
     from .affine import vector_to_symmetric as vector_to_symmetric
@@ -21,6 +22,5 @@ if TYPE_CHECKING:
     from .linear_expression import variables as variables
     from .residual_inequality import distance_inequality as distance_inequality
     from .residual_inequality import residual_inequality as residual_inequality
-    from .stack import AffineStack as AffineStack
 
 __all__ = import_at_first_use(__name__, __file__)

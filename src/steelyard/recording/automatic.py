@@ -10,8 +10,9 @@ import numpy as np
 
 from steelyard.errors import InputError
 
-from .cutoff import CutoffChoice, choose_cutoff, cutoff_by_torques
-from .diagnosis.delay import estimate_delay
+from . import cutoff as cutoffs
+from . import diagnosis  # as those of `cutoff`, its names are imported when they are used
+from .cutoff import CutoffChoice
 from .diagnosis.detectors import saturation_levels, stiction_duration
 from .diagnosis.rest import HeldJoints, VelocityThresholds, velocity_noise, velocity_thresholds
 from .filters import Butterworth
@@ -80,7 +81,7 @@ def decide(processing: Processing, recordings: Sequence[Measurements], model: Mo
     open_rows = replace(processing, velocity_threshold=None, average=False, delay=0.0)
     if processing.cutoff == "auto" and processing.takes_cutoff:
         if model is None or few:
-            choice = choose_cutoff(max(recordings, key=lambda one: one.duration), processing.order)
+            choice = cutoffs.choose_cutoff(max(recordings, key=lambda one: one.duration), processing.order)
         else:
             unfiltered = Decision(replace(open_rows, cutoff=None, filter=Butterworth()))
             plans = [settle(unfiltered, one) for one in recordings]
@@ -90,7 +91,7 @@ def decide(processing: Processing, recordings: Sequence[Measurements], model: Mo
                 pairs = zip(plans, recordings, strict=True)
                 return [replace(plan, filter=own).middle(one, ends) for plan, one in pairs]
 
-            choice = cutoff_by_torques(recordings, filtered, model, processing.order, source)
+            choice = cutoffs.cutoff_by_torques(recordings, filtered, model, processing.order, source)
         decided = replace(processing, cutoff=choice.cutoff)
         decision = Decision(decided, choice, remarks=(choice.remark,))
     if processing.velocity_threshold == "auto" and few:
@@ -160,9 +161,9 @@ def _with_delay(plan: Plan, recording: Measurements, model: Model | None) -> Pla
     if isinstance(delay, str):
         even = replace(processing, trim=0.0, decimate=(), velocity_threshold=None, average=False, filter=Butterworth())
         # Noise of the accelerations would pull the estimate: the motion is filtered as the data asks for.
-        own = Butterworth(choose_cutoff(recording, processing.order).cutoff, processing.order)
+        own = Butterworth(cutoffs.choose_cutoff(recording, processing.order).cutoff, processing.order)
         samples, _ = replace(plan, processing=even, filter=own).rows(recording, 0, recording.count)
-        found = estimate_delay(samples, model)
+        found = diagnosis.estimate_delay(samples, model)
         by = "the signals show" if model is None else "the model shows"
         if not found.is_sure:
             remark = (

@@ -11,8 +11,9 @@ from numpy.typing import NDArray
 
 from steelyard.errors import InputError
 
+from .. import recording as room
+from . import diagnosis, filters  # their names are imported when they are used
 from .cutoff import CutoffChoice
-from .diagnosis.delay import advanced
 from .diagnosis.detectors import AT_REST, find_repeated, find_saturation, find_stiction
 from .diagnosis.rest import HeldJoints
 from .filtering import (
@@ -23,10 +24,9 @@ from .filtering import (
     first_derivative,
     low_pass,
 )
-from .filters import Butterworth, FourierFit, MotionFilter
+from .filters import Butterworth, MotionFilter
 from .measurements import Measurements
 from .options import Processing
-from .periodic import average_periods
 from .samples import Samples
 
 __all__ = ["Plan", "masking_remarks"]
@@ -270,7 +270,7 @@ class Plan:
         if np.any(self.delay != 0.0):
             torque = torque.copy()
             for j in np.flatnonzero(self.delay):
-                torque[:, j], known = advanced(torque[:, j], self.delay[j] * rate)
+                torque[:, j], known = diagnosis.advanced(torque[:, j], self.delay[j] * rate)
                 late[:, j] = ~known
         return torque, late
 
@@ -326,14 +326,14 @@ class Plan:
         return mask
 
     def _averaged(self, recording: Measurements, notes: tuple[str, ...]) -> Samples:
-        assert isinstance(self.filter, FourierFit)
+        assert isinstance(self.filter, filters.FourierFit)
         flags = self.flags(recording)
         torque, late = self._torque(recording)
         absent = late.copy()
         for flagged in flags.values():
             absent |= flagged
         ready = replace(recording, torque=torque, torque_missing=absent if absent.any() else None, remarks=())
-        average = average_periods(
+        average = room.average_periods(
             ready,
             self.filter.period,
             self.filter.harmonics,
@@ -365,10 +365,10 @@ def _moved(flags: NDArray[np.bool_], rows: float) -> NDArray[np.bool_]:
     """Return the flags of a channel that is moved forwards by `rows`; what interpolates a flagged row is flagged."""
     if rows == 0.0 or not flags.any():
         return flags
-    later, _ = advanced(flags.astype(np.float64), np.floor(rows))
+    later, _ = diagnosis.advanced(flags.astype(np.float64), np.floor(rows))
     result = later > 0.5
     if rows != np.floor(rows):
         for offset in (-1, 1, 2):
-            more, _ = advanced(flags.astype(np.float64), np.floor(rows) + offset)
+            more, _ = diagnosis.advanced(flags.astype(np.float64), np.floor(rows) + offset)
             result |= more > 0.5
     return np.asarray(result)

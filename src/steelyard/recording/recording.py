@@ -13,17 +13,17 @@ import numpy as np
 from steelyard.errors import InputError
 from steelyard.files import shown
 
+from .. import recording as room  # its names are imported when they are used
 from .automatic import decide, settle
 from .clock import CLOCK_ROWS, FEWEST_ROWS
 from .columns import LogColumns, resolve
 from .conversion import clock_at, convert, log_columns, names_of, signals_fields, times
-from .cutoff import CutoffChoice, choose_cutoff
+from .cutoff import CutoffChoice
 from .diagnosis import Diagnosis, Intervals, diagnose, find_missing
 from .even import evened
 from .formats import LogFiles, Source, write_log
 from .measurements import Measurements, check_period
 from .options import Processing
-from .periodic import PeriodicAverage, average_periods
 from .samples import Samples
 from .survey import LogSurvey
 
@@ -31,6 +31,8 @@ if TYPE_CHECKING:
     from numpy.typing import ArrayLike
 
     from steelyard.dynamics import Model
+
+    from .periodic import PeriodicAverage
 
 __all__ = ["Recording"]
 
@@ -219,7 +221,7 @@ class Recording(Measurements):
 
     def choose_cutoff(self, order: int = 3) -> CutoffChoice:
         """Choose the cutoff of the position filter from the data; see :func:`steelyard.recording.choose_cutoff`."""
-        return choose_cutoff(self, order)
+        return room.choose_cutoff(self, order)
 
     def average_periods(
         self,
@@ -228,7 +230,7 @@ class Recording(Measurements):
         trim: float | tuple[float, float] = 0.0,
     ) -> PeriodicAverage:
         """Average a periodic recording over its periods; see :func:`steelyard.recording.average_periods`."""
-        return average_periods(self, period, harmonics, trim)
+        return room.average_periods(self, period, harmonics, trim)
 
     def save(self, path: str | os.PathLike[str]) -> Path:
         """Write to .npz, .csv or .parquet with the columns t, q1, …, dq1, …, ddq1, …, tau1, …; `read` takes it back.

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from steelyard.dynamics.threads import one_thread
 
 from ..cutoff.by_torques import FAST, TorqueFit
-from ..filters import FourierFit, MotionFilter
+from ..filters import MotionFilter
 from ..measurements import Measurements
 from ..samples import Samples
 from .detectors import noise_deviation, resolution
@@ -180,7 +180,7 @@ def velocity_noise(recording: Measurements, motion_filter: MotionFilter, measure
     measured : bool
         Whether the velocities are the measured ones, filtered, and not derived from the positions.
     """
-    if isinstance(motion_filter, FourierFit):
+    if motion_filter.kind == "fourier":  # passes single frequencies, which hold no power of white noise
         return np.zeros(recording.joint_count)
     rate = recording.rate
     # Bins of a logarithmic grid: filters act over decades below the rate.

@@ -6,7 +6,6 @@ from dataclasses import dataclass
 from typing import ClassVar
 
 from steelyard.feasibility import FeasibleSet
-from steelyard.feasibility.interior import pull_inside
 
 from .factored_fit import FactoredFit
 from .factored_method import FactoredMethod, Vector
@@ -66,5 +65,5 @@ class Rucker2022(FactoredMethod):
 
     def _answer(self, feasible_set: FeasibleSet, parameters: Vector, start: Vector) -> Vector:
         if not feasible_set.contains(parameters) and feasible_set.contains(start):
-            return pull_inside(feasible_set, parameters, start)
+            return feasible_set.pull_inside(parameters, start)
         return parameters

@@ -2,7 +2,6 @@ import numpy as np
 import pytest
 
 from steelyard.feasibility import FeasibleSet
-from steelyard.feasibility.interior import pull_inside
 
 
 def test_point_on_the_line_keeps_half_the_margin(two_links, point_cloud_parameters):
@@ -12,7 +11,7 @@ def test_point_on_the_line_keeps_half_the_margin(two_links, point_cloud_paramete
     outside = inside.copy()
     outside[10] = -1.0  # friction from 1 to -1: the margin is reached at (1 - ε / 2) / 2
     feasible = FeasibleSet(two_links, margin=1e-3)
-    found = pull_inside(feasible, outside, inside)
+    found = feasible.pull_inside(outside, inside)
     assert found[10] == pytest.approx(0.5e-3, abs=1e-8)
     assert feasible.contains(found)
     np.testing.assert_allclose(np.delete(found, 10), np.delete(inside, 10), rtol=1e-12)
