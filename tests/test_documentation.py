@@ -48,6 +48,8 @@ PLACEHOLDERS = {
     "ROBOT": "robot.toml",
     "ESTIMATE": "estimate.json",
     "LOG": "run1.csv",
+    "UNLOADED": "unloaded.csv",
+    "LOADED": "loaded.csv",
     "FILE": "limits.toml",
     "DIR": "out",
 }
@@ -134,6 +136,12 @@ def workshop(tmp_path_factory: pytest.TempPathFactory) -> Path:
         recording(model, parameters, k).save(folder / f"run{k + 1}.csv")
     for name in ("run.csv", "long.csv"):
         recording(model, parameters, 4).save(folder / name)
+    held = parameters.copy()
+    held[model.link_columns[-1]] += sy.Inertia.from_com(2.0, [0.0, 0.01, 0.08], 0.004 * np.eye(3)).parameters
+    for name, carried in (("unloaded.csv", parameters), ("loaded.csv", held)):
+        recording(model, carried, 5).save(folder / name)
+    currents = '[log]\ntorque_unit = "A"\ngain = "find"\n'
+    (folder / "currents.toml").write_text(f"{ROBOT_FILE}{currents}", encoding="utf-8")
     (folder / "result").mkdir()
     estimate = sy.identify(folder / "robot.toml", [folder / "run1.csv"]).estimate
     for target in (folder / "estimate.json", folder / "result" / "estimate.json"):
@@ -305,7 +313,9 @@ def test_settings_are_read(page: str, place: Path, no_extensions: None) -> None:
         LogColumns.from_dict(file.section("log"), page)
         Processing.from_dict(file.section("processing"), page)
         from steelyard.feasibility.constraints import constraints_from_dict
+        from steelyard.identification.payload import payload_mounting
 
+        payload_mounting(file, model)
         sy.FeasibleSet(model, "full", list(constraints_from_dict(file.section("constraints"), folder=place)))
 
 

@@ -9,6 +9,7 @@ import typer
 
 __all__ = [
     "AllowExtensions",
+    "Changes",
     "Consistency",
     "Criterion",
     "DistanceMetric",
@@ -19,6 +20,16 @@ __all__ = [
     "TieBreakName",
     "Weights",
 ]
+
+
+class Changes(Enum):
+    """What of the joints may be other while a payload is carried."""
+
+    NOTHING = "nothing"
+    FRICTION = "friction"
+    FRICTION_AND_OFFSET = "friction-and-offset"
+
+    value: Literal["nothing", "friction", "friction-and-offset"]
 
 
 class Consistency(Enum):

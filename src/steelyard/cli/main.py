@@ -21,6 +21,7 @@ from .explain import explain
 from .generate import generate
 from .identify import identify
 from .inspect import inspect
+from .payload import payload
 from .plug_ins import SETTINGS, Commands, author
 from .screen import echo, guarded, sentence
 from .simulate import simulate
@@ -39,6 +40,7 @@ app.command()(inspect)
 app.command()(generate)
 app.command()(excite)
 app.command()(identify)
+app.command()(payload)
 app.command()(check)
 app.command()(correct)
 app.command()(explain)

@@ -5,6 +5,11 @@ from typing import TYPE_CHECKING
 from steelyard.first_use import import_at_first_use
 
 if TYPE_CHECKING:
+    from .carried_body import CarriedBody as CarriedBody
+    from .drive_gains import DriveGains as DriveGains
+    from .drive_gains import KnownPayload as KnownPayload
+    from .drive_gains import estimate_drive_gains as estimate_drive_gains
+    from .drive_gains import gains_from_equations as gains_from_equations
     from .estimator import ESTIMATORS as ESTIMATORS
     from .estimator import Estimator as Estimator
     from .estimator import estimate_with as estimate_with
@@ -12,6 +17,10 @@ if TYPE_CHECKING:
     from .fit import fit as fit
     from .l_curve import LCurve as LCurve
     from .l_curve import l_curve as l_curve
+    from .payload_estimate import KnownRobot as KnownRobot
+    from .payload_estimate import PayloadEstimate as PayloadEstimate
+    from .payload_estimate import PayloadQuantity as PayloadQuantity
+    from .payload_estimate import estimate_payload as estimate_payload
     from .prior import ConstantPullbackPrior as ConstantPullbackPrior
     from .prior import EntropicPrior as EntropicPrior
     from .prior import EuclideanPrior as EuclideanPrior

@@ -7,6 +7,10 @@ from steelyard.first_use import import_at_first_use
 if TYPE_CHECKING:
     from .excite import excite as excite
     from .identify import identify as identify
+    from .payload import DriveGainIdentification as DriveGainIdentification
+    from .payload import PayloadIdentification as PayloadIdentification
+    from .payload import identify_drive_gains as identify_drive_gains
+    from .payload import identify_payload as identify_payload
     from .physical_prior import LinkPrior as LinkPrior
     from .physical_prior import PhysicalPrior as PhysicalPrior
     from .physical_prior import physical_prior as physical_prior

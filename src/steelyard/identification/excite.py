@@ -12,6 +12,7 @@ from steelyard.excitation import ExcitationDesign, ExcitationObjective, Trajecto
 from steelyard.regression import Information
 from steelyard.robot import RobotFile
 
+from .payload import payload_mounting
 from .saved import parameters_of_estimate
 
 __all__ = ["excite"]
@@ -60,7 +61,7 @@ def excite(
     file = RobotFile.load(robot)
     model = Model.from_file(file)
     parameters = None if estimate is None else parameters_of_estimate(model, estimate)
-    asked = ExcitationObjective() if objective is None else objective
+    asked = _about_the_carrier(file, model, ExcitationObjective() if objective is None else objective)
     if prior_information is not None:
         asked = replace(asked, prior_information=_known(prior_information))
     return design_excitation(
@@ -71,6 +72,15 @@ def excite(
         progress=progress,
         **options,
     )
+
+
+def _about_the_carrier(file: RobotFile, model: Model, objective: ExcitationObjective) -> ExcitationObjective:
+    """Let the word payload mean the link that carries it by [payload]; the last link where that says nothing."""
+    names = [objective.subset] if isinstance(objective.subset, str) else list(objective.subset or ())
+    if "payload" not in names or "payload" in model.robot.link_names:
+        return objective
+    link = payload_mounting(file, model)[0]
+    return replace(objective, subset=[model.robot.link_names[link] if name == "payload" else name for name in names])
 
 
 def _known(path: str | Path) -> Information | Trajectory:

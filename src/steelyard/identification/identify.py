@@ -38,7 +38,7 @@ from steelyard.robot import RobotFile
 from .log_checks import implausible_mass, swapped_positions, swapped_torques
 from .result import Identification, Prediction, Trace
 
-__all__ = ["identify"]
+__all__ = ["LogReader", "identify"]
 
 Array = NDArray[np.float64]
 _TRACE_POINTS = 1200  # points of the curves of a log: about as many as a figure of the report has pixels
@@ -108,7 +108,12 @@ def identify(
     find_estimator(estimator)  # which is refused before logs are read
     file = RobotFile.load(robot)
     model = Model.from_file(file)
-    reader = _Reader(file, model, chunk_rows)
+    reader = LogReader(file, model, chunk_rows)
+    if reader.columns.finds_gains:
+        raise InputError(
+            f"{file.path}, [log]: drive gains are to be found, and currents alone tell no torques; find them with "
+            "`steelyard payload ROBOT UNLOADED LOADED` and a payload of known mass, and write them as `gain`."
+        )
     constraints = constraints_from_dict(
         file.section("constraints"), folder=file.path.parent, allow_extensions=file.allow_extensions
     )
@@ -178,7 +183,7 @@ def identify(
     )
 
 
-class _Reader:
+class LogReader:
     """Reads logs as the robot file says, and collects the remarks on them."""
 
     def __init__(self, file: RobotFile, model: Model, chunk_rows: int) -> None:
@@ -204,7 +209,8 @@ class _Reader:
         recordings = [
             read_middle(log, self.columns, self.stated, rows, list(self.model.robot.joint_names)) for log in chosen
         ]
-        decision = decide(self.stated, recordings, self.model)
+        # No model has currents that each drive turns into torques in its own way.
+        decision = decide(self.stated, recordings, None if self.columns.finds_gains else self.model)
         self.processing = decision.processing
         names = [name for name in ("cutoff", "velocity_threshold") if getattr(self.stated, name) == "auto"]
         self.decided = {name: getattr(decision.processing, name) for name in names}

@@ -28,6 +28,8 @@ TORQUE_UNITS = {
     "mA": 1e-3,
 }
 CURRENT_UNITS = ("A", "mA")
+FIND = "find"
+"""Stands for a drive gain that is unknown."""
 NUMBER = r"\d+(?:\.\d*)?(?:[eE][-+]?\d+)?|\.\d+(?:[eE][-+]?\d+)?"
 FRACTION = re.compile(rf"([-+]?)\s*(?:({NUMBER})\s*\*\s*)?({NUMBER}|pi)\s*(?:/\s*({NUMBER}))?")
 
@@ -78,7 +80,8 @@ class LogColumns(TomlSection):
     torque_matrix
         (N, M): torque = torque_matrix @ (gain * columns).
     gain
-        Drive gains from current to torque, one per torque column.
+        Drive gains from current to torque, one per torque column. The word "find" in the place of one, or of them all,
+        says that it is unknown: the torque is then read in units of the current, for `identify_drive_gains`.
     torque_sign
         +1 or -1, one for all or one per joint.
     missing
@@ -106,7 +109,7 @@ class LogColumns(TomlSection):
     position_matrix: Matrix | None = None
     position_offset: Vector | None = None
     torque_matrix: Matrix | None = None
-    gain: Vector | None = None
+    gain: str | tuple[float | str, ...] | None = None
     torque_sign: float | Vector | None = None
     missing: str = "refuse"
 
@@ -129,7 +132,7 @@ class LogColumns(TomlSection):
         store("position_matrix", _matrix)
         store("torque_matrix", _matrix)
         store("position_offset", _vector)
-        store("gain", _vector)
+        store("gain", _gains)
         store("torque_sign", _signs)
         if self.missing not in ("refuse", "fill"):
             raise InputError(f"{where}, key 'missing', is {self.missing!r}; it must be 'refuse' or 'fill'.")
@@ -138,8 +141,24 @@ class LogColumns(TomlSection):
             raise InputError(
                 f"{where} gives torque_unit in amperes but no gain; add `gain`, N·m per A, one per column."
             )
+        if self.finds_gains and self.torque_matrix is not None:
+            raise InputError(
+                f"{where} gives a torque_matrix and asks for drive gains; each gain must belong to one joint, so find "
+                "them on joints that are not coupled, or state them."
+            )
         if self.rate is not None and self.time is None and self.time_unit is not None:
             raise InputError(f"{where} gives time_unit and rate but no time; time_unit belongs to a time column.")
+
+    @property
+    def finds_gains(self) -> bool:
+        """Whether any drive gain is to be found."""
+        return self.gain is not None and FIND in self.gain
+
+    def gains_to_find(self, count: int) -> tuple[bool, ...]:
+        """Return which of so many joints have a drive gain that is to be found."""
+        if self.gain is None or isinstance(self.gain, str):
+            return (self.gain is not None,) * count
+        return tuple(one == FIND for one in self.gain)
 
 
 def _text(value: Any, where: str) -> str:
@@ -209,6 +228,17 @@ def _vector(value: Any, where: str) -> Vector:
     if not result:
         raise InputError(f"{where} is empty; it must be a list of numbers.")
     return result
+
+
+def _gains(value: Any, where: str) -> str | tuple[float | str, ...]:
+    if value == FIND:
+        return FIND
+    if isinstance(value, str) or not hasattr(value, "__iter__"):
+        raise InputError(f'{where} is {value!r}; it must be a list of numbers, or "{FIND}".')
+    found = tuple(FIND if item == FIND else number(_scalar(item), where) for item in value)
+    if not found:
+        raise InputError(f"{where} is empty; it must be a list of numbers.")
+    return found
 
 
 def _matrix(value: Any, where: str) -> Matrix:

@@ -89,8 +89,9 @@ def convert(raw: Columns, layout: Layout, columns: LogColumns, where: Callable[[
         )
     torque = _stacked(raw, layout.torque)
     torque *= _scales(TORQUE_UNITS, columns.torque_unit, len(layout.torque), "torque_unit", source)
-    if columns.gain is not None:
-        torque *= _list_of(columns.gain, torque.shape[1], "gain", source)
+    if columns.gain is not None and not isinstance(columns.gain, str):
+        known = tuple(1.0 if isinstance(one, str) else one for one in columns.gain)
+        torque *= _list_of(known, torque.shape[1], "gain", source)
     if columns.torque_matrix is not None:
         torque = torque @ np.array(columns.torque_matrix).T
     if columns.torque_sign is not None:

@@ -19,7 +19,7 @@ from .robot import Robot
 
 __all__ = ["RobotFile"]
 
-TABLES = ("log", "processing", "limits", "constraints")
+TABLES = ("log", "processing", "limits", "constraints", "payload")
 TOP_LEVEL = ("name", "description", "terms", *TABLES)
 DEFAULT_TERMS = ("viscous", "coulomb", "offset")
 """The terms of a file that names none: every robot has friction, and few drives measure exactly zero torque at rest."""
@@ -43,7 +43,7 @@ class RobotFile:
     terms : tuple of dict
         The tables `[[terms]]`, as written, or the default ones.
     sections : mapping from name to dict
-        The tables `[log]`, `[processing]`, `[limits]` and `[constraints]`, as written; empty where absent.
+        The tables `[log]`, `[processing]`, `[limits]`, `[constraints]` and `[payload]`, as written; empty where absent.
     description : mapping
         How a URDF was read: its `tip` and its `locked` joints, where there are any.
     allow_extensions : bool

@@ -1,0 +1,84 @@
+"""``steelyard payload``."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any, Literal
+
+import typer
+
+from .choices import Changes, Consistency, Weights
+from .screen import echo
+from .terminal import progress
+
+if TYPE_CHECKING:
+    from steelyard.identification import DriveGainIdentification, PayloadIdentification
+
+__all__ = ["payload"]
+
+
+def payload(
+    robot: Annotated[Path, typer.Argument(help="URDF or robot.toml.")],
+    logs: Annotated[
+        list[str],
+        typer.Argument(metavar="[UNLOADED] LOADED", help="The log without the payload, and the one with it."),
+    ],
+    estimate: Annotated[
+        Path | None, typer.Option(help="estimate.json of the robot, instead of the log without the payload.")
+    ] = None,
+    frame: Annotated[
+        str | None, typer.Option(help="Link of the description in whose frame the payload is mounted (the last one).")
+    ] = None,
+    changes: Annotated[
+        Changes | None, typer.Option(help="What of the joints may be other while loaded (friction).")
+    ] = None,
+    mass: Annotated[
+        float | None,
+        typer.Option(help="kg, of a known payload, by which drive gains are found where robot.toml asks for them."),
+    ] = None,
+    output: Annotated[Path | None, typer.Option("--output", "-o", help="File for the same as JSON.")] = None,
+    consistency: Consistency = Consistency.FULL,
+    weights: Annotated[Weights, typer.Option(help="How the joints are weighted.")] = Weights.JOINT,
+    chunk_rows: Annotated[int, typer.Option(help="Rows of a log that stand in memory together.", min=1000)] = 200_000,
+) -> None:
+    """Tell mass, centre of mass and inertia of what a robot carries, from its logs without and with it.
+
+    Where [log] of robot.toml says gain = "find", the payload is the known one, and the drive gains are found.
+    """
+    from steelyard.errors import InputError
+    from steelyard.identification import identify_drive_gains, identify_payload
+    from steelyard.recording import LogColumns
+    from steelyard.robot import RobotFile
+
+    if len(logs) != (2 if estimate is None else 1):
+        raise InputError(
+            f"steelyard payload needs ROBOT UNLOADED LOADED, or ROBOT LOADED with --estimate, got {len(logs)} "
+            f"log{'s' * (len(logs) != 1)}{' and an estimate' if estimate else ''}."
+        )
+    file = RobotFile.load(robot)
+    gains = LogColumns.from_dict(file.section("log"), f"{file.path}, [log]").finds_gains
+    if mass is not None and not gains:
+        raise InputError(
+            f"--mass is that of a known payload, by which drive gains are found; {file.path} does not ask for any "
+            '(gain = "find" in [log]).'
+        )
+    with progress() as say:
+        options: dict[str, Any] = {
+            "frame": frame,
+            "changes": None if changes is None else changes.value,
+            "consistency": consistency.value,
+            "chunk_rows": chunk_rows,
+            "progress": say,
+        }
+        found: DriveGainIdentification | PayloadIdentification
+        if gains:
+            if estimate is not None:
+                raise InputError("Drive gains need the log without the payload, too; leave out --estimate.")
+            found = identify_drive_gains(file, logs[-1:], logs[:-1], payload=mass, **options)
+        else:
+            chosen: Literal["joint"] | None = "joint" if weights is Weights.JOINT else None
+            found = identify_payload(file, logs[-1:], logs[:-1], estimate=estimate, weights=chosen, **options)
+    echo(str(found))
+    if output is not None:
+        found.save(output)
+        echo(f"Written to {output}")

@@ -1,0 +1,590 @@
+"""What logs with a payload tell: the payload itself, or, where that is known, the gains of the drives."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+from typing import Any, Literal, get_args
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from steelyard.dynamics import Model
+from steelyard.dynamics.threads import in_one_thread
+from steelyard.errors import InputError
+from steelyard.estimators.carried_body import CarriedBody, Changes, mounting
+from steelyard.estimators.drive_gains import DriveGains, KnownPayload, estimate_drive_gains
+from steelyard.estimators.payload_estimate import KnownRobot, PayloadEstimate, estimate_payload
+from steelyard.feasibility.constraints import constraints_from_dict
+from steelyard.feasibility.constraints.entries import read_placement
+from steelyard.files import TomlTable, suggestion, write_json
+from steelyard.regression import Estimate, Information
+from steelyard.regression.batch_means import BatchSums
+from steelyard.regression.reduction import empty_factors
+from steelyard.robot import RobotFile
+
+from .identify import LogReader
+from .saved import matching_estimate
+
+__all__ = [
+    "DriveGainIdentification",
+    "PayloadIdentification",
+    "identify_drive_gains",
+    "identify_payload",
+    "payload_mounting",
+]
+
+Array = NDArray[np.float64]
+PAYLOAD_FORMAT, GAINS_FORMAT = "steelyard-payload-1", "steelyard-drive-gains-1"
+KEYS = ("frame", "placement", "changes", "mass", "center_of_mass", "inertia")
+Given = str | Path | Sequence[str | Path] | Information
+"""Logs of one kind: a path, several, or an Information that was made of them."""
+_POINTS = 100  # of each log that are kept, which nobody looks at here
+
+
+@dataclass(frozen=True, eq=False)
+class PayloadIdentification:
+    """The result of :func:`identify_payload`.
+
+    Attributes
+    ----------
+    estimate : PayloadEstimate
+        The payload in the mounting frame, with intervals.
+    robot_name : str
+    frame : str
+        In which it is mounted, a link of the description.
+    placement : (4, 4) array
+        Of the mounting frame in that frame.
+    robot_file : Path
+    unloaded_logs, loaded_logs : tuple of str
+    known_robot : str or None
+        The saved estimate that stood for the robot.
+    options : dict
+        All the choices, as plain data.
+    stated_mass : float or None
+        kg, where ``[payload]`` states one; it has no part in the estimate.
+    remarks : tuple of str
+        What the user should know, a sentence each.
+    """
+
+    estimate: PayloadEstimate
+    robot_name: str
+    frame: str
+    placement: Array = field(repr=False)
+    robot_file: Path
+    unloaded_logs: tuple[str, ...]
+    loaded_logs: tuple[str, ...]
+    known_robot: str | None
+    options: dict[str, Any] = field(repr=False)
+    stated_mass: float | None = None
+    remarks: tuple[str, ...] = ()
+
+    def __repr__(self) -> str:
+        return f"PayloadIdentification({self.robot_name}: {self.estimate['mass']})"
+
+    def __str__(self) -> str:
+        return "\n".join([*self.sentences(), str(self.estimate), *(f"Note: {remark}" for remark in self.remarks)])
+
+    def sentences(self) -> tuple[str, ...]:
+        """What was found, in words."""
+        estimate = self.estimate
+        mass = estimate["mass"]
+        moved = "" if np.array_equal(self.placement, np.eye(4)) else ", moved as [payload] says"
+        if np.isnan(mass.value):
+            heavy = "The motion does not show the mass of the payload"
+        else:
+            heavy = f"The payload weighs {mass.value:.4g} kg"
+        if np.isfinite(mass.lower) and np.isfinite(mass.upper):
+            heavy += f", with a probability of 95 % between {mass.lower:.4g} and {mass.upper:.4g} kg"
+        elif np.isfinite(mass.lower):
+            heavy += f"; it has at least {mass.lower:.4g} kg"
+        found = [
+            f"{heavy}.",
+            f"Places and axes are those of the frame {self.frame}{moved}.",
+            f"The torques of the loaded log are explained to {estimate.loaded_error:.2%}, by the robot alone to "
+            f"{estimate.robot_alone_error:.2%}."
+            + (
+                f" Those of the unloaded log are explained to {estimate.unloaded_error:.2%}."
+                if np.isfinite(estimate.unloaded_error)
+                else ""
+            ),
+        ]
+        if self.stated_mass is not None:
+            place = "within" if self.stated_mass in mass else "outside"
+            found.append(f"The mass of {self.stated_mass:.4g} kg that [payload] states lies {place} the interval.")
+        for standing, words in (
+            ("bounded", "The motion hardly shows these, but a real body cannot have just any"),
+            ("open", "The motion does not show these, and nothing bounds them"),
+        ):
+            names = [one.meaning for one in estimate.quantities if one.standing == standing]
+            if names:
+                found.append(f"{words}: {', '.join(names)}.")
+        return tuple(found)
+
+    def to_dict(self) -> dict[str, Any]:
+        """As plain data."""
+        estimate = self.estimate
+        errors = ("condition_number", "unloaded_error", "loaded_error", "robot_alone_error", "distance")
+        return {
+            "format": PAYLOAD_FORMAT,
+            "robot": self.robot_name,
+            "robot_file": str(self.robot_file),
+            "frame": self.frame,
+            "placement": self.placement,
+            "unloaded_logs": self.unloaded_logs,
+            "loaded_logs": self.loaded_logs,
+            "known_robot": self.known_robot,
+            "mass": estimate.mass,
+            "center_of_mass": estimate.center_of_mass,
+            "inertia_about_com": estimate.inertia,
+            "stated_mass": self.stated_mass,
+            "quantities": estimate.quantities,
+            "parameters": estimate.parameters,
+            "friction": {
+                "names": estimate.friction_names,
+                "unloaded": estimate.friction,
+                "loaded": estimate.loaded_friction,
+                "standard_error_of_change": estimate.friction_error,
+            },
+            **{name: getattr(estimate, name) for name in errors},
+            "independent_rows": estimate.inflation,
+            "options": self.options,
+            "remarks": self.remarks,
+            "certificate": estimate.certificate,
+        }
+
+    def save(self, path: str | Path) -> None:
+        """Write it as JSON, numbers that are not known as null; the file appears whole or not at all."""
+        write_json(self.to_dict(), path)
+
+
+@in_one_thread
+def identify_payload(
+    robot: str | Path | RobotFile,
+    loaded: Given,
+    unloaded: Given = (),
+    *,
+    estimate: str | Path | Estimate | None = None,
+    frame: str | None = None,
+    placement: ArrayLike | None = None,
+    changes: Changes | None = None,
+    consistency: Literal["full", "inertia"] = "full",
+    weights: Literal["joint"] | None = "joint",
+    chunk_rows: int = 200_000,
+    progress: Callable[[str], None] | None = None,
+) -> PayloadIdentification:
+    """Find mass, centre of mass and inertia of what a robot carries.
+
+    Parameters
+    ----------
+    robot : str, Path or RobotFile
+        A URDF, or a robot.toml with terms, log columns, processing, constraints and a section ``[payload]``.
+    loaded : path, sequence of path, or Information
+        Logs with the payload.
+    unloaded : path, sequence of path, or Information, optional
+        Logs of the same robot without it; the payload is then what differs, and nothing need be known of the robot.
+    estimate : path or Estimate, optional
+        The identified robot, instead of `unloaded`. Of its errors the standard errors are known but not how they hang
+        together, so that intervals are wider than with the log itself, some three times.
+    frame : str, optional
+        The mounting frame, a link of the description; that of ``[payload]``, or the last link, where absent.
+    placement : array_like, optional
+        (4, 4) of the mounting frame in that frame.
+    changes : {"nothing", "friction", "friction-and-offset"}, optional
+        What of the joints may be other than without the payload; that of ``[payload]``, or ``"friction"``, where
+        absent.
+    consistency : {"full", "inertia"}
+        See :class:`steelyard.FeasibleSet`.
+    weights : {"joint", None}
+        See :func:`steelyard.least_squares`.
+    chunk_rows : int
+        Rows of a log that stand in memory together.
+    progress : callable, optional
+        Called with a few words before each step.
+
+    Returns
+    -------
+    PayloadIdentification
+
+    Raises
+    ------
+    InputError
+        If the robot, a log or an option cannot be used; the message says why and what to do.
+
+    See Also
+    --------
+    steelyard.estimators.estimate_payload : The same from Informations.
+    steelyard.identification.excite : Designs a motion that shows a payload, with the subset ``"payload"``.
+    """
+    if (estimate is None) == _is_nothing(unloaded):
+        raise InputError(
+            "A payload is found from a log without and a log with it, or from the latter and an estimate of the robot: "
+            "give UNLOADED and LOADED, or LOADED and --estimate."
+        )
+    logs = _Logs(robot, loaded, unloaded, frame, placement, changes, chunk_rows, progress)
+    if any(logs.find):
+        raise InputError(
+            f"{logs.file.path}, [log]: drive gains are to be found, and currents alone tell no mass; find the gains "
+            "with a payload of known mass first (identify_drive_gains), and write them as `gain`."
+        )
+    known = None if estimate is None else _known(logs.model, estimate)
+    logs.read()
+    logs.say("least squares of both" if known is None else "least squares")
+    found = estimate_payload(
+        logs.body,
+        logs.loaded,
+        logs.unloaded,
+        robot=known,
+        consistency=consistency,
+        constraints=logs.constraints if known is None else (),
+        weights=weights,
+    )
+    mass = logs.section.number("mass") if "mass" in logs.section else None
+    return PayloadIdentification(
+        estimate=found,
+        robot_name=logs.model.robot.name,
+        frame=logs.frame,
+        placement=logs.placement,
+        robot_file=logs.file.path,
+        unloaded_logs=logs.paths["unloaded"],
+        loaded_logs=logs.paths["loaded"],
+        known_robot=None if estimate is None else str("estimate" if isinstance(estimate, Estimate) else estimate),
+        options={"consistency": consistency, "weights": weights, **logs.options},
+        stated_mass=mass,
+        remarks=tuple(dict.fromkeys((*found.remarks, *logs.remarks))),
+    )
+
+
+@dataclass(frozen=True, eq=False)
+class DriveGainIdentification:
+    """The result of :func:`identify_drive_gains`.
+
+    Attributes
+    ----------
+    estimate : DriveGains
+    robot_name : str
+    payload : KnownPayload
+        What set the scale.
+    frame : str
+    placement : (4, 4) array
+    robot_file : Path
+    unloaded_logs, loaded_logs : tuple of str
+    options : dict
+    remarks : tuple of str
+    """
+
+    estimate: DriveGains
+    robot_name: str
+    payload: KnownPayload
+    frame: str
+    placement: Array = field(repr=False)
+    robot_file: Path
+    unloaded_logs: tuple[str, ...]
+    loaded_logs: tuple[str, ...]
+    options: dict[str, Any] = field(repr=False)
+    remarks: tuple[str, ...] = ()
+
+    def __repr__(self) -> str:
+        return f"DriveGainIdentification({self.robot_name}: {self.toml_line})"
+
+    def __str__(self) -> str:
+        return "\n".join([*self.sentences(), str(self.estimate), *(f"Note: {remark}" for remark in self.remarks)])
+
+    @property
+    def toml_line(self) -> str:
+        """The line of ``[log]`` that states the gains."""
+        return f"gain = [{', '.join(f'{gain:.6g}' for gain in self.gains)}]"
+
+    @property
+    def gains(self) -> Array:
+        """(N,) of all joints, those that were stated included."""
+        stated = self.options["log"].get("gain")
+        given = np.ones(len(self.estimate.gains))
+        if isinstance(stated, (list, tuple)):
+            given = np.array([1.0 if isinstance(one, str) else one for one in stated])
+        return np.where(self.estimate.found, self.estimate.gains, given)
+
+    def sentences(self) -> tuple[str, ...]:
+        """What was found, in words."""
+        known = {1: "its mass", 4: "its mass and its centre of mass", 10: "all its parameters"}
+        return (
+            f"The drive gains of {self.robot_name}, N·m or N for a unit of the currents, with intervals of 95 %, by a "
+            f"payload of {self.payload.mass:.4g} kg of which {known[len(self.payload.known)]} "
+            f"{'are' if len(self.payload.known) > 1 else 'is'} known.",
+            f"The currents of both logs are explained to {self.estimate.relative_error:.2%}, joint by joint.",
+            f"In [log] of the robot file: {self.toml_line}",
+        )
+
+    def to_dict(self) -> dict[str, Any]:
+        """As plain data."""
+        estimate = self.estimate
+        return {
+            "format": GAINS_FORMAT,
+            "robot": self.robot_name,
+            "robot_file": str(self.robot_file),
+            "frame": self.frame,
+            "placement": self.placement,
+            "payload": self.payload,
+            "unloaded_logs": self.unloaded_logs,
+            "loaded_logs": self.loaded_logs,
+            "joints": estimate.joint_names,
+            "found": estimate.found,
+            "gains": self.gains,
+            "lower": estimate.lower,
+            "upper": estimate.upper,
+            "relative_error": estimate.relative_error,
+            "distance": estimate.distance,
+            "options": self.options,
+            "remarks": self.remarks,
+        }
+
+    def save(self, path: str | Path) -> None:
+        """Write it as JSON, numbers that are not known as null; the file appears whole or not at all."""
+        write_json(self.to_dict(), path)
+
+
+@in_one_thread
+def identify_drive_gains(
+    robot: str | Path | RobotFile,
+    loaded: Given,
+    unloaded: Given,
+    *,
+    payload: KnownPayload | float | None = None,
+    find: Sequence[bool] | None = None,
+    frame: str | None = None,
+    placement: ArrayLike | None = None,
+    changes: Changes | None = None,
+    consistency: Literal["full", "inertia"] = "full",
+    chunk_rows: int = 200_000,
+    progress: Callable[[str], None] | None = None,
+) -> DriveGainIdentification:
+    """Find how much torque a unit of current makes at each joint, from logs without and with a known payload.
+
+    Parameters
+    ----------
+    robot : str, Path or RobotFile
+        A robot.toml, whose ``[log]`` says ``"find"`` in `gain` where a gain is unknown.
+    loaded, unloaded
+        Logs with the payload and without it, as in `identify_payload`.
+    payload : KnownPayload or float, optional
+        What is known of the payload; a number is its mass, kg. What ``[payload]`` states where absent.
+    find : sequence of bool, optional
+        (N,) which gains are to be found; what ``[log]`` says where absent. For Informations, of which it says nothing.
+    frame, placement, changes, consistency, chunk_rows, progress
+        As in `identify_payload`.
+
+    Returns
+    -------
+    DriveGainIdentification
+
+    Raises
+    ------
+    InputError
+        If no gain is to be found, nothing is known of the payload, or a file or an option cannot be used.
+
+    See Also
+    --------
+    steelyard.estimators.estimate_drive_gains : The same from Informations.
+    steelyard.estimators.gains_from_equations : From logs without payload, where link masses are known.
+    """
+    if _is_nothing(unloaded):
+        raise InputError(
+            "Drive gains are found from a log without and a log with a known payload: give UNLOADED and LOADED."
+        )
+    logs = _Logs(robot, loaded, unloaded, frame, placement, changes, chunk_rows, progress)
+    asked = logs.find if find is None else tuple(find)
+    if not any(asked):
+        raise InputError(
+            f'{logs.file.path}, [log]: no drive gain is to be found; write gain = "find", or "find" in the place of '
+            "those that are unknown."
+        )
+    if isinstance(payload, (int, float)):
+        payload = KnownPayload(payload)
+    known = payload or _stated(logs.section)
+    if known is None:
+        raise InputError(
+            f"{logs.section.where}: drive gains are to be found, which needs a payload of known mass in one of the "
+            "logs: give --mass, or mass in [payload]."
+        )
+    logs.read()
+    logs.say("drive gains")
+    assert logs.unloaded is not None
+    found = estimate_drive_gains(
+        logs.body,
+        logs.loaded,
+        logs.unloaded,
+        known,
+        asked,
+        consistency=consistency,
+        constraints=logs.constraints,
+    )
+    return DriveGainIdentification(
+        estimate=found,
+        robot_name=logs.model.robot.name,
+        payload=known,
+        frame=logs.frame,
+        placement=logs.placement,
+        robot_file=logs.file.path,
+        unloaded_logs=logs.paths["unloaded"],
+        loaded_logs=logs.paths["loaded"],
+        options={"consistency": consistency, **logs.options},
+        remarks=tuple(dict.fromkeys((*found.remarks, *logs.remarks))),
+    )
+
+
+class _Logs:
+    """A robot file, what it says of a payload, and the logs of both kinds, reduced."""
+
+    def __init__(
+        self,
+        robot: str | Path | RobotFile,
+        loaded: Given,
+        unloaded: Given,
+        frame: str | None,
+        placement: ArrayLike | None,
+        changes: Changes | None,
+        chunk_rows: int,
+        progress: Callable[[str], None] | None,
+    ) -> None:
+        self.say = progress or (lambda _: None)
+        self.file = robot if isinstance(robot, RobotFile) else RobotFile.load(robot)
+        self.model = Model.from_file(self.file)
+        self.section = _section(self.file)
+        self.changes = changes or self.section.text("changes") or "friction"
+        if self.changes not in get_args(Changes):
+            raise InputError(
+                f"{self.section.where}: changes is {self.changes!r}; {suggestion(self.changes, get_args(Changes))}"
+            )
+        link, place, self.frame, self.placement = payload_mounting(self.file, self.model, frame, placement)
+        self.body = CarriedBody(self.model, link, place, self.changes)  # type: ignore[arg-type]
+        self.given = {"unloaded": unloaded, "loaded": loaded}
+        self.paths = {role: _paths(one) for role, one in self.given.items()}
+        if _is_nothing(loaded):
+            raise InputError(
+                "At least one log with the payload is needed; give the path of a CSV, Parquet or NPZ file."
+            )
+        self.reader = LogReader(self.file, self.model, chunk_rows)
+        self.find = self.reader.columns.gains_to_find(self.model.dof)
+        self.constraints = constraints_from_dict(
+            self.file.section("constraints"),
+            folder=self.file.path.parent,
+            allow_extensions=self.file.allow_extensions,
+        )
+
+    def read(self) -> None:
+        """Reduce the logs."""
+        # Of one kind alone: with a payload it is another robot, and neither explains the torques of the other.
+        deciding = self.paths["unloaded"] or self.paths["loaded"]
+        if deciding:
+            self.reader.decide(deciding, self.say)
+        self._data = {
+            role: one if isinstance(one, Information) else self._reduced(self.paths[role])
+            for role, one in self.given.items()
+        }
+
+    def _reduced(self, logs: Sequence[str]) -> Information | None:
+        """Reduce the logs of one kind together."""
+        sums = BatchSums(empty_factors(self.model))
+        total: Information | None = None
+        for log in logs:
+            self.say(f"reading {log}")
+            one, _ = self.reader.reduce(log, _POINTS, sums)
+            total = one if total is None else total + one
+        return None if total is None else replace(total, batch_means=sums.factors())
+
+    @property
+    def unloaded(self) -> Information | None:
+        return self._data["unloaded"]
+
+    @property
+    def loaded(self) -> Information:
+        found = self._data["loaded"]
+        assert found is not None
+        return found
+
+    @property
+    def remarks(self) -> tuple[str, ...]:
+        return tuple(self.reader.remarks)
+
+    @property
+    def options(self) -> dict[str, Any]:
+        """All the choices, as plain data."""
+        return {
+            "changes": self.changes,
+            "log": self.reader.columns.to_dict(),
+            "processing": self.reader.stated.to_dict(),
+            "decided": self.reader.decided,
+            "constraints": self.file.section("constraints"),
+        }
+
+
+def _section(file: RobotFile) -> TomlTable:
+    return TomlTable(file.section("payload"), f"{file.path}, [payload]", KEYS)
+
+
+def payload_mounting(
+    file: RobotFile, model: Model, frame: str | None = None, placement: ArrayLike | None = None
+) -> tuple[int, Array, str, Array]:
+    """Find where a payload is mounted: as stated, or as the section ``[payload]`` of a robot file says.
+
+    Parameters
+    ----------
+    file : RobotFile
+    model : Model
+    frame : str, optional
+    placement : (4, 4) array_like, optional
+        Both instead of what the section says.
+
+    Returns
+    -------
+    link : int
+        Index of the moving link that carries it.
+    place : (4, 4) array
+        The mounting frame in that link.
+    frame : str
+    placement : (4, 4) array
+        The mounting frame in that frame.
+    """
+    section = _section(file)
+    if placement is None and "placement" in section:
+        placement = read_placement(section["placement"], f"{section.where}: placement")
+    inner = np.eye(4) if placement is None else np.asarray(placement, dtype=float)
+    link, place, name = mounting(model, frame or section.text("frame", "the name of a link"), inner)
+    return link, place, name, inner
+
+
+def _is_nothing(logs: Given) -> bool:
+    return not isinstance(logs, (str, Path, Information)) and len(logs) == 0
+
+
+def _stated(section: TomlTable) -> KnownPayload | None:
+    """What [payload] says of a known payload."""
+    if "mass" not in section:
+        return None
+    center = (
+        section.numbers("center_of_mass", 3, expected="three numbers in m") if "center_of_mass" in section else None
+    )
+    inertia = None
+    if "inertia" in section:
+        rows = "six numbers in kg m², xx xy xz yy yz zz about the centre of mass"
+        xx, xy, xz, yy, yz, zz = section.numbers("inertia", 6, expected=rows)
+        inertia = np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]])
+    return KnownPayload(section.number("mass"), center, inertia)
+
+
+def _paths(logs: Given) -> tuple[str, ...]:
+    if isinstance(logs, Information):
+        return ()
+    return (str(logs),) if isinstance(logs, (str, Path)) else tuple(map(str, logs))
+
+
+def _known(model: Model, estimate: str | Path | Estimate) -> KnownRobot:
+    loaded = estimate if isinstance(estimate, Estimate) else matching_estimate(model, estimate)
+    if loaded.base_expressions != model.base_parameters().expressions:
+        raise InputError(
+            f"The estimate has the parameters of another robot or of other terms than {model.robot.name} has; give the "
+            "robot file that it was identified with."
+        )
+    errors = np.where(np.isfinite(loaded.standard_error), loaded.standard_error, 0.0)
+    return KnownRobot(loaded.base, np.diag(errors**2))
