@@ -22,7 +22,7 @@ LEAST_GYRATION = 1e-3
 """m; a link of which the description says less has moments of inertia that were left out."""
 
 ALIKE = 3
-"""So many moving links with the same inertial about their frame's origin were never weighed."""
+"""So many links of one arm, all with the same inertial about their frame's origin, were never weighed."""
 
 _EQUAL = 1e-9
 
@@ -65,7 +65,7 @@ def described_bodies(robot: Robot) -> list[list[DescribedBody]]:
 
     Placeholders that are recognised: no mass; the same round moment of inertia about every axis with a round mass and
     the centre of mass in the frame's origin, as templates, simulators' examples and exporters leave them; one inertial
-    that all the moving links share.
+    that all links of an arm share.
 
     Parameters
     ----------
@@ -76,16 +76,23 @@ def described_bodies(robot: Robot) -> list[list[DescribedBody]]:
     >>> [part.inertia for part in described_bodies(Robot.from_dh([(0, 0.5, 0, "q")]))[0]]
     [None]
     """
-    shared = _shared([link.own_inertia for link in robot.links])
+    shared = _is_one_arm(robot) and _shared([link.own_inertia for link in robot.links])
     found = []
     for link in robot.links:
         # A robot that was built in code may have a total alone.
-        own = link.own_inertia if link.own_inertia is not None or link.attachments else link.inertia
+        own = link.own_inertia
+        if own is None and not link.attachments and link.inertia is not None and link.inertia.mass != 0.0:
+            own = link.inertia
         problem = _placeholder(own) or (f"is the same for {len(robot.links)} links" if shared else "")
         parts = [DescribedBody(link.name, np.eye(4), own, problem)]
         parts += [DescribedBody(a.name, a.placement, a.inertia, _placeholder(a.inertia)) for a in link.attachments]
         found.append(parts)
     return found
+
+
+def _is_one_arm(robot: Robot) -> bool:
+    """Whether each link is on the one before it; the four rotors of a quadrotor are alike for a reason."""
+    return all(joint.parent == index - 1 for index, joint in enumerate(robot.joints))
 
 
 def _placeholder(inertia: Inertia | None) -> str:
@@ -152,7 +159,7 @@ def possible_body(parameters: Array, shape: Array) -> tuple[Array, str]:
 
     >>> body, problem = possible_body(np.array([0.03, 0, 0, 0.03, 0, 0.0, 0, 0, 0, 1.0]), np.eye(4))
     >>> body.round(6).tolist()[:6], problem
-    ([0.030075, 0.0, 0.0, 0.030075, 0.0, 0.00015], 'belong to a body without thickness')
+    ([0.030075, 0.0, 0.0, 0.030075, 0.0, 0.00015], 'belong to a body thinner than links are')
     """
     matrix = pseudo_inertia(parameters)
     mass, first = matrix[3, 3], matrix[:3, 3]
@@ -167,7 +174,7 @@ def possible_body(parameters: Array, shape: Array) -> tuple[Array, str]:
         if values[0] >= least:
             return parameters, ""
         # What was written with few digits is not wrong for that.
-        problem = "belong to no body" if values[0] < -0.02 * values[2] else "belong to a body without thickness"
+        problem = "belong to no body" if values[0] < -0.02 * values[2] else "belong to a body thinner than links are"
         values = np.maximum(values, least)
     matrix = matrix.copy()
     matrix[:3, :3] = mass * (axes * values) @ axes.T + np.outer(first, first) / mass
