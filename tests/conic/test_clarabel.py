@@ -7,7 +7,7 @@ import scipy.sparse as sparse
 from polars.exceptions import PanicException
 
 from steelyard.conic import Cone, ConicProblem, Outcome, solve
-from steelyard.conic.repeated_problem import RepeatedProblem
+from steelyard.conic.clarabel_solver import RepeatedProblem
 from steelyard.errors import SolverError
 
 

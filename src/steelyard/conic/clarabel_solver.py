@@ -1,6 +1,7 @@
-"""Clarabel, an interior-point method, called directly without a modelling layer."""
+"""Clarabel, an interior-point method, called without a modelling layer; it keeps a problem for many objectives."""
 
 from dataclasses import dataclass, replace
+from functools import cached_property
 from typing import Any
 
 import numpy as np
@@ -10,9 +11,9 @@ import scipy.sparse as sparse
 from .accuracy import infeasibility_error, optimality_error
 from .problem import Cone, ConicProblem, ConicSolution, Outcome
 from .scaling import Scaling, equilibrate, scaling_around
-from .solver import FEATURES, Solver
+from .solver import FEATURES, Solver, solve
 
-__all__ = ["CLARABEL", "ClarabelProblem", "clarabel_settings", "solve_with_clarabel"]
+__all__ = ["CLARABEL", "ClarabelProblem", "RepeatedProblem", "clarabel_settings", "solve_with_clarabel"]
 
 _OUTCOMES = {
     "Solved": Outcome.SOLVED,
@@ -261,3 +262,35 @@ CLARABEL = Solver(
     version=_version,
     remedy="pip install clarabel",
 )
+
+
+class RepeatedProblem:
+    """A problem in suitable units that is solved for many linear objectives, without setting up the solver anew.
+
+    Parameters
+    ----------
+    problem : ConicProblem
+        Without a quadratic objective; its linear objective is ignored.
+    solver : str
+        As in `steelyard.conic.solve`. Clarabel keeps the problem and makes one attempt for each objective; other
+        solvers get the whole problem each time.
+    accuracy : float
+        As in `steelyard.conic.solve`.
+    """
+
+    def __init__(self, problem: ConicProblem, solver: str, accuracy: float) -> None:
+        self.problem = problem
+        self.solver = solver
+        self.accuracy = accuracy
+
+    def solve(self, objective: npt.NDArray[np.float64]) -> ConicSolution:
+        """Minimise objective · x; look at the outcome of the answer, which may be `STOPPED` and without numbers."""
+        if self.solver == "clarabel":
+            return self._clarabel.solve(objective)
+        return solve(replace(self.problem, q=objective), accuracy=self.accuracy, solver=self.solver)
+
+    @cached_property
+    def _clarabel(self) -> ClarabelProblem:
+        settings = clarabel_settings(self.accuracy)
+        settings.direct_solve_method = "auto"
+        return ClarabelProblem(self.problem, settings)

@@ -20,9 +20,12 @@ method works for the other: in the second case D Z = 0 does not determine the nu
 bases may stop at the square root of rounding, which is too coarse for exact proofs.
 """
 
+from __future__ import annotations
+
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 from fractions import Fraction
+from typing import TYPE_CHECKING
 
 import numpy as np
 import numpy.typing as npt
@@ -30,14 +33,15 @@ import scipy.linalg as linalg
 import scipy.sparse as sparse
 
 from steelyard.conic import Cone, ConicProblem, Rows, solve
-from steelyard.conic.repeated_problem import RepeatedProblem
+from steelyard.conic.clarabel_solver import RepeatedProblem
 from steelyard.lmi import AffineStack, symmetric_to_vector, vector_to_symmetric
 
-from .bounds.normalised_problem import ACCURACY, Ball, DualPoint, NormalisedProblem
-from .bounds.slice import BlockGroup, null_space
 from .certificates.rational import exact_number
 from .checking.margin import BlockProblem
 from .feasible_set import FeasibleSet
+
+if TYPE_CHECKING:
+    from .bounds.normalised_problem import Ball, DualPoint, NormalisedProblem
 
 __all__ = ["DualFace", "MinimalFace", "dual_face", "minimal_face", "orthogonal", "polished_pair"]
 
@@ -295,6 +299,9 @@ CHANGES = 1e-5
 POLISH = 8
 """Largest number of Newton steps when bases are refined."""
 
+GREATEST_RANK_ACCURACY = 1e-10
+"""Accuracy of the solver for the dual point of greatest rank, from which the bases come."""
+
 ROOM = 1e-9
 """Multiple of the unit matrix that is added to W, so that mending can change all its eigenvalues."""
 
@@ -339,11 +346,7 @@ class MinimalFace:
                 for position, W in zip(positions, matrices, strict=True):
                     U = self.bases[position]
                     flat[position] = U @ (W + ROOM * np.eye(len(W))) @ U.T
-        found, start = [], 0
-        for group in self.problem.groups:
-            found.append(np.array(flat[start : start + len(group.indices)]))
-            start += len(group.indices)
-        return DualPoint(tuple(found), pull, value)
+        return self.problem.dual_point(flat, pull, value)
 
 
 def minimal_face(problem: NormalisedProblem, objective: Vector | None = None) -> MinimalFace:
@@ -362,33 +365,8 @@ def minimal_face(problem: NormalisedProblem, objective: Vector | None = None) ->
         bases += [v[:, e > ZERO] for e, v in zip(values, vectors, strict=True)]
     coefficients = [block for group in problem.groups for block in group.coefficients]
     bases, lineality = _polish(bases, coefficients, problem.ball, problem.unknowns)
-    directions = null_space(lineality.T) if lineality.shape[1] else np.eye(problem.unknowns)
-    pieces: dict[int, list[tuple[int, Matrix]]] = {}
-    for position, (U, B) in enumerate(zip(bases, coefficients, strict=True)):
-        if U.shape[1]:
-            seen = np.einsum("qr,ia,qij,jb->rab", directions, U, B, U, optimize=True)
-            pieces.setdefault(U.shape[1], []).append((position, seen))
-    sizes = sorted(pieces)
-    groups = tuple(
-        BlockGroup(
-            size,
-            np.array([position for position, _ in pieces[size]], dtype=np.intp),
-            np.broadcast_to(np.eye(size), (len(pieces[size]), size, size)),
-            np.array([piece for _, piece in pieces[size]]),
-        )
-        for size in sizes
-    )
-    ball = problem.ball
-    if ball is not None:
-        ball = Ball(ball.first, ball.second @ directions, ball.rate @ directions)
-    return MinimalFace(
-        problem=problem,
-        bases=tuple(bases),
-        lineality=lineality,
-        places=tuple(tuple(position for position, _ in pieces[size]) for size in sizes),
-        reduced=NormalisedProblem(groups, ball, directions.shape[1], problem.solver),
-        directions=directions,
-    )
+    directions, places, reduced = problem.on_face(bases, lineality)
+    return MinimalFace(problem, tuple(bases), lineality, places, reduced, directions)
 
 
 def _proof_of_greatest_rank(problem: NormalisedProblem, objective: Vector | None) -> Vector:
@@ -429,7 +407,7 @@ def _proof_of_greatest_rank(problem: NormalisedProblem, objective: Vector | None
     cost = np.zeros(unknowns)
     cost[-1] = -1.0
     conic = ConicProblem.from_rows(cost, pieces)
-    found = RepeatedProblem(conic, "clarabel", ACCURACY).solve(cost).primal
+    found = RepeatedProblem(conic, "clarabel", GREATEST_RANK_ACCURACY).solve(cost).primal
     return np.where(np.isfinite(found), found, 0.0)[:rows]
 
 

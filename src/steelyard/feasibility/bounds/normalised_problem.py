@@ -1,5 +1,6 @@
 """Linear objectives over a set in units in which it is round; only the objective changes between problems."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
 
@@ -7,10 +8,10 @@ import numpy as np
 import numpy.typing as npt
 
 from steelyard.conic import Cone, ConicProblem, Outcome, Rows
-from steelyard.conic.repeated_problem import RepeatedProblem
+from steelyard.conic.clarabel_solver import RepeatedProblem
 from steelyard.lmi import symmetric_to_vector, vector_to_symmetric
 
-from .slice import BlockGroup
+from .slice import BlockGroup, null_space
 
 __all__ = ["Ball", "DualPoint", "NormalisedProblem", "NormalisedSolution"]
 
@@ -158,6 +159,57 @@ class NormalisedProblem:
         if ball is not None:
             ball = Ball(ball.first, ball.second @ units, ball.rate @ units)
         return NormalisedProblem(groups, ball, self.unknowns, self.solver), units
+
+    def on_face(
+        self, bases: Sequence[Matrix], lineality: Matrix
+    ) -> tuple[Matrix, tuple[tuple[int, ...], ...], "NormalisedProblem"]:
+        """The problem with Uᵀ (1 + Σ v_j B_j) U ⪰ 0 for each block, without the directions in which nothing changes.
+
+        Parameters
+        ----------
+        bases : sequence of (d, r)
+            U of each block, in the order of the groups.
+        lineality : (q, l)
+            Orthonormal basis of the directions v with Uᵀ (Σ v_j B_j) U = 0 for all blocks.
+
+        Returns
+        -------
+        directions : (q, q - l)
+            The unknowns v̂ of the problem: v = directions v̂.
+        places : tuple of tuple of int
+            The blocks in each of its groups.
+        problem : NormalisedProblem
+        """
+        directions = null_space(lineality.T) if lineality.shape[1] else np.eye(self.unknowns)
+        coefficients = [block for group in self.groups for block in group.coefficients]
+        pieces: dict[int, list[tuple[int, Matrix]]] = {}
+        for position, (U, B) in enumerate(zip(bases, coefficients, strict=True)):
+            if U.shape[1]:
+                seen = np.einsum("qr,ia,qij,jb->rab", directions, U, B, U, optimize=True)
+                pieces.setdefault(U.shape[1], []).append((position, seen))
+        sizes = sorted(pieces)
+        groups = tuple(
+            BlockGroup(
+                size,
+                np.array([position for position, _ in pieces[size]], dtype=np.intp),
+                np.broadcast_to(np.eye(size), (len(pieces[size]), size, size)),
+                np.array([piece for _, piece in pieces[size]]),
+            )
+            for size in sizes
+        )
+        ball = self.ball
+        if ball is not None:
+            ball = Ball(ball.first, ball.second @ directions, ball.rate @ directions)
+        places = tuple(tuple(position for position, _ in pieces[size]) for size in sizes)
+        return directions, places, NormalisedProblem(groups, ball, directions.shape[1], self.solver)
+
+    def dual_point(self, matrices: Sequence[Matrix], pull: Vector, value: float) -> DualPoint:
+        """A dual point of the matrix of each block, in the order of the groups."""
+        found, start = [], 0
+        for group in self.groups:
+            found.append(np.array(matrices[start : start + len(group.indices)]))
+            start += len(group.indices)
+        return DualPoint(tuple(found), pull, value)
 
     def split(self, stacked: Vector) -> tuple[Matrix, ...]:
         """Symmetric matrices of each group, from a stacked vector."""
