@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from steelyard.dynamics.kinematics import JointFrame, joint_frames, link_poses
+from steelyard.dynamics.algorithms.kinematics import JointFrame, joint_frames, link_poses
 from steelyard.robot import Robot
 
 __all__ = ["LinkPlacements", "default_neutral_configuration", "place_links", "random_configurations"]

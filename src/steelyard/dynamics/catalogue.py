@@ -13,15 +13,10 @@ from steelyard.errors import InputError
 from steelyard.graph import Node
 from steelyard.robot import Robot, Term
 
-from . import jacobians
-from . import regressor as energy
-from .coriolis_matrix import coriolis_matrix
-from .derivatives import inverse_dynamics_derivatives
-from .forward_dynamics import articulated_body, solve_inertia
-from .inertia_matrix import inertia_matrix
-from .kinematics import ZERO, Matrix3, Vector3, add, link_poses, product, times
-from .newton_euler import body_wrench, inverse_dynamics, link_motions
-from .regressor import regressor
+from . import algorithms  # those that only some functions need are imported when such a function is recorded
+from .algorithms.kinematics import ZERO, Matrix3, Vector3, add, link_poses, product, times
+from .algorithms.newton_euler import body_wrench, inverse_dynamics, link_motions
+from .algorithms.regressor import regressor
 from .scene import Scene, Value
 
 __all__ = ["CATALOGUE", "Entry", "forward_dynamics_function"]
@@ -66,16 +61,17 @@ def _coriolis(scene: Scene) -> list[Value]:
 
 def _coriolis_matrix(scene: Scene) -> list[Value]:
     frames, links = scene.bodies
-    rows = coriolis_matrix(frames, scene.scalars["dq"], links)
+    rows = algorithms.coriolis_matrix(frames, scene.scalars["dq"], links)
     return [_matrix("matrix", rows, "Coriolis matrix C(q, dq) of the Christoffel symbols, N·m·s/rad, N·s/rad or N·s/m")]
 
 
 def _inertia_matrix(scene: Scene) -> list[Value]:
-    return [_matrix("matrix", inertia_matrix(*scene.bodies), "inertia matrix M(q) of the links, kg·m², kg·m or kg")]
+    rows = algorithms.inertia_matrix(*scene.bodies)
+    return [_matrix("matrix", rows, "inertia matrix M(q) of the links, kg·m², kg·m or kg")]
 
 
 def _total_inertia_matrix(scene: Scene) -> list[Value]:
-    rows = [_plus(a, b) for a, b in zip(inertia_matrix(*scene.bodies), scene.term_inertias(), strict=True)]
+    rows = [_plus(a, b) for a, b in zip(algorithms.inertia_matrix(*scene.bodies), scene.term_inertias(), strict=True)]
     return [_matrix("matrix", rows, "inertia matrix of links and rotors, kg·m², kg·m or kg")]
 
 
@@ -106,15 +102,15 @@ def _forward_dynamics_by_solving(scene: Scene) -> list[Value]:
         scene.term_torques(scene.scalars["q"], dq, scene.still),
     )
     free = [a - b for a, b in zip(scene.scalars["tau"], bias, strict=True)]
-    matrix = [_plus(a, b) for a, b in zip(inertia_matrix(frames, links), scene.term_inertias(), strict=True)]
-    return _acceleration(scene, solve_inertia(matrix, free))
+    matrix = [_plus(a, b) for a, b in zip(algorithms.inertia_matrix(frames, links), scene.term_inertias(), strict=True)]
+    return _acceleration(scene, algorithms.solve_inertia(matrix, free))
 
 
 def _forward_dynamics_articulated(scene: Scene) -> list[Value]:
     frames, links = scene.bodies
     free, wrenches = _bias(scene)
     rotors = [row[k] for k, row in enumerate(scene.term_inertias())]
-    return _acceleration(scene, articulated_body(frames, wrenches, links, free, rotors))
+    return _acceleration(scene, algorithms.articulated_body(frames, wrenches, links, free, rotors))
 
 
 def _regressor(scene: Scene) -> list[Value]:
@@ -149,14 +145,14 @@ def _energy_rows(scene: Scene, links: Sequence[Sequence[Any]]) -> list[Any]:
 
 def _kinetic_row(scene: Scene) -> list[Any]:
     dq = scene.scalars["dq"]
-    elements = _energy_rows(scene, energy.kinetic_energy_regressor(scene.frames, dq))
+    elements = _energy_rows(scene, algorithms.kinetic_energy_regressor(scene.frames, dq))
     for (row, column), value in scene.layout.term_momenta(scene.scalars["q"], dq, scene.algebra).items():
         elements[column] = elements[column] + 0.5 * (dq[row] * value)
     return elements
 
 
 def _potential_row(scene: Scene) -> list[Any]:
-    elements = _energy_rows(scene, energy.potential_energy_regressor(scene.frames, scene.gravity))
+    elements = _energy_rows(scene, algorithms.potential_energy_regressor(scene.frames, scene.gravity))
     for column, value in scene.layout.term_potentials(scene.scalars["q"], scene.algebra):
         elements[column] = elements[column] + value
     return elements
@@ -198,7 +194,7 @@ def _momentum(scene: Scene) -> list[Value]:
 def _derivatives(scene: Scene) -> list[Value]:
     q, dq, ddq = (scene.scalars[name] for name in ("q", "dq", "ddq"))
     frames, links = scene.bodies
-    of_links = inverse_dynamics_derivatives(frames, dq, ddq, links, scene.gravity)
+    of_links = algorithms.inverse_dynamics_derivatives(frames, dq, ddq, links, scene.gravity)
     torques = [t if isinstance(t, Node) else q[0].graph.node(t) for t in scene.term_torques(q, dq, ddq)]
     of_terms = [graph.jacobian(torques, inputs) for inputs in (q, dq, ddq)]
     blocks = zip(("by_q", "by_dq", "by_ddq"), (of_links.by_q, of_links.by_dq, of_links.by_ddq), of_terms, strict=True)
@@ -241,12 +237,12 @@ def _point(scene: Scene) -> Vector3:
 
 
 def _jacobian(scene: Scene) -> list[Value]:
-    rows = jacobians.jacobian(scene.frames, _chosen(scene), _point(scene))
+    rows = algorithms.jacobian(scene.frames, _chosen(scene), _point(scene))
     return [_matrix("jacobian", rows, "velocity (rows 1 to 3, m/s) and angular velocity (rad/s) per joint velocity")]
 
 
 def _jacobian_rate(scene: Scene) -> list[Value]:
-    rows = jacobians.jacobian_rate(scene.frames, scene.scalars["dq"], _chosen(scene), _point(scene))
+    rows = algorithms.jacobian_rate(scene.frames, scene.scalars["dq"], _chosen(scene), _point(scene))
     return [_matrix("jacobian_rate", rows, "time derivative of the Jacobian")]
 
 

@@ -16,13 +16,13 @@ from steelyard.graph import Function, Kernel
 from steelyard.lmi import AffineBlock
 from steelyard.robot import Robot, RobotFile
 
+from .algorithms.kinematics import joint_frames
+from .algorithms.regressor import regressor_with_numpy, term_torques
 from .base_parameters import BaseParameters, model_base_parameters
 from .catalogue import CATALOGUE, forward_dynamics_function
 from .conditions import model_conditions
 from .functions import DEFAULT_FUNCTIONS, BaseColumns, Evaluator, ModelFunctions
-from .kinematics import joint_frames
 from .layout import ParameterLayout
-from .regressor import regressor_with_numpy, term_torques
 from .terms import check_term, is_known_term, term_from_dict
 from .threads import one_thread
 

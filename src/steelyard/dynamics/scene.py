@@ -9,9 +9,9 @@ from typing import Any
 
 from steelyard.robot import Robot
 
-from .kinematics import JointFrame, Vector3, joint_frames
+from .algorithms.kinematics import JointFrame, Vector3, joint_frames
+from .algorithms.regrouping import regrouped
 from .layout import ParameterLayout
-from .regrouping import regrouped
 
 __all__ = ["Scene", "Value"]
 

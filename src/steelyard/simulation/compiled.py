@@ -13,8 +13,8 @@ from numpy.typing import NDArray
 
 from steelyard.codegen.evaluation import evaluate_over
 from steelyard.dynamics import Model
+from steelyard.dynamics.algorithms.forward_dynamics import solve_inertia
 from steelyard.dynamics.catalogue import forward_dynamics_function
-from steelyard.dynamics.forward_dynamics import solve_inertia
 from steelyard.graph import Argument, Function, Graph, Kernel, Node, Output, cos, jacobian, sign, sin, sqrt
 
 __all__ = ["DAMPING", "MotionFunctions", "motion_functions", "rosenbrock", "runge_kutta_4"]

@@ -16,8 +16,8 @@ from numpy.typing import NDArray
 
 from steelyard.graph.expression import is_zero
 
+from ..layout import ParameterLayout
 from .kinematics import ZERO, JointFrame, Vector3, add, cross, dot, joint_frames, scale, times, transposed
-from .layout import ParameterLayout
 from .newton_euler import Motion, link_motions, robot_gravity
 from .regrouping import JointLine, joint_line
 
