@@ -6,7 +6,7 @@ from scipy import signal
 
 from steelyard.errors import InputError
 from steelyard.recording import Processing, Recording, Samples
-from steelyard.recording.filtering import motion_frequency
+from steelyard.recording.filters.zero_phase import motion_frequency
 
 RATE = 1000.0
 

@@ -23,7 +23,7 @@ from .clock import (
 from .columns import TIME_UNITS, LogColumns, resolve
 from .conversion import Signals, clock_at, convert, log_columns, names_of, require_numbers, signals_fields, times
 from .even import EvenClock, Part
-from .filtering import decimation_padding
+from .filters.zero_phase import decimation_padding
 from .formats import BLOCK_ROWS, LogFiles, Source
 from .measurements import check_order, check_period
 from .options import Processing

@@ -9,14 +9,15 @@ from math import ceil
 import numpy as np
 from numpy.typing import NDArray
 
+from steelyard import recording as room
 from steelyard.errors import InputError
 
-from .. import recording as room
 from . import diagnosis, filters  # their names are imported when they are used
 from .cutoff import CutoffChoice
 from .diagnosis.detectors import AT_REST, find_repeated, find_saturation, find_stiction
 from .diagnosis.rest import HeldJoints
-from .filtering import (
+from .filters import Butterworth, MotionFilter
+from .filters.zero_phase import (
     decimate,
     decimation_settling,
     filter_padding,
@@ -24,7 +25,6 @@ from .filtering import (
     first_derivative,
     low_pass,
 )
-from .filters import Butterworth, MotionFilter
 from .measurements import Measurements
 from .options import Processing
 from .samples import Samples

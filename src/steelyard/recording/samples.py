@@ -12,7 +12,7 @@ from numpy.typing import ArrayLike, NDArray
 from steelyard.display import html_table
 from steelyard.errors import InputError
 
-from .cutoff.choice import CutoffChoice
+from .cutoff.evidence import CutoffChoice
 
 __all__ = ["Samples", "regrouped"]
 

@@ -13,7 +13,6 @@ __all__ = [
     "Reduced",
     "column_lengths",
     "combined",
-    "inverse_deviations",
     "inverse_of_triangle",
     "is_well_conditioned",
     "solve",
@@ -96,18 +95,6 @@ def combined(factors: Sequence[Factor], weights: Array, width: int) -> Array:
         stacked[row : row + size, [*factor.columns, width]] = weight * factor.triangle
         row += size
     return triangular(stacked)
-
-
-def inverse_deviations(factors: Sequence[Factor], base: Array) -> Array:
-    """Return the inverse standard deviations of the residuals of each factor (thesis eq. 4.32, 4.33)."""
-    freedom = [max(f.count - len(base), 1) for f in factors]
-    values = np.sqrt([f.residual2(base) / n for f, n in zip(factors, freedom, strict=True)])
-    # A joint without noise or without rows would get an infinite weight: bound it by the others.
-    largest = float(values.max(initial=0.0))
-    if largest == 0.0:
-        return np.ones(len(values))
-    floor = 1e-9 * largest
-    return np.where([f.count > 0 for f in factors], 1.0 / np.maximum(values, floor), 1.0)
 
 
 @dataclass(frozen=True, eq=False)

@@ -18,7 +18,8 @@ from steelyard.recording import Samples
 from steelyard.recording.samples import regrouped
 
 from .batch_means import BATCH_LENGTHS, BatchMeans, BatchSums, added
-from .factor import LARGEST, Factor, Reduced, combined, inverse_deviations, solve, triangular, unidentifiable_columns
+from .factor import LARGEST, Factor, Reduced, combined, solve, triangular, unidentifiable_columns
+from .joint_weights import given_weights, inverse_deviations
 from .reduction import BLOCK, JointReduction, WhitenedReduction, as_covariance, empty_factors, require_joints
 from .time_blocks import TimeBlocks
 
@@ -348,7 +349,7 @@ class Information:
         return weights is not None and not (isinstance(weights, str) and weights == "joint" and not self.by_joint)
 
     def joint_weights(self, weights: str | ArrayLike | None = "joint") -> Array:
-        """Return one weight for each factor, (N,).
+        """Return one weight for each factor, (N,); what ``"joint"`` is stands in `joint_weights.py`.
 
         Parameters
         ----------
@@ -367,19 +368,10 @@ class Information:
         n = len(self.factors)
         if not self.is_weighted(weights):
             return np.ones(n)
-        if isinstance(weights, str):
-            if weights != "joint":
-                raise InputError(f"weights must be None, 'joint' or one number for each joint, got {weights!r}.")
-            return self._inverse_deviations()
-        values = np.asarray(weights, dtype=np.float64)
-        if values.shape != (n,) or not np.all(np.isfinite(values)) or np.any(values <= 0.0):
-            raise InputError(f"weights must be {n} positive numbers, one for each joint, got {weights!r}.")
-        return values
-
-    def _inverse_deviations(self) -> Array:
-        """Return the inverse standard deviations of the unweighted residuals (thesis eq. 4.32, 4.33)."""
-        base = solve(self.reduced(None))
-        return inverse_deviations(self.factors, base)
+        if isinstance(weights, str) and weights == "joint":
+            return inverse_deviations(self.factors, solve(self.reduced(None)))
+        assert weights is not None
+        return given_weights(weights, n)
 
     @cached_property
     def condition_number(self) -> float:

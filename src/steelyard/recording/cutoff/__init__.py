@@ -11,6 +11,6 @@ if TYPE_CHECKING:
     from .by_spectra import motion_spectra as motion_spectra
     from .by_spectra import residual_analysis as residual_analysis
     from .by_torques import cutoff_by_torques as cutoff_by_torques
-    from .choice import CutoffChoice as CutoffChoice
+    from .evidence import CutoffChoice as CutoffChoice
 
 __all__ = import_at_first_use(__name__, __file__)

@@ -9,9 +9,9 @@ from numpy.typing import ArrayLike, NDArray
 
 from steelyard.errors import InputError
 
-from ..filtering import edge_rows, low_pass, motion_frequency
+from ..filters.zero_phase import edge_rows, low_pass, motion_frequency
 from ..measurements import Measurements
-from .choice import Curve, CutoffChoice, Plot
+from .evidence import Curve, CutoffChoice, Plot
 
 __all__ = ["ResidualAnalysis", "Spectra", "choose_cutoff", "motion_spectra", "residual_analysis"]
 

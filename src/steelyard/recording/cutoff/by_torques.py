@@ -11,10 +11,10 @@ from numpy.typing import NDArray
 from steelyard.dynamics.threads import one_thread
 from steelyard.errors import InputError
 
-from ..filtering import motion_frequency
+from ..filters.zero_phase import motion_frequency
 from ..measurements import Measurements
 from ..samples import Samples
-from .choice import Curve, CutoffChoice, Plot
+from .evidence import Curve, CutoffChoice, Plot
 
 if TYPE_CHECKING:
     from steelyard.dynamics import Model

@@ -13,7 +13,7 @@ from steelyard.display import html_table
 from steelyard.dynamics.threads import one_thread
 from steelyard.errors import InputError
 
-from ..filtering import low_pass
+from ..filters.zero_phase import low_pass
 
 if TYPE_CHECKING:
     from steelyard.dynamics import Model

@@ -1,4 +1,7 @@
-"""Filters that turn measured positions into positions, velocities and accelerations: one a file, with one base."""
+"""Filters that turn measured positions into positions, velocities and accelerations: one a file, with one base.
+
+The base is `MotionFilter`; `zero_phase.py` holds the filtering of signals itself, forwards and backwards.
+"""
 
 from typing import TYPE_CHECKING
 

@@ -8,8 +8,8 @@ from typing import ClassVar, Self
 import numpy as np
 from numpy.typing import ArrayLike
 
-from ..filtering import filter_padding, filter_settling, first_derivative, low_pass
 from .motion_filter import Array, Motion, MotionFilter, Response, positive, whole
+from .zero_phase import filter_padding, filter_settling, first_derivative, low_pass
 
 __all__ = ["Butterworth"]
 

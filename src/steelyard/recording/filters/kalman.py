@@ -11,8 +11,8 @@ from numpy.typing import ArrayLike, NDArray
 
 from steelyard.errors import InputError
 
-from ..filtering import SETTLED
 from .motion_filter import Array, Motion, MotionFilter, Response, positive
+from .zero_phase import SETTLED
 
 __all__ = ["KalmanSmoother", "SmoothedMotion"]
 
