@@ -16,7 +16,7 @@ __all__ = ["DescribedBody", "described_bodies", "possible_body"]
 Array = NDArray[np.float64]
 
 THINNEST = 0.05
-"""Least radius of gyration of a link relative to its largest: of 82 links of 12 arms three have less."""
+"""Least radius of gyration of a link relative to its largest: of 80 links of 12 arms three have less."""
 
 LEAST_GYRATION = 1e-3
 """m; a link of which the description says less has moments of inertia that were left out."""
