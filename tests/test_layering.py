@@ -298,6 +298,6 @@ def test_the_way_from_a_fit_to_the_solver_is_short(monkeypatch: pytest.MonkeyPat
     names = model.base_parameters().names
     info = sy.Information.from_factor([[10.0, 0, 0], [0, 10, 0], [0, 0, 10]], [-0.1, 5.0, 0.0], 0.02, 100, names)
     sy.fit(info, sy.FeasibleSet(model))
-    assert ways == {("fit", "reduced_fit", "stages", "cone_program")}  # and from there to the solver
+    assert ways == {("fit", "reduced_fit", "fitting_problems", "cone_program")}  # and from there to the solver
     page = (PACKAGE.parent.parent / "docs" / "explanation" / "one-identification.md").read_text(encoding="utf-8")
-    assert "`fit`, `reduced_fit`, `stages`, `cone_program`, `solver`" in page
+    assert "`fit`, `reduced_fit`, `fitting_problems`, `cone_program`, `solver`" in page

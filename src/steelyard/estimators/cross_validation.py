@@ -17,8 +17,8 @@ from steelyard.regression import Information
 from steelyard.regression.factor import column_lengths, solve
 
 from .prior import PreparedPrior, Prior
-from .reduced import ReducedRegression
 from .reduced_fit import fit_reduced
+from .reduced_regression import ReducedRegression
 
 __all__ = ["CrossValidation", "cross_validation", "term_deviations"]
 

@@ -13,8 +13,8 @@ from steelyard.feasibility.feasible_set import FeasibleSet
 from steelyard.regression import Information, Reduced
 
 from .prior import PreparedPrior, Prior
-from .reduced import ReducedRegression
 from .reduced_fit import fit_reduced
+from .reduced_regression import ReducedRegression
 
 __all__ = ["LCurve", "l_curve"]
 

@@ -16,9 +16,9 @@ from steelyard.feasibility.wording import percent
 from steelyard.files import read_number
 from steelyard.regression import Reduced, column_lengths
 
+from .fitting_problems import CLOSE_CHOICE, GAP, Choice, Fitting, Optimum
 from .prior import PreparedPrior, Prior
-from .reduced import ReducedRegression
-from .stages import CLOSE_CHOICE, GAP, Choice, Fitting, Optimum
+from .reduced_regression import ReducedRegression
 
 __all__ = ["FeasibleFit", "fit_reduced"]
 
@@ -40,7 +40,7 @@ DEAREST = 0.02
 LOOSE_CHOICE = 0.5
 """Relative gap of a choice up to which the remark states it; above, the gap says nothing about the choice."""
 
-ABSENT = 1e-12
+WITHOUT_EFFECT = 1e-12
 """A parameter whose column of the regressor is shorter than this part of the longest column has no effect on the data:
 the column consists of rounding errors."""
 
@@ -71,9 +71,9 @@ class FeasibleFit:
         Links whose masses neither the motion nor the conditions bound.
     prior_weight, prior_distance : float or None
     optimality_gap : float
-        Measured: no feasible parameters (within the mass bound and the reach) have a squared residual that is smaller
-        than `best_squared_residual`, or than `squared_residual` where the answer is `exact`, by more than this part of
-        it; parts of less than 1e-10 ‖ω‖² are not told. With a prior, of what is minimised.
+        Measured: no feasible parameters within the mass bound and `PARAMETER_BOUND` have a squared residual that is
+        smaller than `best_squared_residual`, or than `squared_residual` where the answer is `exact`, by more than this
+        part of it; parts of less than 1e-10 ‖ω‖² are not told. With a prior, of what is minimised.
     tie_break_gap : float or None
         Measured: none of the answers among which the tie-break chose is better than this one by more than this part of
         the tie-break's value. None if nothing was chosen.
@@ -405,15 +405,15 @@ def _settled(
     (n,)
     """
     lengths = column_lengths(R @ feasible_set.K)
-    unidentifiable = lengths <= ABSENT * lengths.max(initial=0.0)
-    if not unidentifiable.any():
+    without_effect = lengths <= WITHOUT_EFFECT * lengths.max(initial=0.0)
+    if not without_effect.any():
         return parameters
-    unidentifiable &= ~np.any(feasible_set.equation_matrix != 0.0, axis=0)
+    without_effect &= ~np.any(feasible_set.equation_matrix != 0.0, axis=0)
     low, high = np.full(len(parameters), -np.inf), np.full(len(parameters), np.inf)
     for block in feasible_set.blocks:
         used = [int(i) for i, c in zip(block.indices, block.coefficients, strict=True) if np.any(c)]
         if block.size > 1 or len(used) != 1:
-            unidentifiable[used] = False
+            without_effect[used] = False
             continue
         index = used[0]
         coefficient = float(block.coefficients[list(block.indices).index(index), 0, 0])
@@ -422,11 +422,11 @@ def _settled(
             low[index] = max(low[index], edge)
         else:
             high[index] = min(high[index], edge)
-    unidentifiable &= low <= high
+    without_effect &= low <= high
     if isinstance(tie_break, PreparedPrior):
-        unidentifiable &= np.asarray(abs(tie_break.curvature()).sum(axis=0)).ravel() == 0.0
+        without_effect &= np.asarray(abs(tie_break.curvature()).sum(axis=0)).ravel() == 0.0
     result = parameters.copy()
-    for index in map(int, np.flatnonzero(unidentifiable)):
+    for index in map(int, np.flatnonzero(without_effect)):
         target = tie_break.alone(index, result) if isinstance(tie_break, TieBreak) else 0.0
         result[index] = np.clip(target, low[index], high[index])
     return result

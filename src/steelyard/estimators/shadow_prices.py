@@ -16,8 +16,8 @@ from steelyard.feasibility.wording import percent
 from steelyard.files import read_number
 from steelyard.lmi import vector_to_symmetric
 
-from .reduced import ReducedRegression
-from .stages import GAP, Fitting, Optimum
+from .fitting_problems import GAP, Fitting, Optimum
+from .reduced_regression import ReducedRegression
 
 __all__ = ["ShadowPrice", "ShadowPrices", "shadow_prices"]
 

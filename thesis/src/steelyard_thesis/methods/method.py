@@ -14,7 +14,7 @@ import numpy.typing as npt
 from steelyard.dynamics import Model
 from steelyard.dynamics.threads import one_thread
 from steelyard.errors import InputError
-from steelyard.estimators.reduced import ReducedRegression
+from steelyard.estimators.reduced_regression import ReducedRegression
 from steelyard.feasibility import FeasibilityCertificate, FeasibleSet
 from steelyard.feasibility.units import Units
 from steelyard.regression import Estimate, Information, ParameterCovariance

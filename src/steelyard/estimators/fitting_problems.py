@@ -17,7 +17,7 @@ from steelyard.feasibility.tie_break import TieBreak
 from steelyard.feasibility.units import Units
 
 from .prior import PreparedPrior
-from .reduced import ReducedRegression
+from .reduced_regression import ReducedRegression
 
 __all__ = ["CLOSE_CHOICE", "GAP", "Choice", "Fitting", "Optimum"]
 

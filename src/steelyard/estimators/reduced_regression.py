@@ -19,7 +19,7 @@ __all__ = ["ReducedRegression"]
 Vector = npt.NDArray[np.float64]
 Matrix = npt.NDArray[np.float64]
 
-UNDETERMINED = 1e-9
+UNIDENTIFIABLE = 1e-9
 """Singular values of R (columns scaled to length 1) below this part of the largest belong to combinations of base
 parameters that count as unidentifiable; they are of the size of the rounding errors of a regressor."""
 
@@ -101,11 +101,11 @@ class ReducedRegression:
         scaled = R / np.where(lengths > 0, lengths, 1.0)
         # Solving with the triangle is safe for a well-conditioned R; else singular values tell what is identifiable.
         reciprocal = float(scipy.linalg.lapack.dtrcon(scaled)[0]) if count else 1.0
-        if reciprocal > 1e3 * UNDETERMINED:
+        if reciprocal > 1e3 * UNIDENTIFIABLE:
             base, unidentifiable = scipy.linalg.solve_triangular(R, rho, check_finite=False), np.zeros((count, 0))
         else:
             left, values, right = np.linalg.svd(scaled)
-            shown = values > UNDETERMINED * values.max(initial=0.0)
+            shown = values > UNIDENTIFIABLE * values.max(initial=0.0)
             scale = np.where(lengths > 0, lengths, 1.0)
             base = (right[shown].T @ ((left[:, shown].T @ rho) / values[shown])) / scale
             unidentifiable = np.linalg.qr(right[~shown].T / scale[:, None])[0]
