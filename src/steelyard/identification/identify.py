@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import Literal
@@ -16,37 +16,25 @@ from steelyard.errors import InputError
 from steelyard.estimators.estimator import Estimator, estimate_with, find_estimator
 from steelyard.feasibility import FeasibleSet, check
 from steelyard.feasibility.constraints import constraints_from_dict
-from steelyard.recording import (
-    CutoffChoice,
-    LogColumns,
-    Processing,
-    Recording,
-    Samples,
-    chunks,
-    decide,
-    process_chunks,
-    read_middle,
-)
-from steelyard.recording.automatic import DECISION_ROWS
-from steelyard.recording.diagnosis import DETECTORS, faulty_rows
-from steelyard.recording.survey import LogSurvey
 from steelyard.regression import Estimate, Information, least_squares
 from steelyard.regression.batch_means import BatchSums
 from steelyard.regression.reduction import empty_factors
+from steelyard.regression.time_blocks import TimeBlocks
 from steelyard.robot import RobotFile
 
 from .log_checks import implausible_mass, swapped_positions, swapped_torques
+from .log_reader import LogReader, Progress, ThinnedSamples
+from .parameter_table import parameter_table
+from .plausible_fit import PlausibleFit, plausible_fit
+from .prediction_verdict import prediction_verdict
 from .result import Identification, Prediction, Trace
 
-__all__ = ["LogReader", "identify"]
+__all__ = ["identify"]
 
 Array = NDArray[np.float64]
 _TRACE_POINTS = 1200  # points of the curves of a log: about as many as a figure of the report has pixels
 _READING_LINES = 20  # lines of progress while logs are read
 _ALL_POINTS = 24_000  # of all the logs of a role together, so that thousands of them do not fill the memory
-_DECIDING_LOGS, _DECIDING_ROWS, _FEWEST_ROWS = 12, 200_000, 10_000
-"""Logs and rows, of all logs together and of each, by which the processing of all is decided: they stand in memory."""
-Progress = Callable[[str], None]
 
 
 @in_one_thread
@@ -57,6 +45,8 @@ def identify(
     validate: Sequence[str | Path] = (),
     weights: Literal["joint"] | None = "joint",
     consistency: Literal["full", "inertia"] = "full",
+    prior: Literal["auto"] | None = "auto",
+    prior_weight: float | Literal["auto"] = "auto",
     prefer: Literal["auto", "lightest", "cad"] | None = "auto",
     residual_slack: float = 5e-4,
     estimator: str | Estimator = "fit",
@@ -66,7 +56,9 @@ def identify(
     """Identify the dynamic parameters of a robot from its logs.
 
     The logs are processed chunk by chunk and reduced to an Information, from which the unconstrained estimate, its
-    verdict and the feasible estimate come without the data.
+    verdict and the feasible estimate come without the data. The answer stays as near to what is known of the robot as
+    costs nothing on stretches of the logs that are left out in turn; every number says what it rests on, and a second
+    verdict says whether the model predicts.
 
     Parameters
     ----------
@@ -80,9 +72,14 @@ def identify(
         See :func:`steelyard.least_squares`.
     consistency : {"full", "inertia"}
         See :class:`steelyard.FeasibleSet`.
+    prior : {"auto", None}
+        ``"auto"``: what the description, else the shape, else the kinematics say of each link, as a prior, and centres
+        of mass within the bounds of their links. None: the best feasible fit, and what `prefer` says.
+    prior_weight : float or "auto"
+        Of the prior; ``"auto"`` by cross-validation.
     prefer : {"auto", "lightest", "cad", None}
-        See :func:`steelyard.fit`; ``"auto"`` is ``"cad"`` where the description has a mass for every link, otherwise
-        ``"lightest"``.
+        Without a prior, see :func:`steelyard.fit`; if it is not ``"auto"``, there is no prior. ``"auto"`` is ``"cad"``
+        where the description has a mass for every link, otherwise ``"lightest"``.
     residual_slack : float
         See :func:`steelyard.fit`.
     estimator : str or callable
@@ -121,15 +118,16 @@ def identify(
 
     say(f"{model.robot.name}: {model.dof} joints, {model.base_parameters().count} base parameters")
     reader.decide(logs, say)
-    parts: list[tuple[str, str, Information, _Thinned]] = []
-    sums = BatchSums(empty_factors(model))
+    parts: list[tuple[str, str, Information, ThinnedSamples]] = []
+    sums, blocks = BatchSums(empty_factors(model)), TimeBlocks(empty_factors(model))
     for role, group in (("identification", logs), ("validation", validate)):
         for number, log in enumerate(group):
             # One line for each of thousands of logs would push everything else off the screen.
             if number % max(len(group) // _READING_LINES, 1) == 0:
                 say(f"reading {log}{f' ({number + 1} of {len(group)})' if len(group) > 1 else ''}")
             points = _TRACE_POINTS if number == 0 else min(max(_ALL_POINTS // len(group), 100), _TRACE_POINTS)
-            parts.append((str(log), role, *reader.reduce(log, points, sums if group is logs else None)))
+            kept = (sums, blocks) if group is logs else (None, None)
+            parts.append((str(log), role, *reader.reduce(log, points, *kept, logs=len(group))))
     information = _total([p[2] for p in parts if p[1] == "identification"])
     information = replace(information, batch_means=sums.factors())
     _require_excitation(information, model)
@@ -138,12 +136,36 @@ def identify(
     unconstrained = least_squares(information, weights)
     say("is it physically possible?")
     verdict = check(feasible_set, base=unconstrained.base)
-    if prefer == "auto":
-        prefer = "cad" if _has_cad(model) else "lightest"
     say("feasible fit")
-    options = {"weights": weights, "prefer": prefer, "residual_slack": residual_slack}
-    estimate = estimate_with(estimator, information, feasible_set, **options)
+    plausible: PlausibleFit | None = None
+    if prior == "auto" and prefer == "auto" and estimator == "fit":
+        stretches = information.stretches(blocks)
+        plausible = plausible_fit(information, stretches, feasible_set, unconstrained, prior_weight=prior_weight)
+        estimate = plausible.estimate
+    else:
+        if prefer == "auto":
+            prefer = "cad" if _has_cad(model) else "lightest"
+        options = {"weights": weights, "prefer": prefer, "residual_slack": residual_slack}
+        estimate = estimate_with(estimator, information, feasible_set, **options)
     estimate = replace(estimate, description=reader.description)
+    say("what the numbers rest on")
+    validated = None if plausible is None else plausible.validation
+    prediction = prediction_verdict(
+        information,
+        estimate.base,
+        validation=[p[2] for p in parts if p[1] == "validation"],
+        held_out_error=None if validated is None else validated.joint_errors[validated.chosen_index],
+        fold_count=0 if validated is None else len(validated.counts),
+    )
+    table = None
+    if estimate.parameters is not None:
+        table = parameter_table(
+            information,
+            feasible_set if plausible is None else plausible.plausible_set,
+            estimate,
+            unconstrained,
+            term_scales=None if plausible is None else plausible.term_deviations,
+        )
     predictions = tuple(_predict(model, unconstrained, estimate, *part) for part in parts)
     remarks = dict.fromkeys(reader.remarks)
     for log, _, _, thinned in parts:
@@ -161,6 +183,9 @@ def identify(
         verdict=verdict,
         estimate=estimate,
         predictions=predictions,
+        prediction=prediction,
+        parameters=table,
+        plausible=plausible,
         weak=unconstrained.weak,
         remarks=tuple(remarks),
         robot_file=file.path,
@@ -169,6 +194,8 @@ def identify(
         options={
             "weights": weights,
             "consistency": consistency,
+            "prior": None if plausible is None else "auto",
+            "prior_weight": None if plausible is None else plausible.prior_weight,
             "prefer": prefer,
             "residual_slack": residual_slack,
             "estimator": estimator if isinstance(estimator, str) else getattr(estimator, "__name__", repr(estimator)),
@@ -181,123 +208,6 @@ def identify(
         },
         cutoff_choices=tuple(reader.cutoff_choices),
     )
-
-
-class LogReader:
-    """Reads logs as the robot file says, and collects the remarks on them."""
-
-    def __init__(self, file: RobotFile, model: Model, chunk_rows: int) -> None:
-        self.model = model
-        self.chunk_rows = chunk_rows
-        self.columns = LogColumns.from_dict(file.section("log"), f"{file.path}, [log]")
-        self.stated = Processing.from_dict(file.section("processing"), f"{file.path}, [processing]")
-        self.processing = self.stated
-        self.decided: dict[str, object] = {}
-        self.remarks: list[str] = []
-        self.units_are_suspect = False
-        self.cutoff_choices: list[tuple[str, CutoffChoice]] = []
-        self.description = dict(file.description)
-
-    def decide(self, logs: Sequence[str | Path], say: Progress) -> None:
-        """Decide what [processing] leaves to the data, once for all logs, so that all have the same filter."""
-        if not self.stated.is_open:
-            return
-        count = min(len(logs), _DECIDING_LOGS)
-        chosen = [logs[int(i)] for i in np.linspace(0, len(logs) - 1, count).round()]
-        rows = min(DECISION_ROWS, max(_FEWEST_ROWS, _DECIDING_ROWS // count))
-        say(f"choosing the filter by {count} log{'s' * (count > 1)}")
-        recordings = [
-            read_middle(log, self.columns, self.stated, rows, list(self.model.robot.joint_names)) for log in chosen
-        ]
-        # No model has currents that each drive turns into torques in its own way.
-        decision = decide(self.stated, recordings, None if self.columns.finds_gains else self.model)
-        self.processing = decision.processing
-        names = [name for name in ("cutoff", "velocity_threshold") if getattr(self.stated, name) == "auto"]
-        self.decided = {name: getattr(decision.processing, name) for name in names}
-        others = f" ({count} of {len(logs)} logs were looked at.)" if count < len(logs) else ""
-        self.remarks.extend(f"{remark}{others}" for remark in decision.remarks)
-        if decision.cutoff_choice is not None:
-            self.cutoff_choices.append(("all logs", decision.cutoff_choice))
-
-    def reduce(self, log: str | Path, points: int, sums: BatchSums | None) -> tuple[Information, _Thinned]:
-        """Reduce one log, and keep a copy of its samples, thinned to so many or twice as many points.
-
-        The sums of blocks are kept for all the logs together: they are nine tenths of an Information.
-        """
-        thinned = _Thinned(points)
-        information = Information.from_chunks(self.model, self._watched(log, thinned), batch_means=False, sums=sums)
-        thinned.finish()
-        return information, thinned
-
-    def _watched(self, log: str | Path, thinned: _Thinned) -> Iterator[Samples]:
-        survey = LogSurvey()
-        for samples in self._samples(log, survey):
-            self.remarks.extend(f"{log}: {remark}" for remark in samples.remarks)
-            thinned.add(samples)
-            yield samples
-        self.remarks.extend(f"{log}: {remark}" for remark in self._against_robot(survey))
-        self.units_are_suspect |= bool(survey.unit_remarks())
-
-    def _against_robot(self, survey: LogSurvey) -> tuple[str, ...]:
-        """Compare a log with what the joints can do."""
-        robot = self.model.robot
-        driving = [robot.joints[i] for i in robot.driving_joints]
-        limits = [[getattr(joint, key) for joint in driving] for key in ("lower", "upper", "velocity_limit")]
-        return survey.limit_remarks(*limits)
-
-    def _samples(self, log: str | Path, survey: LogSurvey) -> Iterator[Samples]:
-        joints = list(self.model.robot.joint_names)
-
-        def look(recording: Recording) -> None:
-            handled = [option for option in DETECTORS if getattr(self.processing, option) is not False]
-            part = f" (Seen in the first {recording.count} rows.)" if recording.count == chunks.CHOICE_ROWS else ""
-            self.remarks.extend(f"{log}: {sentence}{part}" for sentence in faulty_rows(recording, handled))
-            self._against_robot(LogSurvey.of(recording))  # what is sure to be wrong is refused at once
-
-        if self.processing.needs_whole_log:
-            recording = Recording.read(log, self.columns, joints)
-            look(recording)
-            survey.add(recording)
-            yield recording.process(self.processing, self.model)
-        else:
-            yield from process_chunks(
-                log, self.columns, self.processing, self.chunk_rows, joints, self.model, look, survey
-            )
-
-
-class _Thinned:
-    """Every k-th sample of a stream, with k doubling as the stream grows."""
-
-    def __init__(self, points: int) -> None:
-        self.points = points
-        self.every, self.seen = 1, 0
-        self.parts: list[tuple[Array, ...]] = []
-
-    def add(self, samples: Samples) -> None:
-        count = samples.count
-        start = -self.seen % self.every
-        rows = slice(start, count, self.every)
-        t = np.arange(self.seen, self.seen + count, dtype=float) if samples.t is None else samples.t
-        part = (t[rows], samples.q[rows], samples.dq[rows], samples.ddq[rows], samples.torque[rows])
-        self.parts.append(tuple(a.copy() for a in part))
-        self.seen += count
-        while sum(len(p[0]) for p in self.parts) > 2 * self.points:
-            whole = tuple(np.concatenate(columns)[::2] for columns in zip(*self.parts, strict=True))
-            self.parts = [whole]
-            self.every *= 2
-
-    def finish(self) -> None:
-        """Let go of the longer arrays, of which these are views."""
-        self.parts = [tuple(array.copy() for array in part) for part in self.parts]
-
-    @property
-    def t(self) -> Array:
-        return np.concatenate([p[0] for p in self.parts])
-
-    @property
-    def samples(self) -> Samples:
-        q, dq, ddq, torque = (np.concatenate([p[i] for p in self.parts]) for i in range(1, 5))
-        return Samples(q=q, dq=dq, ddq=ddq, torque=torque)
 
 
 def _total(parts: list[Information]) -> Information:
@@ -339,7 +249,7 @@ def _predict(
     name: str,
     role: str,
     information: Information,
-    thinned: _Thinned,
+    thinned: ThinnedSamples,
 ) -> Prediction:
     samples = thinned.samples
     motion = (samples.q, samples.dq, samples.ddq)

@@ -13,6 +13,10 @@ from steelyard.feasibility import FeasibleSet, Verdict
 from steelyard.recording import CutoffChoice
 from steelyard.regression import Estimate, Information
 
+from .parameter_table import ParameterTable
+from .plausible_fit import PlausibleFit
+from .prediction_verdict import PredictionVerdict
+
 __all__ = ["Identification", "Prediction", "Trace"]
 
 Array = NDArray[np.float64]
@@ -83,6 +87,12 @@ class Identification:
         The answer: physically possible, with parameters of every link.
     predictions : tuple of Prediction
         First those of the identification logs, then the validation logs.
+    prediction : PredictionVerdict
+        Whether the model predicts torques that it has not seen.
+    parameters : ParameterTable or None
+        What every number of the answer rests on; None where the answer has base parameters alone.
+    plausible : PlausibleFit or None
+        The prior, its weight and its price; None where the answer has no prior.
     weak : tuple of str
         Base parameters whose standard error exceeds their size.
     remarks : tuple of str
@@ -103,6 +113,9 @@ class Identification:
     verdict: Verdict
     estimate: Estimate
     predictions: tuple[Prediction, ...]
+    prediction: PredictionVerdict
+    parameters: ParameterTable | None
+    plausible: PlausibleFit | None
     weak: tuple[str, ...]
     remarks: tuple[str, ...]
     robot_file: Path | None
@@ -121,5 +134,5 @@ class Identification:
         before, after = self.unconstrained.relative_error, self.estimate.relative_error
         return (
             f"Identification({self.model.robot.name}: relative error {before:.2%} unconstrained "
-            f"({self.verdict.status}), {after:.2%} feasible)"
+            f"({self.verdict.status}), {after:.2%} feasible; the prediction is {self.prediction.word})"
         )

@@ -1,0 +1,180 @@
+"""Logs of an identification: read in chunks, reduced, and thinned for drawing."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Sequence
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from steelyard.dynamics import Model
+from steelyard.recording import (
+    CutoffChoice,
+    LogColumns,
+    Processing,
+    Recording,
+    Samples,
+    chunks,
+    decide,
+    process_chunks,
+    read_middle,
+)
+from steelyard.recording.automatic import DECISION_ROWS
+from steelyard.recording.diagnosis import DETECTORS, faulty_rows
+from steelyard.recording.survey import LogSurvey
+from steelyard.regression import Information
+from steelyard.regression.batch_means import BatchSums
+from steelyard.regression.reduction import empty_factors
+from steelyard.regression.time_blocks import MOST, TimeBlocks
+from steelyard.robot import RobotFile
+
+__all__ = ["LogReader", "Progress", "ThinnedSamples"]
+
+Array = NDArray[np.float64]
+Progress = Callable[[str], None]
+
+_DECIDING_LOGS, _DECIDING_ROWS, _FEWEST_ROWS = 12, 200_000, 10_000
+"""Logs and rows, of all logs together and of each, by which the processing of all is decided: they stand in memory."""
+
+
+class LogReader:
+    """Reads logs as the robot file says, and collects the remarks on them."""
+
+    def __init__(self, file: RobotFile, model: Model, chunk_rows: int) -> None:
+        self.model = model
+        self.chunk_rows = chunk_rows
+        self.columns = LogColumns.from_dict(file.section("log"), f"{file.path}, [log]")
+        self.stated = Processing.from_dict(file.section("processing"), f"{file.path}, [processing]")
+        self.processing = self.stated
+        self.decided: dict[str, object] = {}
+        self.remarks: list[str] = []
+        self.units_are_suspect = False
+        self.cutoff_choices: list[tuple[str, CutoffChoice]] = []
+        self.description = dict(file.description)
+
+    def decide(self, logs: Sequence[str | Path], say: Progress) -> None:
+        """Decide what [processing] leaves to the data, once for all logs, so that all have the same filter."""
+        if not self.stated.is_open:
+            return
+        count = min(len(logs), _DECIDING_LOGS)
+        chosen = [logs[int(i)] for i in np.linspace(0, len(logs) - 1, count).round()]
+        rows = min(DECISION_ROWS, max(_FEWEST_ROWS, _DECIDING_ROWS // count))
+        say(f"choosing the filter by {count} log{'s' * (count > 1)}")
+        recordings = [
+            read_middle(log, self.columns, self.stated, rows, list(self.model.robot.joint_names)) for log in chosen
+        ]
+        # No model has currents that each drive turns into torques in its own way.
+        decision = decide(self.stated, recordings, None if self.columns.finds_gains else self.model)
+        self.processing = decision.processing
+        names = [name for name in ("cutoff", "velocity_threshold") if getattr(self.stated, name) == "auto"]
+        self.decided = {name: getattr(decision.processing, name) for name in names}
+        others = f" ({count} of {len(logs)} logs were looked at.)" if count < len(logs) else ""
+        self.remarks.extend(f"{remark}{others}" for remark in decision.remarks)
+        if decision.cutoff_choice is not None:
+            self.cutoff_choices.append(("all logs", decision.cutoff_choice))
+
+    def reduce(
+        self,
+        log: str | Path,
+        points: int,
+        sums: BatchSums | None = None,
+        blocks: TimeBlocks | None = None,
+        logs: int = 1,
+    ) -> tuple[Information, ThinnedSamples]:
+        """Reduce one log, and keep a copy of its samples, thinned to so many or twice as many points.
+
+        Parameters
+        ----------
+        log : str or Path
+        points : int
+        sums : BatchSums, optional
+            Receives the sums of batches. They are kept for all the logs together: they are nine tenths of an
+            Information.
+        blocks : TimeBlocks, optional
+            Receives the stretches of the log.
+        logs : int
+            How many logs there are: each of many logs is one stretch.
+        """
+        thinned = ThinnedSamples(points)
+        own = None if blocks is None else TimeBlocks(empty_factors(self.model), -(-MOST // logs))
+        information = Information.from_chunks(
+            self.model, self._watched(log, thinned), batch_means=False, sums=sums, blocks=own
+        )
+        if blocks is not None and own is not None:
+            blocks.append(own)
+        thinned.finish()
+        return information, thinned
+
+    def _watched(self, log: str | Path, thinned: ThinnedSamples) -> Iterator[Samples]:
+        survey = LogSurvey()
+        for samples in self._samples(log, survey):
+            self.remarks.extend(f"{log}: {remark}" for remark in samples.remarks)
+            thinned.add(samples)
+            yield samples
+        self.remarks.extend(f"{log}: {remark}" for remark in self._against_robot(survey))
+        self.units_are_suspect |= bool(survey.unit_remarks())
+
+    def _against_robot(self, survey: LogSurvey) -> tuple[str, ...]:
+        """Compare a log with what the joints can do."""
+        robot = self.model.robot
+        driving = [robot.joints[i] for i in robot.driving_joints]
+        limits = [[getattr(joint, key) for joint in driving] for key in ("lower", "upper", "velocity_limit")]
+        return survey.limit_remarks(*limits)
+
+    def _samples(self, log: str | Path, survey: LogSurvey) -> Iterator[Samples]:
+        joints = list(self.model.robot.joint_names)
+
+        def look(recording: Recording) -> None:
+            handled = [option for option in DETECTORS if getattr(self.processing, option) is not False]
+            part = f" (Seen in the first {recording.count} rows.)" if recording.count == chunks.CHOICE_ROWS else ""
+            self.remarks.extend(f"{log}: {sentence}{part}" for sentence in faulty_rows(recording, handled))
+            self._against_robot(LogSurvey.of(recording))  # what is sure to be wrong is refused at once
+
+        if self.processing.needs_whole_log:
+            recording = Recording.read(log, self.columns, joints)
+            look(recording)
+            survey.add(recording)
+            yield recording.process(self.processing, self.model)
+        else:
+            yield from process_chunks(
+                log, self.columns, self.processing, self.chunk_rows, joints, self.model, look, survey
+            )
+
+
+class ThinnedSamples:
+    """Every k-th sample of a stream, with k doubling as the stream grows."""
+
+    def __init__(self, points: int) -> None:
+        self.points = points
+        self.every, self.seen = 1, 0
+        self.parts: list[tuple[Array, ...]] = []
+
+    def add(self, samples: Samples) -> None:
+        """Add the samples that follow."""
+        count = samples.count
+        start = -self.seen % self.every
+        rows = slice(start, count, self.every)
+        t = np.arange(self.seen, self.seen + count, dtype=float) if samples.t is None else samples.t
+        part = (t[rows], samples.q[rows], samples.dq[rows], samples.ddq[rows], samples.torque[rows])
+        self.parts.append(tuple(a.copy() for a in part))
+        self.seen += count
+        while sum(len(p[0]) for p in self.parts) > 2 * self.points:
+            whole = tuple(np.concatenate(columns)[::2] for columns in zip(*self.parts, strict=True))
+            self.parts = [whole]
+            self.every *= 2
+
+    def finish(self) -> None:
+        """Let go of the longer arrays, of which these are views."""
+        self.parts = [tuple(array.copy() for array in part) for part in self.parts]
+
+    @property
+    def t(self) -> Array:
+        """(S,) s."""
+        return np.concatenate([p[0] for p in self.parts])
+
+    @property
+    def samples(self) -> Samples:
+        """What was kept."""
+        q, dq, ddq, torque = (np.concatenate([p[i] for p in self.parts]) for i in range(1, 5))
+        return Samples(q=q, dq=dq, ddq=ddq, torque=torque)
