@@ -5,7 +5,9 @@ every interval), their Newton systems are small and all of one shape. Solved sid
 as many calls of a conic solver take. Answers that must be proved optimal are left to the conic solver.
 """
 
+import os
 from collections.abc import Sequence
+from concurrent.futures import ThreadPoolExecutor
 from typing import Protocol
 
 import numpy as np
@@ -19,7 +21,14 @@ __all__ = ["Barrier", "Function", "add_log_determinants", "damped", "log_determi
 
 Vector = npt.NDArray[np.float64]
 Matrix = npt.NDArray[np.float64]
+Tensor = npt.NDArray[np.float64]
 Indices = npt.NDArray[np.intp]
+
+TOGETHER = 32
+"""Problems whose Hessians are made and solved together: those of a robot with seven joints stay in the cache."""
+
+MOST_THREADS = 4
+"""Solving systems of a hundred unknowns gains little from more."""
 
 SUFFICIENT = 0.1
 """Part of the decrease that the Newton step promises, with which a step is taken (Armijo's rule)."""
@@ -182,7 +191,7 @@ def minimise(
     active = np.arange(len(points))
     values = function.value(points, active)
     for _ in range(steps):
-        step, decrease = newton_step(function, points[active], active, basis)
+        step, decrease, _ = newton_step(function, points[active], active, basis)
         points[active], values[active] = damped(function, points[active], active, values[active], step, decrease)
         active = active[0.5 * decrease > accuracy]
         if not len(active):
@@ -191,20 +200,46 @@ def minimise(
 
 
 def newton_step(
-    function: Function, points: Matrix, problems: Indices, basis: Matrix | None = None
-) -> tuple[Matrix, Vector]:
-    """The Newton step at every point (p, n), and the square of its length in the local metric (p,)."""
-    gradients, hessians = function.derivatives(points, problems)
+    function: Function,
+    points: Matrix,
+    problems: Indices,
+    basis: Matrix | None = None,
+    rows: Matrix | None = None,
+) -> tuple[Matrix, Vector, Matrix]:
+    """The Newton step at every point (p, n), the square of its length in the local metric (p,), and H⁻¹ rows (p, n)."""
+    further = np.zeros_like(points) if rows is None else rows
+    step, along, decrease = np.empty_like(points), np.empty_like(points), np.empty(len(points))
+
+    def solve(start: int) -> None:
+        own = slice(start, start + TOGETHER)
+        gradients, hessians = function.derivatives(points[own], problems[own])
+        step[own], along[own] = _solved(hessians, -gradients, further[own], basis)
+        decrease[own] = np.maximum(-np.einsum("pi,pi->p", gradients, step[own]), 0.0)
+
+    starts = range(0, len(points), TOGETHER)
+    workers = min(os.cpu_count() or 1, MOST_THREADS, len(starts))
+    if workers > 1:
+        with ThreadPoolExecutor(workers) as pool:
+            list(pool.map(solve, starts))
+    else:
+        for start in starts:
+            solve(start)
+    return step, decrease, along
+
+
+def _solved(hessians: Tensor, first: Matrix, second: Matrix, basis: Matrix | None) -> tuple[Matrix, Matrix]:
+    """H⁻¹ times two vectors of each problem, within the directions of a basis."""
     if basis is not None:
-        gradients, hessians = gradients @ basis, basis.T @ hessians @ basis
+        first, second, hessians = first @ basis, second @ basis, basis.T @ hessians @ basis
     sizes = np.sqrt(np.einsum("pii->pi", hessians))
     sizes[sizes == 0] = 1.0
-    scaled = hessians / (sizes[:, :, None] * sizes[:, None, :])
-    diagonal = np.arange(scaled.shape[1])
-    scaled[:, diagonal, diagonal] += RIDGE
-    step = -np.linalg.solve(scaled, (gradients / sizes)[:, :, None])[:, :, 0] / sizes
-    decrease = np.maximum(-np.einsum("pi,pi->p", gradients, step), 0.0)
-    return (step if basis is None else step @ basis.T), decrease
+    hessians /= sizes[:, :, None]
+    hessians /= sizes[:, None, :]
+    diagonal = np.arange(hessians.shape[1])
+    hessians[:, diagonal, diagonal] += RIDGE
+    solved = np.linalg.solve(hessians, np.stack([first / sizes, second / sizes], axis=2))
+    found = (solved[:, :, 0] / sizes, solved[:, :, 1] / sizes)
+    return found if basis is None else (found[0] @ basis.T, found[1] @ basis.T)
 
 
 def damped(

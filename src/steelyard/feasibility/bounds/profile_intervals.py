@@ -21,8 +21,14 @@ Vector = npt.NDArray[np.float64]
 Matrix = npt.NDArray[np.float64]
 Indices = npt.NDArray[np.intp]
 
-ACCURACY = 0.05
-"""Part of the half-width by which ends may lie too far out. Ten times less costs a third more time."""
+OUTWARD = 0.02
+"""Part of the half-width by which ends are moved outward: what following the path no further leaves uncertain."""
+
+ENOUGH = 0.04
+"""Part of the half-width that is left of the way along the central path, from where the rest is extrapolated."""
+
+ACCURACY = 0.02
+"""Relative accuracy of the way to the end of a ratio."""
 
 FAR = 1e3
 """Bound of the traces of all blocks, and of what has none, relative to the estimate: the region needs an end. An end
@@ -30,7 +36,7 @@ that comes within `OPEN` of it is told as infinite."""
 
 OPEN = 0.02
 
-GROWTH = 15.0
+GROWTH = 50.0
 """Factor of t from one point of the central path to the next: 5 and 50 take more steps."""
 
 FIRST = 3.0
@@ -41,7 +47,7 @@ STEPS = 150
 ROUNDS = 12
 """At most, for a ratio. Three are usual; where a mass has no bound, up to nine."""
 
-CENTERED = 0.25
+CENTERED = 0.05
 """Half the Newton decrement, squared, below which a point counts as one of the central path."""
 
 MOST_DISTANCE = 1e-2
@@ -109,7 +115,7 @@ def profile_intervals(
     InputError
         If torques were filtered, so that no interval holds, or `inside` is not inside.
     """
-    from scipy.stats import chi2
+    from scipy.special import gammaincinv
 
     if covariance.filtered_torque:
         raise InputError(
@@ -125,7 +131,7 @@ def profile_intervals(
     distance = _Distance(feasible_set, region)
     likely = minimise(_MostLikely(distance, barrier), start[None], basis, 1e-4)[0]
     chi_squared = float(distance.squares(likely[None])[0])
-    inner = _Region(distance, barrier, chi_squared + float(chi2.ppf(confidence, 1)))
+    inner = _Region(distance, barrier, chi_squared + 2.0 * float(gammaincinv(0.5, confidence)))
     center = minimise(inner, likely[None], basis, 1e-3)[0]
     lower, upper = _ends(inner, center, quantities, basis)
     reach = OPEN * _reach(feasible_set, start)
@@ -284,24 +290,44 @@ def _furthest(region: _Region, center: Vector, rows: Matrix, basis: Matrix | Non
     region.rows, region.pull = rows, FIRST / widths
     first = rows @ center
     active = everything[~fixed]
+    found = first.copy()
     values = region.value(points, everything)
     for _ in range(STEPS):
         if not len(active):
             break
-        step, decrease = newton_step(region, points[active], active, basis)
+        step, decrease, along = newton_step(region, points[active], active, basis, rows[active])
         points[active], values[active] = damped(region, points[active], active, values[active], step, decrease)
-        along = np.einsum("pi,pi->p", rows[active], points[active])
-        half = np.maximum(along - first[active], widths[active])
-        near = region.degree / region.pull[active] <= ACCURACY * half
-        centered = 0.5 * decrease <= CENTERED
-        onward = centered & ~near
-        needed = region.degree / (0.9 * ACCURACY * half[onward])
-        pulled = region.pull[active[onward]]
-        region.pull[active[onward]] = np.minimum(GROWTH * pulled, np.maximum(needed, 1.5 * pulled))
-        values[active[onward]] = region.value(points[active[onward]], active[onward])
-        active = active[~(centered & near)]
-    reached = np.einsum("pi,pi->p", rows, points)
-    return points, np.where(fixed, first, reached + region.degree / region.pull)
+        near = np.flatnonzero(0.5 * decrease <= CENTERED)
+        if not len(near):
+            continue
+        # On the central path rows·x = end - a / t, with a the number of conditions that stop it: t² rows·H⁻¹rows.
+        which, pull = active[near], region.pull[active[near]]
+        slope = np.einsum("pi,pi->p", rows[which], along[near])
+        reached = np.einsum("pi,pi->p", rows[which], points[which])
+        half = np.maximum(reached + pull * slope - first[which], widths[which])
+        rest = pull * slope / half
+        found[which] = reached + pull * slope + OUTWARD * half
+        onward = np.flatnonzero(rest > ENOUGH)
+        which, pull = which[onward], pull[onward]
+        region.pull[which] = further = pull * np.minimum(GROWTH, 1.5 * rest[onward] / ENOUGH)
+        # The next point of the path is this far ahead along its tangent.
+        ahead = (pull * (1.0 - pull / further))[:, None] * along[near][onward]
+        points[which] = _ahead(region, points[which], which, ahead)
+        values[which] = region.value(points[which], which)
+        active = np.setdiff1d(active, np.setdiff1d(active[near], which), assume_unique=True)
+    return points, found
+
+
+def _ahead(region: _Region, points: Matrix, problems: Indices, steps: Matrix) -> Matrix:
+    """Points a step ahead, which is shortened until it ends in the region."""
+    found = points + steps
+    for _ in range(30):
+        outside = ~np.isfinite(region.value(found, problems))
+        if not outside.any():
+            break
+        steps[outside] *= 0.7
+        found[outside] = points[outside] + 0.9 * steps[outside]
+    return np.asarray(found)
 
 
 def _inverse(hessian: Matrix, basis: Matrix | None) -> Matrix:
