@@ -26,6 +26,7 @@ def test_identify_writes_a_feasible_urdf(run, place):
     assert code == 0
     assert sorted(p.name for p in (place / "result").iterdir()) == [
         "estimate.json",
+        "parameters.csv",
         "report.html",
         "robot.urdf",
         "run.json",

@@ -91,7 +91,8 @@ def test_a_joint_at_rest_spoils_nothing(tmp_path, kind):
     result = sy.identify(path, [recorded(model, tmp_path / "log.npz", held=(0,), **kind)])
     assert any("Joint 1 (joint1) does not move (it stays at 0.7" in remark for remark in result.remarks)
     assert error_on(model, result.estimate.parameters, held=(0,)) < 0.003
-    assert error_on(model, result.estimate.parameters) < 0.05  # while joint 1 moves, which it never did
+    # While joint 1 moves, which it never did, so that lengths of links and one density say how heavy it is.
+    assert error_on(model, result.estimate.parameters) < 0.1
     assert result.total_mass < 1.5 * sum(true_parameters(model)[c[9]] for c in model.link_columns)
     values = dict(zip(model.parameter_names, result.estimate.parameters, strict=True))
     assert max(values["Fvj1"], values["Fcj1"], values["Ia1"]) < 1e-3  # zero, but for the margin

@@ -43,7 +43,7 @@ def test_round_trip(estimate, tmp_path):
     assert loaded.condition_number == np.inf
     assert loaded.relative_standard_error.tolist() == pytest.approx([0.2, np.inf])
     assert loaded.description == {"tip": "hand"}
-    assert json.loads((tmp_path / "estimate.json").read_text())["format"] == "steelyard-estimate-2"
+    assert json.loads((tmp_path / "estimate.json").read_text())["format"] == "steelyard-estimate-3"
 
 
 @pytest.mark.parametrize(

@@ -183,7 +183,7 @@ def test_reference_trajectory_of_the_thesis(wam):
     [
         ("", "is not JSON"),
         ("{}", "is not an Information"),
-        (json.dumps({"format": "steelyard-estimate-2"}), "expected 'steelyard-information-2'"),
+        (json.dumps({"format": "steelyard-estimate-3"}), "expected 'steelyard-information-2'"),
         (None, "cannot be read"),
     ],
 )

@@ -226,7 +226,7 @@ def test_estimates_keep_it_and_files_of_another_format_are_refused(arm, tmp_path
     with pytest.raises(sy.InputError, match="between 0 and 1"):
         loaded.confidence_interval(95)
     older = estimate.to_dict() | {"format": "steelyard-estimate-1"}
-    with pytest.raises(sy.InputError, match="'steelyard-estimate-1', expected 'steelyard-estimate-2'; identify"):
+    with pytest.raises(sy.InputError, match="'steelyard-estimate-1', expected 'steelyard-estimate-3'; identify"):
         sy.Estimate.from_dict(older)
     information.save(tmp_path / "information.json")
     text = (tmp_path / "information.json").read_text().replace("steelyard-information-2", "steelyard-information-1")

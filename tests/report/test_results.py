@@ -20,7 +20,7 @@ def without_urdf(identification: Identification) -> Identification:
 def test_a_second_run_leaves_no_file_of_the_first(identification: Identification, tmp_path: Path) -> None:
     folder = tmp_path / "results"
     save_results(identification, folder)
-    names = {"estimate.json", "report.html", "robot.urdf", "run.json"}
+    names = {"estimate.json", "parameters.csv", "report.html", "robot.urdf", "run.json"}
     assert {path.name for path in folder.iterdir()} == names
     assert set(json.loads((folder / "run.json").read_text())["files"]) == names
     (folder / "notes.txt").write_text("mine")

@@ -16,6 +16,7 @@ __all__ = [
     "Family",
     "Gravity",
     "NuisanceParameters",
+    "PriorName",
     "Sign",
     "TieBreakName",
     "Weights",
@@ -65,6 +66,13 @@ class TieBreakName(Enum):
     LIGHTEST = "lightest"
 
     value: Literal["auto", "cad", "lightest"]
+
+
+class PriorName(Enum):
+    """What an answer stays near."""
+
+    AUTO = "auto"
+    NONE = "none"
 
 
 class Sign(Enum):

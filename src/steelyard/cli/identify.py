@@ -7,7 +7,7 @@ from typing import Annotated
 
 import typer
 
-from .choices import AllowExtensions, Consistency, TieBreakName, Weights
+from .choices import AllowExtensions, Consistency, PriorName, TieBreakName, Weights
 from .screen import echo
 from .terminal import progress, show_identification
 
@@ -26,6 +26,15 @@ def identify(
     ] = None,
     consistency: Consistency = Consistency.FULL,
     weights: Annotated[Weights, typer.Option(help="How the joints are weighted.")] = Weights.JOINT,
+    prior: Annotated[
+        PriorName, typer.Option(help="What the answer stays near: what is known of the robot, or nothing.")
+    ] = PriorName.AUTO,
+    prior_weight: Annotated[
+        float | None, typer.Option(help="Weight of that; chosen by cross-validation where absent.", min=0.0)
+    ] = None,
+    force: Annotated[
+        bool, typer.Option("--force", help="Write the description even where the model does not predict the robot.")
+    ] = False,
     prefer: Annotated[
         TieBreakName,
         typer.Option(help="The choice among near-equal answers (auto: closest to CAD where there is one)."),
@@ -54,6 +63,8 @@ def identify(
             validate=validate or [],
             consistency=consistency.value,
             weights="joint" if weights is Weights.JOINT else None,
+            prior="auto" if prior is PriorName.AUTO else None,
+            prior_weight="auto" if prior_weight is None else prior_weight,
             prefer=prefer.value,
             residual_slack=residual_slack,
             estimator=estimator,
@@ -61,6 +72,8 @@ def identify(
             progress=say,
         )
         say("writing the report")
-        save_results(result, output)
+        save_results(result, output, force=force)
     show_identification(result)
     echo(f"Look at {output / 'report.html'}")
+    if result.prediction.word == "wrong":
+        raise typer.Exit(3)

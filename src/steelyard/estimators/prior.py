@@ -250,6 +250,13 @@ class PreparedPrior:
     diagonal: Vector = field(repr=False)
 
     @property
+    def known(self) -> npt.NDArray[np.bool_]:
+        """Of which parameters the prior knows a value, (n,): those of links, and terms that are not zero."""
+        found = np.asarray(self.reference != 0.0)
+        found[self.feasible_set.link_columns] = True
+        return found
+
+    @property
     def name(self) -> str:
         """Completes the sentence "Among all answers this is ...", for remarks."""
         return f"the closest to the {self.label} prior"

@@ -424,7 +424,7 @@ def _settled(
             high[index] = min(high[index], edge)
     without_effect &= low <= high
     if isinstance(tie_break, PreparedPrior):
-        without_effect &= np.asarray(abs(tie_break.curvature()).sum(axis=0)).ravel() == 0.0
+        without_effect &= ~tie_break.known
     result = parameters.copy()
     for index in map(int, np.flatnonzero(without_effect)):
         target = tie_break.alone(index, result) if isinstance(tie_break, TieBreak) else 0.0

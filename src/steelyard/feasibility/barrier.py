@@ -30,6 +30,9 @@ TOGETHER = 32
 MOST_THREADS = 4
 """Solving systems of a hundred unknowns gains little from more."""
 
+ROUNDING = 1e-15
+"""A matrix whose least eigenvalue is smaller, relative to the largest, is not positive definite to rounding."""
+
 SUFFICIENT = 0.1
 """Part of the decrease that the Newton step promises, with which a step is taken (Armijo's rule)."""
 
@@ -134,7 +137,7 @@ def log_determinants(matrices: Matrix) -> Matrix:
     except np.linalg.LinAlgError:
         pass
     eigenvalues = np.linalg.eigvalsh(matrices)
-    inside = eigenvalues[..., 0] > 0
+    inside = eigenvalues[..., 0] > ROUNDING * eigenvalues[..., -1]
     return np.where(inside, np.log(np.where(inside[..., None], eigenvalues, 1.0)).sum(axis=-1), -np.inf)
 
 
@@ -154,12 +157,12 @@ def add_log_determinants(
     gradients : (p, n)
     hessians : (p, n, n)
     """
-    products = np.linalg.inv(matrices)[:, :, None] @ coefficients
+    roots = np.linalg.inv(np.linalg.cholesky(matrices))[:, :, None]
+    products = roots @ coefficients @ roots.swapaxes(-1, -2)
     points, blocks, count, size, _ = products.shape
     flat = products.reshape(points, blocks, count, size * size)
-    turned = products.swapaxes(-1, -2).reshape(points, blocks, count, size * size)
     slopes = np.einsum("pbcii->pbc", products) * factors[:, None, None]
-    curvatures = (flat @ turned.swapaxes(-1, -2)) * factors[:, None, None, None]
+    curvatures = (flat @ flat.swapaxes(-1, -2)) * factors[:, None, None, None]
     for block, own in enumerate(indices):
         gradients[:, own] += slopes[:, block]
         hessians[:, own[:, None], own] -= curvatures[:, block]

@@ -23,7 +23,7 @@ from steelyard.robot.inertia import moment_row
 __all__ = ["Basis", "ParameterRow", "ParameterTable", "parameter_table"]
 
 Array = NDArray[np.float64]
-Basis = Literal["measured", "bounded", "assumed"]
+Basis = Literal["measured", "bounded", "assumed", "unknown"]
 
 MEASURED, BOUNDED = 0.2, 1.0
 """Largest half-width of the interval of a parameter that counts as measured, and as bounded, in units of its scale. A
@@ -50,9 +50,10 @@ class ParameterRow:
         where no interval is told.
     cad : float
         What the description says; NaN where it says nothing.
-    basis : {"measured", "bounded", "assumed"}
+    basis : {"measured", "bounded", "assumed", "unknown"}
         ``"measured"``: the data alone tells it, to a fifth of its scale. ``"bounded"``: data and physics confine it to
-        its scale. ``"assumed"``: neither does; the prior chose it.
+        its scale. ``"assumed"``: neither does; the prior chose it. ``"unknown"``: torques were filtered, so that no
+        interval holds.
     """
 
     name: str
@@ -185,7 +186,7 @@ def parameter_table(
     Returns
     -------
     ParameterTable
-        Without intervals, and every number "assumed", where torques were filtered.
+        Without intervals, and every number "unknown", where torques were filtered.
     """
     parameters = estimate.parameters
     if parameters is None:
@@ -202,8 +203,9 @@ def parameter_table(
     alone = _half_widths(feasible_set, covariance, asked, parameters, confidence)
     rows = []
     for index, quantity in enumerate(asked):
-        low, high, basis = np.nan, np.nan, "assumed"
+        low, high, basis = np.nan, np.nan, "unknown"
         if told is not None:
+            basis = "assumed"
             low, high = min(told.lower[index], values[index]), max(told.upper[index], values[index])
             half = 0.5 * (high - low)
             if alone[index] <= MEASURED * scales[index] and half <= 2.0 * MEASURED * scales[index]:

@@ -45,9 +45,9 @@ class PredictionVerdict:
     Attributes
     ----------
     word : {"good", "usable", "poor", "wrong"}
-        By `model_error`: at most 8 %, at most 15 %, at most 20 %, or more; and by the same of the worst joint:
-        ``"poor"`` at best above 40 %, ``"wrong"`` above 75 %. Where the model explains its own data to 20 %, it is
-        ``"poor"`` up to 50 % on unseen data. ``"poor"`` also where nothing could be held out.
+        By `model_error`: at most 8 %, at most 15 %, at most 20 %, or more. Where the model explains its own data to
+        20 %, it is ``"poor"`` up to 50 % on unseen data. ``"poor"`` at best where a joint has more than 40 %, or
+        nothing could be held out; ``"wrong"`` where a joint has more than 75 % on the data of the fit itself.
     source : str
         What was predicted, in words.
     model_error : float
@@ -184,7 +184,8 @@ def prediction_verdict(
     """
     beta = np.asarray(base, dtype=float)
     names = info.joint_names if info.has_joint_errors else ("all",)
-    training, torque = _root_mean_squares([info], beta)
+    training, own_torque = _root_mean_squares([info], beta)
+    torque = own_torque
     floor, white = white_noise(info, beta)
     if len(floor) != len(names):
         floor = white = np.full(len(names), np.nan)
@@ -199,15 +200,18 @@ def prediction_verdict(
     else:
         error, tested = training, False
         source = "the data of the fit itself"
+    own_noise = np.minimum(np.nan_to_num(floor), training)
     whole = float(np.linalg.norm(error) / np.linalg.norm(torque))
-    own = float(np.linalg.norm(training) / np.linalg.norm(torque))
+    own = float(np.linalg.norm(training) / np.linalg.norm(own_torque))
     noise = np.minimum(np.nan_to_num(floor), error)
     model = float(np.sqrt(np.sum(error**2 - noise**2)) / np.linalg.norm(torque))
     with np.errstate(divide="ignore", invalid="ignore"):
         relative = np.where(torque > 0.0, error / torque, np.nan)
-        alone = np.nan_to_num(np.sqrt(error**2 - noise**2) / torque)
-    shown = alone[torque > NEGLIGIBLE * torque.max(initial=0.0)]
-    word = _word(model, own, float(shown.max(initial=0.0)), tested)
+        held_out = np.nan_to_num(np.sqrt(error**2 - noise**2) / torque)
+        of_fit = np.nan_to_num(np.sqrt(training**2 - own_noise**2) / own_torque)
+    shown = torque > NEGLIGIBLE * torque.max(initial=0.0)
+    worst = float(held_out[shown].max(initial=0.0)), float(of_fit[shown].max(initial=0.0))
+    word = _word(model, own, *worst, tested)
     sentences = _sentences(word, model, own, source, tested)
     return PredictionVerdict(word, source, model, whole, tuple(names), relative, error, floor, white, sentences)
 
@@ -221,10 +225,10 @@ def _root_mean_squares(data: Sequence[Information], base: Array) -> tuple[Array,
     return np.sqrt(residuals / counts), np.sqrt(torques / counts)
 
 
-def _word(model: float, own: float, worst_joint: float, tested: bool) -> Word:
-    if worst_joint > WRONG_JOINT or (model > WRONG and not (own <= WRONG and model <= UNSEEN)):
+def _word(model: float, own: float, worst: float, worst_of_fit: float, tested: bool) -> Word:
+    if worst_of_fit > WRONG_JOINT or (model > WRONG and not (own <= WRONG and model <= UNSEEN)):
         return "wrong"
-    if not tested or model > USABLE or worst_joint > POOR_JOINT:
+    if not tested or model > USABLE or worst > POOR_JOINT:
         return "poor"
     return "good" if model <= GOOD else "usable"
 

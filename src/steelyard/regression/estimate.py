@@ -22,7 +22,7 @@ from .factor import LARGEST
 __all__ = ["Estimate"]
 
 Array = NDArray[np.float64]
-FORMAT = "steelyard-estimate-2"
+FORMAT = "steelyard-estimate-3"
 
 _ARRAYS = (
     "base",
@@ -87,6 +87,9 @@ class Estimate:
         from a lower bound for all feasible parameters below the mass bound of the remarks, and below a thousand times
         what is typical of the robot. A gap of at most 1e-6 counts as the optimum; the remarks state a larger one. None
         for other methods, and where there is no useful bound.
+    parameter_table : tuple of mapping
+        What every number rests on, as plain data, see `steelyard.identification.ParameterTable`; empty where that was
+        not asked. Nothing is computed from it.
 
     Examples
     --------
@@ -121,6 +124,7 @@ class Estimate:
     description: Mapping[str, Any] = field(default_factory=dict)
     filtered_torque: bool = False
     optimality_gap: float | None = None
+    parameter_table: tuple[Mapping[str, Any], ...] = ()
 
     def confidence_interval(self, level: float = 0.95) -> Array:
         """Return an interval for each base parameter, (n_b, 2), that covers it with a probability of `level`.
@@ -327,6 +331,9 @@ def _read(name: str, value: Any, where: str) -> Any:
         return _NUMBERS[name]
     if name in _NAMES:
         expected, good = "a list of strings", isinstance(value, list) and all(isinstance(v, str) for v in value)
+        value = tuple(value) if good else value
+    elif name == "parameter_table":
+        expected, good = "a list of objects", isinstance(value, list) and all(isinstance(v, dict) for v in value)
         value = tuple(value) if good else value
     elif name in (*_NUMBERS, "row_count", "optimality_gap"):
         expected, good = "a number", isinstance(value, (int, float)) and not isinstance(value, bool)

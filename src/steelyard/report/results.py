@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import Any
 
 from steelyard.errors import InputError
-from steelyard.files import read_json, replaced_folder, write_json
+from steelyard.files import read_json, replaced_folder, write_json, write_text
 from steelyard.identification import Identification
 from steelyard.robot.description import URDF, description_format
 
@@ -20,7 +20,8 @@ __all__ = ["require_apart", "require_folder", "save_results"]
 
 FORMAT = "steelyard-run-1"
 RECORD = "run.json"
-FILES = ("estimate.json", "report.html", "robot.urdf", RECORD)
+TABLE = "parameters.csv"
+FILES = ("estimate.json", "report.html", "robot.urdf", RECORD, TABLE)
 DESCRIPTION = r"robot\.(?!toml$)\w+"
 
 
@@ -70,8 +71,11 @@ def require_apart(folder: Path, inputs: Iterable[Path | None]) -> None:
             raise InputError(f"{place}: is read, and the results would replace it; give another --output.")
 
 
-def save_results(identification: Identification, folder: Path) -> tuple[Path, ...]:
-    """Write ``estimate.json``, ``report.html``, ``run.json`` and the description, such as ``robot.urdf``.
+def save_results(identification: Identification, folder: Path, *, force: bool = False) -> tuple[Path, ...]:
+    """Write ``estimate.json``, ``parameters.csv``, ``report.html``, ``run.json`` and the description.
+
+    The description, such as ``robot.urdf``, is left out where the model does not predict the robot, so that nobody
+    takes it for one.
 
     They appear together, see :func:`steelyard.files.replaced_folder`.
 
@@ -80,6 +84,8 @@ def save_results(identification: Identification, folder: Path) -> tuple[Path, ..
     identification : Identification
     folder : Path
         Made where it is missing; files of the same names are replaced.
+    force : bool
+        Write the description in any case.
 
     Returns
     -------
@@ -95,7 +101,9 @@ def save_results(identification: Identification, folder: Path) -> tuple[Path, ..
     require_apart(folder, (identification.robot_file, source))
     with replaced_folder(folder, record=RECORD, stale=_earlier(folder)) as made:
         identification.estimate.save(made / "estimate.json")
-        if source is not None:
+        if identification.parameters is not None:
+            write_text(identification.parameters.to_csv(), made / TABLE)
+        if source is not None and (force or identification.prediction.word != "wrong"):
             name = _described(source)
             if name is not None:
                 identification.estimate.write_description(source, made / name)
@@ -126,7 +134,8 @@ def _earlier(folder: Path) -> tuple[str, ...]:
 
 def run_record(identification: Identification) -> dict[str, Any]:
     """Return inputs with hashes, versions and options: what is needed to run an identification again."""
-    robot = identification.model.robot
+    robot, plausible = identification.model.robot, identification.plausible
+    price = None if plausible is None else plausible.price
     description = [p for p in (identification.robot_file, robot.source) if p is not None]
     return {
         "format": FORMAT,
@@ -134,6 +143,9 @@ def run_record(identification: Identification) -> dict[str, Any]:
         "logs": [_log(text) for text in identification.logs],
         "validation_logs": [_log(text) for text in identification.validation_logs],
         "options": identification.options,
+        "prediction": identification.prediction.to_dict(),
+        "price": None if price is None else price.to_dict(),
+        "prior": [] if plausible is None else list(plausible.prior.sentences),
         "remarks": list(dict.fromkeys((*identification.estimate.remarks, *identification.remarks))),
         "versions": versions(),
     }

@@ -200,7 +200,7 @@ def test_damaged_documents_are_said(witness, path, value):
         verify_document(witness, "file.json")
 
 
-@pytest.mark.parametrize("text", ["", "{", "[]", "{}", '{"format": "steelyard-estimate-2"}', "\0", "[" * 100000])
+@pytest.mark.parametrize("text", ["", "{", "[]", "{}", '{"format": "steelyard-estimate-3"}', "\0", "[" * 100000])
 def test_files_that_are_no_certificates(tmp_path, text):
     path = tmp_path / "certificate.json"
     path.write_text(text)

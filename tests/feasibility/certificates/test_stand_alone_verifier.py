@@ -157,7 +157,7 @@ def test_both_refuse_what_the_format_does_not_know(certificates, tmp_path):
             holder = holder[key]
         holder[path[-1]] = value
         documents.append(changed)
-    documents.append({"format": "steelyard-estimate-2", "certificate": None})
+    documents.append({"format": "steelyard-estimate-3", "certificate": None})
     assert verdicts(tmp_path, [*documents, witness, refutation]) == [False] * len(documents) + [True, True]
     for index, _ in enumerate(documents):
         with pytest.raises(InputError):
