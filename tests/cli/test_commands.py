@@ -53,7 +53,7 @@ def test_identify_writes_a_feasible_urdf(run, place):
     assert record["logs"][0][0]["sha256"] == hashlib.sha256((place / "log.csv").read_bytes()).hexdigest()
     assert [entry["path"] for entry in record["robot"]] == [str(place / "robot.toml"), str(place / "pair.urdf")]
     assert record["versions"]["steelyard"] == sy.__version__
-    assert record["options"]["prefer"] == "cad"
+    assert record["options"]["prior"] == record["options"]["prefer"] == "auto"
 
 
 def test_the_same_run_writes_the_same_bytes(run, place):

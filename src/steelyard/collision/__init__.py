@@ -12,6 +12,7 @@ if TYPE_CHECKING:
     from .obstacles import ObstacleClearance as ObstacleClearance
     from .robot_geometry import PlacedShape as PlacedShape
     from .robot_geometry import RobotGeometry as RobotGeometry
+    from .robot_geometry import shapes_of_moving_links as shapes_of_moving_links
     from .self_collision import LeftOut as LeftOut
     from .self_collision import SelfCollision as SelfCollision
     from .shapes import Box as Box
@@ -20,6 +21,7 @@ if TYPE_CHECKING:
     from .shapes import Mesh as Mesh
     from .shapes import Shape as Shape
     from .shapes import Sphere as Sphere
+    from .shapes import moments_of_surface as moments_of_surface
     from .workspace import TablePlane as TablePlane
     from .workspace import WorkspaceBox as WorkspaceBox
 

@@ -24,7 +24,7 @@ from steelyard.regression.batch_means import BatchSums
 from steelyard.regression.reduction import empty_factors
 from steelyard.robot import RobotFile
 
-from .identify import LogReader
+from .log_reader import LogReader
 from .saved import matching_estimate
 
 __all__ = [

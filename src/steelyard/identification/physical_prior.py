@@ -4,14 +4,12 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
-from typing import Literal
+from typing import TYPE_CHECKING, Literal
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from steelyard.collision import Mesh, PlacedShape, RobotGeometry
-from steelyard.collision.robot_geometry import GeometryElement, shapes_of_moving_links
-from steelyard.collision.shapes import moments_of_surface
+from steelyard import collision
 from steelyard.dynamics import Model
 from steelyard.errors import InputError, MissingExtraError
 from steelyard.feasibility import FeasibleSet
@@ -33,6 +31,10 @@ from steelyard.robot.inertia import moment_row, parameters_of_pseudo_inertia, ps
 
 from .described_inertia import DescribedBody, described_bodies, possible_body
 from .kinematic_bodies import SHORTEST_REACH, kinematic_bodies, lengths_beyond, reach_of
+
+if TYPE_CHECKING:
+    from steelyard.collision import PlacedShape, RobotGeometry
+    from steelyard.collision.robot_geometry import GeometryElement
 
 __all__ = ["LinkPrior", "PhysicalPrior", "physical_prior"]
 
@@ -305,7 +307,7 @@ class _Gathering:
             skipped: list[tuple[str, str]] = []
             try:
                 if description_format(self.robot.source) is URDF:
-                    found = shapes_of_moving_links(self.robot, self.robot.source, skipped, LARGEST_MESH)
+                    found = collision.shapes_of_moving_links(self.robot, self.robot.source, skipped, LARGEST_MESH)
             except MissingExtraError as error:
                 self.sentences.append(f"The shapes of the links are not used: {error}")
             except InputError:  # the file has changed since the robot was read
@@ -534,9 +536,11 @@ class _Gathering:
             volumes = []
             for kind in self.shapes:
                 shapes = [one.shape for one in self._of_link(kind, index, link.name)]
-                meshes = [one for one in shapes if isinstance(one, Mesh) and len(one.triangles)]
+                meshes = [one for one in shapes if isinstance(one, collision.Mesh) and len(one.triangles)]
                 if meshes and len(meshes) == len(shapes):
-                    volumes.append(sum(abs(moments_of_surface(one.vertices, one.triangles)[3, 3]) for one in meshes))
+                    volumes.append(
+                        sum(abs(collision.moments_of_surface(one.vertices, one.triangles)[3, 3]) for one in meshes)
+                    )
             masses = [DENSITY_OF_UNSET_MATERIAL * volume for volume in volumes]
             if not any(abs(own.inertia.mass - mass) <= 0.01 * mass for mass in masses):
                 return False
