@@ -253,6 +253,40 @@ def test_a_centre_of_mass_outside_its_shape_is_drawn_in(tmp_path):
     assert satisfied(model, prior)
 
 
+def test_without_shapes_a_centre_of_mass_far_away_is_drawn_in_and_a_near_one_believed(tmp_path):
+    far = arm(tmp_path, inertial(*GOOD), inertial(1.7, "0 0 150", (0.02, 0.02, 0.004)))
+    prior = physical_prior(far)
+    assert said(prior, "`l2`", "outside the body that spans the joints")
+    assert satisfied(far, prior)
+    near = arm(tmp_path, inertial(*GOOD), inertial(1.7, "0 0 0.9", (0.02, 0.02, 0.004)))
+    prior = physical_prior(near)
+    assert body(prior, 1).com[2] == pytest.approx(0.9)
+    assert satisfied(near, prior)
+
+
+def test_masses_that_no_link_of_its_length_has_are_not_believed(tmp_path):
+    prior = physical_prior(arm(tmp_path, inertial(*GOOD), inertial(2.3e6, *GOOD[1:])))
+    assert prior.sources == ("description", "kinematics")
+    assert said(prior, "`l2`", "2.3e+06 kg")
+
+
+def test_a_total_that_was_changed_in_code_counts(tmp_path):
+    robot = arm(tmp_path, *[inertial(*GOOD) + shape()] * 2, extra=fixed("tool", inertial(1), "l2")).robot
+    links = [replace(link, inertia=Inertia.from_com(4.4, (0.0, 0.0, 0.1), np.eye(3) * 0.02)) for link in robot.links]
+    prior = physical_prior(sy.Model(replace(robot, links=tuple(links))))
+    assert prior.masses == pytest.approx([4.4, 4.4])
+    assert not prior.scale_is_free
+
+
+def test_shapes_that_stand_for_nothing_are_no_shapes(tmp_path):
+    point = physical_prior(arm(tmp_path, "", shape('<geometry><sphere radius="1e-7"/></geometry>')))
+    assert point.sources == ("kinematics",) * 2
+    model = arm(tmp_path, "", shape('<geometry><box size="0.3 0.3 1e-6"/></geometry>'))
+    plate = physical_prior(model)
+    assert np.linalg.eigvalsh(pseudo_inertia(plate.links[1].parameters / plate.masses[1]))[0] > 1e-7
+    assert satisfied(model, plate)
+
+
 def test_moments_larger_than_the_robot_are_replaced(tmp_path):
     model = arm(tmp_path, inertial(*GOOD) + shape(), inertial(1.7, "0 0 0.1", (30, 30, 10)) + shape())
     prior = physical_prior(model)
@@ -432,6 +466,16 @@ def test_a_robot_without_any_length_is_not_bounded():
     prior = physical_prior(sy.Model(sy.Robot.from_dh([(0, 0, 0, "q")])))
     assert [type(one).__name__ for one in prior.constraints] == ["TotalMass"]
     assert said(prior, "one point")
+
+
+def test_a_described_robot_without_any_length_is_used_as_it_is(tmp_path):
+    text = f'<robot name="wheel"><link name="base"/><link name="l1">{inertial(*GOOD)}</link>'
+    joint = '<joint name="j" type="continuous"><parent link="base"/><child link="l1"/></joint></robot>'
+    (tmp_path / "wheel.urdf").write_text(text + joint)
+    prior = physical_prior(sy.Model(sy.Robot.from_urdf(tmp_path / "wheel.urdf")))
+    assert prior.sources == ("description",)
+    assert body(prior, 0).com == pytest.approx([0.01, 0.02, 0.15])
+    assert said(prior, "the link.")
 
 
 lengths = st.sampled_from([0.0, 0.0, 0.03, 0.2, -0.5, 1.3])

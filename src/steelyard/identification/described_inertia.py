@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -76,18 +76,27 @@ def described_bodies(robot: Robot) -> list[list[DescribedBody]]:
     >>> [part.inertia for part in described_bodies(Robot.from_dh([(0, 0.5, 0, "q")]))[0]]
     [None]
     """
-    shared = _is_one_arm(robot) and _shared([link.own_inertia for link in robot.links])
+    shared = _is_one_arm(robot) and _shared([link.inertia for link in robot.links])
     found = []
     for link in robot.links:
         # A robot that was built in code may have a total alone.
-        own = link.own_inertia
-        if own is None and not link.attachments and link.inertia is not None and link.inertia.mass != 0.0:
-            own = link.inertia
-        problem = _placeholder(own) or (f"is the same for {len(robot.links)} links" if shared else "")
-        parts = [DescribedBody(link.name, np.eye(4), own, problem)]
-        parts += [DescribedBody(a.name, a.placement, a.inertia, _placeholder(a.inertia)) for a in link.attachments]
-        found.append(parts)
+        parts = [(link.name, np.eye(4), link.own_inertia)]
+        parts += [(one.name, one.placement, one.inertia) for one in link.attachments]
+        if not _adds_up(link.inertia, parts):
+            parts = [(link.name, np.eye(4), link.inertia)]
+        bodies = [DescribedBody(name, placement, part, _placeholder(part)) for name, placement, part in parts]
+        if shared and not bodies[0].problem:
+            bodies[0] = replace(bodies[0], problem=f"is the same for {len(robot.links)} links")
+        found.append(bodies)
     return found
+
+
+def _adds_up(total: Inertia | None, parts: Sequence[tuple[str, Array, Inertia | None]]) -> bool:
+    """Whether the total of a link is the sum of its parts; it counts alone where somebody has changed it."""
+    if total is None:
+        return True
+    known = [part.moved(placement).parameters for _, placement, part in parts if part is not None]
+    return bool(np.allclose(np.sum(known, axis=0) if known else np.zeros(10), total.parameters, rtol=1e-9, atol=1e-12))
 
 
 def _is_one_arm(robot: Robot) -> bool:

@@ -91,6 +91,14 @@ hip are often modelled one after the other, with links between them that weigh n
 NEGLIGIBLE = 0.01  # of the mass of a link, what is fixed to it
 
 LARGEST_MESH = 50_000_000  # bytes; a file of this size takes 6 s
+FARTHEST = 3.0
+"""Times the reach of the robot: a centre of mass that the description puts farther away is a mistake, often in
+millimetres. Where no shape tells how long a link is, a shorter distance may be right."""
+
+HEAVIEST = 1000.0
+"""Times the mass of a body that spans the joints of the link: masses of arms are at most 10 times that."""
+
+SMALLEST_SHAPE = 0.005  # times the reach of the robot; below, it stands for nothing
 LARGEST_LINK = 20.0  # times the reach of the robot; beyond, the mesh is in another unit
 
 _OWN_BOUNDS = (CenterOfMassBox, CenterOfMassSphere, CenterOfMassHull, DensityInBox, DensityInEllipsoid)
@@ -328,13 +336,15 @@ class _Gathering:
         volume = float(one.moments[3, 3])
         size = float(np.max(np.abs([lower, upper])))
         if self.reach > SHORTEST_REACH and size > LARGEST_LINK * self.reach:
-            unit = "it seems to be in millimetres" if size > 100.0 * self.reach else "it is in another place or unit"
+            in_millimetres = 100.0 * self.reach < size < 5000.0 * self.reach
+            unit = "it seems to be in millimetres" if in_millimetres else "it is in another place or unit"
             self.sentences.append(
                 f"A shape of `{one.link}` is not used, because it reaches to {size:.3g} m on a robot that reaches "
                 f"{self.reach:.3g} m: {unit}."
             )
             return False
-        return volume > 1e-6 * float(np.linalg.norm(upper - lower)) ** 3
+        extent = float(np.linalg.norm(upper - lower))
+        return volume > 1e-6 * extent**3 and extent > SMALLEST_SHAPE * self.reach
 
     # One link
 
@@ -355,7 +365,9 @@ class _Gathering:
         name = self.robot.links[index].name
         solid = self._solid(index)
         stand_in = self.bodies[index].moments if solid is None else solid
-        assumed = factor * self._mass(index, solid) / stand_in[3, 3] * parameters_of_pseudo_inertia(stand_in)
+        mass = factor * self._mass(index, solid)
+        # A plate of no thickness, as it is drawn, is no body.
+        assumed, _ = possible_body(mass / stand_in[3, 3] * parameters_of_pseudo_inertia(stand_in), stand_in)
         lower, upper = self._box(index, solid is not None)
         fixed, free = np.zeros(10), np.zeros(10)
         own, *others = self._judged(index)
@@ -390,8 +402,12 @@ class _Gathering:
             if solid is None:
                 com = (fixed + free)[6:9] / (fixed + free)[9]
                 slack = self._slack(index, False)
-                lower, upper = np.minimum(lower, com - slack), np.maximum(upper, com + slack)
-            total = self._corrected(name, fixed + free, stand_in, (lower, upper), solid is not None)
+                if np.all((com > lower - FARTHEST * self.reach) & (com < upper + FARTHEST * self.reach)):
+                    lower, upper = np.minimum(lower, com - slack), np.maximum(upper, com + slack)
+            if np.isfinite(lower).all():
+                total = self._corrected(name, fixed + free, stand_in, (lower, upper), solid is not None)
+            else:
+                total = self._possible(name, fixed + free, stand_in)
             fixed = total - free
         return LinkPrior(name, source, fixed, free, lower, upper, max(self.reach, SHORTEST_REACH))
 
@@ -405,20 +421,19 @@ class _Gathering:
         return part.inertia is not None and bool(part.problem) and part.inertia.mass > NEGLIGIBLE * mass
 
     def _judged(self, index: int) -> list[DescribedBody]:
-        """What the description says, with what its shape contradicts."""
+        """What the description says, with what the size of the link contradicts."""
         found = []
+        name = self.robot.links[index].name
+        heaviest = HEAVIEST * BODY_DENSITY * float(self.bodies[index].moments[3, 3])
         for part in self.described[index]:
-            volume = self._solid(index, part.name)
-            if (
-                part.is_usable
-                and part.inertia is not None
-                and volume is not None
-                and part.name == self.robot.links[index].name
-            ):
-                density = part.inertia.mass / volume[3, 3]
-                if not DENSITIES[0] <= density <= DENSITIES[1]:
-                    problem = f"gives the shape a density of {density:.2g} kg/m³ ({part.inertia.mass:.3g} kg)"
+            if part.is_usable and part.inertia is not None and part.name == name:
+                mass, solid = part.inertia.mass, self._solid(index, name)
+                density = None if solid is None else mass / solid[3, 3]
+                if density is not None and not DENSITIES[0] <= density <= DENSITIES[1]:
+                    problem = f"gives the shape a density of {density:.2g} kg/m³ ({mass:.3g} kg)"
                     part = replace(part, problem=problem)
+                elif self.reach > SHORTEST_REACH and mass > heaviest:
+                    part = replace(part, problem=f"gives it {mass:.3g} kg, more than a link of its length can have")
             found.append(part)
         return found
 
@@ -433,31 +448,35 @@ class _Gathering:
         """The nearest possible body: its centre of mass within its box, its second moments those of a body."""
         lower, upper = box
         com = total[6:9] / total[9]
-        if has_shape and not (np.all(com >= lower) and np.all(com <= upper)):
+        where = "shape" if has_shape else "body that spans the joints"
+        if not (np.all(com >= lower) and np.all(com <= upper)):
             # Half of the slack away from the boundary, on which barriers are infinite.
             slack = 0.25 * np.minimum(self.reach * SHAPE_SLACK, upper - lower)
             inside = np.clip(com, lower + slack, upper - slack)
             shift = np.eye(4)
             shift[:3, 3] = inside - com
             total = transformation(shift) @ total
-            self._because(name, "the centre of mass of the description is outside the shape; the nearest place is used")
+            text = f"the centre of mass of the description is outside the {where}; the nearest place is used"
+            self._because(name, text)
+        body = self._possible(name, total, stand_in)
+        center, half = (lower + upper) / 2.0, (upper - lower) / 2.0
+        ellipsoid = DensityInEllipsoid(name, center.tolist(), (np.sqrt(3.0) * half + self.reach).tolist())
+        if float(moment_row(ellipsoid.quadratic) @ body) < 0.1 * body[9]:
+            about = stand_in / stand_in[3, 3]
+            second = about[:3, :3] - np.outer(about[:3, 3], about[:3, 3])
+            matrix = pseudo_inertia(body)
+            first = matrix[:3, 3] / body[9]
+            matrix[:3, :3] = body[9] * (second + np.outer(first, first))
+            body, _ = possible_body(parameters_of_pseudo_inertia(matrix), stand_in)
+            text = "the moments of inertia of the description are those of a body larger than the robot"
+            self._because(name, f"{text}; those of the {where} are used")
+        return body
+
+    def _possible(self, name: str, total: Array, stand_in: Array) -> Array:
         body, problem = possible_body(total, stand_in)
         if problem:
             text = f"the moments of inertia of the description {problem}; the nearest possible ones are used"
             self._because(name, text)
-        center, half = (lower + upper) / 2.0, (upper - lower) / 2.0
-        if np.isfinite(half).all():
-            ellipsoid = DensityInEllipsoid(name, center.tolist(), (np.sqrt(3.0) * half + self.reach).tolist())
-            if float(moment_row(ellipsoid.quadratic) @ body) < 0.1 * body[9]:
-                about = stand_in / stand_in[3, 3]
-                second = about[:3, :3] - np.outer(about[:3, 3], about[:3, 3])
-                matrix = pseudo_inertia(body)
-                first = matrix[:3, 3] / body[9]
-                matrix[:3, :3] = body[9] * (second + np.outer(first, first))
-                body = parameters_of_pseudo_inertia(matrix)
-                text = "the moments of inertia of the description are those of a body larger than the robot"
-                instead = "shape" if has_shape else "body that spans the joints"
-                self._because(name, f"{text}; those of the {instead} are used")
         return body
 
     # Shapes and boxes
@@ -557,7 +576,8 @@ class _Gathering:
         described = [link.link for link in links if link.source == "description"]
         if described:
             which = f"all {len(links)}" if len(described) == len(links) else f"{len(described)} of {len(links)}"
-            found.append(f"The description's inertials are used for {which} links.")
+            many = f"{which} links" if len(links) > 1 else "the link"
+            found.append(f"The description's inertials are used for {many}.")
         found += [f"{_listed(names)}{place}: {text}." for (place, text), names in self.reasons.items()]
         if unset:
             found.append(
