@@ -312,6 +312,24 @@ def test_what_is_fixed_to_a_link_counts(tmp_path):
     assert not said(quiet, "tool")
 
 
+def test_parts_that_are_assumed_may_be_scaled_to_anything(tmp_path):
+    # Moments of no body beside a tool that nobody weighed.
+    links = [inertial(*GOOD) + shape(), inertial(1.16, "0 -0.01 0.2", (0.0146, 0.0048, 0.0004)) + shape()]
+    model = arm(tmp_path, *links, extra=fixed("tool", inertial(1) + shape(), "l2"))
+    for factor in (1e-3, 1.0, 10.0):
+        prior = physical_prior(model).scaled(factor)
+        assert np.linalg.eigvalsh(pseudo_inertia(prior.links[1].parameters))[0] > 1e-6
+        assert satisfied(model, prior)
+
+
+def test_links_that_weigh_next_to_nothing_leave_room_for_a_fit(tmp_path):
+    model = arm(tmp_path, inertial(*GOOD), inertial(1.3e-7, "0 0 0.01", (1.1e-11, 1.2e-11, 1.3e-11)))
+    prior = physical_prior(model)
+    truth = np.nan_to_num(prior.parameters, nan=0.3)
+    estimate = sy.fit(moved(model, truth), sy.FeasibleSet(model, constraints=list(prior.constraints)), prefer=None)
+    assert estimate.relative_error < 0.05
+
+
 # Meshes
 
 

@@ -75,6 +75,10 @@ MASS_RANGE = {"description": 10.0, "shape": 30.0, "kinematics": 30.0}
 """By which factor a mass may differ from the prior's. Masses that were assumed without the description were 0.11 to 9.4
 times the true ones on 12 arms, after the data had scaled them."""
 
+LEAST_ALLOWANCE = 0.01
+"""kg that every link may have: feasible sets keep a margin of 1e-6, in which frames that weigh next to nothing in the
+description would have no room."""
+
 SCALE_RANGE = 30.0
 """By which factor the data may change the common density."""
 
@@ -91,6 +95,7 @@ hip are often modelled one after the other, with links between them that weigh n
 NEGLIGIBLE = 0.01  # of the mass of a link, what is fixed to it
 
 LARGEST_MESH = 50_000_000  # bytes; a file of this size takes 6 s
+
 FARTHEST = 3.0
 """Times the reach of the robot: a centre of mass that the description puts farther away is a mistake, often in
 millimetres. Where no shape tells how long a link is, a shorter distance may be right."""
@@ -206,7 +211,8 @@ class PhysicalPrior:
                 found.append(DensityInEllipsoid(link.link, center.tolist(), semi_axes.tolist()))
             if link.link not in weighed:
                 mass, factor = float(link.parameters[9]), MASS_RANGE[link.source]
-                found.append(TotalMass(minimum=mass / factor, maximum=mass * factor, links=(link.link,)))
+                most = max(mass * factor, LEAST_ALLOWANCE)
+                found.append(TotalMass(minimum=mass / factor, maximum=most, links=(link.link,)))
         return tuple(found)
 
     def scaled(self, factors: float | ArrayLike) -> PhysicalPrior:
@@ -398,17 +404,17 @@ class _Gathering:
                 instead = "the shape at uniform density is used"
             why = f"the inertial of the description {own.problem}" if own.problem else "the description has no inertial"
             self._because(name, f"{why}, so {instead}")
-        if source == "description":
+        if fixed[9] > 0.0:
             if solid is None:
-                com = (fixed + free)[6:9] / (fixed + free)[9]
+                com = fixed[6:9] / fixed[9]
                 slack = self._slack(index, False)
                 if np.all((com > lower - FARTHEST * self.reach) & (com < upper + FARTHEST * self.reach)):
                     lower, upper = np.minimum(lower, com - slack), np.maximum(upper, com + slack)
+            # By itself, so that the sum is a body whatever the data make of the other part.
             if np.isfinite(lower).all():
-                total = self._corrected(name, fixed + free, stand_in, (lower, upper), solid is not None)
+                fixed = self._corrected(name, fixed, stand_in, (lower, upper), solid is not None)
             else:
-                total = self._possible(name, fixed + free, stand_in)
-            fixed = total - free
+                fixed = self._possible(name, fixed, stand_in)
         return LinkPrior(name, source, fixed, free, lower, upper, max(self.reach, SHORTEST_REACH))
 
     def _part(self, index: int, part: str, factor: float) -> Array:
