@@ -7,7 +7,7 @@ from typing import Annotated
 
 import typer
 
-from .choices import AllowExtensions, Consistency
+from .choices import AllowExtensions, Consistency, ConsistencyOption
 from .screen import echo
 
 __all__ = ["check"]
@@ -28,7 +28,7 @@ def check(
     output: Annotated[
         Path | None, typer.Option("--output", "-o", help="File for the certificate of the verdict (JSON).")
     ] = None,
-    consistency: Consistency = Consistency.FULL,
+    consistency: ConsistencyOption = Consistency.FULL,
     allow_extensions: AllowExtensions = False,
 ) -> None:
     """Tell whether a robot with these parameters could exist: exit 0 feasible, 1 not, 2 bad input.

@@ -11,6 +11,7 @@ __all__ = [
     "AllowExtensions",
     "Changes",
     "Consistency",
+    "ConsistencyOption",
     "Criterion",
     "DistanceMetric",
     "Family",
@@ -115,4 +116,13 @@ class NuisanceParameters(Enum):
 AllowExtensions = Annotated[
     bool,
     typer.Option("--allow-extensions", help="Run code that robot.toml names by import path; only for files you trust."),
+]
+
+ConsistencyOption = Annotated[
+    Consistency,
+    typer.Option(
+        "--consistency",
+        help="What counts as physically possible: full, a body of positive mass density; inertia, positive mass and "
+        "inertia alone (the thesis).",
+    ),
 ]

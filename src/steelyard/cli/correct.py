@@ -7,7 +7,7 @@ from typing import Annotated
 
 import typer
 
-from .choices import AllowExtensions, Consistency, DistanceMetric
+from .choices import AllowExtensions, Consistency, ConsistencyOption, DistanceMetric
 from .screen import echo
 
 __all__ = ["correct"]
@@ -17,7 +17,7 @@ def correct(
     robot: Annotated[Path, typer.Argument(help="URDF or robot.toml.")],
     estimate: Annotated[Path, typer.Argument(help="estimate.json.")],
     output: Annotated[Path, typer.Option("--output", "-o", help="File for the corrected estimate (JSON).")],
-    consistency: Consistency = Consistency.FULL,
+    consistency: ConsistencyOption = Consistency.FULL,
     metric: Annotated[
         DistanceMetric,
         typer.Option(help="Base parameters count in units of their standard deviations, or all in SI units."),

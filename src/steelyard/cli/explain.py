@@ -7,7 +7,7 @@ from typing import Annotated
 
 import typer
 
-from .choices import AllowExtensions, Consistency
+from .choices import AllowExtensions, Consistency, ConsistencyOption
 from .screen import echo
 
 __all__ = ["explain"]
@@ -17,7 +17,7 @@ def explain(
     robot: Annotated[Path, typer.Argument(help="URDF or robot.toml.")],
     estimate: Annotated[Path, typer.Argument(help="estimate.json.")],
     output: Annotated[Path | None, typer.Option("--output", "-o", help="File for the same as JSON.")] = None,
-    consistency: Consistency = Consistency.FULL,
+    consistency: ConsistencyOption = Consistency.FULL,
     allow_extensions: AllowExtensions = False,
 ) -> None:
     """Tell why an estimate is impossible, or which values of each parameter are possible: exit 0 feasible, 1 not."""

@@ -7,7 +7,7 @@ from typing import Annotated
 
 import typer
 
-from .choices import AllowExtensions, Consistency, PriorName, TieBreakName, Weights
+from .choices import AllowExtensions, Consistency, ConsistencyOption, PriorName, TieBreakName, Weights
 from .screen import echo
 from .terminal import progress, show_identification
 
@@ -24,7 +24,7 @@ def identify(
     validate: Annotated[
         list[str] | None, typer.Option("--validate", help="Log that is predicted without refitting; may be repeated.")
     ] = None,
-    consistency: Consistency = Consistency.FULL,
+    consistency: ConsistencyOption = Consistency.FULL,
     weights: Annotated[Weights, typer.Option(help="How the joints are weighted.")] = Weights.JOINT,
     prior: Annotated[
         PriorName, typer.Option(help="What the answer stays near: what is known of the robot, or nothing.")

@@ -7,7 +7,7 @@ from typing import Annotated
 
 import typer
 
-from .choices import AllowExtensions, Consistency
+from .choices import AllowExtensions, Consistency, ConsistencyOption
 from .terminal import show_model
 
 __all__ = ["inspect"]
@@ -15,7 +15,7 @@ __all__ = ["inspect"]
 
 def inspect(
     robot: Annotated[Path, typer.Argument(help="URDF or robot.toml.")],
-    consistency: Consistency = Consistency.FULL,
+    consistency: ConsistencyOption = Consistency.FULL,
     allow_extensions: AllowExtensions = False,
 ) -> None:
     """Show joints, parameters, base parameters and operation counts, and whether the CAD is physically possible."""

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 import typer
 
-from .choices import Changes, Consistency, Weights
+from .choices import Changes, Consistency, ConsistencyOption, Weights
 from .screen import echo
 from .terminal import progress
 
@@ -37,7 +37,7 @@ def payload(
         typer.Option(help="kg, of a known payload, by which drive gains are found where robot.toml asks for them."),
     ] = None,
     output: Annotated[Path | None, typer.Option("--output", "-o", help="File for the same as JSON.")] = None,
-    consistency: Consistency = Consistency.FULL,
+    consistency: ConsistencyOption = Consistency.FULL,
     weights: Annotated[Weights, typer.Option(help="How the joints are weighted.")] = Weights.JOINT,
     chunk_rows: Annotated[int, typer.Option(help="Rows of a log that stand in memory together.", min=1000)] = 200_000,
 ) -> None:
