@@ -17,12 +17,12 @@ def check(
     robot: Annotated[
         Path | None, typer.Argument(help="URDF or robot.toml; not needed to verify a certificate by itself.")
     ] = None,
-    estimate: Annotated[Path | None, typer.Argument(help="estimate.json.")] = None,
+    estimate: Annotated[Path | None, typer.Argument(help="The estimate.json that identify saved.")] = None,
     certificate: Annotated[
         Path | None,
         typer.Option(
             "--certificate",
-            help="Verify this certificate instead, in exact arithmetic; with ROBOT also that it is about it.",
+            help="Verify this certificate instead, in exact arithmetic; with ROBOT, also that it speaks of this robot.",
         ),
     ] = None,
     output: Annotated[

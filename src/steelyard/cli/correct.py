@@ -15,7 +15,7 @@ __all__ = ["correct"]
 
 def correct(
     robot: Annotated[Path, typer.Argument(help="URDF or robot.toml.")],
-    estimate: Annotated[Path, typer.Argument(help="estimate.json.")],
+    estimate: Annotated[Path, typer.Argument(help="The estimate.json that identify saved.")],
     output: Annotated[Path, typer.Option("--output", "-o", help="File for the corrected estimate (JSON).")],
     consistency: ConsistencyOption = Consistency.FULL,
     metric: Annotated[

@@ -15,7 +15,7 @@ __all__ = ["explain"]
 
 def explain(
     robot: Annotated[Path, typer.Argument(help="URDF or robot.toml.")],
-    estimate: Annotated[Path, typer.Argument(help="estimate.json.")],
+    estimate: Annotated[Path, typer.Argument(help="The estimate.json that identify saved.")],
     output: Annotated[Path | None, typer.Option("--output", "-o", help="File for the same as JSON.")] = None,
     consistency: ConsistencyOption = Consistency.FULL,
     allow_extensions: AllowExtensions = False,

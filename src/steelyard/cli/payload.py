@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 import typer
 
-from .choices import Changes, Consistency, ConsistencyOption, Weights
+from .choices import AllowExtensions, Changes, Consistency, ConsistencyOption, Weights
 from .screen import echo
 from .terminal import progress
 
@@ -40,6 +40,7 @@ def payload(
     consistency: ConsistencyOption = Consistency.FULL,
     weights: Annotated[Weights, typer.Option(help="How the joints are weighted.")] = Weights.JOINT,
     chunk_rows: Annotated[int, typer.Option(help="Rows of a log that stand in memory together.", min=1000)] = 200_000,
+    allow_extensions: AllowExtensions = False,
 ) -> None:
     """Tell mass, centre of mass and inertia of what a robot carries, from its logs without and with it.
 
@@ -55,7 +56,7 @@ def payload(
             f"steelyard payload needs ROBOT UNLOADED LOADED, or ROBOT LOADED with --estimate, got {len(logs)} "
             f"log{'s' * (len(logs) != 1)}{' and an estimate' if estimate else ''}."
         )
-    file = RobotFile.load(robot)
+    file = RobotFile.load(robot, allow_extensions=allow_extensions)
     gains = LogColumns.from_dict(file.section("log"), f"{file.path}, [log]").finds_gains
     if mass is not None and not gains:
         raise InputError(

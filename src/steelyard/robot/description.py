@@ -133,7 +133,10 @@ def read_description(
     chosen = description_format(path)
     if chosen is None:
         known = ", ".join(f"a .{name}" for name in DESCRIPTION_FORMATS.names() if name != "robot")
-        raise InputError(f"{path}: a robot is described by {known} or a .toml file, got the suffix {path.suffix!r}")
+        raise InputError(
+            f"{path}: a robot is described by {known} or a .toml file, got the suffix {path.suffix!r}; "
+            "give the path of one."
+        )
     if chosen is URDF:
         return chosen.read(path, tip, locked, gravity)
     with faults_told(f"{path} cannot be read", "mend the file, or the package that reads it"):
