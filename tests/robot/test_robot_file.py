@@ -103,6 +103,22 @@ def test_an_unknown_table_is_refused(write):
         RobotFile.load(write(ROWS)).section("lgo")
 
 
+INERTIAL = (
+    '[[description.inertials]]\nlink = "link2"\nmass = 2\ncenter_of_mass = [0, 0.1, 0]\ninertia = [3, 0, 0, 2, 1, 2]\n'
+)
+
+
+def test_inertials_of_dh_rows(write):
+    robot = RobotFile.load(write(ROWS + INERTIAL)).robot
+    assert robot.links[0].inertia is None
+    assert robot.links[1].inertia.parameters.tolist() == pytest.approx([3.02, 0, 0, 2, 1, 2.02, 0, 0.2, 0, 2])
+    same = Robot.from_dh([("pi/2", 0, 0.1273, "q"), (0, -0.612, 0, "q2")], inertias={"link2": robot.links[1].inertia})
+    assert np.array_equal(np.isnan(robot.parameters), np.isnan(same.parameters))
+    assert np.array_equal(np.nan_to_num(robot.parameters), np.nan_to_num(same.parameters))
+    with pytest.raises(InputError, match="given for 'link3', which is no link"):
+        Robot.from_dh([(0, 0, 0, "q")], inertias={"link3": robot.links[1].inertia})
+
+
 BROKEN = {
     "syntax": ("name = \n", r"not valid TOML \(Invalid value \(at line 1"),
     "empty": ("", r"it has no table \[description\]"),
@@ -142,6 +158,18 @@ BROKEN = {
     "limit is text": (ROWS + '[limits]\nlower = ["a", 1]\n', r"lower of joint1 must be a number, got 'a'"),
     "velocity limit negative": (ROWS + "[limits]\nvelocity = -1\n", r"velocity of joint1 must be positive"),
     "limits crossed": (ROWS + "[limits]\nlower = 2\nupper = 1\n", r"lower limit of joint1 is 2, above its upper"),
+    "inertials of a URDF": (
+        '[description]\nurdf = "robots/arm.urdf"\n' + INERTIAL,
+        "'inertials' does not belong to a URDF",
+    ),
+    "inertials as a number": (ROWS + "inertials = 3", r"must be written as \[\[description.inertials\]\]"),
+    "unknown key of an inertia": (ROWS + INERTIAL + "com = [0, 0, 0]\n", r"number 1: 'com' is not known of an inertia"),
+    "inertia of no link": (ROWS + INERTIAL.replace("link2", "link4"), "given for 'link4', which is no link; "),
+    "two inertias": (ROWS + INERTIAL + INERTIAL, r"inertials\]\] number 2: link2 has an inertia already"),
+    "no mass": (ROWS + INERTIAL.replace("mass = 2", ""), "lacks 'mass'; give link, mass, center_of_mass and inertia"),
+    "negative mass": (ROWS + INERTIAL.replace("mass = 2", "mass = -2"), "mass must be a mass in kg, not negative"),
+    "inertia of three": (ROWS + INERTIAL.replace("[3, 0, 0, 2, 1, 2]", "[3, 2, 2]"), "inertia must be six numbers"),
+    "link is a number": (ROWS + INERTIAL.replace('"link2"', "2"), "link must be the name of a link"),
     "limits is a number": ("limits = 3\n" + ROWS, r"limits must be one table \[limits\]"),
 }
 

@@ -11,19 +11,21 @@ from typing import NamedTuple
 import numpy as np
 
 from steelyard.errors import InputError
-from steelyard.files import shown
+from steelyard.files import TomlTable, shown, suggestion
 from steelyard.files.numbers import LARGEST
 
+from .inertia import Inertia
 from .joint import Joint, JointKind, Link
 from .placement import rotation_x, rotation_z, translation
 
-__all__ = ["dh_joints"]
+__all__ = ["dh_inertias", "dh_joints"]
 
 _Shifts = dict[str, tuple[float, float, float]]
 # No cell of a table is longer; Python's parser would recurse through the parentheses of an endless one.
 LONGEST_CELL = 200
 
 COLUMNS = ("alpha", "a", "d", "theta")
+INERTIAL_KEYS = ("link", "mass", "center_of_mass", "inertia")
 
 
 class _Affine(NamedTuple):
@@ -44,7 +46,10 @@ class _Affine(NamedTuple):
 
 
 def dh_joints(
-    rows: Sequence[Sequence[float | str]], convention: str, where: str = "DH table"
+    rows: Sequence[Sequence[float | str]],
+    convention: str,
+    where: str = "DH table",
+    inertias: Mapping[str, Inertia] | None = None,
 ) -> tuple[tuple[Joint, ...], tuple[Link, ...]]:
     """Return the joints and links of a robot, see `Robot.from_dh`; `where` begins the messages."""
     if convention not in ("standard", "modified"):
@@ -54,8 +59,39 @@ def dh_joints(
     if len(rows) == 0:
         raise InputError(f"{where} has no rows; give one row (alpha, a, d, theta) for each joint")
     joints = tuple(_joint(row, number, convention, where) for number, row in enumerate(rows, start=1))
-    links = tuple(Link(f"link{number}") for number in range(1, len(joints) + 1))
-    return joints, links
+    names = [f"link{number}" for number in range(1, len(joints) + 1)]
+    known = inertias or {}
+    for name in known:
+        if name not in names:
+            raise InputError(
+                f"{where}: an inertia is given for {shown(name)}, which is no link; {suggestion(name, names)}"
+            )
+    return joints, tuple(Link(name, known.get(name), own_inertia=known.get(name)) for name in names)
+
+
+def dh_inertias(table: TomlTable) -> dict[str, Inertia]:
+    """Return the inertias of the links that the tables ``inertials`` of a description give, by their names.
+
+    Each has ``link``, ``mass`` (kg), ``center_of_mass`` (3, m) and ``inertia`` (kg m²: xx xy xz yy yz zz about the
+    centre of mass), in the frame of the link.
+    """
+    found: dict[str, Inertia] = {}
+    for where, content in table.tables("inertials", "description.inertials"):
+        one = TomlTable(content, where, INERTIAL_KEYS, "is not known of an inertia")
+        one.require(*INERTIAL_KEYS)
+        name = one.text("link", "the name of a link, such as link1") or ""
+        if name in found:
+            raise InputError(f"{where}: {name} has an inertia already; keep one table for each link")
+        mass = one.number("mass")
+        if mass < 0.0:
+            raise one.refuse("mass", "a mass in kg, not negative")
+        center = one.numbers("center_of_mass", 3, expected="three numbers in m")
+        elements = one.numbers(
+            "inertia", 6, expected="six numbers in kg m², xx xy xz yy yz zz about the centre of mass"
+        )
+        xx, xy, xz, yy, yz, zz = elements
+        found[name] = Inertia.from_com(mass, center, [[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]])
+    return found
 
 
 def _joint(row: Sequence[float | str], number: int, convention: str, where: str) -> Joint:

@@ -25,7 +25,7 @@ DEFAULT_TERMS = ("viscous", "coulomb", "offset")
 """The terms of a file that names none: every robot has friction, and few drives measure exactly zero torque at rest."""
 FILE_KEYS = ("tip", "locked", "gravity")
 LIMITS = {"lower": "lower", "upper": "upper", "velocity": "velocity_limit", "effort": "effort_limit"}
-DH_KEYS = ("convention", "rows", "lengths", "gravity")
+DH_KEYS = ("convention", "rows", "lengths", "inertials", "gravity")
 
 
 @dataclass(frozen=True, eq=False)
@@ -164,9 +164,9 @@ def _describe(path: Path, description: dict[str, Any]) -> Robot:
         lengths = description.get("lengths", {})
         if not isinstance(lengths, dict) or not all(is_number(value) for value in lengths.values()):
             raise table.refuse("lengths", "a table of names and numbers in m")
-        from .dh import dh_joints  # a format is loaded when it is read
+        from .dh import dh_inertias, dh_joints  # a format is loaded when it is read
 
-        joints, links = dh_joints(rows, description.get("convention", "standard"), where)
+        joints, links = dh_joints(rows, description.get("convention", "standard"), where, dh_inertias(table))
         return Robot(path.stem, joints, links, np.asarray(gravity, dtype=object)).with_lengths(lengths)
 
     source, tip = path.parent / (table.text(given[0], "a path") or ""), table.text("tip", "the name of a link")

@@ -17,7 +17,7 @@ from steelyard.display import html_table
 from steelyard.errors import InputError
 from steelyard.files import suggestion
 
-from .inertia import INERTIA_SYMBOLS
+from .inertia import INERTIA_SYMBOLS, Inertia
 from .joint import Attachment, Joint, Link
 from .placement import frozen
 
@@ -264,6 +264,7 @@ class Robot:
         convention: str = "standard",
         name: str = "robot",
         gravity: ArrayLike = (0, 0, -9.81),
+        inertias: Mapping[str, Inertia] | None = None,
     ) -> Robot:
         """A serial robot from Denavit-Hartenberg rows (thesis 2.1).
 
@@ -279,16 +280,20 @@ class Robot:
             Name of the robot.
         gravity : (3,) array
             Acceleration of gravity in the base frame, m/s².
+        inertias : mapping from name of a link to Inertia, optional
+            What CAD says, in the frame of the link.
 
         Returns
         -------
         Robot
-            Joints "joint1", ... and links "link1", ..., whose inertia is unknown; the base is "base".
+            Joints "joint1", ... and links "link1", ..., whose inertia is unknown where none is given; the base is
+            "base".
 
         Raises
         ------
         InputError
-            When a row cannot be understood; the message names the row and the column.
+            When a row cannot be understood; the message names the row and the column. When an inertia is given for
+            what is no link.
 
         Examples
         --------
@@ -297,7 +302,7 @@ class Robot:
         """
         from .dh import dh_joints  # a format is loaded when it is read
 
-        joints, links = dh_joints(rows, convention)
+        joints, links = dh_joints(rows, convention, inertias=inertias)
         return cls(name, joints, links, np.asarray(gravity, dtype=object))
 
     @classmethod
