@@ -36,8 +36,11 @@ def information(arm, random, payload=None, **options):
     return sy.Information.from_samples(arm.model, arm.samples(random, payload, **options))
 
 
-@pytest.mark.parametrize("mass", [0.5, 5.0])
-def test_without_noise_the_payload_is_exact(arm, mass):
+@pytest.mark.parametrize(
+    ("name", "mass"), [("ur5", 0.5), ("ur5", 5.0), pytest.param("panda", 2.0, marks=pytest.mark.slow)]
+)
+def test_without_noise_the_payload_is_exact(name, mass):
+    arm = SimulatedArm(name)
     random = np.random.default_rng(3)
     held = Payload.random(random, mass)
     both = [information(arm, random, p, noise=0.0, motion=thinned(arm.motion(random))) for p in (None, held)]
@@ -46,7 +49,7 @@ def test_without_noise_the_payload_is_exact(arm, mass):
     np.testing.assert_allclose(found.center_of_mass, held.com, atol=1e-6)
     np.testing.assert_allclose(found.inertia, held.about_com, atol=1e-6 * mass)
     assert {one.standing for one in found.quantities} == {"measured"}
-    assert all(np.abs(one.upper - one.lower) < 2e-3 for one in found.quantities)
+    assert all(one.upper - one.lower < 2e-2 for one in found.quantities)
     assert found.distance == pytest.approx(0.0, abs=1e-6)
     assert found.robot_alone_error > 0.05 > 1e-9 > found.loaded_error
 
@@ -265,3 +268,52 @@ def test_intervals_hold_the_truth(arm, mass):
         inside.append([mass in found["mass"], *(c in found[f"c{a}"] for a, c in zip("xyz", held.com, strict=True))])
     assert np.abs(errors).max() < 0.02
     assert np.mean(inside) > 0.88  # of 80 draws with 95 % each, fewer than 71 come in one case of a hundred
+
+
+ODD = {
+    "gantry": [("pi/2", 0, "q", 0)] * 3,
+    "scara": [(0, 0.3, 0.3, "q"), ("pi", 0.3, 0, "q"), (0, 0, "q", 0)],
+    "arm": [("pi/2", 0, 0.3, "q"), (0, 0.4, 0, "q"), ("pi/2", 0.3, 0, "q")],
+}
+SHOWN = {
+    # A gantry accelerates its payload and never turns it; a SCARA turns it about vertical axes alone.
+    ("gantry", 2): {"mass": "measured", "cx": "open", "cy": "open", "cz": "open", "Ixx": "open"},
+    ("scara", 2): {"mass": "measured", "cx": "measured", "cy": "measured", "cz": "open", "Ixx": "open"},
+    ("arm", 2): dict.fromkeys(("mass", "cx", "cy", "cz", "Ixx", "Ixy", "Ixz", "Iyy", "Iyz", "Izz"), "measured"),
+    # The first link of the arm turns about a vertical axis, where friction with the load is another one.
+    ("arm", 0): {"mass": "open", "cx": "open", "Ixx": "open"},
+}
+
+
+@pytest.mark.parametrize(("kind", "link"), SHOWN)
+@pytest.mark.parametrize("noise", [0.0, 1e-3])
+def test_what_other_robots_show_of_a_payload(kind, link, noise):
+    robot = sy.Robot.from_dh(ODD[kind])
+    terms = [sy.Viscous(), sy.Coulomb(), sy.Offset()]
+    if kind == "arm":
+        terms = [sy.MotorSide(coupling=[[1, 0, 0], [0, 1, 1], [0, 0, 1]])]
+    model = sy.Model(robot.with_terms(*terms))
+    random = np.random.default_rng(15)
+    q, dq, ddq = random.normal(size=(3, 500, 3))
+    alone = np.full(model.parameter_count, 0.3)
+    for columns in model.link_columns:
+        alone[columns] = sy.Inertia.from_com(2.0, random.uniform(-0.1, 0.1, 3), 0.02 * np.eye(3)).parameters
+    truth = {"mass": 0.7, "cx": 0.03, "cy": -0.02, "cz": 0.1, "Ixx": 0.004, "Iyy": 0.004, "Izz": 0.004}
+    held = sy.Inertia.from_com(0.7, [0.03, -0.02, 0.1], 0.004 * np.eye(3)).parameters
+    loaded = alone.copy()
+    loaded[model.link_columns[link]] += held
+    both = []
+    for parameters in (alone, loaded):
+        torque = model.inverse_dynamics(q, dq, ddq, parameters)
+        torque = torque + noise * np.sqrt(np.mean(torque**2, axis=0)) * random.normal(size=torque.shape)
+        both.append(sy.Information.from_samples(model, sy.Samples(q=q, dq=dq, ddq=ddq, torque=torque)))
+    found = estimate_payload(CarriedBody(model, link), both[1], both[0])
+    assert {name: found[name].standing for name in SHOWN[kind, link]} == SHOWN[kind, link]
+    for name, value in truth.items():
+        one = found[name]
+        width = one.upper - one.lower
+        assert one.lower - 0.5 * width <= value <= one.upper + 0.5 * width, name  # far outside 95 % intervals
+        assert not (np.isnan(one.value) and one.standing == "measured")
+        assert np.isnan(one.value) or one.standing != "open"
+        if noise == 0.0 and one.standing == "measured":
+            assert one.value == pytest.approx(value, abs=1e-7)

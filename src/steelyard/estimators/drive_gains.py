@@ -315,7 +315,9 @@ class _Search:
         """Standard deviations of the currents' noise, from each joint by itself, which needs no gain, (N,)."""
         floor = NOISE_FREE * self.sizes / np.sqrt(self.counts)
         freedom = np.maximum(self.counts - np.array([len(f.columns) for f in self.currents.factors]), 1)
-        lost = np.array([abs(float(f.triangle[-1, -1])) for f in self.currents.factors])
+        # The last element of a triangle is no residual where columns before it depend on each other.
+        left = [rho - R @ _least_squares(R, rho) for R, rho in zip(self.R, self.rho, strict=True)]
+        lost = np.array([float(np.linalg.norm(one)) for one in left])
         return np.asarray(np.maximum(lost / np.sqrt(freedom), floor))
 
     def started(self, corrected: bool = True) -> tuple[Array, Array]:
