@@ -2,7 +2,7 @@ import numpy as np
 import pytest
 
 from steelyard.conic import Cone, Outcome, solve
-from steelyard.conic.accuracy import optimality_error
+from steelyard.conic.problem import optimality_error
 from steelyard.conic.scaling import Scaling, equilibrate, scaling_around
 from steelyard.lmi import symmetric_to_vector, vector_to_symmetric
 

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from steelyard.conic import SemidefiniteProgram
-from steelyard.conic.accuracy import least_distance
+from steelyard.conic.problem import least_distance
 from steelyard.errors import InputError
 
 # Example 1 of the SDPA user's manual, whose optimal value -41.9 it prints.

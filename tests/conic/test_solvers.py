@@ -6,7 +6,7 @@ import scipy.linalg
 import scipy.optimize
 
 from steelyard.conic import Cone, ConicProblem, Outcome, SemidefiniteProgram, solve
-from steelyard.conic.accuracy import (
+from steelyard.conic.problem import (
     dual_error,
     infeasibility_error,
     least_distance,

@@ -19,7 +19,6 @@ from numpy.typing import NDArray
 from steelyard.errors import InputError, MissingExtraError
 from steelyard.files import require_file
 
-from . import mesh_child
 from .shapes import coal_or_none
 
 __all__ = ["MeshArrays", "find_mesh", "read_mesh", "read_meshes"]
@@ -168,7 +167,7 @@ def _asked(paths: Sequence[Path], libraries: Sequence[str]) -> tuple[BytesIO, st
     """Read meshes in another process; return its answers, and how it ended."""
     environment = {**os.environ, "PYTHONPATH": os.pathsep.join(filter(None, sys.path)), "OPENBLAS_NUM_THREADS": "1"}
     seconds = TIME + TIME_PER_BYTE * sum(path.stat().st_size for path in paths)
-    command = [sys.executable, "-P", mesh_child.__file__, *libraries]
+    command = [sys.executable, "-P", str(Path(__file__).with_name("mesh_child.py")), *libraries]
     request = json.dumps([os.path.abspath(path) for path in paths]).encode()
     try:
         done = subprocess.run(

@@ -10,9 +10,19 @@ import scipy.sparse as sparse
 
 from steelyard.errors import SolverError
 
-from .accuracy import dual_error, gap_error, infeasibility_error, least_distance, primal_error, recession_error
 from .external_solver import CSDP, DSDP, SDPA, Answer, ExternalSolver, run_program
-from .problem import Cone, ConicProblem, ConicSolution, Outcome
+from .problem import (
+    Cone,
+    ConicProblem,
+    ConicSolution,
+    Outcome,
+    dual_error,
+    gap_error,
+    infeasibility_error,
+    least_distance,
+    primal_error,
+    recession_error,
+)
 from .rewriting import Decided, Rewritten, rewrite
 from .scaling import Scaling, equilibrate, scaling_around
 from .semidefinite_program import SemidefiniteProgram

@@ -9,8 +9,7 @@ import numpy as np
 import numpy.typing as npt
 import scipy.sparse as sparse
 
-from .accuracy import infeasibility_error, optimality_error, recession_error
-from .problem import Cone, ConicProblem, ConicSolution, Outcome
+from .problem import Cone, ConicProblem, ConicSolution, Outcome, infeasibility_error, optimality_error, recession_error
 from .scaling import Scaling, equilibrate, scaling_around
 from .solver import FEATURES, Solver
 

@@ -17,7 +17,7 @@ from steelyard.estimators.carried_body import CarriedBody, Changes, mounting
 from steelyard.estimators.drive_gains import DriveGains, KnownPayload, estimate_drive_gains
 from steelyard.estimators.payload_estimate import KnownRobot, PayloadEstimate, estimate_payload
 from steelyard.feasibility.constraints import constraints_from_dict
-from steelyard.feasibility.constraints.entries import read_placement
+from steelyard.feasibility.constraints.toml_section import read_placement
 from steelyard.files import TomlTable, suggestion, write_json
 from steelyard.regression import Estimate, Information
 from steelyard.regression.batch_means import BatchSums

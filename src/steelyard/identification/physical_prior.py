@@ -9,21 +9,11 @@ from typing import TYPE_CHECKING, Literal
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from steelyard import collision
+from steelyard import collision, feasibility  # their classes are imported when they are used
 from steelyard.dynamics import Model
 from steelyard.errors import InputError, MissingExtraError
 from steelyard.feasibility import FeasibleSet
-from steelyard.feasibility.constraints import (
-    CenterOfMassBox,
-    CenterOfMassHull,
-    CenterOfMassSphere,
-    Constraint,
-    DensityInBox,
-    DensityInEllipsoid,
-    MeasuredMass,
-    SymmetricLink,
-    TotalMass,
-)
+from steelyard.feasibility.constraints import Constraint
 from steelyard.regression import Information
 from steelyard.robot import Robot
 from steelyard.robot.description import URDF, description_format
@@ -35,6 +25,7 @@ from .kinematic_bodies import SHORTEST_REACH, kinematic_bodies, lengths_beyond, 
 if TYPE_CHECKING:
     from steelyard.collision import PlacedShape, RobotGeometry
     from steelyard.collision.robot_geometry import GeometryElement
+    from steelyard.feasibility.constraints import MeasuredMass, SymmetricLink, TotalMass
 
 __all__ = ["LinkPrior", "PhysicalPrior", "physical_prior"]
 
@@ -105,8 +96,6 @@ HEAVIEST = 1000.0
 
 SMALLEST_SHAPE = 0.005  # times the reach of the robot; below, it stands for nothing
 LARGEST_LINK = 20.0  # times the reach of the robot; beyond, the mesh is in another unit
-
-_OWN_BOUNDS = (CenterOfMassBox, CenterOfMassSphere, CenterOfMassHull, DensityInBox, DensityInEllipsoid)
 
 
 @dataclass(frozen=True, eq=False)
@@ -200,19 +189,19 @@ class PhysicalPrior:
         that the model does not have), and its mass within a factor of the prior's. What the user states of a link is
         not stated again.
         """
-        placed = {getattr(one, "link", None) for one in self.user_constraints if isinstance(one, _OWN_BOUNDS)}
+        placed = {getattr(one, "link", None) for one in self.user_constraints if _bounds_center_of_mass(one)}
         weighed = _links_with_stated_mass(self.model, self.user_constraints)
         found: list[Constraint] = []
         for link in self.links:
             if np.isfinite(link.lower).all() and link.link not in placed:
                 center, half = (link.lower + link.upper) / 2.0, (link.upper - link.lower) / 2.0
                 semi_axes = np.sqrt(3.0) * half + link.farthest
-                found.append(CenterOfMassBox(link.link, link.lower.tolist(), link.upper.tolist()))
-                found.append(DensityInEllipsoid(link.link, center.tolist(), semi_axes.tolist()))
+                found.append(feasibility.CenterOfMassBox(link.link, link.lower.tolist(), link.upper.tolist()))
+                found.append(feasibility.DensityInEllipsoid(link.link, center.tolist(), semi_axes.tolist()))
             if link.link not in weighed:
                 mass, factor = float(link.parameters[9]), MASS_RANGE[link.source]
                 most = max(mass * factor, LEAST_ALLOWANCE)
-                found.append(TotalMass(minimum=mass / factor, maximum=most, links=(link.link,)))
+                found.append(feasibility.TotalMass(minimum=mass / factor, maximum=most, links=(link.link,)))
         return tuple(found)
 
     def scaled(self, factors: float | ArrayLike) -> PhysicalPrior:
@@ -466,7 +455,7 @@ class _Gathering:
             self._because(name, text)
         body = self._possible(name, total, stand_in)
         center, half = (lower + upper) / 2.0, (upper - lower) / 2.0
-        ellipsoid = DensityInEllipsoid(name, center.tolist(), (np.sqrt(3.0) * half + self.reach).tolist())
+        ellipsoid = feasibility.DensityInEllipsoid(name, center.tolist(), (np.sqrt(3.0) * half + self.reach).tolist())
         if float(moment_row(ellipsoid.quadratic) @ body) < 0.1 * body[9]:
             about = stand_in / stand_in[3, 3]
             second = about[:3, :3] - np.outer(about[:3, 3], about[:3, 3])
@@ -626,17 +615,25 @@ def _links_with_stated_mass(model: Model, constraints: Sequence[Constraint]) -> 
     names = model.robot.link_names
     found: set[str] = set()
     for one in constraints:
-        if isinstance(one, MeasuredMass) or (isinstance(one, TotalMass) and _exact(one) is not None):
+        if isinstance(one, feasibility.MeasuredMass) or (
+            isinstance(one, feasibility.TotalMass) and _exact(one) is not None
+        ):
             found.update(one.links or names)
-        elif not isinstance(one, (TotalMass, SymmetricLink, *_OWN_BOUNDS)):
+        elif not (isinstance(one, (feasibility.TotalMass, feasibility.SymmetricLink)) or _bounds_center_of_mass(one)):
             touched = {int(index) for block in one.blocks(model) for index in block.indices}
             touched |= {int(index) for equality in one.equalities(model) for index in equality.indices}
             found.update(n for n, columns in zip(names, model.link_columns, strict=True) if int(columns[9]) in touched)
     return frozenset(found)
 
 
+def _bounds_center_of_mass(one: Constraint) -> bool:
+    """Tell whether a constraint says where the mass of one link lies."""
+    names = ("CenterOfMassBox", "CenterOfMassSphere", "CenterOfMassHull", "DensityInBox", "DensityInEllipsoid")
+    return isinstance(one, tuple(getattr(feasibility, name) for name in names))
+
+
 def _exact(one: MeasuredMass | TotalMass) -> float | None:
-    if isinstance(one, MeasuredMass):
+    if isinstance(one, feasibility.MeasuredMass):
         return float(one.value)
     if one.equal is not None:
         return float(one.equal)
@@ -647,7 +644,7 @@ def _with_stated(links: tuple[LinkPrior, ...], constraints: Sequence[Constraint]
     """Links with the symmetries and the masses that the user states."""
     found = {link.link: link for link in links}
     for one in constraints:
-        if isinstance(one, SymmetricLink) and one.link in found:
+        if isinstance(one, feasibility.SymmetricLink) and one.link in found:
             found[one.link] = _symmetric(found[one.link], one)
     return _with_masses(list(found.values()), constraints, exactly=True)
 
@@ -657,12 +654,12 @@ def _with_masses(links: Sequence[LinkPrior], constraints: Sequence[Constraint], 
     statements: list[tuple[set[str], float, float]] = []
     stated: set[str] = set()
     for one in constraints:
-        if isinstance(one, (MeasuredMass, TotalMass)):
+        if isinstance(one, (feasibility.MeasuredMass, feasibility.TotalMass)):
             names, value = set(one.links or [link.link for link in links]), _exact(one)
             if value is not None:
                 stated |= names
                 statements.append((names, value, value))
-            elif isinstance(one, TotalMass):
+            elif isinstance(one, feasibility.TotalMass):
                 statements.append((names, one.minimum or 0.0, np.inf if one.maximum is None else float(one.maximum)))
     factors = {link.link: 1.0 for link in links}
     masses = {link.link: float(link.parameters[9]) for link in links}

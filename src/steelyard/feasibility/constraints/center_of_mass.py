@@ -14,8 +14,8 @@ from steelyard.errors import InputError
 from steelyard.lmi import AffineBlock
 
 from .constraint import Equality, ModelLike
-from .entries import read_quantity, read_vector, table
 from .links import LinkParameters, equation, scalar_block
+from .toml_section import read_quantity, read_vector, table
 
 __all__ = ["CenterOfMassBox", "CenterOfMassSphere"]
 

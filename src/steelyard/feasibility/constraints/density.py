@@ -16,8 +16,8 @@ from steelyard.lmi import AffineBlock
 from steelyard.robot.inertia import PSEUDO_INERTIA, moment_row
 
 from .constraint import Equality, ModelLike
-from .entries import read_rotation, read_vector, table
 from .links import LinkParameters
+from .toml_section import read_rotation, read_vector, table
 
 __all__ = ["DensityInBox", "DensityInEllipsoid"]
 

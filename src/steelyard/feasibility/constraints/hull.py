@@ -19,8 +19,8 @@ from steelyard.files.arrays import read_array
 from steelyard.lmi import AffineBlock
 
 from .constraint import Equality, ModelLike
-from .entries import read_placement, read_quantity, table
 from .links import LinkParameters, equation
+from .toml_section import read_placement, read_quantity, table
 
 __all__ = ["CenterOfMassHull", "ConvexHullForm", "convex_hull", "read_points"]
 

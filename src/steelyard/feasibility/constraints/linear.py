@@ -18,8 +18,8 @@ from steelyard.lmi import AffineBlock, LinearExpression, as_expression
 from steelyard.regression import Estimate
 
 from .constraint import Equality, ModelLike
-from .entries import read_quantity, table
 from .links import scalar_block
+from .toml_section import read_quantity, table
 
 __all__ = ["ConfidenceInterval", "LinearBound", "confidence_intervals"]
 

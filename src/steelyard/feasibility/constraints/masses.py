@@ -15,8 +15,8 @@ from steelyard.files import is_real
 from steelyard.lmi import AffineBlock
 
 from .constraint import Equality, ModelLike
-from .entries import read_quantity, table
 from .links import LinkParameters, scalar_block
+from .toml_section import read_quantity, table
 
 __all__ = ["MeasuredMass", "TotalMass"]
 

@@ -17,8 +17,8 @@ from steelyard.robot.inertia import transformation
 from steelyard.robot.placement import axis_frame
 
 from .constraint import Equality, ModelLike
-from .entries import read_placement, read_vector, table
 from .links import LinkParameters, equation, independent_rows
+from .toml_section import read_placement, read_vector, table
 
 __all__ = ["EqualLinks", "SymmetricLink"]
 
