@@ -169,14 +169,18 @@ def add_log_determinants(
 
 
 def minimise(
-    function: Function, start: Matrix, basis: Matrix | None = None, accuracy: float = 1e-3, steps: int = 100
+    function: Function,
+    start: Matrix,
+    basis: Matrix | None = None,
+    accuracy: float = 1e-3,
+    steps: int = 100,
+    problems: Indices | None = None,
 ) -> Matrix:
     """Minimise a function from each of many points, by damped Newton steps.
 
     Parameters
     ----------
     function : Function
-        Problem k is that of the k-th point.
     start : (p, n)
         Points of its domain.
     basis : (n, m), optional
@@ -185,6 +189,8 @@ def minimise(
         A problem is solved where a Newton step promises a decrease of less.
     steps : int
         At most.
+    problems : (p,), optional
+        Which of the problems of the function that of each point is; k for the k-th point where absent.
 
     Returns
     -------
@@ -192,10 +198,11 @@ def minimise(
     """
     points = np.array(start, dtype=float)
     active = np.arange(len(points))
-    values = function.value(points, active)
+    which = active if problems is None else problems
+    values = function.value(points, which)
     for _ in range(steps):
-        step, decrease, _ = newton_step(function, points[active], active, basis)
-        points[active], values[active] = damped(function, points[active], active, values[active], step, decrease)
+        step, decrease, _ = newton_step(function, points[active], which[active], basis)
+        points[active], values[active] = damped(function, points[active], which[active], values[active], step, decrease)
         active = active[0.5 * decrease > accuracy]
         if not len(active):
             break
