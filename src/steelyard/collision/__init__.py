@@ -7,7 +7,9 @@ from steelyard.first_use import import_at_first_use
 if TYPE_CHECKING:
     from .geometry_tables import GEOMETRY_KEYS as GEOMETRY_KEYS
     from .geometry_tables import geometry_from_dict as geometry_from_dict
+    from .mesh_files import find_mesh as find_mesh
     from .mesh_files import read_mesh as read_mesh
+    from .mesh_files import read_meshes as read_meshes
     from .obstacles import Obstacle as Obstacle
     from .obstacles import ObstacleClearance as ObstacleClearance
     from .robot_geometry import PlacedShape as PlacedShape

@@ -103,7 +103,7 @@ def read_mesh(path: Path) -> MeshArrays:
     return found
 
 
-def read_meshes(paths: Iterable[Path], largest: int = LARGEST) -> dict[Path, MeshArrays | InputError]:
+def read_meshes(paths: Iterable[Path], largest: int | None = None) -> dict[Path, MeshArrays | InputError]:
     """Read mesh files: STL, OBJ, COLLADA, PLY and other formats that coal or trimesh can read.
 
     Another process with limits of memory and time reads them, because damaged files may crash the libraries, exhaust
@@ -112,8 +112,8 @@ def read_meshes(paths: Iterable[Path], largest: int = LARGEST) -> dict[Path, Mes
     Parameters
     ----------
     paths : iterable of path
-    largest : int
-        Bytes above which a file is not read.
+    largest : int, optional
+        Bytes above which a file is not read; by default 500 million.
 
     Returns
     -------
@@ -125,6 +125,7 @@ def read_meshes(paths: Iterable[Path], largest: int = LARGEST) -> dict[Path, Mes
     MissingExtraError
         If neither package is installed.
     """
+    largest = LARGEST if largest is None else largest
     found: dict[Path, MeshArrays | InputError] = {}
     waiting: list[Path] = []
     for path in dict.fromkeys(paths):

@@ -11,17 +11,19 @@ from typing import TYPE_CHECKING, Literal
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from steelyard import collision  # meshes are read by what is imported when there are any
 from steelyard.errors import InputError
 from steelyard.files import suggestion
 from steelyard.robot import Robot
 from steelyard.robot.placement import frozen
 from steelyard.robot.urdf_document import UrdfReader, parse_urdf
 
-from .mesh_files import LARGEST, MeshArrays, find_mesh, read_meshes
 from .shapes import Box, Capsule, Cylinder, Mesh, Shape, Sphere
 
 if TYPE_CHECKING:
     from lxml import etree
+
+    from .mesh_files import MeshArrays
 
 __all__ = ["GeometryElement", "MeshKind", "PlacedShape", "RobotGeometry", "shapes_from_urdf", "shapes_of_moving_links"]
 
@@ -282,7 +284,9 @@ def shapes_of_moving_links(
 
 
 class _ShapeReader(UrdfReader):
-    def __init__(self, path: Path, meshes: MeshKind, packages: Sequence[str | Path], largest: int = LARGEST) -> None:
+    def __init__(
+        self, path: Path, meshes: MeshKind, packages: Sequence[str | Path], largest: int | None = None
+    ) -> None:
         super().__init__(path)
         self.exact = meshes == "exact"
         self.packages = packages
@@ -327,8 +331,8 @@ class _ShapeReader(UrdfReader):
         for element in elements:
             for mesh in element.iterfind(f".//{self.namespace}mesh"):
                 with contextlib.suppress(InputError):
-                    found.append(find_mesh(mesh.get("filename", ""), self.path, self.packages))
-        self.files = read_meshes(found, self.largest)
+                    found.append(collision.find_mesh(mesh.get("filename", ""), self.path, self.packages))
+        self.files = collision.read_meshes(found, self.largest) if found else {}
 
     def placed_shape(self, element: etree._Element, owner: str) -> tuple[Shape, Array]:
         """Read the shape of a ``<collision>`` or ``<visual>`` element, and its frame in that of the link."""
@@ -363,7 +367,7 @@ class _ShapeReader(UrdfReader):
         raise InputError(f"<{kind}> is no shape that is read; {suggestion(kind, KINDS)}")
 
     def mesh(self, element: etree._Element, owner: str) -> Mesh:
-        file = find_mesh(self.text(element, "filename", owner), self.path, self.packages)
+        file = collision.find_mesh(self.text(element, "filename", owner), self.path, self.packages)
         scale = np.array(self.vector(element, "scale", owner, (1.0, 1.0, 1.0)))
         if not scale.all():
             raise InputError(f"the scale of a mesh must not be 0, got {element.get('scale')!r}")
