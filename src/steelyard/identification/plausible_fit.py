@@ -193,7 +193,7 @@ def plausible_fit(
 
 
 def _plausible_set(feasible_set: FeasibleSet, known: PhysicalPrior) -> tuple[FeasibleSet, PhysicalPrior]:
-    """The set with the conditions of the prior; without them where the user's constraints leave no room for both."""
+    """The set with the conditions of the prior beside those of the user, and the prior."""
     constraints: list[Constraint] = [*feasible_set.constraints, *known.constraints]
     found = FeasibleSet(feasible_set.model, feasible_set.consistency, constraints, feasible_set.margin)
     return found, known
