@@ -46,8 +46,11 @@ def test_the_report_is_bounded(many, identification):
 def test_the_terminal_is_bounded(many, capsys):
     terminal.show_identification(many[0])
     lines = capsys.readouterr().out.splitlines()
-    assert len(lines) < 300
-    assert sum("Relative error of the torque" in line for line in lines) == MOST_LOGS + 1
+    assert len(lines) < 120
+    assert (
+        sum(bool(re.search(r"  (identification|validation) +[\d.]+% +[\d.]+%", line)) for line in lines)
+        == MOST_LOGS + 1
+    )
     notes = [line for line in lines if line.startswith("Note: ")]
     assert len(notes) == MOST_REMARKS
     assert any(line == "Note: day0/log0000.csv, day0/log0001.csv and 1998 more: Jitters." for line in notes)

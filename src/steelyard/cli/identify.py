@@ -46,6 +46,7 @@ def identify(
         str, typer.Option(help="What estimates the parameters: fit, or one that a package adds.")
     ] = "fit",
     chunk_rows: Annotated[int, typer.Option(help="Rows of a log that stand in memory together.", min=1000)] = 200_000,
+    table: Annotated[bool, typer.Option("--table", help="Print all the parameters, as in parameters.csv.")] = False,
     allow_extensions: AllowExtensions = False,
 ) -> None:
     """Identify a robot's dynamic parameters from its logs, physically feasible, with a report."""
@@ -73,7 +74,7 @@ def identify(
         )
         say("writing the report")
         save_results(result, output, force=force)
-    show_identification(result)
+    show_identification(result, whole_table=table)
     echo(f"Look at {output / 'report.html'}")
     if result.prediction.word == "wrong":
         raise typer.Exit(3)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from typing import TYPE_CHECKING, Literal
 
@@ -23,6 +23,8 @@ if TYPE_CHECKING:
 # Those of a chain of 44 joints. With more the graph of the regressor takes seconds; for 300 joints it takes minutes and
 # gigabytes.
 _MOST_BLOCKS = 1000
+_MOST_ROWS = 25  # of a table; what is longer stands in files
+_MOST_VIOLATIONS = 4
 
 __all__ = ["progress", "show_excitation", "show_identification", "show_model"]
 
@@ -68,47 +70,78 @@ def _show(console: Console, table: Table) -> None:
     console.width = width
 
 
-def show_identification(result: Identification) -> None:
-    """Print verdict, errors per joint, infeasible links and remarks."""
+def _bounded(console: Console, heads: Sequence[str], rows: Sequence[Sequence[str]], place: str) -> None:
+    """Print at most `_MOST_ROWS` rows, and say where the others are; what is no number stands at the left."""
+    from rich.markup import escape
+
+    table = _table(*heads)
+    for column, head in zip(table.columns, heads, strict=True):
+        if head in ("role", "unit", "rests on"):
+            column.justify = "left"
+    for row in rows[:_MOST_ROWS]:
+        table.add_row(*(escape(printable(cell)) for cell in row))
+    _show(console, table)
+    if len(rows) > _MOST_ROWS:
+        console.print(f"  and {len(rows) - _MOST_ROWS} more; {place}.")
+
+
+def show_identification(result: Identification, *, whole_table: bool = False) -> None:
+    """Print both verdicts, how well joints and logs are predicted, what the numbers rest on, and remarks.
+
+    Parameters
+    ----------
+    result : Identification
+    whole_table : bool
+        Print the table of all the parameters as well.
+    """
     from rich.console import Console
 
-    from steelyard.report.extent import gathered, shared_words, shown_logs
+    from steelyard.report.extent import gathered, shared_words, short_names, shown_logs
 
     console = Console(highlight=False)
-    shown = shown_logs(result)
-    for prediction in (result.predictions[index] for index in shown):
-        console.print(_text(f"Relative error of the torque, {prediction.role}: {prediction.name}"), soft_wrap=True)
-        table = _table("joint", "least squares", "feasible")
-        pairs = zip(
-            result.estimate.joint_names,
-            prediction.joint_unconstrained_error,
-            prediction.joint_feasible_error,
-            strict=True,
-        )
-        for name, before, after in pairs:
-            table.add_row(_text(name), f"{before:.2%}", f"{after:.2%}")
-        table.add_row("all", f"{prediction.unconstrained_error:.2%}", f"{prediction.feasible_error:.2%}", style="bold")
-        _show(console, table)
+
+    def say(words: str) -> None:
+        console.print(_text(words), soft_wrap=True)
+
+    say(f"{result.model.robot.name}: {result.headline}")
+    for sentence in result.prediction.sentences[1:]:
+        say(sentence)
+    heads, (*rows, whole) = result.joint_table()
+    if len(rows) > _MOST_ROWS - 1:  # those of the largest error are what matters
+        order = np.argsort(-np.nan_to_num(result.prediction.joint_error), kind="stable")[: _MOST_ROWS - 1]
+        say(f"The {len(order)} of {len(rows)} joints whose error is largest (report.html has all):")
+        rows = [rows[index] for index in sorted(order)]
+    _bounded(console, heads, [*rows, whole], "report.html has all")
+    console.print("Relative errors of the torques of each log:")
+    shown, names = shown_logs(result), short_names(result)
+    logs = [(names[index], result.predictions[index]) for index in shown]
+    lines = [(name, one.role, f"{one.unconstrained_error:.2%}", f"{one.feasible_error:.2%}") for name, one in logs]
+    _bounded(console, ("log", "role", "least squares", "answer"), lines, "report.html has all")
     if len(shown) < len(result.predictions):
-        console.print(_text(shared_words(result.predictions, shown)), soft_wrap=True)
-    console.print(_text("Plain least squares: " + str(result.verdict)), soft_wrap=True)
-    mass = result.total_mass
-    console.print(
-        _text(
-            f"Steelyard's answer: every link is physically possible ({result.estimate.consistency}), total moving mass "
-            f"{mass:.4g} kg, relative error {result.estimate.relative_error:.2%}."
-        ),
-        soft_wrap=True,
-    )
-    console.print(
-        _text(
-            f"Excitation: condition number {result.information.condition_number:.4g}, "
-            f"{result.information.base_count} base parameters, {len(result.weak)} of them weakly shown by the data."
-        ),
-        soft_wrap=True,
-    )
+        say(shared_words(result.predictions, shown))
+    verdict, *others = result.verdict.sentences()
+    say("Plain least squares: " + verdict)
+    for sentence in others[:_MOST_VIOLATIONS]:
+        say(f"  {sentence}")
+    if len(others) > _MOST_VIOLATIONS:
+        say(f"  and {len(others) - _MOST_VIOLATIONS} more; report.html has all.")
+    table = result.parameters
+    if table is not None:
+        _bounded(console, *table.link_table(), "parameters.csv has all")
+        total = table["total mass"]
+        spread = "" if table.confidence is None else f", {total.basis}: {total.lower:.4g} to {total.upper:.4g} kg"
+        say(f"Total moving mass {total.value:.4g} kg{spread}. {table.counts}")
+        for sentence in table.sentences:
+            say(sentence)
+    if result.plausible is not None:
+        for sentence in result.plausible.prior.sentences:
+            say(f"Known beforehand: {sentence}")
+        if result.plausible.price is not None:
+            say(result.plausible.price.sentence)
     for remark in gathered((*result.estimate.remarks, *result.remarks), (*result.logs, *result.validation_logs)):
-        console.print(_text(f"Note: {remark}"), soft_wrap=True)
+        say(f"Note: {remark}")
+    if whole_table and table is not None:
+        print(printable(str(table)), file=console.file)  # thousands of rows, for which the console takes seconds
 
 
 def _regressor_blocks(model: Model) -> int:

@@ -20,10 +20,11 @@ from steelyard.files import suggestion
 from steelyard.regression import Estimate, Information, ParameterCovariance
 from steelyard.robot.inertia import moment_row
 
-__all__ = ["Basis", "ParameterRow", "ParameterTable", "parameter_table"]
+__all__ = ["Basis", "LinkRows", "ParameterRow", "ParameterTable", "parameter_table"]
 
 Array = NDArray[np.float64]
 Basis = Literal["measured", "bounded", "assumed", "unknown"]
+_BASES: tuple[Basis, ...] = ("measured", "bounded", "assumed", "unknown")  # the surest first
 
 MEASURED, BOUNDED = 0.2, 1.0
 """Largest half-width of the interval of a parameter that counts as measured, and as bounded, in units of its scale. A
@@ -67,6 +68,26 @@ class ParameterRow:
 
 
 @dataclass(frozen=True, eq=False)
+class LinkRows:
+    """The numbers of one link.
+
+    Attributes
+    ----------
+    name : str
+    mass : ParameterRow
+    center : tuple of ParameterRow
+        x, y and z of the centre of mass in the frame of the link.
+    moments : tuple of ParameterRow
+        Principal moments of inertia about it, ascending.
+    """
+
+    name: str
+    mass: ParameterRow
+    center: tuple[ParameterRow, ...]
+    moments: tuple[ParameterRow, ...]
+
+
+@dataclass(frozen=True, eq=False)
 class ParameterTable:
     """All numbers of an answer; ``table["m3"]`` is one of them.
 
@@ -99,12 +120,57 @@ class ParameterTable:
         """How many rest on it."""
         return sum(row.basis == basis for row in self.rows)
 
+    @property
+    def counts(self) -> str:
+        """How many numbers rest on what, in words."""
+        if self.confidence is None:
+            return (
+                f"None of the {len(self)} numbers has an interval: torques that are filtered or decimated are biased "
+                "by more than noise explains."
+            )
+        told = ", ".join(f"{self.count(basis)} are {basis}" for basis in ("measured", "bounded", "assumed"))
+        return f"Of {len(self)} numbers {told}."
+
+    @property
+    def links(self) -> tuple[LinkRows, ...]:
+        """The rows of each link: mass, centre of mass and principal moments of inertia."""
+        by_name = {row.name: row for row in self.rows}
+        found = []
+        for link in range(1, len(by_name) + 1):
+            if f"cx{link}" not in by_name:
+                break
+            mass, *others = (by_name[f"{part}{link}"] for part in ("m", "cx", "cy", "cz", "J1_", "J2_", "J3_"))
+            found.append(LinkRows(mass.meaning.removeprefix("mass of "), mass, tuple(others[:3]), tuple(others[3:])))
+        return tuple(found)
+
+    def link_table(self) -> tuple[tuple[str, ...], list[tuple[str, ...]]]:
+        """The table of masses and centres of mass, short enough for a terminal: its heads and its rows.
+
+        Columns of intervals and of CAD are left out where there are none.
+        """
+        links = self.links
+        told, described = self.confidence is not None, any(not np.isnan(link.mass.cad) for link in links)
+        heads = ("link", "mass kg", "from", "to", "CAD", "rests on", "centre of mass m", "rests on")
+        shown = (True, True, told, told, described, told, True, told)
+        rows = []
+        for link in links:
+            _, value, lower, upper, cad, _, basis, _ = _written(link.mass)
+            center = ", ".join(
+                "-" if np.isnan(row.value) else f"{round(row.value, 3) + 0.0:.3f}" for row in link.center
+            )
+            weakest = max((row.basis for row in link.center), key=_BASES.index)
+            rows.append((link.name, value, lower, upper, cad, basis, center, weakest))
+
+        def chosen(cells: tuple[str, ...]) -> tuple[str, ...]:
+            return tuple(cell for cell, is_shown in zip(cells, shown, strict=True) if is_shown)
+
+        return chosen(heads), [chosen(row) for row in rows]
+
     def __str__(self) -> str:
         return text_table(HEADS, [_written(row) for row in self.rows], numbers=(1, 2, 3, 4))
 
     def _repr_html_(self) -> str:
-        told = f"{self.count('measured')} measured, {self.count('bounded')} bounded, {self.count('assumed')} assumed"
-        return html_table(told, HEADS, [_written(row) for row in self.rows])
+        return html_table(self.counts, HEADS, [_written(row) for row in self.rows])
 
     def to_csv(self) -> str:
         """The table as comma-separated values, numbers in full, with a line of names."""

@@ -34,8 +34,18 @@ show enough, which is no mistake of the log."""
 NEGLIGIBLE = 1e-3
 """Joints with less than this part of the largest torque are not judged by themselves."""
 
+MOST_NAMED = 4
+"""Joints named in a sentence."""
+
 FEWEST_BATCHES = 20
 """Of a joint: fewer tell nothing of what is white."""
+
+_SAID: dict[Word, str] = {
+    "good": "predicts well",
+    "usable": "predicts usably",
+    "poor": "predicts poorly",
+    "wrong": "does not predict this robot",
+}
 
 
 @dataclass(frozen=True, eq=False)
@@ -78,6 +88,23 @@ class PredictionVerdict:
     noise_floor: Array = field(repr=False)
     whiteness: Array = field(repr=False)
     sentences: tuple[str, ...] = field(default=(), repr=False)
+
+    @property
+    def relative_noise(self) -> float:
+        """Size of the white noise relative to the torques over all the joints; NaN where it could not be told apart."""
+        size = float(np.linalg.norm(self.joint_error))
+        if np.isnan(self.noise_floor).any() or size == 0.0:
+            return float("nan")
+        return self.relative_error * float(np.linalg.norm(self.noise_floor)) / size
+
+    @property
+    def clause(self) -> str:
+        """The word, the error and what noise leaves of it, to follow the name of what predicts."""
+        noise = self.relative_noise
+        aside = ""
+        if not np.isnan(noise):
+            aside = f" ({self.model_error:.1%} without white noise, which is {noise:.1%})"
+        return f"{_SAID[self.word]}: {self.relative_error:.1%} error{aside} on {self.source}"
 
     def _rows(self) -> list[tuple[str, ...]]:
         def number(value: float, unit: str = "") -> str:
@@ -212,8 +239,15 @@ def prediction_verdict(
     shown = torque > NEGLIGIBLE * torque.max(initial=0.0)
     worst = float(held_out[shown].max(initial=0.0)), float(of_fit[shown].max(initial=0.0))
     word = _word(model, own, *worst, tested)
-    sentences = _sentences(word, model, own, source, tested)
-    return PredictionVerdict(word, source, model, whole, tuple(names), relative, error, floor, white, sentences)
+    sentences = list(_sentences(word, model, own, source, tested))
+    for errors, limit, data in ((of_fit, WRONG_JOINT, "the data of the fit"), (held_out, POOR_JOINT, source)):
+        beyond = [f"{names[joint]} ({errors[joint]:.0%})" for joint in np.flatnonzero(shown & (errors > limit))]
+        if beyond and word in ("poor", "wrong"):
+            more = f" and {len(beyond) - MOST_NAMED} more" if len(beyond) > MOST_NAMED else ""
+            listed = ", ".join(beyond[:MOST_NAMED])
+            sentences.insert(1, f"Above {limit:.0%} of the torque of a joint, noise aside, on {data}: {listed}{more}.")
+            break
+    return PredictionVerdict(word, source, model, whole, tuple(names), relative, error, floor, white, tuple(sentences))
 
 
 def _root_mean_squares(data: Sequence[Information], base: Array) -> tuple[Array, Array]:
@@ -234,13 +268,7 @@ def _word(model: float, own: float, worst: float, worst_of_fit: float, tested: b
 
 
 def _sentences(word: Word, model: float, own: float, source: str, tested: bool) -> tuple[str, ...]:
-    said = {
-        "good": "The model predicts well",
-        "usable": "The model predicts usably",
-        "poor": "The model predicts poorly",
-        "wrong": "The model does not predict this robot",
-    }[word]
-    found = [f"{said}: {model:.1%} of the torques of {source} are left unexplained, noise aside."]
+    found = [f"The model {_SAID[word]}: {model:.1%} of the torques of {source} are left unexplained, noise aside."]
     if not tested:
         found.append("The logs are too short to hold anything out; record a longer motion, or give --validate LOG.")
     elif word in ("poor", "wrong") and own <= 0.5 * model:

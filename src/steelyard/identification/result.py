@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from html import escape
 from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
 
+from steelyard.display import html_table
 from steelyard.dynamics import Model
 from steelyard.feasibility import FeasibleSet, Verdict
 from steelyard.recording import CutoffChoice
@@ -129,6 +131,52 @@ class Identification:
         """Mass of all the moving links in the answer, kg."""
         assert self.estimate.parameters is not None
         return float(sum(self.estimate.parameters[columns[9]] for columns in self.model.link_columns))
+
+    @property
+    def possible(self) -> bool | None:
+        """Whether the answer meets all the conditions, tried anew; None where it has base parameters alone."""
+        parameters = self.estimate.parameters
+        return None if parameters is None else self.feasible_set.contains(parameters)
+
+    @property
+    def headline(self) -> str:
+        """Both verdicts in one sentence: whether the answer can exist, and whether it predicts."""
+        exists = {
+            True: "The answer can exist",
+            False: "The answer is not proved to be possible",
+            None: "The answer has base parameters alone, so that no link can be checked",
+        }[self.possible]
+        agree = (self.possible is True) == (self.prediction.word in ("good", "usable"))
+        joined = " and " if agree else ", but "
+        return f"{exists}{joined}{'' if self.possible else 'it '}{self.prediction.clause}."
+
+    def joint_table(self) -> tuple[tuple[str, ...], list[tuple[str, ...]]]:
+        """The table of how well each joint is predicted: its heads and its rows, the last of them all the joints."""
+        told, robot = self.prediction, self.model.robot
+        units = ["N·m" if robot.joints[index].rotates else "N" for index in robot.driving_joints]
+        if len(units) != len(told.joint_names):
+            units = [""] * len(told.joint_names)
+
+        def written(value: float) -> str:
+            return f"{value:.3g}" if np.isfinite(value) else "-"
+
+        columns = (told.joint_names, told.joint_relative_error, told.joint_error, told.noise_floor, units)
+        rows = [
+            (name, f"{error:.1%}" if np.isfinite(error) else "-", written(size), written(floor), unit)
+            for name, error, size, floor, unit in zip(*columns, strict=True)
+        ]
+        return ("joint", "error", "RMS", "noise", "unit"), [*rows, ("all", f"{told.relative_error:.1%}", "", "", "")]
+
+    def _repr_html_(self) -> str:
+        parts = [f"<p><strong>{escape(self.headline)}</strong></p>"]
+        heads, rows = self.joint_table()
+        parts.append(html_table(f"Prediction of {self.prediction.source}", heads, rows, self.prediction.sentences[1:]))
+        if self.parameters is not None:
+            parts.append(html_table("Links", *self.parameters.link_table()))
+            parts.append(f"<p>{escape(self.parameters.counts)}</p>")
+        if self.plausible is not None and self.plausible.price is not None:
+            parts.append(f"<p>{escape(self.plausible.price.sentence)}</p>")
+        return "".join(parts)
 
     def __repr__(self) -> str:
         before, after = self.unconstrained.relative_error, self.estimate.relative_error
