@@ -105,6 +105,16 @@ def test_known_link_parameters_set_the_scale():
         gains_from_equations(information, FeasibleSet(model, constraints=[sy.TotalMass(equal=1.0)]))
 
 
+def test_logs_without_the_payload_are_refused(arm):
+    """The same robot twice, or the payload in the wrong log: no possible robot has such currents."""
+    random = np.random.default_rng(6)
+    held = Payload.random(random, 2.0)
+    alone, loaded = informations(arm, random, held, GAINS)
+    for first, second in ((alone, alone), (alone, loaded)):
+        with pytest.raises(InputError, match=r"Check which log is which|do not tell the drive gain"):
+            estimate_drive_gains(CarriedBody(arm.model, 5), first, second, KnownPayload(2.0))
+
+
 def test_bad_arguments_are_refused(arm):
     with pytest.raises(InputError, match="the mass of the known payload must be a positive number of kg, got 0"):
         KnownPayload(0.0)

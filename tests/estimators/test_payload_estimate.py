@@ -195,7 +195,7 @@ def test_nothing_carried_is_said(ur5):
     assert found["mass"].lower == 0.0
     assert found["mass"].upper < 0.1
     assert np.isnan(found.center_of_mass).all()
-    assert "may weigh nothing" in found.remarks[0]
+    assert not found.remarks
 
 
 def test_swapped_logs_are_refused(ur5):

@@ -72,6 +72,17 @@ def test_the_command_tells_the_payload(logs, monkeypatch, capsys, tmp_path):
     assert [path.name for path in tmp_path.iterdir()] == ["payload.json"]
 
 
+def test_nothing_carried_is_said_first(logs, monkeypatch, capsys, tmp_path):
+    folder, _, _ = logs
+    files = (folder / "robot.toml", folder / "unloaded.csv", folder / "unloaded.csv")
+    code, out, _ = steelyard(monkeypatch, capsys, "payload", *files)
+    assert code == 0
+    assert out.startswith("The data do not show that anything is carried: it may weigh nothing, and up to 0.0")
+    code, out, err = steelyard(monkeypatch, capsys, "payload", *files, "--output", tmp_path)
+    assert (code, out) == (2, "")
+    assert "is a folder" in err
+
+
 def test_the_mounting_frame_stands_in_the_robot_file(logs):
     folder, truth, arm = logs
     text = (folder / "robot.toml").read_text()

@@ -56,6 +56,8 @@ def payload(
             f"steelyard payload needs ROBOT UNLOADED LOADED, or ROBOT LOADED with --estimate, got {len(logs)} "
             f"log{'s' * (len(logs) != 1)}{' and an estimate' if estimate else ''}."
         )
+    if output is not None and output.is_dir():
+        raise InputError(f"{output}: is a folder; give the path of a file.")
     file = RobotFile.load(robot, allow_extensions=allow_extensions)
     gains = LogColumns.from_dict(file.section("log"), f"{file.path}, [log]").finds_gains
     if mass is not None and not gains:

@@ -39,6 +39,13 @@ SETTLED = 1e-10
 NOISE_FREE = 1e-9
 """Of the currents, relative to them: joints without noise would get an infinite weight."""
 
+NOT_THE_PAYLOAD = 1.5
+"""Ratio of the errors with and without regard to physics from which the payload cannot be the one that is stated; equal
+logs, and swapped ones, reach ten and more, while a robot on the boundary of what is possible costs a few per cent."""
+
+LEAST_ERROR = 1e-3
+"""Smaller errors without regard to physics count as this one."""
+
 PASSES = 4
 """Of the linear start, each with the weights of the one before."""
 
@@ -444,6 +451,13 @@ class _Search:
         for k in columns:
             predicted = self.R[k] @ possible
             gains[k] = float(predicted @ predicted) / float(predicted @ self.rho[k])
+        alone, both = (self._relative_error(*one) for one in ((x, h), (possible, 1.0 / gains)))
+        if both > NOT_THE_PAYLOAD * max(alone, LEAST_ERROR):
+            raise InputError(
+                f"No possible robot has these currents with this payload: they are explained to {both:.1%}, by any "
+                f"gains and parameters to {alone:.1%}. Check which log is which, what is known of the payload and "
+                "where it is mounted, and which gains are stated."
+            )
         # Gains of a possible robot, where the nearest one lies at a distance, are beside those of the data alone.
         lower[columns] = np.minimum(lower[columns], gains[columns])
         upper[columns] = np.maximum(upper[columns], gains[columns])
@@ -454,9 +468,12 @@ class _Search:
                 f"The gain of {', '.join(turned)} is negative: positive current turns the joint against its positive "
                 "direction; set torque_sign in [log]."
             )
-        relative = [
-            float(r @ r) / size**2 for r, size in zip(self.residuals(possible, 1.0 / gains), self.sizes, strict=True)
-        ]
+        unsure = [self.currents.joint_names[k] for k in columns if not np.isfinite(upper[k] - lower[k])]
+        if unsure:
+            remarks.append(
+                f"The gain of {', '.join(unsure)} is known to be no smaller, but may be as large as any: the payload "
+                "hardly shows in its current; fix it further out, or move that joint more."
+            )
         return DriveGains(
             joint_names=tuple(self.currents.joint_names),
             gains=gains,
@@ -465,9 +482,14 @@ class _Search:
             found=self.asked,
             parameters=nearest.parameters,
             distance=nearest.distance,
-            relative_error=float(np.sqrt(np.mean(relative))),
+            relative_error=both,
             remarks=tuple(remarks),
         )
+
+    def _relative_error(self, x: Array, h: Array) -> float:
+        """Of the currents, over all joints of equal weight."""
+        pairs = zip(self.residuals(x, h), self.sizes, strict=True)
+        return float(np.sqrt(np.mean([float(r @ r) / size**2 for r, size in pairs])))
 
 
 def _inverted(h: float, half: float) -> tuple[float, float]:

@@ -489,7 +489,6 @@ def _estimated(problem: _Problem, solver: str) -> PayloadEstimate:
     if mass.lower <= 0.0:
         # What weighs nothing has no centre, and any number may come out of a division by nearly nothing.
         center = [replace(one, value=np.nan, lower=-np.inf, upper=np.inf, standing="open") for one in center]
-        remarks.append(f"The data do not show that anything is carried: it may weigh nothing, and {_at_most(mass)}.")
     if any(one.standing != "measured" for one in center):
         tensor = _about_any_point(tensor)
     quantities = (mass, *center, *tensor)
@@ -633,12 +632,8 @@ def _require_weight(problem: _Problem) -> None:
         other = "the unloaded log" if problem.unloaded is not None else "the estimate of the robot"
         raise InputError(
             f"The payload comes out with a mass of {mass:.4g} kg: more was carried in {other} than in the loaded log; "
-            "check which log is which, and the signs and units of the torques."
+            "check which log is which, the signs and units of the torques, and that both logs hold a whole motion."
         )
-
-
-def _at_most(mass: PayloadQuantity) -> str:
-    return f"at most {mass.upper:.3g} kg" if np.isfinite(mass.upper) else "nothing bounds what it may weigh"
 
 
 def _mass_and_center(problem: _Problem, found: Array) -> list[tuple[Quantity, float]]:
@@ -659,7 +654,12 @@ def _inertia(problem: _Problem, found: Array) -> list[tuple[Quantity, float]]:
     about = transformation(translation(*-body.com)) @ identity
     size = max(float(np.trace(body.about_com)) / 3.0, 0.0)
     return [
-        (Quantity(f"I{s[1:]}", f"inertia {s[1:]} about it", "kg m²", row, never_negative=s[1] == s[2]), size)
+        (
+            Quantity(
+                f"I{s[1:]}", f"inertia {s[1:]} about the centre of mass", "kg m²", row, never_negative=s[1] == s[2]
+            ),
+            size,
+        )
         for s, row in zip(INERTIA_SYMBOLS[:6], about[:6], strict=True)
     ]
 

@@ -91,14 +91,20 @@ class PayloadIdentification:
         estimate = self.estimate
         mass = estimate["mass"]
         moved = "" if np.array_equal(self.placement, np.eye(4)) else ", moved as [payload] says"
-        if np.isnan(mass.value):
-            heavy = "The motion does not show the mass of the payload"
-        else:
+        upper = f"{mass.upper:.4g} kg" if np.isfinite(mass.upper) else "any mass"
+        if mass.lower <= 0.0:
+            heavy = f"The data do not show that anything is carried: it may weigh nothing, and up to {upper}"
+        elif np.isnan(mass.value):
+            heavy = (
+                f"The motion does not show the mass of the payload; it is at least {mass.lower:.4g} kg, up to {upper}"
+            )
+        elif np.isnan(mass.lower):
             heavy = f"The payload weighs {mass.value:.4g} kg"
-        if np.isfinite(mass.lower) and np.isfinite(mass.upper):
-            heavy += f", with a probability of 95 % between {mass.lower:.4g} and {mass.upper:.4g} kg"
-        elif np.isfinite(mass.lower):
-            heavy += f"; it has at least {mass.lower:.4g} kg"
+        else:
+            heavy = (
+                f"The payload weighs {mass.value:.4g} kg, with a probability of 95 % between {mass.lower:.4g} and "
+                f"{upper}"
+            )
         found = [
             f"{heavy}.",
             f"Places and axes are those of the frame {self.frame}{moved}.",
