@@ -169,6 +169,20 @@ def test_demo_runs_and_tells_where_to_look(run, tmp_path):
     estimate = sy.Estimate.load(tmp_path / "demo" / "result" / "estimate.json")
     assert estimate.relative_error < 0.06
     assert (tmp_path / "demo" / "result" / "report.html").stat().st_size > 10_000
+    told = re.search(r"The truth lies in (\d+) of (\d+) intervals of 95 %", out)
+    assert int(told[2]) == 141
+    assert int(told[1]) >= 131
+    assert "m4 " in out
+    robot = sy.RobotFile.load(tmp_path / "demo" / "robot.toml").robot
+    cad = np.array([link.inertia.mass for link in robot.links])
+    true = np.array([10.76769, 3.87494, 1.80228, 2.40017, 0.12376, 0.41797, 0.06865])  # as the manufacturer says
+    assert 0.2 < np.abs(np.log(cad / true)).max() < 1.0
+    rows = csv.DictReader((tmp_path / "demo" / "result" / "parameters.csv").open())
+    found = {row["name"]: float(row["value"]) for row in rows}
+    masses = np.array([found[f"m{number}"] for number in range(1, 8)])
+    assert np.all((masses > 0.1 * cad) & (masses < 10.0 * cad))
+    assert abs(masses.sum() / true.sum() - 1.0) < 0.3
+    assert abs(masses[3] / true[3] - 1.0) < 0.15 < 0.5 < abs(cad[3] / true[3] - 1.0)  # which the motion shows
 
 
 def test_version_and_help(run):

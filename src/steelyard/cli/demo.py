@@ -17,8 +17,9 @@ def demo(
     output: Annotated[Path, typer.Option("--output", "-o", help="Folder for everything.")] = Path("steelyard-demo"),
     seed: Annotated[int, typer.Option(help="Seed of the simulated noise.", min=0)] = 2014,
 ) -> None:
-    """Simulate the seven-joint WAM arm, identify it, and show why plain least squares is not enough."""
+    """Simulate the seven-joint WAM arm with wrong CAD, identify it, and show the answer beside the truth."""
     from steelyard.identification import demonstrate
+    from steelyard.identification.wam import beside_truth
     from steelyard.report import require_folder, save_results
 
     require_folder(output)
@@ -27,4 +28,12 @@ def demo(
         say("writing the report")
         save_results(result, output / "result")
     show_identification(result)
+    for sentence in result.prediction.sentences:
+        echo(sentence)
+    assert result.parameters is not None
+    table, sentence = beside_truth(result.parameters)
+    echo("The truth of this simulated arm, CAD that is wrong by tens of percent, and the answer:")
+    for line in table.splitlines():
+        echo(line)
+    echo(sentence)
     echo(f"Look at {output / 'result' / 'report.html'}")

@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
 
+from steelyard.display import text_table
 from steelyard.dynamics import Coulomb, Model, MotorSide, Offset, Viscous
 from steelyard.excitation import FourierTrajectory
 from steelyard.files import write_text
@@ -15,16 +16,19 @@ from steelyard.recording import Recording
 from steelyard.robot import Inertia, Robot
 
 from .identify import identify
+from .parameter_table import ParameterTable
 from .result import Identification
 
 __all__ = [
     "ENCODER_COUNTS",
     "TRAJECTORIES",
+    "beside_truth",
     "demonstrate",
     "robot_toml",
     "simulated_log",
     "true_parameters",
     "wam_model",
+    "wrong_cad",
 ]
 
 Array = NDArray[np.float64]
@@ -53,8 +57,8 @@ COUPLING: tuple[tuple[float, ...], ...] = (
 )
 
 # Mass (kg), centre of mass (m) and inertia about it (kg m²: xx xy xz yy yz zz) in the frames of the rows above, as the
-# manufacturer gives them from CAD.
-_CAD: tuple[tuple[float, tuple[float, ...], tuple[float, ...]], ...] = (
+# manufacturer gives them: the truth of the simulation.
+_BODIES: tuple[tuple[float, tuple[float, ...], tuple[float, ...]], ...] = (
     (10.76769, (-0.00443, 0.12189, -0.00066), (0.134880, -0.002130, -0.000125, 0.113284, 0.000686, 0.090463)),
     (3.87494, (-0.00237, 0.03106, 0.01542), (0.021410, 0.000272, 0.000025, 0.013779, -0.001819, 0.015589)),
     (1.80228, (-0.03826, 0.20751, 0.00003), (0.059111, -0.002496, 0.000007, 0.003246, -0.000018, 0.059270)),
@@ -114,6 +118,12 @@ ENCODER_COUNTS = 4096.0 * np.array([42.0, 28.25, 28.25, 18.0, 10.27, 10.27, 14.9
 _TORQUE_DEVIATION = np.array([0.45, 0.55, 0.30, 0.22, 0.05, 0.05, 0.03])
 _TORQUE_TIME_CONSTANT = 0.02
 
+CAD_ERROR = 0.3
+"""Standard deviation of what the robot file says of the links, relative to the truth: CAD of arms without cables, screws
+and grease, with another density or an older motor, is wrong by about as much."""
+CAD_SEED = 2014
+"""Of these errors; the first that was tried."""
+
 
 def wam_model() -> Model:
     """Return the model of thesis section 4.2: 119 parameters, 76 base parameters (table 4.2)."""
@@ -122,14 +132,30 @@ def wam_model() -> Model:
 
 
 def true_parameters() -> Array:
-    """Return the 119 parameters of the simulated arm: CAD for the links, friction of the order of table 4.9."""
-    values: list[float] = []
-    for (mass, com, inertia), drive in zip(_CAD, _DRIVES, strict=True):
-        xx, xy, xz, yy, yz, zz = inertia
-        tensor = np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]])
-        values.extend(Inertia.from_com(mass=mass, com=np.array(com), about_com=tensor).parameters)
-        values.extend(drive)
-    return np.array(values)
+    """Return the 119 parameters of the simulated arm: its bodies, and friction of the order of table 4.9."""
+    bodies = (Inertia.from_com(mass, com, _tensor(elements)) for mass, com, elements in _BODIES)
+    return np.concatenate([[*body.parameters, *drive] for body, drive in zip(bodies, _DRIVES, strict=True)])
+
+
+def _tensor(elements: Sequence[float]) -> Array:
+    xx, xy, xz, yy, yz, zz = elements
+    return np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]])
+
+
+def wrong_cad() -> dict[str, Inertia]:
+    """Return what the robot file says of the links: their true inertias, each wrong by tens of percent.
+
+    Of every link the mass, and the inertia about the centre of mass once more, are multiplied by the exponential of a
+    normal deviate of 0.3, and the components of the centre of mass by one plus such a deviate; always the same ones.
+    """
+    random = np.random.default_rng(CAD_SEED)
+    found = {}
+    for number, (mass, com, elements) in enumerate(_BODIES, start=1):
+        heavier, wider = np.exp(CAD_ERROR * random.standard_normal(2))
+        center = np.array(com) * (1.0 + CAD_ERROR * random.standard_normal(3))
+        told = np.array(elements) * heavier * wider
+        found[f"link{number}"] = Inertia.from_com(mass * heavier, center, _tensor(told))
+    return found
 
 
 def simulated_log(model: Model, trajectory: str, seed: int, rate: float = 1000.0, periods: float = 3.0) -> Recording:
@@ -175,6 +201,7 @@ def robot_toml() -> str:
     """Return the robot file of the arm."""
     rows = "\n".join(f"    {list(row)!r}," for row in DH_ROWS).replace("'", '"')
     coupling = "\n".join(f"    {[float(x) for x in row]!r}," for row in COUPLING)
+    bodies = "".join(_inertial(name, inertia) for name, inertia in wrong_cad().items())
     return f"""\
 # The seven-joint WAM arm of C. D. Sousa's thesis (2014), chapter 4.
 name = "wam"
@@ -185,6 +212,8 @@ rows = [ # alpha, a, d, theta
 {rows}
 ]
 
+# CAD as it often is: each link wrong by tens of percent.
+{bodies}
 # Joint-side friction and offset, then what the motors add through the differentials (thesis eq. 4.10, 4.11).
 [[terms]]
 kind = "viscous"
@@ -213,10 +242,26 @@ trim = 0.5
 """
 
 
+def _inertial(name: str, inertia: Inertia) -> str:
+    """The table of a robot file that gives the inertia of a link."""
+    elements = inertia.about_com[np.triu_indices(3)]
+    numbers = [float(f"{value:.6g}") for value in elements + 0.0]
+    return f"""\
+[[description.inertials]]
+link = "{name}"
+mass = {inertia.mass:.5g}
+center_of_mass = {inertia.com.round(6).tolist()}
+inertia = {numbers}
+
+"""
+
+
 def demonstrate(
     folder: str | Path, *, seed: int = 2014, progress: Callable[[str], None] | None = None
 ) -> Identification:
     """Simulate recordings of the WAM on trajectories A and B, identify from A and validate on B.
+
+    The robot file says of the links what `wrong_cad` does.
 
     Parameters
     ----------
@@ -243,3 +288,54 @@ def demonstrate(
         logs.append(place / f"trajectory-{name.lower()}.csv")
         simulated_log(model, name, seed).save(logs[-1])
     return identify(robot_file, logs[:1], validate=logs[1:], progress=progress)
+
+
+HEAVY = 0.05
+"""Part of the whole mass from which the centre of mass of a link is shown: that of lighter ones moves no torque much."""
+
+
+def beside_truth(table: ParameterTable) -> tuple[str, str]:
+    """Compare an answer for the simulated arm with the parameters that it was simulated with.
+
+    Parameters
+    ----------
+    table : ParameterTable
+        Of `demonstrate`.
+
+    Returns
+    -------
+    str
+        A table: truth, CAD, answer, interval and what it rests on, of masses, centres of mass of links that are more
+        than a twentieth of the arm, friction and rotor inertias.
+    str
+        How many of all the intervals hold the truth, in a sentence.
+    """
+    truth = _true_values()
+    shown, outside = [], []
+    told = [row for row in table if row.name in truth and np.isfinite(row.value)]
+    for row in told:
+        true = truth[row.name]
+        holds = row.lower <= true <= row.upper
+        if not holds:
+            outside.append(row.name)
+        mass = truth.get(f"m{row.name[2:]}", 0.0) if row.name[0] == "c" else np.inf
+        if row.name[0] in "mtcFI" and row.name[:2] != "Fo" and mass >= HEAVY * truth["total mass"]:
+            numbers = (true, row.cad, row.value, row.lower, row.upper)
+            cells = ("" if np.isnan(v) else "open" if np.isinf(v) else f"{v:.3g}" for v in numbers)
+            shown.append((row.name, *cells, row.unit, row.basis, "" if holds else "missed"))
+    heads = ("name", "truth", "CAD", "identified", "from", "to", "unit", "rests on", "")
+    sentence = f"The truth lies in {len(told) - len(outside)} of {len(told)} intervals"
+    missed = f", not in those of {', '.join(outside)}" if outside else ""
+    shown.sort(key=lambda cells: "mtcFI".index(cells[0][0]))
+    return text_table(heads, shown, numbers=(1, 2, 3, 4, 5)), f"{sentence} of 95 %{missed}."
+
+
+def _true_values() -> dict[str, float]:
+    """The parameters of the simulated arm, masses and centres of mass, by the names of the table."""
+    values, model = true_parameters(), wam_model()
+    found = dict(zip(map(str, model.parameter_names), values.tolist(), strict=True))
+    for number, columns in enumerate(model.link_columns, start=1):
+        for axis, moment in zip("xyz", values[columns[6:9]], strict=True):
+            found[f"c{axis}{number}"] = float(moment / values[columns[9]])
+    found["total mass"] = sum(mass for mass, _, _ in _BODIES)
+    return found
