@@ -155,12 +155,12 @@ def test_an_impossible_estimate_diverges(place, run, wam, table_4_9):
 
 def test_bad_input_is_one_sentence_and_leaves_nothing(place, run):
     out = place / "out"
-    (place / "wam.toml").write_text(robot_toml())
+    (place / "bare.toml").write_text('[description]\nrows = [[0, 0.5, 0, "q"]]\n')
     (place / "text.csv").write_text("t,tau1,tau2\n0,a,1\n0.1,b,2\n")
     (place / "few.csv").write_text("t,tau1\n0,1\n0.1,2\n")
     (place / "uneven.csv").write_text("t,tau1,tau2\n0,1,1\n0.1,2,2\n0.5,3,3\n")
     cases = [
-        (["wam.toml"], "wam: the description gives no inertia for the link 'link1'; give an estimate"),
+        (["bare.toml"], "bare: the description gives no inertia for the link 'link1'; give an estimate"),
         (["pair.urdf", "--initial", "0,x"], "--initial must be numbers with commas between"),
         (["pair.urdf", "--initial", "0"], "--initial gives 1 positions, but pair has 2 joints"),
         (["pair.urdf", "--torque", place / "text.csv"], "cannot be read as numbers"),

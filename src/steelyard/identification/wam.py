@@ -119,8 +119,8 @@ _TORQUE_DEVIATION = np.array([0.45, 0.55, 0.30, 0.22, 0.05, 0.05, 0.03])
 _TORQUE_TIME_CONSTANT = 0.02
 
 CAD_ERROR = 0.3
-"""Standard deviation of what the robot file says of the links, relative to the truth: CAD of arms without cables, screws
-and grease, with another density or an older motor, is wrong by about as much."""
+"""Standard deviation of what the robot file says of the links, relative to the truth: CAD without cables, or with
+another density or an older motor, is wrong by about as much."""
 CAD_SEED = 2014
 """Of these errors; the first that was tried."""
 
@@ -291,7 +291,7 @@ def demonstrate(
 
 
 HEAVY = 0.05
-"""Part of the whole mass from which the centre of mass of a link is shown: that of lighter ones moves no torque much."""
+"""Part of the whole mass from which the centre of mass of a link is shown: lighter ones change torques little."""
 
 
 def beside_truth(table: ParameterTable) -> tuple[str, str]:
