@@ -30,7 +30,7 @@ __all__ = ["DriveGains", "KnownPayload", "estimate_drive_gains", "gains_from_equ
 
 Array = NDArray[np.float64]
 
-STEPS = 100
+STEPS = 50
 """Of Gauss and Newton at most; ten are usual."""
 
 SETTLED = 1e-10
