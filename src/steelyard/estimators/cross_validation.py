@@ -40,6 +40,10 @@ noise does (by at most the number of rows of all blocks times this in the object
 START = 0.1
 """Terms start at this part of their deviation: anywhere inside does."""
 
+FRICTION = 0.3
+"""Standard deviation of a term, relative to the torques of its joint at one rad/s (or at rest): friction is a tenth to
+a third of them as a rule. With 1, a joint that moved by a thousandth of the others got nine times its friction."""
+
 FEWEST_FOLDS = 3
 """Fewer tell no standard error."""
 
@@ -132,7 +136,7 @@ def term_deviations(info: Information, feasible_set: FeasibleSet) -> Vector:
     for index in terms:
         kind = names[index].rstrip("0123456789")
         like = max(size for other, size in sizes.items() if names[other].rstrip("0123456789") == kind)
-        found[index] = scales[index] / max(like, 1.0)
+        found[index] = FRICTION * scales[index] / max(like, 1.0)
     return found
 
 
