@@ -214,7 +214,8 @@ def main():
         of = "CAD" if knowledge == "cad" else "the truth"
         print(
             f"{knowledge}: held-out error over the best: median {np.median(worse[:, 0]):.2f} on rich and "
-            f"{np.median(worse[:, 1]):.2f} on like motions, worst {worse[:, 0].max():.2f} and {worse[:, 1].max():.2f};\n"
+            f"{np.median(worse[:, 1]):.2f} on like motions, worst {worse[:, 0].max():.2f} and "
+            f"{worse[:, 1].max():.2f};\n"
             f"total mass {min(totals):.2f} to {max(totals):.2f} of {of}, links "
             f"{min(e[0] for e in extremes):.2f} to {max(e[1] for e in extremes):.2f};\n"
             f"above least squares on rich motions by at most {max(above):.2f} points; "

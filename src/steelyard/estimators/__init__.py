@@ -6,6 +6,9 @@ from steelyard.first_use import import_at_first_use
 
 if TYPE_CHECKING:
     from .carried_body import CarriedBody as CarriedBody
+    from .cross_validation import CrossValidation as CrossValidation
+    from .cross_validation import cross_validation as cross_validation
+    from .cross_validation import term_deviations as term_deviations
     from .drive_gains import DriveGains as DriveGains
     from .drive_gains import KnownPayload as KnownPayload
     from .drive_gains import estimate_drive_gains as estimate_drive_gains

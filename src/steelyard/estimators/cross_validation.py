@@ -104,12 +104,12 @@ class CrossValidation:
 
 
 def term_deviations(info: Information, feasible_set: FeasibleSet) -> Vector:
-    """How far the parameters of drive terms may be from zero before they explain more than the torques there are, (n,).
+    """How far the parameters of drive terms are from zero as a rule, in standard deviations, (n,).
 
-    A parameter of friction of a joint, times what multiplies it where its like is seen best among all joints (at least
-    one rad/s, in SI, since motions for identification are no slower than what follows), makes the root mean square of
-    the joint's torque. So joints that hardly move get no friction that nothing speaks for. Infinite for the parameters
-    of links.
+    Such a parameter, times what multiplies it in the joint where its like is seen best (at least one rad/s, since
+    motions for identification are no faster than what follows), makes three tenths of the root mean square of the
+    torque of its joint. So joints that hardly move get no friction that nothing speaks for. Infinite for the
+    parameters of links.
 
     Parameters
     ----------

@@ -171,7 +171,8 @@ def plausible_fit(
     weights = unconstrained.weights
     known = physical_prior(model, feasible_set.constraints) if prior is None else prior
     known = known.scaled_to(info, feasible_set)
-    plausible_set, known = _plausible_set(feasible_set, known)
+    constraints: list[Constraint] = [*feasible_set.constraints, *known.constraints]
+    plausible_set = FeasibleSet(model, feasible_set.consistency, constraints, feasible_set.margin)
     scales = term_deviations(info, feasible_set)
     kind = EntropicPrior if feasible_set.consistency == "full" else ConstantPullbackPrior
     distance = kind(known.parameters, term_deviations=scales)
@@ -190,13 +191,6 @@ def plausible_fit(
     estimate = replace(estimate, certificate=certificate.document(), base=certificate.base)
     price = None if validation is None else _price(info, feasible_set, unconstrained, validation, plausible_set)
     return PlausibleFit(estimate, plausible_set, known, weight, scales, validation, price)
-
-
-def _plausible_set(feasible_set: FeasibleSet, known: PhysicalPrior) -> tuple[FeasibleSet, PhysicalPrior]:
-    """The set with the conditions of the prior beside those of the user, and the prior."""
-    constraints: list[Constraint] = [*feasible_set.constraints, *known.constraints]
-    found = FeasibleSet(feasible_set.model, feasible_set.consistency, constraints, feasible_set.margin)
-    return found, known
 
 
 def _price(
