@@ -36,7 +36,12 @@ def example() -> str:
     ]
     content = charts_markup(charts, identifier="some")
     return html_document(
-        "t", "kind", "<Robot>", charts_markup([], identifier="none"), [Section("s", "S", content)], script="charts.js"
+        "t",
+        "kind",
+        "<Robot>",
+        charts_markup([], identifier="none"),
+        [Section("s", "S", content)],
+        scripts=("charts.js",),
     )
 
 

@@ -50,7 +50,7 @@ def main() -> None:
         "Impedance and force control of the simulated WAM",
         Markup("<p>Thesis sections 2.4.3 and 2.4.4, in simulation.</p>"),
         sections,
-        script="charts.js",
+        scripts=("charts.js",),
     )
     write_text(text, folder / "index.html")
     print(folder / "index.html")

@@ -8,18 +8,22 @@ from pathlib import Path
 from steelyard.files import write_text
 from steelyard.identification import Identification
 
+from . import answer_sections as answer
 from . import sections
 from .html_document import Markup, Section, html_document
 
 __all__ = ["report_html", "write_report"]
 
 _SECTIONS: tuple[tuple[str, str, Callable[[Identification], Markup]], ...] = (
-    ("errors", "Errors", sections.errors),
+    ("prediction", "Does it predict?", answer.prediction),
+    ("rests-on", "What each number rests on", answer.parameters),
+    ("beforehand", "What is known beforehand", answer.prior),
+    ("price", "The price of plausibility", answer.price),
+    ("errors", "Errors of each log", sections.errors),
     ("impossible", "What was impossible", sections.violations),
     ("torques", "Measured and predicted torques", sections.torque_figures),
     ("base", "Base parameters", sections.base_parameters),
-    ("link-parameters", "Links", sections.links),
-    ("joint-parameters", "Joints", sections.joints),
+    ("joint-parameters", "Joint friction", sections.joints),
     ("processing", "Processing of the logs", sections.processing),
     ("sources", "Provenance", sections.provenance),
 )
@@ -57,10 +61,10 @@ def report_html(identification: Identification) -> str:
     ...     _ = robot.write_text(urdf)
     ...     _ = sy.Recording(t=t, q=np.sin(t)[:, None], torque=np.sin(t)[:, None], source="log").save(log)
     ...     text = report_html(sy.identify(robot, [log]))
-    >>> "Plain least squares describes a robot that cannot exist" in text
+    >>> "The answer can exist, but predicts poorly" in text
     True
     """
-    parts = [Section(key, title, write(identification)) for key, title, write in _SECTIONS]
+    parts = [Section(key, title, text) for key, title, write in _SECTIONS if (text := write(identification))]
     name = identification.model.robot.name
     return html_document(
         f"{name}: identified parameters",
@@ -68,7 +72,7 @@ def report_html(identification: Identification) -> str:
         name,
         sections.summary(identification),
         parts,
-        script="figures.js",
+        scripts=("figures.js", *(["charts.js"] if answer.has_price(identification) else [])),
     )
 
 

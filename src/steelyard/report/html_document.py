@@ -144,7 +144,7 @@ class Section:
 
 
 def html_document(
-    title: str, kind: str, heading: str, lead: Markup, sections: Sequence[Section], *, script: str = ""
+    title: str, kind: str, heading: str, lead: Markup, sections: Sequence[Section], *, scripts: Sequence[str] = ()
 ) -> str:
     """Return a document without references to anything outside.
 
@@ -158,8 +158,8 @@ def html_document(
     lead : Markup
         What stands before the list of the sections.
     sections : sequence of Section
-    script : str
-        Name of a script of this package, which may use Plotly; none where it is empty.
+    scripts : sequence of str
+        Names of scripts of this package, which may use Plotly.
 
     Returns
     -------
@@ -176,11 +176,11 @@ def html_document(
         f'<section aria-labelledby="{part.key}"><h2 id="{part.key}">{escape(part.title)}</h2>\n{part.content}</section>'
         for part in sections
     )
-    scripts = ""
-    if script:
+    code = ""
+    if scripts:
         from plotly.offline import get_plotlyjs
 
-        scripts = f"<script>{get_plotlyjs()}</script>\n<script>\n{_text(script)}</script>\n"
+        code = "".join(f"<script>\n{text}</script>\n" for text in (get_plotlyjs(), *map(_text, scripts)))
     return f"""\
 <!DOCTYPE html>
 <html lang="en">
@@ -203,7 +203,7 @@ def html_document(
 <nav aria-label="Sections"><ul>{links}</ul></nav>
 {body}
 </main>
-{scripts}</body>
+{code}</body>
 </html>
 """
 

@@ -13,7 +13,7 @@ from steelyard.identification import Identification, Prediction
 
 from .extent import shown_logs
 from .html_document import escape, percent
-from .sections import default_log, is_proved
+from .sections import default_log
 
 __all__ = ["torque_picture", "torque_svg"]
 
@@ -116,7 +116,7 @@ def _words(identification: Identification, prediction: Prediction) -> tuple[str,
     return (
         before[verdict.feasible],
         f"{worst}; error {percent(prediction.unconstrained_error)} %",
-        "A robot that can exist" if is_proved(identification) else "Not proved to be possible",
+        "A robot that can exist" if identification.possible else "Not proved to be possible",
         f"{mass}error {percent(prediction.feasible_error)} %",
     )
 

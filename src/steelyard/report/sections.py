@@ -24,10 +24,7 @@ __all__ = [
     "default_log",
     "errors",
     "hashed_file",
-    "is_proved",
     "joints",
-    "link_properties",
-    "links",
     "processing",
     "provenance",
     "summary",
@@ -44,65 +41,66 @@ NOTIONS = {
     "full": "every link has positive mass, and a distribution of mass with its moments exists",
     "inertia": "every link has positive mass and positive moments of inertia about its centre of mass",
 }
-_VERDICTS = {True: ("good", "✓", "Feasible"), False: ("bad", "✕", "Infeasible"), None: ("open", "?", "Undecided")}
-_SAME = 5e-4  # errors closer than this are called the same
+_MARKS = {"good": "✓", "bad": "✕", "open": "!"}
 
 
-# The first screen: whether the robot is possible, how well it predicts, and what is uncertain.
-
-
-def is_proved(identification: Identification) -> bool:
-    """Return whether the answer's parameters meet all the conditions, tried once more and not taken from the result."""
-    parameters = identification.estimate.parameters
-    return parameters is not None and identification.feasible_set.contains(parameters)
+# The first screen: whether the answer can exist, whether it predicts, and what is uncertain.
 
 
 def summary(identification: Identification) -> Markup:
-    """Return the verdicts, the figures that matter and the remarks."""
+    """Return both verdicts, the figures that matter and the remarks."""
     remarks = [*identification.estimate.remarks, *identification.unconstrained.remarks, *identification.remarks]
     logs = (*identification.logs, *identification.validation_logs)
     items = "".join(f"<li>{escape(remark)}</li>" for remark in gathered(remarks, logs))
     notes = (
         f'<section aria-labelledby="remarks"><h2 id="remarks">Remarks</h2><ul>{items}</ul></section>' if items else ""
     )
+    cards = (_verdict_of_answer, _verdict_of_prediction, _verdict_of_least_squares)
     return Markup(
-        f'<p class="lead">{_lead(identification)}</p>\n'
-        f'<div class="verdicts">{_verdict_of_least_squares(identification)}{_verdict_of_answer(identification)}</div>\n'
+        f'<p class="lead">{escape(identification.headline)}</p>\n'
+        f'<div class="verdicts">{"".join(card(identification) for card in cards)}</div>\n'
         f'<dl class="figures" aria-label="Key figures">{_figures(identification)}</dl>\n{notes}'
     )
 
 
-def _lead(identification: Identification) -> Markup:
-    before, after = identification.unconstrained.relative_error, identification.estimate.relative_error
-    error = (
-        "the same error" if abs(after - before) < _SAME else f"{percent(after)} % error instead of {percent(before)} %"
-    )
-    match identification.verdict.feasible:
-        case False:
-            start = "Plain least squares describes a robot that cannot exist."
-        case True:
-            start = "Plain least squares already describes a robot that can exist."
-        case None:
-            start = "Plain least squares describes a robot on the border of what can exist."
-    if not is_proved(identification):
-        return escape(f"{start} Steelyard's answer, with {error}, is not proved to be possible.")
-    return escape(f"{start} Steelyard's answer can exist, and predicts the measured torques with {error}.")
-
-
-def _card(title: str, feasible: bool | None, lines: list[str]) -> str:
-    kind, mark, word = _VERDICTS[feasible]
+def _card(title: str, kind: str, word: str, lines: Sequence[str]) -> str:
+    mark = f'<span aria-hidden="true">{_MARKS[kind]}</span> ' if kind in _MARKS else ""
     body = "".join(f"<p>{escape(line)}</p>" for line in lines)
-    return (
-        f'<section class="card {kind}"><h2>{escape(title)}</h2>'
-        f'<p class="verdict"><span aria-hidden="true">{mark}</span> {word}</p>{body}</section>'
-    )
+    verdict = f'<p class="verdict">{mark}{escape(word)}</p>'
+    return f'<section class="card {kind}"><h2>{escape(title)}</h2>{verdict}{body}</section>'
+
+
+def _verdict_of_answer(identification: Identification) -> str:
+    title, feasible_set = "Can the answer exist?", identification.feasible_set
+    lines = [f"Under “{feasible_set.consistency}” consistency: {NOTIONS[feasible_set.consistency]}."]
+    match identification.possible:
+        case None:
+            return _card(title, "open", "Undecided", ["It has base parameters alone, so that no link can be checked."])
+        case False:
+            lines.append("Checked again for this report: not all conditions hold strictly.")
+            return _card(title, "open", "Undecided", lines)
+        case _:
+            count = len(feasible_set.blocks)
+            lines.append(f"Checked again for this report: all {count} conditions on links, joints and limits hold.")
+            # A tick beside a model that does not predict would be taken for a model that can be used.
+            return _card(title, "good" if _predicts(identification) else "plain", "Feasible", lines)
+
+
+def _predicts(identification: Identification) -> bool:
+    return identification.prediction.word in ("good", "usable")
+
+
+def _verdict_of_prediction(identification: Identification) -> str:
+    told = identification.prediction
+    kind = {"good": "good", "usable": "good", "poor": "open", "wrong": "bad"}[told.word]
+    return _card("Does it predict?", kind, told.word.capitalize(), told.sentences)
 
 
 def _verdict_of_least_squares(identification: Identification) -> str:
     verdict = identification.verdict
     first = {
-        True: "A real robot can have these base parameters.",
-        False: "No real robot has these base parameters.",
+        True: "A real robot can have the base parameters of plain least squares.",
+        False: "No real robot has the base parameters of plain least squares.",
         None: "Too close to the boundary for floating point to tell.",
     }[verdict.feasible]
     lines = [first]
@@ -112,42 +110,38 @@ def _verdict_of_least_squares(identification: Identification) -> str:
         lines.append(f"Impossible: {', '.join(names[:4])}{more}.")
     if verdict.feasible is False and verdict.certificate is not None:
         lines.append("Proved, and the proof verified in exact arithmetic.")
-    return _card("Plain least squares", verdict.feasible, lines)
-
-
-def _verdict_of_answer(identification: Identification) -> str:
-    estimate, feasible_set = identification.estimate, identification.feasible_set
-    if estimate.parameters is None:
-        return _card("Steelyard's answer", None, ["It has base parameters alone, so that no link can be checked."])
-    proved = is_proved(identification)
-    lines = [f"Under “{feasible_set.consistency}” consistency: {NOTIONS[feasible_set.consistency]}."]
-    if proved:
-        count = len(feasible_set.blocks)
-        lines.append(f"Checked again for this report: all {count} conditions on links, joints and limits hold.")
-    else:
-        lines.append("Checked again for this report: not all conditions hold strictly.")
-    return _card("Steelyard's answer", True if proved else None, lines)
+    word = {True: "Feasible", False: "Infeasible", None: "Undecided"}[verdict.feasible]
+    return _card("For comparison: plain least squares", "plain", word, lines)
 
 
 def _figures(identification: Identification) -> str:
-    unconstrained, estimate = identification.unconstrained, identification.estimate
-    figures = [("Relative error, identification", *_change(unconstrained.relative_error, estimate.relative_error))]
+    unconstrained, estimate, told = identification.unconstrained, identification.estimate, identification.prediction
+    noise = "white noise could not be told apart"
+    if not np.isnan(told.relative_noise):
+        noise = f"noise floor {percent(told.relative_noise)} %; on {told.source}"
+    error = Markup(f"{percent(told.relative_error)} <small>%</small>")
+    figures = [("Error of the prediction", error, noise)]
+    figures.append(("Relative error, identification", *_change(unconstrained.relative_error, estimate.relative_error)))
     names = short_names(identification)
     for index in shown_logs(identification):
         name, prediction = names[index], identification.predictions[index]
         if prediction.role == "validation":
             change = _change(prediction.unconstrained_error, prediction.feasible_error)
             figures.append((f"Relative error, validation on {name}", *change))
-    if estimate.parameters is not None:
-        links = len(identification.model.robot.links)
-        note = f"of the {links} moving links" if links != 1 else "of the moving link"
-        figures.append(("Total mass", Markup(f"{identification.total_mass:.4g} <small>kg</small>"), note))
+    table = identification.parameters
+    if table is not None:
+        total = table["total mass"]
+        note = "of all moving links"
+        if table.confidence is not None:
+            note = f"{total.basis}; {total.lower:.4g} to {total.upper:.4g} kg at 95 %"
+        figures.append(("Total mass", Markup(f"{total.value:.4g} <small>kg</small>"), note))
+        if table.confidence is not None:
+            note = f"of {len(table)} numbers; {table.count('bounded')} bounded, {table.count('assumed')} assumed"
+            figures.append(("Measured", Markup(str(table.count("measured"))), note))
     condition = identification.information.condition_number
     text = f"{condition:.4g}" if np.isfinite(condition) else "∞"
-    figures.append(
-        ("Condition number", Markup(text), "of the base regressor: how evenly the motion shows all parameters")
-    )
-    figures.append(_base_parameters(identification))
+    count = len(unconstrained.base)
+    figures.append(("Condition number", Markup(text), f"how evenly the motion shows the {count} base parameters"))
     return "".join(
         f"<div><dt>{escape(term)}</dt><dd>{value}<span>{escape(note)}</span></dd></div>"
         for term, value, note in figures
@@ -158,18 +152,6 @@ def _change(before: float, after: float) -> tuple[Markup, str]:
     arrow = '<span aria-hidden="true"> → </span><span class="hidden"> to </span>'
     text = f'<span class="change">{percent(before)}{arrow}{percent(after)} <small>%</small></span>'
     return Markup(text), "from least squares to feasible"
-
-
-def _base_parameters(identification: Identification) -> tuple[str, Markup, str]:
-    count, weak = len(identification.unconstrained.base), len(identification.weak)
-    unidentifiable = int(np.sum(~np.isfinite(identification.unconstrained.standard_error)))
-    if not weak and not unidentifiable:
-        note = "all shown by the data"
-    else:
-        note = f"{weak} weak: standard error larger than the value"
-        if unidentifiable:
-            note += f"; {unidentifiable} unidentifiable"
-    return "Base parameters", Markup(str(count)), note
 
 
 # The sections below it.
@@ -262,72 +244,6 @@ def base_parameters(identification: Identification) -> Markup:
     return Markup(text + table(caption, columns, rows, identifier="base-parameters", muted=muted))
 
 
-def link_properties(parameters: Array) -> tuple[float, Array, Array]:
-    """Return mass, centre of mass and principal moments of a link from its ten parameters.
-
-    Parameters
-    ----------
-    parameters : ndarray
-        (10,) ``Lxx Lxy Lxz Lyy Lyz Lzz lx ly lz m``: tensor about the link frame's origin (thesis eq. 2.14 to 2.16),
-        first moment, mass.
-
-    Returns
-    -------
-    mass : float
-        kg.
-    center_of_mass : ndarray
-        (3,) m, in the link frame; NaN without mass.
-    moments : ndarray
-        (3,) kg·m², ascending: principal moments of inertia about the centre of mass; NaN without mass.
-
-    Examples
-    --------
-    A point mass of 2 kg at x = 0.5 m:
-
-    >>> import numpy as np
-    >>> mass, center, moments = link_properties(np.array([0, 0, 0, 0.5, 0, 0.5, 1.0, 0, 0, 2.0]))
-    >>> mass, center.tolist(), moments.tolist()
-    (2.0, [0.5, 0.0, 0.0], [0.0, 0.0, 0.0])
-    """
-    xx, xy, xz, yy, yz, zz, *first, mass = (float(value) for value in parameters)
-    if mass == 0.0:
-        return mass, np.full(3, np.nan), np.full(3, np.nan)
-    about_origin = np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]])
-    center = np.array(first) / mass
-    about_center = about_origin - mass * (center @ center * np.eye(3) - np.outer(center, center))
-    return mass, center, np.asarray(np.linalg.eigvalsh(about_center), dtype=np.float64)
-
-
-def links(identification: Identification) -> Markup:
-    """Return the table of the links of the answer."""
-    robot, parameters = identification.model.robot, identification.estimate.parameters
-    if parameters is None:
-        return Markup("<p>The estimate has base parameters alone.</p>")
-    described = any(link.inertia is not None for link in robot.links)
-    rows = []
-    for link, columns in zip(robot.links, identification.model.link_columns, strict=True):
-        mass, center, moments = link_properties(parameters[columns])
-        row = [link.name, number(mass, 4)]
-        if described:
-            row.append("–" if link.inertia is None else number(link.inertia.mass, 4))
-        rows.append([*row, *(_length(x) for x in center), *(number(x) for x in moments)])
-    heads = ["Link", "Mass, kg", *(["Mass in the description, kg"] if described else [])]
-    heads += [f"Centre of mass {axis}, m" for axis in "xyz"]
-    heads += [f"Principal moment {index} about the centre of mass, kg·m²" for index in (1, 2, 3)]
-    text = (
-        "<p>A physically possible set of links that moves as the feasible base parameters say. The motion shows only "
-        "the combinations above; what it does not show was chosen as the remarks tell, so that single values here "
-        "need not be those of the real links. The centre of mass is given in the link frame.</p>"
-    )
-    caption = "Inertial parameters of the links"
-    return Markup(text + table(caption, heads, rows, identifier="links"))
-
-
-def _length(value: float) -> str:
-    """Metres to a tenth of a millimetre, without the sign of a zero."""
-    return f"{round(value, 4) + 0.0:.4f}" if np.isfinite(value) else number(value)
-
-
 def joints(identification: Identification) -> Markup:
     """Return joint friction, and the values of all the terms at the joints."""
     robot, estimate = identification.model.robot, identification.estimate
@@ -343,29 +259,7 @@ def joints(identification: Identification) -> Markup:
     text = (
         "<p>Viscous damping and Coulomb friction of each joint moving alone, all terms together; – is not modelled.</p>"
     )
-    return Markup(
-        text + table("Joint friction", heads, rows, identifier="friction", texts=[2, 4]) + _terms(identification)
-    )
-
-
-def _terms(identification: Identification) -> str:
-    model, parameters = identification.model, identification.estimate.parameters
-    robot = model.robot
-    described = [parameter for term in robot.terms for parameter in term.parameters]
-    if parameters is None or not described:
-        return ""
-    slides = any(not robot.joints[index].rotates for index in robot.driving_joints)
-    heads = ["Joint"]
-    for parameter in described:
-        unit = f"{parameter.unit} or {parameter.unit_prismatic}" if slides else parameter.unit
-        heads.append(f"{parameter.symbol}, {unit}")
-    position = {name: index for index, name in enumerate(model.parameter_names)}
-    rows = [
-        [name, *(number(parameters[position[f"{parameter.symbol}{joint + 1}"]]) for parameter in described)]
-        for joint, name in zip(robot.driving_joints, identification.estimate.joint_names, strict=True)
-    ]
-    meaning = "; ".join(f"{parameter.symbol} {parameter.description}" for parameter in described)
-    return f"<p>{escape(meaning)}.</p>" + table("Terms at the joints", heads, rows, identifier="terms")
+    return Markup(text + table("Joint friction", heads, rows, identifier="friction", texts=[2, 4]))
 
 
 def provenance(identification: Identification) -> Markup:

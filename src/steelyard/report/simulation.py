@@ -117,7 +117,7 @@ def simulation_html(simulation: FileSimulation) -> str:
         ),
     ]
     title = f"{robot.name}: simulation"
-    return html_document(title, "Steelyard simulation", robot.name, lead, sections, script="charts.js")
+    return html_document(title, "Steelyard simulation", robot.name, lead, sections, scripts=("charts.js",))
 
 
 def _extent(simulation: FileSimulation) -> Markup:

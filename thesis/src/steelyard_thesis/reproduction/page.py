@@ -43,7 +43,7 @@ def reproduction_page(results: Sequence[tuple[Section, SectionResult]], missing:
         "C. D. Sousa (2014), reproduced",
         Markup("\n".join(lead)),
         parts,
-        script="charts.js",
+        scripts=("charts.js",),
     )
 
 

@@ -188,8 +188,8 @@ def _keep(place: Path, section: Section, result: SectionResult, mark: str) -> No
         write_text(_csv([item.columns, *item.rows]), place / f"{name}_table_{number}.csv")
     title = section.heading
     part = Part("result", title, section_markup(section, result))
-    script = "charts.js" if result.charts else ""
-    page = html_document(title, "Steelyard reproduction", title, Markup(""), [part], script=script)
+    scripts = ("charts.js",) if result.charts else ()
+    page = html_document(title, "Steelyard reproduction", title, Markup(""), [part], scripts=scripts)
     write_text(page, place / f"{name}.html")
     content = {"format": "steelyard-reproduction-1", "made_by": mark, "result": result.to_dict()}
     write_text(json.dumps(content), place / f"{name}.json")

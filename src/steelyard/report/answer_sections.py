@@ -1,0 +1,299 @@
+"""Parts of the report on the answer: whether it predicts, what its numbers rest on, and what its prior costs."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from steelyard.identification import Identification
+from steelyard.identification.parameter_table import HEADS, ParameterRow
+
+from .charts import Chart, Curve, charts_markup
+from .html_document import Markup, escape, percent, table
+
+__all__ = ["has_price", "parameters", "prediction", "price", "prior"]
+
+_DRAWN = Markup('<span class="hidden">Drawn</span>')  # what the bars are to screen readers
+_KNOWN_FROM = {"description": "the description", "shape": "its shape", "kinematics": "the kinematics"}
+
+
+def prediction(identification: Identification) -> Markup:
+    """Return how well each joint is predicted, beside the noise, and what the word means."""
+    told = identification.prediction
+    robot = identification.model.robot
+    units = ["N·m" if robot.joints[index].rotates else "N" for index in robot.driving_joints]
+    if len(units) != len(told.joint_names):
+        units = ["N·m or N"] * len(told.joint_names)
+    columns = (told.joint_names, told.joint_relative_error, told.joint_error, told.noise_floor, units, told.whiteness)
+    rows = [
+        (name, percent(error), f"{size:.3g}", _short(floor), unit, "–" if np.isnan(white) else f"{100 * white:.0f}")
+        for name, error, size, floor, unit, white in zip(*columns, strict=True)
+    ]
+    rows.append(("All joints", percent(told.relative_error), "", "", "", ""))
+    heads = ("Joint", "Error, %", "RMS of the error", "RMS of white noise", "Unit", "White, %")
+    return Markup(
+        "<p>Good is at most 8 % of the torques of all joints together without white noise, usable at most "
+        "15 %, poor at most 20 %, and wrong more; up to 50 % on unseen data it is still poor if the data of the fit is "
+        "explained to 20 %. A joint above 40 % makes it poor at best, one above 75 % on the data of the fit wrong. No "
+        "model predicts the white noise. Where little of what is left is white, it follows a pattern that a better "
+        "model would explain.</p>"
+        + table(f"Predicted: {told.source}", heads, rows, identifier="prediction-joints", texts=[4], total=True)
+    )
+
+
+def _short(value: float) -> str:
+    return "–" if np.isnan(value) else "open" if np.isinf(value) else f"{value:.3g}"
+
+
+def _short_value(value: float) -> str:
+    return "–" if np.isnan(value) else "open" if np.isinf(value) else f"{value:.4g}"
+
+
+def _length(value: float) -> str:
+    """Metres to a tenth of a millimetre, without the sign of a zero."""
+    return f"{round(value, 4) + 0.0:.4f}" if np.isfinite(value) else _short(value)
+
+
+# What each number rests on
+
+
+@dataclass(frozen=True)
+class _Line:
+    """A row of a table: its name, its number, and the ends of its bar."""
+
+    name: str
+    row: ParameterRow
+    scale: tuple[float, float]
+
+
+def parameters(identification: Identification) -> Markup:
+    """Return values, intervals, CAD and what they rest on: of links and joints first, then of all the parameters."""
+    told = identification.parameters
+    if told is None:
+        return Markup("<p>The estimate has base parameters alone, so that no link has numbers of its own.</p>")
+    has_intervals = told.confidence is not None
+    text = f"<p>{escape(told.counts)}</p>"
+    if has_intervals:
+        text += (
+            "<p>Each interval holds the true value with a probability of 95 %, as far as the model is right: it counts "
+            "noise, and all that the motion does not show, within what is physically possible. "
+            "<strong>Measured</strong>: the data alone tells the value, to about a fifth of its size. "
+            "<strong>Bounded</strong>: data and physics together confine it to its size. <strong>Assumed</strong>: "
+            "neither does, and the value was chosen near what is known beforehand; do not take it for that of the real "
+            "robot.</p>"
+            '<p class="key"><svg class="interval" viewBox="0 0 90 14" width="90" height="14" aria-hidden="true">'
+            '<path class="span" d="M15 7H75"/><path class="cad" d="M30 1V13"/><circle cx="45" cy="7" r="3.2"/></svg> '
+            "dot: value, bar: interval, tick: CAD; an arrow says that the interval goes on. Bars of one table share "
+            "their scale, but for that of all links together.</p>"
+        )
+    parts = [text, *(f"<p>{escape(sentence)}</p>" for sentence in told.sentences)]
+    links = told.links
+    masses = [link.mass for link in links]
+    scale = _scale(masses, at_zero=True)
+    lines = [_Line(link.name, link.mass, scale) for link in links]
+    lines.append(_Line("All links", told["total mass"], _scale([told["total mass"]], at_zero=True)))
+    groups = [_group("Masses, kg", "Link", lines, "masses", has_intervals, _short_value)]
+    scale = _scale([row for link in links for row in link.center])
+    lines = [
+        _Line(f"{link.name}, {axis}", row, scale)
+        for link in links
+        for axis, row in zip("xyz", link.center, strict=True)
+    ]
+    caption = "Centres of mass in the frames of the links, m"
+    groups.append(_group(caption, "Link", lines, "centers", has_intervals, _length))
+    scale = _scale([row for link in links for row in link.moments], at_zero=True)
+    lines = [
+        _Line(f"{link.name}, {place}", row, scale) for link in links for place, row in enumerate(link.moments, start=1)
+    ]
+    caption = "Principal moments of inertia about the centres of mass, kg·m²"
+    groups.append(_group(caption, "Link", lines, "moments", has_intervals))
+    groups += _terms(identification, has_intervals)
+    everything = table(
+        f"All {len(told)} numbers, as in parameters.csv",
+        [head.capitalize() if head != "CAD" else head for head in HEADS],
+        [
+            (
+                row.name,
+                *(_short_value(v) for v in (row.value, row.lower, row.upper, row.cad)),
+                row.unit,
+                row.basis,
+                row.meaning,
+            )
+            for row in told
+        ],
+        identifier="all-parameters",
+        texts=[5, 6, 7],
+    )
+    parts.append(f'<div class="columns wide">{"".join(groups)}</div>')
+    parts.append(f"<details><summary>All {len(told)} numbers</summary>{everything}</details>")
+    return Markup("".join(parts))
+
+
+def _terms(identification: Identification, has_intervals: bool) -> list[Markup]:
+    """A table for each parameter of the terms at the joints, such as viscous friction."""
+    told, robot = identification.parameters, identification.model.robot
+    assert told is not None
+    by_name = {row.name: row for row in told}
+    found = []
+    for parameter in [parameter for term in robot.terms for parameter in term.parameters]:
+        named = []
+        for joint, name in zip(robot.driving_joints, identification.estimate.joint_names, strict=True):
+            row = by_name.get(f"{parameter.symbol}{joint + 1}")
+            if row is not None:
+                named.append((name if robot.joints[joint].rotates else f"{name} (sliding)", row))
+        if not named:
+            continue
+        scale = _scale([row for _, row in named], with_zero=True)
+        both = ((True, parameter.unit), (False, parameter.unit_prismatic))
+        kinds = {robot.joints[joint].rotates for joint in robot.driving_joints}
+        units = " or ".join(unit for rotates, unit in both if rotates in kinds)
+        caption = f"{parameter.symbol}, {parameter.description}, {units}"
+        lines = [_Line(name, row, scale) for name, row in named]
+        found.append(_group(caption, "Joint", lines, f"terms-{parameter.symbol}", has_intervals))
+    return found
+
+
+def _group(
+    caption: str,
+    head: str,
+    lines: Sequence[_Line],
+    identifier: str,
+    has_intervals: bool,
+    written: Callable[[float], str] = _short,
+) -> Markup:
+    described = any(not np.isnan(line.row.cad) for line in lines)
+    shown = (True, True, described, has_intervals, has_intervals, has_intervals)
+    heads = (head, "Value", "CAD", "95 % interval", "Rests on", _DRAWN)
+    rows, muted = [], []
+    for place, line in enumerate(lines):
+        row = line.row
+        basis = Markup(f'<span class="basis {row.basis}">{row.basis}</span>')
+        interval = f"{written(row.lower)} … {written(row.upper)}"
+        rows.append(_chosen((line.name, written(row.value), written(row.cad), interval, basis, _bar(line)), shown))
+        if row.basis == "assumed":
+            muted.append(place)
+    columns = _chosen(heads, shown)
+    texts = [index for index, name in enumerate(columns) if name in (_DRAWN, "Rests on")]
+    return table(caption, columns, rows, identifier=identifier, texts=texts, muted=muted)
+
+
+def _chosen(cells: Sequence[str], shown: Sequence[bool]) -> tuple[str, ...]:
+    return tuple(cell for cell, is_shown in zip(cells, shown, strict=True) if is_shown)
+
+
+def _scale(rows: Sequence[ParameterRow], *, at_zero: bool = False, with_zero: bool = False) -> tuple[float, float]:
+    """The ends of bars: half as much again as values and CAD span, lest one wide interval hide the others."""
+    finite = [value for row in rows for value in (row.value, row.cad) if np.isfinite(value)] or [0.0]
+    low, high = min(finite), max(finite)
+    if at_zero or with_zero:
+        low, high = min(low, 0.0), max(high, 0.0)
+    margin = 0.5 * (high - low) or 1.0
+    return (low if at_zero else low - margin), high + margin
+
+
+_BAR = 90.0  # pixels
+
+
+def _bar(line: _Line) -> Markup:
+    """Draw the interval with its value and CAD, hidden from screen readers since the numbers stand beside it."""
+    low, high = line.scale
+
+    def place(value: float) -> float:
+        return 4.0 + (_BAR - 8.0) * min(max((value - low) / (high - low), 0.0), 1.0)
+
+    row = line.row
+    begin, end = place(row.lower), place(row.upper)
+    drawn = f'<path class="span" d="M{begin:.1f} 7H{end:.1f}"/>'
+    if row.lower < low:
+        drawn += f'<path class="end" d="M{begin + 4:.1f} 3L{begin:.1f} 7L{begin + 4:.1f} 11"/>'
+    if row.upper > high:
+        drawn += f'<path class="end" d="M{end - 4:.1f} 3L{end:.1f} 7L{end - 4:.1f} 11"/>'
+    if np.isfinite(row.cad):
+        drawn += f'<path class="cad" d="M{place(row.cad):.1f} 1V13"/>'
+    if np.isfinite(row.value):
+        drawn += f'<circle cx="{place(row.value):.1f}" cy="7" r="3.2"/>'
+    return Markup(
+        f'<svg class="interval {row.basis}" viewBox="0 0 {_BAR:.0f} 14" width="{_BAR:.0f}" height="14" '
+        f'aria-hidden="true">{drawn}</svg>'
+    )
+
+
+# What is known beforehand, and what it costs
+
+
+def prior(identification: Identification) -> Markup:
+    """Return what the prior says, of every link where it is from, and its weight; nothing where there is none."""
+    plausible = identification.plausible
+    if plausible is None:
+        return Markup("")
+    items = "".join(f"<li>{escape(sentence)}</li>" for sentence in plausible.prior.sentences)
+    weight = f"The weight of all this is {plausible.prior_weight:.4g}"
+    if plausible.validation is None:
+        weight += ", which was given, or follows from the length of logs that are too short to choose it."
+    else:
+        weight += (
+            ": the largest with which stretches of the logs, left out in turn, are predicted as well as with the best, "
+            "to one standard error."
+        )
+    told = identification.parameters
+    found = [link.mass.value for link in told.links] if told is not None else []
+    rows = []
+    for index, link in enumerate(plausible.prior.links):
+        source = "what was stated" if link.stated else _KNOWN_FROM[link.source]
+        after = [_short_value(found[index])] if found else []
+        rows.append((link.link, source, _short_value(float(link.parameters[9])), *after))
+    heads = ("Link", "Known from", "Mass beforehand, kg", *(["Mass in the answer, kg"] if found else []))
+    return Markup(
+        f"<ul>{items}</ul><p>{escape(weight)}</p>"
+        + table("The links beforehand", heads, rows, identifier="prior-links", texts=[1])
+    )
+
+
+def has_price(identification: Identification) -> bool:
+    """Return whether the price of plausibility is known, of which a chart is drawn."""
+    return identification.plausible is not None and identification.plausible.price is not None
+
+
+def price(identification: Identification) -> Markup:
+    """Return errors over the weight of the prior, with the place of the answer; nothing where they are not known."""
+    plausible = identification.plausible
+    if plausible is None or plausible.price is None:
+        return Markup("")
+    told = plausible.price
+    weights = told.prior_weights
+    ends = weights[[0, -1]]
+    at = weights[[told.chosen]]
+    curves = (
+        Curve("data of the fit", weights, 100 * told.training_error, color=0),
+        Curve("stretches left out", weights, 100 * told.held_out_error, color=1),
+        Curve("the answer, data of the fit", at, 100 * told.training_error[[told.chosen]], "points", color=0),
+        Curve("the answer, stretches left out", at, 100 * told.held_out_error[[told.chosen]], "points", color=1),
+        Curve("without a prior, data of the fit", ends, np.full(2, 100 * told.unrestricted_error), "dashed", color=0),
+        Curve(
+            "plain least squares, stretches left out",
+            ends,
+            np.full(2, 100 * told.least_squares_held_out_error),
+            "dashed",
+            color=1,
+        ),
+    )
+    chart = Chart("Error over the weight of the prior", "weight of the prior", "error, %", curves, True, True)
+    rows: list[tuple[str, ...]] = []
+    for index, (weight, training, held_out) in enumerate(
+        zip(weights, told.training_error, told.held_out_error, strict=True)
+    ):
+        marks = [word for word, place in (("least error", told.best), ("the answer", told.chosen)) if place == index]
+        rows.append((f"{weight:.3g}", percent(training), percent(held_out), ", ".join(marks)))
+    rows.append(("without a prior", percent(told.unrestricted_error), "–", ""))
+    errors = (told.least_squares_error, told.least_squares_held_out_error)
+    rows.append(("plain least squares", *(percent(error) for error in errors), ""))
+    heads = ("Weight", "Data of the fit, %", "Stretches left out, %", "Mark")
+    return Markup(
+        f"<p>{escape(told.sentence)}</p>"
+        + charts_markup([chart], identifier="price-chart")
+        + "<details><summary>The errors for every weight</summary>"
+        + table("Errors for every weight", heads, rows, identifier="price-table", texts=[3])
+        + "</details>"
+    )
