@@ -36,7 +36,7 @@ MISTAKES = {
     ),
     "torques in mN·m": (
         lambda log: replace(log, torque=1e3 * log.torque),
-        ['`torque_unit = "mN·m"` in [log] would fit'],
+        ["a thousand times too large", 'with `torque_unit = "mN·m"` in [log] the error falls'],
     ),
     "torques a hundredth": (lambda log: replace(log, torque=log.torque / 100), ["kg together", "`gain`"]),
     "held joint": (

@@ -5,8 +5,11 @@ from typing import TYPE_CHECKING
 from steelyard.first_use import import_at_first_use
 
 if TYPE_CHECKING:
+    from .correction import Correction as Correction
     from .excite import excite as excite
     from .identify import identify as identify
+    from .mistakes import Hypothesis as Hypothesis
+    from .mistakes import find_mistakes as find_mistakes
     from .payload import DriveGainIdentification as DriveGainIdentification
     from .payload import PayloadIdentification as PayloadIdentification
     from .payload import identify_drive_gains as identify_drive_gains

@@ -23,8 +23,9 @@ from steelyard.regression.reduction import empty_factors
 from steelyard.regression.time_blocks import TimeBlocks
 from steelyard.robot import RobotFile
 
-from .log_checks import implausible_mass, swapped_positions, swapped_torques
+from .log_checks import implausible_mass, mistakes_in_logs
 from .log_reader import LogReader, Progress, ThinnedSamples
+from .mistakes import sentence
 from .parameter_table import parameter_table
 from .plausible_fit import PlausibleFit, plausible_fit
 from .prediction_verdict import prediction_verdict
@@ -173,12 +174,12 @@ def identify(
         estimate = replace(estimate, parameter_table=tuple(table.to_list()))
     predictions = tuple(_predict(model, unconstrained, estimate, *part) for part in parts)
     remarks = dict.fromkeys(reader.remarks)
-    for log, _, _, thinned in parts:
-        samples = thinned.samples
-        found = swapped_torques(model, samples) or swapped_positions(model, samples)
-        remarks.update(dict.fromkeys(f"{log}: {sentence}" for sentence in found))
-    remarks.update(dict.fromkeys(_dear(unconstrained, estimate)))
-    if not reader.units_are_suspect:
+    samples = {name: thinned.samples for name, _, _, thinned in parts}
+    mistakes = mistakes_in_logs(reader, file, constraints, samples, predictions, say)
+    remarks.update(dict.fromkeys(f"{log}: {sentence(found)}" for log, found in mistakes.items()))
+    if not mistakes:
+        remarks.update(dict.fromkeys(_dear(unconstrained, estimate)))
+    if not mistakes and not reader.units_are_suspect:
         # Within the masses of the prior torques in wrong units find no robot; without, they find one of another weight.
         free = estimate
         if plausible is not None and prediction.word == "wrong":
@@ -197,6 +198,7 @@ def identify(
         plausible=plausible,
         weak=unconstrained.weak,
         remarks=tuple(remarks),
+        mistakes=mistakes,
         robot_file=file.path,
         logs=tuple(map(str, logs)),
         validation_logs=tuple(map(str, validate)),

@@ -1,118 +1,105 @@
-"""Signs that a log was read wrongly: columns that belong to other joints, and torques in the wrong unit."""
+"""Signs that a log was read wrongly: mistakes that would explain its torques, and masses that no robot has."""
 
 from __future__ import annotations
 
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import replace
+
 import numpy as np
-from numpy.typing import NDArray
 
 from steelyard.dynamics import Model
-from steelyard.recording import Samples
-from steelyard.regression import Estimate, Information, least_squares
+from steelyard.feasibility.constraints import Constraint
+from steelyard.recording import LogColumns, Samples, read_middle
+from steelyard.recording.columns import Layout, resolve
+from steelyard.recording.formats import LogFiles
+from steelyard.regression import Estimate
+from steelyard.robot import RobotFile
 
+from .correction import correction_settings
 from .kinematic_bodies import reach_of
+from .log_reader import LogReader
+from .mistakes import MOTION_UNITS, Hypothesis, find_mistakes
+from .marginal_likelihood import body_priors
+from .result import Prediction
 
-__all__ = ["implausible_mass", "swapped_positions", "swapped_torques"]
+__all__ = ["implausible_mass", "mistakes_in_logs"]
 
-_ROWS = 600
-"""Samples that are used: several times the number of base parameters on which the torque of one joint depends."""
-_RATIO = 0.1
-"""Exchanged torques must lower the product of the two errors tenfold before columns are called swapped: neighbouring
-joints of a wrist have similar dynamics, and each may fit the other's torque nearly as well as its own."""
-_FEW_ROWS = 300
-"""Samples for exchanged positions, where each pair of joints is a regression of its own."""
-_FALLEN = 0.8
-"""Ratio of the errors with exchanged and given positions; right columns have at least 1.0 on real robots, exchanged
-ones 0.1 to 0.75."""
-_ALL_PAIRS = 10
-"""Joints up to which every pair is tried; for more joints only neighbours, since the time grows with their square."""
-
-
-def swapped_torques(model: Model, samples: Samples) -> tuple[str, ...]:
-    """Name pairs of joints each of whose torques fits the other's dynamics far better than its own.
-
-    Parameters
-    ----------
-    model : Model
-    samples : Samples
-        A few hundred are used.
-
-    Returns
-    -------
-    tuple of str
-        A sentence for each pair; empty where nothing is suspect.
-    """
-    step = max(1, samples.count // _ROWS)
-    torque = samples.torque[::step]
-    columns = model.base_columns
-    values = columns.kernel(samples.q[::step], samples.dq[::step], samples.ddq[::step])
-    joints = range(model.dof)
-    error = np.ones((len(joints), len(joints)))  # of the torque of joint j, fitted by the regressor of joint i
-    for i, block in enumerate(np.split(values, np.cumsum([len(c) for c in columns.joints])[:-1], axis=1)):
-        error[i] = _errors(block, torque)
-    names = model.robot.joint_names
-    return tuple(
-        f"The torque columns of {names[i]} and {names[j]} look swapped: fitted alone, each suits the other "
-        f"joint ({error[i, j]:.0%} and {error[j, i]:.0%} error) better than its own "
-        f"({error[i, i]:.0%} and {error[j, j]:.0%})."
-        for i in joints
-        for j in joints
-        if i < j and error[i, j] * error[j, i] < _RATIO * error[i, i] * error[j, j]
-    )
+_SEARCHED = 3
+"""Logs for which all hypotheses are tried; for the others only those that were found in these. A search takes a second
+or two, and logs of one robot mostly share their mistakes."""
+_WORST = 12
+"""Logs that are looked at, the worst predicted of all: a look takes 10 ms where nothing is wrong."""
+_DENSE_ROWS = 4000
+"""Rows in the middle of a log by which a delay is told where the samples at hand are too far apart."""
 
 
-def swapped_positions(model: Model, samples: Samples) -> tuple[str, ...]:
-    """Name the pair of joints whose positions, exchanged, would explain the torques far better.
+def mistakes_in_logs(
+    reader: LogReader,
+    file: RobotFile,
+    constraints: Sequence[Constraint],
+    samples: Mapping[str, Samples],
+    predictions: Sequence[Prediction],
+    say: Callable[[str], None],
+) -> dict[str, tuple[Hypothesis, ...]]:
+    """Look for mistakes in logs, those that are predicted worst first.
 
     Parameters
     ----------
-    model : Model
-    samples : Samples
-        A few hundred are used.
+    reader : LogReader
+        That has read them.
+    file : RobotFile
+    constraints : sequence of Constraint
+        Those of the user.
+    samples : mapping from str to Samples
+        Of each log, thinned out.
+    predictions : sequence of Prediction
+        Of all of them.
+    say : callable
+        Told when a search begins.
 
     Returns
     -------
-    tuple of str
-        One sentence at most.
+    dict from str to tuple of Hypothesis
+        What is probably wrong with a log, with what robot.toml must say; logs without a finding are not in it.
     """
-    step = max(1, samples.count // _FEW_ROWS)
-    motion = [array[::step] for array in (samples.q, samples.dq, samples.ddq)]
-    torque = samples.torque[::step]
-    if len(torque) <= 2 * model.base_parameters().count:
-        return ()
+    model, names = reader.model, list(reader.model.robot.joint_names)
+    worst: dict[str, float] = {}
+    for prediction in predictions:
+        errors = prediction.joint_feasible_error
+        error = float(np.max(errors[np.isfinite(errors)], initial=prediction.feasible_error))
+        worst[prediction.name] = max(worst.get(prediction.name, 0.0), error)
+    known: list[Hypothesis] = []
+    found: dict[str, tuple[Hypothesis, ...]] = {}
+    searches, priors = 0, body_priors(model, constraints)
+    for log in sorted(worst, key=lambda name: -worst[name])[:_WORST]:
 
-    def error(order: list[int]) -> float:
-        """Return the geometric mean of the joints' relative errors, with the motion of the joints in this order."""
-        q, dq, ddq = (array[:, order] for array in motion)
-        information = Information.from_samples(model, Samples(q=q, dq=dq, ddq=ddq, torque=torque))
-        errors = information.joint_relative_error(least_squares(information, "joint").base)
-        return float(np.exp(np.mean(np.log(np.maximum(errors[np.isfinite(errors)], 1e-3)))))
+        def dense(log: str = log) -> Samples | None:
+            recording = read_middle(log, reader.columns, reader.processing, _DENSE_ROWS, names)
+            # Filters and masks need the ends of the log; what is read is its middle.
+            return recording.process(reader.processing, model) if recording.count > _DENSE_ROWS // 2 else None
 
-    joints = model.dof
-    reach = joints if joints <= _ALL_PAIRS else 2
-    fallen = {}
-    given = error(list(range(joints)))
-    for i in range(joints):
-        for j in range(i + 1, min(i + reach, joints)):
-            order = list(range(joints))
-            order[i], order[j] = j, i
-            fallen[i, j] = error(order) / given
-    best = min(fallen, key=fallen.__getitem__, default=None)
-    if best is None or fallen[best] > _FALLEN:
-        return ()
-    names = model.robot.joint_names
-    return (
-        f"The position columns of {names[best[0]]} and {names[best[1]]} look swapped: exchanged, the errors of the "
-        f"joints would fall to {fallen[best]:.0%} of what they are, on average.",
-    )
+        def begin(log: str = log) -> bool:
+            nonlocal searches
+            searches += 1
+            if searches <= _SEARCHED:
+                say(f"what may be wrong with {log}?")
+            return searches <= _SEARCHED
+
+        mistakes = find_mistakes(model, samples[log], dense=dense, known=known, begin=begin, priors=priors)
+        # A motion that no robot makes says nothing else.
+        if not mistakes or (reader.units_are_suspect and mistakes[0].kind not in MOTION_UNITS):
+            continue
+        known.extend(hypothesis for hypothesis in mistakes if hypothesis not in known)
+        layout = _layout(log, reader.columns, model)
+        found[log] = tuple(
+            replace(one, settings=correction_settings(one.correction, file, names, layout)) for one in mistakes
+        )
+    return {log: found[log] for log in worst if log in found}
 
 
-def _errors(columns: NDArray[np.float64], torque: NDArray[np.float64]) -> NDArray[np.float64]:
-    norms = np.linalg.norm(torque, axis=0)
-    if columns.shape[1] >= len(columns):
-        return np.ones(len(norms))
-    residual = columns @ np.linalg.lstsq(columns, torque, rcond=1e-9)[0] - torque
-    # Errors below a percent count as equal, so that the little noise of such joints does not decide.
-    return np.where(norms > 0.0, np.maximum(np.linalg.norm(residual, axis=0) / np.maximum(norms, 1e-300), 0.01), 1.0)
+def _layout(log: str, columns: LogColumns, model: Model) -> Layout:
+    files = LogFiles(log)
+    return resolve(files.names, columns, list(model.robot.joint_names), files.name, files.joint_labels())
 
 
 _OF_DESCRIPTION = 8.0
@@ -125,7 +112,6 @@ _GRAVITY_SEEN = 0.05
 axis, a balanced arm) torques hardly show masses, and the lightest answer is light."""
 _SHORTEST = 0.05
 """m of reach below which the description does not show the robot's size."""
-_SCALES = {"mN·m": 1e3}
 
 
 def implausible_mass(model: Model, estimate: Estimate, samples: Samples) -> tuple[str, ...]:
@@ -165,6 +151,7 @@ def implausible_mass(model: Model, estimate: Estimate, samples: Samples) -> tupl
         gravity = model.gravity(samples.q, parameters)
         if np.linalg.norm(gravity) < _GRAVITY_SEEN * np.linalg.norm(samples.torque):
             return ()
-    units = [f'`torque_unit = "{unit}"`' for unit, scale in _SCALES.items() if low <= mass / scale <= high]
-    remedy = f"{units[0]} in [log] would fit" if units else "check `torque_unit`, `gain` and gear ratios in [log]"
-    return (f"The links weigh {mass:.4g} kg together by these torques, far from {what}: {remedy}.",)
+    return (
+        f"The links weigh {mass:.4g} kg together by these torques, far from {what}: check `torque_unit`, `gain` and "
+        "gear ratios in [log].",
+    )

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -148,7 +149,7 @@ class ThinnedSamples:
     def __init__(self, points: int) -> None:
         self.points = points
         self.every, self.seen = 1, 0
-        self.parts: list[tuple[Array, ...]] = []
+        self.parts: list[tuple[NDArray[Any], ...]] = []
 
     def add(self, samples: Samples) -> None:
         """Add the samples that follow."""
@@ -156,7 +157,8 @@ class ThinnedSamples:
         start = -self.seen % self.every
         rows = slice(start, count, self.every)
         t = np.arange(self.seen, self.seen + count, dtype=float) if samples.t is None else samples.t
-        part = (t[rows], samples.q[rows], samples.dq[rows], samples.ddq[rows], samples.torque[rows])
+        mask = np.ones(samples.q.shape, dtype=bool) if samples.mask is None else samples.mask
+        part = (t[rows], samples.q[rows], samples.dq[rows], samples.ddq[rows], samples.torque[rows], mask[rows])
         self.parts.append(tuple(a.copy() for a in part))
         self.seen += count
         while sum(len(p[0]) for p in self.parts) > 2 * self.points:
@@ -176,5 +178,5 @@ class ThinnedSamples:
     @property
     def samples(self) -> Samples:
         """What was kept."""
-        q, dq, ddq, torque = (np.concatenate([p[i] for p in self.parts]) for i in range(1, 5))
-        return Samples(q=q, dq=dq, ddq=ddq, torque=torque)
+        t, q, dq, ddq, torque, mask = (np.concatenate(columns) for columns in zip(*self.parts, strict=True))
+        return Samples(q=q, dq=dq, ddq=ddq, torque=torque, mask=None if mask.all() else mask, t=t)

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Mapping
+from dataclasses import dataclass, field
 from html import escape
 from pathlib import Path
 
@@ -15,6 +16,7 @@ from steelyard.feasibility import FeasibleSet, Verdict
 from steelyard.recording import CutoffChoice
 from steelyard.regression import Estimate, Information
 
+from .mistakes import Hypothesis
 from .parameter_table import ParameterTable
 from .plausible_fit import PlausibleFit
 from .prediction_verdict import PredictionVerdict
@@ -104,6 +106,9 @@ class Identification:
         As they were given.
     options : dict
         All the choices, as plain data.
+    mistakes : dict from str to tuple of Hypothesis
+        What is probably wrong with a log, or with the robot file, by log: the likeliest mistake first, then those that
+        the log cannot tell from it. Nothing is changed silently.
     cutoff_choices : tuple of (str, CutoffChoice)
         Log, and the evidence, where the cutoff of the position filter was chosen from the data.
     """
@@ -124,6 +129,7 @@ class Identification:
     logs: tuple[str, ...]
     validation_logs: tuple[str, ...]
     options: dict[str, object]
+    mistakes: Mapping[str, tuple[Hypothesis, ...]] = field(default_factory=dict)
     cutoff_choices: tuple[tuple[str, CutoffChoice], ...] = ()
 
     @property

@@ -284,11 +284,14 @@ class LogSurvey:
         far = [j for j in outside if max(-reach_low[j], reach_high[j]) > 3.0 * max(abs(low[j]), abs(high[j]), 0.5)]
         if far and all(fits(j, j, DEGREE) for j in joints):
             j = far[0]
+            others = ", or a list with a unit for each joint, for the others fit as radians, too" * any(
+                fits(k, k) for k in joints
+            )
             raise InputError(
                 f"{self.source}: the position of {self.label(j)} goes from {reach_low[j]:.5g} to "
                 f"{reach_high[j]:.5g} rad, far beyond its limits of {low[j]:.4g} and {high[j]:.4g} rad, "
                 "and all joints fit theirs as degrees; "
-                'state `position_unit = "deg"` in [log].'
+                f'state `position_unit = "deg"` in [log]{others}.'
             )
         remarks = []
         for j in outside:

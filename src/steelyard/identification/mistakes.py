@@ -1,0 +1,887 @@
+"""What is probably wrong where a model predicts poorly: mistakes in a log or its robot file, each tried."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from dataclasses import dataclass, field, replace
+from itertools import combinations
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.optimize import linear_sum_assignment
+
+from steelyard.dynamics import Model
+from steelyard.recording import Samples
+
+from .correction import Correction, Settings, toml_inline, toml_text
+from .marginal_likelihood import (
+    LEAST_ERROR,
+    BodyPrior,
+    Moments,
+    LikeliestRobot,
+    body_priors,
+    described_bodies,
+    moments,
+    likeliest_robot,
+)
+
+__all__ = ["Hypothesis", "find_mistakes", "sentence"]
+
+Array = NDArray[np.float64]
+Order = tuple[int, ...]
+
+ROWS = 500
+"""Samples that are used, evenly spread. Twice as many take twice as long and rank the same."""
+POOR, POOR_JOINT = 0.05, 0.2
+"""Relative errors of all the torques, and of one joint's, from which hypotheses are tried."""
+DELAYED, DELAYED_JOINT = 0.03, 0.1
+"""The same from which a delay is tried, which takes a tenth of a second and shows in small errors."""
+GAIN = 10.0
+"""Least gain (logarithm of the odds) of a hypothesis that is told: the best of hundreds on a sound log gains 6."""
+PAYLOAD_GAIN = 30.0
+"""The same of a payload: much that a model lacks looks like another mass at the end of a chain. On a real Kinova Gen3
+without one it gained 13."""
+FALLEN = 0.75
+"""Share of the error, of all torques or of one joint, that is left at most."""
+HEAVIER = 4.0
+"""Factor of all torques from which it is told where the error does not fall: motors and cables explain two."""
+EQUAL = 4.0
+"""Hypotheses that gain so much less than the best are as likely for all that one log can tell."""
+HOPELESS = 100.0
+"""A hypothesis so much worse than the best is not refined."""
+MANY_JOINTS, TOO_MANY_JOINTS = 10, 20
+"""Beyond the first number pairs are only those of neighbours; beyond the second nothing is tried that moves positions
+joint by joint: legged robots have a dozen joints and humanoids thirty."""
+THOUSAND, DEGREE = 1e3, np.pi / 180.0
+MOTION_UNITS = ("position unit", "gear ratio", "time unit")
+TERMS = {
+    "rotor_inertia": "The model lacks the inertia of the rotors",
+    "offset": "The model lacks constant offsets of the torques",
+    "viscous": "The model lacks viscous friction",
+    "coulomb": "The model lacks Coulomb friction",
+}
+WIDTH = 5
+"""Orders of joints from which exchanges are tried once more."""
+DELAYS = (-0.1, -0.05, -0.02, -0.01, 0.005, 0.01, 0.02, 0.035, 0.05, 0.075, 0.1, 0.15, 0.2, 0.3)
+"""s that are tried first."""
+RATIOS = np.geomspace(1.5, 1000.0, 105)
+"""Of gears: positions that are 6 % off over two radians are 0.12 rad off, from which the best can be found."""
+ABSURD_SPAN, ABSURD_SLIDE, ABSURD_SPEED = 2.2 * np.pi, 3.0, 8.0
+"""rad, m, and rad/s or m/s that joints of robots exceed seldom, and motors in front of gears nearly always."""
+LOG_ABSURD = 0.7
+"""Standard deviation of the logarithm of what is beyond."""
+BEYOND, MOST_BEYOND = 0.2, 8.0
+"""rad or m beyond a limit that is one standard deviation, and the most that a joint's limits count: some descriptions
+have none, and some have wrong ones."""
+
+
+@dataclass(frozen=True, eq=False)
+class Hypothesis:
+    """A mistake that would explain why a model predicts a log poorly.
+
+    Attributes
+    ----------
+    kind : str
+        ``"torque sign"``, ``"joint order"``, ``"gravity"`` and so on.
+    statement : str
+        What looks wrong, without a full stop.
+    correction : Correction
+        What would mend it.
+    gain : float
+        Logarithm of the odds against the log being as it should, from the marginal likelihoods of both; how many other
+        hypotheses of this kind there are has been taken off.
+    error_before, error_after : float
+        Relative error of the torques of which the evidence speaks, each stretch of the log predicted by the others.
+    joint : str or None
+        The joint whose torques these are; None for all of them.
+    evidence : str
+        What speaks for it, as the second half of a sentence: how far the error falls, or where it does not, what else
+        becomes likely (masses, a motion within the limits).
+    settings : dict
+        What robot.toml would have to say, see `correction_settings`; empty where no robot file is known.
+    """
+
+    kind: str
+    statement: str
+    correction: Correction
+    gain: float
+    error_before: float
+    error_after: float
+    joint: str | None
+    evidence: str
+    settings: Settings = field(default_factory=dict)
+
+    @property
+    def toml(self) -> str:
+        """`settings` as TOML."""
+        return toml_text(self.settings)
+
+    def __repr__(self) -> str:
+        return f"Hypothesis({self.kind}: {self.statement}; mended, {self.evidence})"
+
+
+def sentence(hypotheses: Sequence[Hypothesis]) -> str:
+    """Say what is probably wrong with a log, and what would mend it.
+
+    Parameters
+    ----------
+    hypotheses : sequence of Hypothesis
+        With settings.
+    """
+    told = [f"{one.statement}: with {toml_inline(one.settings)} {one.evidence}" for one in hypotheses]
+    first, *others = told
+    if not others:
+        return f"{first}."
+    return f"{first}. This log cannot tell it from another mistake: {'; or: '.join(others)}."
+
+
+def _percent(error: float) -> str:
+    return f"{100 * error:.2g} %" if error < 0.995 else f"{100 * error:.0f} %"
+
+
+@dataclass(frozen=True, eq=False)
+class _Fitted:
+    """A fit and what it was made of, so that it can be repeated on parts of the data."""
+
+    fit: LikeliestRobot
+    given: Moments
+    prior: BodyPrior
+    nonnegative: NDArray[np.bool_]
+    torques: Array | None
+
+    @property
+    def cost(self) -> float:
+        return self.fit.cost
+
+    @property
+    def held_out(self) -> LikeliestRobot:
+        return likeliest_robot(self.given, self.prior, self.nonnegative, self.torques, held_out=True)
+
+
+@dataclass(frozen=True, eq=False)
+class _Candidate:
+    kind: str
+    statement: str
+    correction: Correction
+    cost: float
+    fitted: _Fitted
+
+
+def find_mistakes(
+    model: Model,
+    samples: Samples,
+    *,
+    dense: Callable[[], Samples | None] | None = None,
+    known: Sequence[Hypothesis] = (),
+    begin: Callable[[], bool] | None = None,
+    priors: tuple[BodyPrior, ...] | None = None,
+) -> tuple[Hypothesis, ...]:
+    """Try what may be wrong with a log, and return what would explain its torques far better.
+
+    The hypotheses: signs and order of the columns of positions, of torques and of both; units, gear ratios and torque
+    constants; coupled joints; zeros of the joints; the direction of gravity; delay; terms that are missing; payload.
+    Each is judged by the marginal likelihood of the torques among robots like this one (see
+    `marginal_likelihood`), so that one with more parameters, or one of many, does not win by chance.
+
+    Parameters
+    ----------
+    model : Model
+    samples : Samples
+        Of one log, thinned out evenly if at all; some hundreds are used.
+    dense : callable, optional
+        Returns samples of a shorter stretch, close enough in time to tell a delay, where `samples` are not.
+    known : sequence of Hypothesis
+        Found in other logs of the robot; tried first, and nothing else where one of them explains this log.
+    begin : callable, optional
+        Called before everything is tried; nothing is where it returns False.
+    priors : tuple of BodyPrior, optional
+        What `body_priors` returned of the model, for several logs.
+
+    Returns
+    -------
+    tuple of Hypothesis
+        The likeliest first, and others that are as likely. Empty where the log is explained well, or nothing that was
+        tried explains it much better.
+
+    Examples
+    --------
+    >>> import steelyard as sy
+    >>> robot = sy.Robot.from_dh([("pi/2", 0.0, 0.3, "q"), (0, 0.4, 0, "q")]).with_terms(sy.Viscous(), sy.Coulomb())
+    >>> model = sy.Model(robot)
+    >>> t = np.arange(0.0, 20.0, 0.04)[:, None]
+    >>> speed = np.array([0.9, 1.3])
+    >>> q, dq, ddq = np.sin(speed * t), speed * np.cos(speed * t), -(speed**2) * np.sin(speed * t)
+    >>> parameters = np.zeros(model.parameter_count)
+    >>> parameters[model.link_columns[1][[0, 3, 5, 6, 9]]] = 0.01, 0.2, 0.2, -0.4, 2.0
+    >>> parameters[[10, 11, 22, 23]] = 0.3, 0.5, 0.2, 0.4
+    >>> torque = model.inverse_dynamics(q, dq, ddq, parameters)
+    >>> find_mistakes(model, sy.Samples(q=q, dq=dq, ddq=ddq, torque=torque))
+    ()
+    >>> wrong = sy.Samples(q=q, dq=dq, ddq=ddq, torque=torque * [1, -1])
+    >>> [(found.kind, found.statement) for found in find_mistakes(model, wrong)]
+    [('torque sign', 'The sign of the torque of joint2 looks wrong')]
+    """
+    search = _Search(model, samples, dense, body_priors(model) if priors is None else priors)
+    if not search.is_poor():
+        return ()
+    search.try_known(known)
+    found = search.hypotheses()
+    if not (found and search.explained()) and (begin is None or begin()):
+        search.try_everything()
+        found = search.hypotheses()
+    return found
+
+
+def _some(samples: Samples, among: NDArray[np.bool_] | None = None) -> Samples:
+    """ROWS samples at most, evenly spread."""
+    rows = np.arange(samples.count) if among is None else np.flatnonzero(among)
+    rows = rows[:: -(-len(rows) // ROWS)]
+    return Samples(
+        q=samples.q[rows],
+        dq=samples.dq[rows],
+        ddq=samples.ddq[rows],
+        torque=samples.torque[rows],
+        mask=None if samples.mask is None else samples.mask[rows],
+        t=None if samples.t is None else samples.t[rows],
+    )
+
+
+class _Search:
+    """The hypotheses that were tried on one log, with what came of each."""
+
+    def __init__(
+        self,
+        model: Model,
+        samples: Samples,
+        dense: Callable[[], Samples | None] | None,
+        priors: tuple[BodyPrior, ...],
+    ) -> None:
+        self.model, self.source, self.dense = model, samples, dense
+        self.samples = samples = _some(samples)
+        self.count = model.dof
+        self.names = model.robot.joint_names
+        joints = [model.robot.joints[i] for i in model.robot.driving_joints]
+        self.turning = np.array([joint.rotates for joint in joints])
+        self.limits = np.array([joint.lower for joint in joints]), np.array([joint.upper for joint in joints])
+        self.strangeness = self._strangeness(samples)
+        self.priors = priors
+        self.scale = len(self.priors) // 2
+        self.nonnegative = _nonnegative(model)
+        self.found: list[_Candidate] = []
+        self.tried: set[str] = set()
+        self.given = moments(model, samples)
+        self.best = np.inf
+        self.base = self._fit(self.given)
+        self.scale = self.priors.index(self.base.prior)
+        self.best = self.base.cost
+
+    # Fits
+
+    def _fit(self, given: Moments, torques: Array | None = None, *, refine: bool = True) -> _Fitted:
+        """The likeliest robot; where the description has no masses, also over those that robots have.
+
+        The cost is smooth in the scale of the masses; the search goes downhill from that of the log as it is, unless
+        the hypothesis is far behind there.
+        """
+        known: dict[int, _Fitted] = {}
+
+        def cost(k: int) -> float:
+            if not 0 <= k < len(self.priors):
+                return np.inf
+            if k not in known:
+                fit = likeliest_robot(given, self.priors[k], self.nonnegative, torques)
+                known[k] = _Fitted(fit, given, self.priors[k], self.nonnegative, torques)
+            return known[k].cost
+
+        k = self.scale
+        if cost(k) > self.best + HOPELESS and not refine:
+            return known[k]
+        while True:
+            nearby = min((k, k + 1, k - 1), key=cost)
+            if nearby == k:
+                return known[k]
+            k = nearby
+
+    def _moments(self, correction: Correction) -> Moments:
+        return moments(self.model, replace(correction, torques=None).apply(self.samples), gravity=correction.gravity)
+
+    def _try(
+        self,
+        kind: str,
+        statement: str,
+        correction: Correction,
+        choices: float,
+        given: Moments | None = None,
+        *,
+        anywhere: bool = False,
+    ) -> float:
+        """Keep a hypothesis of which there are so many like it, and return its cost."""
+        if given is None:
+            given = self._moments(correction)
+        fitted = self._fit(given, correction.torques, refine=anywhere)
+        cost = fitted.cost + float(np.log(choices))
+        if correction.positions is not None or correction.offset is not None or correction.time != 1.0:
+            cost += self._strangeness(correction.apply(self.samples)) - self.strangeness
+        return self._keep(kind, statement, correction, cost, fitted)
+
+    def _keep(self, kind: str, statement: str, correction: Correction, cost: float, fitted: _Fitted) -> float:
+        self.found.append(_Candidate(kind, statement, correction, cost, fitted))
+        if cost < self.best:
+            self.best = cost
+            if fitted.prior in self.priors and fitted.torques is None:
+                self.scale = self.priors.index(fitted.prior)  # others start where the best so far is
+        return cost
+
+    def _strangeness(self, samples: Samples) -> float:
+        """What speaks against a motion, as a logarithm of odds: beyond the limits, of many turns, too fast."""
+        q, n = samples.q, self.count
+        low, high = self.limits
+        beyond = np.maximum(np.maximum(low - q.min(axis=0), q.max(axis=0) - high), 0.0) / BEYOND
+        cost = float(np.minimum(0.5 * beyond**2, MOST_BEYOND).sum())
+        span, speed = np.ptp(q, axis=0), np.abs(samples.dq).max(axis=0)
+        usual = np.where(self.turning, ABSURD_SPAN, ABSURD_SLIDE), np.full(n, ABSURD_SPEED)
+        for values, most in zip((span, speed), usual, strict=True):
+            cost += 0.5 * float(np.sum((np.log(np.maximum(values / most, 1.0)) / LOG_ABSURD) ** 2))
+        return cost
+
+    # Whether anything is wrong
+
+    def is_poor(self) -> bool:
+        """Whether the log as it is leaves something to be explained."""
+        base = self.base.fit
+        if base.error > POOR or np.any(base.errors > POOR_JOINT) or self.strangeness > 0.5 * GAIN:
+            return True
+        self._once(self._whole_scales)
+        self._once(self._payloads)
+        if base.error > DELAYED or np.any(base.errors > DELAYED_JOINT):
+            self._once(self._delays)
+        return any(self.base.cost - candidate.cost > GAIN for candidate in self.found)
+
+    def _once(self, attempt: Callable[[], None]) -> None:
+        if attempt.__name__ not in self.tried:
+            self.tried.add(attempt.__name__)
+            attempt()
+
+    # Hypotheses
+
+    def try_known(self, known: Iterable[Hypothesis]) -> None:
+        """Try what was found in another log, where it is a change of the log or of gravity."""
+        for one in known:
+            if not one.correction.terms and one.correction.payload is None and not one.correction.delay:
+                self._try(one.kind, one.statement, one.correction, 1.0, anywhere=True)
+
+    def explained(self) -> bool:
+        """Whether the best hypothesis leaves nothing to be explained."""
+        fit = min(self.found, key=lambda candidate: candidate.cost).fitted.fit
+        return not (fit.error > POOR or np.any(fit.errors > POOR_JOINT))
+
+    def try_everything(self) -> None:
+        """Try all kinds of mistakes."""
+        attempts = [self._whole_scales, self._payloads, self._delays, self._torque_signs, self._torque_orders]
+        attempts += [self._torque_scales, self._missing_terms, self._units, self._gravities]
+        if self.count <= TOO_MANY_JOINTS:
+            attempts += [self._position_signs, self._orders, self._couplings, self._zeros, self._gear_ratios]
+        for attempt in attempts:
+            self._once(attempt)
+
+    def _pairs(self) -> list[tuple[int, int]]:
+        near = self.count if self.count <= MANY_JOINTS else 2
+        return [(i, j) for i, j in combinations(range(self.count), 2) if j - i < near]
+
+    def _flipped(self) -> Iterator[tuple[str, Array, float]]:
+        """Joints in words, the matrix that changes their signs, and how many such choices there are."""
+        n = self.count
+        for k in range(n):
+            yield f"of {self.names[k]} looks", _signs(n, (k,)), n
+        pairs = self._pairs() if n > 2 else []
+        for i, j in pairs:
+            # Two wrong signs are rarer than one.
+            yield f"of {self.names[i]} and of {self.names[j]} look", _signs(n, (i, j)), 3.0 * len(pairs)
+        if n > 1:
+            yield "of all joints look", -np.eye(n), 2.0
+
+    def _torque_signs(self) -> None:
+        for of_joints, matrix, choices in self._flipped():
+            what = "sign of the torque" if of_joints.endswith("looks") else "signs of the torques"
+            self._try("torque sign", f"The {what} {of_joints} wrong", Correction(torques=matrix), choices, self.given)
+
+    def _position_signs(self) -> None:
+        for of_joints, matrix, choices in self._flipped():
+            given = self._moments(Correction(positions=matrix))
+            # Positions are drawn by every tool, so that their signs are wrong less often than those of torques.
+            one = of_joints.endswith("looks")
+            what = "sign of the position" if one else "signs of the positions"
+            statement = f"The {what} {of_joints} wrong"
+            self._try("position sign", statement, Correction(positions=matrix), 2.0 * choices, given)
+            what = "axis" if one else "axes"
+            statement = f"The {what} {of_joints} reversed: positions and torques have the other sign"
+            self._try("axis direction", statement, Correction(matrix, None, matrix), 2.0 * choices, given)
+
+    def _torque_orders(self) -> None:
+        n = self.count
+        orders = {tuple(_exchanged(range(n), i, j)) for i, j in self._pairs()}
+        orders |= {*_rotations(n), self._assignment()}
+        for order in sorted(orders - {tuple(range(n))}):
+            matrix = np.eye(n)[list(order)]
+            self._try(
+                "torque order",
+                self._order_statement("torque columns", order),
+                Correction(torques=matrix),
+                float(n * n),
+                self.given,
+            )
+
+    def _assignment(self) -> Order:
+        """Give every joint the torque that its own dynamics explain best, all together (an assignment problem)."""
+        n, width, total = self.count, self.given.columns, self.given.total
+        left = np.zeros((n, n))
+        for k in range(n):
+            used = np.diag(total[k, :width, :width]) > 0.0
+            gram, cross = total[k, :width, :width][np.ix_(used, used)], total[k, :width, width:][used]
+            sizes = np.sqrt(np.diag(gram))
+            scaled = gram / np.outer(sizes, sizes) + 1e-6 * np.eye(len(gram))
+            cross = cross / sizes[:, None]
+            explained = np.einsum("ij,ij->j", cross, np.linalg.solve(scaled, cross))
+            power = np.maximum(np.diag(total[k, width:, width:]), 1e-300)
+            left[k] = np.log(np.maximum(1.0 - explained / power, LEAST_ERROR**2))
+        return tuple(int(k) for k in linear_sum_assignment(left)[1])
+
+    def _orders(self) -> None:
+        """Positions in another order, or both positions and torques: downhill by exchanges from likely orders."""
+        n = self.count
+        start = tuple(range(n))
+        by_name = np.argsort(np.argsort(self.names))
+        likely = {start, start[::-1], tuple(int(k) for k in by_name), tuple(int(k) for k in np.argsort(by_name))}
+        paired = self._pairing()
+        made: dict[Order, Moments] = {start: self.given}
+        for kind, first in (
+            ("position order", likely | {paired, tuple(np.argsort(paired).tolist())}),
+            ("joint order", likely),
+        ):
+            costs: dict[Order, float] = {start: self.base.cost}
+
+            def cost(order: Order, kind: str = kind, costs: dict[Order, float] = costs) -> float:
+                if order not in costs:
+                    matrix = np.eye(n)[list(order)]
+                    if order not in made:
+                        made[order] = self._moments(Correction(positions=matrix))
+                    both = kind == "joint order"
+                    statement = self._order_statement("columns" if both else "position columns", order)
+                    correction = Correction(matrix, None, matrix if both else None)
+                    costs[order] = self._try(kind, statement, correction, float(n * n), made[order])
+                return costs[order]
+
+            for order in {min(sorted(first), key=cost), start}:
+                here = order
+                while True:
+                    best = min([here, *(tuple(_exchanged(here, i, j)) for i, j in self._pairs())], key=cost)
+                    if best == here:
+                        break
+                    here = best
+            if kind == "joint order" and self.count <= MANY_JOINTS:
+                # Exchanges get stuck where three joints must turn; each of the best is left in its turn.
+                for order in sorted(costs, key=lambda order: costs[order])[:WIDTH]:
+                    for i, j in self._pairs():
+                        cost(tuple(_exchanged(order, i, j)))
+
+    def _pairing(self) -> Order:
+        """Which velocity each torque follows as friction does, beyond what smooth functions of the motion explain."""
+        s, n = self.samples, self.count
+        smooth = np.concatenate([np.sin(s.q), np.cos(s.q), s.ddq, np.ones((s.count, 1))], axis=1)
+        residual = s.torque - smooth @ np.linalg.lstsq(smooth, s.torque, rcond=None)[0]
+        power = np.maximum((residual**2).sum(axis=0), 1e-300)
+        left = np.zeros((n, n))
+        for k in range(n):
+            own = np.stack([np.sign(s.dq[:, k]), s.dq[:, k]], axis=1)
+            own = own - smooth @ np.linalg.lstsq(smooth, own, rcond=None)[0]
+            friction = np.linalg.lstsq(own, residual, rcond=None)[0]
+            share = ((residual - own @ friction) ** 2).sum(axis=0) / power
+            left[:, k] = np.where(friction[0] > 0.0, np.log(np.maximum(share, 1e-6)), 0.0)
+        return tuple(int(k) for k in linear_sum_assignment(left)[1])
+
+    def _order_statement(self, what: str, order: Sequence[int]) -> str:
+        moved = [k for k, column in enumerate(order) if k != column]
+        if len(moved) == 2:
+            return f"The {what} of {self.names[moved[0]]} and {self.names[moved[1]]} look swapped"
+        names = ", ".join(self.names[list(order).index(k)] for k in range(self.count))
+        return f"The {what} look to be in another order, namely that of {names}"
+
+    def _whole_scales(self) -> None:
+        for factor, how in ((1.0 / THOUSAND, "large, as if in mN·m"), (THOUSAND, "small")):
+            correction = Correction(torques=factor * np.eye(self.count))
+            statement = f"The torques look a thousand times too {how}"
+            self._try("torque unit", statement, correction, 2.0, self.given, anywhere=True)
+
+    def _torque_scales(self) -> None:
+        n, ones = self.count, np.ones(self.count)
+
+        def attempt(kind: str, statement: str, logs: Array, choices: float) -> None:
+            self._try(kind, statement, Correction(torques=_scales(logs)), choices, self.given, anywhere=True)
+
+        def cost(logs: Array) -> float:
+            return self._fit(self.given, _scales(logs), refine=False).cost
+
+        whole = 0.0
+        if len(self.priors) == 1:  # otherwise the mass is not known, and no factor of all the torques either
+            whole = _least(lambda log: cost(log * ones), np.arange(-8.0, 9.0, 2.0), 8)
+            # Close to a thousand it is the unit: masses of descriptions are wrong by tens of per cent, and more.
+            if abs(abs(whole) - np.log(THOUSAND)) > np.log(HEAVIER):
+                attempt("torque scale", f"All torques look {_times(whole)} too {_small(whole)}", whole * ones, 1e4)
+        for k, own in enumerate(np.eye(n)):
+            name = self.names[k]
+            for log in (-np.log(THOUSAND), np.log(THOUSAND)):
+                how = "large, as if in mN·m" if log < 0 else "small"
+                # Nobody logs kN·m.
+                choices = 4.0 * n if log < 0 else 1e3 * n
+                attempt("torque unit", f"The torque of {name} looks a thousand times too {how}", log * own, choices)
+            start = self._predicted_scale(k) + np.array([-1.0, -0.3, 0.0, 0.3, 1.0])
+
+            def of_one(log: float, own: Array = own) -> float:
+                return cost(log * own)
+
+            log = _least(of_one, start, 5)
+            attempt("torque scale", f"The torque of {name} looks {_times(log)} too {_small(log)}", log * own, 1e3 * n)
+        logs = min((self._converged_scales(start * ones) for start in {whole, 0.0}), key=cost)
+        for own in np.eye(n):
+
+            def of_one_more(log: float, others: Array = logs, own: Array = own) -> float:
+                return cost(others + log * own)
+
+            logs = logs + own * _least(of_one_more, np.array([-0.5, 0.0, 0.5]), 3)
+        statement = "The torques look to be currents, or torques of the motors: each joint has a factor of its own"
+        if len(self.priors) > 1:
+            statement += " (one factor of all of them is a guess, for the description has no masses)"
+        attempt("torque constants", statement, logs, 20.0**n)
+
+    def _converged_scales(self, logs: Array) -> Array:
+        for _ in range(12):
+            before, logs = logs, self._best_scales(self._fit(self.given, _scales(logs)).fit.parameters)
+            if np.abs(logs - before).max() < 0.05:
+                break
+        return logs
+
+    def _best_scales(self, parameters: Array) -> Array:
+        """Logarithms of the factors of the torques with which these parameters explain them best."""
+        width, logs = self.given.columns, np.zeros(self.count)
+        factors = np.exp(np.linspace(-9.0, 9.0, 400))
+        for k, sums in enumerate(self.given.total):
+            modelled, mixed = parameters @ sums[:width, :width] @ parameters, parameters @ sums[:width, width + k]
+            measured = sums[width + k, width + k] * factors**2
+            residual = np.maximum(modelled - 2.0 * mixed * factors + measured, LEAST_ERROR**2 * measured)
+            logs[k] = np.log(factors[np.argmin(residual / np.maximum(factors**2, 1e-300))])
+        return logs
+
+    def _predicted_scale(self, k: int) -> float:
+        """Logarithm of the factor of the torque of joint k that a fit to the other joints asks for."""
+        values, width = self.given.values.copy(), self.given.columns
+        values[:, k] = 0.0
+        parameters, sums = self._fit(Moments(values, self.given.counts)).fit.parameters, self.given.total[k]
+        modelled = parameters @ sums[:width, :width] @ parameters
+        return float(0.5 * np.log(max(modelled, 1e-12) / max(sums[width + k, width + k], 1e-12)))
+
+    def _missing_terms(self) -> None:
+        kinds = {term.kind for term in self.model.robot.terms}
+        if "motor_side" in kinds:
+            return
+        s, n = self.samples, self.count
+        columns = {"rotor_inertia": s.ddq, "offset": np.ones_like(s.q), "viscous": s.dq, "coulomb": np.sign(s.dq)}
+        for kind, statement in TERMS.items():
+            if kind in kinds:
+                continue
+            given = moments(self.model, s, extra=columns[kind][:, :, None] * np.eye(n))
+            plain = self.nonnegative
+            self.nonnegative = np.concatenate([plain, np.full(n, kind != "offset")])
+            self._try("missing term", statement, Correction(terms=(kind,)), float(len(TERMS)), given)
+            self.nonnegative = plain
+
+    def _payloads(self) -> None:
+        """A body at the end of a chain that the description does not know."""
+        bodies = described_bodies(self.model)
+        if bodies is None:
+            return
+        carrying = {joint.parent for joint in self.model.robot.joints}
+        prior = self.priors[0]
+        for k, columns in enumerate(self.model.link_columns):
+            if k in carrying:
+                continue
+            wider = prior.with_payload(columns, 0.3 * float(bodies[:, 9].sum()))
+            fit = likeliest_robot(self.given, wider, self.nonnegative)
+            mass, name = float(fit.parameters[columns[9]]), self.model.robot.link_names[k]
+            more = mass - bodies[k, 9]
+            if more < 0.5 * bodies[k, 9]:
+                continue
+            statement = f"{name} looks to carry a payload of some {more:.2g} kg that the description does not know"
+            correction = Correction(payload=(name, mass, max(0.1 * more, 0.01)))
+            fitted = _Fitted(fit, self.given, wider, self.nonnegative, None)
+            self._keep("payload", statement, correction, fit.cost, fitted)
+
+    def _units(self) -> None:
+        n, turning = self.count, self.turning
+        changes: list[tuple[str, str, NDArray[np.bool_], float]] = []
+        for factor, said in ((DEGREE, "in degrees"), (1.0 / DEGREE, "57.3 times too small, radians taken for degrees")):
+            changes.append(("The positions", said, turning, factor))
+        for factor, said in ((1.0 / THOUSAND, "in mm"), (THOUSAND, "a thousand times too small, m taken for mm")):
+            changes.append(("The positions of the sliding joints", said, ~turning, factor))
+        for what, said, which, factor in changes:
+            if not which.any():
+                continue
+            matrix = np.diag(np.where(which, factor, 1.0))
+            self._try("position unit", f"{what} look to be {said}", Correction(positions=matrix), 2.0, anywhere=True)
+            if which.sum() == 1 or n > TOO_MANY_JOINTS:
+                continue
+            for k in np.flatnonzero(which):
+                matrix = np.diag(np.where(np.arange(n) == k, factor, 1.0))
+                statement = f"The position of {self.names[k]} looks to be {said}"
+                self._try("position unit", statement, Correction(positions=matrix), 4.0 * n)
+        for factor, said in ((1.0 / THOUSAND, "in ms"), (THOUSAND, "a thousand times too short, s taken for ms")):
+            self._try("time unit", f"The times look to be {said}", Correction(time=factor), 2.0, anywhere=True)
+
+    def _gear_ratios(self) -> None:
+        n, s = self.count, self.samples
+        absurd = (np.ptp(s.q, axis=0) > ABSURD_SPAN) | (np.abs(s.dq).max(axis=0) > ABSURD_SPEED)
+        suspects = [int(k) for k in np.flatnonzero(absurd & self.turning)]
+        for group in [[k] for k in suspects] + ([suspects] if len(suspects) > 1 else []):
+
+            def divided(ratio: float, group: list[int] = group) -> Array:
+                return np.diag([1.0 / ratio if k in group else 1.0 for k in range(n)])
+
+            def cost(log: float, divided: Callable[[float], Array] = divided) -> float:
+                return self._fit(self._moments(Correction(positions=divided(np.exp(log)))), refine=False).cost
+
+            ratio = float(np.exp(_least(cost, np.log(RATIOS))))
+            if ratio > 0.97 * RATIOS[-1]:
+                continue
+            ratio = round(ratio) if abs(ratio / max(round(ratio), 1) - 1.0) < 5e-3 else ratio
+            matrix, names = divided(ratio), " and ".join(self.names[k] for k in group)
+            names = "all turning joints" if len(group) == self.turning.sum() > 1 else names
+            given = self._moments(Correction(positions=matrix))
+            statement = f"The positions of {names} look to be those of the motors, in front of gears of 1:{ratio:.4g}"
+            self._try("gear ratio", statement, Correction(positions=matrix), 1e2 * n, given, anywhere=True)
+            statement = (
+                f"Positions and torques of {names} look to be those of the motors, in front of gears of 1:{ratio:.4g}"
+            )
+            both = Correction(positions=matrix, torques=np.diag(1.0 / np.diag(matrix)))
+            self._try("gear ratio", statement, both, 1e2 * n, given, anywhere=True)
+
+    def _zeros(self) -> None:
+        n = self.count
+        angles = [angle for angle in range(-150, 181, 30) if angle]
+        for k in np.flatnonzero(self.turning):
+
+            def attempt(angle: float, k: int = int(k)) -> float:
+                correction = Correction(offset=np.where(np.arange(n) == k, np.radians(angle), 0.0))
+                statement = (
+                    f"The zero of {self.names[k]} looks to be {abs(angle):.3g} degrees away from the description's"
+                )
+                # Quarter turns between two conventions are the rule, other angles the exception.
+                return self._try("position offset", statement, correction, (6.0 if angle % 90 == 0 else 60.0) * n)
+
+            costs = [attempt(angle) for angle in angles]
+            k_best = int(np.argmin(costs))
+            if costs[k_best] < min(self.base.cost - GAIN, self.best + HOPELESS):
+                _least(attempt, angles[k_best] + np.array([-15.0, 0.0, 15.0]), 3)
+
+    def _couplings(self) -> None:
+        n = self.count
+        for j, k in [pair for i in range(n - 1) for pair in ((i, i + 1), (i + 1, i))]:
+            for factor in (-1.0, 1.0):
+                matrix = np.eye(n)
+                matrix[j, k] = factor
+                given = self._moments(Correction(positions=matrix))
+                moves = f"{self.names[j]} looks to be coupled with {self.names[k]}: "
+                sign, names = ("less", "plus")[factor > 0], (self.names[j], self.names[k])
+                position = f"its position is that of its column {sign} that of {names[1]}"
+                both = 2.0 * np.eye(n) - matrix.T  # the inverse, transposed
+                self._try(
+                    "coupled joints",
+                    f"{moves}{position}, and torques likewise",
+                    Correction(matrix, None, both),
+                    8.0 * n,
+                    given,
+                )
+                self._try("coupled joints", f"{moves}{position}", Correction(matrix), 8.0 * n, given)
+                torque = f"its torque is that of its column {sign} that of {names[1]}"
+                self._try("coupled joints", f"{moves}{torque}", Correction(torques=matrix), 8.0 * n, self.given)
+
+    def _gravities(self) -> None:
+        own = np.asarray(self.model.robot.gravity, dtype=float)
+        size = float(np.linalg.norm(own)) or 9.81
+        directions = {
+            f"{'+-'[sign < 0]}{axis}": sign * np.eye(3)[k] for k, axis in enumerate("xyz") for sign in (1, -1)
+        }
+        for name, direction in directions.items():
+            if not np.allclose(size * direction, own):
+                statement = f"Gravity looks to act along {name} of the base frame: the robot is mounted otherwise"
+                self._try("gravity", statement, Correction(gravity=size * direction), 6.0)
+        if own.any():
+            statement = (
+                "The torques look to be without those of gravity (compensated, or a robot that moves in a plane)"
+            )
+            self._try("gravity", statement, Correction(gravity=np.zeros(3)), 6.0)
+
+    def _delays(self) -> None:
+        samples: Samples | None = self.source
+        if not _is_dense(self.source):
+            samples = None if self.dense is None else self.dense()
+        if samples is None or not _is_dense(samples):
+            return
+        t = samples.t
+        assert t is not None
+        inside = (t >= t[0] + DELAYS[-1]) & (t <= t[-1] + DELAYS[0])
+        if np.count_nonzero(inside) < 2 * len(self.nonnegative) // self.count + 50:
+            return
+
+        tried: dict[float, _Fitted] = {}
+
+        def cost(delay: float) -> float:
+            if delay not in tried:
+                shifted = Correction(delay=delay).apply(samples) if delay else samples
+                tried[delay] = self._fit(moments(self.model, _some(shifted, inside)))
+            # Errors below a few per cent are all alike for a hypothesis, and yet tell which delay is the best.
+            return tried[delay].cost + float(np.log(max(tried[delay].fit.error, 1e-6)))
+
+        first = min(DELAYS, key=cost)
+        best = round(_least(cost, first + np.array([-0.3, 0.0, 0.3]) * abs(first), 5), 4)
+        cost(best)
+        cost(0.0)
+        usual = tried[0.0]
+        later = "later" if best > 0 else "earlier"
+        statement = f"The torques look to be logged {1e3 * abs(best):.2g} ms {later} than the motion"
+        # Told against the same samples without the delay, which are others than those of the rest.
+        relative = self.base.cost + tried[best].cost - usual.cost + float(np.log(20.0))
+        self._keep("delay", statement, Correction(delay=best), relative, tried[best])
+
+    # What came of it
+
+    def hypotheses(self) -> tuple[Hypothesis, ...]:
+        """The likeliest, and those of other kinds that are as likely."""
+        told: list[Hypothesis] = []
+        for candidate in sorted(self.found, key=lambda candidate: candidate.cost):
+            gain = self.base.cost - candidate.cost
+            if gain < (PAYLOAD_GAIN if candidate.kind == "payload" else GAIN) and gain >= GAIN:
+                continue
+            if gain < GAIN or (told and gain < told[0].gain - EQUAL):
+                break
+            if any(_family(hypothesis.kind) == _family(candidate.kind) for hypothesis in told):
+                continue
+            hypothesis = self._judged(candidate, gain)
+            if hypothesis is not None:
+                told.append(hypothesis)
+        return tuple(told)
+
+    def _judged(self, candidate: _Candidate, gain: float) -> Hypothesis | None:
+        """The evidence for a candidate, or None where it is too weak."""
+        before, after = self.base.held_out, candidate.fitted.held_out
+        errors, joint = (before.held_out_error, after.held_out_error), None
+        if errors[1] > FALLEN * errors[0] or errors[0] < POOR:
+            k = int(np.argmax(before.held_out - after.held_out))
+            of_joint = float(before.held_out[k]), float(after.held_out[k])
+            if of_joint[1] < FALLEN * of_joint[0]:
+                errors, joint = of_joint, self.names[k]
+        if errors[1] < FALLEN * errors[0]:
+            where = "" if joint is None else f" of {joint}"
+            evidence = f"the error{where} falls from {_percent(errors[0])} to {_percent(errors[1])}"
+        else:
+            other = self._mass_evidence(candidate, before, after) or self._motion_evidence(candidate)
+            if other is None:
+                return None
+            evidence = other
+        return Hypothesis(candidate.kind, candidate.statement, candidate.correction, gain, *errors, joint, evidence)
+
+    def _mass_evidence(self, candidate: _Candidate, before: LikeliestRobot, after: LikeliestRobot) -> str | None:
+        if candidate.correction.payload is not None:
+            link, mass, _ = candidate.correction.payload
+            described = self.base.prior.mean[self.model.link_columns[self.model.robot.link_names.index(link)][9]]
+            return f"{link} weighs {mass:.3g} kg and not {described:.3g} kg"
+        if _family(candidate.kind) != "torque factor":
+            return None
+        masses = [float(fit.parameters[self.base.prior.masses].sum()) for fit in (before, after)]
+        if 1.0 / HEAVIER < masses[0] / masses[1] < HEAVIER:
+            return None
+        return f"the links weigh {masses[1]:.3g} kg together and not {masses[0]:.3g} kg"
+
+    def _motion_evidence(self, candidate: _Candidate) -> str | None:
+        mended = replace(candidate.correction, torques=None).apply(self.samples)
+        if self.strangeness - self._strangeness(mended) < 0.5 * GAIN:
+            return None
+        spans = np.ptp(self.samples.q, axis=0), np.ptp(mended.q, axis=0)
+        k = int(np.argmax(np.abs(np.log(np.maximum(spans[0], 1e-9) / np.maximum(spans[1], 1e-9)))))
+        if abs(np.log(spans[0][k] / spans[1][k])) < np.log(2.0):
+            return "all joints move within their limits"
+        unit = "rad" if self.turning[k] else "m"
+        return f"{self.names[k]} moves through {spans[1][k]:.3g} {unit} and not {spans[0][k]:.3g} {unit}"
+
+
+def _family(kind: str) -> str:
+    return "torque factor" if kind in ("torque unit", "torque scale", "torque constants") else kind
+
+
+def _nonnegative(model: Model) -> NDArray[np.bool_]:
+    """Parameters that physics does not let be negative: friction and rotor inertia."""
+    found = np.zeros(model.parameter_count, dtype=bool)
+    for block in model.conditions("full"):
+        if block.size == 1 and len(block.indices) == 1 and block.coefficients[0, 0, 0] > 0.0:
+            found[block.indices] = True
+    return found
+
+
+def _is_dense(samples: Samples) -> bool:
+    """Whether accelerations half-way between rows are foretold by the rows to a tenth."""
+    if samples.t is None or samples.count < 50:
+        return False
+    rows = slice(0, samples.count - 1 + samples.count % 2, 2)
+    every_other = replace(
+        samples, **{name: getattr(samples, name)[rows] for name in ("q", "dq", "ddq", "torque", "t")}, mask=None
+    )
+    steps = np.diff(samples.t)
+    if np.ptp(steps) > 0.01 * steps.mean():
+        return False
+    foretold = Correction(delay=-float(steps.mean())).apply(every_other)
+    count = foretold.count - 1
+    wrong = foretold.ddq[:count] - samples.ddq[1::2][:count]
+    return bool(np.linalg.norm(wrong) < 0.1 * np.linalg.norm(samples.ddq))
+
+
+def _signs(n: int, flipped: Iterable[int]) -> Array:
+    values = np.ones(n)
+    values[list(flipped)] = -1.0
+    return np.diag(values)
+
+
+def _exchanged(order: Sequence[int], i: int, j: int) -> list[int]:
+    found = list(order)
+    found[i], found[j] = found[j], found[i]
+    return found
+
+
+def _rotations(n: int) -> Iterator[Order]:
+    for k in range(1, n):
+        yield tuple(int(i) for i in np.roll(np.arange(n), k))
+    yield tuple(range(n))[::-1]
+
+
+def _scales(logs: Array) -> Array:
+    return np.diag(np.exp(logs))
+
+
+def _times(log: float) -> str:
+    return f"{np.exp(abs(log)):.3g} times"
+
+
+def _small(log: float) -> str:
+    return "small" if log > 0.0 else "large"
+
+
+def _least(function: Callable[[float], float], grid: Array, halvings: int = 6) -> float:
+    """Where a function is least: at the best of a grid, refined between its neighbours by halves."""
+    values = [function(float(x)) for x in grid]
+    k = int(np.argmin(values))
+    x, best = float(grid[k]), values[k]
+    step = 0.25 * float(grid[min(k + 1, len(grid) - 1)] - grid[max(k - 1, 0)])
+    for _ in range(halvings):
+        for y in (x - step, x + step):
+            value = function(y)
+            if value < best:
+                x, best = y, value
+        step *= 0.5
+    return x

@@ -1,0 +1,372 @@
+"""Mistakes in logs of a small arm, whose torques Pinocchio computes: each is found, and a line mends it."""
+
+import tomllib
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+
+import steelyard as sy
+from steelyard.identification.correction import Correction, correction_settings, toml_inline, toml_text
+from steelyard.identification.mistakes import find_mistakes
+from steelyard.recording import LogColumns
+from steelyard.robot import RobotFile
+
+URDF = """<robot name="small">
+<link name="base"/>
+{links}
+{joints}
+</robot>"""
+BODIES = {
+    "turret": (4.0, (0.0, 0.02, -0.05), 0.03),
+    "upper": (3.0, (0.2, 0.01, 0.03), 0.05),
+    "fore": (2.0, (0.15, -0.02, 0.02), 0.02),
+    "hand": (0.8, (0.02, 0.03, 0.06), 0.002),
+}
+JOINTS = {
+    "pan": ("0 0 0.3", "0 0 0", "0 0 1", "revolute"),
+    "lift": ("0 0.1 0", "-1.5708 0 0", "0 0 1", "revolute"),
+    "elbow": ("0.45 0 0", "0 0 0.3", "0 0 1", "revolute"),
+    "wrist": ("0.3 0 0", "0 1.5708 0.4", "0 0 1", "revolute"),
+}
+SLIDE = ("0 0 0.5", "0 0 0", "0 0 1", "prismatic")
+
+
+def urdf(slide):
+    bodies, joints = dict(BODIES), dict(JOINTS)
+    if slide:
+        bodies, joints = {"cart": (6.0, (0.05, 0.0, 0.1), 0.1), **bodies}, {"slide": SLIDE, **joints}
+    links, parts, parent = [], [], "base"
+    for (link, (mass, com, size)), (name, (xyz, rpy, axis, kind)) in zip(bodies.items(), joints.items(), strict=True):
+        place = " ".join(map(str, com))
+        links.append(
+            f'<link name="{link}"><inertial><origin xyz="{place}"/><mass value="{mass}"/><inertia ixx="{size}" ixy="0" '
+            f'ixz="0" iyy="{1.2 * size}" iyz="0" izz="{0.7 * size}"/></inertial></link>'
+        )
+        limits = "-0.5" if kind == "prismatic" else "-2.5"
+        parts.append(
+            f'<joint name="{name}" type="{kind}"><origin xyz="{xyz}" rpy="{rpy}"/><parent link="{parent}"/>'
+            f'<child link="{link}"/><axis xyz="{axis}"/><limit lower="{limits}" upper="{limits[1:]}" effort="100" '
+            'velocity="10"/></joint>'
+        )
+        parent = link
+    return URDF.format(links="\n".join(links), joints="\n".join(parts))
+
+
+@pytest.fixture(scope="module")
+def planted():
+    return pytest.importorskip("planted_mistakes", reason="Pinocchio (the oracle) is not installed")
+
+
+@pytest.fixture(scope="module")
+def arms(planted, tmp_path_factory):
+    """The arm, and the same on a slide."""
+    folder = tmp_path_factory.mktemp("arms")
+    found = {}
+    for slide in (False, True):
+        path = folder / f"{slide}.urdf"
+        path.write_text(urdf(slide))
+        found[slide] = planted.Arm(path)
+    return found
+
+
+def names():
+    module = pytest.importorskip("planted_mistakes", reason="Pinocchio (the oracle) is not installed")
+    return list(module.MISTAKES)
+
+
+MISTAKES = [
+    "sign of a torque",
+    "signs of two torques",
+    "signs of all torques",
+    "sign of a position",
+    "signs of two positions",
+    "reversed axis",
+    "two torques swapped",
+    "two positions swapped",
+    "two joints swapped",
+    "torques in another order",
+    "positions in another order",
+    "joints in another order",
+    "mN·m",
+    "mN·m at a joint",
+    "torque before a gear",
+    "currents",
+    "degrees",
+    "degrees at a joint",
+    "mm",
+    "ms",
+    "gear ratio",
+    "gear ratio of all joints",
+    "gravity",
+    "delay",
+    "coupled joints",
+    "coupled positions",
+    "coupled torques",
+    "zero of a joint",
+    "missing rotors",
+    "missing offsets",
+    "missing friction",
+    "payload",
+]
+
+
+def test_every_mistake_is_tried():
+    assert names() == MISTAKES
+
+
+def case(planted, arms, mistake, seed=3):
+    arm = arms[mistake == "mm"]
+    log = planted.plant(arm, mistake, seed, "rich")
+    number = MISTAKES.index(mistake) if mistake in MISTAKES else seed
+    cad = number % 2 == 0 or mistake in ("payload", "mN·m", "mN·m at a joint")
+    robot = planted.described(arm.robot, seed) if cad else planted.undescribed(arm.robot)
+    return SimpleNamespace(arm=arm, log=log, robot=robot, model=sy.Model(robot.with_terms(*log.terms)))
+
+
+@pytest.mark.parametrize("mistake", MISTAKES)
+def test_a_mistake_is_found(planted, arms, mistake):
+    given = case(planted, arms, mistake)
+    found = find_mistakes(given.model, given.log.samples)
+    assert found, "nothing was found"
+    assert given.log.is_named_by(found[0]), found
+    assert found[0].gain > 10.0
+
+
+@pytest.mark.parametrize("motion", ["weak", "ordinary", "rich"])
+@pytest.mark.parametrize("cad", [True, False])
+def test_a_sound_log_is_not_accused(planted, arms, motion, cad):
+    arm = arms[False]
+    for seed in range(3):
+        log = planted.plant(arm, "none", seed, motion)
+        robot = planted.described(arm.robot, seed) if cad else planted.undescribed(arm.robot)
+        assert find_mistakes(sy.Model(robot.with_terms(*log.terms)), log.samples) == ()
+
+
+def test_two_mistakes_that_a_log_cannot_tell_apart_are_both_told(arms):
+    """A single joint with gravity across it: position and torque the other way round are the same as neither."""
+    robot = sy.Robot.from_dh([("pi/2", 0.0, 0.3, "q"), (0, 0.4, 0, "q")]).with_terms(sy.Viscous(), sy.Coulomb())
+    model = sy.Model(robot)
+    t = np.arange(0.0, 20.0, 0.04)[:, None]
+    speed = np.array([0.9, 1.3])
+    q, dq, ddq = np.sin(speed * t), speed * np.cos(speed * t), -(speed**2) * np.sin(speed * t)
+    # A rod of 2 kg that turns in the plane of the first axis, 0.2 m from its joint, with friction, by hand.
+    inertia, first, mass = 2.0 * 0.2**2, 2.0 * 0.2, 2.0
+    c, s = np.cos(q[:, 1]), np.sin(q[:, 1])
+    torque = np.stack(
+        [
+            inertia * (c**2 * ddq[:, 0] - 2 * c * s * dq[:, 0] * dq[:, 1]) + 0.3 * dq[:, 0] + 0.5 * np.sign(dq[:, 0]),
+            inertia * (ddq[:, 1] + c * s * dq[:, 0] ** 2) + 9.81 * first * c + 0.2 * dq[:, 1] + 0.4 * np.sign(dq[:, 1]),
+        ],
+        axis=1,
+    )
+    assert mass > 0.0
+    sound = sy.Samples(q=q, dq=dq, ddq=ddq, torque=torque)
+    assert find_mistakes(model, sound) == ()
+    found = find_mistakes(model, sy.Samples(q=q, dq=dq, ddq=ddq, torque=torque * [-1, 1]))
+    assert [one.kind for one in found] == ["torque sign", "position sign"]
+
+
+# What robot.toml must say
+
+
+STATED = {
+    "plain": {},
+    "with units and signs": {
+        "position_unit": "deg",
+        "torque_unit": "mN·m",
+        "torque_sign": [1, -1, 1],
+        "position_offset": ["pi/2", 0, 0.1],
+    },
+    "currents of motors": {
+        "position_matrix": [["1/50", 0, 0], [0, "1/80", 0], [0, "-1/80", "1/60"]],
+        "position_offset": [0.1, 0.2, 0.3],
+        "torque_unit": "A",
+        "gain": [2.0, 3.0, 4.0],
+        "torque_matrix": [[50, 0, 0], [0, 80, 60], [0, 0, 60]],
+        "torque_sign": -1,
+    },
+}
+ORDER = np.eye(3)[[2, 0, 1]]
+CORRECTIONS = {
+    "order of torques": Correction(torques=ORDER),
+    "order of positions": Correction(positions=ORDER),
+    "order of joints": Correction(positions=ORDER, torques=ORDER),
+    "sign of a torque": Correction(torques=np.diag([1.0, -1.0, 1.0])),
+    "sign of a position": Correction(positions=np.diag([1.0, -1.0, 1.0])),
+    "all in another unit": Correction(positions=np.eye(3) * np.pi / 180.0, torques=1e-3 * np.eye(3)),
+    "one in another unit": Correction(positions=np.diag([1, np.pi / 180, 1]), torques=np.diag([1e-3, 1.0, 1.0])),
+    "gains": Correction(torques=np.diag([1.5, 2.5, 100.0])),
+    "gear": Correction(positions=np.diag([1.0, 0.01, 1.0])),
+    "zero": Correction(offset=np.array([0.0, np.pi / 2, -0.25])),
+    "coupled": Correction(positions=np.array([[1.0, 0, 0], [0, 1, 0], [0, 1, 1]]), torques=np.eye(3)[::-1] + np.eye(3)),
+}
+
+
+@pytest.mark.parametrize("stated", STATED)
+@pytest.mark.parametrize("correction", CORRECTIONS)
+@pytest.mark.parametrize("named", [True, False])
+def test_a_line_of_robot_toml_does_what_the_correction_does(tmp_path, stated, correction, named):
+    random = np.random.default_rng(1)
+    smooth = np.cumsum(np.cumsum(random.normal(size=(300, 3)), axis=0), axis=0) * 1e-4
+    columns = {f"q{k + 1}": smooth[:, k] for k in range(3)} | {f"tau{k + 1}": random.normal(size=300) for k in range(3)}
+    np.savez(tmp_path / "log.npz", t=np.arange(300) / 100, **columns)
+
+    def read(log):
+        return sy.Recording.read(tmp_path / "log.npz", LogColumns.from_dict(log), joints=3)
+
+    before, change = read(STATED[stated]), CORRECTIONS[correction]
+    path = tmp_path / "robot.toml"
+    path.write_text(
+        toml_text(
+            {"description": {"rows": [[0, 0.3, 0, "q"]] * 3}, **({"log": STATED[stated]} if stated != "plain" else {})}
+        )
+    )
+    file = RobotFile.load(path)
+    layout = None
+    if named:
+        from steelyard.recording.columns import resolve
+
+        layout = resolve(["t", *columns], LogColumns.from_dict(STATED[stated]), 3, "log")
+    settings = correction_settings(change, file, file.robot.joint_names, layout)
+    written = tomllib.loads(toml_text(settings))
+    after = read({**STATED[stated], **written["log"]})
+    samples = sy.Samples(q=before.q, dq=before.q, ddq=before.q, torque=before.torque)
+    wanted = change.apply(samples)
+    np.testing.assert_allclose(after.torque, wanted.torque, rtol=1e-9, atol=1e-12)
+    # Offsets that are stated were meant for positions in the right unit, and stay as they are.
+    moved = not (
+        "unit" in correction and "position_offset" in STATED[stated] and "position_matrix" not in STATED[stated]
+    )
+    np.testing.assert_allclose(
+        after.q - (0 if moved else after.q[0]),
+        wanted.q - (0 if moved else wanted.q[0]),
+        atol=2e-5 * np.abs(wanted.q).max(),
+    )
+
+
+def test_other_lines_of_robot_toml(tmp_path):
+    path = tmp_path / "robot.toml"
+    path.write_text('[description]\nrows = [[0, 0.3, 0, "q"]]\n[processing]\ndelay = 0.01\n')
+    file = RobotFile.load(path)
+
+    def lines(**change):
+        return correction_settings(Correction(**change), file, ["joint1"])
+
+    assert lines(delay=0.02) == {"processing": {"delay": 0.03}}
+    assert lines(gravity=np.array([9.81, 0.0, 0.0])) == {"description": {"gravity": [9.81, 0, 0]}}
+    assert lines(time=1e-3) == {"log": {"time_unit": "ms"}}
+    assert [term["kind"] for term in lines(terms=("rotor_inertia",))["terms"]] == [
+        "viscous",
+        "coulomb",
+        "offset",
+        "rotor_inertia",
+    ]
+    assert toml_inline(lines(payload=("link1", 2.5, 0.25))) == (
+        '`links = ["link1"]; value = 2.5; standard_deviation = 0.25` in [[constraints.measured_mass]]'
+    )
+    path.write_text('[description]\nrows = [[0, 0.3, 0, "q"]]\n[log]\nrate = 1.0\n')
+    assert correction_settings(Correction(time=1e-3), RobotFile.load(path), ["joint1"]) == {"log": {"rate": 1000}}
+
+
+# Through identify
+
+
+def merged(robot, settings):
+    """Return the tables of a robot file with settings put in, as a user would."""
+    found = dict(robot)
+    for section, content in settings.items():
+        if section == "terms":
+            found[section] = content
+        else:
+            found[section] = {**found.get(section, {}), **content}
+    return found
+
+
+REFUSED = {
+    "degrees": 'state `position_unit = "deg"`',
+    "degrees at a joint": "or a list with a unit for each joint, for the others fit as radians",
+}
+"""What is so wrong that the log is not read."""
+
+
+@pytest.mark.parametrize(
+    "mistake",
+    [
+        mistake if mistake in ("sign of a torque", "missing offsets") else pytest.param(mistake, marks=pytest.mark.slow)
+        for mistake in MISTAKES
+        if mistake != "ms"
+    ],
+)
+def test_the_line_that_is_told_mends_the_identification(planted, arms, mistake, tmp_path):
+    given = case(planted, arms, mistake)
+    samples = given.log.samples
+    log = sy.Recording(t=samples.t, q=samples.q, torque=samples.torque, source="log").save(tmp_path / "log.npz")
+    source = given.arm.path
+    if given.robot.links[0].inertia is None:
+        source = tmp_path / "bare.urdf"
+        text = given.arm.path.read_text()
+        while "<inertial>" in text:
+            head, rest = text.split("<inertial>", 1)
+            text = head + rest.split("</inertial>", 1)[1]
+        source.write_text(text)
+    robot = {
+        "description": {"urdf": str(source)},
+        "terms": [{"kind": term.kind} for term in given.log.terms],
+        "processing": {"cutoff": 8.0},
+    }
+    path = tmp_path / "robot.toml"
+
+    def identified(tables):
+        path.write_text(toml_text({k: v for k, v in tables.items() if k != "terms"} | {"terms": tables["terms"]}))
+        return sy.identify(path, [log])
+
+    if mistake in REFUSED:
+        with pytest.raises(sy.InputError, match=REFUSED[mistake]):
+            identified(robot)
+        return
+    first = identified(robot)
+    (found,) = first.mistakes.values()
+    right = next(one for one in found if given.log.is_named_by(one))
+    assert any(right.statement in remark and toml_inline(right.settings) in remark for remark in first.remarks)
+    if mistake == "sign of a torque":
+        assert tomllib.loads(right.toml) == {
+            "log": {"torque_sign": [-1 if s < 0 else 1 for s in np.diag(right.correction.torques)]}
+        }
+    mended = identified(merged(robot, tomllib.loads(right.toml)))
+    assert not mended.mistakes
+    assert mended.estimate.relative_error < 0.06
+
+
+@pytest.mark.slow
+def test_a_delay_is_told_in_a_long_log(simulation, tmp_path):
+    """Of which the samples that are kept are 0.08 s apart, farther than the delay; a stretch is read again."""
+    path = tmp_path / "robot.toml"
+    path.write_text(simulation.robot_file)
+    model = sy.Model.load(path)
+    t, q, dq, ddq = simulation.trajectory(3).sample(500.0, 20.0)
+    torque = model.inverse_dynamics(q, dq, ddq, simulation.true_parameters(model))
+    late = 20
+    log = sy.Recording(t=t[late:], q=q[late:], torque=torque[:-late], source="log").save(tmp_path / "log.npz")
+    (found,) = sy.identify(path, [log]).mistakes.values()
+    assert found[0].kind == "delay"
+    assert found[0].correction.delay == pytest.approx(late / 500.0, abs=0.002)
+    path.write_text(path.read_text() + f"delay = {found[0].settings['processing']['delay']}\n")
+    assert sy.identify(path, [log]).mistakes == {}
+
+
+def test_logs_share_their_mistakes(simulation, tmp_path):
+    """Of five logs three are searched, and the others are tried with what was found."""
+    path = tmp_path / "robot.toml"
+    path.write_text(simulation.robot_file)
+    model = sy.Model.load(path)
+    logs = []
+    for seed in range(5):
+        t, q, dq, ddq = simulation.trajectory(seed).sample(100.0, 1.0)
+        torque = model.inverse_dynamics(q, dq, ddq, simulation.true_parameters(model)) * [1, 1, -1]
+        logs.append(sy.Recording(t=t, q=q, torque=torque, source="log").save(tmp_path / f"{seed}.npz"))
+    said = []
+    result = sy.identify(path, logs[:3], validate=logs[3:], progress=said.append)
+    assert list(result.mistakes) == list(map(str, logs))
+    assert {one[0].statement for one in result.mistakes.values()} == {"The sign of the torque of joint3 looks wrong"}
+    assert sum("what may be wrong" in line for line in said) == 1
