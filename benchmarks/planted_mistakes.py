@@ -20,8 +20,8 @@ sys.path.insert(0, str(Path(__file__).resolve().parent.parent / "tests" / "oracl
 from planted_mistakes import MOTIONS, ROBOTS, Arm, cases, described, plant, undescribed
 
 import steelyard as sy
+from steelyard.identification.marginal_likelihood import body_priors, likeliest_robot, moments
 from steelyard.identification.mistakes import find_mistakes
-from steelyard.identification.marginal_likelihood import body_priors, moments, likeliest_robot
 
 LARGE = 0.2
 

@@ -175,7 +175,7 @@ def identify(
     predictions = tuple(_predict(model, unconstrained, estimate, *part) for part in parts)
     remarks = dict.fromkeys(reader.remarks)
     samples = {name: thinned.samples for name, _, _, thinned in parts}
-    mistakes = mistakes_in_logs(reader, file, constraints, samples, predictions, say)
+    mistakes = mistakes_in_logs(reader, file, constraints, samples, _worst_errors(predictions), say)
     remarks.update(dict.fromkeys(f"{log}: {sentence(found)}" for log, found in mistakes.items()))
     if not mistakes:
         remarks.update(dict.fromkeys(_dear(unconstrained, estimate)))
@@ -240,6 +240,16 @@ def _require_excitation(information: Information, model: Model) -> None:
 def _has_cad(model: Model) -> bool:
     parameters = np.asarray(model.robot.parameters)
     return all(parameters[columns[9]] > 0.0 for columns in model.link_columns)
+
+
+def _worst_errors(predictions: Sequence[Prediction]) -> dict[str, float]:
+    """The largest relative error of any joint, by log."""
+    found: dict[str, float] = {}
+    for prediction in predictions:
+        errors = prediction.joint_feasible_error
+        error = float(np.max(errors[np.isfinite(errors)], initial=prediction.feasible_error))
+        found[prediction.name] = max(found.get(prediction.name, 0.0), error)
+    return found
 
 
 def _dear(unconstrained: Estimate, estimate: Estimate) -> tuple[str, ...]:

@@ -18,9 +18,8 @@ from steelyard.robot import RobotFile
 from .correction import correction_settings
 from .kinematic_bodies import reach_of
 from .log_reader import LogReader
-from .mistakes import MOTION_UNITS, Hypothesis, find_mistakes
 from .marginal_likelihood import body_priors
-from .result import Prediction
+from .mistakes import MOTION_UNITS, Hypothesis, find_mistakes
 
 __all__ = ["implausible_mass", "mistakes_in_logs"]
 
@@ -38,7 +37,7 @@ def mistakes_in_logs(
     file: RobotFile,
     constraints: Sequence[Constraint],
     samples: Mapping[str, Samples],
-    predictions: Sequence[Prediction],
+    errors: Mapping[str, float],
     say: Callable[[str], None],
 ) -> dict[str, tuple[Hypothesis, ...]]:
     """Look for mistakes in logs, those that are predicted worst first.
@@ -52,8 +51,8 @@ def mistakes_in_logs(
         Those of the user.
     samples : mapping from str to Samples
         Of each log, thinned out.
-    predictions : sequence of Prediction
-        Of all of them.
+    errors : mapping from str to float
+        How badly each of them is predicted: the largest relative error of its joints.
     say : callable
         Told when a search begins.
 
@@ -63,15 +62,10 @@ def mistakes_in_logs(
         What is probably wrong with a log, with what robot.toml must say; logs without a finding are not in it.
     """
     model, names = reader.model, list(reader.model.robot.joint_names)
-    worst: dict[str, float] = {}
-    for prediction in predictions:
-        errors = prediction.joint_feasible_error
-        error = float(np.max(errors[np.isfinite(errors)], initial=prediction.feasible_error))
-        worst[prediction.name] = max(worst.get(prediction.name, 0.0), error)
     known: list[Hypothesis] = []
     found: dict[str, tuple[Hypothesis, ...]] = {}
     searches, priors = 0, body_priors(model, constraints)
-    for log in sorted(worst, key=lambda name: -worst[name])[:_WORST]:
+    for log in sorted(errors, key=lambda name: -errors[name])[:_WORST]:
 
         def dense(log: str = log) -> Samples | None:
             recording = read_middle(log, reader.columns, reader.processing, _DENSE_ROWS, names)
@@ -94,7 +88,7 @@ def mistakes_in_logs(
         found[log] = tuple(
             replace(one, settings=correction_settings(one.correction, file, names, layout)) for one in mistakes
         )
-    return {log: found[log] for log in worst if log in found}
+    return {log: found[log] for log in errors if log in found}
 
 
 def _layout(log: str, columns: LogColumns, model: Model) -> Layout:

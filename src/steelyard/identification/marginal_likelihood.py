@@ -27,12 +27,12 @@ from .physical_prior import physical_prior
 
 __all__ = [
     "BodyPrior",
-    "Moments",
     "LikeliestRobot",
+    "Moments",
     "body_priors",
     "described_bodies",
-    "moments",
     "likeliest_robot",
+    "moments",
 ]
 
 Array = NDArray[np.float64]

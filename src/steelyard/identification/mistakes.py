@@ -17,12 +17,12 @@ from .correction import Correction, Settings, toml_inline, toml_text
 from .marginal_likelihood import (
     LEAST_ERROR,
     BodyPrior,
-    Moments,
     LikeliestRobot,
+    Moments,
     body_priors,
     described_bodies,
-    moments,
     likeliest_robot,
+    moments,
 )
 
 __all__ = ["Hypothesis", "find_mistakes", "sentence"]
