@@ -113,13 +113,13 @@ class BodyPrior:
         found[self.weighed] = parameters[self.weighed] < self.least * self.mean[self.weighed]
         return found
 
-    def torque_surprise(self, gram: Array, power: Array, counts: Array) -> float:
-        """What speaks against torques of another magnitude than these bodies need."""
+    def torque_surprise(self, gram: Array, power: Array, counts: Array) -> Array:
+        """(N,) what speaks against torques of another magnitude than these bodies need."""
         size = len(self.mean)
         rigid = np.sqrt(np.maximum((gram[:, :size, :size] @ self.mean) @ self.mean, 0.0) / counts)
         expected = np.maximum(rigid, LEAST_SHARE * rigid.max())
         away = np.log(np.sqrt(power) / np.maximum(expected, 1e-300))
-        return 0.5 * float(np.sum((away / (LOG_TORQUE_SPREAD * np.sqrt(self.widening))) ** 2))
+        return np.asarray(0.5 * (away / (LOG_TORQUE_SPREAD * np.sqrt(self.widening))) ** 2)
 
 
 def body_priors(model: Model, constraints: Sequence[Constraint] = ()) -> tuple[BodyPrior, ...]:
@@ -291,6 +291,8 @@ class LikeliestRobot:
         (N,) relative errors of the joints, each stretch of time predicted by the others; empty where not asked for.
     power : ndarray
         (N,) mean squares of the torques.
+    torque_surprise : ndarray
+        (N,) what speaks against torques of this magnitude, as a logarithm of odds.
     """
 
     parameters: Array
@@ -298,6 +300,7 @@ class LikeliestRobot:
     errors: Array
     held_out: Array
     power: Array
+    torque_surprise: Array
 
     @property
     def error(self) -> float:
@@ -349,14 +352,14 @@ def likeliest_robot(
         light = light | prior.light(parameters)
         residual = np.maximum(_residuals(parameters, gram, cross, square), 0.0)
         variance = np.maximum(residual / counts, LEAST_ERROR**2 * power)
-    deviation = parameters - mean
+    deviation, surprise = parameters - mean, prior.torque_surprise(gram, power, counts)
     cost = (
         0.5 * EFFECTIVE_ROWS * float(np.log(variance).sum())
         + 0.5 * float(deviation @ precision @ deviation)
         + half
         - 0.5 * (log_determinant - float(np.log(np.diag(precision)[~free]).sum()))
         + prior.penalty
-        + prior.torque_surprise(gram, power, counts)
+        + float(surprise.sum())
         + 0.5 * float(spring[light] @ (parameters - prior.least * mean)[light].clip(max=0.0) ** 2)
     )
     if matrix is not None:
@@ -364,7 +367,7 @@ def likeliest_robot(
     outside = np.empty(0)
     if held_out:
         outside = _held_out_errors(moments, matrix, mean, precision, nonnegative, variance)
-    return LikeliestRobot(parameters, cost, np.sqrt(residual / np.maximum(square, 1e-300)), outside, power)
+    return LikeliestRobot(parameters, cost, np.sqrt(residual / np.maximum(square, 1e-300)), outside, power, surprise)
 
 
 def _springs(prior: BodyPrior, n: int) -> Array:

@@ -351,6 +351,8 @@ class _Search:
         base = self.base.fit
         if base.error > POOR or np.any(base.errors > POOR_JOINT) or self.strangeness > 0.5 * GAIN:
             return True
+        if base.torque_surprise.max() > 0.5 * GAIN:
+            return True
         self._once(self._whole_scales)
         self._once(self._payloads)
         if base.error > DELAYED or np.any(base.errors > DELAYED_JOINT):
@@ -795,6 +797,12 @@ class _Search:
             return f"{link} weighs {mass:.3g} kg and not {described:.3g} kg"
         if _family(candidate.kind) != "torque factor":
             return None
+        least = int(np.argmax(before.torque_surprise - after.torque_surprise))
+        torques = candidate.correction.torques
+        of_one = torques is not None and np.count_nonzero(np.diag(torques) != 1.0) == 1
+        if of_one and before.torque_surprise[least] - after.torque_surprise[least] > 0.5 * GAIN:
+            sizes = np.sqrt([before.power[least], after.power[least]])
+            return f"the torques of {self.names[least]} are some {sizes[1]:.2g} and not {sizes[0]:.2g} N·m"
         masses = [float(fit.parameters[self.base.prior.masses].sum()) for fit in (before, after)]
         if 1.0 / HEAVIER < masses[0] / masses[1] < HEAVIER:
             return None
