@@ -48,7 +48,8 @@ def main() -> None:
         fit = min(fits, key=lambda fit: fit.cost)
         return planted, found, spent, fit.error > LARGE or fit.errors.max() > LARGE
 
-    table, first, named, large, missed, seconds = defaultdict(Counter), Counter(), Counter(), Counter(), Counter(), []
+    table, seconds = defaultdict(Counter), []
+    first, named, large, of_large, missed = (Counter() for _ in range(5))
     for mistake, name, motion, cad, seed in cases(options.count):
         planted, found, spent, is_large = search(mistake, name, motion, cad, seed)
         seconds.append(spent)
@@ -57,20 +58,21 @@ def main() -> None:
         first[mistake] += bool(right[:1] == [True])
         named[mistake] += any(right)
         large[mistake] += is_large
+        of_large[mistake] += is_large and right[:1] == [True]
         missed[mistake] += is_large and not found
         if options.verbose and right[:1] != [True]:
             said = " | ".join(f"{one.statement} ({one.gain:.0f}; {one.evidence})" for one in found) or "nothing"
             print(f"  {mistake}, {name}, {motion}, {'CAD' if cad else 'no CAD'}, {seed}: {said}", flush=True)
     print("named: right, or told as one of those that the log cannot tell apart")
-    print(f"large: the error of all joints or of one is above {LARGE:.0%}; missed: of these, nothing is found")
-    print(f"{'mistake':28} {'logs':>4} {'first':>5} {'named':>5} {'large':>5} {'missed':>6}  first hypotheses")
+    print(f"large: the error of all joints or of one is above {LARGE:.0%}; right: first, of these; missed: nothing")
+    print(f"{'mistake':28} {'logs':>4} {'first':>5} {'named':>5} {'large':>5} {'right':>5} {'missed':>6}  first")
     for mistake, kinds in table.items():
         said = ", ".join(f"{kind} {count}" for kind, count in kinds.most_common())
-        counts = f"{first[mistake]:5} {named[mistake]:5} {large[mistake]:5} {missed[mistake]:6}"
+        counts = f"{first[mistake]:5} {named[mistake]:5} {large[mistake]:5} {of_large[mistake]:5} {missed[mistake]:6}"
         print(f"{mistake:28} {sum(kinds.values()):4} {counts}  {said}")
     total = sum(sum(kinds.values()) for kinds in table.values())
     if total:
-        counts = " ".join(f"{sum(count.values()):5}" for count in (first, named, large, missed))
+        counts = " ".join(f"{sum(count.values()):5}" for count in (first, named, large, of_large, missed))
         print(f"{'all':28} {total:4} {counts}")
         print(f"seconds of a processor: median {np.median(seconds):.2f}, longest {max(seconds):.2f}")
     accused, seconds = [], []

@@ -340,18 +340,13 @@ def undescribed(robot):
 
 
 def cases(count):
-    """Yield (mistake, robot, motion, with CAD, seed) for so many logs: every kind on robots in turn."""
+    """Yield (mistake, robot, motion, with CAD, seed) for so many logs: every kind on robots and motions in turn."""
     names, robots, motions = list(MISTAKES), list(ROBOTS), list(MOTIONS)
-    number = made = 0
-    while made < count:
-        mistake = names[number % len(names)]
-        turn = number // len(names)
-        robot = robots[(number + turn) % len(robots)]
-        cad = (number // 2 + turn) % 2 == 0
-        number += 1
+    for seed in range(count):
+        turn, kind = divmod(seed, len(names))
+        mistake, robot = names[kind], robots[(kind + turn) % len(robots)]
         if mistake == "mm":
             robot = "tiago_no_hand"
-        if mistake == "payload":
-            cad = True  # without masses in the description a payload is a part of the last link
-        made += 1
-        yield mistake, robot, motions[(number + turn) % 3], cad, number
+        # Without masses in the description a payload is a part of the last link.
+        cad = (turn // 3 + kind) % 2 == 0 or mistake == "payload"
+        yield mistake, robot, motions[(turn + turn // 3 + kind // 2) % 3], cad, seed
