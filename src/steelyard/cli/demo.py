@@ -28,8 +28,6 @@ def demo(
         say("writing the report")
         save_results(result, output / "result")
     show_identification(result)
-    for sentence in result.prediction.sentences:
-        echo(sentence)
     assert result.parameters is not None
     table, sentence = beside_truth(result.parameters)
     echo("The truth of this simulated arm, CAD that is wrong by tens of percent, and the answer:")

@@ -77,4 +77,6 @@ def identify(
     show_identification(result, whole_table=table)
     echo(f"Look at {output / 'report.html'}")
     if result.prediction.word == "wrong":
+        if not force:
+            echo("No robot description was written, since the model does not predict the robot; --force writes it.")
         raise typer.Exit(3)
