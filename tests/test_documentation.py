@@ -50,6 +50,9 @@ PLACEHOLDERS = {
     "LOG": "run1.csv",
     "UNLOADED": "unloaded.csv",
     "LOADED": "loaded.csv",
+    "A": "result/estimate.json",
+    "B": "estimate.json",
+    "C": "result",
     "FILE": "limits.toml",
     "DIR": "out",
 }

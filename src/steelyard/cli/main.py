@@ -14,6 +14,7 @@ from steelyard import __version__
 from steelyard.errors import SteelyardError
 
 from .check import check
+from .compare import compare
 from .correct import correct
 from .demo import demo
 from .excite import excite
@@ -25,6 +26,7 @@ from .payload import payload
 from .plug_ins import SETTINGS, Commands, author
 from .screen import echo, guarded, sentence
 from .simulate import simulate
+from .validate import validate
 
 __all__ = ["app", "main"]
 
@@ -41,6 +43,8 @@ app.command()(generate)
 app.command()(excite)
 app.command()(identify)
 app.command()(payload)
+app.command()(validate)
+app.command()(compare)
 app.command()(check)
 app.command()(correct)
 app.command()(explain)
@@ -63,7 +67,9 @@ def options(
 
 
 def main() -> None:
-    """Run the command line: exit 0 when all went well, 1 for a negative answer, 2 for bad input, 70 for a fault."""
+    """Run the command line: exit 0 when all went well, 1 for a negative answer, 2 for bad input, 3 where the data does
+    not do, 70 for a fault.
+    """
     with guarded():
         try:
             app()

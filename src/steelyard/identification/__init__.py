@@ -5,6 +5,8 @@ from typing import TYPE_CHECKING
 from steelyard.first_use import import_at_first_use
 
 if TYPE_CHECKING:
+    from .comparison import Comparison as Comparison
+    from .comparison import compare_estimates as compare_estimates
     from .correction import Correction as Correction
     from .excite import excite as excite
     from .identify import identify as identify
@@ -29,6 +31,8 @@ if TYPE_CHECKING:
     from .saved import parameters_for_source as parameters_for_source
     from .saved import parameters_of_description as parameters_of_description
     from .saved import parameters_of_estimate as parameters_of_estimate
+    from .validation import Validation as Validation
+    from .validation import validate_estimate as validate_estimate
     from .wam import demonstrate as demonstrate
 
 __all__ = import_at_first_use(__name__, __file__)

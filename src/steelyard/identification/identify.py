@@ -152,7 +152,7 @@ def identify(
             prefer = "cad" if _has_cad(model) else "lightest"
         options = {"weights": weights, "prefer": prefer, "residual_slack": residual_slack}
         estimate = estimate_with(estimator, information, feasible_set, **options)
-    estimate = replace(estimate, description=reader.description)
+    estimate = replace(estimate, description=reader.description, unconstrained_base=unconstrained.base)
     say("what the numbers rest on")
     validated = None if plausible is None else plausible.validation
     prediction = prediction_verdict(

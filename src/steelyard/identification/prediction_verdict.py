@@ -188,13 +188,15 @@ def prediction_verdict(
     validation: Sequence[Information] = (),
     held_out_error: ArrayLike | None = None,
     fold_count: int = 0,
+    fit_error: float | None = None,
+    joint_fit_error: ArrayLike | None = None,
 ) -> PredictionVerdict:
     """Judge how well base parameters predict: validation logs where there are any, else what cross-validation held out.
 
     Parameters
     ----------
     info : Information
-        The data of the fit.
+        The data of the fit; all of `validation` together where that is gone.
     base : (n_b,)
         The answer.
     validation : sequence of Information
@@ -204,6 +206,11 @@ def prediction_verdict(
         that was chosen.
     fold_count : int
         Of the cross-validation.
+    fit_error : float, optional
+        Relative error over all the joints on the data of the fit, where `info` is not that data.
+    joint_fit_error : (N,), optional
+        The same of each joint. Its noise is not known, so that a joint counts as wrong where the validation logs, noise
+        aside, say so as well.
 
     Returns
     -------
@@ -230,17 +237,23 @@ def prediction_verdict(
     own_noise = np.minimum(np.nan_to_num(floor), training)
     whole = float(np.linalg.norm(error) / np.linalg.norm(torque))
     own = float(np.linalg.norm(training) / np.linalg.norm(own_torque))
+    if fit_error is not None and np.isfinite(fit_error):
+        own = float(fit_error)
     noise = np.minimum(np.nan_to_num(floor), error)
     model = float(np.sqrt(np.sum(error**2 - noise**2)) / np.linalg.norm(torque))
     with np.errstate(divide="ignore", invalid="ignore"):
         relative = np.where(torque > 0.0, error / torque, np.nan)
         held_out = np.nan_to_num(np.sqrt(error**2 - noise**2) / torque)
         of_fit = np.nan_to_num(np.sqrt(training**2 - own_noise**2) / own_torque)
+    if joint_fit_error is not None and len(np.asarray(joint_fit_error)) == len(of_fit):
+        of_fit = np.fmin(held_out, np.asarray(joint_fit_error, dtype=float))
     shown = torque > NEGLIGIBLE * torque.max(initial=0.0)
     worst = float(held_out[shown].max(initial=0.0)), float(of_fit[shown].max(initial=0.0))
     word = _word(model, own, *worst, tested)
-    sentences = list(_sentences(word, model, own, source, tested))
-    for errors, limit, data in ((of_fit, WRONG_JOINT, "the data of the fit"), (held_out, POOR_JOINT, source)):
+    saved = fit_error is not None
+    sentences = list(_sentences(word, model, own, source, tested, saved))
+    limits = [(of_fit, WRONG_JOINT, "the data of the fit"), (held_out, POOR_JOINT, source)]
+    for errors, limit, data in limits[saved:]:  # the noise in the data of the fit is not known of a saved estimate
         beyond = [f"{names[joint]} ({errors[joint]:.0%})" for joint in np.flatnonzero(shown & (errors > limit))]
         if beyond and word in ("poor", "wrong"):
             more = f" and {len(beyond) - MOST_NAMED} more" if len(beyond) > MOST_NAMED else ""
@@ -267,10 +280,15 @@ def _word(model: float, own: float, worst: float, worst_of_fit: float, tested: b
     return "good" if model <= GOOD else "usable"
 
 
-def _sentences(word: Word, model: float, own: float, source: str, tested: bool) -> tuple[str, ...]:
+def _sentences(word: Word, model: float, own: float, source: str, tested: bool, saved: bool) -> tuple[str, ...]:
     found = [f"The model {_SAID[word]}: {model:.1%} of the torques of {source} are left unexplained, noise aside."]
     if not tested:
         found.append("The logs are too short to hold anything out; record a longer motion, or give --validate LOG.")
+    elif word in ("poor", "wrong") and own <= 0.5 * model and saved:
+        found.append(
+            f"It explains the data of its fit to {own:.1%}: either that motion showed too little for this one, or the "
+            "robot is no longer the same. Identify these logs and let steelyard compare tell what differs."
+        )
     elif word in ("poor", "wrong") and own <= 0.5 * model:
         found.append(
             f"It explains the data of the fit to {own:.1%}: the motion shows too little for other motions. "

@@ -32,6 +32,7 @@ _ARRAYS = (
     "joint_relative_error",
     "damping",
     "friction",
+    "unconstrained_base",
 )
 _NAMES = ("base_names", "base_expressions", "joint_names", "parameter_names", "remarks")
 _NUMBERS = {"relative_error": np.nan, "condition_number": np.inf}  # the meaning of null in a file
@@ -90,6 +91,9 @@ class Estimate:
     parameter_table : tuple of mapping
         What every number rests on, as plain data, see `steelyard.identification.ParameterTable`; empty where that was
         not asked. Nothing is computed from it.
+    unconstrained_base : ndarray or None
+        (n_b,) what plain least squares made of the same data. `standard_error` says how far the truth is from these;
+        feasibility and a prior draw `base` away from them. None for plain least squares itself, or where not known.
 
     Examples
     --------
@@ -125,6 +129,7 @@ class Estimate:
     filtered_torque: bool = False
     optimality_gap: float | None = None
     parameter_table: tuple[Mapping[str, Any], ...] = ()
+    unconstrained_base: Array | None = None
 
     def confidence_interval(self, level: float = 0.95) -> Array:
         """Return an interval for each base parameter, (n_b, 2), that covers it with a probability of `level`.
@@ -204,7 +209,7 @@ class Estimate:
             values[item.name] = _read(item.name, document[item.name], where)
         estimate = cls(**values)
         base, joints = len(estimate.base_names), len(estimate.joint_names)
-        sizes = {"base_expressions": base, "base": base, "standard_error": base}
+        sizes = {"base_expressions": base, "base": base, "standard_error": base, "unconstrained_base": base}
         sizes |= dict.fromkeys(("joint_relative_error", "damping", "friction"), joints)
         sizes["parameters"] = len(estimate.parameter_names)
         for name, expected in sizes.items():

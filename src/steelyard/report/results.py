@@ -11,6 +11,7 @@ from typing import Any
 from steelyard.errors import InputError
 from steelyard.files import read_json, replaced_folder, write_json, write_text
 from steelyard.identification import Identification
+from steelyard.identification.saved_result import RECORD, RECORD_FORMAT
 from steelyard.robot.description import URDF, description_format
 
 from .html import write_report
@@ -18,8 +19,6 @@ from .sections import hashed_file, versions
 
 __all__ = ["require_apart", "require_folder", "save_results"]
 
-FORMAT = "steelyard-run-1"
-RECORD = "run.json"
 TABLE = "parameters.csv"
 FILES = ("estimate.json", "report.html", "robot.urdf", RECORD, TABLE)
 DESCRIPTION = r"robot\.(?!toml$)\w+"
@@ -127,7 +126,11 @@ def _earlier(folder: Path) -> tuple[str, ...]:
         record = read_json(folder / RECORD)
     except InputError:
         return ()
-    if not isinstance(record, dict) or record.get("format") != FORMAT or not isinstance(record.get("files"), list):
+    if (
+        not isinstance(record, dict)
+        or record.get("format") != RECORD_FORMAT
+        or not isinstance(record.get("files"), list)
+    ):
         return ()
     return tuple(name for name in record["files"] if name in FILES or re.fullmatch(DESCRIPTION, str(name)))
 
@@ -138,7 +141,7 @@ def run_record(identification: Identification) -> dict[str, Any]:
     price = None if plausible is None else plausible.price
     description = [p for p in (identification.robot_file, robot.source) if p is not None]
     return {
-        "format": FORMAT,
+        "format": RECORD_FORMAT,
         "robot": [hashed_file(path) for path in dict.fromkeys(description)],
         "logs": [_log(text) for text in identification.logs],
         "validation_logs": [_log(text) for text in identification.validation_logs],

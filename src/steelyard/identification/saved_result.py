@@ -1,0 +1,115 @@
+"""What identify saved: an estimate, and beside it the record of how it was made."""
+
+from __future__ import annotations
+
+import hashlib
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+from steelyard.errors import InputError
+from steelyard.files import read_json, shown
+from steelyard.recording import Processing
+from steelyard.regression import Estimate
+
+__all__ = ["RECORD", "RECORD_FORMAT", "SavedResult"]
+
+RECORD, RECORD_FORMAT = "run.json", "steelyard-run-1"
+ESTIMATE = "estimate.json"
+
+
+@dataclass(frozen=True, eq=False)
+class SavedResult:
+    """An estimate from a folder of results, or from a file.
+
+    Attributes
+    ----------
+    name : str
+        As it was given.
+    path : Path
+        Of the estimate itself.
+    estimate : Estimate
+    record : mapping or None
+        What stands in ``run.json`` beside the estimate; None where there is no such file.
+    """
+
+    name: str
+    path: Path
+    estimate: Estimate = field(repr=False)
+    record: Mapping[str, Any] | None = field(default=None, repr=False)
+
+    @classmethod
+    def load(cls, given: str | Path) -> SavedResult:
+        """Read the results of a folder, or an estimate with the record beside it.
+
+        Parameters
+        ----------
+        given : str or Path
+            A folder that ``steelyard identify`` wrote, or an ``estimate.json``.
+
+        Raises
+        ------
+        InputError
+            If a file cannot be used.
+        """
+        path = Path(given)
+        if path.is_dir():
+            path = path / ESTIMATE
+        estimate = Estimate.load(path)
+        beside = path.parent / RECORD
+        # An estimate under another name was saved by hand, and the record beside it may be about another one.
+        record = _record(beside) if path.name == ESTIMATE and beside.exists() else None
+        return cls(str(given), path, estimate, record)
+
+    @property
+    def processing(self) -> Processing | None:
+        """How the logs of the estimate were processed, with what the data decided; None where it is not known."""
+        if self.record is None:
+            return None
+        options = self.record["options"]
+        where = f"{self.path.parent / RECORD}, options.processing"
+        return Processing.from_dict({**options["processing"], **options["decided"]}, where)
+
+    @property
+    def robot_file(self) -> Path | None:
+        """The robot file of the record, where it is still there and the same."""
+        for entry in [] if self.record is None else self.record["robot"][:1]:
+            path = Path(entry["path"])
+            if path.is_file() and _digest(path) == entry["sha256"]:
+                return path
+        return None
+
+    def has_seen(self, log: str | Path) -> bool:
+        """Whether a log was used to make the estimate, by its content."""
+        if self.record is None:
+            return False
+        used = {entry["sha256"] for log in self.record["logs"] for entry in log}
+        parts = [str(log)] if Path(log).exists() else str(log).split("+")
+        return any(_digest(Path(part)) in used for part in parts if Path(part).is_file())
+
+
+def _digest(path: Path) -> str:
+    with path.open("rb") as file:
+        return hashlib.file_digest(file, "sha256").hexdigest()
+
+
+def _record(path: Path) -> Mapping[str, Any]:
+    """Read a record, and make sure that what is used of it is there."""
+    remedy = "remove it, or give the folder that steelyard identify wrote"
+    record = read_json(path, remedy=remedy)
+    if not isinstance(record, dict) or record.get("format") != RECORD_FORMAT:
+        found = shown(record.get("format")) if isinstance(record, dict) else f"a {type(record).__name__}"
+        raise InputError(f"{path}: its format is {found}, expected {RECORD_FORMAT!r}; {remedy}.")
+    options = record.get("options")
+    told = isinstance(options, dict) and all(isinstance(options.get(key), dict) for key in ("processing", "decided"))
+    logs = record.get("logs")
+    files = [record.get("robot"), *(logs if isinstance(logs, list) else [None])]
+    named = all(isinstance(entries, list) and all(map(_is_hashed, entries)) for entries in files)
+    if not told or not named:
+        raise InputError(f"{path}: does not tell how the estimate was made (robot, logs, options); {remedy}.")
+    return record
+
+
+def _is_hashed(entry: object) -> bool:
+    return isinstance(entry, dict) and all(isinstance(entry.get(key), str) for key in ("path", "sha256"))

@@ -1,0 +1,142 @@
+"""Saved estimates on logs that they have not seen, against simulations of Pinocchio."""
+
+import json
+import shutil
+import sys
+
+import numpy as np
+import pytest
+from payload_logs import Payload, SimulatedArm
+
+import steelyard as sy
+from steelyard.cli import main
+from steelyard.errors import InputError
+from steelyard.identification import validate_estimate
+from steelyard.recording import Recording
+
+SETTINGS = "[processing]\ncutoff = 5.0\nvelocity_threshold = 0.005\n"
+
+
+@pytest.fixture(scope="module")
+def logs(tmp_path_factory):
+    """Three logs of a UR5, one of them with 2 kg in its hand, and an estimate from the first."""
+    folder = tmp_path_factory.mktemp("validation")
+    arm = SimulatedArm("ur5")
+    (folder / "robot.toml").write_text(f'[description]\nurdf = "{arm.path}"\n{SETTINGS}')
+    random = np.random.default_rng(21)
+    payload = Payload.random(random, 2.0)
+    for name, held in (("one", None), ("two", None), ("loaded", payload)):
+        arm.log(random, held).save(folder / f"{name}.csv")
+    samples = Recording.read(folder / "one.csv").process(cutoff=5.0, velocity_threshold=0.005)
+    sy.least_squares(sy.Information.from_samples(arm.model, samples)).save(folder / "estimate.json")
+    return folder, arm
+
+
+def steelyard(monkeypatch, capsys, *arguments):
+    monkeypatch.setattr(sys, "argv", ["steelyard", *map(str, arguments)])
+    try:
+        main()
+        code = 0
+    except SystemExit as stop:
+        code = stop.code or 0
+    told = capsys.readouterr()
+    return code, told.out, told.err
+
+
+def test_errors_are_those_of_the_samples(logs):
+    folder, arm = logs
+    found = validate_estimate(folder / "robot.toml", folder / "estimate.json", [folder / "two.csv"])
+    base = sy.Estimate.load(folder / "estimate.json").base
+    samples = Recording.read(folder / "two.csv").process(cutoff=5.0, velocity_threshold=0.005)
+    W = arm.model.kernel("regressor", base=True)(samples.q, samples.dq, samples.ddq)
+    residuals = samples.torque - (np.asarray(W).reshape(samples.count, arm.model.dof, -1) @ base)
+    used = np.ones(residuals.shape, dtype=bool) if samples.mask is None else samples.mask
+    rms = np.array([np.sqrt(np.mean(residuals[used[:, k], k] ** 2)) for k in range(6)])
+    torque = np.array([np.sqrt(np.mean(samples.torque[used[:, k], k] ** 2)) for k in range(6)])
+    np.testing.assert_allclose(found.prediction.joint_error, rms, rtol=1e-9)
+    np.testing.assert_allclose(found.prediction.joint_relative_error, rms / torque, rtol=1e-9)
+    assert found.prediction.word == "good"
+    # The noise of the simulation is 1.5 % of the torque of each joint.
+    np.testing.assert_allclose(found.prediction.joint_relative_error, 0.015, rtol=0.15)
+    assert found.logs[0].relative_error == pytest.approx(found.prediction.relative_error, rel=0.01)
+    assert any("No run.json stands beside" in remark for remark in found.remarks)
+
+
+def test_a_payload_is_what_the_estimate_cannot_predict(logs, monkeypatch, capsys, tmp_path):
+    folder, _ = logs
+    place = (folder / "robot.toml", folder / "estimate.json")
+    target = tmp_path / "found.json"
+    code, out, _ = steelyard(monkeypatch, capsys, "validate", *place, folder / "loaded.csv", "-o", target)
+    document = json.loads(target.read_text())
+    assert document["format"] == "steelyard-validation-1"
+    assert document["prediction"]["model_error"] > 0.15
+    assert document["prediction"]["word"] == "poor"
+    assert code == 0
+    assert "or the robot is no longer the same" in out
+
+
+def test_a_wrong_prediction_exits_with_3(logs, monkeypatch, capsys, tmp_path):
+    folder, _ = logs
+    recording = Recording.read(folder / "two.csv")
+    torque = recording.torque * np.array([1, -1, 1, 1, 1, 1])
+    sy.Recording(t=recording.t, q=recording.q, torque=torque).save(tmp_path / "flipped.csv")
+    place = (folder / "robot.toml", folder / "estimate.json", tmp_path / "flipped.csv", folder / "two.csv")
+    code, out, _ = steelyard(monkeypatch, capsys, "validate", *place)
+    assert code == 3
+    assert out.startswith("The model does not predict this robot")
+    assert "two.csv" in out  # each log is told
+
+
+def test_logs_are_processed_as_those_of_the_fit(logs, tmp_path):
+    folder, _ = logs
+    result = tmp_path / "result"
+    result.mkdir()
+    shutil.copy(folder / "estimate.json", result)
+    record = {
+        "format": "steelyard-run-1",
+        "robot": [],
+        "logs": [[{"path": "one.csv", "sha256": "0"}]],
+        "options": {
+            "processing": {"cutoff": "auto", "velocity_threshold": 0.005},
+            "decided": {"cutoff": 2.0},
+        },
+    }
+    (result / "run.json").write_text(json.dumps(record))
+    found = validate_estimate(folder / "robot.toml", result, [folder / "two.csv"])
+    assert found.processing["cutoff"] == 2.0
+    assert found.remarks == ()
+    samples = Recording.read(folder / "two.csv").process(cutoff=2.0, velocity_threshold=0.005)
+    information = sy.Information.from_samples(sy.Model.load(folder / "robot.toml"), samples)
+    base = sy.Estimate.load(result / "estimate.json").base
+    assert found.logs[0].relative_error == pytest.approx(information.relative_error(base), rel=1e-9)
+    record["options"]["processing"]["cutoff"] = "high"
+    record["options"]["decided"] = {}
+    (result / "run.json").write_text(json.dumps(record))
+    with pytest.raises(InputError, match=r"run\.json, options\.processing.*'cutoff'"):
+        validate_estimate(folder / "robot.toml", result, [folder / "two.csv"])
+    for broken in ("[]", '{"format": "steelyard-run-1"}', '{"format": "steelyard-run-1", "logs": [[3]]}', "{"):
+        (result / "run.json").write_text(broken)
+        with pytest.raises(InputError, match=r"run\.json"):
+            validate_estimate(folder / "robot.toml", result, [folder / "two.csv"])
+
+
+def test_bad_input_is_one_sentence(logs, monkeypatch, capsys, tmp_path):
+    folder, arm = logs
+    other = tmp_path / "other.toml"
+    other.write_text(f'terms = []\n[description]\nurdf = "{arm.path}"\n')
+    (tmp_path / "short.csv").write_text("\n".join((folder / "two.csv").read_text().splitlines()[:40]))
+    estimate, log = folder / "estimate.json", folder / "two.csv"
+    cases = (
+        ((other, estimate, log), "has the parameters of another robot or of other terms"),
+        ((folder / "robot.toml", tmp_path, log), "estimate.json"),
+        ((folder / "robot.toml", estimate, folder / "robot.toml"), "robot.toml"),
+        ((folder / "robot.toml", estimate, tmp_path / "short.csv"), "short.csv"),
+        ((folder / "robot.toml", log, log), "two.csv"),
+    )
+    for arguments, expected in cases:
+        code, _, err = steelyard(monkeypatch, capsys, "validate", *arguments)
+        assert code == 2, arguments
+        told = err.strip().splitlines()[-1]
+        assert told.startswith("steelyard: ")
+        assert expected in told
+        assert "Traceback" not in err
