@@ -549,7 +549,7 @@ def _explanations(model: Model, first: Estimate, second: Estimate, confidence: f
             b_ub=np.concatenate([difference, -difference]),
             bounds=[(None, None)] * own.shape[1] + [(0.0, None)],
         )
-        left = float(solved.fun) if solved.status == 0 else np.inf  # in standard errors
+        left = np.inf if solved.fun is None else float(solved.fun)  # in standard errors
         if left <= reach:
             found.append((left, name))
     return tuple(name for _, name in sorted(found))
