@@ -20,7 +20,6 @@ from steelyard.regression.batch_means import BATCH_LENGTHS, BatchSums
 from steelyard.regression.reduction import empty_factors
 from steelyard.robot import RobotFile
 
-from .log_checks import swapped_positions, swapped_torques
 from .log_reader import LogReader, Progress
 from .prediction_verdict import FEWEST_BATCHES, PredictionVerdict, prediction_verdict
 from .saved import matching_estimate
@@ -34,7 +33,7 @@ FEWEST_ROWS = FEWEST_BATCHES * BATCH_LENGTHS[0]
 """Of a joint, all logs together: fewer do not tell noise from errors, and most of them are near the ends, which filters
 spoil. A third of a second of a UR5 at 250 Hz, without a mistake, was called poor or wrong."""
 
-_POINTS = 400  # of each log that are kept, to look for columns that are swapped
+_POINTS = 100  # of each log that are kept, which nobody looks at here
 
 
 @dataclass(frozen=True, eq=False)
@@ -266,15 +265,12 @@ def read_as_fitted(
     parts = []
     for log in logs:
         say(f"reading {log}")
-        information, thinned = reader.reduce(log, _POINTS, sums)
+        information, _ = reader.reduce(log, _POINTS, sums)
         if information.count == 0:
             raise InputError(
                 f"{log}: no rows are left after processing, so that nothing can be predicted; give a longer log, trim "
                 "less or lower velocity_threshold."
             )
         parts.append(information)
-        samples = thinned.samples
-        found = swapped_torques(model, samples) or swapped_positions(model, samples)
-        reader.remarks.extend(f"{log}: {sentence}" for sentence in found)
     parts[-1] = replace(parts[-1], batch_means=sums.factors())
     return parts, [*remarks, *reader.remarks], reader.processing.to_dict()
