@@ -27,11 +27,14 @@ Indices = npt.NDArray[np.intp]
 TOGETHER = 32
 """Problems whose Hessians are made and solved together: those of a robot with seven joints stay in the cache."""
 
+MOST_TOGETHER = 10
+"""Unknowns of rows whose part of a Hessian is made in one piece: those of a link."""
+
 MOST_THREADS = 4
 """Solving systems of a hundred unknowns gains little from more."""
 
-ROUNDING = 1e-15
-"""A matrix whose least eigenvalue is smaller, relative to the largest, is not positive definite to rounding."""
+ROUNDING = 1e-14
+"""A matrix with a smaller pivot, relative to the element of its diagonal, is not positive definite to rounding."""
 
 SUFFICIENT = 0.1
 """Part of the decrease that the Newton step promises, with which a step is taken (Armijo's rule)."""
@@ -88,6 +91,7 @@ class Barrier:
             np.add.at(row, block.indices, block.coefficients[:, 0, 0])
         self._constants = np.array([block.constant[0, 0] for block in lines])
         self._single = np.count_nonzero(self._rows, axis=1) == 1
+        self._clusters = _clusters(self._rows, np.flatnonzero(~self._single))
         groups: dict[tuple[int, int], list[AffineBlock]] = {}
         for block in blocks:
             if block.size > 1:
@@ -121,12 +125,27 @@ class Barrier:
             gradients -= factors[:, None] * (inverses @ self._rows)
             single, diagonal = self._single, np.arange(self.size)
             hessians[:, diagonal, diagonal] += factors[:, None] * (inverses[:, single] ** 2 @ self._rows[single] ** 2)
-            if not single.all():
-                scaled = self._rows[~single] * (np.sqrt(factors)[:, None] * inverses[:, ~single])[:, :, None]
-                hessians += scaled.transpose(0, 2, 1) @ scaled
+            for which, own in self._clusters:
+                scaled = self._rows[which[:, None], own] * (np.sqrt(factors)[:, None] * inverses[:, which])[:, :, None]
+                hessians[:, own[:, None], own] += scaled.transpose(0, 2, 1) @ scaled
         for indices, coefficients, constants in self._groups:
             matrices = constants + np.einsum("pbi,biac->pbac", points[:, indices], coefficients)
             add_log_determinants(matrices, coefficients, indices, -factors, gradients, hessians)
+
+
+def _clusters(rows: Matrix, numbers: Sequence[int] | Indices) -> list[tuple[Indices, Indices]]:
+    """Rows that are about the same few unknowns, such as the bounds of one centre of mass, and these unknowns."""
+    found: list[tuple[list[int], set[int]]] = []
+    for number in sorted(numbers, key=lambda number: np.count_nonzero(rows[number])):
+        used = set(np.flatnonzero(rows[number]).tolist())
+        for own, together in found:
+            if used & together and len(used | together) <= MOST_TOGETHER:
+                own.append(int(number))
+                together |= used
+                break
+        else:
+            found.append(([int(number)], used))
+    return [(np.array(own), np.array(sorted(together))) for own, together in found]
 
 
 def log_determinants(matrices: Matrix) -> Matrix:
@@ -136,9 +155,16 @@ def log_determinants(matrices: Matrix) -> Matrix:
         return np.asarray(2.0 * np.log(diagonals).sum(axis=-1))
     except np.linalg.LinAlgError:
         pass
-    eigenvalues = np.linalg.eigvalsh(matrices)
-    inside = eigenvalues[..., 0] > ROUNDING * eigenvalues[..., -1]
-    return np.where(inside, np.log(np.where(inside[..., None], eigenvalues, 1.0)).sum(axis=-1), -np.inf)
+    # Some are not: the same elimination for all at once, in a tenth of the time that eigenvalues take.
+    rest = matrices.copy()
+    inside, found = np.ones(rest.shape[:-2], dtype=bool), np.zeros(rest.shape[:-2])
+    for k in range(rest.shape[-1]):
+        inside &= rest[..., k, k] > ROUNDING * matrices[..., k, k]
+        pivots = np.where(inside, rest[..., k, k], 1.0)
+        found += np.log(pivots)
+        column = np.where(inside[..., None], rest[..., k + 1 :, k], 0.0)
+        rest[..., k + 1 :, k + 1 :] -= column[..., :, None] * (column / pivots[..., None])[..., None, :]
+    return np.where(inside, found, -np.inf)
 
 
 def add_log_determinants(
@@ -214,16 +240,20 @@ def newton_step(
     points: Matrix,
     problems: Indices,
     basis: Matrix | None = None,
-    rows: Matrix | None = None,
-) -> tuple[Matrix, Vector, Matrix]:
-    """The Newton step at every point (p, n), the square of its length in the local metric (p,), and H⁻¹ rows (p, n)."""
-    further = np.zeros_like(points) if rows is None else rows
-    step, along, decrease = np.empty_like(points), np.empty_like(points), np.empty(len(points))
+    rows: Tensor | None = None,
+) -> tuple[Matrix, Vector, Tensor]:
+    """The Newton step at every point (p, n), the square of its length in the local metric (p,), and H⁻¹ rows.
+
+    The rows are (p, k, n); where there are none, (p, 0, n).
+    """
+    further = np.zeros((len(points), 0, points.shape[1])) if rows is None else rows
+    step, along, decrease = np.empty_like(points), np.empty_like(further), np.empty(len(points))
 
     def solve(start: int) -> None:
         own = slice(start, start + TOGETHER)
         gradients, hessians = function.derivatives(points[own], problems[own])
-        step[own], along[own] = _solved(hessians, -gradients, further[own], basis)
+        solved = _solved(hessians, np.concatenate([-gradients[:, None], further[own]], axis=1), basis)
+        step[own], along[own] = solved[:, 0], solved[:, 1:]
         decrease[own] = np.maximum(-np.einsum("pi,pi->p", gradients, step[own]), 0.0)
 
     starts = range(0, len(points), TOGETHER)
@@ -237,19 +267,26 @@ def newton_step(
     return step, decrease, along
 
 
-def _solved(hessians: Tensor, first: Matrix, second: Matrix, basis: Matrix | None) -> tuple[Matrix, Matrix]:
-    """H⁻¹ times two vectors of each problem, within the directions of a basis."""
+def _solved(hessians: Tensor, rows: Tensor, basis: Matrix | None) -> Tensor:
+    """H⁻¹ times the vectors (p, k, n) of each problem, within the directions of a basis."""
+    from scipy.linalg.lapack import dposv
+
     if basis is not None:
-        first, second, hessians = first @ basis, second @ basis, basis.T @ hessians @ basis
+        rows, hessians = rows @ basis, basis.T @ hessians @ basis
     sizes = np.sqrt(np.einsum("pii->pi", hessians))
     sizes[sizes == 0] = 1.0
-    hessians /= sizes[:, :, None]
-    hessians /= sizes[:, None, :]
+    scales = 1.0 / sizes
     diagonal = np.arange(hessians.shape[1])
-    hessians[:, diagonal, diagonal] += RIDGE
-    solved = np.linalg.solve(hessians, np.stack([first / sizes, second / sizes], axis=2))
-    found = (solved[:, :, 0] / sizes, solved[:, :, 1] / sizes)
-    return found if basis is None else (found[0] @ basis.T, found[1] @ basis.T)
+    found = rows * scales[:, None]
+    for hessian, scale, own in zip(hessians, scales, found, strict=True):
+        hessian *= scale[:, None]
+        hessian *= scale
+        hessian[diagonal, diagonal] += RIDGE
+        # Symmetric, so that its transpose, which LAPACK takes without a copy, is the same; half of the time of LU.
+        _, solved, fails = dposv(hessian.T, own.T, lower=1)
+        own[:] = np.linalg.solve(hessian, own.T).T if fails else solved.T
+    found *= scales[:, None]
+    return found if basis is None else np.asarray(found @ basis.T)
 
 
 def damped(

@@ -229,8 +229,9 @@ class _Region:
     def derivatives(self, points: Matrix, problems: Indices) -> tuple[Matrix, npt.NDArray[np.float64]]:
         rest = self.limit - self.distance.squares(points)
         slopes = 2.0 * (points @ self.distance.curvature - self.distance.slope) / rest[:, None]
-        hessians = self.distance.curvature * (2.0 / rest)[:, None, None]
-        hessians += slopes[:, :, None] * slopes[:, None, :]
+        hessians = slopes[:, :, None] * slopes[:, None, :]
+        for hessian, factor in zip(hessians, 2.0 / rest, strict=True):
+            hessian += factor * self.distance.curvature  # one at a time stays in the cache
         gradients = slopes - self.pull[problems, None] * self.rows[problems]
         self.barrier.add_derivatives(points, np.ones(len(points)), gradients, hessians)
         return gradients, hessians
@@ -295,7 +296,8 @@ def _furthest(region: _Region, center: Vector, rows: Matrix, basis: Matrix | Non
     for _ in range(STEPS):
         if not len(active):
             break
-        step, decrease, along = newton_step(region, points[active], active, basis, rows[active])
+        step, decrease, solved = newton_step(region, points[active], active, basis, rows[active, None])
+        along = solved[:, 0]
         points[active], values[active] = damped(region, points[active], active, values[active], step, decrease)
         near = np.flatnonzero(0.5 * decrease <= CENTERED)
         if not len(near):
