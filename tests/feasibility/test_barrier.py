@@ -5,7 +5,8 @@ import pytest
 from simulated_arm import simulated_arm
 
 from steelyard.feasibility import CenterOfMassBox, FeasibleSet, TotalMass
-from steelyard.feasibility.barrier import Barrier, minimise
+from steelyard.feasibility.barrier import Barrier, log_determinants, minimise
+from steelyard.feasibility.bounds.profile_intervals import _ahead
 
 ARM = simulated_arm(2)
 SETS = [
@@ -79,3 +80,23 @@ def test_minimum_is_the_closed_form() -> None:
             )
     terms = np.setdiff1d(np.arange(len(ARM.truth)), links)
     np.testing.assert_array_equal(found[:, terms], start[:, terms])
+
+
+def test_what_is_not_finite_is_outside() -> None:
+    matrices = np.stack([np.diag([2.0, 3.0]), np.full((2, 2), np.nan), np.diag([np.inf, 1.0]), np.diag([1.0, -1.0])])
+    found = log_determinants(matrices)
+    assert found[0] == pytest.approx(np.log(6.0))
+    assert np.all(found[1:] == -np.inf)
+
+
+def test_steps_that_never_end_inside_are_left_out() -> None:
+    class Ball:
+        def value(self, points: np.ndarray, problems: np.ndarray) -> np.ndarray:
+            return np.where(np.linalg.norm(points, axis=1) < 1.0, 0.0, np.inf)
+
+    points = np.zeros((3, 2))
+    steps = np.array([[0.5, 0.0], [2.0, 0.0], [1e100, 0.0]])
+    found = _ahead(Ball(), points, np.arange(3), steps.copy())  # type: ignore[arg-type]
+    assert found[0].tolist() == [0.5, 0.0]
+    assert 0.0 < found[1, 0] < 1.0
+    assert found[2].tolist() == [0.0, 0.0]

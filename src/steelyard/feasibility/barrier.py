@@ -149,13 +149,15 @@ def _clusters(rows: Matrix, numbers: Sequence[int] | Indices) -> list[tuple[Indi
 
 
 def log_determinants(matrices: Matrix) -> Matrix:
-    """Of symmetric matrices (..., d, d); -inf where they are not positive definite."""
+    """Of symmetric matrices (..., d, d); -inf where they are not positive definite, or not finite."""
     try:
         diagonals = np.diagonal(np.linalg.cholesky(matrices), axis1=-2, axis2=-1)
         return np.asarray(2.0 * np.log(diagonals).sum(axis=-1))
     except np.linalg.LinAlgError:
         pass
     # Some are not: the same elimination for all at once, in a tenth of the time that eigenvalues take.
+    # Steps along which nothing bounds a problem overflow; they are refused like those that leave the set.
+    matrices = np.where(np.isfinite(matrices).all(axis=(-2, -1), keepdims=True), matrices, 0.0)
     rest = matrices.copy()
     inside, found = np.ones(rest.shape[:-2], dtype=bool), np.zeros(rest.shape[:-2])
     for k in range(rest.shape[-1]):
@@ -273,7 +275,7 @@ def _solved(hessians: Tensor, rows: Tensor, basis: Matrix | None) -> Tensor:
 
     if basis is not None:
         rows, hessians = rows @ basis, basis.T @ hessians @ basis
-    sizes = np.sqrt(np.einsum("pii->pi", hessians))
+    sizes = np.sqrt(np.maximum(np.einsum("pii->pi", hessians), 0.0))
     sizes[sizes == 0] = 1.0
     scales = 1.0 / sizes
     diagonal = np.arange(hessians.shape[1])

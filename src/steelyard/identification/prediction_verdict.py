@@ -283,7 +283,10 @@ def _word(model: float, own: float, worst: float, worst_of_fit: float, tested: b
 def _sentences(word: Word, model: float, own: float, source: str, tested: bool, saved: bool) -> tuple[str, ...]:
     found = [f"The model {_SAID[word]}: {model:.1%} of the torques of {source} are left unexplained, noise aside."]
     if not tested:
-        found.append("The logs are too short to hold anything out; record a longer motion, or give --validate LOG.")
+        found.append(
+            "Nothing was held out, because the logs are too short, or no weight of a prior was to be chosen; record a "
+            "longer motion, or give --validate LOG."
+        )
     elif word in ("poor", "wrong") and own <= 0.5 * model and saved:
         found.append(
             f"It explains the data of its fit to {own:.1%}: either that motion showed too little for this one, or the "

@@ -287,8 +287,10 @@ def _furthest(region: _Region, center: Vector, rows: Matrix, basis: Matrix | Non
     fixed = widths <= 1e-12 * np.abs(rows) @ np.abs(center)  # the equations alone tell these
     widths[fixed] = 1.0
     # Nine tenths of the way to the end of the ellipsoid that lies within the region around its center.
-    points = center + np.where(fixed[:, None], 0.0, 0.9 * steps / widths[:, None])
+    # Rounding may put them outside where nothing else bounds the region: they are brought nearer.
     region.rows, region.pull = rows, FIRST / widths
+    way = np.where(fixed[:, None], 0.0, 0.9 * steps / widths[:, None])
+    points = _ahead(region, np.tile(center, (count, 1)), everything, way)
     first = rows @ center
     active = everything[~fixed]
     found = first.copy()
@@ -321,14 +323,16 @@ def _furthest(region: _Region, center: Vector, rows: Matrix, basis: Matrix | Non
 
 
 def _ahead(region: _Region, points: Matrix, problems: Indices, steps: Matrix) -> Matrix:
-    """Points a step ahead, which is shortened until it ends in the region."""
+    """Points a step ahead, which is shortened until it ends in the region, and left out where it never does."""
     found = points + steps
     for _ in range(30):
         outside = ~np.isfinite(region.value(found, problems))
         if not outside.any():
-            break
+            return np.asarray(found)
         steps[outside] *= 0.7
         found[outside] = points[outside] + 0.9 * steps[outside]
+    outside = ~np.isfinite(region.value(found, problems))
+    found[outside] = points[outside]
     return np.asarray(found)
 
 
