@@ -90,7 +90,7 @@ def test_two_logs_of_one_robot_differ_in_nothing(ur5, monkeypatch, capsys, tmp_p
     assert document["prediction"] is None
     code, out, _ = steelyard(monkeypatch, capsys, "compare", *files, folder / "loaded.json")
     assert code == 1
-    assert "of 108 base parameters differ beyond their 95 % intervals" in out
+    assert "of 108 base parameters (2 estimates, each against the first) differ beyond their 95 % intervals" in out
     found = compare_estimates([*files, folder / "loaded.json"])
     assert {one.second for one in found.differences if one.differs} == {str(folder / "loaded.json")}
 
@@ -235,6 +235,21 @@ def test_exact_estimates_that_are_the_same_differ_in_nothing(ur5, tmp_path):
     replace(exact, base=exact.base * (1.0 + 1e-6)).save(tmp_path / "c.json")
     assert not compare_estimates([tmp_path / "a.json", tmp_path / "b.json"]).differs
     assert compare_estimates([tmp_path / "a.json", tmp_path / "c.json"]).differs
+
+
+def test_what_the_data_does_not_show_is_not_called_the_same(ur5, tmp_path):
+    folder, _ = ur5
+    one = sy.Estimate.load(folder / "one.json")
+    errors = one.standard_error.copy()
+    errors[[3, 7]] = np.inf
+    hidden = replace(one, standard_error=errors)
+    hidden.save(tmp_path / "hidden.json")
+    found = compare_estimates([folder / "two.json", tmp_path / "hidden.json"])
+    assert len(found.differences) == 52
+    assert "none of 52 base parameters" in found.sentences[0]
+    expected = f"hidden.json does not show 2 base parameters, which could not be compared: {one.base_expressions[3]}; "
+    assert any(expected in remark for remark in found.remarks)
+    assert {one.base_expressions[3], one.base_expressions[7]}.isdisjoint(d.name for d in found.differences)
 
 
 def test_holm_rejects_a_true_hypothesis_in_one_of_twenty():

@@ -73,6 +73,8 @@ def test_a_payload_is_what_the_estimate_cannot_predict(logs, monkeypatch, capsys
     assert document["prediction"]["word"] == "poor"
     assert code == 0
     assert "or the robot is no longer the same" in out
+    # Of 2 kg, which the search for mistakes finds in this log alone.
+    assert "loaded.csv: wrist_3_link looks to carry a payload of some 2 kg" in document["remarks"][-1]
 
 
 def test_a_wrong_prediction_exits_with_3(logs, monkeypatch, capsys, tmp_path):
@@ -85,6 +87,10 @@ def test_a_wrong_prediction_exits_with_3(logs, monkeypatch, capsys, tmp_path):
     assert code == 3
     assert out.startswith("The model does not predict this robot")
     assert "two.csv" in out  # each log is told
+    found = [line for line in out.splitlines() if line.startswith(f"Note: {tmp_path / 'flipped.csv'}: ")]
+    assert len(found) == 1
+    assert "shoulder_lift_joint" in found[0]
+    assert "sign" in found[0]
 
 
 def test_logs_are_processed_as_those_of_the_fit(logs, tmp_path):

@@ -120,14 +120,16 @@ class Comparison:
         count = len(self.differences)
         differing = [one for one in self.differences if one.differs]
         level = f"{100 * self.confidence:g} %"
+        pairs = len(self.names) - 1
+        what = "base parameters" if pairs == 1 else f"base parameters ({pairs} estimates, each against the first)"
         if not differing:
             return (
-                f"Nothing differs: none of {count} base parameters differs beyond its {level} interval, all the "
+                f"Nothing differs: none of {count} {what} differs beyond its {level} interval, all the "
                 "comparisons taken together.",
             )
         verb = "differs beyond its" if len(differing) == 1 else "differ beyond their"
         found = [
-            f"{len(differing)} of {count} base parameters {verb} {level} "
+            f"{len(differing)} of {count} {what} {verb} {level} "
             f"interval{'s' * (len(differing) > 1)}: {_listed([_short(one.name) for one in differing])}."
         ]
         for first, second, parts in self.explanations:
@@ -304,6 +306,7 @@ def compare_estimates(
         for one in loaded
         if one.estimate.unconstrained_base is None and one.estimate.consistency is not None
     ]
+    remarks += _not_shown(loaded)
     remarks += _filtered_differently(loaded)
     model, file = _model(loaded[0], robot, bool(logs))
     explanations, prediction = [], None
@@ -317,10 +320,10 @@ def compare_estimates(
             matching_estimate(model, one.path)
         names, bases = [one.name for one in loaded], [one.estimate.base for one in loaded]
         if logs:
-            parts, said, _ = read_as_fitted(file, model, loaded[0], logs, progress=progress)
-            remarks += said
+            read = read_as_fitted(file, model, loaded[0], logs, progress=progress)
+            remarks += read.remarks
             source = str(logs[0]) if len(logs) == 1 else f"{len(logs)} logs"
-            prediction = difference_on_logs(total(parts), names, bases, source)
+            prediction = difference_on_logs(total(read.parts), names, bases, source)
         else:
             prediction = difference_on_random_motion(model, names, bases, seed=seed)
         explanations = [
@@ -371,6 +374,24 @@ def _model(
         return None, None
     file = RobotFile.load(given)
     return Model.from_file(file), file
+
+
+def _not_shown(loaded: Sequence[SavedResult]) -> list[str]:
+    """Say which base parameters cannot be compared, so that nobody takes them for the same."""
+    found = []
+    for one in loaded:
+        estimate = one.estimate
+        names = [
+            _short(n) for n, e in zip(estimate.base_expressions, estimate.standard_error, strict=True) if e == np.inf
+        ]
+        if estimate.filtered_torque:
+            found.append(f"The torques of {one.name} were filtered, so that its base parameters could not be compared.")
+        elif names:
+            found.append(
+                f"The data of {one.name} does not show {len(names)} base parameter{'s' * (len(names) > 1)}, which "
+                f"could not be compared: {_listed(names)}."
+            )
+    return found
 
 
 def _filtered_differently(loaded: Sequence[SavedResult]) -> list[str]:

@@ -289,8 +289,8 @@ def _sentences(word: Word, model: float, own: float, source: str, tested: bool, 
         )
     elif word in ("poor", "wrong") and own <= 0.5 * model and saved:
         found.append(
-            f"It explains the data of its fit to {own:.1%}: either that motion showed too little for this one, or the "
-            "robot is no longer the same. Identify these logs and let steelyard compare tell what differs."
+            f"It explains the data of its fit to {own:.1%}: that motion showed too little for this one, or the robot "
+            "is no longer the same, or these logs are wrong. Identify them, and steelyard compare tells what differs."
         )
     elif word in ("poor", "wrong") and own <= 0.5 * model:
         found.append(

@@ -14,13 +14,17 @@ from steelyard.display import html_table, text_table
 from steelyard.dynamics import Model
 from steelyard.dynamics.threads import in_one_thread
 from steelyard.errors import InputError
+from steelyard.feasibility.constraints import constraints_from_dict
 from steelyard.files import write_json
+from steelyard.recording import Samples
 from steelyard.regression import Information
 from steelyard.regression.batch_means import BATCH_LENGTHS, BatchSums
 from steelyard.regression.reduction import empty_factors
 from steelyard.robot import RobotFile
 
+from .log_checks import mistakes_in_logs
 from .log_reader import LogReader, Progress
+from .mistakes import sentence
 from .prediction_verdict import FEWEST_BATCHES, PredictionVerdict, prediction_verdict
 from .saved import matching_estimate
 from .saved_result import RECORD, SavedResult
@@ -33,7 +37,7 @@ FEWEST_ROWS = FEWEST_BATCHES * BATCH_LENGTHS[0]
 """Of a joint, all logs together: fewer do not tell noise from errors, and most of them are near the ends, which filters
 spoil. A third of a second of a UR5 at 250 Hz, without a mistake, was called poor or wrong."""
 
-_POINTS = 100  # of each log that are kept, which nobody looks at here
+_POINTS = 1200  # of each log that are kept, to look for mistakes where it is predicted poorly
 
 
 @dataclass(frozen=True, eq=False)
@@ -133,7 +137,8 @@ def validate_estimate(
 
     The logs are processed as those of the fit were, as the ``run.json`` beside the estimate tells, with what the data
     decided then; where there is none, as the robot file says. The word follows the rules of `PredictionVerdict`, with
-    the errors on the data of the fit from the estimate.
+    the errors on the data of the fit from the estimate. Where it is poor or wrong, the remarks tell what may be wrong
+    with a log, or what the robot carries.
 
     Parameters
     ----------
@@ -181,7 +186,8 @@ def validate_estimate(
     model = Model.from_file(file)
     result = SavedResult.load(estimate)
     loaded = matching_estimate(model, result.path)
-    parts, remarks, processing = read_as_fitted(file, model, result, logs, chunk_rows, progress)
+    read = read_as_fitted(file, model, result, logs, chunk_rows, progress)
+    parts, remarks = read.parts, [*read.remarks]
     whole = total(parts)
     longest = max(factor.count for factor in whole.factors)
     if longest < FEWEST_ROWS:
@@ -209,8 +215,22 @@ def validate_estimate(
                 part.joint_rms_error(loaded.base) if by_joint else none,
             )
         )
+    if verdict.word in ("poor", "wrong"):
+        constraints = constraints_from_dict(
+            file.section("constraints"), folder=file.path.parent, allow_extensions=file.allow_extensions
+        )
+        errors = {log.name: float(np.max(log.joint_relative_error, initial=log.relative_error)) for log in each}
+        say = progress or (lambda _: None)
+        mistakes = mistakes_in_logs(read.reader, file, constraints, read.samples, errors, say)
+        remarks.extend(f"{log}: {sentence(found)}" for log, found in mistakes.items())
     return Validation(
-        model.robot.name, str(estimate), loaded.method, verdict, tuple(each), processing, tuple(dict.fromkeys(remarks))
+        model.robot.name,
+        str(estimate),
+        loaded.method,
+        verdict,
+        tuple(each),
+        read.reader.processing.to_dict(),
+        tuple(dict.fromkeys(remarks)),
     )
 
 
@@ -222,6 +242,28 @@ def total(parts: Sequence[Information]) -> Information:
     return replace(whole, batch_means=parts[-1].batch_means)
 
 
+@dataclass(frozen=True, eq=False)
+class FittedLogs:
+    """Logs that were processed as those of a saved estimate were.
+
+    Attributes
+    ----------
+    reader : LogReader
+        That read them.
+    parts : list of Information
+        Of each log; the last holds the batch means of all.
+    samples : dict from str to Samples
+        Of each log, thinned out.
+    remarks : tuple of str
+        On the logs, and on how they were processed.
+    """
+
+    reader: LogReader
+    parts: list[Information]
+    samples: dict[str, Samples]
+    remarks: tuple[str, ...]
+
+
 def read_as_fitted(
     file: RobotFile,
     model: Model,
@@ -229,18 +271,8 @@ def read_as_fitted(
     logs: Sequence[str | Path],
     chunk_rows: int = 200_000,
     progress: Progress | None = None,
-) -> tuple[list[Information], list[str], dict[str, Any]]:
-    """Reduce logs, processed as those of a saved estimate were.
-
-    Returns
-    -------
-    parts : list of Information
-        Of each log; the last holds the batch means of all.
-    remarks : list of str
-        On the logs, and on how they were processed.
-    processing : dict
-        How they were processed.
-    """
+) -> FittedLogs:
+    """Reduce logs, processed as those of a saved estimate were."""
     say = progress or (lambda _: None)
     reader = LogReader(file, model, chunk_rows)
     if reader.columns.finds_gains:
@@ -262,15 +294,16 @@ def read_as_fitted(
             remarks.append(f"{log}: was used to make {result.name}, so that its error is no test of a prediction.")
     reader.decide(logs, say)
     sums = BatchSums(empty_factors(model))
-    parts = []
+    parts, samples = [], {}
     for log in logs:
         say(f"reading {log}")
-        information, _ = reader.reduce(log, _POINTS, sums)
+        information, thinned = reader.reduce(log, _POINTS, sums)
         if information.count == 0:
             raise InputError(
                 f"{log}: no rows are left after processing, so that nothing can be predicted; give a longer log, trim "
                 "less or lower velocity_threshold."
             )
         parts.append(information)
+        samples[str(log)] = thinned.samples
     parts[-1] = replace(parts[-1], batch_means=sums.factors())
-    return parts, [*remarks, *reader.remarks], reader.processing.to_dict()
+    return FittedLogs(reader, parts, samples, (*remarks, *reader.remarks))
