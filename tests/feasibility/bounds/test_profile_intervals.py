@@ -75,6 +75,18 @@ def test_center_of_mass_against_bisection() -> None:
             assert sign * end == pytest.approx(low, abs=0.06 * (upper - lower) + 1e-3), quantity.name
 
 
+def test_end_of_a_center_of_mass_whose_link_may_be_heavy() -> None:
+    """At the end the link has a fifth of the mass that it has in the center of the region."""
+    arm = simulated_arm(6)
+    (quantity,), found, covariance, feasible_set = intervals(arm, names=["cz2"])
+    base = sy.least_squares(arm.information).base
+    reached, allowed = found.upper[0] - 0.06 * (found.upper[0] - found.lower[0]), found.upper[0] + 0.02
+    for place, is_inside in ((reached, True), (allowed, False)):
+        shifted = replace(quantity, row=quantity.row - place * quantity.mass, mass=None)
+        _, most = ends_by_cvxpy(feasible_set, covariance, base, found.chi_squared + 3.8415, shifted)
+        assert (most > 0.0) == is_inside
+
+
 def test_well_determined_parameters_have_the_interval_of_least_squares() -> None:
     """Where physics confines nothing, the interval is 1.96 standard errors on either side (Cramér and Rao)."""
     arm = simulated_arm(7, seconds=30.0)

@@ -253,7 +253,7 @@ def _ends(
     turned = np.concatenate([is_ratio, is_ratio])
     denominators = np.where(turned[:, None], weights, 0.0)
     at_center = np.where(turned, (both @ center) / np.where(turned, weights @ center, 1.0), 0.0)
-    points, found = _furthest(region, center, both - at_center[:, None] * denominators, basis)
+    points, found = _furthest(region, center, both - at_center[:, None] * denominators, basis, denominators)
     active, ratios = np.flatnonzero(turned), at_center.copy()
     points = points[active]
     for _ in range(ROUNDS if len(active) else 0):
@@ -266,7 +266,8 @@ def _ends(
         active = active[further > ACCURACY * way]
         if not len(active):
             break
-        points, _ = _furthest(region, center, both[active] - ratios[active, None] * weights[active], basis)
+        towards = both[active] - ratios[active, None] * weights[active]
+        points, _ = _furthest(region, center, towards, basis, weights[active])
     count = len(rows)
     return signs[:count] * found[:count], found[count:]
 
@@ -275,8 +276,14 @@ def _ratios(rows: Matrix, weights: Matrix, points: Matrix) -> Vector:
     return np.asarray(np.einsum("pi,pi->p", rows, points) / np.einsum("pi,pi->p", weights, points))
 
 
-def _furthest(region: _Region, center: Vector, rows: Matrix, basis: Matrix | None) -> tuple[Matrix, Vector]:
-    """For each row (p, n), a point of the region far along it, and what no point of the region exceeds."""
+def _furthest(
+    region: _Region, center: Vector, rows: Matrix, basis: Matrix | None, masses: Matrix
+) -> tuple[Matrix, Vector]:
+    """For each row (p, n), a point of the region far along it, and what no point of the region exceeds.
+
+    Rows of ratios have masses that are not zero. How far their points are to go is told by the mass there: measured by
+    that of the center, which may be many times as much, a row would seem to have arrived long before its ratio has.
+    """
     count = len(rows)
     everything = np.arange(count)
     region.rows, region.pull = np.zeros((count, len(center))), np.zeros(count)
@@ -291,7 +298,7 @@ def _furthest(region: _Region, center: Vector, rows: Matrix, basis: Matrix | Non
     region.rows, region.pull = rows, FIRST / widths
     way = np.where(fixed[:, None], 0.0, 0.9 * steps / widths[:, None])
     points = _ahead(region, np.tile(center, (count, 1)), everything, way)
-    first = rows @ center
+    first, central = rows @ center, masses @ center
     active = everything[~fixed]
     found = first.copy()
     values = region.value(points, everything)
@@ -308,7 +315,10 @@ def _furthest(region: _Region, center: Vector, rows: Matrix, basis: Matrix | Non
         which, pull = active[near], region.pull[active[near]]
         slope = np.einsum("pi,pi->p", rows[which], along[near])
         reached = np.einsum("pi,pi->p", rows[which], points[which])
-        half = np.maximum(reached + pull * slope - first[which], widths[which])
+        lighter = np.ones(len(which))
+        turned = central[which] != 0.0
+        lighter[turned] = (np.einsum("pi,pi->p", masses[which], points[which])[turned]) / central[which[turned]]
+        half = np.maximum(reached + pull * slope - lighter * first[which], lighter * widths[which])
         rest = pull * slope / half
         found[which] = reached + pull * slope + OUTWARD * half
         onward = np.flatnonzero(rest > ENOUGH)
