@@ -1,6 +1,8 @@
 """Mistakes in logs of a small arm, whose torques Pinocchio computes: each is found, and a line mends it."""
 
 import tomllib
+from dataclasses import replace
+from pathlib import Path
 from types import SimpleNamespace
 
 import numpy as np
@@ -370,3 +372,55 @@ def test_logs_share_their_mistakes(simulation, tmp_path):
     assert list(result.mistakes) == list(map(str, logs))
     assert {one[0].statement for one in result.mistakes.values()} == {"The sign of the torque of joint3 looks wrong"}
     assert sum("what may be wrong" in line for line in said) == 1
+
+
+@pytest.mark.slow
+def test_mistakes_of_six_arms_are_found(planted):
+    """One log of each kind; what is not found leaves the torques as they are. All are in the benchmark of this name."""
+    arms = {name: planted.Arm.named(name) for name in planted.ROBOTS}
+
+    def search(mistake, name, motion, cad, seed):
+        arm = arms[name]
+        log = planted.plant(arm, mistake, seed, motion)
+        robot = planted.described(arm.robot, seed) if cad else planted.undescribed(arm.robot)
+        return log, find_mistakes(sy.Model(robot.with_terms(*log.terms)), log.samples)
+
+    right = []
+    for one in planted.cases(len(MISTAKES)):
+        log, found = search(*one)
+        right.append(bool(found) and log.is_named_by(found[0]))
+    assert sum(right) >= 29, [name for name, good in zip(MISTAKES, right, strict=True) if not good]
+    for number, name in enumerate(arms):
+        assert search("none", name, "ordinary", number % 2 == 0, 100 + number)[1] == ()
+
+
+@pytest.mark.data
+@pytest.mark.parametrize(
+    ("robot", "log"),
+    [
+        ("ur10.toml", "ur10_unisa/exciting.csv"),
+        ("kinova_gen3.toml", "kinova_gen3/opti_traj_testing1.csv"),
+        ("kinova_gen3.toml", "kinova_gen3/opti_traj_testing2.csv"),
+    ],
+)
+def test_real_logs_are_not_accused(shared_data, robot, log):
+    file = RobotFile.load(Path(__file__).resolve().parents[2] / "examples" / robot)
+    model = sy.Model.from_file(file)
+    columns, processing = (file.section(name) for name in ("log", "processing"))
+    recording = sy.Recording.read(shared_data / log, columns, list(model.robot.joint_names))
+    samples = recording.process(sy.Processing.from_dict(processing), model)
+    assert find_mistakes(model, samples) == ()
+    wrong = samples.torque * np.where(np.arange(model.dof) == 3, -1.0, 1.0)
+    found = find_mistakes(model, replace(samples, torque=wrong))
+    assert found[0].statement == f"The sign of the torque of {model.robot.joint_names[3]} looks wrong"
+
+
+def test_logs_that_tell_nothing_are_not_accused():
+    """At rest, without torques, of a few rows, and with every row masked."""
+    model = sy.Model(sy.Robot.from_dh([(0, 1.0, 0, "q")], gravity=(0, -9.81, 0)).with_terms(sy.Viscous()))
+    q = np.sin(np.arange(0.0, 20.0, 0.04))[:, None]
+    moving = {"q": q, "dq": np.gradient(q, 0.04, axis=0), "ddq": -q, "torque": 2.0 * q + 20.0 * np.cos(q)}
+    still = np.zeros_like(q)
+    for change in ({"torque": still}, {"q": still, "dq": still, "ddq": still}, {"mask": np.zeros(q.shape, dtype=bool)}):
+        assert find_mistakes(model, sy.Samples(**{**moving, **change})) == ()
+    assert find_mistakes(model, sy.Samples(**{name: array[:3] for name, array in moving.items()})) == ()

@@ -19,7 +19,7 @@ from .correction import correction_settings
 from .kinematic_bodies import reach_of
 from .log_reader import LogReader
 from .marginal_likelihood import body_priors
-from .mistakes import MOTION_UNITS, Hypothesis, find_mistakes
+from .mistakes import MOTION_UNITS, TOO_MANY_JOINTS, Hypothesis, find_mistakes
 
 __all__ = ["implausible_mass", "mistakes_in_logs"]
 
@@ -62,6 +62,8 @@ def mistakes_in_logs(
         What is probably wrong with a log, with what robot.toml must say; logs without a finding are not in it.
     """
     model, names = reader.model, list(reader.model.robot.joint_names)
+    if model.dof > TOO_MANY_JOINTS:
+        return {}
     known: list[Hypothesis] = []
     found: dict[str, tuple[Hypothesis, ...]] = {}
     searches, priors = 0, body_priors(model, constraints)

@@ -337,7 +337,8 @@ def likeliest_robot(
     n = moments.columns
     gram, cross, square = _normal_equations(moments.total, n, matrix)
     counts = np.maximum(moments.counts.sum(axis=0), 1)
-    power = np.maximum(square / counts, 1e-300)
+    power = square / counts
+    power = np.maximum(power, 1e-12 * max(float(power.max()), 1e-100))
     mean, precision, log_determinant = _with_terms(prior, gram, counts, power)
     pulled, light = precision @ mean, np.zeros(n, dtype=bool)
     spring = _springs(prior, n)
