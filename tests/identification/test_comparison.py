@@ -13,9 +13,10 @@ from scipy.stats import false_discovery_control
 import steelyard as sy
 from steelyard.cli import main
 from steelyard.errors import InputError
-from steelyard.identification import compare_estimates
+from steelyard.identification import compare_estimates, validate_estimate
 from steelyard.identification.comparison import holm
 from steelyard.identification.prediction_difference import difference_on_random_motion, random_motion
+from steelyard.report import save_results
 
 SETTINGS = "[processing]\ncutoff = 5.0\nvelocity_threshold = 0.005\n"
 
@@ -263,3 +264,31 @@ def test_holm_rejects_a_true_hypothesis_in_one_of_twenty():
         wrong += rejected[:30].any()
         assert np.all(false_discovery_control(probabilities)[rejected] <= 0.05)
     assert 0.03 < wrong / 2000 < 0.065
+
+
+@pytest.mark.slow
+def test_folders_of_results_tell_their_robot_and_their_processing(elbow, simulation):
+    """With a prior, answers are further apart than their standard errors; what the data says is not."""
+    path, model, folder = elbow
+    for name, seed in (("monday", 0), ("friday", 1)):
+        simulation.record(model, folder / f"{name}.csv", seed, noise=0.2, periods=2.0)
+        save_results(sy.identify(path, [folder / f"{name}.csv"]), folder / name)
+    found = compare_estimates([folder / "monday", folder / "friday"])
+    assert not found.differs
+    assert found.prediction is not None  # the robot file stands in the record
+    assert found.prediction.relative_difference[0] < 0.1
+    answers = [sy.Estimate.load(folder / name / "estimate.json") for name in ("monday", "friday")]
+    truth = model.base_parameters().values(simulation.true_parameters(model))
+    for answer in answers:
+        assert np.abs((answer.unconstrained_base - truth) / answer.standard_error).max() < 4.0
+    for log, seen in (("friday.csv", False), ("monday.csv", True)):
+        validated = validate_estimate(path, folder / "monday", [folder / log])
+        assert validated.prediction.word == "good"
+        assert any("was used to make" in remark for remark in validated.remarks) == seen
+        assert validated.processing["cutoff"] == 10.0
+        decided = json.loads((folder / "monday" / "run.json").read_text())["options"]["decided"]
+        np.testing.assert_array_equal(validated.processing["velocity_threshold"], decided["velocity_threshold"])
+    path.write_text(path.read_text() + "\n")
+    changed = compare_estimates([folder / "monday", folder / "friday"])
+    assert changed.prediction is None
+    assert any("was changed" in remark for remark in changed.remarks)
