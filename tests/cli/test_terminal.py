@@ -4,13 +4,16 @@ or two."""
 import re
 from dataclasses import replace
 
+import lxml.html
 import numpy as np
 import pytest
 
 import steelyard as sy
 from steelyard.cli import terminal
-from steelyard.identification import Identification, identify
+from steelyard.identification import Hypothesis, Identification, identify
+from steelyard.identification.correction import Correction
 from steelyard.identification.parameter_table import ParameterRow, ParameterTable
+from steelyard.report import report_html
 
 LINKS = ("upper", "fore")
 
@@ -74,6 +77,26 @@ def test_answer_that_is_not_possible_is_not_said_to_exist(result: Identification
     changed = replace(result, estimate=replace(estimate, parameters=-estimate.parameters))
     assert changed.possible is False
     assert changed.headline.startswith("The answer is not proved to be possible, but it predicts well")
+
+
+def test_what_is_probably_wrong_follows_the_verdicts(
+    result: Identification, capsys: pytest.CaptureFixture[str]
+) -> None:
+    words = {"kind": "torque sign", "statement": "The sign of j1 looks wrong", "evidence": "the error falls"}
+    numbers = {"gain": 50.0, "error_before": 0.5, "error_after": 0.05, "joint": "j1"}
+    probable = Hypothesis(**words, **numbers, correction=Correction(), settings={"log": {"torque_sign": [-1, 1]}})
+    log = result.logs[0]
+    changed = replace(result, mistakes={log: (probable,)})
+    (told,) = changed.mistake_sentences
+    changed = replace(changed, remarks=(*result.remarks, told))
+    lines = shown(changed, capsys).splitlines()
+    assert lines[1] == told
+    assert "The sign of j1 looks wrong" in told
+    assert sum("The sign of j1" in line for line in lines) == 1
+    page = lxml.html.fromstring(report_html(changed))
+    assert page.find_class("lead")[0].getnext().text_content() == told
+    assert page.text_content().count("The sign of j1") == 1
+    assert "The sign of j1" in changed._repr_html_()
 
 
 def test_links_have_interval_cad_and_basis(result: Identification, capsys: pytest.CaptureFixture[str]) -> None:

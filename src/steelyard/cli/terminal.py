@@ -104,7 +104,8 @@ def show_identification(result: Identification, *, whole_table: bool = False) ->
         console.print(_text(words), soft_wrap=True)
 
     say(f"{result.model.robot.name}: {result.headline}")
-    for sentence in result.prediction.sentences[1:]:
+    all_logs, mistakes = (*result.logs, *result.validation_logs), result.mistake_sentences
+    for sentence in (*gathered(mistakes, all_logs), *result.prediction.sentences[1:]):
         say(sentence)
     heads, (*rows, whole) = result.joint_table()
     if len(rows) > _MOST_ROWS - 1:  # those of the largest error are what matters
@@ -138,7 +139,8 @@ def show_identification(result: Identification, *, whole_table: bool = False) ->
             say(f"Known beforehand: {sentence}")
         if result.plausible.price is not None:
             say(result.plausible.price.sentence)
-    for remark in gathered((*result.estimate.remarks, *result.remarks), (*result.logs, *result.validation_logs)):
+    others = [remark for remark in (*result.estimate.remarks, *result.remarks) if remark not in mistakes]
+    for remark in gathered(others, all_logs):
         say(f"Note: {remark}")
     if whole_table and table is not None:
         print(printable(str(table)), file=console.file)  # thousands of rows, for which the console takes seconds

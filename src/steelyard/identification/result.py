@@ -16,7 +16,7 @@ from steelyard.feasibility import FeasibleSet, Verdict
 from steelyard.recording import CutoffChoice
 from steelyard.regression import Estimate, Information
 
-from .mistakes import Hypothesis
+from .mistakes import Hypothesis, sentence
 from .parameter_table import ParameterTable
 from .plausible_fit import PlausibleFit
 from .prediction_verdict import PredictionVerdict
@@ -156,6 +156,11 @@ class Identification:
         joined = " and " if agree else ", but "
         return f"{exists}{joined}{'' if self.possible else 'it '}{self.prediction.clause}."
 
+    @property
+    def mistake_sentences(self) -> tuple[str, ...]:
+        """What is probably wrong, a sentence for each log; they stand among the remarks as well."""
+        return tuple(f"{log}: {sentence(found)}" for log, found in self.mistakes.items())
+
     def joint_table(self) -> tuple[tuple[str, ...], list[tuple[str, ...]]]:
         """The table of how well each joint is predicted: its heads and its rows, the last of them all the joints."""
         told, robot = self.prediction, self.model.robot
@@ -175,6 +180,7 @@ class Identification:
 
     def _repr_html_(self) -> str:
         parts = [f"<p><strong>{escape(self.headline)}</strong></p>"]
+        parts += [f"<p>{escape(probable)}</p>" for probable in self.mistake_sentences[:3]]
         heads, rows = self.joint_table()
         parts.append(html_table(f"Prediction of {self.prediction.source}", heads, rows, self.prediction.sentences[1:]))
         if self.parameters is not None:

@@ -51,13 +51,16 @@ def summary(identification: Identification) -> Markup:
     """Return both verdicts, the figures that matter and the remarks."""
     remarks = [*identification.estimate.remarks, *identification.unconstrained.remarks, *identification.remarks]
     logs = (*identification.logs, *identification.validation_logs)
-    items = "".join(f"<li>{escape(remark)}</li>" for remark in gathered(remarks, logs))
+    mistakes = identification.mistake_sentences
+    probable = "".join(f"<p><strong>{escape(text)}</strong></p>" for text in gathered(mistakes, logs))
+    others = [remark for remark in remarks if remark not in mistakes]
+    items = "".join(f"<li>{escape(remark)}</li>" for remark in gathered(others, logs))
     notes = (
         f'<section aria-labelledby="remarks"><h2 id="remarks">Remarks</h2><ul>{items}</ul></section>' if items else ""
     )
     cards = (_verdict_of_answer, _verdict_of_prediction, _verdict_of_least_squares)
     return Markup(
-        f'<p class="lead">{escape(identification.headline)}</p>\n'
+        f'<p class="lead">{escape(identification.headline)}</p>{probable}\n'
         f'<div class="verdicts">{"".join(card(identification) for card in cards)}</div>\n'
         f'<dl class="figures" aria-label="Key figures">{_figures(identification)}</dl>\n{notes}'
     )
