@@ -12,7 +12,6 @@ if TYPE_CHECKING:
     from .mesh_files import read_meshes as read_meshes
     from .obstacles import Obstacle as Obstacle
     from .obstacles import ObstacleClearance as ObstacleClearance
-    from .robot_geometry import PlacedShape as PlacedShape
     from .robot_geometry import RobotGeometry as RobotGeometry
     from .robot_geometry import shapes_of_moving_links as shapes_of_moving_links
     from .self_collision import LeftOut as LeftOut
@@ -21,6 +20,7 @@ if TYPE_CHECKING:
     from .shapes import Capsule as Capsule
     from .shapes import Cylinder as Cylinder
     from .shapes import Mesh as Mesh
+    from .shapes import PlacedShape as PlacedShape
     from .shapes import Shape as Shape
     from .shapes import Sphere as Sphere
     from .shapes import moments_of_surface as moments_of_surface

@@ -13,8 +13,7 @@ from numpy.typing import NDArray
 from steelyard.errors import InputError
 
 from .configurations import LinkPlacements
-from .robot_geometry import PlacedShape
-from .shapes import Mesh, require_coal
+from .shapes import Mesh, PlacedShape, require_coal
 
 __all__ = ["Nearest", "PairDistances", "segment_distance_bound"]
 

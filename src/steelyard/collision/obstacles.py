@@ -13,8 +13,8 @@ from steelyard.robot.placement import frozen
 
 from .configuration_constraint import DistanceConstraint, check_possible, checked_margin
 from .distances import PairDistances
-from .robot_geometry import PlacedShape, RobotGeometry
-from .shapes import Shape
+from .robot_geometry import RobotGeometry
+from .shapes import PlacedShape, Shape
 
 __all__ = ["Obstacle", "ObstacleClearance"]
 

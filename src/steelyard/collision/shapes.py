@@ -12,12 +12,15 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from steelyard.errors import InputError, MissingExtraError
+from steelyard.robot import Robot
+from steelyard.robot.placement import frozen
 
 __all__ = [
     "Box",
     "Capsule",
     "Cylinder",
     "Mesh",
+    "PlacedShape",
     "Shape",
     "Sphere",
     "SweptSegment",
@@ -537,3 +540,76 @@ def require_coal() -> Any:
             "pip install 'steelyard[collision]'."
         )
     return coal
+
+
+@dataclass(frozen=True, eq=False)
+class PlacedShape:
+    """A shape that is fixed to a link.
+
+    Use `PlacedShape.on` to place a shape on a link by its name.
+
+    Parameters
+    ----------
+    shape : Shape
+    link : str
+        Link of the description that the shape belongs to, which may have been merged into another link.
+    body : int
+        Index of the moving link that carries the shape, -1 for the base.
+    placement : (4, 4) array
+        Pose of the shape in the frame of this moving link.
+
+    Examples
+    --------
+    >>> from steelyard.robot import Robot
+    >>> arm = Robot.from_dh([(0, 0.5, 0, "q"), (0, 0.4, 0, "q")])
+    >>> PlacedShape.on(arm, "link2", Capsule(radius=0.05, length=0.4))
+    PlacedShape(Capsule(radius=0.05, length=0.4) on 'link2')
+    """
+
+    shape: Shape
+    link: str
+    body: int
+    placement: Array
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "placement", frozen(self.placement, (4, 4)))
+
+    def __repr__(self) -> str:
+        return f"PlacedShape({self.shape} on {self.link!r})"
+
+    @property
+    def moments(self) -> Array:
+        """∫ (r, 1)(r, 1)ᵀ dV over the solid, (4, 4), in the frame of the moving link; see `Shape`."""
+        return np.asarray(self.placement @ self.shape.moments @ self.placement.T)
+
+    @property
+    def box(self) -> Array:
+        """Corners (2, 3) of the box around the shape, lower first, along the axes of the moving link, m."""
+        rotation, origin = self.placement[:3, :3], self.placement[:3, 3]
+        found = []
+        for sign in (1.0, -1.0):
+            points = self.shape.lowest(sign * rotation)  # rows of the rotation: the axes, seen from the shape
+            found.append(np.einsum("ij,ij->i", rotation, points) + origin)
+        return np.array(found)
+
+    @classmethod
+    def on(cls, robot: Robot, link: str, shape: Shape, placement: ArrayLike | None = None) -> PlacedShape:
+        """Place a shape on a link.
+
+        Parameters
+        ----------
+        robot : Robot
+        link : str
+            A moving link, the base, or a link that was merged into one of them.
+        shape : Shape
+        placement : (4, 4) array, optional
+            Pose of the shape in the frame of the link; the frame of the link itself by default.
+
+        Raises
+        ------
+        InputError
+            If the robot has no such link.
+        """
+        body, of_link = robot.frame(link)
+        own = np.eye(4) if placement is None else np.asarray(placement, dtype=np.float64)
+        return cls(shape, link, body, of_link @ own)

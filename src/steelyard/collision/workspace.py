@@ -12,7 +12,8 @@ from steelyard.robot import Robot
 
 from .configuration_constraint import ConfigurationConstraint, check_possible, checked_margin
 from .configurations import LinkPlacements
-from .robot_geometry import PlacedShape, RobotGeometry
+from .robot_geometry import RobotGeometry
+from .shapes import PlacedShape
 
 __all__ = ["TablePlane", "WorkspaceBox"]
 

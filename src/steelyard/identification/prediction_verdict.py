@@ -31,8 +31,9 @@ UNSEEN = 0.5
 """Where the model explains its own data, an error on unseen data up to this is poor and not wrong: the motion did not
 show enough, which is no mistake of the log."""
 
-NEGLIGIBLE = 1e-3
-"""Joints with less than this part of the largest torque are not judged by themselves."""
+NEGLIGIBLE = 5e-3
+"""Joints with less than this part of the largest torque are not judged by themselves: the last joint of the WAM, whose
+torque is 0.35 % of the largest, has an error of 58 % in Sousa's identification (thesis table 4.7), which is sound."""
 
 MOST_NAMED = 4
 """Joints named in a sentence."""
