@@ -1,6 +1,7 @@
 """What numbers rest on, against the truth of a simulated arm and against closed forms."""
 
 import csv
+import importlib
 import io
 import json
 
@@ -132,3 +133,19 @@ def test_intervals_hold_the_truth() -> None:
         truth = true_values(arm, table)
         inside.append([table[name].lower <= value <= table[name].upper for name, value in truth.items()])
     assert np.mean(inside) >= 0.93
+
+
+def test_large_robots_have_the_intervals_of_least_squares(found, monkeypatch) -> None:
+    arm, table = found
+    module = importlib.import_module("steelyard.identification.parameter_table")
+    monkeypatch.setattr(module, "MANY_PARAMETERS", 30)
+    large, _ = table_of(arm, 3)
+    least_squares = sy.least_squares(arm.information)
+    index = least_squares.base_expressions.index("Fvj1")
+    ends = least_squares.base[index] + np.array([-1.96, 1.96]) * least_squares.standard_error[index]
+    assert [large["Fvj1"].lower, large["Fvj1"].upper] == pytest.approx(ends, abs=2e-4)
+    assert large["m1"].upper == np.inf
+    assert large["m1"].lower == 0.0
+    assert large["m1"].basis == "assumed"
+    assert "of the data alone" in large.sentences[0]
+    assert large["Fvj1"].basis == table["Fvj1"].basis == "measured"

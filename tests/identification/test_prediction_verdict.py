@@ -11,6 +11,7 @@ from simulated_arm import SimulatedArm, blurred, simulated_arm
 import steelyard as sy
 from steelyard.estimators import EntropicPrior
 from steelyard.estimators.cross_validation import cross_validation, term_deviations
+from steelyard.identification.identify import _held_out
 from steelyard.identification.prediction_verdict import prediction_verdict, white_noise
 from steelyard.recording import Samples
 from steelyard.regression import Information
@@ -114,3 +115,23 @@ def test_plain_data() -> None:
     silent = prediction_verdict(replace(arm.information, batch_means=()), arm.truth @ arm.feasible_set.K.T)
     assert np.all(np.isnan(silent.noise_floor))
     json.dumps(silent.to_dict(), allow_nan=False)
+
+
+def test_estimates_without_a_prior_are_tried_on_what_is_left_out() -> None:
+    """Against least squares by NumPy on the rows of the other stretches, and torques by the recursion."""
+    arm = simulated_arm(20, seconds=16.0)
+    found = _held_out(arm.stretches, lambda data: sy.least_squares(data, None))
+    samples = arm.samples
+    regressor = arm.model.regressor(samples.q, samples.dq, samples.ddq)
+    squares, start = np.zeros(3), 0
+    for stretch in arm.stretches:
+        rows = np.arange(start, start + stretch.count // 3)
+        others = np.setdiff1d(np.arange(samples.count), rows)
+        parameters = np.linalg.lstsq(
+            regressor[others].reshape(-1, regressor.shape[2]), samples.torque[others].ravel(), rcond=1e-10
+        )[0]
+        predicted = arm.model.inverse_dynamics(samples.q[rows], samples.dq[rows], samples.ddq[rows], parameters)
+        squares += np.sum((samples.torque[rows] - predicted) ** 2, axis=0)
+        start += len(rows)
+    np.testing.assert_allclose(found, np.sqrt(squares / samples.count), rtol=1e-6)
+    assert _held_out(arm.stretches[:2], lambda data: sy.least_squares(data)) is None

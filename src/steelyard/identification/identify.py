@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import Literal
@@ -12,8 +12,9 @@ from numpy.typing import NDArray
 
 from steelyard.dynamics import Model
 from steelyard.dynamics.threads import in_one_thread
-from steelyard.errors import InputError
+from steelyard.errors import InputError, SolverError
 from steelyard.estimators import fit
+from steelyard.estimators.cross_validation import FEWEST_FOLDS, MANY_PARAMETERS
 from steelyard.estimators.estimator import Estimator, estimate_with, find_estimator
 from steelyard.feasibility import FeasibleSet, check
 from steelyard.feasibility.constraints import constraints_from_dict
@@ -143,24 +144,28 @@ def identify(
     verdict = check(feasible_set, base=unconstrained.base)
     say("feasible fit")
     plausible: PlausibleFit | None = None
+    folds = FEWEST_FOLDS if model.parameter_count > MANY_PARAMETERS else 5
+    stretches, held_out = information.stretches(blocks, folds), None
     if prior == "auto" and prefer == "auto" and estimator == "fit":
-        stretches = information.stretches(blocks)
         plausible = plausible_fit(information, stretches, feasible_set, unconstrained, prior_weight=prior_weight)
         estimate = plausible.estimate
+        if plausible.validation is not None:
+            held_out = plausible.validation.joint_errors[plausible.validation.chosen_index]
     else:
         if prefer == "auto":
             prefer = "cad" if _has_cad(model) else "lightest"
         options = {"weights": weights, "prefer": prefer, "residual_slack": residual_slack}
         estimate = estimate_with(estimator, information, feasible_set, **options)
+        say("how well it predicts stretches that are left out")
+        held_out = _held_out(stretches, lambda data: estimate_with(estimator, data, feasible_set, **options))
     estimate = replace(estimate, description=reader.description, unconstrained_base=unconstrained.base)
     say("what the numbers rest on")
-    validated = None if plausible is None else plausible.validation
     prediction = prediction_verdict(
         information,
         estimate.base,
         validation=[p[2] for p in parts if p[1] == "validation"],
-        held_out_error=None if validated is None else validated.joint_errors[validated.chosen_index],
-        fold_count=0 if validated is None else len(validated.counts),
+        held_out_error=held_out,
+        fold_count=len(stretches),
     )
     table = None
     if estimate.parameters is not None:
@@ -235,6 +240,24 @@ def _require_excitation(information: Information, model: Model) -> None:
             f"The logs leave {rows} rows for {information.base_count} base parameters of {model.robot.name}; "
             "record a longer motion, trim less or lower velocity_threshold."
         )
+
+
+def _held_out(stretches: Sequence[Information], estimate: Callable[[Information], Estimate]) -> Array | None:
+    """Root mean square of the residuals of each joint on stretches, of which each is left out of an estimate in turn.
+
+    None where the logs are too short for it, or what is left of them has no estimate.
+    """
+    if len(stretches) < FEWEST_FOLDS:
+        return None
+    squares = np.zeros(len(stretches[0].measured))
+    for left_out in stretches:
+        try:
+            base = estimate(_total([one for one in stretches if one is not left_out])).base
+        except SolverError:
+            return None
+        squares += [factor.residual2(base) for factor in left_out.measured]
+    counts = np.sum([[factor.count for factor in one.measured] for one in stretches], axis=0)
+    return np.asarray(np.sqrt(squares / np.maximum(counts, 1)))
 
 
 def _has_cad(model: Model) -> bool:

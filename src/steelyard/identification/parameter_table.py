@@ -13,8 +13,9 @@ from numpy.typing import ArrayLike, NDArray
 
 from steelyard.display import html_table, text_table
 from steelyard.errors import InputError
+from steelyard.estimators.cross_validation import MANY_PARAMETERS
 from steelyard.feasibility import FeasibleSet
-from steelyard.feasibility.bounds.profile_intervals import ProfileIntervals, profile_intervals
+from steelyard.feasibility.bounds.profile_intervals import profile_intervals
 from steelyard.feasibility.bounds.quantities import Quantity, quantities
 from steelyard.files import suggestion
 from steelyard.regression import Estimate, Information, ParameterCovariance
@@ -29,6 +30,11 @@ _BASES: tuple[Basis, ...] = ("measured", "bounded", "assumed", "unknown")  # the
 MEASURED, BOUNDED = 0.2, 1.0
 """Largest half-width of the interval of a parameter that counts as measured, and as bounded, in units of its scale. A
 fifth is about what CAD is wrong by; where the half-width is the scale itself, not even the sign is sure."""
+
+TOO_MANY = (
+    "Intervals are those of the data alone, and open where it tells nothing: what physics adds takes too long for more "
+    f"than {MANY_PARAMETERS} parameters; steelyard.feasibility.parameter_intervals finds it for single ones."
+)
 
 NEGLIGIBLE = 0.05
 """A term this small beside what would make the whole torque of its joint counts as if it had this size."""
@@ -262,17 +268,21 @@ def parameter_table(
     values = np.array([_value(quantity, parameters) for quantity in asked])
     source = feasible_set.model.robot.parameters if cad is None else cad
     described = _described(feasible_set, np.asarray(source, dtype=float), asked, about)
-    told: ProfileIntervals | None = None
-    if not covariance.filtered_torque:
-        told = profile_intervals(feasible_set, unconstrained.base, covariance, asked, parameters, confidence)
+    told: tuple[Array, Array] | None = None
+    centers, alone = _intervals_of_data(feasible_set, covariance, asked, parameters, unconstrained.base, confidence)
+    if not covariance.filtered_torque and feasible_set.parameter_count > MANY_PARAMETERS:
+        positive = np.array([quantity.never_negative for quantity in asked])
+        told = np.where(positive, np.maximum(centers - alone, 0.0), centers - alone), centers + alone
+    elif not covariance.filtered_torque:
+        found = profile_intervals(feasible_set, unconstrained.base, covariance, asked, parameters, confidence)
+        told = found.lower, found.upper
     scales = _scales(feasible_set, parameters, values, asked, about, term_scales)
-    alone = _half_widths(feasible_set, covariance, asked, parameters, confidence)
     rows = []
     for index, quantity in enumerate(asked):
         low, high, basis = np.nan, np.nan, "unknown"
         if told is not None:
             basis = "assumed"
-            low, high = min(told.lower[index], values[index]), max(told.upper[index], values[index])
+            low, high = min(told[0][index], values[index]), max(told[1][index], values[index])
             half = 0.5 * (high - low)
             if alone[index] <= MEASURED * scales[index] and half <= 2.0 * MEASURED * scales[index]:
                 basis = "measured"
@@ -291,7 +301,10 @@ def parameter_table(
             )
         )
     table = ParameterTable(tuple(rows), None if told is None else confidence)
-    return ParameterTable(table.rows, table.confidence, _known_together(info, feasible_set, unconstrained, table))
+    sentences = _known_together(info, feasible_set, unconstrained, table)
+    if told is not None and feasible_set.parameter_count > MANY_PARAMETERS:
+        sentences = (TOO_MANY, *sentences)
+    return ParameterTable(table.rows, table.confidence, sentences)
 
 
 @dataclass(frozen=True)
@@ -403,31 +416,33 @@ def _scales(
     return found
 
 
-def _half_widths(
+def _intervals_of_data(
     feasible_set: FeasibleSet,
     covariance: ParameterCovariance,
     asked: list[Quantity],
     parameters: Array,
+    base: Array,
     confidence: float,
-) -> Array:
-    """Of the intervals of plain least squares; infinite for what the base parameters do not tell."""
+) -> tuple[Array, Array]:
+    """Centers and half-widths of the intervals of plain least squares; infinite for what the base does not tell."""
     from scipy.special import ndtri
 
     reach = float(ndtri(0.5 + 0.5 * confidence))
     inverse = np.linalg.pinv(feasible_set.K)
-    found = np.full(len(asked), np.inf)
+    centers, halves = np.zeros(len(asked)), np.full(len(asked), np.inf)
+    rows = np.array([quantity.row for quantity in asked])
     for index, quantity in enumerate(asked):
-        row = quantity.row
         if quantity.mass is not None:
-            row = (row - _value(quantity, parameters) * quantity.mass) / float(quantity.mass @ parameters)
-        in_base = row @ inverse
-        size = float(np.abs(row).max())
-        if np.abs(in_base @ feasible_set.K - row).max() > 1e-9 * size:
-            continue
-        if np.any(np.abs(in_base @ covariance.unidentifiable) > 1e-9 * size):
-            continue
-        found[index] = reach * float(np.linalg.norm(in_base @ covariance.root))
-    return found
+            centers[index] = _value(quantity, parameters)
+            rows[index] = (rows[index] - centers[index] * quantity.mass) / float(quantity.mass @ parameters)
+    in_base = rows @ inverse
+    size = np.abs(rows).max(axis=1)
+    told = np.abs(in_base @ feasible_set.K - rows).max(axis=1) <= 1e-9 * size
+    hidden = np.abs(in_base @ covariance.unidentifiable).max(axis=1, initial=0.0)
+    told &= hidden <= 1e-9 * size
+    halves[told] = reach * np.linalg.norm(in_base[told] @ covariance.root, axis=1)
+    centers[told] += in_base[told] @ base
+    return centers, halves
 
 
 MOST_SENTENCES = 3

@@ -592,5 +592,8 @@ def _known(model: Model, estimate: str | Path | Estimate) -> KnownRobot:
             f"The estimate has the parameters of another robot or of other terms than {model.robot.name} has; give the "
             "robot file that it was identified with."
         )
-    errors = np.where(np.isfinite(loaded.standard_error), loaded.standard_error, 0.0)
-    return KnownRobot(loaded.base, np.diag(errors**2))
+    known = np.isfinite(loaded.standard_error)
+    # Standard errors are those of least squares, from which an answer with a prior is further away on purpose. What the
+    # data does not tell belongs to the answer, and cannot be taken from both.
+    base = loaded.base if loaded.unconstrained_base is None or not known.all() else loaded.unconstrained_base
+    return KnownRobot(base, np.diag(np.where(known, loaded.standard_error, 0.0) ** 2))

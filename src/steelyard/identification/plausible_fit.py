@@ -116,7 +116,7 @@ class PlausibleFit:
     term_deviations : (n,)
         See `steelyard.estimators.cross_validation.term_deviations`.
     validation : CrossValidation or None
-        None where the logs are too short for it, or the weight was given.
+        None where the logs are too short for it. Where the weight was given, it is the only one.
     price : PriceOfPlausibility or None
         None where `validation` is.
     """
@@ -176,14 +176,13 @@ def plausible_fit(
     scales = term_deviations(info, feasible_set)
     kind = EntropicPrior if feasible_set.consistency == "full" else ConstantPullbackPrior
     distance = kind(known.parameters, term_deviations=scales)
+    given = None if prior_weight == "auto" else [float(prior_weight)]
     validation = None
-    if prior_weight != "auto":
-        weight = float(prior_weight)
-    elif len(stretches) >= FEWEST_FOLDS:
-        validation = cross_validation(info, stretches, plausible_set, distance, weights=weights)
+    if len(stretches) >= FEWEST_FOLDS:
+        validation = cross_validation(info, stretches, plausible_set, distance, weights=weights, prior_weights=given)
         weight = validation.weight
     else:
-        weight = UNTESTED_WEIGHT * max(info.count / TYPICAL_COUNT, 1.0)
+        weight = UNTESTED_WEIGHT * max(info.count / TYPICAL_COUNT, 1.0) if given is None else given[0]
     estimate = fit(info, plausible_set, weights=weights, prior=distance, prior_weight=weight)
     assert estimate.parameters is not None
     # What is proved is what the user asked for: the conditions of the prior are habits of robots, not laws.

@@ -285,8 +285,7 @@ def _sentences(word: Word, model: float, own: float, source: str, tested: bool, 
     found = [f"The model {_SAID[word]}: {model:.1%} of the torques of {source} are left unexplained, noise aside."]
     if not tested:
         found.append(
-            "Nothing was held out, because the logs are too short, or no weight of a prior was to be chosen; record a "
-            "longer motion, or give --validate LOG."
+            "Nothing was held out, because the logs are too short; record a longer motion, or give --validate LOG."
         )
     elif word in ("poor", "wrong") and own <= 0.5 * model and saved:
         found.append(
