@@ -202,6 +202,7 @@ def test_links_that_only_join_axes_weigh_little_beside_described_ones(tmp_path):
     assert prior.masses[1] < 0.05 * prior.masses[0]
 
 
+@pytest.mark.slow
 def test_moments_of_no_body_become_the_nearest_possible(tmp_path):
     cvxpy = pytest.importorskip("cvxpy")
     # As the Kinova Gen3 gives them: the largest moment is twice the sum of the others.
@@ -356,6 +357,7 @@ def test_meshes_count_by_their_convex_hulls(tmp_path):
     assert found.about_com[2, 2] == pytest.approx(found.mass / 12 * (0.1**2 + 0.2**2), rel=1e-6)
 
 
+@pytest.mark.slow
 def test_missing_damaged_flat_and_large_meshes_are_left_out(tmp_path, monkeypatch):
     pytest.importorskip("coal")
     write_stl(tmp_path / "flat.stl", CORNERS[:4], [(0, 1, 3), (0, 3, 2)])

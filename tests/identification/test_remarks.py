@@ -28,6 +28,8 @@ def remarks(arm, folder, log, chunk_rows=200_000, **options):
     return [remark for remark in result.remarks if "Positions were filtered" not in remark]
 
 
+CHUNKS = [200_000, pytest.param(2000, marks=pytest.mark.slow)]
+
 MISTAKES = {
     "degrees": (lambda log: replace(log, q=np.degrees(log.q), velocity=None), ['`position_unit = "deg"`', "gears"]),
     "positions of motors": (
@@ -46,12 +48,12 @@ MISTAKES = {
 }
 
 
-@pytest.mark.parametrize("chunk_rows", [200_000, 2000])
+@pytest.mark.parametrize("chunk_rows", CHUNKS)
 def test_a_sound_log_is_not_remarked_on(arm, tmp_path, chunk_rows):
     assert remarks(arm, tmp_path, arm[2], chunk_rows) == []
 
 
-@pytest.mark.parametrize("chunk_rows", [200_000, 2000])
+@pytest.mark.parametrize("chunk_rows", CHUNKS)
 @pytest.mark.parametrize("mistake", MISTAKES)
 def test_a_mistake_is_said(arm, tmp_path, mistake, chunk_rows):
     change, words = MISTAKES[mistake]
@@ -59,7 +61,7 @@ def test_a_mistake_is_said(arm, tmp_path, mistake, chunk_rows):
     assert any(all(word in remark for word in words) for remark in found), found
 
 
-@pytest.mark.parametrize("chunk_rows", [200_000, 2000])
+@pytest.mark.parametrize("chunk_rows", CHUNKS)
 def test_stamps_in_ms_at_5_khz_are_said(arm, tmp_path, chunk_rows):
     """The motion is ten times as fast here as at 500 Hz."""
     path, _, log = arm
@@ -74,7 +76,7 @@ def test_stamps_in_ms_at_5_khz_are_said(arm, tmp_path, chunk_rows):
         remarks((free,), tmp_path, replace(slow, velocity=10.0 * log.velocity), chunk_rows)
 
 
-@pytest.mark.parametrize("chunk_rows", [200_000, 1500])
+@pytest.mark.parametrize("chunk_rows", CHUNKS)
 def test_limits_are_those_of_the_whole_log(arm, tmp_path, chunk_rows):
     """Beyond a position and a velocity limit after more than a chunk."""
     path, _, log = arm
