@@ -5,9 +5,9 @@ import sys
 from dataclasses import replace
 
 import numpy as np
-import pinocchio
 import pytest
 from payload_logs import Payload, SimulatedArm
+from pinocchio_oracle import pinocchio
 from scipy.stats import false_discovery_control
 
 import steelyard as sy

@@ -4,6 +4,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from xml.sax.saxutils import quoteattr
 
+import lxml.html
 import numpy as np
 import pytest
 
@@ -110,3 +111,11 @@ def reference(folder: Path) -> Reference:
         torques.append(samples.torque)
     parameters = np.linalg.lstsq(regressors[0].reshape(-1, len(TRUTH)), torques[0].reshape(-1))[0]
     return Reference(parameters, tuple(regressors), tuple(torques))
+
+
+Rows = list[list[str]]
+
+
+def rows(page: lxml.html.HtmlElement, identifier: str) -> Rows:
+    lines = page.get_element_by_id(identifier).xpath("./tbody/tr | ./tfoot/tr")
+    return [[" ".join(cell.text_content().split()) for cell in line] for line in lines]

@@ -11,8 +11,7 @@ from steelyard.identification import Identification
 from steelyard.identification.parameter_table import ParameterTable
 from steelyard.report import report_html
 
-from .conftest import JOINTS, Reference
-from .test_html import rows
+from .conftest import JOINTS, Reference, rows
 
 
 @pytest.fixture(scope="module")

@@ -13,9 +13,7 @@ from steelyard.identification import Identification
 from steelyard.report import report_html, write_report
 from steelyard.report.sections import torque_data
 
-from .conftest import JOINTS, LINKS, LOGS, Reference
-
-Rows = list[list[str]]
+from .conftest import JOINTS, LINKS, LOGS, Reference, rows
 
 
 @pytest.fixture(scope="module")
@@ -26,11 +24,6 @@ def text(identification: Identification) -> str:
 @pytest.fixture(scope="module")
 def page(text: str) -> lxml.html.HtmlElement:
     return lxml.html.fromstring(text)
-
-
-def rows(page: lxml.html.HtmlElement, identifier: str) -> Rows:
-    lines = page.get_element_by_id(identifier).xpath("./tbody/tr | ./tfoot/tr")
-    return [[" ".join(cell.text_content().split()) for cell in line] for line in lines]
 
 
 def answer(identification: Identification) -> dict[str, float]:
