@@ -53,7 +53,8 @@ def test_staubli_tx40_from_the_motor_side(shared_data, monkeypatch, tmp_path, ca
     estimate = identify(monkeypatch, tmp_path, "staubli_tx40.toml", tx40_logs(shared_data))
     model = sy.Model.load(EXAMPLES / "staubli_tx40.toml")
     possible(model, estimate.parameters)
-    assert estimate.relative_error < 0.053
+    # Least squares come to 5.03 %; staying near the description costs less than half a point of it.
+    assert estimate.relative_error < 0.0553
     assert "joint_6" in capsys.readouterr().out
     written = sy.Robot.from_urdf(tmp_path / "out" / "robot.urdf")
     assert written.links[5].inertia.mass > 0.0
@@ -112,9 +113,15 @@ def test_kinova_gen3_with_held_out_log(shared_data, monkeypatch, tmp_path, capsy
     assert sum(estimate.parameters[c[9]] for c in model.link_columns) <= 8.2 + 1e-6
     out = capsys.readouterr().out
     assert "validation" in out
-    # On data that it has not seen the possible robot predicts better than plain least squares.
-    before, after = re.findall(r"^\s+all\s+([\d.]+)%\s+([\d.]+)%", out, re.M)[1]
-    assert float(after) < float(before)
+    # On data that it has not seen the answer predicts far better than plain least squares (38 %).
+    logs = [folder / f"opti_traj_testing{k}.csv" for k in (1, 2)]
+    result = sy.identify(EXAMPLES / "kinova_gen3.toml", logs[:1], validate=logs[1:])
+    assert result.predictions[1].unconstrained_error > 0.35
+    assert result.predictions[1].feasible_error < 0.18
+    # Masses of a tenth to ten times those of the description, each centre of mass near its link.
+    masses = [result.parameters[f"m{k}"] for k in range(1, 8)]
+    assert all(0.1 < row.value / row.cad < 10.0 for row in masses)
+    assert all(abs(result.parameters[f"c{axis}{k}"].value) < 0.3 for axis in "xyz" for k in range(1, 8))
     written = sy.Robot.from_urdf(tmp_path / "out" / "robot.urdf")
     names = list(estimate.parameter_names)
     np.testing.assert_allclose(
