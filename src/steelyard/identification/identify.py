@@ -26,10 +26,10 @@ from steelyard.robot import RobotFile
 
 from .log_checks import implausible_mass, mistakes_in_logs
 from .log_reader import LogReader, Progress, ThinnedSamples
-from .mistakes import sentence
+from .mistakes import POOR, sentence
 from .parameter_table import parameter_table
 from .plausible_fit import PlausibleFit, plausible_fit
-from .prediction_verdict import GOOD, Word, prediction_verdict
+from .prediction_verdict import prediction_verdict
 from .result import Identification, Prediction, Trace
 
 __all__ = ["identify"]
@@ -180,7 +180,9 @@ def identify(
     predictions = tuple(_predict(model, unconstrained, estimate, *part) for part in parts)
     remarks = dict.fromkeys(reader.remarks)
     samples = {name: thinned.samples for name, _, _, thinned in parts}
-    mistakes = mistakes_in_logs(reader, file, constraints, samples, _worst_errors(predictions, prediction.word), say)
+    # Of a model that predicts well, only cheap explanations are tried on the logs that it predicts.
+    well = {p.name for p in predictions if prediction.word == "good" and p.feasible_error <= POOR}
+    mistakes = mistakes_in_logs(reader, file, constraints, samples, _worst_errors(predictions), say, well)
     remarks.update(dict.fromkeys(f"{log}: {sentence(found)}" for log, found in mistakes.items()))
     if not mistakes:
         remarks.update(dict.fromkeys(_dear(unconstrained, estimate)))
@@ -265,12 +267,10 @@ def _has_cad(model: Model) -> bool:
     return all(parameters[columns[9]] > 0.0 for columns in model.link_columns)
 
 
-def _worst_errors(predictions: Sequence[Prediction], word: Word) -> dict[str, float]:
-    """The largest relative error of any joint, by log; of a model that predicts well only logs that it does not."""
+def _worst_errors(predictions: Sequence[Prediction]) -> dict[str, float]:
+    """The largest relative error of any joint, by log."""
     found: dict[str, float] = {}
     for prediction in predictions:
-        if word == "good" and prediction.feasible_error <= GOOD:
-            continue
         errors = prediction.joint_feasible_error
         error = float(np.max(errors[np.isfinite(errors)], initial=prediction.feasible_error))
         found[prediction.name] = max(found.get(prediction.name, 0.0), error)
