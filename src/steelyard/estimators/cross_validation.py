@@ -2,8 +2,6 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field
-from functools import reduce
-from operator import add
 from typing import Literal
 
 import numpy as np
@@ -191,13 +189,13 @@ def cross_validation(
     regression = ReducedRegression.of(info.reduced(used), feasible_set)
     grid = _grid(prior_weights, info.count, feasible_set.parameter_count)
     chosen, folds = len(grid), len(stretches)
-    training = [reduce(add, [s for k, s in enumerate(stretches) if k != fold]) for fold in range(folds)]
+    training = [Information.total([s for k, s in enumerate(stretches) if k != fold]) for fold in range(folds)]
     problems = [(R.R, R.rho) for R in (data.reduced(used) for data in (info, *training))]
     function = _Fits(problems, regression.variance, feasible_set, [prior.prepare(feasible_set, w) for w in grid], grid)
     start = _inside(info, used, feasible_set, prior, function)
     # From the heaviest weight on, each from the fits of the one before: five to twelve steps each. From the prior
     # itself, the lightest weights need more than a thousand where the data contradict it (a UR5 from its shapes).
-    basis, points = _directions(feasible_set), np.tile(start, (1 + folds, 1))
+    basis, points = feasible_set.equation_directions, np.tile(start, (1 + folds, 1))
     parameters = np.empty((1 + folds, chosen, start.size))
     for k in reversed(range(chosen)):
         points = minimise(function, points, basis, problems=np.arange(1 + folds) * chosen + k)
@@ -254,15 +252,6 @@ def _choose(losses: Matrix) -> tuple[int, int]:
     return best, int(within[-1])
 
 
-def _directions(feasible_set: FeasibleSet) -> Matrix | None:
-    """Along which the equations of the set hold, (n, m); None where there are none."""
-    if not feasible_set.equalities:
-        return None
-    from scipy.linalg import null_space
-
-    return np.asarray(null_space(feasible_set.equation_matrix))
-
-
 def _inside(
     info: Information, weights: Vector | None, feasible_set: FeasibleSet, prior: Prior, function: "_Fits"
 ) -> Vector:
@@ -270,9 +259,7 @@ def _inside(
     start = function.priors[0].reference.copy()
     terms = np.setdiff1d(np.arange(len(start)), feasible_set.link_columns)
     zero = terms[start[terms] == 0.0]
-    start[zero] = (
-        START * np.where(np.isfinite(deviations := term_deviations(info, feasible_set)), deviations, 1.0)[zero]
-    )
+    start[zero] = START * term_deviations(info, feasible_set)[zero]
     if feasible_set.satisfies_equations(start) and np.isfinite(function.barrier.value(start[None])[0]):
         return start
     reduced, heaviest = info.reduced(weights), float(function.weights[-1])

@@ -199,6 +199,15 @@ class FeasibleSet:
         """Right sides f, (r,)."""
         return np.array([equality.value for equality in self.equalities])
 
+    @cached_property
+    def equation_directions(self) -> Matrix | None:
+        """Orthonormal directions along which the equations keep holding, (n, m); None where there are none."""
+        if not self.equalities:
+            return None
+        from scipy.linalg import null_space
+
+        return np.asarray(null_space(self.equation_matrix))
+
     def rows(self, directions: Matrix, origin: Vector, margin: float = 0.0) -> tuple[Rows, Rows]:
         """Equations and blocks as rows of a cone program over x, where δ = origin + directions x.
 

@@ -134,7 +134,7 @@ def identify(
             else:
                 reduced = reader.reduce(log, points)
             parts.append((str(log), role, *reduced))
-    information = _total([p[2] for p in parts if p[1] == "identification"])
+    information = Information.total([p[2] for p in parts if p[1] == "identification"])
     information = replace(information, batch_means=sums.factors())
     _require_excitation(information, model)
 
@@ -228,13 +228,6 @@ def identify(
     )
 
 
-def _total(parts: list[Information]) -> Information:
-    total = parts[0]
-    for part in parts[1:]:
-        total = total + part
-    return total
-
-
 def _require_excitation(information: Information, model: Model) -> None:
     rows = information.count
     if rows <= information.base_count:
@@ -254,7 +247,7 @@ def _held_out(stretches: Sequence[Information], estimate: Callable[[Information]
     squares = np.zeros(len(stretches[0].measured))
     for left_out in stretches:
         try:
-            base = estimate(_total([one for one in stretches if one is not left_out])).base
+            base = estimate(Information.total([one for one in stretches if one is not left_out])).base
         except SolverError:
             return None
         squares += [factor.residual2(base) for factor in left_out.measured]

@@ -492,12 +492,11 @@ class _Logs:
     def _reduced(self, logs: Sequence[str]) -> Information | None:
         """Reduce the logs of one kind together."""
         sums = BatchSums(empty_factors(self.model))
-        total: Information | None = None
+        parts = []
         for log in logs:
             self.say(f"reading {log}")
-            one, _ = self.reader.reduce(log, _POINTS, sums)
-            total = one if total is None else total + one
-        return None if total is None else replace(total, batch_means=sums.factors())
+            parts.append(self.reader.reduce(log, _POINTS, sums)[0])
+        return replace(Information.total(parts), batch_means=sums.factors()) if parts else None
 
     @property
     def unloaded(self) -> Information | None:

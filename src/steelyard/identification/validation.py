@@ -236,10 +236,7 @@ def validate_estimate(
 
 def total(parts: Sequence[Information]) -> Information:
     """All of them together, with the batch means that the last of them holds for all."""
-    whole = parts[0]
-    for part in parts[1:]:
-        whole = whole + part
-    return replace(whole, batch_means=parts[-1].batch_means)
+    return replace(Information.total(parts), batch_means=parts[-1].batch_means)
 
 
 @dataclass(frozen=True, eq=False)

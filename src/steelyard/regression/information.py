@@ -5,7 +5,8 @@ from __future__ import annotations
 import itertools
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field, replace
-from functools import cached_property
+from functools import cached_property, reduce
+from operator import add
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -304,6 +305,11 @@ class Information:
             replace(self, factors=factors, torque_factors=(), covariance=None, batch_means=())
             for factors in blocks.folds(count)
         )
+
+    @classmethod
+    def total(cls, parts: Sequence[Information]) -> Information:
+        """Return the Information of all parts together, of which there is at least one."""
+        return reduce(add, parts)
 
     @property
     def by_joint(self) -> bool:

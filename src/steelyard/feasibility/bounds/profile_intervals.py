@@ -127,7 +127,7 @@ def profile_intervals(
     barrier = Barrier(feasible_set, _far_blocks(feasible_set, start))
     if not np.isfinite(barrier.value(start[None])[0]):
         raise InputError("profile_intervals needs parameters inside the feasible set to start from.")
-    basis = _directions(feasible_set)
+    basis = feasible_set.equation_directions
     distance = _Distance(feasible_set, region)
     likely = minimise(_MostLikely(distance, barrier), start[None], basis, 1e-4)[0]
     chi_squared = float(distance.squares(likely[None])[0])
@@ -143,14 +143,6 @@ def profile_intervals(
         if quantity.never_negative:
             lower[index] = max(lower[index], 0.0)
     return ProfileIntervals(lower, upper, chi_squared, likely)
-
-
-def _directions(feasible_set: FeasibleSet) -> Matrix | None:
-    if not feasible_set.equalities:
-        return None
-    from scipy.linalg import null_space
-
-    return np.asarray(null_space(feasible_set.equation_matrix))
 
 
 def _far_blocks(feasible_set: FeasibleSet, parameters: Vector) -> tuple[AffineBlock, ...]:
