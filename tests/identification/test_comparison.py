@@ -1,7 +1,6 @@
 """Where estimates differ, on simulations by Pinocchio whose truth is known."""
 
 import json
-import sys
 from dataclasses import replace
 
 import numpy as np
@@ -11,7 +10,6 @@ from pinocchio_oracle import pinocchio
 from scipy.stats import false_discovery_control
 
 import steelyard as sy
-from steelyard.cli import main
 from steelyard.errors import InputError
 from steelyard.identification import compare_estimates, validate_estimate
 from steelyard.identification.comparison import holm
@@ -41,17 +39,6 @@ def ur5(tmp_path_factory):
     return folder, arm
 
 
-def steelyard(monkeypatch, capsys, *arguments):
-    monkeypatch.setattr(sys, "argv", ["steelyard", *map(str, arguments)])
-    try:
-        main()
-        code = 0
-    except SystemExit as stop:
-        code = stop.code or 0
-    told = capsys.readouterr()
-    return code, told.out, told.err
-
-
 def test_a_payload_shows_in_the_last_link_and_in_nothing_else(ur5):
     folder, arm = ur5
     found = compare_estimates([folder / "one.json", folder / "loaded.json"], robot=folder / "robot.toml")
@@ -76,11 +63,11 @@ def test_a_payload_shows_in_the_last_link_and_in_nothing_else(ur5):
     assert np.mean(np.abs(errors) < 1.0) > 0.85
 
 
-def test_two_logs_of_one_robot_differ_in_nothing(ur5, monkeypatch, capsys, tmp_path):
+def test_two_logs_of_one_robot_differ_in_nothing(ur5, run, tmp_path):
     folder, _ = ur5
     files = (folder / "one.json", folder / "two.json")
     target = tmp_path / "comparison.json"
-    code, out, _ = steelyard(monkeypatch, capsys, "compare", *files, "--output", target)
+    code, out, _ = run("compare", *files, "--output", target)
     assert code == 0
     assert out.startswith("Nothing differs: none of 54 base parameters differs beyond its 95 % interval")
     assert "give it with --robot" in out
@@ -89,7 +76,7 @@ def test_two_logs_of_one_robot_differ_in_nothing(ur5, monkeypatch, capsys, tmp_p
     assert document["differs"] is False
     assert len(document["differences"]) == 54
     assert document["prediction"] is None
-    code, out, _ = steelyard(monkeypatch, capsys, "compare", *files, folder / "loaded.json")
+    code, out, _ = run("compare", *files, folder / "loaded.json")
     assert code == 1
     assert "of 108 base parameters (2 estimates, each against the first) differ beyond their 95 % intervals" in out
     found = compare_estimates([*files, folder / "loaded.json"])
@@ -139,13 +126,13 @@ def test_predictions_differ_as_in_pinocchio(ur5):
     assert again.relative_difference[0] != found.relative_difference[0]
 
 
-def test_predictions_on_a_log(ur5, monkeypatch, capsys, tmp_path):
+def test_predictions_on_a_log(ur5, run, tmp_path):
     folder, arm = ur5
     recording = arm.log(np.random.default_rng(9))
     recording.save(tmp_path / "log.csv")
     files = (folder / "one.json", folder / "loaded.json")
     options = ("--robot", folder / "robot.toml", "--log", tmp_path / "log.csv")
-    code, out, _ = steelyard(monkeypatch, capsys, "compare", *files, *options)
+    code, out, _ = run("compare", *files, *options)
     assert code == 1
     assert "error of A" in out
     found = compare_estimates(files, robot=folder / "robot.toml", logs=[tmp_path / "log.csv"]).prediction
@@ -199,7 +186,7 @@ def test_numbers_of_links_are_compared_by_the_intervals_of_the_tables(ur5, tmp_p
             compare_estimates([tmp_path / "broken.json", tmp_path / "loaded.json"])
 
 
-def test_bad_input_is_one_sentence(ur5, monkeypatch, capsys, tmp_path):
+def test_bad_input_is_one_sentence(ur5, run, tmp_path):
     folder, arm = ur5
     one = sy.Estimate.load(folder / "one.json")
     replace(one, filtered_torque=True).save(tmp_path / "filtered.json")
@@ -220,7 +207,7 @@ def test_bad_input_is_one_sentence(ur5, monkeypatch, capsys, tmp_path):
         ((folder / "one.json", folder / "two.json", "--robot", folder / "robot.toml", *log), "log.csv"),
     )
     for arguments, expected in cases:
-        code, _, err = steelyard(monkeypatch, capsys, "compare", *arguments)
+        code, _, err = run("compare", *arguments)
         assert code == 2, arguments
         told = err.strip().splitlines()[-1]
         assert told.startswith("steelyard: ")

@@ -2,14 +2,12 @@
 
 import csv
 import json
-import sys
 
 import numpy as np
 import pytest
 from payload_logs import Payload, SimulatedArm
 
 import steelyard as sy
-from steelyard.cli import main
 from steelyard.errors import InputError
 from steelyard.estimators import CarriedBody, estimate_payload, gains_from_equations
 from steelyard.feasibility import FeasibleSet
@@ -41,22 +39,11 @@ def logs(tmp_path_factory):
     return folder, truth, arm
 
 
-def steelyard(monkeypatch, capsys, *arguments):
-    monkeypatch.setattr(sys, "argv", ["steelyard", *map(str, arguments)])
-    try:
-        main()
-        code = 0
-    except SystemExit as stop:
-        code = stop.code or 0
-    told = capsys.readouterr()
-    return code, told.out, told.err
-
-
-def test_the_command_tells_the_payload(logs, monkeypatch, capsys, tmp_path):
+def test_the_command_tells_the_payload(logs, run, tmp_path):
     folder, truth, _ = logs
     target = tmp_path / "payload.json"
     files = (folder / "robot.toml", folder / "unloaded.csv", folder / "loaded.csv")
-    code, out, _ = steelyard(monkeypatch, capsys, "payload", *files, "--output", target)
+    code, out, _ = run("payload", *files, "--output", target)
     assert code == 0
     assert out.startswith("The payload weighs 2.5")
     assert "frame wrist_3_link" in out
@@ -72,13 +59,13 @@ def test_the_command_tells_the_payload(logs, monkeypatch, capsys, tmp_path):
     assert [path.name for path in tmp_path.iterdir()] == ["payload.json"]
 
 
-def test_nothing_carried_is_said_first(logs, monkeypatch, capsys, tmp_path):
+def test_nothing_carried_is_said_first(logs, run, tmp_path):
     folder, _, _ = logs
     files = (folder / "robot.toml", folder / "unloaded.csv", folder / "unloaded.csv")
-    code, out, _ = steelyard(monkeypatch, capsys, "payload", *files)
+    code, out, _ = run("payload", *files)
     assert code == 0
     assert out.startswith("The data do not show that anything is carried: it may weigh nothing, and up to 0.0")
-    code, out, err = steelyard(monkeypatch, capsys, "payload", *files, "--output", tmp_path)
+    code, out, err = run("payload", *files, "--output", tmp_path)
     assert (code, out) == (2, "")
     assert "is a folder" in err
 
@@ -98,14 +85,14 @@ def test_the_mounting_frame_stands_in_the_robot_file(logs):
     assert "The mass of 2.5 kg that [payload] states lies within the interval." in found.sentences()
 
 
-def test_one_log_with_an_estimate(logs, monkeypatch, capsys):
+def test_one_log_with_an_estimate(logs, run):
     folder, truth, _ = logs
     samples = sy.Recording.read(folder / "unloaded.csv").process(cutoff=5.0, velocity_threshold=0.005)
     model = sy.Model.load(folder / "robot.toml")
     information = sy.Information.from_samples(model, samples)
     sy.least_squares(information).save(folder / "estimate.json")
     files = (folder / "robot.toml", folder / "loaded.csv", "--estimate", folder / "estimate.json")
-    code, out, _ = steelyard(monkeypatch, capsys, "payload", *files)
+    code, out, _ = run("payload", *files)
     assert code == 0
     found = identify_payload(folder / "robot.toml", folder / "loaded.csv", estimate=folder / "estimate.json")
     assert str(found.estimate) in out
@@ -120,11 +107,11 @@ def test_one_log_with_an_estimate(logs, monkeypatch, capsys):
         identify_payload(folder / "robot.toml", folder / "loaded.csv", estimate=wrong)
 
 
-def test_the_command_finds_drive_gains(logs, monkeypatch, capsys, tmp_path):
+def test_the_command_finds_drive_gains(logs, run, tmp_path):
     folder, _, _ = logs
     files = (folder / "currents.toml", folder / "currents_unloaded.csv", folder / "currents_loaded.csv")
     target = tmp_path / "gains.json"
-    code, out, _ = steelyard(monkeypatch, capsys, "payload", *files, "--mass", 2.5, "-o", target)
+    code, out, _ = run("payload", *files, "--mass", 2.5, "-o", target)
     assert code == 0
     document = json.loads(target.read_text())
     np.testing.assert_allclose(document["gains"], GAINS, rtol=0.03)
@@ -160,10 +147,10 @@ def test_some_gains_are_known(logs):
         (("currents.toml", "currents_unloaded.csv", "currents_loaded.csv", "--mass", "-1"), "a positive number of kg"),
     ],
 )
-def test_wrong_arguments_are_told_in_one_sentence(logs, monkeypatch, capsys, arguments, message):
+def test_wrong_arguments_are_told_in_one_sentence(logs, run, arguments, message):
     folder, _, _ = logs
     places = [folder / one if one.endswith((".toml", ".csv")) else one for one in arguments]
-    code, out, err = steelyard(monkeypatch, capsys, "payload", *places)
+    code, out, err = run("payload", *places)
     assert code == 2
     assert out == ""
     assert message in err.splitlines()[-1]

@@ -2,14 +2,12 @@
 
 import json
 import shutil
-import sys
 
 import numpy as np
 import pytest
 from payload_logs import Payload, SimulatedArm
 
 import steelyard as sy
-from steelyard.cli import main
 from steelyard.errors import InputError
 from steelyard.identification import validate_estimate
 from steelyard.recording import Recording
@@ -32,17 +30,6 @@ def logs(tmp_path_factory):
     return folder, arm
 
 
-def steelyard(monkeypatch, capsys, *arguments):
-    monkeypatch.setattr(sys, "argv", ["steelyard", *map(str, arguments)])
-    try:
-        main()
-        code = 0
-    except SystemExit as stop:
-        code = stop.code or 0
-    told = capsys.readouterr()
-    return code, told.out, told.err
-
-
 def test_errors_are_those_of_the_samples(logs):
     folder, arm = logs
     found = validate_estimate(folder / "robot.toml", folder / "estimate.json", [folder / "two.csv"])
@@ -62,11 +49,11 @@ def test_errors_are_those_of_the_samples(logs):
     assert any("No run.json stands beside" in remark for remark in found.remarks)
 
 
-def test_a_payload_is_what_the_estimate_cannot_predict(logs, monkeypatch, capsys, tmp_path):
+def test_a_payload_is_what_the_estimate_cannot_predict(logs, run, tmp_path):
     folder, _ = logs
     place = (folder / "robot.toml", folder / "estimate.json")
     target = tmp_path / "found.json"
-    code, out, _ = steelyard(monkeypatch, capsys, "validate", *place, folder / "loaded.csv", "-o", target)
+    code, out, _ = run("validate", *place, folder / "loaded.csv", "-o", target)
     document = json.loads(target.read_text())
     assert document["format"] == "steelyard-validation-1"
     assert document["prediction"]["model_error"] > 0.15
@@ -77,13 +64,13 @@ def test_a_payload_is_what_the_estimate_cannot_predict(logs, monkeypatch, capsys
     assert "loaded.csv: wrist_3_link looks to carry a payload of some 2 kg" in document["remarks"][-1]
 
 
-def test_a_wrong_prediction_exits_with_3(logs, monkeypatch, capsys, tmp_path):
+def test_a_wrong_prediction_exits_with_3(logs, run, tmp_path):
     folder, _ = logs
     recording = Recording.read(folder / "two.csv")
     torque = recording.torque * np.array([1, -1, 1, 1, 1, 1])
     sy.Recording(t=recording.t, q=recording.q, torque=torque).save(tmp_path / "flipped.csv")
     place = (folder / "robot.toml", folder / "estimate.json", tmp_path / "flipped.csv", folder / "two.csv")
-    code, out, _ = steelyard(monkeypatch, capsys, "validate", *place)
+    code, out, _ = run("validate", *place)
     assert code == 3
     assert out.startswith("The model does not predict this robot")
     assert "two.csv" in out  # each log is told
@@ -126,7 +113,7 @@ def test_logs_are_processed_as_those_of_the_fit(logs, tmp_path):
             validate_estimate(folder / "robot.toml", result, [folder / "two.csv"])
 
 
-def test_bad_input_is_one_sentence(logs, monkeypatch, capsys, tmp_path):
+def test_bad_input_is_one_sentence(logs, run, tmp_path):
     folder, arm = logs
     other = tmp_path / "other.toml"
     other.write_text(f'terms = []\n[description]\nurdf = "{arm.path}"\n')
@@ -140,7 +127,7 @@ def test_bad_input_is_one_sentence(logs, monkeypatch, capsys, tmp_path):
         ((folder / "robot.toml", log, log), "two.csv"),
     )
     for arguments, expected in cases:
-        code, _, err = steelyard(monkeypatch, capsys, "validate", *arguments)
+        code, _, err = run("validate", *arguments)
         assert code == 2, arguments
         told = err.strip().splitlines()[-1]
         assert told.startswith("steelyard: ")

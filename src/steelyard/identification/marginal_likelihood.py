@@ -175,7 +175,7 @@ def _prior(model: Model, bodies: Array, widening: float, penalty: float) -> Body
         mass = max(float(body[9]), 0.1 * typical)
         com = body[6:9] / max(body[9], 1e-12)
         spans = np.linalg.norm(children - own, axis=1)
-        gyration = np.sqrt(max(np.trace(_tensor(body)) / (2.0 * max(body[9], 1e-12)) - com @ com, 0.0))
+        gyration = np.sqrt(max(body[[0, 3, 5]].sum() / (2.0 * max(body[9], 1e-12)) - com @ com, 0.0))
         size = max(least, 0.5 * float(spans.max(initial=0.0)), float(np.linalg.norm(com - own)), gyration)
         far = float(np.linalg.norm(own)) + size
         deviations = widening * np.concatenate(
@@ -196,11 +196,6 @@ def _inverse(covariance: Array) -> tuple[Array, float]:
     scaled = covariance / np.outer(sizes, sizes)
     inverse = np.linalg.inv(scaled) / np.outer(sizes, sizes)
     return inverse, -float(np.linalg.slogdet(scaled)[1]) - 2.0 * float(np.log(sizes).sum())
-
-
-def _tensor(body: Array) -> Array:
-    xx, xy, xz, yy, yz, zz = body[:6]
-    return np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]])
 
 
 @dataclass(frozen=True, eq=False)

@@ -17,8 +17,9 @@ from steelyard.estimators.cross_validation import MANY_PARAMETERS
 from steelyard.feasibility import FeasibleSet
 from steelyard.feasibility.bounds.profile_intervals import profile_intervals
 from steelyard.feasibility.bounds.quantities import Quantity, quantities
-from steelyard.files import suggestion
+from steelyard.files import plain, suggestion
 from steelyard.regression import Estimate, Information, ParameterCovariance
+from steelyard.robot import Inertia
 from steelyard.robot.inertia import moment_row
 
 __all__ = ["Basis", "LinkRows", "ParameterRow", "ParameterTable", "parameter_table"]
@@ -190,20 +191,7 @@ class ParameterTable:
 
     def to_list(self) -> list[dict[str, Any]]:
         """As plain data for JSON; numbers that are not finite are None."""
-
-        def finite(value: float) -> float | None:
-            return float(value) if np.isfinite(value) else None
-
-        return [
-            {
-                "name": row.name,
-                "meaning": row.meaning,
-                "unit": row.unit,
-                **{key: finite(getattr(row, key)) for key in ("value", "lower", "upper", "cad")},
-                "basis": row.basis,
-            }
-            for row in self.rows
-        ]
+        return [plain(row) for row in self.rows]
 
 
 HEADS = ("name", "value", "from", "to", "CAD", "unit", "rests on", "meaning")
@@ -333,7 +321,7 @@ def _quantities(feasible_set: FeasibleSet, parameters: Array) -> tuple[list[Quan
             about.append(_About(link, "mass" if place == 9 else "first" if place >= 6 else "second"))
     names = feasible_set.model.robot.link_names
     for link, columns in enumerate(feasible_set.link_columns):
-        center, axes = _principal(parameters[columns])
+        center, _, axes = _principal(parameters[columns])
         for number, axis in enumerate(axes.T):
             across = np.eye(3) - np.outer(axis, axis)
             quadratic = np.block(
@@ -347,12 +335,10 @@ def _quantities(feasible_set: FeasibleSet, parameters: Array) -> tuple[list[Quan
     return asked, about
 
 
-def _principal(body: Array) -> tuple[Array, Array]:
-    """Centre of mass and principal axes, the columns (3, 3), in ascending order of the moments."""
-    center = body[6:9] / body[9]
-    inertia = np.array([body[[0, 1, 2]], body[[1, 3, 4]], body[[2, 4, 5]]])
-    about_com = inertia - body[9] * ((center @ center) * np.eye(3) - np.outer(center, center))
-    return center, np.linalg.eigh(about_com)[1]
+def _principal(body: Array) -> tuple[Array, Array, Array]:
+    """Centre of mass, principal moments of inertia about it, ascending, and their axes, the columns (3, 3)."""
+    inertia = Inertia.from_parameters(body)
+    return inertia.com, *np.linalg.eigh(inertia.about_com)
 
 
 def _value(quantity: Quantity, parameters: Array) -> float:
@@ -373,17 +359,10 @@ def _described(feasible_set: FeasibleSet, cad: Array, asked: list[Quantity], abo
             body = cad[feasible_set.link_columns[what.link]]
             known = np.isfinite(body).all() and body[9] > 0.0
             if known:
-                center, axes = _principal(body)
-                about_com = np.diag(axes.T @ _about_com(body, center) @ axes)
-                found.append(float(about_com[int(quantity.name[1]) - 1]))
+                found.append(float(_principal(body)[1][int(quantity.name[1]) - 1]))
                 continue
         found.append(_value(quantity, np.nan_to_num(cad)) if known else np.nan)
     return np.array(found)
-
-
-def _about_com(body: Array, center: Array) -> Array:
-    inertia = np.array([body[[0, 1, 2]], body[[1, 3, 4]], body[[2, 4, 5]]])
-    return np.asarray(inertia - body[9] * ((center @ center) * np.eye(3) - np.outer(center, center)))
 
 
 def _scales(

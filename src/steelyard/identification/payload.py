@@ -23,6 +23,7 @@ from steelyard.regression import Estimate, Information
 from steelyard.regression.batch_means import BatchSums
 from steelyard.regression.reduction import empty_factors
 from steelyard.robot import RobotFile
+from steelyard.robot.inertia import inertia_tensor
 
 from .log_reader import LogReader
 from .saved import matching_estimate
@@ -573,8 +574,7 @@ def _stated(section: TomlTable) -> KnownPayload | None:
     inertia = None
     if "inertia" in section:
         rows = "six numbers in kg m², xx xy xz yy yz zz about the centre of mass"
-        xx, xy, xz, yy, yz, zz = section.numbers("inertia", 6, expected=rows)
-        inertia = np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]])
+        inertia = inertia_tensor(section.numbers("inertia", 6, expected=rows))
     return KnownPayload(section.number("mass"), center, inertia)
 
 

@@ -22,6 +22,7 @@ from steelyard.estimators.cross_validation import (
 from steelyard.feasibility import FeasibleSet
 from steelyard.feasibility.certificates import FeasibilityCertificate
 from steelyard.feasibility.constraints import Constraint
+from steelyard.files import plain
 from steelyard.regression import Estimate, Information
 
 from .physical_prior import PhysicalPrior, physical_prior
@@ -91,14 +92,7 @@ class PriceOfPlausibility:
 
     def to_dict(self) -> dict[str, Any]:
         """As plain data for JSON."""
-        arrays = ("prior_weights", "training_error", "held_out_error")
-        numbers = ("unrestricted_error", "least_squares_error", "least_squares_held_out_error")
-        return {
-            **{name: getattr(self, name).tolist() for name in arrays},
-            "chosen": self.chosen,
-            "best": self.best,
-            **{name: float(getattr(self, name)) for name in numbers},
-        }
+        return {**plain(self)}
 
 
 @dataclass(frozen=True, eq=False)

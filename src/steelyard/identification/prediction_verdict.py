@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from steelyard.display import html_table, text_table
+from steelyard.files import plain
 from steelyard.regression import Information
 from steelyard.regression.batch_means import BATCH_LENGTHS
 
@@ -127,21 +128,7 @@ class PredictionVerdict:
 
     def to_dict(self) -> dict[str, Any]:
         """As plain data for JSON; numbers that are not finite are None."""
-
-        def finite(values: Array) -> list[float | None]:
-            return [float(v) if np.isfinite(v) else None for v in values]
-
-        arrays = ("joint_relative_error", "joint_error", "noise_floor", "whiteness")
-        errors = finite(np.array([self.model_error, self.relative_error]))
-        return {
-            "word": self.word,
-            "source": self.source,
-            "model_error": errors[0],
-            "relative_error": errors[1],
-            "joint_names": list(self.joint_names),
-            **{name: finite(getattr(self, name)) for name in arrays},
-            "sentences": list(self.sentences),
-        }
+        return {**plain(self)}
 
 
 def white_noise(info: Information, base: ArrayLike) -> tuple[Array, Array]:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
@@ -14,6 +14,7 @@ from steelyard.excitation import FourierTrajectory
 from steelyard.files import write_text
 from steelyard.recording import Recording
 from steelyard.robot import Inertia, Robot
+from steelyard.robot.inertia import inertia_tensor
 
 from .identify import identify
 from .parameter_table import ParameterTable
@@ -133,13 +134,8 @@ def wam_model() -> Model:
 
 def true_parameters() -> Array:
     """Return the 119 parameters of the simulated arm: its bodies, and friction of the order of table 4.9."""
-    bodies = (Inertia.from_com(mass, com, _tensor(elements)) for mass, com, elements in _BODIES)
+    bodies = (Inertia.from_com(mass, com, inertia_tensor(elements)) for mass, com, elements in _BODIES)
     return np.concatenate([[*body.parameters, *drive] for body, drive in zip(bodies, _DRIVES, strict=True)])
-
-
-def _tensor(elements: Sequence[float]) -> Array:
-    xx, xy, xz, yy, yz, zz = elements
-    return np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]])
 
 
 def wrong_cad() -> dict[str, Inertia]:
@@ -154,7 +150,7 @@ def wrong_cad() -> dict[str, Inertia]:
         heavier, wider = np.exp(CAD_ERROR * random.standard_normal(2))
         center = np.array(com) * (1.0 + CAD_ERROR * random.standard_normal(3))
         told = np.array(elements) * heavier * wider
-        found[f"link{number}"] = Inertia.from_com(mass * heavier, center, _tensor(told))
+        found[f"link{number}"] = Inertia.from_com(mass * heavier, center, inertia_tensor(told))
     return found
 
 

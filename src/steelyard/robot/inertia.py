@@ -13,6 +13,7 @@ __all__ = [
     "INERTIA_SYMBOLS",
     "PSEUDO_INERTIA",
     "Inertia",
+    "inertia_tensor",
     "moment_row",
     "parameters_of_pseudo_inertia",
     "pseudo_inertia",
@@ -116,6 +117,18 @@ def transformation(placement: Matrix) -> Matrix:
     return parameters_of_pseudo_inertia(placement @ PSEUDO_INERTIA @ placement.T).T + 0.0
 
 
+def inertia_tensor(elements: ArrayLike) -> Matrix:
+    """The symmetric tensor (3, 3) of the six elements xx xy xz yy yz zz.
+
+    Examples
+    --------
+    >>> inertia_tensor([1, 2, 3, 4, 5, 6]).tolist()
+    [[1.0, 2.0, 3.0], [2.0, 4.0, 5.0], [3.0, 5.0, 6.0]]
+    """
+    xx, xy, xz, yy, yz, zz = np.asarray(elements, dtype=float)
+    return np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]])
+
+
 def _cross(vector: Matrix) -> Matrix:
     x, y, z = vector
     return np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])
@@ -170,8 +183,8 @@ class Inertia:
     @classmethod
     def from_parameters(cls, parameters: ArrayLike) -> Inertia:
         """From the ten parameters (10,) in the order Lxx Lxy Lxz Lyy Lyz Lzz lx ly lz m."""
-        xx, xy, xz, yy, yz, zz, lx, ly, lz, mass = (float(value) for value in np.asarray(parameters, dtype=float))
-        return cls(mass, np.array([lx, ly, lz]), np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]]))
+        values = np.asarray(parameters, dtype=float)
+        return cls(values[9], values[6:9], inertia_tensor(values[:6]))
 
     @property
     def parameters(self) -> Matrix:
