@@ -28,6 +28,7 @@ from .log_checks import implausible_mass, mistakes_in_logs
 from .log_reader import LogReader, Progress, ThinnedSamples
 from .mistakes import POOR, sentence
 from .parameter_table import parameter_table
+from .physical_prior import PhysicalPrior, physical_prior
 from .plausible_fit import PlausibleFit, plausible_fit
 from .prediction_verdict import prediction_verdict
 from .result import Identification, Prediction, Trace
@@ -144,10 +145,14 @@ def identify(
     verdict = check(feasible_set, base=unconstrained.base)
     say("feasible fit")
     plausible: PlausibleFit | None = None
+    known: PhysicalPrior | None = None
     folds = FEWEST_FOLDS if model.parameter_count > MANY_PARAMETERS else 5
     stretches, held_out = information.stretches(blocks, folds), None
     if prior == "auto" and prefer == "auto" and estimator == "fit":
-        plausible = plausible_fit(information, stretches, feasible_set, unconstrained, prior_weight=prior_weight)
+        known = physical_prior(model, feasible_set.constraints)
+        plausible = plausible_fit(
+            information, stretches, feasible_set, unconstrained, prior=known, prior_weight=prior_weight
+        )
         estimate = plausible.estimate
         if plausible.validation is not None:
             held_out = plausible.validation.joint_errors[plausible.validation.chosen_index]
@@ -182,7 +187,7 @@ def identify(
     samples = {name: thinned.samples for name, _, _, thinned in parts}
     # Of a model that predicts well, only cheap explanations are tried on the logs that it predicts.
     well = {p.name for p in predictions if prediction.word == "good" and p.feasible_error <= POOR}
-    mistakes = mistakes_in_logs(reader, file, constraints, samples, _worst_errors(predictions), say, well)
+    mistakes = mistakes_in_logs(reader, file, constraints, samples, _worst_errors(predictions), say, well, known)
     remarks.update(dict.fromkeys(f"{log}: {sentence(found)}" for log, found in mistakes.items()))
     if not mistakes:
         remarks.update(dict.fromkeys(_dear(unconstrained, estimate)))

@@ -20,6 +20,7 @@ from .kinematic_bodies import reach_of
 from .log_reader import LogReader
 from .marginal_likelihood import body_priors
 from .mistakes import MOTION_UNITS, TOO_MANY_JOINTS, Hypothesis, find_mistakes
+from .physical_prior import PhysicalPrior
 
 __all__ = ["implausible_mass", "mistakes_in_logs"]
 
@@ -40,6 +41,7 @@ def mistakes_in_logs(
     errors: Mapping[str, float],
     say: Callable[[str], None],
     predicted_well: Collection[str] = (),
+    known: PhysicalPrior | None = None,
 ) -> dict[str, tuple[Hypothesis, ...]]:
     """Look for mistakes in logs, those that are predicted worst first.
 
@@ -58,6 +60,8 @@ def mistakes_in_logs(
         Told when a search begins.
     predicted_well : collection of str
         Logs on which only what costs little is tried.
+    known : PhysicalPrior, optional
+        What is known of the robot with these constraints; gathered by default.
 
     Returns
     -------
@@ -67,9 +71,9 @@ def mistakes_in_logs(
     model, names = reader.model, list(reader.model.robot.joint_names)
     if model.dof > TOO_MANY_JOINTS:
         return {}
-    known: list[Hypothesis] = []
+    shared: list[Hypothesis] = []
     found: dict[str, tuple[Hypothesis, ...]] = {}
-    searches, priors = 0, body_priors(model, constraints)
+    searches, priors = 0, body_priors(model, constraints, known)
     for log in sorted(errors, key=lambda name: -errors[name])[:_WORST]:
 
         def dense(log: str = log) -> Samples | None:
@@ -86,11 +90,11 @@ def mistakes_in_logs(
                 say(f"what may be wrong with {log}?")
             return searches <= _SEARCHED
 
-        mistakes = find_mistakes(model, samples[log], dense=dense, known=known, begin=begin, priors=priors)
+        mistakes = find_mistakes(model, samples[log], dense=dense, known=shared, begin=begin, priors=priors)
         # A motion that no robot makes says nothing else.
         if not mistakes or (reader.units_are_suspect and mistakes[0].kind not in MOTION_UNITS):
             continue
-        known.extend(hypothesis for hypothesis in mistakes if hypothesis not in known)
+        shared.extend(hypothesis for hypothesis in mistakes if hypothesis not in shared)
         layout = _layout(log, reader.columns, model)
         found[log] = tuple(
             replace(one, settings=correction_settings(one.correction, file, names, layout)) for one in mistakes

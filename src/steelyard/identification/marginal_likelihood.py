@@ -23,14 +23,14 @@ from steelyard.recording import Samples
 from steelyard.robot.inertia import pseudo_inertia
 
 from .kinematic_bodies import reach_of
-from .physical_prior import physical_prior
+from .physical_prior import PhysicalPrior, physical_prior
 
 __all__ = [
     "BodyPrior",
     "LikeliestRobot",
     "Moments",
+    "believable_bodies",
     "body_priors",
-    "described_bodies",
     "likeliest_robot",
     "moments",
 ]
@@ -122,16 +122,18 @@ class BodyPrior:
         return np.asarray(0.5 * (away / (LOG_TORQUE_SPREAD * np.sqrt(self.widening))) ** 2)
 
 
-def body_priors(model: Model, constraints: Sequence[Constraint] = ()) -> tuple[BodyPrior, ...]:
+def body_priors(
+    model: Model, constraints: Sequence[Constraint] = (), known: PhysicalPrior | None = None
+) -> tuple[BodyPrior, ...]:
     """Return what the links of a robot may be, or one for each of several total masses where the masses are not known.
 
     See `physical_prior` for what takes the place of bodies that the description does not have, and for the masses that
-    constraints state.
+    constraints state; `known` is what it returned of these, where that was asked before.
     """
-    described = described_bodies(model)
+    described = believable_bodies(model)
     if described is not None and not constraints:
         return (_prior(model, described, 1.0, 0.0),)
-    assumed = physical_prior(model, constraints)
+    assumed = physical_prior(model, constraints) if known is None else known
     bodies = assumed.parameters[np.array(model.link_columns)]
     if not assumed.scale_is_free:
         return (_prior(model, bodies, 1.0, 0.0),)
@@ -142,7 +144,7 @@ def body_priors(model: Model, constraints: Sequence[Constraint] = ()) -> tuple[B
     )
 
 
-def described_bodies(model: Model) -> Array | None:
+def believable_bodies(model: Model) -> Array | None:
     """(links, 10) of the description, where all of them are possible and none is a placeholder; otherwise None."""
     bodies = np.asarray(model.robot.parameters)[np.array(model.link_columns)]
     masses = bodies[:, 9]

@@ -19,8 +19,8 @@ from .marginal_likelihood import (
     BodyPrior,
     LikeliestRobot,
     Moments,
+    believable_bodies,
     body_priors,
-    described_bodies,
     likeliest_robot,
     moments,
 )
@@ -602,7 +602,7 @@ class _Search:
 
     def _payloads(self) -> None:
         """A body at the end of a chain that the description does not know."""
-        bodies = described_bodies(self.model)
+        bodies = believable_bodies(self.model)
         if bodies is None:
             return
         carrying = {joint.parent for joint in self.model.robot.joints}
