@@ -543,10 +543,9 @@ def _ends(problem: _Problem, asked: list[Quantity], found: Array, distance: floa
 
     feasible_set, covariance = problem.feasible_set, problem.covariance
     reach = quantile(covariance)
-    rows = [_linear(one, found) for one in asked]
-    errors = np.array([_standard_error(problem, row) for _, row in rows])
+    errors = np.array([_standard_error(problem, one.slope(found)) for one in asked])
     # Where nothing else can be told: what the data say, without physics.
-    middle = np.array([value for value, _ in rows])
+    middle = np.array([one.value(found) for one in asked])
     ends = np.column_stack([middle - reach * errors, middle + reach * errors])
     ends[[one.never_negative for one in asked], 0] = np.maximum(ends[[one.never_negative for one in asked], 0], 0.0)
     told = np.isfinite(errors)
@@ -578,15 +577,6 @@ def _ends(problem: _Problem, asked: list[Quantity], found: Array, distance: floa
     except (NoInteriorError, np.linalg.LinAlgError):
         pass
     return ends
-
-
-def _linear(asked: Quantity, found: Array) -> tuple[float, Array]:
-    """The value of a quantity, and the row by which it changes with small changes of the parameters."""
-    value = float(asked.row @ found)
-    if asked.mass is None:
-        return value, asked.row
-    weight = float(asked.mass @ found)
-    return value / weight, (asked.row - value / weight * asked.mass) / weight
 
 
 TOO_FAR = 6.0
@@ -685,8 +675,8 @@ def _quantity(
     problem: _Problem, found: Array, asked: Quantity, size: float, lower: float, upper: float
 ) -> PayloadQuantity:
     """Value, interval and standing of one quantity."""
-    value, row = _linear(asked, found)
-    error = _standard_error(problem, row)
+    value = asked.value(found)
+    error = _standard_error(problem, asked.slope(found))
     lower, upper = min(lower, value), max(upper, value)
     standing: Literal["measured", "bounded", "open"] = "open"
     if quantile(problem.covariance) * error <= PRECISE * max(abs(value), size):

@@ -253,7 +253,7 @@ def parameter_table(
         raise InputError("parameter_table needs an estimate with standard parameters, such as that of fit.")
     asked, about = _quantities(feasible_set, parameters)
     covariance = ParameterCovariance.of(info, unconstrained.base, unconstrained.weights)
-    values = np.array([_value(quantity, parameters) for quantity in asked])
+    values = np.array([quantity.value(parameters) for quantity in asked])
     source = feasible_set.model.robot.parameters if cad is None else cad
     described = _described(feasible_set, np.asarray(source, dtype=float), asked, about)
     told: tuple[Array, Array] | None = None
@@ -341,14 +341,6 @@ def _principal(body: Array) -> tuple[Array, Array, Array]:
     return inertia.com, *np.linalg.eigh(inertia.about_com)
 
 
-def _value(quantity: Quantity, parameters: Array) -> float:
-    value = float(quantity.row @ parameters)
-    if quantity.mass is None:
-        return value
-    mass = float(quantity.mass @ parameters)
-    return value / mass if mass > 0.0 else float("nan")
-
-
 def _described(feasible_set: FeasibleSet, cad: Array, asked: list[Quantity], about: list[_About]) -> Array:
     """The same quantities of the description, NaN where it says nothing; principal moments in ascending order."""
     found = []
@@ -361,7 +353,7 @@ def _described(feasible_set: FeasibleSet, cad: Array, asked: list[Quantity], abo
             if known:
                 found.append(float(_principal(body)[1][int(quantity.name[1]) - 1]))
                 continue
-        found.append(_value(quantity, np.nan_to_num(cad)) if known else np.nan)
+        found.append(quantity.value(np.nan_to_num(cad)) if known else np.nan)
     return np.array(found)
 
 
@@ -409,11 +401,10 @@ def _intervals_of_data(
     reach = float(ndtri(0.5 + 0.5 * confidence))
     inverse = np.linalg.pinv(feasible_set.K)
     centers, halves = np.zeros(len(asked)), np.full(len(asked), np.inf)
-    rows = np.array([quantity.row for quantity in asked])
+    rows = np.array([quantity.slope(parameters) for quantity in asked])
     for index, quantity in enumerate(asked):
         if quantity.mass is not None:
-            centers[index] = _value(quantity, parameters)
-            rows[index] = (rows[index] - centers[index] * quantity.mass) / float(quantity.mass @ parameters)
+            centers[index] = quantity.value(parameters)
     in_base = rows @ inverse
     size = np.abs(rows).max(axis=1)
     told = np.abs(in_base @ feasible_set.K - rows).max(axis=1) <= 1e-9 * size

@@ -46,6 +46,20 @@ class Quantity:
     moments: tuple[Vector, ...] = field(default=(), repr=False)
     never_negative: bool = False
 
+    def value(self, parameters: Vector) -> float:
+        """Of these parameters δ, (n,); NaN for a ratio to no mass."""
+        value = float(self.row @ parameters)
+        if self.mass is None:
+            return value
+        mass = float(self.mass @ parameters)
+        return value / mass if mass > 0.0 else float("nan")
+
+    def slope(self, parameters: Vector) -> Vector:
+        """By how much it changes with each parameter, to first order at δ, (n,)."""
+        if self.mass is None:
+            return self.row
+        return (self.row - self.value(parameters) * self.mass) / float(self.mass @ parameters)
+
 
 def quantities(
     feasible_set: FeasibleSet,
