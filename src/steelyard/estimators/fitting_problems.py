@@ -441,17 +441,18 @@ class Fitting:
         If the solver ends outside the set, its point is moved towards the feasible parameters `near`, which have the
         same base vector.
         """
-        best: tuple[Choice, ConicSolution] | None = None
+        found = []
         for around in (True, False):
-            found = self._of_base(tie_break, base, margin, near, around)
-            if found is not None and (best is None or found[0].gap < best[0].gap):
-                best = found
-            if best is not None and best[0].gap <= CLOSE_CHOICE and best[1].outcome is Outcome.SOLVED:
-                break
-        if best is None:
+            choice = self._of_base(tie_break, base, margin, near, around)
+            if choice is not None:
+                found.append(choice)
+                if _order_of_choice(choice) < (False, False, np.inf):
+                    break
+        if not found:
             return None
-        self.statuses.append(best[1].status)
-        return best[0]
+        best, solution = min(found, key=_order_of_choice)
+        self.statuses.append(solution.status)
+        return best
 
     def _of_base(
         self, tie_break: TieBreak | PreparedPrior, base: Vector, margin: float, near: Vector, around: bool
@@ -552,6 +553,12 @@ class _Found:
     def order(self) -> tuple[bool, float]:
         """Sort key: points inside the set first, then the least value."""
         return (not self.inside, self.value)
+
+
+def _order_of_choice(found: tuple[Choice, ConicSolution]) -> tuple[bool, bool, float]:
+    """Sort key: choices with a small gap first, among them those that the solver was content with, then by the gap."""
+    choice, solution = found
+    return (not choice.gap <= CLOSE_CHOICE, solution.outcome is not Outcome.SOLVED, choice.gap)
 
 
 def _in_units(part: Part) -> tuple[Part, float]:
