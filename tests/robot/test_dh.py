@@ -9,8 +9,9 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
+from steelyard.dynamics import Model
 from steelyard.errors import InputError
-from steelyard.robot import Robot
+from steelyard.robot import Inertia, Robot
 
 PUMA = [  # alpha, a, d, theta of a Puma 560, standard
     ("pi/2", 0, 0, "q1"),
@@ -152,3 +153,37 @@ def test_an_unknown_convention_is_refused():
 def test_a_broken_gravity_is_refused(gravity):
     with pytest.raises(InputError, match="gravity must be"):
         Robot.from_dh([GOOD], gravity=gravity)
+
+
+def test_a_locked_row_is_merged_at_its_position():
+    rows = [("pi/2", 0.1, 0.3, "q"), ("-pi/2", 0.4, 0.05, "q"), (0.3, 0, "q", 0.2), ("pi/2", 0.2, 0, "q")]
+    inertias = {
+        f"link{number}": Inertia.from_com(number, (0.1, 0.02 * number, -0.03), np.diag([0.02, 0.03, 0.025]))
+        for number in range(1, 5)
+    }
+    free = Model(Robot.from_dh(rows, inertias=inertias))
+    held = Model(Robot.from_dh(rows, inertias=inertias, locked={"joint2": 0.7}))
+    assert held.robot.joint_names == ("joint1", "joint3", "joint4")
+    assert held.robot.links[0].absorbed == ("link2",)
+    q, dq, ddq = np.random.default_rng(3).uniform(-1, 1, (3, 20, 4))
+    q[:, 1], dq[:, 1], ddq[:, 1] = 0.7, 0.0, 0.0
+    kept = [0, 2, 3]
+    expected = free.inverse_dynamics(q, dq, ddq, free.robot.parameters)[:, kept]
+    torque = held.inverse_dynamics(q[:, kept], dq[:, kept], ddq[:, kept], held.robot.parameters)
+    assert np.abs(torque - expected).max() < 1e-12
+
+
+def test_what_is_said_of_rows_that_cannot_be_locked():
+    rows = [(0, 0.3, 0, "q"), (0, "a2", 0, "q")]
+    with pytest.raises(InputError, match='there is no joint "joint3" to lock'):
+        Robot.from_dh(rows, locked=["joint3"])
+    with pytest.raises(InputError, match='"joint2" is locked, but its length a2 is a symbol; give it a number'):
+        Robot.from_dh(rows, locked=["joint2"])
+    with pytest.raises(InputError, match="no joint moves"):
+        Robot.from_dh([(0, 0.3, 0, "q")], locked=["joint1"])
+    # The lengths of a moving row stay symbols, turned with what is locked before it.
+    assert Robot.from_dh([("pi/2", 0, 0, "q"), (0, 0, "d2", "q")], locked=["joint1"]).joints[0].before_lengths == {
+        "d2": (0.0, -1.0, 0.0)
+    }
+    unknown = Robot.from_dh(rows, inertias={"link1": Inertia.from_com(1.0, (0, 0, 0), np.eye(3))})
+    assert unknown.links[1].inertia is None

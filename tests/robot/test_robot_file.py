@@ -206,3 +206,17 @@ def test_lengths_of_rows_may_have_names(tmp_path):
     path.write_text(text.format("{ a3 = 1.0 }"))
     with pytest.raises(InputError, match='no symbolic length "a3"; it has a1, d2, a2'):
         RobotFile.load(path)
+
+
+def test_joints_of_rows_are_locked(tmp_path):
+    path = tmp_path / "arm.toml"
+    text = (
+        '[description]\nrows = [["pi/2", 0, 0.3, "q"], [0, "a2", 0, "q"], [0, 0.1, 0, "q"]]\nlengths = { a2 = 0.5 }\n'
+    )
+    path.write_text(text + "locked = { joint2 = 0.4 }\n")
+    robot = RobotFile.load(path).robot
+    assert robot.joint_names == ("joint1", "joint3")
+    assert np.allclose(robot.frame("link2")[1], Robot.from_dh([(0, 0.5, 0, "q")]).joints[0].placement(0.4), atol=1e-15)
+    path.write_text(text + "locked = 2\n")
+    with pytest.raises(InputError, match="locked must be a list of joint names or a table of positions"):
+        RobotFile.load(path)

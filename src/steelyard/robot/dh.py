@@ -14,11 +14,12 @@ from steelyard.errors import InputError
 from steelyard.files import TomlTable, shown, suggestion
 from steelyard.files.numbers import LARGEST
 
+from .described_tree import DescribedJoint, DescribedLink, DescribedTree
 from .inertia import Inertia
-from .joint import Joint, JointKind, Link
+from .joint import Joint, JointKind
 from .placement import rotation_x, rotation_z, translation
 
-__all__ = ["dh_inertias", "dh_joints"]
+__all__ = ["dh_inertias", "dh_tree"]
 
 _Shifts = dict[str, tuple[float, float, float]]
 # No cell of a table is longer; Python's parser would recurse through the parentheses of an endless one.
@@ -45,28 +46,55 @@ class _Affine(NamedTuple):
         return _Affine(self.slope + other.slope, self.constant + other.constant, used)
 
 
-def dh_joints(
+def dh_tree(
     rows: Sequence[Sequence[float | str]],
     convention: str,
+    name: str,
     where: str = "DH table",
     inertias: Mapping[str, Inertia] | None = None,
-) -> tuple[tuple[Joint, ...], tuple[Link, ...]]:
-    """Return the joints and links of a robot, see `Robot.from_dh`; `where` begins the messages."""
+    lengths: Mapping[str, float] | None = None,
+) -> DescribedTree:
+    """Return the joints and links of a robot, see `Robot.from_dh`.
+
+    Parameters
+    ----------
+    rows, convention, name, inertias
+        As in `Robot.from_dh`.
+    where : str
+        Begins the messages.
+    lengths : mapping, optional
+        Numbers (m) for names of lengths; names without a value stay symbols.
+    """
     if convention not in ("standard", "modified"):
         raise InputError(f'{where}: the convention must be "standard" or "modified", got {convention!r}')
     if isinstance(rows, str | bytes) or not hasattr(rows, "__len__"):
         raise InputError(f"{where}: rows of four cells (alpha, a, d, theta) were expected, got {rows!r}")
     if len(rows) == 0:
         raise InputError(f"{where} has no rows; give one row (alpha, a, d, theta) for each joint")
-    joints = tuple(_joint(row, number, convention, where) for number, row in enumerate(rows, start=1))
+    joints = [_joint(row, number, convention, where) for number, row in enumerate(rows, start=1)]
     names = [f"link{number}" for number in range(1, len(joints) + 1)]
     known = inertias or {}
-    for name in known:
-        if name not in names:
+    for link in known:
+        if link not in names:
             raise InputError(
-                f"{where}: an inertia is given for {shown(name)}, which is no link; {suggestion(name, names)}"
+                f"{where}: an inertia is given for {shown(link)}, which is no link; {suggestion(link, names)}"
             )
-    return joints, tuple(Link(name, known.get(name), own_inertia=known.get(name)) for name in names)
+    symbols = list(dict.fromkeys(symbol for j in joints for symbol in (*j.before_lengths, *j.after_lengths)))
+    for symbol, value in (lengths or {}).items():
+        if symbol not in symbols:
+            raise InputError(f'{where}: there is no symbolic length "{symbol}"; it has {", ".join(symbols) or "none"}')
+        if not math.isfinite(value):
+            raise InputError(f'{where}: the length "{symbol}" must be finite, got {value!r}')
+    parents = ["base", *names]
+    described = {}
+    for joint, parent, child in zip(joints, parents, names, strict=False):
+        one = joint.with_lengths(lengths or {})
+        described[one.name] = DescribedJoint(
+            one.name, one.parent + 2, one.kind, parent, child, one.before, child_placement=one.after,
+            before_lengths=one.before_lengths, after_lengths=one.after_lengths,
+        )  # fmt: skip
+    links = {link: DescribedLink(link, number, known.get(link)) for number, link in enumerate(parents)}
+    return DescribedTree(where, name, links, described, unwritten_is_massless=False)
 
 
 def dh_inertias(table: TomlTable) -> dict[str, Inertia]:

@@ -25,7 +25,7 @@ DEFAULT_TERMS = ("viscous", "coulomb", "offset")
 """The terms of a file that names none: every robot has friction, and few drives measure exactly zero torque at rest."""
 FILE_KEYS = ("tip", "locked", "gravity")
 LIMITS = {"lower": "lower", "upper": "upper", "velocity": "velocity_limit", "effort": "effort_limit"}
-DH_KEYS = ("convention", "rows", "lengths", "inertials", "gravity")
+DH_KEYS = ("convention", "rows", "lengths", "inertials", "locked", "gravity")
 
 
 @dataclass(frozen=True, eq=False)
@@ -164,21 +164,28 @@ def _describe(path: Path, description: dict[str, Any]) -> Robot:
         lengths = description.get("lengths", {})
         if not isinstance(lengths, dict) or not all(is_number(value) for value in lengths.values()):
             raise table.refuse("lengths", "a table of names and numbers in m")
-        from .dh import dh_inertias, dh_joints  # a format is loaded when it is read
+        from .described_tree import robot_parts  # a format is loaded when it is read
+        from .dh import dh_inertias, dh_tree
 
-        joints, links = dh_joints(rows, description.get("convention", "standard"), where, dh_inertias(table))
-        return Robot(path.stem, joints, links, np.asarray(gravity, dtype=object)).with_lengths(lengths)
+        convention = description.get("convention", "standard")
+        tree = dh_tree(rows, convention, path.stem, where, dh_inertias(table), lengths)
+        return Robot(**robot_parts(tree, None, _locked(table)), gravity=np.asarray(gravity, dtype=object))
 
     source, tip = path.parent / (table.text(given[0], "a path") or ""), table.text("tip", "the name of a link")
-    locked = description.get("locked", [])
+    read = URDF.read if given == ["urdf"] else read_description
+    return read(source, tip, _locked(table), gravity)
+
+
+def _locked(table: TomlTable) -> list[str] | dict[str, float]:
+    """Return the joints that are held still: their names, or their positions by name."""
+    locked: Any = table.get("locked", [])
     if isinstance(locked, list):
         valid = all(isinstance(name, str) for name in locked)
     else:
         valid = isinstance(locked, dict) and all(is_number(value) for value in locked.values())
     if not valid:
         raise table.refuse("locked", "a list of joint names or a table of positions")
-    read = URDF.read if given == ["urdf"] else read_description
-    return read(source, tip, locked, gravity)
+    return locked  # type: ignore[no-any-return]
 
 
 def _with_limits(robot: Robot, section: Mapping[str, Any], where: str) -> Robot:

@@ -265,6 +265,7 @@ class Robot:
         name: str = "robot",
         gravity: ArrayLike = (0, 0, -9.81),
         inertias: Mapping[str, Inertia] | None = None,
+        locked: Iterable[str] | Mapping[str, float] = (),
     ) -> Robot:
         """A serial robot from Denavit-Hartenberg rows (thesis 2.1).
 
@@ -282,6 +283,9 @@ class Robot:
             Acceleration of gravity in the base frame, m/s².
         inertias : mapping from name of a link to Inertia, optional
             What CAD says, in the frame of the link.
+        locked : iterable of names, or mapping from name to position
+            Joints held still, at q = 0 or at the given position (rad or m), whose lengths are numbers. Their links are
+            merged into those that carry them.
 
         Returns
         -------
@@ -293,17 +297,18 @@ class Robot:
         ------
         InputError
             When a row cannot be understood; the message names the row and the column. When an inertia is given for
-            what is no link.
+            what is no link, or no joint has the name of one that is locked.
 
         Examples
         --------
         >>> Robot.from_dh([("-pi/2", 0, 0, "q1"), (0, 0, "q2", "pi/2")]).joints[1].kind
         'prismatic'
         """
-        from .dh import dh_joints  # a format is loaded when it is read
+        from .described_tree import robot_parts  # a format is loaded when it is read
+        from .dh import dh_tree
 
-        joints, links = dh_joints(rows, convention, inertias=inertias)
-        return cls(name, joints, links, np.asarray(gravity, dtype=object))
+        tree = dh_tree(rows, convention, name, inertias=inertias)
+        return cls(**robot_parts(tree, None, locked), gravity=np.asarray(gravity, dtype=object))
 
     @classmethod
     def from_urdf(
@@ -349,9 +354,10 @@ class Robot:
         >>> robot.joint_names, robot.link_names, robot.base_link
         (('hinge',), ('leaf',), 'frame')
         """
-        from .urdf import urdf_parts
+        from .described_tree import robot_parts  # a format is loaded when it is read
+        from .urdf_document import read_document
 
-        return cls(**urdf_parts(path, tip, locked), gravity=np.asarray(gravity, dtype=object))
+        return cls(**robot_parts(read_document(path), tip, locked), gravity=np.asarray(gravity, dtype=object))
 
     def with_terms(self, *terms: Term) -> Robot:
         """The same robot with these terms in place of its own.

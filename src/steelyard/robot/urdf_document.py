@@ -5,7 +5,6 @@ from __future__ import annotations
 import math
 import re
 from collections.abc import Callable
-from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, cast
 
@@ -16,70 +15,22 @@ from steelyard.errors import InputError
 from steelyard.files import read_bytes, shown, suggestion
 from steelyard.files.numbers import LARGEST
 
+from .described_tree import ONE_DOF, DescribedJoint, DescribedLink, DescribedMimic, DescribedTree
 from .inertia import Inertia
 from .placement import rpy_rotation
 
 if TYPE_CHECKING:
     from lxml import etree
 
-__all__ = ["UrdfDocument", "UrdfJoint", "UrdfLink", "UrdfMimic", "UrdfReader", "parse_urdf", "read_document"]
+__all__ = ["UrdfReader", "parse_urdf", "read_document"]
 
 Matrix = NDArray[np.float64]
 
 # The length below which an axis is taken for a zero vector, whose direction would be rounding error.
 SHORTEST_AXIS = 1e-9
-ONE_DOF = ("revolute", "continuous", "prismatic")
 
 
-@dataclass(frozen=True, eq=False)
-class UrdfLink:
-    """A `<link>` element."""
-
-    name: str
-    line: int
-    inertia: Inertia | None
-
-
-@dataclass(frozen=True)
-class UrdfMimic:
-    """A `<mimic>` element: value = multiplier * value of `joint` + offset."""
-
-    joint: str
-    multiplier: float
-    offset: float
-
-
-@dataclass(frozen=True, eq=False)
-class UrdfJoint:
-    """A `<joint>` element."""
-
-    name: str
-    line: int
-    kind: str
-    parent: str
-    child: str
-    origin: Matrix
-    axis: tuple[float, ...]
-    mimic: UrdfMimic | None
-    lower: float
-    upper: float
-    velocity_limit: float
-    effort_limit: float
-    damping: float
-    friction: float
-
-
-@dataclass(frozen=True, eq=False)
-class UrdfDocument:
-    """A whole file: links and joints in the order of the document, names unique, parents and children known."""
-
-    path: Path
-    name: str
-    links: dict[str, UrdfLink]
-    joints: dict[str, UrdfJoint]
-
-
-def read_document(path: str | Path) -> UrdfDocument:
+def read_document(path: str | Path) -> DescribedTree:
     """Read a URDF file; raise InputError, with the line, where it is not one."""
     path = Path(path)
     return UrdfReader(path).document(parse_urdf(path))
@@ -126,7 +77,7 @@ class UrdfReader:
         self.path = path
         self.namespace = ""
 
-    def document(self, root: etree._Element) -> UrdfDocument:
+    def document(self, root: etree._Element) -> DescribedTree:
         """Read the element ``robot``."""
         from lxml import etree
 
@@ -135,7 +86,7 @@ class UrdfReader:
             raise self.error(root, f"a URDF begins with <robot>, found <{name.localname}>; give a URDF file")
         # Elements of foreign namespaces (old sensor and controller tags) are neither links nor joints of the robot.
         self.namespace = f"{{{name.namespace}}}" if name.namespace else ""
-        links: dict[str, UrdfLink] = {}
+        links: dict[str, DescribedLink] = {}
         for element in self.children(root, "link"):
             link = self.link(element)
             if link.name in links:
@@ -145,7 +96,7 @@ class UrdfReader:
             links[link.name] = link
         if not links:
             raise self.error(root, "the robot has no <link>; give a complete URDF")
-        joints: dict[str, UrdfJoint] = {}
+        joints: dict[str, DescribedJoint] = {}
         for element in self.children(root, "joint"):
             joint = self.joint(element, links)
             if joint.name in joints:
@@ -154,13 +105,15 @@ class UrdfReader:
                     f'the joint "{joint.name}" was already on line {joints[joint.name].line}; names must differ',
                 )
             joints[joint.name] = joint
-        return UrdfDocument(self.path, root.get("name") or self.path.stem, links, joints)
+        return DescribedTree(str(self.path), root.get("name") or self.path.stem, links, joints, self.path)
 
-    def link(self, element: etree._Element) -> UrdfLink:
+    def link(self, element: etree._Element) -> DescribedLink:
         """Read a link."""
         name = self.text(element, "name", "a link")
         inertial = self.only(element, "inertial", f'link "{name}"')
-        return UrdfLink(name, _line(element), None if inertial is None else self.inertial(inertial, f'link "{name}"'))
+        return DescribedLink(
+            name, _line(element), None if inertial is None else self.inertial(inertial, f'link "{name}"')
+        )
 
     def inertial(self, element: etree._Element, owner: str) -> Inertia:
         """Read the element ``inertial`` of a link."""
@@ -178,7 +131,7 @@ class UrdfReader:
         about_com = rotation @ np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]]) @ rotation.T
         return Inertia.from_com(mass, origin[:3, 3], (about_com + about_com.T) / 2)
 
-    def joint(self, element: etree._Element, links: dict[str, UrdfLink]) -> UrdfJoint:
+    def joint(self, element: etree._Element, links: dict[str, DescribedLink]) -> DescribedJoint:
         """Read a joint; `links` are those of the document."""
         name = self.text(element, "name", "a joint")
         owner = f'joint "{name}"'
@@ -219,14 +172,14 @@ class UrdfReader:
         mimic_element = self.only(element, "mimic", owner)
         mimic = None
         if mimic_element is not None:
-            mimic = UrdfMimic(
+            mimic = DescribedMimic(
                 self.text(mimic_element, "joint", f"{owner}, <mimic>"),
                 self.number(mimic_element, "multiplier", owner, 1.0),
                 self.number(mimic_element, "offset", owner, 0.0),
             )
-        return UrdfJoint(
-            name, _line(element), kind, ends[0], ends[1], self.origin(element, owner), axis, mimic,
-            lower, upper, velocity, effort, damping, friction,
+        return DescribedJoint(
+            name, _line(element), kind, ends[0], ends[1], self.origin(element, owner), axis, mimic=mimic,
+            lower=lower, upper=upper, velocity_limit=velocity, effort_limit=effort, damping=damping, friction=friction,
         )  # fmt: skip
 
     def origin(self, element: etree._Element, owner: str) -> Matrix:

@@ -1,10 +1,10 @@
-"""From the elements of a URDF to a robot: the tree is checked, fixed and locked joints are merged, mimics resolved."""
+"""From the links and joints of a description to a robot: fixed and locked joints are merged, mimics resolved."""
 
 from __future__ import annotations
 
 import math
 from collections.abc import Iterable, Mapping
-from dataclasses import replace
+from dataclasses import dataclass, field, replace
 from numbers import Real
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -18,11 +18,99 @@ from steelyard.files import suggestion
 from .inertia import Inertia
 from .joint import Attachment, Joint, JointKind, Link
 from .placement import axis_frame, inverse, motion_z
-from .urdf_document import ONE_DOF, UrdfDocument, UrdfJoint, read_document
 
-__all__ = ["urdf_parts"]
+__all__ = ["ONE_DOF", "DescribedJoint", "DescribedLink", "DescribedMimic", "DescribedTree", "robot_parts"]
 
 Matrix = NDArray[np.float64]
+
+ONE_DOF = ("revolute", "continuous", "prismatic")
+
+
+@dataclass(frozen=True, eq=False)
+class DescribedLink:
+    """A link as a description has it; `line` is where it stands in the file."""
+
+    name: str
+    line: int
+    inertia: Inertia | None
+
+
+@dataclass(frozen=True)
+class DescribedMimic:
+    """What drives a joint: value = multiplier * value of `joint` + offset."""
+
+    joint: str
+    multiplier: float
+    offset: float
+
+
+@dataclass(frozen=True, eq=False)
+class DescribedJoint:
+    """A joint as a description has it.
+
+    Parameters
+    ----------
+    name : str
+    line : int
+        Where it stands in the file.
+    kind : str
+        One of `ONE_DOF` and ``"fixed"``; joints of other kinds can be locked alone.
+    parent, child : str
+        Names of links.
+    origin : (4, 4) array
+        Frame of the joint in the frame of the parent link.
+    axis : tuple of 3 floats
+        In the frame of the joint; not a zero vector.
+    child_placement : (4, 4) array
+        Frame of the child link in the frame of the joint, at the value 0.
+    mimic : DescribedMimic or None
+    lower, upper, velocity_limit, effort_limit, damping, friction, before_lengths, after_lengths
+        As in `Joint`.
+    """
+
+    name: str
+    line: int
+    kind: str
+    parent: str
+    child: str
+    origin: Matrix
+    axis: tuple[float, ...] = (0.0, 0.0, 1.0)
+    child_placement: Matrix = field(default_factory=lambda: np.eye(4))
+    mimic: DescribedMimic | None = None
+    lower: float = -math.inf
+    upper: float = math.inf
+    velocity_limit: float = math.inf
+    effort_limit: float = math.inf
+    damping: float = math.nan
+    friction: float = math.nan
+    before_lengths: Mapping[str, tuple[float, float, float]] = field(default_factory=dict)
+    after_lengths: Mapping[str, tuple[float, float, float]] = field(default_factory=dict)
+
+
+@dataclass(frozen=True, eq=False)
+class DescribedTree:
+    """Links and joints in the order of a description; names are unique, parents and children are known.
+
+    Parameters
+    ----------
+    where : str
+        The file or table, for messages.
+    name : str
+        Of the robot.
+    links, joints : dict
+        By name.
+    source : Path or None
+        The file.
+    unwritten_is_massless : bool
+        Whether a link without inertia has no mass where others have one; if not, its inertia is unknown.
+    """
+
+    where: str
+    name: str
+    links: dict[str, DescribedLink]
+    joints: dict[str, DescribedJoint]
+    source: Path | None = None
+    unwritten_is_massless: bool = True
 
 
 class _Drive(NamedTuple):
@@ -34,7 +122,7 @@ class _Drive(NamedTuple):
 
 
 class _Place(NamedTuple):
-    """Where a link of the document is carried: index of the moving link (-1: base) and placement in its frame."""
+    """Where a link of the description is carried: index of the moving link (-1: base) and placement in its frame."""
 
     link: str
     carrier: int
@@ -42,16 +130,29 @@ class _Place(NamedTuple):
     locked: bool
 
 
-def urdf_parts(path: str | Path, tip: str | None, locked: Iterable[str] | Mapping[str, float]) -> dict[str, Any]:
-    """Return the fields of the robot that a URDF describes, all but gravity, see `Robot.from_urdf`."""
-    document = read_document(path)
-    positions = _positions(document, locked)
-    root, children = _tree(document)
-    chain = None if tip is None else _chain(document, tip)
-    return _Assembly(document, positions, children, chain).parts(root)
+def robot_parts(tree: DescribedTree, tip: str | None, locked: Iterable[str] | Mapping[str, float]) -> dict[str, Any]:
+    """Return the fields of the robot that a tree describes, all but gravity.
+
+    Parameters
+    ----------
+    tree : DescribedTree
+    tip : str or None
+        Keep only the chain from the root to this link.
+    locked : iterable of names, or mapping from name to position
+        Joints held still, at 0 or at the position (rad or m).
+
+    Raises
+    ------
+    InputError
+        If there is no such link or joint, links and joints form no tree, or nothing moves.
+    """
+    positions = _positions(tree, locked)
+    root, children = _tree(tree)
+    chain = None if tip is None else _chain(tree, tip)
+    return _Assembly(tree, positions, children, chain).parts(root)
 
 
-def _positions(document: UrdfDocument, locked: Iterable[str] | Mapping[str, float]) -> dict[str, float]:
+def _positions(tree: DescribedTree, locked: Iterable[str] | Mapping[str, float]) -> dict[str, float]:
     if isinstance(locked, str):
         raise InputError(
             f'locked must be a list of joint names or a mapping to positions, got "{locked}"; write a list'
@@ -59,35 +160,33 @@ def _positions(document: UrdfDocument, locked: Iterable[str] | Mapping[str, floa
     items = locked.items() if isinstance(locked, Mapping) else ((name, 0.0) for name in locked)
     positions: dict[str, float] = {}
     for name, value in items:
-        if name not in document.joints:
-            raise InputError(
-                f'{document.path}: there is no joint "{name}" to lock; {suggestion(str(name), document.joints)}'
-            )
+        if name not in tree.joints:
+            raise InputError(f'{tree.where}: there is no joint "{name}" to lock; {suggestion(str(name), tree.joints)}')
         if isinstance(value, bool) or not isinstance(value, Real) or not math.isfinite(value):
             raise InputError(f'locked joint "{name}": its position must be a finite number (rad or m), got {value!r}')
-        kind = document.joints[name].kind
+        kind = tree.joints[name].kind
         if kind not in ONE_DOF and value != 0:
             raise InputError(f'locked joint "{name}" is {kind} and can only be locked at 0, got {value!r}')
         positions[name] = float(value)
     return positions
 
 
-def _tree(document: UrdfDocument) -> tuple[str, dict[str, list[UrdfJoint]]]:
-    children: dict[str, list[UrdfJoint]] = {name: [] for name in document.links}
-    parent_joint: dict[str, UrdfJoint] = {}
-    for joint in document.joints.values():
+def _tree(tree: DescribedTree) -> tuple[str, dict[str, list[DescribedJoint]]]:
+    children: dict[str, list[DescribedJoint]] = {name: [] for name in tree.links}
+    parent_joint: dict[str, DescribedJoint] = {}
+    for joint in tree.joints.values():
         other = parent_joint.get(joint.child)
         if other is not None:
             raise InputError(
-                f'{document.path}, line {joint.line}: link "{joint.child}" is the child of joint "{other.name}" and of '
+                f'{tree.where}, line {joint.line}: link "{joint.child}" is the child of joint "{other.name}" and of '
                 f'joint "{joint.name}"; a link can have one parent only (a closed loop must be cut)'
             )
         parent_joint[joint.child] = joint
         children[joint.parent].append(joint)
-    roots = [name for name in document.links if name not in parent_joint]
+    roots = [name for name in tree.links if name not in parent_joint]
     if len(roots) > 1:
         raise InputError(
-            f"{document.path}: {len(roots)} links have no parent joint ({', '.join(roots[:6])}"
+            f"{tree.where}: {len(roots)} links have no parent joint ({', '.join(roots[:6])}"
             f"{', ...' if len(roots) > 6 else ''}); a robot has one root, so join them or remove what is not used"
         )
     reached: set[str] = set()
@@ -96,20 +195,20 @@ def _tree(document: UrdfDocument) -> tuple[str, dict[str, list[UrdfJoint]]]:
         link = waiting.pop()
         reached.add(link)
         waiting += [joint.child for joint in children[link]]
-    loop = [name for name in document.links if name not in reached]
+    loop = [name for name in tree.links if name not in reached]
     if loop:
         raise InputError(
-            f"{document.path}: the links {', '.join(loop[:6])}{', ...' if len(loop) > 6 else ''} form a cycle; "
+            f"{tree.where}: the links {', '.join(loop[:6])}{', ...' if len(loop) > 6 else ''} form a cycle; "
             "a robot is a tree, so remove one of their joints"
         )
     return roots[0], children
 
 
-def _chain(document: UrdfDocument, tip: str) -> set[str]:
+def _chain(tree: DescribedTree, tip: str) -> set[str]:
     """Names of the joints between the root and the link `tip`."""
-    if tip not in document.links:
-        raise InputError(f'{document.path}: there is no link "{tip}" for the tip; {suggestion(tip, document.links)}')
-    joint_of = {joint.child: joint for joint in document.joints.values()}
+    if tip not in tree.links:
+        raise InputError(f'{tree.where}: there is no link "{tip}" for the tip; {suggestion(tip, tree.links)}')
+    joint_of = {joint.child: joint for joint in tree.joints.values()}
     chain: set[str] = set()
     while tip in joint_of:
         chain.add(joint_of[tip].name)
@@ -122,12 +221,12 @@ class _Assembly:
 
     def __init__(
         self,
-        document: UrdfDocument,
+        tree: DescribedTree,
         positions: dict[str, float],
-        children: dict[str, list[UrdfJoint]],
+        children: dict[str, list[DescribedJoint]],
         chain: set[str] | None,
     ) -> None:
-        self.document = document
+        self.tree = tree
         self.positions = positions
         self.children = children
         self.chain = chain
@@ -137,7 +236,7 @@ class _Assembly:
 
     def parts(self, root: str) -> dict[str, Any]:
         stack = [_Place(root, -1, np.eye(4), False)]
-        pending: list[tuple[_Place, UrdfJoint]] = []
+        pending: list[tuple[_Place, DescribedJoint]] = []
         # Depth first without recursion: the children of a link are pushed in reverse, so that the first is taken first.
         self._push(stack.pop(), pending)
         while pending:
@@ -145,27 +244,29 @@ class _Assembly:
             self._cross(place, joint, pending)
         if not self.joints:
             where = "" if self.chain is None else " between the root and the tip"
-            raise InputError(f"{self.document.path}: no joint moves{where}; unlock a joint or choose another file")
+            raise InputError(f"{self.tree.where}: no joint moves{where}; unlock a joint or choose another file")
         return {
-            "name": self.document.name,
+            "name": self.tree.name,
             "joints": self._numbered(),
             "links": self._links(),
             "base_link": root,
             "base_attachments": tuple(self.attachments[-1]),
-            "source": self.document.path,
+            "source": self.tree.source,
         }
 
-    def _push(self, place: _Place, pending: list[tuple[_Place, UrdfJoint]]) -> None:
+    def _push(self, place: _Place, pending: list[tuple[_Place, DescribedJoint]]) -> None:
         pending += [(place, joint) for joint in reversed(self.children[place.link])]
 
-    def _cross(self, place: _Place, joint: UrdfJoint, pending: list[tuple[_Place, UrdfJoint]]) -> None:
+    def _cross(self, place: _Place, joint: DescribedJoint, pending: list[tuple[_Place, DescribedJoint]]) -> None:
         drive = self._drive(joint)
-        child = self.document.links[joint.child]
+        child = self.tree.links[joint.child]
         if drive is None or drive.driver is None:
             held = joint.origin
             if drive is not None and joint.kind in ONE_DOF:
                 turned = axis_frame(joint.axis)
                 held = joint.origin @ turned @ motion_z(drive.offset, joint.kind != "prismatic") @ inverse(turned)
+            self._require_numbers(joint)
+            held = held @ joint.child_placement
             merged = _Place(joint.child, place.carrier, place.placement @ held, place.locked or drive is not None)
             attachment = Attachment(child.name, merged.placement, merged.locked, child.inertia)
             self.attachments[place.carrier].append(attachment)
@@ -179,14 +280,14 @@ class _Assembly:
         self.attachments[index] = []
         self._push(_Place(joint.child, index, np.eye(4), False), pending)
 
-    def _moving(self, place: _Place, joint: UrdfJoint, drive: _Drive) -> Joint:
+    def _moving(self, place: _Place, joint: DescribedJoint, drive: _Drive) -> Joint:
         turned = axis_frame(joint.axis)
         return Joint(
             name=joint.name,
             kind=self._kind(joint),
             parent=place.carrier,
             before=place.placement @ joint.origin @ turned,
-            after=inverse(turned),
+            after=inverse(turned) @ joint.child_placement,
             coordinate=-1,
             multiplier=drive.multiplier,
             offset=drive.offset,
@@ -197,20 +298,33 @@ class _Assembly:
             effort_limit=joint.effort_limit,
             damping=joint.damping,
             friction=joint.friction,
+            before_lengths={
+                name: tuple((place.placement[:3, :3] @ direction).tolist())
+                for name, direction in joint.before_lengths.items()
+            },
+            after_lengths=joint.after_lengths,
         )
 
-    def _kind(self, joint: UrdfJoint) -> JointKind:
+    def _require_numbers(self, joint: DescribedJoint) -> None:
+        symbols = (*joint.before_lengths, *joint.after_lengths)
+        if symbols:
+            raise InputError(
+                f'{self.tree.where}: joint "{joint.name}" is locked, but its length {symbols[0]} is a symbol; '
+                "give it a number"
+            )
+
+    def _kind(self, joint: DescribedJoint) -> JointKind:
         match joint.kind:
             case "revolute" | "continuous" | "prismatic" as kind:
                 return kind
         known = (*ONE_DOF, "fixed")
         hint = "" if joint.kind in ("floating", "planar", "spherical") else f" ({suggestion(joint.kind, known)})"
         raise InputError(
-            f'{self.document.path}, line {joint.line}: joint "{joint.name}" is of type "{joint.kind}"; only '
+            f'{self.tree.where}, line {joint.line}: joint "{joint.name}" is of type "{joint.kind}"; only '
             f'{", ".join(known)} can be modelled{hint}, so lock it: locked=["{joint.name}"]'
         )
 
-    def _drive(self, joint: UrdfJoint) -> _Drive | None:
+    def _drive(self, joint: DescribedJoint) -> _Drive | None:
         """What moves a joint: None for a fixed one; mimics of mimics are followed to the joint that drives them all."""
         if joint.kind == "fixed":
             return None
@@ -226,7 +340,7 @@ class _Assembly:
                 break
             if current.name in followed:
                 raise InputError(
-                    f'{self.document.path}, line {joint.line}: joint "{joint.name}" mimics itself through '
+                    f'{self.tree.where}, line {joint.line}: joint "{joint.name}" mimics itself through '
                     f"{' -> '.join([*followed, current.name])}; one of them must not mimic"
                 )
             followed.append(current.name)
@@ -234,13 +348,13 @@ class _Assembly:
             multiplier *= current.mimic.multiplier
             if multiplier == 0.0:
                 return _Drive(None, 0.0, offset)
-            if current.mimic.joint not in self.document.joints:
+            if current.mimic.joint not in self.tree.joints:
                 raise InputError(
-                    f'{self.document.path}, line {current.line}: joint "{current.name}" mimics the unknown joint '
-                    f'"{current.mimic.joint}" ({suggestion(current.mimic.joint, self.document.joints)}); '
+                    f'{self.tree.where}, line {current.line}: joint "{current.name}" mimics the unknown joint '
+                    f'"{current.mimic.joint}" ({suggestion(current.mimic.joint, self.tree.joints)}); '
                     f'mend the name or lock it: locked=["{current.name}"]'
                 )
-            current = self.document.joints[current.mimic.joint]
+            current = self.tree.joints[current.mimic.joint]
         return _Drive(current.name, multiplier, offset)
 
     def _numbered(self) -> tuple[Joint, ...]:
@@ -252,13 +366,13 @@ class _Assembly:
         for joint in self.joints:
             if joint.mimics is not None and joint.mimics not in coordinates:
                 raise InputError(
-                    f'{self.document.path}: joint "{joint.name}" mimics "{joint.mimics}", which is not between the '
+                    f'{self.tree.where}: joint "{joint.name}" mimics "{joint.mimics}", which is not between the '
                     f'root and the tip; choose another tip or lock it: locked=["{joint.name}"]'
                 )
         return tuple(replace(joint, coordinate=coordinates[joint.mimics or joint.name]) for joint in self.joints)
 
     def _links(self) -> tuple[Link, ...]:
-        own = [self.document.links[name].inertia for name in self.names]
+        own = [self.tree.links[name].inertia for name in self.names]
         parts = [
             one for index in range(len(own)) for one in (own[index], *(a.inertia for a in self.attachments[index]))
         ]
@@ -269,6 +383,9 @@ class _Assembly:
         links = []
         for index, name in enumerate(self.names):
             attachments = tuple(self.attachments[index])
+            if not self.tree.unwritten_is_massless and all(a.inertia is None for a in attachments) and not own[index]:
+                links.append(Link(name, attachments=attachments))
+                continue
             total = own[index] or Inertia.zero()
             for attachment in attachments:
                 if attachment.inertia is not None:
