@@ -103,7 +103,7 @@ def mistakes_in_logs(
 
 
 def _layout(log: str, columns: LogColumns, model: Model) -> Layout:
-    files = LogFiles(log)
+    files = LogFiles(log, columns)
     return resolve(files.names, columns, list(model.robot.joint_names), files.name, files.joint_labels())
 
 

@@ -72,8 +72,9 @@ class LogStream:
         self, source: Source, columns: LogColumns | dict[str, Any] | None, joints: int | Sequence[str] | None
     ) -> None:
         self.columns = log_columns(columns)
-        self.files = LogFiles(source)
+        self.files = LogFiles(source, self.columns)
         self.layout = resolve(self.files.names, self.columns, joints, self.files.name, self.files.joint_labels())
+        self.files.keep(self.layout.names)
         self.joint_names = names_of(joints)
         self.count = self.files.count()
         if self.count < 3:

@@ -84,6 +84,10 @@ class LogColumns(TomlSection):
         says that it is unknown: the torque is then read in units of the current, for `identify_drive_gains`.
     torque_sign
         +1 or -1, one for all or one per joint.
+    header
+        The names of all columns of a text file that has no line of names.
+    topic
+        Topic of a bag that is read, where several hold joint states.
     missing
         What to do where positions or torques are missing, NaN or infinite: "refuse" the log, or "fill" them by
         interpolation and leave their rows out of the samples.
@@ -111,6 +115,8 @@ class LogColumns(TomlSection):
     torque_matrix: Matrix | None = None
     gain: str | tuple[float | str, ...] | None = None
     torque_sign: float | Vector | None = None
+    header: tuple[str, ...] | None = None
+    topic: str | None = None
     missing: str = "refuse"
 
     def _clean(self, where: str) -> None:
@@ -122,6 +128,8 @@ class LogColumns(TomlSection):
                 object.__setattr__(self, name, parse(value, f"{where}, key {name!r},"))
 
         store("time", _text)
+        store("topic", _text)
+        store("header", _header)
         store("rate", _positive)
         store("time_unit", _one_of(TIME_UNITS))
         for name in ("position", "velocity", "acceleration", "torque"):
@@ -198,6 +206,13 @@ def _names(value: Any, where: str) -> str | tuple[str, ...]:
         return value
     if not isinstance(value, Sequence) or not value or not all(isinstance(item, str) for item in value):
         raise InputError(f'{where} is {value!r}; it must be a list of column names or a pattern such as "q{{}}".')
+    return tuple(value)
+
+
+def _header(value: Any, where: str) -> tuple[str, ...]:
+    texts = isinstance(value, Sequence) and not isinstance(value, str) and all(isinstance(item, str) for item in value)
+    if not texts or not value or len(set(value)) != len(value):
+        raise InputError(f"{where} is {value!r}; it must be a list of the names of all columns, each its own.")
     return tuple(value)
 
 

@@ -111,8 +111,9 @@ class Recording(Measurements):
         Recording('log.csv', 300 rows x 1 joints, 2.99 s at 100 Hz)
         """
         columns = log_columns(columns)
-        files = LogFiles(source)
+        files = LogFiles(source, columns)
         layout = resolve(files.names, columns, joints, files.name, files.joint_labels())
+        files.keep(layout.names)
         signals = convert(files.read(layout.names), layout, columns, files.where, files.name)
         stamps, clock = signals.t, None
         if columns.rate is not None and stamps is not None and len(stamps) >= FEWEST_ROWS:

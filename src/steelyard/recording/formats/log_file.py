@@ -5,14 +5,14 @@ from __future__ import annotations
 from abc import ABC, abstractmethod
 from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
-from typing import IO, ClassVar
+from typing import IO, ClassVar, Self
 
 import numpy as np
 from numpy.typing import NDArray
 
 from steelyard.errors import InputError
 
-from ..columns import label_columns
+from ..columns import LogColumns, label_columns
 
 __all__ = ["BLOCK_ROWS", "Columns", "LogFile", "column_length", "flattened"]
 
@@ -38,6 +38,8 @@ class LogFile(ABC):
     ----------
     names : tuple of str
         The names of all columns.
+    kept : tuple of str, or None
+        The only ones that will be read; None as long as nobody has said so.
 
     Raises
     ------
@@ -52,6 +54,12 @@ class LogFile(ABC):
     def __init__(self, path: Path) -> None:
         self.path = path
         self.names: tuple[str, ...] = ()
+        self.kept: tuple[str, ...] | None = None
+
+    @classmethod
+    def opened(cls, path: Path, columns: LogColumns) -> Self:
+        """Open a file; a format replaces this where keys of `[log]`, such as `topic`, say what of the file is read."""
+        return cls(path)
 
     @abstractmethod
     def read(self, names: Sequence[str]) -> Columns:
@@ -64,6 +72,14 @@ class LogFile(ABC):
         `read` must find a column of each (S,) array under its name, and of each (S, M) array under the name and 1 to M.
         """
         raise NotImplementedError
+
+    def keep(self, names: Sequence[str]) -> None:
+        """Take note that no other columns will be read, so that rows may be left out in which all of them are missing.
+
+        What is left out is so for everything that is asked afterwards. A recording of messages has such rows, where
+        the messages of other joints have stamps of their own.
+        """
+        self.kept = tuple(names)
 
     def count(self) -> int:
         """Return the number of rows."""

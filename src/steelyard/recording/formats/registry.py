@@ -15,6 +15,7 @@ from steelyard.extensions import Extensions
 from steelyard.files import replaced_file, require_file, shown
 from steelyard.files.suggestion import closest
 
+from ..columns import LogColumns
 from .log_file import Columns, LogFile, column_length
 
 __all__ = ["LOG_FORMATS", "LogFiles", "Source", "log_format", "open_log", "write_log"]
@@ -75,6 +76,8 @@ class LogFiles:
     ----------
     source
         A path, a sequence of paths, or paths joined by "+" in one string.
+    columns
+        Of which some keys say what of a file is read; none by default.
 
     Raises
     ------
@@ -82,14 +85,20 @@ class LogFiles:
         For a missing, empty or unreadable file.
     """
 
-    def __init__(self, source: Source) -> None:
-        self.files = [open_log(path) for path in split_source(source)]
+    def __init__(self, source: Source, columns: LogColumns | None = None) -> None:
+        self.files = [open_log(path, columns) for path in split_source(source)]
         self.name = " + ".join(file.path.name for file in self.files)
         self.names = tuple(dict.fromkeys(name for file in self.files for name in file.names))
 
     def where(self, row: int) -> str:
         """Say where row `row` (from 0) stands, for messages."""
         return self.files[0].where(row)
+
+    def keep(self, names: Sequence[str]) -> None:
+        """Read no other columns than these from now on; see `LogFile.keep`."""
+        for file, share in zip(self.files, self._shares(names), strict=True):
+            with _reading(file.path):
+                file.keep(share)
 
     def count(self) -> int:
         """Count the rows.
@@ -202,8 +211,8 @@ def split_source(source: Source) -> list[Path]:
     return paths
 
 
-def open_log(path: Path) -> LogFile:
-    """Open a log by its suffix.
+def open_log(path: Path, columns: LogColumns | None = None) -> LogFile:
+    """Open a log by its suffix; keys of `columns` may say what of the file is read.
 
     Raises
     ------
@@ -224,7 +233,7 @@ def open_log(path: Path) -> LogFile:
     with _reading(path):
         if path.stat().st_size == 0:
             raise InputError(f"{path} is empty; expected a log with one row per sample.")
-        log = kind(path)
+        log = kind.opened(path, LogColumns() if columns is None else columns)
     if len(log.names) > MOST_COLUMNS:
         raise InputError(f"{path} has {len(log.names)} columns; expected one for each signal of a robot, in rows.")
     return log
