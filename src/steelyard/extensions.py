@@ -13,7 +13,7 @@ from importlib.metadata import EntryPoint, entry_points
 from typing import Any, Generic, TypeVar
 
 from steelyard.errors import InputError, faults_told
-from steelyard.files.suggestion import suggestion
+from steelyard.files.arguments import suggestion
 
 __all__ = ["KINDS", "Extensions", "package_of", "register", "unregister"]
 

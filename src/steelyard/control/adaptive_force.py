@@ -11,8 +11,8 @@ from numpy.typing import ArrayLike, NDArray
 
 from steelyard.dynamics import Model
 from steelyard.errors import InputError
+from steelyard.files.arguments import positive
 from steelyard.simulation import Measurement
-from steelyard.simulation.arguments import positive
 
 from .active_observer import ActiveObserver
 from .sampled_loop import Feedback

@@ -10,8 +10,8 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from steelyard.errors import InputError
+from steelyard.files.arguments import positive
 from steelyard.simulation import Measurement
-from steelyard.simulation.arguments import positive
 
 from .model_part import ModelPart
 from .sampled_loop import Feedback, SampledLoop

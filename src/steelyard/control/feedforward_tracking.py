@@ -8,8 +8,8 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from steelyard.dynamics import Model
+from steelyard.files.arguments import per_joint
 from steelyard.simulation import Measurement
-from steelyard.simulation.arguments import per_joint
 
 from .block import ControlBlock
 from .joint_references import configurations_of, joint_reference

@@ -6,8 +6,8 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from steelyard.dynamics import Model
+from steelyard.files.arguments import per_joint
 from steelyard.simulation import Measurement
-from steelyard.simulation.arguments import per_joint
 
 from .block import ControlBlock
 from .model_part import ModelPart

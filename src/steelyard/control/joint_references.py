@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from steelyard.errors import InputError
-from steelyard.simulation.arguments import positive
+from steelyard.files.arguments import positive
 
 __all__ = [
     "ConstantReference",

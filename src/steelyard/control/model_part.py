@@ -10,7 +10,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from steelyard.dynamics import Model
 from steelyard.errors import InputError
-from steelyard.simulation.arguments import positive
+from steelyard.files.arguments import positive
 
 __all__ = ["ModelPart"]
 

@@ -9,8 +9,8 @@ from numpy.typing import ArrayLike, NDArray
 
 from steelyard.dynamics import Model
 from steelyard.errors import InputError
+from steelyard.files.arguments import per_joint, positive
 from steelyard.simulation import Measurement
-from steelyard.simulation.arguments import per_joint, positive
 
 from .block import ControlBlock
 from .joint_references import configurations_of, joint_reference

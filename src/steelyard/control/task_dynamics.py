@@ -10,7 +10,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from steelyard.dynamics import Model
 from steelyard.errors import InputError
-from steelyard.simulation.arguments import per_joint, positive
+from steelyard.files.arguments import per_joint, positive
 
 from .model_part import ModelPart
 from .poses import PoseTarget, rotation_vector

@@ -8,8 +8,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from steelyard.errors import InputError
+from steelyard.files.arguments import positive
 from steelyard.simulation import Measurement
-from steelyard.simulation.arguments import positive
 
 __all__ = ["FilteredDifference", "MeasuredVelocity", "NumericalDifference", "VelocityEstimator"]
 

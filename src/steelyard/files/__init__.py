@@ -5,10 +5,11 @@ from typing import TYPE_CHECKING
 from steelyard.first_use import import_at_first_use
 
 if TYPE_CHECKING:
+    from .arguments import is_number as is_number
+    from .arguments import is_real as is_real
+    from .arguments import read_number as read_number
+    from .arguments import suggestion as suggestion
     from .folder import replaced_folder as replaced_folder
-    from .numbers import is_number as is_number
-    from .numbers import is_real as is_real
-    from .numbers import read_number as read_number
     from .reading import LARGEST_JSON as LARGEST_JSON
     from .reading import LARGEST_TEXT as LARGEST_TEXT
     from .reading import parse_json as parse_json
@@ -19,7 +20,6 @@ if TYPE_CHECKING:
     from .reading import reading_table as reading_table
     from .reading import require_file as require_file
     from .reading import shown as shown
-    from .suggestion import suggestion as suggestion
     from .toml_table import TomlSection as TomlSection
     from .toml_table import TomlTable as TomlTable
     from .toml_table import made_from_table as made_from_table

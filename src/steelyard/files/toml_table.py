@@ -11,9 +11,8 @@ from typing import Any, ClassVar, Self, TypeVar
 
 from steelyard.errors import InputError, faults_told
 
-from .numbers import is_number
+from .arguments import is_number, suggestion
 from .reading import shown
-from .suggestion import suggestion
 
 __all__ = ["TomlSection", "TomlTable", "made_from_table"]
 

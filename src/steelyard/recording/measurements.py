@@ -11,7 +11,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from steelyard.display import html_table
 from steelyard.errors import InputError
-from steelyard.files.numbers import LARGEST
+from steelyard.files.arguments import LARGEST
 
 from .samples import read_only_matrix, read_only_vector, require_finite
 

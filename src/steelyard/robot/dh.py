@@ -12,7 +12,7 @@ import numpy as np
 
 from steelyard.errors import InputError
 from steelyard.files import TomlTable, shown, suggestion
-from steelyard.files.numbers import LARGEST
+from steelyard.files.arguments import LARGEST
 
 from .described_tree import DescribedJoint, DescribedLink, DescribedTree
 from .inertia import Inertia

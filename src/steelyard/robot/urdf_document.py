@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from steelyard.errors import InputError
 from steelyard.files import read_bytes, shown, suggestion
-from steelyard.files.numbers import LARGEST
+from steelyard.files.arguments import LARGEST
 
 from .described_tree import ONE_DOF, DescribedJoint, DescribedLink, DescribedMimic, DescribedTree
 from .inertia import Inertia

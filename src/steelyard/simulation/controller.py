@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Protocol, runtime_checkable
+from typing import Any, Protocol, runtime_checkable
 
 import numpy as np
 from numpy.typing import NDArray
 
-__all__ = ["Controller", "Measurement"]
+from steelyard.errors import InputError
+
+__all__ = ["Controller", "Measurement", "checked_torque"]
 
 
 @dataclass(frozen=True, eq=False)
@@ -86,3 +88,22 @@ class Controller(Protocol):
 
         The method must not change the measurement. It may return an array that it writes to again in the next call.
         """
+
+
+def checked_torque(value: Any, shape: tuple[int, ...]) -> NDArray[np.float64]:
+    """Return torques as an array of a given shape.
+
+    Values that are not finite are let through: they do not stop the program, but end the run that they belong to.
+
+    Raises
+    ------
+    InputError
+        If the value is no array of numbers, or its shape is another one.
+    """
+    try:
+        torque = np.asarray(value, dtype=np.float64)
+    except (TypeError, ValueError):
+        raise InputError(f"torque must return an array of shape {shape}, got {type(value).__name__}.") from None
+    if torque.shape != shape:
+        raise InputError(f"torque must return an array of shape {shape}, got {torque.shape}.")
+    return torque

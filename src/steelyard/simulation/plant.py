@@ -13,9 +13,9 @@ from numpy.typing import NDArray
 from steelyard.graph import Kernel
 from steelyard.graph.kernel import address_of
 
-from .arguments import checked_torque
 from .compiled import MotionFunctions
 from .contact import Contact
+from .controller import checked_torque
 
 __all__ = ["Plant", "TorqueFunction"]
 

@@ -11,9 +11,9 @@ from numpy.typing import ArrayLike, NDArray
 
 from steelyard.dynamics import Model
 from steelyard.errors import InputError
+from steelyard.files.arguments import positive
 
 from .actuators import Actuators
-from .arguments import positive
 from .contact import Contact, Environment
 from .controller import Controller
 from .events import Event

@@ -9,8 +9,8 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from steelyard.errors import InputError
+from steelyard.files.arguments import per_joint, positive
 
-from .arguments import per_joint, positive
 from .controller import Measurement
 
 __all__ = ["SensorReadings", "Sensors"]

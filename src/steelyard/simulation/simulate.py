@@ -11,12 +11,12 @@ from numpy.typing import ArrayLike, NDArray
 from steelyard.dynamics import Model
 from steelyard.dynamics.threads import one_thread
 from steelyard.errors import InputError
+from steelyard.files.arguments import positive
 
 from .actuators import Actuators
-from .arguments import checked_torque, positive
 from .compiled import motion_functions
 from .contact import Environment
-from .controller import Controller, Measurement
+from .controller import Controller, Measurement, checked_torque
 from .events import Event, Status
 from .integrators import FIXED_STEP_METHODS, DormandPrince, FixedStep, Integrator, LibraryMethod
 from .plant import Plant, TorqueFunction

@@ -9,8 +9,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from steelyard.errors import InputError
-
-from .arguments import per_joint
+from steelyard.files.arguments import per_joint
 
 __all__ = ["StoppingCheck", "StoppingConditions"]
 

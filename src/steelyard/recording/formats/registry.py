@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from steelyard.errors import InputError
 from steelyard.extensions import Extensions
 from steelyard.files import replaced_file, require_file, shown
-from steelyard.files.suggestion import closest
+from steelyard.files.arguments import closest
 
 from ..columns import LogColumns
 from .log_file import Columns, LogFile, column_length

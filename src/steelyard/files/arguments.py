@@ -1,0 +1,192 @@
+"""Checks of what users give, in files and as arguments: numbers within limits, one for each joint, known names."""
+
+from __future__ import annotations
+
+import difflib
+import math
+import numbers
+from collections.abc import Iterable
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from steelyard.errors import InputError
+
+from .reading import shown
+
+__all__ = [
+    "LARGEST",
+    "closest",
+    "is_number",
+    "is_real",
+    "per_joint",
+    "positive",
+    "read_number",
+    "suggestion",
+]
+
+Array = NDArray[np.float64]
+
+
+LARGEST = 1e15
+"""In SI units; no robot has anything larger, and squares of larger numbers lose digits that others need."""
+
+
+def is_real(value: object) -> bool:
+    """Tell whether a value is a real number, of Python or NumPy; a truth value is none."""
+    return isinstance(value, numbers.Real) and not isinstance(value, bool)
+
+
+def is_number(value: object) -> bool:
+    """Tell whether a value is a real number of a size that things have."""
+    return is_real(value) and abs(value) <= LARGEST  # type: ignore[arg-type]
+
+
+def read_number(
+    value: object,
+    what: str,
+    expected: str = "a number",
+    *,
+    above: float | None = None,
+    least: float | None = None,
+    below: float | None = None,
+    infinite: bool = False,
+) -> float:
+    """Return a number within limits.
+
+    Parameters
+    ----------
+    value : object
+        What was given.
+    what : str
+        What it is; begins the message.
+    expected : str
+        What it must be, in the message.
+    above, least, below : float, optional
+        The number must be larger than the first, at least the second, and smaller than the third.
+    infinite : bool
+        Whether it may be infinite.
+
+    Raises
+    ------
+    InputError
+        If it is not a number, or not such a one.
+
+    Examples
+    --------
+    >>> read_number(3, "gain")
+    3.0
+    >>> read_number(-1, "mass of link1", "a positive number of kg", above=0)
+    Traceback (most recent call last):
+        ...
+    steelyard.errors.InputError: mass of link1 must be a positive number of kg, got -1.
+    """
+    fits = is_number(value) or (infinite and is_real(value) and value in (math.inf, -math.inf))
+    number = float(value) if fits else math.nan  # type: ignore[arg-type]
+    within = (
+        (above is None or number > above) and (least is None or number >= least) and (below is None or number < below)
+    )
+    if not (fits and within):
+        raise InputError(f"{what} must be {expected}, got {shown(value)}.")
+    return number + 0.0
+
+
+def closest(name: str, known: Iterable[str]) -> str | None:
+    """Return the known name that is closest to another one, whatever its capitals; None where none is close."""
+    by_lower = {candidate.lower(): candidate for candidate in reversed(list(known))}
+    # "m3" and "m2" have a similarity of 0.5, and one is worth suggesting for the other.
+    found = difflib.get_close_matches(name.lower(), by_lower, n=1, cutoff=0.5)
+    return by_lower[found[0]] if found else None
+
+
+def suggestion(name: str, known: Iterable[str]) -> str:
+    """Return the end of a message about an unknown name: the closest known name, or the first few known ones.
+
+    Examples
+    --------
+    >>> suggestion("elbw", ["shoulder", "elbow"])
+    'did you mean "elbow"?'
+    >>> suggestion("x", ["shoulder", "elbow"])
+    'known are "shoulder", "elbow".'
+    """
+    candidates = [str(candidate) for candidate in known]
+    close = closest(name, candidates)
+    if close is not None:
+        return f'did you mean "{close}"?'
+    if not candidates:
+        return "there are none."
+    listed = ", ".join(f'"{candidate}"' for candidate in candidates[:8])
+    return f"known are {listed}" + (f" and {len(candidates) - 8} more." if len(candidates) > 8 else ".")
+
+
+def per_joint(value: Any, count: int, name: str, *, zero: bool = True, finite: bool = False) -> Array:
+    """Return one number for each joint.
+
+    Parameters
+    ----------
+    value : array_like
+        One number for all joints, or (N,). Negative numbers are refused.
+    count : int
+        Number N of joints.
+    name : str
+        What the numbers are called in messages.
+    zero : bool
+        Whether 0 is allowed.
+    finite : bool
+        Whether infinite numbers are refused.
+
+    Returns
+    -------
+    ndarray
+        (N,).
+
+    Raises
+    ------
+    InputError
+        If the shape is another one, or a number is out of range.
+
+    Examples
+    --------
+    >>> per_joint(2.0, 3, "kp").tolist()
+    [2.0, 2.0, 2.0]
+    """
+    try:
+        array = np.asarray(value, dtype=np.float64)
+    except (TypeError, ValueError):
+        raise InputError(f"{name} must be a number, or one for each joint, got {value!r}.") from None
+    if array.shape not in ((), (count,)):
+        raise InputError(f"{name} must be a number, or one for each of {count} joints, got shape {array.shape}.")
+    in_range = np.isfinite(array) if finite else ~np.isnan(array)
+    if not (in_range & (array >= 0.0 if zero else array > 0.0)).all():
+        required = f"{'finite and ' if finite else ''}{'at least' if zero else 'above'} 0"
+        raise InputError(f"{name} must be {required}, got {array.tolist()}.")
+    return np.array(np.broadcast_to(array, (count,)))
+
+
+def positive(value: Any, name: str, unit: str, *, zero: bool = False) -> float:
+    """Return a finite number above 0, or at least 0 with `zero`.
+
+    Parameters
+    ----------
+    value : float
+    name, unit : str
+        What the number is called in messages, and its unit; ``"1"`` where it has none.
+    zero : bool
+        Whether 0 is allowed.
+
+    Raises
+    ------
+    InputError
+        If it is something else.
+
+    Examples
+    --------
+    >>> positive(0.001, "sample_time", "s")
+    0.001
+    """
+    of_unit = "" if unit == "1" else f", in {unit}"
+    if is_real(value) and value == math.inf:
+        raise InputError(f"{name} must be finite{of_unit}, got {value!r}.")
+    required = "a number of at least 0" if zero else "a positive number"
+    return read_number(value, name, required + of_unit, least=0 if zero else None, above=None if zero else 0)
