@@ -227,9 +227,9 @@ def test_a_line_of_robot_toml_does_what_the_correction_does(tmp_path, stated, co
     file = RobotFile.load(path)
     layout = None
     if named:
-        from steelyard.recording.columns import resolve
+        from steelyard.recording import find_columns
 
-        layout = resolve(["t", *columns], LogColumns.from_dict(STATED[stated]), 3, "log")
+        layout = find_columns(["t", *columns], 3, LogColumns.from_dict(STATED[stated]))
     settings = correction_settings(change, file, file.robot.joint_names, layout)
     written = tomllib.loads(toml_text(settings))
     after = read({**STATED[stated], **written["log"]})

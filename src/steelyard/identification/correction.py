@@ -11,7 +11,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from steelyard.recording import LogColumns, Samples
-from steelyard.recording.columns import POSITION_UNITS, TIME_UNITS, TORQUE_UNITS, Layout
+from steelyard.recording.columns import POSITION_UNITS, TIME_UNITS, TORQUE_UNITS
+from steelyard.recording.recognition import Layout
 from steelyard.robot import RobotFile
 
 __all__ = ["Correction", "Settings", "correction_settings", "toml_text"]

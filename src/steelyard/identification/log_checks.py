@@ -10,8 +10,8 @@ import numpy as np
 from steelyard.dynamics import Model
 from steelyard.feasibility.constraints import Constraint
 from steelyard.recording import LogColumns, Samples, read_middle
-from steelyard.recording.columns import Layout, resolve
 from steelyard.recording.formats import LogFiles
+from steelyard.recording.recognition import Layout
 from steelyard.regression import Estimate
 from steelyard.robot import RobotFile
 
@@ -103,8 +103,7 @@ def mistakes_in_logs(
 
 
 def _layout(log: str, columns: LogColumns, model: Model) -> Layout:
-    files = LogFiles(log, columns)
-    return resolve(files.names, columns, list(model.robot.joint_names), files.name, files.joint_labels())
+    return LogFiles(log, columns).layout(list(model.robot.joint_names))
 
 
 _OF_DESCRIPTION = 8.0

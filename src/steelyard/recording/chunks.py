@@ -20,7 +20,7 @@ from .clock import (
     steady_clock,
     with_evidence,
 )
-from .columns import TIME_UNITS, LogColumns, resolve
+from .columns import TIME_UNITS, LogColumns
 from .conversion import Signals, clock_at, convert, log_columns, names_of, require_numbers, signals_fields, times
 from .even import EvenClock, Part
 from .filters.zero_phase import decimation_padding
@@ -73,8 +73,7 @@ class LogStream:
     ) -> None:
         self.columns = log_columns(columns)
         self.files = LogFiles(source, self.columns)
-        self.layout = resolve(self.files.names, self.columns, joints, self.files.name, self.files.joint_labels())
-        self.files.keep(self.layout.names)
+        self.layout = self.files.layout(joints)
         self.joint_names = names_of(joints)
         self.count = self.files.count()
         if self.count < 3:

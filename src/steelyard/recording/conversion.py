@@ -12,10 +12,11 @@ from numpy.typing import NDArray
 from steelyard.errors import InputError
 
 from .clock import ClockStatistics, clock_of
-from .columns import POSITION_UNITS, TIME_UNITS, TORQUE_UNITS, VELOCITY_UNITS, Layout, LogColumns
+from .columns import POSITION_UNITS, TIME_UNITS, TORQUE_UNITS, VELOCITY_UNITS, LogColumns
 from .even import filled
 from .formats import Columns, LogFiles
 from .measurements import check_order
+from .recognition import Layout
 
 __all__ = [
     "Signals",

@@ -16,7 +16,7 @@ from steelyard.files import shown
 from .. import recording as room  # its names are imported when they are used
 from .automatic import decide, settle
 from .clock import CLOCK_ROWS, FEWEST_ROWS
-from .columns import LogColumns, resolve
+from .columns import LogColumns
 from .conversion import clock_at, convert, log_columns, names_of, signals_fields, times
 from .cutoff import CutoffChoice
 from .diagnosis import Diagnosis, Intervals, diagnose, find_missing
@@ -112,8 +112,7 @@ class Recording(Measurements):
         """
         columns = log_columns(columns)
         files = LogFiles(source, columns)
-        layout = resolve(files.names, columns, joints, files.name, files.joint_labels())
-        files.keep(layout.names)
+        layout = files.layout(joints)
         signals = convert(files.read(layout.names), layout, columns, files.where, files.name)
         stamps, clock = signals.t, None
         if columns.rate is not None and stamps is not None and len(stamps) >= FEWEST_ROWS:

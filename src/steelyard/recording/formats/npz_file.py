@@ -17,7 +17,7 @@ from steelyard.errors import InputError
 from steelyard.files import shown
 from steelyard.files.arrays import read_array_header
 
-from ..columns import LABELS
+from ..recognition import LABELS
 from .log_file import Columns, LogFile
 
 __all__ = ["NpzFile"]

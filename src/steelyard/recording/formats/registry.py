@@ -6,6 +6,7 @@ import contextlib
 import os
 from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -16,6 +17,7 @@ from steelyard.files import replaced_file, require_file, shown
 from steelyard.files.arguments import closest
 
 from ..columns import LogColumns
+from ..recognition import Layout, find_columns
 from .log_file import Columns, LogFile, column_length
 
 __all__ = ["LOG_FORMATS", "LogFiles", "Source", "log_format", "open_log", "write_log"]
@@ -86,7 +88,8 @@ class LogFiles:
     """
 
     def __init__(self, source: Source, columns: LogColumns | None = None) -> None:
-        self.files = [open_log(path, columns) for path in split_source(source)]
+        self.columns = LogColumns() if columns is None else columns
+        self.files = [open_log(path, self.columns) for path in split_source(source)]
         self.name = " + ".join(file.path.name for file in self.files)
         self.names = tuple(dict.fromkeys(name for file in self.files for name in file.names))
 
@@ -118,6 +121,19 @@ class LogFiles:
     def joint_labels(self) -> tuple[str, ...]:
         """Return the joints that the first file which does so names its numbered columns by."""
         return next((labels for file in self.files if (labels := file.joint_labels())), ())
+
+    def layout(self, joints: int | Sequence[str] | None) -> Layout:
+        """Find the columns that hold the motion and the torques of a robot, and read no others from now on."""
+        labels = self.joint_labels()
+        found = find_columns(self.names, joints, self.columns, head=self.head, labels=labels, source=self.name)
+        self.keep(found.names)
+        return found
+
+    def head(self, name: str) -> NDArray[Any]:
+        """Return the first values of a column, numbers or texts."""
+        file = next(file for file in self.files if name in file.names)
+        with _reading(file.path):
+            return file.head(name)
 
     def read(self, names: Sequence[str]) -> Columns:
         """Read whole columns from whichever file has them."""
