@@ -15,7 +15,8 @@ from steelyard import collision  # meshes are read by what is imported when ther
 from steelyard.errors import InputError
 from steelyard.files import suggestion
 from steelyard.robot import Robot
-from steelyard.robot.urdf_document import UrdfReader, parse_urdf
+from steelyard.robot.urdf_document import UrdfReader
+from steelyard.robot.xml_document import parse_xml
 
 from .shapes import Box, Capsule, Cylinder, Mesh, PlacedShape, Shape, Sphere
 
@@ -188,7 +189,7 @@ def shapes_from_urdf(
 
     If `skipped` is given, elements that cannot be read are left out and appended to it as pairs of link and reason.
     """
-    root = parse_urdf(path)
+    root = parse_xml(path)
     reader = _ShapeReader(path, meshes, packages)
     document = reader.document(root)
     found = reader.shapes(root, robot, ("collision",), skipped)["collision"]
@@ -203,7 +204,7 @@ def shapes_of_moving_links(
     Elements that cannot be read are left out and appended to `skipped` as pairs of link and reason, and so are meshes
     of more than `largest` bytes.
     """
-    root = parse_urdf(path)
+    root = parse_xml(path)
     reader = _ShapeReader(path, "hull", (), largest)
     reader.document(root)
     return reader.shapes(root, robot, ("visual", "collision"), skipped, moving=True)

@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from steelyard.errors import InputError
-from steelyard.robot.urdf_document import parse_urdf as parse_xml
+from steelyard.robot.xml_document import parse_xml
 
 from .configuration_constraint import DistanceConstraint, checked_margin
 from .configurations import default_neutral_configuration, place_links, random_configurations
