@@ -6,7 +6,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from steelyard.codegen import Names, Syntax, listing
-from steelyard.codegen.partition import Store, partition
+from steelyard.codegen.assignments import Store, partition
 from steelyard.errors import InputError
 from steelyard.graph import Argument, Function, Graph, Node, Output, cos, sign, sin
 

@@ -98,7 +98,7 @@ def test_numpy_source(model: sy.Model, project: Project, tmp_path: Path) -> None
 def test_jax_source_of_a_little_function(
     cases: int | None, vectors: bool, double_precision: None, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr("steelyard.codegen.jax_source.prefers_vectors", lambda function: vectors)
+    monkeypatch.setattr("steelyard.codegen.jax.prefers_vectors", lambda function: vectors)
     function = little_function()
     module = module_of(project_of("little", [function]), "jax", tmp_path)
     compare(function, module.little, itertools.islice(leading_shapes(function.arguments), cases))
@@ -114,7 +114,7 @@ def test_jax_source_of_all_functions(
     tmp_path: Path,
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    monkeypatch.setattr("steelyard.codegen.jax_source.prefers_vectors", lambda function: vectors)
+    monkeypatch.setattr("steelyard.codegen.jax.prefers_vectors", lambda function: vectors)
     module = module_of(project, "jax", tmp_path)
     for function in (model.function(name, gravity="argument") for name in FUNCTIONS):
         compare(function, getattr(module, function.name), few_shapes(function))

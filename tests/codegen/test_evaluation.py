@@ -8,9 +8,8 @@ import pytest
 from exported_functions import deep_chain, inputs_of
 
 import steelyard as sy
-from steelyard.codegen import evaluate_over
 from steelyard.codegen.schedule import repeated_operations, schedule
-from steelyard.graph import Argument, Function, Graph, Output, sin
+from steelyard.graph import Argument, Function, Graph, Output, evaluate_over, sin
 
 
 def test_numbers_of_any_kind(odd_function: Function, random: np.random.Generator) -> None:

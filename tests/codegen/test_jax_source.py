@@ -36,7 +36,7 @@ def test_several_outputs_and_arguments_called_like_functions(tmp_path: Path) -> 
 def test_odd_functions_agree_as_vectors(
     odd_generated: Project, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr("steelyard.codegen.jax_source.prefers_vectors", lambda function: True)
+    monkeypatch.setattr("steelyard.codegen.jax.prefers_vectors", lambda function: True)
     run_python("jax", odd_generated, tmp_path, least=LEAST)
 
 

@@ -10,9 +10,8 @@ if TYPE_CHECKING:
     from .assignments import OutputListing as OutputListing
     from .assignments import Syntax as Syntax
     from .assignments import listing as listing
-    from .casadi_function import casadi_function as casadi_function
-    from .evaluation import evaluate_over as evaluate_over
-    from .jax_function import jax_function as jax_function
+    from .casadi import casadi_function as casadi_function
+    from .jax import jax_function as jax_function
     from .project import Constant as Constant
     from .project import Project as Project
     from .project import files as files

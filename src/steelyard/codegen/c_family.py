@@ -9,9 +9,8 @@ from typing import TYPE_CHECKING, ClassVar
 import numpy as np
 from numpy.typing import NDArray
 
-from .assignments import Listing, Syntax, listing
+from .assignments import Listing, Part, Partition, Store, Syntax, listing, partition
 from .naming import PROJECT_RESERVED, NamedFunction, Naming, project_name
-from .partition import Part, Partition, Store, partition
 from .reference import Reference
 from .text import Names, marker, number, number_lines
 

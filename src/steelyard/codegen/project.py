@@ -140,8 +140,8 @@ LANGUAGES: Extensions[Writer] = Extensions(
         "python": f"{__package__}.numpy_source:write",
         "octave": f"{__package__}.octave:write",
         "julia": f"{__package__}.julia:write",
-        "jax": f"{__package__}.jax_source:write",
-        "casadi": f"{__package__}.casadi_source:write",
+        "jax": f"{__package__}.jax:write",
+        "casadi": f"{__package__}.casadi:write",
     },
     _checked_writer,
 )

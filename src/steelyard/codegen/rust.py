@@ -8,10 +8,9 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
-from .assignments import Listing, Syntax, listing
+from .assignments import Listing, Part, Store, Syntax, listing, partition
 from .documentation import MARKDOWN, elements_lines, function_lines, readme
 from .naming import DEVICE_NAMES, NamedFunction, naming, project_name, shadowing, shared_arguments
-from .partition import Part, Store, partition
 from .reference import Reference
 from .text import Names, markdown_text, marker, number, number_lines, wrapped_lines
 

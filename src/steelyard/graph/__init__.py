@@ -19,6 +19,7 @@ if TYPE_CHECKING:
     from .function import Argument as Argument
     from .function import Function as Function
     from .function import Output as Output
+    from .function import evaluate_over as evaluate_over
     from .kernel import Kernel as Kernel
 
 __all__ = import_at_first_use(__name__, __file__)

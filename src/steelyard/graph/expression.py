@@ -14,9 +14,19 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-__all__ = ["Graph", "Node", "cos", "evaluate", "is_zero", "operation_count", "reachable", "sign", "sin", "sqrt"]
-
-_UNARY = {"neg", "sin", "cos", "sign", "sqrt"}
+__all__ = [
+    "Graph",
+    "Node",
+    "cos",
+    "evaluate",
+    "interpret",
+    "is_zero",
+    "operation_count",
+    "reachable",
+    "sign",
+    "sin",
+    "sqrt",
+]
 
 
 class Node:
@@ -332,26 +342,50 @@ def evaluate(outputs: Sequence[Node], values: Mapping[str, Any]) -> list[NDArray
     -------
     list of ndarray
     """
-    results: dict[int, Any] = {}
-    binary = {"add": np.add, "sub": np.subtract, "mul": np.multiply, "div": np.divide}
-    unary: dict[str, Callable[[Any], Any]] = {
+    operations: dict[str, Callable[..., Any]] = {
+        "add": np.add,
+        "sub": np.subtract,
+        "mul": np.multiply,
+        "div": np.divide,
         "neg": np.negative,
         "sin": np.sin,
         "cos": np.cos,
         "sign": _real_sign,
         "sqrt": np.sqrt,
     }
+    results = interpret(outputs, values.__getitem__, operations, float)
+    return [_array(results[node.index]) for node in outputs]
+
+
+def interpret(
+    outputs: Sequence[Node],
+    value_of: Callable[[str], Any],
+    operations: Mapping[str, Callable[..., Any]],
+    constant: Callable[[float], Any],
+) -> dict[int, Any]:
+    """Return the value of every node that the outputs need, by its index, over any algebra.
+
+    Each node is evaluated once, in the order of the graph, without recursion.
+
+    Parameters
+    ----------
+    outputs : sequence of Node
+    value_of : callable
+        From the name of an input to its value.
+    operations : mapping
+        What ``"add"``, ``"sub"``, ``"mul"``, ``"div"``, ``"neg"``, ``"sin"``, ``"cos"``, ``"sign"`` and ``"sqrt"`` are.
+    constant : callable
+        From a float to the algebra's own number.
+    """
+    results: dict[int, Any] = {}
     for node in reachable(outputs):
         if node.operation == "constant":
-            results[node.index] = node.value
+            results[node.index] = constant(float(node.value))
         elif node.operation == "input":
-            results[node.index] = values[str(node.value)]
-        elif node.operation in _UNARY:
-            results[node.index] = unary[node.operation](results[node.arguments[0].index])
+            results[node.index] = value_of(str(node.value))
         else:
-            a, b = node.arguments
-            results[node.index] = binary[node.operation](results[a.index], results[b.index])
-    return [_array(results[node.index]) for node in outputs]
+            results[node.index] = operations[node.operation](*(results[a.index] for a in node.arguments))
+    return results
 
 
 def _real_sign(value: Any) -> Any:

@@ -3,19 +3,22 @@
 from __future__ import annotations
 
 import math
+import operator
 import re
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from steelyard.errors import InputError
 
-from .expression import Node, evaluate, operation_count
+from .expression import Node, evaluate, interpret, operation_count
 
-__all__ = ["Argument", "Function", "Output"]
+__all__ = ["Argument", "Function", "Output", "evaluate_over"]
+
 
 _IDENTIFIER = re.compile(r"[A-Za-z][A-Za-z0-9_]*")
 
@@ -168,3 +171,70 @@ def _check(name: str, elements: tuple[str, ...], count: int) -> None:
         raise InputError(f"a name of letters, digits and _ was expected, got {name!r}.")
     if elements and len(elements) != count:
         raise InputError(f"{name!r} has {count} elements, but {len(elements)} descriptions.")
+
+
+_ARITHMETIC: Mapping[str, Callable[..., Any]] = {
+    "add": operator.add,
+    "sub": operator.sub,
+    "mul": operator.mul,
+    "div": operator.truediv,
+    "neg": operator.neg,
+}
+
+
+def evaluate_over(
+    function: Function,
+    elements: Mapping[str, Sequence[Any]],
+    unary: Mapping[str, Callable[[Any], Any]],
+    constant: Callable[[float], Any] = float,
+) -> tuple[list[Any], ...]:
+    """Evaluate a function with elements of any type that has ``+ - * /``.
+
+    Each node is evaluated once, in the order of the graph, without recursion.
+
+    Parameters
+    ----------
+    function : Function
+    elements : mapping
+        For each argument its `width` elements.
+    unary : mapping
+        What ``"sin"``, ``"cos"``, ``"sign"`` and ``"sqrt"`` are.
+    constant : callable
+        From a float to the algebra's own number.
+
+    Returns
+    -------
+    tuple of list
+        For each output its elements in row-major order.
+
+    Raises
+    ------
+    InputError
+        Where an argument is missing or has another number of elements, or where the function reads what is no
+        argument of it.
+
+    Examples
+    --------
+    >>> from fractions import Fraction
+    >>> from steelyard.graph import Argument, Graph, Output
+    >>> a, b = Graph().inputs("x", 2)
+    >>> f = Function("f", (Argument("x", 2),), (Output("y", (), (a / b + 1.0,)),))
+    >>> evaluate_over(f, {"x": (Fraction(1), Fraction(3))}, {}, Fraction)
+    ([Fraction(4, 3)],)
+    """
+    inputs: dict[str, Any] = {}
+    for argument in function.arguments:
+        given = elements.get(argument.name, ())
+        if len(given) != argument.width:
+            raise InputError(
+                f"the argument {argument.name!r} of {function.name!r} has {argument.width} elements, got {len(given)}."
+            )
+        inputs |= {f"{argument.name}[{k}]": value for k, value in enumerate(given)}
+
+    def value_of(name: str) -> Any:
+        if name not in inputs:
+            raise InputError(f"function {function.name!r} reads {name}, which is no argument of it; add one.")
+        return inputs[name]
+
+    values = interpret(function.nodes, value_of, {**_ARITHMETIC, **unary}, constant)
+    return tuple([values[node.index] for node in output.nodes] for output in function.outputs)

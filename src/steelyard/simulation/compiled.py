@@ -11,11 +11,23 @@ from weakref import WeakKeyDictionary, ref
 import numpy as np
 from numpy.typing import NDArray
 
-from steelyard.codegen.evaluation import evaluate_over
 from steelyard.dynamics import Model
 from steelyard.dynamics.algorithms.forward_dynamics import solve_inertia
 from steelyard.dynamics.catalogue import forward_dynamics_function
-from steelyard.graph import Argument, Function, Graph, Kernel, Node, Output, cos, jacobian, sign, sin, sqrt
+from steelyard.graph import (
+    Argument,
+    Function,
+    Graph,
+    Kernel,
+    Node,
+    Output,
+    cos,
+    evaluate_over,
+    jacobian,
+    sign,
+    sin,
+    sqrt,
+)
 
 __all__ = ["DAMPING", "MotionFunctions", "motion_functions", "rosenbrock", "runge_kutta_4"]
 
@@ -336,7 +348,5 @@ def motion_functions(model: Model, *, base: bool, smooth: bool, each: bool) -> M
 
 
 def _digest() -> str:
-    """Return a digest of the code that composes functions, which names their entries in the cache of compiled code."""
-    own = Path(__file__).resolve()
-    content = own.read_bytes() + (own.parent.parent / "codegen" / "evaluation.py").read_bytes()
-    return hashlib.sha256(content).hexdigest()
+    """Return a digest of this file, by which the cache tells the functions that it composes from earlier ones."""
+    return hashlib.sha256(Path(__file__).read_bytes()).hexdigest()
