@@ -20,7 +20,7 @@ __all__ = ["KINDS", "Extensions", "package_of", "register", "unregister"]
 T = TypeVar("T")
 
 KINDS = {
-    "commands": "steelyard.cli.plug_ins:COMMANDS",
+    "commands": "steelyard.cli.main:COMMANDS",
     "constraints": "steelyard.feasibility.constraints.toml_section:CONSTRAINTS",
     "description_formats": "steelyard.robot.description:DESCRIPTION_FORMATS",
     "estimators": "steelyard.estimators.estimator:ESTIMATORS",

@@ -11,7 +11,7 @@ import pytest
 
 from steelyard.codegen import Constant, Project, files, generate, languages
 from steelyard.errors import InputError
-from steelyard.files import folder
+from steelyard.files import writing
 from steelyard.graph import Argument, Function, Graph, Output, sin
 
 SCRIPT = """
@@ -120,7 +120,7 @@ def test_an_interrupted_rename_leaves_no_temporary_files(tmp_path: Path, monkeyp
 
     monkeypatch.setattr(os, "replace", refuse)
     monkeypatch.setattr(os, "rename", refuse)
-    monkeypatch.setattr(folder, "_exchange", lambda one, other: False)
+    monkeypatch.setattr(writing, "_exchange", lambda one, other: False)
     with pytest.raises(InputError, match=r"cannot be written \(No space left on device\)"):
         generate(small(), "c", tmp_path)
     assert list(tmp_path.iterdir()) == []

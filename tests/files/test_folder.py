@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 
 from steelyard.errors import InputError
-from steelyard.files import folder, replaced_folder
+from steelyard.files import replaced_folder, writing
 
 posix = pytest.mark.skipif(os.name != "posix", reason="needs fork and signals")
 
@@ -74,7 +74,7 @@ def test_folders_on_which_more_hangs_stay_themselves(
         given = tmp_path / "link"
         given.symlink_to(target)
     else:
-        monkeypatch.setattr(folder, "_exchange", lambda one, other: False)
+        monkeypatch.setattr(writing, "_exchange", lambda one, other: False)
     write(given, "new", record="run")
     assert case == "linked" or target.stat().st_ino == number
     assert case != "linked" or given.is_symlink()
@@ -91,7 +91,7 @@ def test_folders_on_which_more_hangs_stay_themselves(
 KILLED = """
 import os, signal, sys
 from pathlib import Path
-from steelyard.files import folder, replaced_folder, writing
+from steelyard.files import replaced_folder, writing
 
 place, case = Path(sys.argv[1]), sys.argv[2]
 target = place / "results"
@@ -105,7 +105,7 @@ def content():
     return {name: (target / name).read_text() for name in ("estimate", "report", "run") if (target / name).exists()}
 
 if case == "one by one":
-    folder._may_be_exchanged = lambda target: False
+    writing._may_be_exchanged = lambda target: False
 calls = ("mkdir", "link", "chmod", "rename", "replace", "unlink", "fsync", "rmdir")
 write("0")
 (target / "notes").write_text("mine")
@@ -128,7 +128,7 @@ while True:
 
         for name in calls:
             setattr(os, name, counted(getattr(os, name)))
-        folder._exchange = counted(folder._exchange)
+        writing._exchange = counted(writing._exchange)
         write(new)
         os._exit(0)
     _, status = os.waitpid(child, 0)
@@ -161,7 +161,7 @@ def test_what_comes_while_the_folder_is_made_is_kept(tmp_path: Path) -> None:
     target = tmp_path / "results"
     write(target, "old")
     (target / "notes").write_text("before")
-    exchange = folder._exchange
+    exchange = writing._exchange
 
     def late(one: Path, other: Path) -> bool:
         (target / "late").write_text("late")
@@ -170,7 +170,7 @@ def test_what_comes_while_the_folder_is_made_is_kept(tmp_path: Path) -> None:
         return exchange(one, other)
 
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(folder, "_exchange", late)
+        patch.setattr(writing, "_exchange", late)
         write(target, "new")
     assert content(target) == {
         **dict.fromkeys(("estimate", "report", "run"), "new"),

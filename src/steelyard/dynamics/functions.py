@@ -17,9 +17,8 @@ from steelyard.files import suggestion
 from steelyard.graph import Argument, Function, Graph, Kernel, Node, Output, operation_count
 
 from .base_parameters import BaseParameters
-from .catalogue import CATALOGUE, Entry, forward_dynamics_function
+from .catalogue import CATALOGUE, Entry, Scene, forward_dynamics_function
 from .layout import ParameterLayout
-from .scene import Scene
 from .terms import is_known_term
 
 __all__ = ["DEFAULT_FUNCTIONS", "BaseColumns", "Evaluator", "ModelFunctions", "SmoothSign"]

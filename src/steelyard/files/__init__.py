@@ -9,7 +9,6 @@ if TYPE_CHECKING:
     from .arguments import is_real as is_real
     from .arguments import read_number as read_number
     from .arguments import suggestion as suggestion
-    from .folder import replaced_folder as replaced_folder
     from .reading import LARGEST_JSON as LARGEST_JSON
     from .reading import LARGEST_TEXT as LARGEST_TEXT
     from .reading import parse_json as parse_json
@@ -25,6 +24,7 @@ if TYPE_CHECKING:
     from .toml_table import made_from_table as made_from_table
     from .writing import plain as plain
     from .writing import replaced_file as replaced_file
+    from .writing import replaced_folder as replaced_folder
     from .writing import write_bytes as write_bytes
     from .writing import write_json as write_json
     from .writing import write_text as write_text
