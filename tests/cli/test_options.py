@@ -11,7 +11,19 @@ import steelyard as sy
 from steelyard.cli.main import app
 
 GROUP = typer.main.get_command(app)
-OWN = ("demo", "inspect", "generate", "excite", "identify", "payload", "check", "correct", "explain", "simulate")
+OWN = (
+    "demo",
+    "inspect",
+    "generate",
+    "excite",
+    "identify",
+    "payload",
+    "check",
+    "correct",
+    "explain",
+    "simulate",
+    "example",
+)
 SHARED = ("consistency", "weights", "chunk_rows", "allow_extensions")
 PAGE = Path(__file__).parents[2] / "docs" / "reference" / "command-line.md"
 

@@ -2,9 +2,11 @@
 
 import numpy as np
 import pytest
+from scipy import signal
 
 import steelyard as sy
 from steelyard.recording import Processing, Recording, decide
+from steelyard.recording.cutoff.by_spectra import noise_share
 
 RATE, COULOMB, TURN = 500.0, np.array([3.0, 1.5]), 0.02
 
@@ -139,3 +141,45 @@ def test_evidence_can_be_looked_at(arm):
     np.testing.assert_array_equal(choice.joint_cutoffs, least)
     np.testing.assert_allclose(choice.error, np.exp(np.log(choice.joint_errors).mean(axis=1)))
     assert f"{choice.cutoff:.4g} Hz" in choice._repr_html_()
+
+
+def test_noise_that_a_controller_answers_is_not_taken_for_motion(arm):
+    """A slow motion with coarse encoders: torques answer their noise, and fit it best where the filter lets it pass."""
+    model, parameters = arm
+    random = np.random.default_rng(3)
+    a, b = 0.25 * random.normal(size=(2, 2, 4))
+    series = sy.excitation.FourierTrajectory(a=a, b=b, center=np.zeros(2), frequency=0.05)
+    sensors = sy.simulation.Sensors(encoder_resolution=2 * np.pi / 2**16, torque_noise=0.05)
+    played = sy.play(model, parameters, series, sensors=sensors, seed=1)
+    recording = Recording(t=played.t[::4], q=played.q[::4], torque=played.torque[::4])
+    choice = decide(Processing(cutoff="auto"), [recording], model).cutoff_choice
+    assert "noise of the positions" in choice.remark
+    base = model.base_parameters()
+    inertias = [k for k, name in enumerate(base.names) if name.startswith("Lzz")]
+
+    def wrong(cutoff):
+        found = sy.least_squares(processed(arm, recording, cutoff=cutoff)).base
+        return np.abs(found[inertias] / base.values(parameters)[inertias] - 1.0)
+
+    assert len(inertias) == 2
+    assert wrong("auto").max() < 0.25
+    assert wrong(46.0).min() > 0.5
+
+
+def test_share_of_noise_is_the_true_one():
+    random = np.random.default_rng(4)
+    t = np.arange(20_000) / RATE
+    q = np.sin(2 * np.pi * 0.4 * t)[:, None] * [1.0, 0.5]
+    noise = 1e-4 * random.normal(size=q.shape)
+    cutoffs = [10.0, 20.0, 40.0]
+    share = noise_share(q + noise, RATE, cutoffs)
+    for cutoff, told in zip(cutoffs, share, strict=True):
+        gain = signal.butter(3, cutoff, fs=RATE, output="sos")
+        left, moved = (
+            np.gradient(np.gradient(signal.sosfiltfilt(gain, x, axis=0), 1 / RATE, axis=0), 1 / RATE, axis=0)[500:-500]
+            for x in (noise, q + noise)
+        )
+        np.testing.assert_allclose(told, (left**2).mean(axis=0) / (moved**2).mean(axis=0), rtol=0.15)
+    still = noise_share(np.column_stack([q[:, 0], np.full(len(q), 0.3)]), RATE, cutoffs)
+    assert np.isfinite(still[:, 0]).all()
+    assert np.isnan(still[:, 1]).all()

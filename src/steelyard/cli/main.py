@@ -20,6 +20,7 @@ from .check import check
 from .compare import compare
 from .correct import correct
 from .demo import demo
+from .example import example
 from .excite import excite
 from .explain import explain
 from .generate import generate
@@ -122,6 +123,7 @@ app.command()(check)
 app.command()(correct)
 app.command()(explain)
 app.command()(simulate)
+app.command()(example)
 
 
 def _version(value: bool) -> None:

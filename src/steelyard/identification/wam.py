@@ -16,6 +16,7 @@ from steelyard.recording import Recording
 from steelyard.robot import Inertia, Robot
 from steelyard.robot.inertia import inertia_tensor
 
+from .examples import deviating
 from .identify import identify
 from .parameter_table import ParameterTable
 from .result import Identification
@@ -141,16 +142,13 @@ def true_parameters() -> Array:
 def wrong_cad() -> dict[str, Inertia]:
     """Return what the robot file says of the links: their true inertias, each wrong by tens of percent.
 
-    Of every link the mass, and the inertia about the centre of mass once more, are multiplied by the exponential of a
-    normal deviate of 0.3, and the components of the centre of mass by one plus such a deviate; always the same ones.
+    They are off by deviates of 0.3, see `steelyard.identification.examples.deviating`; always the same ones.
     """
     random = np.random.default_rng(CAD_SEED)
     found = {}
     for number, (mass, com, elements) in enumerate(_BODIES, start=1):
-        heavier, wider = np.exp(CAD_ERROR * random.standard_normal(2))
-        center = np.array(com) * (1.0 + CAD_ERROR * random.standard_normal(3))
-        told = np.array(elements) * heavier * wider
-        found[f"link{number}"] = Inertia.from_com(mass * heavier, center, inertia_tensor(told))
+        true = Inertia.from_com(mass, com, inertia_tensor(elements))
+        found[f"link{number}"] = deviating(true, CAD_ERROR, random)
     return found
 
 

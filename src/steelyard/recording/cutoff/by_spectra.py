@@ -13,7 +13,7 @@ from ..filters.zero_phase import edge_rows, low_pass, motion_frequency
 from ..measurements import Measurements
 from .evidence import Curve, CutoffChoice, Plot
 
-__all__ = ["ResidualAnalysis", "Spectra", "choose_cutoff", "motion_spectra", "residual_analysis"]
+__all__ = ["ResidualAnalysis", "Spectra", "choose_cutoff", "motion_spectra", "noise_share", "residual_analysis"]
 
 Array = NDArray[np.float64]
 CANDIDATES = 96
@@ -28,6 +28,9 @@ MOTION_SHARE = 0.99
 """Share of the power of a joint's positions below the frequency from which the end of the motion is searched."""
 HIGHEST = 0.4
 """Fraction of the sample rate; what lies above it is taken for the work of filters in the drive."""
+FLOOR = 0.25
+"""Fraction of the sample rate above which positions are taken to hold noise alone."""
+STILL = 1e-290  # density of positions that do not change, which is 1e-300 here
 STRAIGHT = 0.5
 """The line is laid through the residuals at the cutoffs above this fraction of the highest."""
 
@@ -82,19 +85,13 @@ def motion_spectra(q: ArrayLike, rate: float, source: str = "recording") -> Spec
     ----------
     P. D. Welch, IEEE Trans. Audio and Electroacoustics 15, 1967.
     """
-    from scipy.signal import welch
-
     values = np.asarray(q, dtype=np.float64)
     count, joints = values.shape
     if count < FEWEST:
         raise InputError(
             f"{source} has {count} rows, too few to choose a cutoff by; state `cutoff` in [processing], in Hz."
         )
-    ramp = np.linspace(-1.0, 1.0, count)[:, None]
-    centred = values - values.mean(axis=0)
-    centred = centred - ramp * (ramp * centred).sum(axis=0) / (ramp**2).sum()
-    f, density = welch(centred, rate, window="blackman", nperseg=count, axis=0)
-    f, density = np.asarray(f[1:], dtype=np.float64), np.maximum(density[1:], 1e-300)
+    f, density = _density(values, rate)
     crossover, noise = np.full(joints, np.nan), np.zeros(joints)
     for j in range(joints):
         if values[:, j].std() < 1e-9:
@@ -119,12 +116,50 @@ def motion_spectra(q: ArrayLike, rate: float, source: str = "recording") -> Spec
     return Spectra(f, density, crossover, noise)
 
 
+def _density(values: Array, rate: float) -> tuple[Array, Array]:
+    """Return frequencies (F,) without 0, and the one-sided density (F, N) of positions less their linear trend."""
+    from scipy.signal import welch
+
+    ramp = np.linspace(-1.0, 1.0, len(values))[:, None]
+    centred = values - values.mean(axis=0)
+    centred = centred - ramp * (ramp * centred).sum(axis=0) / (ramp**2).sum()
+    f, density = welch(centred, rate, window="blackman", nperseg=len(values), axis=0)
+    return np.asarray(f[1:], dtype=np.float64), np.maximum(density[1:], 1e-300)
+
+
+def _gain(f: Array, cutoffs: Array, rate: float, order: int) -> Array:
+    """Return the response (C, F) of a Butterworth filter that is applied forwards and backwards."""
+    ratio = np.tan(np.pi * np.minimum(f / rate, 0.4999)) / np.tan(np.pi * cutoffs / rate)[:, None]
+    return np.asarray(1.0 / (1.0 + ratio ** (2 * order)))
+
+
 def _smoothed(f: Array, values: Array) -> Array:
     """Return the running mean over a sixth of an octave around each frequency."""
     low = np.searchsorted(f, f * 2.0 ** (-1.0 / 12.0))
     high = np.maximum(np.searchsorted(f, f * 2.0 ** (1.0 / 12.0), side="right"), low + 1)
     sums = np.concatenate([[0.0], np.cumsum(values)])
     return np.asarray((sums[high] - sums[low]) / (high - low))
+
+
+def noise_share(q: ArrayLike, rate: float, cutoffs: ArrayLike, order: int = 3) -> Array:
+    """Estimate which part of the accelerations' power is noise of the positions (S, N), for cutoffs (C,) in Hz.
+
+    The noise, of which the steps of an encoder are the least, has the density that is found from a quarter to 0.4 of
+    the sample rate, where no joint moves. Regressors with such noise make inertias too small by about this part.
+
+    Returns
+    -------
+    (C, N)
+        NaN for joints whose positions do not change.
+    """
+    f, density = _density(np.asarray(q, dtype=np.float64), rate)
+    top = (f >= FLOOR * rate) & (f <= HIGHEST * rate)
+    floor = np.median(density[top], axis=0) / np.log(2.0) if top.any() else np.zeros(density.shape[1])
+    weights = (2.0 * np.pi * f) ** 4 * _gain(f, np.asarray(cutoffs, dtype=np.float64), rate, order) ** 2
+    power = weights @ density
+    left = weights.sum(axis=1)[:, None] * floor
+    with np.errstate(invalid="ignore", divide="ignore"):
+        return np.where(density.max(axis=0) > STILL, left / power, np.nan)
 
 
 @dataclass(frozen=True, eq=False)
@@ -286,8 +321,7 @@ def choose_cutoff(recording: Measurements, order: int = 3) -> CutoffChoice:
 def _expected(spectra: Spectra, candidates: Array, rate: float, order: int) -> tuple[Array, Array]:
     """Return the relative mean squares of distortion and of noise, (C, N) each."""
     f = spectra.frequencies
-    ratio = np.tan(np.pi * np.minimum(f / rate, 0.4999)) / np.tan(np.pi * candidates / rate)[:, None]
-    gain = 1.0 / (1.0 + ratio ** (2 * order))  # (C, F)
+    gain = _gain(f, candidates, rate, order)
     distortion, left = np.zeros((2, len(candidates), spectra.density.shape[1]))
     for j in np.flatnonzero(spectra.moving):
         density, level = spectra.density[:, j], spectra.noise[j]

@@ -14,6 +14,7 @@ from steelyard.errors import InputError
 from ..filters.zero_phase import motion_frequency
 from ..measurements import Measurements
 from ..samples import Samples
+from .by_spectra import noise_share
 from .evidence import Curve, CutoffChoice, Plot
 
 if TYPE_CHECKING:
@@ -34,6 +35,13 @@ TOLERANCE = 0.01
 is in step with it and biases every parameter; noise in the accelerations is not, averages out over the rows, and biases
 by its square only. On a simulated UR5 (`benchmarks/defaults.py`, least squares) the lowest cutoff within the tolerance,
 1.5 Hz, has an error of 0.19 %, the highest, 6 Hz, one of 0.15 %."""
+NOISE = 0.01
+"""Part of the accelerations' power, in the median of the joints, that may be noise of the positions. A controller
+answers that noise with torques, so that the residual alone asks for more and more of it: on a slow motion (0.25 Hz)
+with encoders of 17 bits at 250 Hz it chose 46 Hz, where 30 % of the power was noise, and rotor inertias came out at
+half their size. The cutoffs that the residual chooses on real recordings have at most 3e-4."""
+NEEDED = 2.0
+"""Times the frequency of the motion below which cutoffs are tried whatever their noise."""
 FAST = 0.3
 """Fraction of a joint's own root mean square velocity below which rows do not count. Near a reversal the residual shows
 how friction turns its sign, and how the filter rounds that; with 0.1 it has several minima on arms that stick."""
@@ -118,7 +126,8 @@ def cutoff_by_torques(
     it with the model, all logs together and each joint weighted by its own residual. Too low a cutoff takes off motion
     that the torques have answered to, too high a one lets noise into the accelerations; both raise the residual, by as
     much as they matter to the torques of this robot. The highest cutoff is taken at which the geometric mean of the
-    joints' residuals is within 1 % of its least.
+    joints' residuals is within 1 % of its least. Cutoffs that leave noise of the positions as more than 1 % of the
+    power of the accelerations are not tried, because a controller answers that noise with torques.
 
     Parameters
     ----------
@@ -149,6 +158,8 @@ def cutoff_by_torques(
     lowest = min(max(0.5 * frequency, 3.0 / duration), highest)
     count = int(np.floor(np.log(highest / lowest) / np.log(RATIO) + 1e-9)) + 1
     candidates = lowest * RATIO ** np.arange(count)
+    too_high = _noisy(recordings, candidates, order) & (candidates > NEEDED * frequency)
+    candidates = candidates[: max(1, len(candidates) - np.count_nonzero(np.maximum.accumulate(too_high)))]
     votes = _votes(process(min(2.0 * REFERENCE * lowest, highest), ENDS / lowest))
     residuals: list[Array] = []
     means: list[float] = []
@@ -175,7 +186,19 @@ def cutoff_by_torques(
     cutoff = float(tried[last])
     if last + 1 < len(error):
         cutoff *= RATIO ** float((limit - error[last]) / (error[last + 1] - error[last]))
-    return _choice(cutoff, order, source, recordings, tried, np.array(residuals), frequency)
+    limited = last + 1 == len(candidates) < count
+    return _choice(cutoff, order, source, recordings, tried, np.array(residuals), frequency, limited)
+
+
+def _noisy(recordings: Sequence[Measurements], candidates: Array, order: int) -> NDArray[np.bool_]:
+    """Say for which candidates (C,) noise of the positions is too large a part of the accelerations in some log."""
+    noisy = np.zeros(len(candidates), dtype=bool)
+    for recording in recordings:
+        share = noise_share(recording.q, recording.rate, candidates, order)
+        moving = np.isfinite(share[0])
+        if moving.any():
+            noisy |= np.median(share[:, moving], axis=1) > NOISE
+    return noisy
 
 
 def _choice(
@@ -186,8 +209,12 @@ def _choice(
     tried: Array,
     residuals: Array,
     frequency: float,
+    limited: bool,
 ) -> CutoffChoice:
-    """Return the choice with its evidence: the residuals (C, N) of the joints at the cutoffs (C,) that were tried."""
+    """Return the choice with its evidence: the residuals (C, N) of the joints at the cutoffs (C,) that were tried.
+
+    The choice is `limited` where noise of the positions kept higher cutoffs from being tried.
+    """
     names = recordings[0].column_labels
     told = np.asarray(np.isfinite(residuals).all(axis=0))
     error = np.asarray(np.exp(np.mean(np.log(residuals[:, told]), axis=1)))
@@ -214,7 +241,14 @@ def _choice(
         remark=(
             f"Positions were filtered at {cutoff:.4g} Hz, chosen by the torques of {source}: the error of "
             f"the model, {100.0 * error[best]:.3g} %, is least at {tried[best]:.3g} Hz and stays within "
-            f"{100.0 * TOLERANCE:g} % of that up to the choice; set `cutoff` in [processing] to choose."
+            f"{100.0 * TOLERANCE:g} % of that up to the choice; "
+            + (
+                f"beyond it, more than {100.0 * NOISE:g} % of the accelerations' power would be noise of the "
+                "positions, which makes inertias too small; "
+                if limited
+                else ""
+            )
+            + "set `cutoff` in [processing] to choose."
         ),
         explanation=(
             "The cutoff of the position filter was chosen by the torques: for every candidate, the motion was filtered "
