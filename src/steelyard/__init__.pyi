@@ -1,6 +1,8 @@
 # The rooms, and the public names that need none, one a line and each from where it is defined: what type checkers read,
 # and what __init__.py looks names up in.
 
+from steelyard.excitation.design import ExcitationDesign as ExcitationDesign
+
 from . import codegen as codegen
 from . import collision as collision
 from . import conic as conic
@@ -30,7 +32,6 @@ from .errors import SolverError as SolverError
 from .errors import SteelyardError as SteelyardError
 from .estimators.fit import fit as fit
 from .excitation.design import design_excitation as design_excitation
-from .excitation.excitation_design import ExcitationDesign as ExcitationDesign
 from .excitation.motion_limits import MotionLimits as MotionLimits
 from .excitation.trajectory_files import load_trajectory as load_trajectory
 from .feasibility.check import Verdict as Verdict

@@ -5,9 +5,9 @@ from typing import TYPE_CHECKING
 from steelyard.first_use import import_at_first_use
 
 if TYPE_CHECKING:
+    from .design import ExcitationDesign as ExcitationDesign
     from .design import ExcitationObjective as ExcitationObjective
     from .design import design_excitation as design_excitation
-    from .excitation_design import ExcitationDesign as ExcitationDesign
     from .fourier import FourierTrajectory as FourierTrajectory
     from .fourier import RestToRestTrajectory as RestToRestTrajectory
     from .limit_margins import Margin as Margin

@@ -10,29 +10,32 @@ from typing import TYPE_CHECKING, Any, Literal
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from steelyard.display import html_table
 from steelyard.dynamics import Model
 from steelyard.errors import InputError, SolverError
+from steelyard.files import replaced_folder, write_json
 from steelyard.recording import Samples
 from steelyard.regression import Information
 
 from .criterion import TORQUE_NOISE, Criterion, Identifiability, Spectrum, identifiability, make_subset
 from .design_problem import DesignProblem, coefficient_scale
-from .excitation_design import ExcitationDesign, nearest_first
 from .family import Family, make_family
 from .limit_margins import Margin, Verifier, keeps_all, margins_of
 from .motion_constraints import MotionConstraint, joint_limits, torque_limits
 from .motion_limits import MotionLimits, limits_from_file
 from .motion_search import Search, SearchOptions, resting_configurations
-from .trajectory import Trajectory
+from .trajectory import Trajectory, save_trajectory
 from .vjp import RegressorInformation
 from .workers import single_threaded
 
 if TYPE_CHECKING:
     from steelyard.collision.surroundings import Surroundings
 
-__all__ = ["ExcitationObjective", "design_excitation"]
+__all__ = ["FORMAT", "ExcitationDesign", "ExcitationObjective", "design_excitation", "nearest_first"]
 
 Array = NDArray[np.float64]
+
+
 _WATCHED = (
     "; self-collision is watched by default, and [collision] in the limits file has `exclude` for pairs of links and "
     "`self = false` for none"
@@ -445,3 +448,199 @@ def _notes(status: str, finished: int, starts: int) -> list[str]:
     if status == "time limit":
         return [f"The time limit came after {finished} of {starts} starts; this is the best motion so far."]
     return []
+
+
+FORMAT = "steelyard-excitation-1"
+
+
+@dataclass(frozen=True, eq=False)
+class ExcitationDesign:
+    """The result of :func:`steelyard.design_excitation`.
+
+    Attributes
+    ----------
+    robot_name : str
+    joint_names : tuple of str
+    trajectory : Trajectory
+        The whole motion, from rest to rest.
+    excitation : Trajectory
+        The period to which the criterion applies: a Fourier series without its ramp-up and ramp-down; otherwise the
+        whole motion.
+    condition_number : float
+        Condition number of the base regressor over one period at `rate`, with equal weights of all joints and the exact
+        sign of Coulomb friction. It equals :attr:`steelyard.Information.condition_number` of the samples.
+    combined_condition_number : float or None
+        Condition number of this motion and the prior information together.
+    criterion : {"condition", "d", "a"}
+    figure : float
+        Value of the criterion for the chosen weights, subset and prior information: condition number, logarithm of the
+        determinant of the information, or trace of its inverse.
+    subset : tuple of str
+        The parameters that the motion was to identify, where not all were.
+    terms : tuple of str
+        Terms of the model besides rigid links, such as ``"viscous"``.
+    parameter_count, base_count : int
+        Numbers of parameters and of base parameters of the model.
+    uncertainty : float
+        Expected standard deviation, with torque noise of one per cent and the prior information, of the least certain
+        combination of the parameters in the subset, relative to the 2-norm of all base parameters. Above 1 the motion
+        does not identify what was asked, see `identifies`.
+    unidentifiable : tuple of str
+        Where the uncertainty is above 1, the parameters that cause it, the least certain first.
+    unchecked : tuple of str
+        Collisions that were not checked, in sentences with the reason and the remedy.
+    limits : MotionLimits
+        The limits of the design, reduced by the fraction that was to be left free.
+    margins : tuple of Margin
+        Margins of every limit over the whole motion at 1 kHz, the smallest first.
+    family, method, status : str
+        Family of trajectories, method of the search, and how the search ended: ``"finished"``, ``"time limit"`` or
+        ``"interrupted"``. In the latter two cases the result is the best motion so far.
+    rate : float
+        Rate at which the motion will be recorded, Hz.
+    ramp_time : float
+        Duration of the ramp-up, and of the ramp-down, s.
+    seed, starts, finished_starts : int
+        Seed of the search, number of starts, and number of starts that were finished.
+    remarks : tuple of str
+        Remarks for the user, in sentences.
+    """
+
+    robot_name: str
+    joint_names: tuple[str, ...]
+    trajectory: Trajectory
+    excitation: Trajectory
+    condition_number: float
+    combined_condition_number: float | None
+    criterion: str
+    figure: float
+    subset: tuple[str, ...]
+    terms: tuple[str, ...]
+    parameter_count: int
+    base_count: int
+    uncertainty: float
+    unidentifiable: tuple[str, ...]
+    unchecked: tuple[str, ...]
+    limits: MotionLimits
+    margins: tuple[Margin, ...]
+    family: str
+    method: str
+    status: str
+    rate: float
+    ramp_time: float
+    seed: int
+    starts: int
+    finished_starts: int
+    remarks: tuple[str, ...] = ()
+
+    @property
+    def identifies(self) -> bool:
+        """Whether the motion can identify what was asked, with torque noise of one per cent."""
+        return self.uncertainty <= 1.0
+
+    @property
+    def warnings(self) -> tuple[str, ...]:
+        """The most important remarks: parameters that cannot be identified, and collisions that were not checked."""
+        return self.remarks[: bool(self.unidentifiable) + len(self.unchecked)]
+
+    @property
+    def start(self) -> dict[str, float]:
+        """Position of each joint at the beginning of the motion, rad or m."""
+        q = self.trajectory.motion([0.0])[0][0]
+        return dict(zip(self.joint_names, q.tolist(), strict=True))
+
+    def sample(self, rate: float) -> tuple[Array, Array, Array, Array]:
+        """Return t (S,), q, dq and ddq (S, N) of `excitation` at `rate` (Hz).
+
+        The whole motion with its ramp-up and ramp-down is ``trajectory.sample(rate)``.
+        """
+        return self.excitation.sample(rate)
+
+    def save(self, path: str | Path, *, rate: float | None = None) -> None:
+        """Write the whole motion, as :func:`steelyard.excitation.save_trajectory` does, with the joints' names."""
+        save_trajectory(self.trajectory, path, rate=rate, joint_names=self.joint_names)
+
+    def save_all(self, folder: str | Path) -> tuple[Path, ...]:
+        """Write ``trajectory.csv``, ``.parquet``, ``.yaml`` and ``.json`` and ``excite.json`` into a folder.
+
+        Parameters
+        ----------
+        folder : str or Path
+            The folder is made where it is missing; files of the same names are replaced.
+
+        Returns
+        -------
+        tuple of Path
+        """
+        names = [*(f"trajectory.{suffix}" for suffix in ("csv", "parquet", "yaml", "json")), "excite.json"]
+        with replaced_folder(folder, record=names[-1]) as made:
+            for name in names[:-1]:
+                self.save(made / name)
+            write_json(self.to_dict(), made / names[-1], indent=2)
+        return tuple(Path(folder) / name for name in names)
+
+    def to_dict(self) -> dict[str, Any]:
+        """Return the options, results and margins of the design as plain data."""
+        margins = [
+            {"limit": m.name, "part": m.label, "margin": m.clearance, "fraction": m.fraction, "time": m.time}
+            for m in self.margins
+        ]
+        return {
+            "format": FORMAT,
+            "robot": self.robot_name,
+            "joint_names": list(self.joint_names),
+            "family": self.family,
+            "duration": self.trajectory.duration,
+            "period": self.excitation.duration,
+            "ramp_time": self.ramp_time,
+            "start": self.start,
+            "rate": self.rate,
+            "condition_number": self.condition_number,
+            "combined_condition_number": self.combined_condition_number,
+            "criterion": self.criterion,
+            "figure": self.figure,
+            "subset": list(self.subset),
+            "terms": list(self.terms),
+            "parameters": self.parameter_count,
+            "base_parameters": self.base_count,
+            "identifies": self.identifies,
+            "uncertainty": self.uncertainty,
+            "unidentifiable": list(self.unidentifiable),
+            "unchecked": list(self.unchecked),
+            "method": self.method,
+            "status": self.status,
+            "seed": self.seed,
+            "starts": self.starts,
+            "finished_starts": self.finished_starts,
+            "limits": self.limits.to_dict(),
+            "margins": margins,
+            "remarks": list(self.remarks),
+        }
+
+    def nearest(self) -> tuple[Margin, ...]:
+        """Return for each constraint its smallest margin, relative to its scale."""
+        first: dict[str, Margin] = {}
+        for margin in self.margins:
+            first.setdefault(margin.name, margin)
+        return tuple(first.values())
+
+    def __repr__(self) -> str:
+        together = "" if self.combined_condition_number is None else f", together {self.combined_condition_number:.4g}"
+        near = f"; nearest limit: {self.margins[0]}" if self.margins else ""
+        return (
+            f"ExcitationDesign({self.robot_name}: {self.family}, {self.trajectory.duration:g} s, condition number "
+            f"{self.condition_number:.4g}{together}, {self.status}{near})"
+        )
+
+    def _repr_html_(self) -> str:
+        rows = [(m.name, m.label, f"{m.clearance:.4g}", f"{m.time:.3f}") for m in self.nearest()]
+        title = (
+            f"{self.robot_name}: {self.family}, {self.trajectory.duration:g} s, "
+            f"condition number {self.condition_number:.4g}"
+        )
+        return html_table(title, ("limit", "nearest part", "margin", "time, s"), rows, self.remarks)
+
+
+def nearest_first(margins: Sequence[Margin]) -> tuple[Margin, ...]:
+    """Sort margins by their fraction of the scale, the smallest first."""
+    return tuple(sorted(margins, key=lambda m: m.fraction))

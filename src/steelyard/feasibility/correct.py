@@ -11,8 +11,7 @@ from steelyard.errors import InputError, SolverError
 
 from .certificates import FeasibilityCertificate
 from .feasible_set import MARGIN_FACTORS, FeasibleSet
-from .metric import Metric
-from .nearest_point import FINE, NearestPoint
+from .nearest_point import FINE, Metric, NearestPoint
 
 __all__ = ["Correction", "correct"]
 

@@ -13,8 +13,7 @@ import numpy as np
 from steelyard.errors import InputError
 from steelyard.lmi import AffineBlock
 
-from .constraint import Equality, ModelLike
-from .links import LinkParameters, equation, scalar_block
+from .constraint import Equality, LinkParameters, ModelLike, equation, scalar_block
 from .toml_section import read_quantity, read_vector, table
 
 __all__ = ["CenterOfMassBox", "CenterOfMassSphere"]

@@ -15,8 +15,7 @@ from steelyard.errors import InputError
 from steelyard.lmi import AffineBlock
 from steelyard.robot.inertia import PSEUDO_INERTIA, moment_row
 
-from .constraint import Equality, ModelLike
-from .links import LinkParameters
+from .constraint import Equality, LinkParameters, ModelLike
 from .toml_section import read_rotation, read_vector, table
 
 __all__ = ["DensityInBox", "DensityInEllipsoid"]

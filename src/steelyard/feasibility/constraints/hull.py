@@ -18,8 +18,7 @@ from steelyard.files import read_bytes, read_text, require_file, shown
 from steelyard.files.arrays import read_array
 from steelyard.lmi import AffineBlock
 
-from .constraint import Equality, ModelLike
-from .links import LinkParameters, equation
+from .constraint import Equality, LinkParameters, ModelLike, equation
 from .toml_section import read_placement, read_quantity, table
 
 __all__ = ["CenterOfMassHull", "ConvexHullForm", "convex_hull", "read_points"]

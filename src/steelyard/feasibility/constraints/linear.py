@@ -17,8 +17,7 @@ from steelyard.files import is_real, read_number, suggestion
 from steelyard.lmi import AffineBlock, LinearExpression, as_expression
 from steelyard.regression import Estimate
 
-from .constraint import Equality, ModelLike
-from .links import scalar_block
+from .constraint import Equality, ModelLike, scalar_block
 from .toml_section import read_quantity, table
 
 __all__ = ["ConfidenceInterval", "LinearBound", "confidence_intervals"]

@@ -14,8 +14,7 @@ from steelyard.errors import InputError
 from steelyard.files import is_real
 from steelyard.lmi import AffineBlock
 
-from .constraint import Equality, ModelLike
-from .links import LinkParameters, scalar_block
+from .constraint import Equality, LinkParameters, ModelLike, scalar_block
 from .toml_section import read_quantity, table
 
 __all__ = ["MeasuredMass", "TotalMass"]

@@ -16,8 +16,7 @@ from steelyard.lmi import AffineBlock
 from steelyard.robot.inertia import transformation
 from steelyard.robot.placement import axis_frame
 
-from .constraint import Equality, ModelLike
-from .links import LinkParameters, equation, independent_rows
+from .constraint import Equality, LinkParameters, ModelLike, equation, independent_rows
 from .toml_section import read_placement, read_vector, table
 
 __all__ = ["EqualLinks", "SymmetricLink"]
