@@ -36,11 +36,11 @@ if TYPE_CHECKING:
     from .constraints import confidence_intervals as confidence_intervals
     from .correct import Correction as Correction
     from .correct import correct as correct
-    from .diagnosis import BaseParameterDegree as BaseParameterDegree
-    from .diagnosis import InfeasibilityExplanation as InfeasibilityExplanation
-    from .diagnosis import IrreducibleInfeasibleSubsystem as IrreducibleInfeasibleSubsystem
-    from .diagnosis import explain_infeasibility as explain_infeasibility
+    from .explanation import BaseParameterDegree as BaseParameterDegree
+    from .explanation import InfeasibilityExplanation as InfeasibilityExplanation
+    from .explanation import explain_infeasibility as explain_infeasibility
     from .feasible_set import FeasibleSet as FeasibleSet
+    from .irreducible_subsystem import IrreducibleInfeasibleSubsystem as IrreducibleInfeasibleSubsystem
     from .tie_break import TieBreak as TieBreak
 
 __all__ = import_at_first_use(__name__, __file__)

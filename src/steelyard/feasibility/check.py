@@ -10,8 +10,9 @@ from steelyard.errors import InputError
 from steelyard.lmi import is_positive_definite
 
 from .certificates import FeasibilityCertificate, InfeasibilityCertificate
-from .checking import MARGIN_CAP, decide, largest_margin, least_violations
 from .feasible_set import FeasibleSet
+from .margin import MARGIN_CAP, largest_margin, least_violations
+from .proof_search import decide
 from .tie_break import lightest_parameters
 
 __all__ = ["Verdict", "Violation", "check"]

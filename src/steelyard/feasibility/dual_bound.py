@@ -4,7 +4,7 @@ By weak duality, every dual point that satisfies the dual equations gives a boun
 accuracy. `Mending` changes the dual point such that they hold to rounding; the rest is subtracted from the bound, which
 then holds for robots up to a certain size. Two classes use it: `SliceBound` for bounds of single quantities, and
 `ConvexProblem` for lower bounds of the objective of a fit. Proofs without such a restriction are exact dual points, in
-`checking.exact_dual_point`.
+`exact_dual_point`.
 """
 
 from collections.abc import Callable, Iterator, Sequence

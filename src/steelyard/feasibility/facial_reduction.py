@@ -37,8 +37,8 @@ from steelyard.conic.clarabel_solver import RepeatedProblem
 from steelyard.lmi import AffineStack, symmetric_to_vector, vector_to_symmetric
 
 from .certificates.rational import exact_number
-from .checking.margin import BlockProblem
 from .feasible_set import FeasibleSet
+from .margin import BlockProblem
 
 if TYPE_CHECKING:
     from .bounds.normalised_problem import Ball, DualPoint, NormalisedProblem

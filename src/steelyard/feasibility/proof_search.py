@@ -6,12 +6,12 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
-from .. import checking  # the dual center is imported when a margin does not decide
-from ..certificates import FeasibilityCertificate, InfeasibilityCertificate
-from ..certificates.rational import exact_number
-from ..facial_reduction import dual_face
-from ..feasible_set import FeasibleSet
+from .certificates import FeasibilityCertificate, InfeasibilityCertificate
+from .certificates.rational import exact_number
+from .dual_center import Fibre, center
 from .exact_dual_point import least_trace_bound, prove_infeasible, prove_infeasible_up_to_a_size
+from .facial_reduction import dual_face
+from .feasible_set import FeasibleSet
 from .margin import MARGIN_CAP, TRACE_BOUND, DualPoint, largest_margin
 
 __all__ = ["Decision", "decide"]
@@ -126,10 +126,10 @@ def _attained(feasible_set: FeasibleSet, parameters: Vector) -> float:
 def _centred_proof(feasible_set: FeasibleSet, base: Vector) -> InfeasibilityCertificate | FeasibilityCertificate | None:
     """A proof of either kind by Newton's method and margins in its metric; None if none is found."""
     face = dual_face(feasible_set)
-    fibre = checking.Fibre(feasible_set, feasible_set.lift @ base, face.bases)
+    fibre = Fibre(feasible_set, feasible_set.lift @ base, face.bases)
     matrices = fibre.matrices(DualPoint(face.interior, face.multipliers))
     for turn in range(TURNS):
-        found = checking.center(fibre, matrices, FIRST_STEPS if turn == 0 else LATER_STEPS)
+        found = center(fibre, matrices, FIRST_STEPS if turn == 0 else LATER_STEPS)
         if found is None:
             return None
         if found.feasible:
@@ -152,9 +152,7 @@ def _centred_proof(feasible_set: FeasibleSet, base: Vector) -> InfeasibilityCert
         if proof is not None:
             return proof
         parameters = found.parameters + fibre.directions @ metric.along(along)
-        fibre = checking.Fibre(
-            feasible_set, parameters if np.all(np.isfinite(parameters)) else found.parameters, face.bases
-        )
+        fibre = Fibre(feasible_set, parameters if np.all(np.isfinite(parameters)) else found.parameters, face.bases)
         # As far towards the solver's point as the cone allows.
         lowest = min(float(np.linalg.eigvalsh(matrix)[0]) for matrix in metric.stack.matrices(dual))
         farthest = min(FARTHEST, 0.5 / max(-lowest, 1e-16))

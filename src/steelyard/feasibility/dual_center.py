@@ -16,7 +16,7 @@ import scipy.linalg as linalg
 from steelyard.conic import Cone, ConicProblem, Rows, solve
 from steelyard.lmi import AffineStack, symmetric_to_vector, vector_to_symmetric
 
-from ..feasible_set import FeasibleSet
+from .feasible_set import FeasibleSet
 from .margin import BlockProblem, DualPoint
 
 __all__ = ["Center", "Fibre", "Metric", "center"]

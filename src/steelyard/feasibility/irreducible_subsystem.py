@@ -8,7 +8,7 @@ import numpy.typing as npt
 from steelyard.conic import Cone, ConicProblem, Rows, solve
 from steelyard.lmi import AffineStack, symmetric_to_vector
 
-from ..feasible_set import FeasibleSet
+from .feasible_set import FeasibleSet
 
 __all__ = ["IrreducibleInfeasibleSubsystem", "irreducible_infeasible_subsystems", "separation"]
 

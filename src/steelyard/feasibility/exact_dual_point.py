@@ -9,13 +9,13 @@ import numpy.typing as npt
 
 from steelyard.lmi import symmetric_to_vector
 
-from ..certificates import InfeasibilityCertificate
-from ..certificates.exact_set import exact_conditions, exact_vector
-from ..certificates.rational import SparseRows, exact_number, zero_combination_basis
-from ..certificates.statement import Matrix as ExactMatrix
-from ..certificates.verification import LEAST_RELATIVE_TRACE_BOUND, LEAST_TRACE_BOUND
-from ..facial_reduction import DualFace, dual_face, orthogonal
-from ..feasible_set import FeasibleSet
+from .certificates import InfeasibilityCertificate
+from .certificates.exact_set import exact_conditions, exact_vector
+from .certificates.rational import SparseRows, exact_number, zero_combination_basis
+from .certificates.statement import Matrix as ExactMatrix
+from .certificates.verification import LEAST_RELATIVE_TRACE_BOUND, LEAST_TRACE_BOUND
+from .facial_reduction import DualFace, dual_face, orthogonal
+from .feasible_set import FeasibleSet
 from .margin import DualPoint
 
 __all__ = ["least_trace_bound", "prove_infeasible", "prove_infeasible_up_to_a_size"]

@@ -13,12 +13,12 @@ from steelyard.dynamics.threads import one_thread
 from steelyard.errors import InputError
 from steelyard.regression import ParameterCovariance
 
-from ..bounds.confidence_region import region_of
-from ..check import check
-from ..feasible_set import FeasibleSet
-from ..nearest_point import nearest_in_region
-from ..wording import base_expressions, base_names, combination, percent, plain
+from .bounds.confidence_region import region_of
+from .check import check
+from .feasible_set import FeasibleSet
 from .irreducible_subsystem import IrreducibleInfeasibleSubsystem, irreducible_infeasible_subsystems
+from .nearest_point import nearest_in_region
+from .wording import base_expressions, base_names, combination, percent, plain
 
 __all__ = [
     "BaseParameterDegree",

@@ -10,7 +10,7 @@ import scipy.sparse as sparse
 from steelyard.conic import Cone, ConicProblem, Outcome, Rows, solve
 from steelyard.lmi import AffineBlock, AffineStack
 
-from ..feasible_set import FeasibleSet
+from .feasible_set import FeasibleSet
 
 __all__ = ["MARGIN_CAP", "TRACE_BOUND", "BlockProblem", "DualPoint", "Margin", "largest_margin", "least_violations"]
 
