@@ -226,3 +226,26 @@ def test_meshes_print_themselves():
     corners = np.vstack([np.zeros(3), np.eye(3)])
     assert repr(Mesh(corners)) == "Mesh(convex hull of 4 vertices)"
     assert repr(Mesh(corners, [[0, 1, 2]], exact=True)) == "Mesh(surface of 1 triangles)"
+
+
+def test_no_path_leaves_the_package(tmp_path, monkeypatch):
+    monkeypatch.delenv("ROS_PACKAGE_PATH", raising=False)
+    secret = tmp_path / "secret.stl"
+    secret.write_bytes(b"solid")
+    urdf = tmp_path / "thing" / "urdf" / "deep" / "thing.urdf"
+    urdf.parent.mkdir(parents=True)
+    for reference in ("package://thing/../secret.stl", "model://../secret.stl", "package://thing/a/../../secret.stl"):
+        with pytest.raises(InputError, match="leads out of its package"):
+            find_mesh(reference, urdf)
+    with pytest.raises(InputError, match="leads out of its package"):
+        find_mesh("package://thing//etc/passwd", urdf)
+    with pytest.raises(InputError, match=r"leads out of .*thing/urdf, to which the description belongs"):
+        find_mesh("../../../secret.stl", urdf)
+    # A package.xml says how far a package reaches, and may give it another name than its folder.
+    (tmp_path / "thing" / "package.xml").write_text("<package><name>other</name></package>")
+    inside = tmp_path / "thing" / "a.stl"
+    inside.write_bytes(b"solid")
+    assert find_mesh("../../a.stl", urdf).samefile(inside)
+    assert find_mesh("package://other/a.stl", urdf) == inside
+    with pytest.raises(InputError, match=r"leads out of .*thing, to which"):
+        find_mesh("../../../secret.stl", urdf)

@@ -11,13 +11,13 @@ import sys
 from collections.abc import Iterable, Sequence
 from io import BytesIO
 from pathlib import Path
-from urllib.parse import unquote, urlparse
 
 import numpy as np
 from numpy.typing import NDArray
 
 from steelyard.errors import InputError, MissingExtraError
 from steelyard.files import require_file
+from steelyard.robot.references import find_reference
 
 from .shapes import coal_or_none
 
@@ -48,43 +48,9 @@ def find_mesh(reference: str, description: Path, packages: Iterable[str | Path] 
     Raises
     ------
     InputError
-        If there is no such file; the message says where it was searched for.
+        If there is no such file, or ``..`` leads out of its package.
     """
-    scheme, separator, rest = reference.partition("://")
-    scheme = scheme.lower() if separator else ""
-    if scheme in ("package", "model"):
-        name, _, inside = rest.partition("/")
-        candidates = [folder / inside for folder in _package_folders(name, description, packages)]
-        remedy = f"set ROS_PACKAGE_PATH to the folder that holds {name}, or name it in packages"
-    elif scheme == "file":
-        candidates = [Path(unquote(urlparse(reference).path) if rest.startswith("/") else rest)]
-        remedy = "mend the path"
-    elif scheme:
-        raise InputError(f'a mesh is named "{reference}"; only package://, model:// and file:// can be read')
-    else:
-        candidates = [description.parent / reference]
-        remedy = "mend the path, which is relative to the folder of the description"
-    for candidate in candidates:
-        try:
-            if candidate.is_file():
-                return candidate
-        except ValueError:  # a NUL
-            continue
-    looked = ", ".join(dict.fromkeys(str(candidate) for candidate in candidates[:6])) or "no folder"
-    raise InputError(f'the mesh "{reference}" is not found (looked for {looked}); {remedy}')
-
-
-def _package_folders(name: str, description: Path, packages: Iterable[str | Path]) -> list[Path]:
-    roots = [Path(folder) for folder in packages]
-    roots += [Path(folder) for folder in os.environ.get("ROS_PACKAGE_PATH", "").split(os.pathsep) if folder]
-    prefixes = [Path(folder) for folder in os.environ.get("AMENT_PREFIX_PATH", "").split(os.pathsep) if folder]
-    folders: list[Path] = []
-    for root in (*roots, *(prefix / "share" for prefix in prefixes), *description.resolve().parents):
-        if root.name == name:
-            folders.append(root)
-        folders.append(root / name)
-    existing = [folder for folder in folders if folder.is_dir()]
-    return existing or folders
+    return find_reference(reference, description, packages)
 
 
 def read_mesh(path: Path) -> MeshArrays:
