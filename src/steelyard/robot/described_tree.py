@@ -24,6 +24,17 @@ __all__ = ["ONE_DOF", "DescribedJoint", "DescribedLink", "DescribedMimic", "Desc
 Matrix = NDArray[np.float64]
 
 ONE_DOF = ("revolute", "continuous", "prismatic")
+REFUSED = {
+    "floating": "this one has six degrees of freedom",
+    "planar": "this one has three degrees of freedom",
+    "spherical": "this one has three degrees of freedom",
+    "ball": "this one has three degrees of freedom",
+    "universal": "this one has two degrees of freedom",
+    "revolute2": "this one has two degrees of freedom",
+    "screw": "this one turns and slides together",
+    "gearbox": "this one couples two joints and closes a loop",
+}
+"""Why joints of a kind are not modelled."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -318,10 +329,10 @@ class _Assembly:
             case "revolute" | "continuous" | "prismatic" as kind:
                 return kind
         known = (*ONE_DOF, "fixed")
-        hint = "" if joint.kind in ("floating", "planar", "spherical") else f" ({suggestion(joint.kind, known)})"
+        hint = REFUSED.get(joint.kind) or suggestion(joint.kind, known)
         raise InputError(
             f'{self.tree.where}, line {joint.line}: joint "{joint.name}" is of type "{joint.kind}"; only '
-            f'{", ".join(known)} can be modelled{hint}, so lock it: locked=["{joint.name}"]'
+            f'{", ".join(known)} can be modelled ({hint}), so lock it: locked=["{joint.name}"]'
         )
 
     def _drive(self, joint: DescribedJoint) -> _Drive | None:

@@ -7,6 +7,7 @@ from abc import ABC, abstractmethod
 from collections.abc import Iterable, Mapping
 from dataclasses import replace
 from pathlib import Path
+from typing import ClassVar
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -20,6 +21,11 @@ from .robot import Robot
 __all__ = ["DESCRIPTION_FORMATS", "URDF", "DescriptionFormat", "description_format", "read_description"]
 
 Locked = Iterable[str] | Mapping[str, float]
+STANDARD_GRAVITY = (0.0, 0.0, -9.81)  # m/s²
+SUFFIXES = ("xml", "urdf", "sdf", "world")
+"""Those of files that may hold another format than the suffix says; the root element tells."""
+ROOTS = ("robot", "world", "mujoco")
+"""Names of formats that are no suffixes of their own."""
 _BEFORE_ROOT = re.compile(rb"<!--.*?-->|<\?.*?\?>|<![^>]*>", re.DOTALL)
 _ROOT = re.compile(rb"<([A-Za-z_][\w.-]*)")
 
@@ -27,8 +33,11 @@ _ROOT = re.compile(rb"<([A-Za-z_][\w.-]*)")
 class DescriptionFormat(ABC):
     """A format of robot descriptions. One that derives from this class has `read`, and `write` where it is written."""
 
+    tells_gravity: ClassVar[bool] = False
+    """Whether files hold gravity; `read` then gets None for a gravity that nobody has given."""
+
     @abstractmethod
-    def read(self, path: Path, tip: str | None, locked: Locked, gravity: ArrayLike) -> Robot:
+    def read(self, path: Path, tip: str | None, locked: Locked, gravity: ArrayLike | None) -> Robot:
         """Read a robot.
 
         Parameters
@@ -38,8 +47,8 @@ class DescriptionFormat(ABC):
             Keep only the chain from the root to this link.
         locked : iterable of names, or mapping from name to position
             Joints held still; a format that does not know this, or `tip`, refuses what is not empty.
-        gravity : (3,) array_like
-            In the frame of the root link, m/s².
+        gravity : (3,) array_like or None
+            In the frame of the root link, m/s²; None, where `tells_gravity` alone, if nobody has given it.
 
         Raises
         ------
@@ -79,9 +88,9 @@ class DescriptionFormat(ABC):
 class UrdfFormat(DescriptionFormat):
     """URDF, which is edited in place."""
 
-    def read(self, path: Path, tip: str | None, locked: Locked, gravity: ArrayLike) -> Robot:
+    def read(self, path: Path, tip: str | None, locked: Locked, gravity: ArrayLike | None) -> Robot:
         """See `Robot.from_urdf`."""
-        return Robot.from_urdf(path, tip, locked, gravity)
+        return Robot.from_urdf(path, tip, locked, STANDARD_GRAVITY if gravity is None else gravity)
 
     def write(
         self,
@@ -106,24 +115,30 @@ def _checked_format(name: str, offered: object) -> DescriptionFormat:
 
 URDF = UrdfFormat()
 DESCRIPTION_FORMATS: Extensions[DescriptionFormat] = Extensions(
-    "description_formats", "format of descriptions", {"urdf": URDF, "robot": URDF}, _checked_format
+    "description_formats",
+    "format of descriptions",
+    {"urdf": URDF, "robot": URDF, "sdf": "steelyard.robot.sdf:SDF", "world": "steelyard.robot.sdf:SDF"},
+    _checked_format,
 )
-"""By the suffix in lower case without the dot, and for files with the suffix .xml by the name of the root element."""
+"""By the suffix in lower case without the dot, and for files of XML by the name of the root element."""
 
 
 def description_format(path: Path) -> DescriptionFormat | None:
-    """Return the format of a file by its suffix or, for .xml, by its root element; None where none has it."""
+    """Return the format of a file by its root element, or by its suffix; None where none has it."""
     suffix = path.suffix.lower().removeprefix(".")
-    if suffix != "xml":
+    if suffix not in SUFFIXES:
         return DESCRIPTION_FORMATS.get(suffix) if suffix else None
     root = _ROOT.search(_BEFORE_ROOT.sub(b"", read_bytes(path, remedy="give a robot description")))
-    return (DESCRIPTION_FORMATS.get(root[1].decode("ascii", "replace")) if root else None) or URDF
+    named = DESCRIPTION_FORMATS.get(root[1].decode("ascii", "replace")) if root else None
+    return named or (URDF if suffix == "xml" else DESCRIPTION_FORMATS.get(suffix))
 
 
 def read_description(
-    path: Path, tip: str | None = None, locked: Locked = (), gravity: ArrayLike = (0, 0, -9.81)
+    path: Path, tip: str | None = None, locked: Locked = (), gravity: ArrayLike | None = None
 ) -> Robot:
     """Read a robot from a file in any of the formats; see `DescriptionFormat.read`.
+
+    Gravity that is not given is that of the file, or 9.81 m/s² against z where the format does not tell it.
 
     Raises
     ------
@@ -132,11 +147,13 @@ def read_description(
     """
     chosen = description_format(path)
     if chosen is None:
-        known = ", ".join(f"a .{name}" for name in DESCRIPTION_FORMATS.names() if name != "robot")
+        known = ", ".join(f"a .{name}" for name in DESCRIPTION_FORMATS.names() if name not in ROOTS)
         raise InputError(
             f"{path}: a robot is described by {known} or a .toml file, got the suffix {path.suffix!r}; "
             "give the path of one."
         )
+    if gravity is None and not chosen.tells_gravity:
+        gravity = STANDARD_GRAVITY
     if chosen is URDF:
         return chosen.read(path, tip, locked, gravity)
     with faults_told(f"{path} cannot be read", "mend the file, or the package that reads it"):

@@ -14,7 +14,7 @@ import numpy as np
 from steelyard.errors import InputError
 from steelyard.files import TomlTable, is_number, read_toml, shown, suggestion
 
-from .description import URDF, read_description
+from .description import STANDARD_GRAVITY, URDF, read_description
 from .robot import Robot
 
 __all__ = ["RobotFile"]
@@ -155,8 +155,9 @@ def _describe(path: Path, description: dict[str, Any]) -> Robot:
         raise InputError(f"{where}: urdf = ... or rows = ... is needed, found {found}")
     names = {"urdf": "a URDF", "file": "a file of a description", "rows": "DH rows"}
     keys, kind = DH_KEYS if given == ["rows"] else (*given, *FILE_KEYS), names[given[0]]
-    table = TomlTable({"gravity": [0, 0, -9.81], **description}, where, keys, f"does not belong to {kind}")
-    gravity = table.numbers("gravity", 3, expected="three numbers in m/s²")
+    table = TomlTable(description, where, keys, f"does not belong to {kind}")
+    given_gravity = "gravity" in table
+    gravity = table.numbers("gravity", 3, expected="three numbers in m/s²") if given_gravity else STANDARD_GRAVITY
     if "rows" in description:
         rows = description["rows"]
         if not isinstance(rows, list):
@@ -172,8 +173,9 @@ def _describe(path: Path, description: dict[str, Any]) -> Robot:
         return Robot(**robot_parts(tree, None, _locked(table)), gravity=np.asarray(gravity, dtype=object))
 
     source, tip = path.parent / (table.text(given[0], "a path") or ""), table.text("tip", "the name of a link")
-    read = URDF.read if given == ["urdf"] else read_description
-    return read(source, tip, _locked(table), gravity)
+    if given == ["urdf"]:
+        return URDF.read(source, tip, _locked(table), gravity)
+    return read_description(source, tip, _locked(table), gravity if given_gravity else None)
 
 
 def _locked(table: TomlTable) -> list[str] | dict[str, float]:

@@ -179,6 +179,8 @@ class Robot:
         Links of the source that are fixed to the base.
     source : Path or None
         The description that the robot was read from.
+    remarks : tuple of str
+        What the description holds that the robot does not.
 
     Raises
     ------
@@ -205,6 +207,7 @@ class Robot:
     base_link: str = "base"
     base_attachments: tuple[Attachment, ...] = ()
     source: Path | None = None
+    remarks: tuple[str, ...] = ()
 
     def __post_init__(self) -> None:
         try:
@@ -216,7 +219,7 @@ class Robot:
         if not np.isfinite(gravity).all():
             raise InputError(f'robot "{self.name}": gravity must be finite, got {gravity.tolist()}')
         object.__setattr__(self, "gravity", gravity)
-        for name in ("joints", "links", "terms", "base_attachments"):
+        for name in ("joints", "links", "terms", "base_attachments", "remarks"):
             object.__setattr__(self, name, tuple(getattr(self, name)))
         self._check_tree()
 
@@ -358,6 +361,58 @@ class Robot:
         from .urdf_document import read_document
 
         return cls(**robot_parts(read_document(path), tip, locked), gravity=np.asarray(gravity, dtype=object))
+
+    @classmethod
+    def from_sdf(
+        cls,
+        path: str | Path,
+        tip: str | None = None,
+        locked: Iterable[str] | Mapping[str, float] = (),
+        gravity: ArrayLike | None = None,
+    ) -> Robot:
+        """A robot from an SDF file, versions 1.4 to 1.12.
+
+        The file holds one model with joints, in a world or not; models without joints are left out. Nested models and
+        those that it includes belong to the robot, their links and joints are named as ``model::link``. Frames are
+        resolved: ``relative_to``, ``expressed_in``, ``attached_to``, ``use_parent_model_frame``. Joints come depth
+        first, in the order of the document.
+
+        Parameters
+        ----------
+        path : str or Path
+        tip, locked
+            As in `from_urdf`.
+        gravity : (3,) array, optional
+            Acceleration of gravity in the frame of the root link, m/s²; by default that of the world, (0, 0, -9.81)
+            where it is not written, turned as the root link stands in the world.
+
+        Raises
+        ------
+        InputError
+            When the file cannot be read or does not describe a tree of one-degree-of-freedom joints.
+
+        Examples
+        --------
+        >>> import tempfile
+        >>> text = '''<sdf version="1.9"><model name="door"><link name="frame"/>
+        ... <link name="leaf"><pose relative_to="hinge"/></link>
+        ... <joint name="hinge" type="revolute"><pose relative_to="frame">0 0.1 0 0 0 0</pose>
+        ... <parent>frame</parent><child>leaf</child><axis><xyz>0 0 1</xyz></axis></joint></model></sdf>'''
+        >>> with tempfile.TemporaryDirectory() as folder:
+        ...     path = Path(folder) / "door.sdf"
+        ...     _ = path.write_text(text)
+        ...     robot = Robot.from_sdf(path)
+        >>> robot.joint_names, robot.joints[0].placement(0.0)[:3, 3].tolist()
+        (('hinge',), [0.0, 0.1, 0.0])
+        """
+        from .described_tree import robot_parts  # a format is loaded when it is read
+        from .sdf_document import SdfReader
+
+        reader = SdfReader(Path(path))
+        parts = robot_parts(reader.tree(), tip, locked)
+        if gravity is None:
+            gravity = (0.0, 0.0, -9.81) if reader.gravity is None else reader.gravity
+        return cls(**parts, gravity=np.asarray(gravity, dtype=object), remarks=tuple(reader.remarks))
 
     def with_terms(self, *terms: Term) -> Robot:
         """The same robot with these terms in place of its own.
