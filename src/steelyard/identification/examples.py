@@ -18,8 +18,7 @@ from steelyard.dynamics import Coulomb, Model, Offset, RotorInertia, Viscous
 from steelyard.errors import InputError
 from steelyard.excitation import FourierTrajectory, RestToRestTrajectory
 from steelyard.feasibility.wording import percent
-from steelyard.files import suggestion, write_text
-from steelyard.files.folder import replaced_folder
+from steelyard.files import replaced_folder, suggestion, write_text
 from steelyard.recording import Recording
 from steelyard.regression import Estimate
 from steelyard.robot import Inertia, Robot, Term, TermParameter
@@ -192,10 +191,9 @@ class _Experiment:
         values = np.nan_to_num(np.asarray(model.robot.parameters))
         for columns in model.link_columns:
             if values[columns[9]] > 0.0:
-                own = Inertia.from_parameters(values[columns])
-                values[columns] = deviating(own, DEVIATION, random).parameters
-        own = np.setdiff1d(np.arange(len(values)), model.link_columns)
-        values[own] = 0.0
+                body = Inertia.from_parameters(values[columns])
+                values[columns] = deviating(body, DEVIATION, random).parameters
+        values[np.setdiff1d(np.arange(len(values)), model.link_columns)] = 0.0
         return values
 
     def trajectory(self, log: int) -> RestToRestTrajectory:
@@ -221,8 +219,8 @@ class _Experiment:
         """Root mean square of the torques that the links alone need in the first motion, (N,), none below a tenth."""
         t = np.arange(0.0, SECONDS, 0.02)
         torque = self.model.inverse_dynamics(*self.trajectory(0).motion(t), self.bodies)
-        size: Array = np.sqrt((torque**2).mean(axis=0))
-        return np.maximum(size, 0.1 * size.max())
+        size = np.sqrt((torque**2).mean(axis=0))
+        return np.asarray(np.maximum(size, 0.1 * size.max()))
 
     @cached_property
     def truth(self) -> Array:
