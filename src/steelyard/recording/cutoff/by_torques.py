@@ -157,7 +157,7 @@ def cutoff_by_torques(
         )
     lowest = min(max(0.5 * frequency, 3.0 / duration), highest)
     count = int(np.floor(np.log(highest / lowest) / np.log(RATIO) + 1e-9)) + 1
-    candidates: Array = lowest * RATIO ** np.arange(count)
+    candidates = np.asarray(lowest * RATIO ** np.arange(count), dtype=np.float64)
     too_high = _noisy(recordings, candidates, order) & (candidates > NEEDED * frequency)
     candidates = candidates[: max(1, len(candidates) - np.count_nonzero(np.maximum.accumulate(too_high)))]
     votes = _votes(process(min(2.0 * REFERENCE * lowest, highest), ENDS / lowest))
