@@ -17,9 +17,10 @@ for place in (root, root / "thesis"):
     requirements.update(
         r for name, extra in project["optional-dependencies"].items() if name not in tools for r in extra
     )
+requirements = {r for r in requirements if not r.startswith("steelyard[")}
 for requirement in sorted(requirements):
-    match = re.fullmatch(r"([\w-]+)>=([\d.]+)", requirement)
+    match = re.fullmatch(r"([\w.-]+)>=([\d.]+)(;.*)?", requirement)
     if match is None:
         sys.exit(f"minima.py: expected a requirement of the form name>=version, got {requirement!r}")
     if match[1] not in sys.argv[1:]:
-        print(f"{match[1]}=={match[2]}")
+        print(f"{match[1]}=={match[2]}{match[3] or ''}")

@@ -169,7 +169,7 @@ FILES: dict[str, tuple[str, bytes, list[str]]] = {
     "header only": ("log.csv", b"t,q1,tau1\n", ["holds no rows"]),
     "comments only": ("log.csv", b"# nothing\n", ["holds no rows"]),
     "no header": ("log.csv", b"0.0,1.0,2.0\n0.1,1.1,2.1\n", ["no line of column names", "t,q1,q2"]),
-    "separated by blanks": ("log.csv", b"t q1 tau1\n0 1 2\n", ["separated by blanks", "comma, semicolon or tab"]),
+    "UTF-16": ("log.csv", "t,q1,tau1\n0,1,2\n".encode("utf-16"), ["UTF-16", "save it as UTF-8"]),
     "a line with too many fields": (
         "log.csv",
         b"t,q1,tau1\n0.00,1,2\n0.01,1,2,3\n0.02,1,2\n",

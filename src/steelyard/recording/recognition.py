@@ -32,7 +32,7 @@ FAMILIES = {
 NUMBERED = ("{family}{number}", "{family}_{number}", "{family}[{number}]")
 LABELS = ("name", "names", "joint_name", "joint_names")
 """Words for columns whose text names the joint of each number, as in ROS's JointState."""
-NAMED = ("{name}_{family}", "{family}_{name}", "{name}.{family}", "{name}/{family}")
+NAMED = ("{name}_{family}", "{family}_{name}", "{name}.{family}", "{name}/{family}", "{family}[{name}]")
 
 
 @dataclass(frozen=True)
@@ -169,7 +169,7 @@ def _find(
         return stated
     if isinstance(stated, str):
         return _expand(kind, stated, names, columns, joints, source)
-    candidates = _candidates(kind, names, joints)
+    candidates = _candidates(kind, names, labels if joints is None or isinstance(joints, int) else joints)
     if len(candidates) > 1:
         groups = " or ".join(f"{group[0]} … {group[-1]}" for group in candidates)
         raise InputError(f"{source} has several groups of columns for {kind}: {groups}; choose with `{kind}` in [log].")
@@ -221,11 +221,11 @@ def _expand(
     return wanted
 
 
-def _candidates(kind: str, names: Sequence[str], joints: int | Sequence[str] | None) -> list[tuple[str, ...]]:
+def _candidates(kind: str, names: Sequence[str], joints: Sequence[str]) -> list[tuple[str, ...]]:
     """Return all groups of columns that the documented rules find for `kind`."""
     by_lower = {name.strip().lower(): name for name in reversed(names)}
     groups = _numbered(FAMILIES[kind], names)
-    if joints is not None and not isinstance(joints, int):
+    if joints:
         forms = [form.replace("{family}", family) for form in NAMED for family in FAMILIES[kind]]
         if kind == "position":
             forms.append("{name}")

@@ -1,13 +1,15 @@
-"""Logs as text: columns separated by comma, semicolon or tab under a line of names."""
+"""Logs as text: columns under a line of names, separated in whichever way."""
 
 from __future__ import annotations
 
 import csv
+import io
 import itertools
 import re
 from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
 from pathlib import Path
-from typing import IO, Any
+from typing import IO, Any, Self
 
 import numpy as np
 from numpy.typing import NDArray
@@ -15,78 +17,166 @@ from numpy.typing import NDArray
 from steelyard.errors import InputError
 from steelyard.files import reading_table, shown
 
+from ..columns import LogColumns
 from .log_file import Columns, LogFile, flattened
 
 __all__ = ["CsvFile"]
 
-SEPARATORS = (";", "\t", ",")
+BLANKS = " "
+"""Stands for any number of spaces and tabs between columns."""
+SEPARATORS = (";", "\t", ",", "|", BLANKS)
+COMMENTS = ("#", "%", "//")
 NUMERIC = re.compile(r"[-+]?(\d+([.,]\d*)?|[.,]\d+)([eE][-+]?\d+)?|nan|inf", re.IGNORECASE)
 LONGEST_LINE = 1_000_000  # of the header and what stands above it
+HEAD_LINES = 100
+"""First lines by which the dialect is told."""
 MISSING = ("", "na", "null", "none", "nan", "-nan", "+nan")
+UNIT = re.compile(
+    r"[\[(]?(s|ms|us|µs|ns|rad|deg|°|m|mm|m?n[ ·*]?m|n|m?a|rpm|-|1|(rad|deg|°|m|mm)/s(²|\^?2)?)?[\])]?", re.IGNORECASE
+)
+"""What stands in a line of units below the names."""
+
+
+@dataclass(frozen=True)
+class Dialect:
+    """How a text is written."""
+
+    separator: str
+    width: int
+    """Number of columns of most lines."""
+    decimal_comma: bool
+    ends_with_separator: bool
+    """Whether lines of data end with a separator behind the last column, and the line of names does not."""
+
+    def split(self, line: str) -> list[str]:
+        """Return the fields of a line."""
+        if self.separator == BLANKS:
+            fields = next(csv.reader([" ".join(line.split())], delimiter=" "), [])
+        else:
+            fields = [field.strip() for field in next(csv.reader([line], delimiter=self.separator), [])]
+        return fields[:-1] if self.ends_with_separator and fields and not fields[-1] else fields
+
+
+@dataclass(frozen=True)
+class Head:
+    """What the first lines of a text say."""
+
+    names: tuple[str, ...]
+    start: int
+    """Byte at which the data begin."""
+    dialect: Dialect
+    comment: str
 
 
 class CsvFile(LogFile):
-    """A text log. Lines that begin with "#" and blank lines are skipped; the first other line holds the names.
+    """A text log: a line of names, and one line for each row.
 
-    Where that line is all numbers, the comment line right above it is taken for the names if it has as many fields
-    (as `numpy.savetxt` writes it). A comma as decimal sign is understood in files separated by semicolons.
+    Columns are separated by semicolon, tab, comma, bar or blanks, whichever makes the first lines a table of numbers;
+    numbers may have a decimal comma unless they are separated by commas without quotes. Blank lines, lines that
+    begin with ``#``, ``%`` or ``//``, and what stands above the names are passed over. A comment right above the data
+    is taken for the names if it has as many fields (as `numpy.savetxt` writes it), and a line of units below the names
+    is joined to them, as ``q1 [rad]``. What ``ros2 topic echo --csv`` writes of a JointState is known without names.
+    The file may be compressed by gzip or zstd.
+
+    Parameters
+    ----------
+    path : Path
+    header : tuple of str, optional
+        The names of all columns, for a file that has none.
     """
 
     saved_as = ".csv"
 
-    def __init__(self, path: Path) -> None:
+    def __init__(self, path: Path, header: tuple[str, ...] | None = None) -> None:
         super().__init__(path)
-        self._start = 0
         self._whole: tuple[tuple[tuple[str, ...], int], Columns] | None = None
-        self._separator = ","
-        self._decimal_comma = False
-        self._read_header()
+        self._head = self._read_head(header)
+        self.names = self._head.names
 
-    def _read_header(self) -> None:
-        comment = ""
-        with self.path.open("rb") as file:
-            while True:
-                before = file.tell()
+    @classmethod
+    def opened(cls, path: Path, columns: LogColumns) -> Self:
+        """Open a file; `header` names the columns of one that does not."""
+        return cls(path, columns.header)
+
+    def _open(self, start: int = 0) -> IO[bytes]:
+        if self.path.suffix.lower() in (".gz", ".zst", ".zstd"):
+            from .compressed import open_compressed
+
+            file = open_compressed(self.path)
+        else:
+            file = self.path.open("rb")
+        file.seek(start)
+        return file
+
+    def _first_lines(self) -> list[tuple[int, str]]:
+        """Return the first lines that are not blank, and where each of them begins."""
+        lines: list[tuple[int, str]] = []
+        with self._open() as file:
+            place = 0
+            while len(lines) < HEAD_LINES:
                 raw = file.readline(LONGEST_LINE)
+                if place == 0 and raw[:2] in (b"\xff\xfe", b"\xfe\xff"):
+                    raise InputError(f"{self.path} is text in UTF-16; save it as UTF-8.")
                 if not raw:
-                    raise InputError(
-                        f"{self.path} holds no rows; expected a line of column names and one row per sample."
-                    )
+                    break
                 if len(raw) == LONGEST_LINE:
                     raise InputError(f"{self.path} has a line of more than {LONGEST_LINE} bytes; expected a CSV.")
                 if b"\x00" in raw:
                     raise InputError(f"{self.path} is not a text file; expected a CSV with a line of column names.")
-                line = raw.decode("utf-8-sig" if before == 0 else "utf-8", errors="replace").strip()
-                if line.startswith("#"):
-                    comment = line.lstrip("#").strip()
-                elif line:
-                    break
-            self._separator = next((mark for mark in SEPARATORS if mark in line), ",")
-            fields = self._split(line)
-            self._start = file.tell()
-            if all(NUMERIC.fullmatch(field) for field in fields):
-                above = self._split(comment)
-                if len(fields) == 1 and re.search(r"\s", line):
-                    self._refuse_spaces()
-                if len(above) != len(fields) or any(NUMERIC.fullmatch(field) for field in above):
-                    raise InputError(
-                        f"{self.path} has no line of column names (it begins with {line[:40]!r}); add one as first "
-                        "line, for example t,q1,q2,tau1,tau2."
-                    )
-                fields, self._start = above, before
-            elif len(fields) == 1 and len(line.split()) > 1:
-                self._refuse_spaces()
-            if self._separator == ";":
-                file.seek(self._start)
-                first = next((row for row in file if not _skipped(row)), b"")
-                self._decimal_comma = b"," in first and b"." not in first
-        self.names = tuple(fields)
+                line = raw.decode("utf-8-sig" if place == 0 else "utf-8", errors="replace").strip("\r\n")
+                if line.strip():
+                    lines.append((place, line))
+                place += len(raw)
+        return lines
 
-    def _refuse_spaces(self) -> None:
-        raise InputError(f"{self.path} has columns separated by blanks; separate them by comma, semicolon or tab.")
+    def _read_head(self, header: tuple[str, ...] | None) -> Head:
+        lines = self._first_lines()
+        marks = [mark for _, line in lines for mark in COMMENTS if line.lstrip().startswith(mark)]
+        comment = marks[0] if marks else COMMENTS[0]
+        table = [(place, line) for place, line in lines if not line.startswith(comment)]
+        if not table:
+            raise InputError(f"{self.path} holds no rows; expected a line of column names and one row per sample.")
+        dialect = _dialect([line for _, line in table])
+        rows = [(place, dialect.split(line)) for place, line in table]
+        data = next((k for k, (_, fields) in enumerate(rows) if _is_data(fields, dialect.width)), len(rows))
+        texts = [k for k in range(data) if not _is_data(rows[k][1])]
+        wide = [k for k in texts if len(rows[k][1]) == dialect.width] or texts
+        if data == len(rows):  # names, and no row of numbers near them
+            wide = wide[:1]
+        start = self._after(rows[wide[-1]][0]) if wide else rows[0][0]
+        if header is not None:
+            count = len(rows[data][1]) if data < len(rows) else len(header)
+            if len(header) != count:
+                raise InputError(
+                    f"{self.path} has {count} columns but `header` in [log] names {len(header)}; name all of them."
+                )
+            return Head(header, start, dialect, comment)
+        if wide:
+            return Head(_with_units([rows[k][1] for k in wide]), start, dialect, comment)
+        first = rows[0][1]
+        names: Sequence[str] | None = self._names_in_comment(lines, start, dialect, comment, len(first))
+        names = names or _ros_names(first)
+        if names is None:
+            raise InputError(
+                f"{self.path} has no line of column names (it begins with {table[0][1][:40]!r}); name its {len(first)} "
+                'columns with `header = ["t", "q1", …, "tau1", …]` in [log], or add a first line such as '
+                "t,q1,q2,tau1,tau2."
+            )
+        return Head(tuple(names), start, dialect, comment)
 
-    def _split(self, line: str) -> list[str]:
-        return [field.strip() for field in next(csv.reader([line], delimiter=self._separator), [])]
+    def _after(self, place: int) -> int:
+        """Return where the line behind the one that begins at `place` begins."""
+        with self._open(place) as file:
+            return place + len(file.readline())
+
+    def _names_in_comment(
+        self, lines: Sequence[tuple[int, str]], begin: int, dialect: Dialect, comment: str, count: int
+    ) -> list[str] | None:
+        above = [line for place, line in lines if place < begin]
+        if not above:
+            return None
+        names = dialect.split(above[-1].lstrip().removeprefix(comment).lstrip(comment[0]).strip())
+        return names if len(names) == count and not _is_data(names) else None
 
     @classmethod
     def write(cls, file: IO[bytes], arrays: Mapping[str, NDArray[np.float64]]) -> None:
@@ -97,14 +187,12 @@ class CsvFile(LogFile):
 
     def count(self) -> int:
         """Count the rows that hold data."""
-        with self.path.open("rb") as file:
-            file.seek(self._start)
-            return sum(1 for line in file if not _skipped(line))
+        with self._open(self._head.start) as file:
+            return sum(1 for line in file if not self._skipped(line))
 
     def read(self, names: Sequence[str]) -> Columns:
         """Read whole columns."""
-        with self.path.open("rb") as file:
-            file.seek(self._start)
+        with self._open(self._head.start) as file:
             return self._parse(file.read(), names, first_row=0)
 
     def blocks(self, names: Sequence[str], rows: int) -> Iterator[Columns]:
@@ -113,9 +201,8 @@ class CsvFile(LogFile):
         if self._whole is not None and self._whole[0] == (tuple(names), rows):
             yield dict(self._whole[1])
             return
-        with self.path.open("rb") as file:
-            file.seek(self._start)
-            lines = (line for line in file if not _skipped(line))
+        with self._open(self._head.start) as file:
+            lines = (line for line in file if not self._skipped(line))
             while block := list(itertools.islice(lines, rows)):
                 parsed = self._parse(b"".join(block), names, first_row)
                 if first_row == 0 and len(block) < rows:  # a short log, which is looked at before it is processed
@@ -129,9 +216,12 @@ class CsvFile(LogFile):
         places = {name: self.names.index(name) for name in names}
         if not names:
             return found
-        with self.path.open(encoding="utf-8", errors="replace", newline="") as file:
-            file.seek(self._start)
-            rows = csv.reader((line for line in file if not line.startswith("#")), delimiter=self._separator)
+        dialect = self._head.dialect
+        with self._open(self._head.start) as raw, io.TextIOWrapper(raw, "utf-8", "replace", newline="") as file:
+            lines = (line for line in file if not line.startswith(self._head.comment))
+            if dialect.separator == BLANKS:
+                lines = (" ".join(line.split()) for line in lines)
+            rows = csv.reader(lines, delimiter=dialect.separator)
             try:
                 for fields in rows:
                     for name, place in places.items():
@@ -144,27 +234,31 @@ class CsvFile(LogFile):
 
     def where(self, row: int) -> str:
         """Say which line of the file holds row `row` (from 0)."""
-        with self.path.open("rb") as file:
-            header = file.read(self._start).count(b"\n")
-            seen = -1
-            for index, line in enumerate(file):
-                seen += not _skipped(line)
-                if seen == row:
-                    return f"line {header + index + 1}"
+        with self._open() as file:
+            place = seen = 0
+            for number, line in enumerate(file, start=1):
+                if place >= self._head.start and not self._skipped(line):
+                    if seen == row:
+                        return f"line {number}"
+                    seen += 1
+                place += len(line)
         return f"row {row + 1}"
+
+    def _skipped(self, line: bytes) -> bool:
+        return line.startswith(self._head.comment.encode()) or not line.strip()
 
     def _parse(self, data: bytes, names: Sequence[str], first_row: int) -> Columns:
         """Parse lines; the quick way first, and line by line where that meets something unusual."""
-        import polars as pl
-
         if not names:
             return {}
         for name in names:
             if self.names.count(name) > 1:
                 raise InputError(f"{self.path} has several columns named {name!r}; give each its own name.")
+        if self._head.dialect.separator == BLANKS:
+            data = re.sub(rb"[ \t]+", b" ", re.sub(rb"(?m)^[ \t]+|[ \t\r]+$", b"", data))
         try:
             with reading_table(self.path, "CSV"):
-                frame = self._frame(data, names, pl.Float64)
+                frame = self._frame(data, names, text=False)
             usual = all(series.null_count() == 0 for series in frame.iter_columns())
         except InputError:
             usual = False
@@ -172,18 +266,20 @@ class CsvFile(LogFile):
             return self._parse_carefully(data, names, first_row)
         return {name: frame[str(self.names.index(name))].to_numpy() for name in names}
 
-    def _frame(self, data: bytes, names: Sequence[str], kind: Any) -> Any:
+    def _frame(self, data: bytes, names: Sequence[str], *, text: bool) -> Any:
         import polars as pl
 
+        dialect = self._head.dialect
         wanted = {self.names.index(name) for name in names}
+        width = len(self.names) + dialect.ends_with_separator
         return pl.read_csv(
             data,
             has_header=False,
-            separator=self._separator,
-            comment_prefix="#",
-            schema={str(i): kind if i in wanted else pl.String() for i in range(len(self.names))},
+            separator=dialect.separator,
+            comment_prefix=self._head.comment,
+            schema={str(i): pl.Float64() if i in wanted and not text else pl.String() for i in range(width)},
             columns=sorted(wanted),
-            decimal_comma=self._decimal_comma,
+            decimal_comma=dialect.decimal_comma and dialect.separator != ",",
             encoding="utf8-lossy",
         )
 
@@ -191,22 +287,25 @@ class CsvFile(LogFile):
         """Parse with blanks around numbers, blank lines and missing values; say which line cannot be read."""
         import polars as pl
 
-        lines = [line for line in data.splitlines(keepends=True) if not _skipped(line)]
+        dialect = self._head.dialect
+        lines = [line for line in data.splitlines(keepends=True) if not self._skipped(line)]
         if not lines:
             raise InputError(f"{self.path} holds no rows; expected one row per sample under the column names.")
-        separator = self._separator.encode()
+        separator, most = dialect.separator.encode(), len(self.names) + dialect.ends_with_separator
         for row, line in enumerate(lines):
-            if b'"' not in line and line.count(separator) >= len(self.names):
+            if b'"' not in line and line.count(separator) >= most:
                 raise InputError(
                     f"{self.path}, {self.where(first_row + row)}, has {line.count(separator) + 1} fields "
                     f"but there are {len(self.names)} column names; mend or remove that line."
                 )
+        # Polars counts the columns in the first line.
+        lines[0] = lines[0].rstrip(b"\r\n") + separator * (most - 1 - lines[0].count(separator)) + b"\n"
         with reading_table(self.path, "CSV"):
-            frame = self._frame(b"".join(lines), names, pl.String)
+            frame = self._frame(b"".join(lines), names, text=True)
         columns = {}
         for name in names:
             text = frame[str(self.names.index(name))].fill_null("").str.strip_chars()
-            if self._decimal_comma:
+            if dialect.decimal_comma:
                 text = text.str.replace(",", ".", literal=True)
             values = text.cast(pl.Float64, strict=False)
             wrong = (values.is_null() & ~text.str.to_lowercase().is_in(MISSING)).to_numpy()
@@ -220,5 +319,58 @@ class CsvFile(LogFile):
         return columns
 
 
-def _skipped(line: bytes) -> bool:
-    return line[:1] == b"#" or not line.strip()
+def _is_data(fields: Sequence[str], width: int | None = None) -> bool:
+    """Whether any field is a number, and there are so many fields; a line of names has no number."""
+    return width in (None, len(fields)) and any(NUMERIC.fullmatch(field) for field in fields)
+
+
+def _dialect(lines: Sequence[str]) -> Dialect:
+    """Tell how a text is written: by which separator most lines have as many numbers as each other."""
+    best, dialect = (0.0, False, 0), Dialect(",", 1, False, False)
+    for separator in SEPARATORS:
+        plain = Dialect(separator, 0, False, False)
+        try:
+            rows = [plain.split(line) for line in lines]
+        except csv.Error:
+            continue
+        data = [fields for fields in rows if _is_data(fields)] or rows
+        lengths = [len(fields) for fields in data]
+        width = max(lengths, key=lengths.count)
+        regular = [fields for fields in data if len(fields) == width]
+        numbers = [field for fields in regular for field in fields if NUMERIC.fullmatch(field)]
+        share = (len(numbers) + sum(not field for fields in regular for field in fields)) / (width * len(data))
+        names = [len(fields) for fields in rows if not _is_data(fields)]
+        score = share, width in names, width
+        if width > 1 and score > best:
+            comma = any("," in number for number in numbers) and not any("." in number for number in numbers)
+            ends = width - 1 in names and all(not fields[-1] for fields in regular)
+            best, dialect = score, Dialect(separator, width - ends, comma, ends)
+    return dialect
+
+
+def _with_units(above: Sequence[Sequence[str]]) -> tuple[str, ...]:
+    """Return the names that stand above the data, with a line of units joined to them."""
+    names = above[-1]
+    if len(above) > 1 and len(above[-2]) == len(names) and all(UNIT.fullmatch(field) for field in names):
+        pairs = zip(above[-2], names, strict=True)
+        return tuple(f"{name} [{unit.strip('[]()')}]" if unit.strip("[]()-1") else name for name, unit in pairs)
+    return tuple(names)
+
+
+def _ros_names(fields: Sequence[str]) -> list[str] | None:
+    """Return the names of what ``ros2 topic echo --csv`` writes of a JointState; None for other lines.
+
+    Examples
+    --------
+    >>> _ros_names(["17", "250000000", "", "elbow", "0.5", "0.1", "7.0"])[2:]
+    ['header.frame_id', 'name[0]', 'position[0]', 'velocity[0]', 'effort[0]']
+    """
+    numbers = [bool(NUMERIC.fullmatch(field)) for field in fields]
+    if numbers[:3] != [True, True, False]:
+        return None
+    joints = [*numbers[3:], True].index(True)
+    if joints == 0 or len(fields) != 3 + 4 * joints or not all(numbers[3 + joints :]):
+        return None
+    kinds = ("name", "position", "velocity", "effort")
+    stamp = ["header.stamp.sec", "header.stamp.nanosec", "header.frame_id"]
+    return stamp + [f"{kind}[{joint}]" for kind in kinds for joint in range(joints)]

@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from steelyard.errors import InputError
+from steelyard.errors import InputError, SteelyardError
 from steelyard.extensions import Extensions
 from steelyard.files import replaced_file, require_file, shown
 from steelyard.files.arguments import closest
@@ -24,7 +24,9 @@ __all__ = ["LOG_FORMATS", "LogFiles", "Source", "log_format", "open_log", "write
 
 Source = str | os.PathLike[str] | Sequence[str | os.PathLike[str]]
 MOST_COLUMNS = 5000  # a humanoid's log has some hundreds; a file with far more is no log
-REMEDY = "give the path of a CSV, Parquet or NPZ file"
+REMEDY = "give the path of a log, such as a CSV, a bag or an NPZ file"
+COMPRESSED = ("gz", "zst", "zstd")
+"""Suffixes of texts that are compressed, behind their own as in ``run.csv.gz``."""
 
 
 def _checked_format(suffix: str, offered: object) -> type[LogFile]:
@@ -33,14 +35,18 @@ def _checked_format(suffix: str, offered: object) -> type[LogFile]:
     raise TypeError(f"expected a class derived from steelyard.recording.LogFile, got {shown(offered)}")
 
 
+_ROS2_BAG = f"{__package__}.ros_bag:Ros2Bag"
 _CSV, _PARQUET = f"{__package__}.csv_file:CsvFile", f"{__package__}.parquet_file:ParquetFile"
 LOG_FORMATS: Extensions[type[LogFile]] = Extensions(
     "log_formats",
     "format of logs",
     {
-        **dict.fromkeys(("csv", "txt", "tsv", "dat", "log"), _CSV),
+        **dict.fromkeys(("csv", "txt", "tsv", "dat", "log", *COMPRESSED), _CSV),
         **dict.fromkeys(("parquet", "pq"), _PARQUET),
         "npz": f"{__package__}.npz_file:NpzFile",
+        "bag": f"{__package__}.ros_bag:Ros1Bag",
+        "db3": _ROS2_BAG,
+        "mcap": f"{__package__}.mcap_file:McapFile",
     },
     _checked_format,
 )
@@ -185,7 +191,7 @@ def _reading(path: Path) -> Iterator[None]:
     """Say in one sentence why a file cannot be read; formats that other packages add may raise anything."""
     try:
         yield
-    except InputError:
+    except SteelyardError:
         raise
     except OSError as error:
         raise InputError(f"{path} cannot be read: {error.strerror or error}.") from None
@@ -237,17 +243,22 @@ def open_log(path: Path, columns: LogColumns | None = None) -> LogFile:
     """
     if "\0" in str(path):
         raise InputError(f"{shown(str(path))} is no path that can exist; {REMEDY}.")
-    if path.is_dir():
-        raise InputError(f"{path} is a folder; give the log file itself.")
     if not path.exists():
         raise InputError(f"{path} does not exist{_neighbour(path)}; {REMEDY}.")
-    kind = log_format(path.suffix)
+    is_bag = path.is_dir() and (path / "metadata.yaml").is_file()
+    if path.is_dir() and not is_bag:
+        raise InputError(f"{path} is a folder, and no bag of ROS 2 (no metadata.yaml); give the log file itself.")
+    kind = log_format(".db3" if is_bag else path.suffix)
     if kind is None:
         known = ", ".join(f".{suffix}" for suffix in LOG_FORMATS.names())
         raise InputError(f"{path} has the suffix {path.suffix!r}; logs are read from {known}.")
-    require_file(path, REMEDY)
+    if not is_bag:
+        require_file(path, REMEDY)
+    inner = Path(path.stem).suffix
+    if path.suffix.lower().removeprefix(".") in COMPRESSED and log_format(inner) not in (kind, None):
+        raise InputError(f"{path} is compressed, and of compressed files only texts are read; decompress it.")
     with _reading(path):
-        if path.stat().st_size == 0:
+        if not is_bag and path.stat().st_size == 0:
             raise InputError(f"{path} is empty; expected a log with one row per sample.")
         log = kind.opened(path, LogColumns() if columns is None else columns)
     if len(log.names) > MOST_COLUMNS:

@@ -1,0 +1,342 @@
+"""Bags and MCAP files as others write them: topics, joints by name, stamps, and what is damaged."""
+
+import contextlib
+import dataclasses
+import json
+import sqlite3
+import sys
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from log_writers import BAGS, START, State, states, write_mcap_json, write_ros1, write_ros2
+
+from steelyard.errors import InputError, MissingExtraError
+from steelyard.recording import Processing, Recording, Samples, process_chunks
+
+pytest.importorskip("rosbags", reason="bags are read with rosbags")
+pytest.importorskip("mcap", reason="MCAP files are read with mcap")
+
+S = 300
+T = np.arange(S) / 250
+JOINTS = ("shoulder", "elbow", "wrist")
+Q = np.column_stack([np.sin(2 * T), np.cos(3 * T), np.sin(T + 0.3)])
+DQ = np.column_stack([2 * np.cos(2 * T), -3 * np.sin(3 * T), np.cos(T + 0.3)])
+TORQUE = 3 * Q - DQ
+STATES = states(T, JOINTS, Q, DQ, TORQUE)
+
+
+def part(state: State, *joints: str, **others: Any) -> State:
+    """Return the message of some of the joints, in the order in which they are named."""
+    places = [JOINTS.index(joint) for joint in joints]
+    numbers = {name: np.asarray(getattr(state, name))[places] for name in ("position", "velocity", "effort")}
+    return state._replace(names=joints, **numbers, **others)
+
+
+def expect(found: Recording, joints: tuple[str, ...] = JOINTS, rows: slice = slice(None)) -> None:
+    places = [JOINTS.index(joint) for joint in joints]
+    np.testing.assert_array_equal(found.t, T[rows])
+    np.testing.assert_array_equal(found.q, Q[rows][:, places])
+    assert found.velocity is not None
+    np.testing.assert_array_equal(found.velocity, DQ[rows][:, places])
+    np.testing.assert_array_equal(found.torque, TORQUE[rows][:, places])
+
+
+@pytest.mark.parametrize("name", BAGS)
+def test_every_bag_gives_the_numbers_that_were_written(name: str, tmp_path: Path) -> None:
+    path = BAGS[name](tmp_path / name, {"/joint_states": STATES})
+    expect(Recording.read(path, joints=JOINTS))
+    expect(Recording.read(path), JOINTS)
+    expect(Recording.read(path, joints=JOINTS[::-1]), JOINTS[::-1])
+    expect(Recording.read(path, joints=("wrist",)), ("wrist",))
+    processing = Processing(cutoff=None, trim=0.0, velocity_threshold=None)
+    joined = Samples.joined(list(process_chunks(path, None, processing, 90, JOINTS)))
+    np.testing.assert_array_equal(joined.torque, TORQUE)
+
+
+@pytest.mark.parametrize("storage", ["SQLITE3", "MCAP"])
+def test_the_file_in_the_folder_of_a_bag_is_read_too(storage: str, tmp_path: Path) -> None:
+    folder = write_ros2(tmp_path / "run", {"/joint_states": STATES}, storage)
+    (file,) = (path for path in folder.iterdir() if path.suffix != ".yaml")
+    expect(Recording.read(file, joints=JOINTS))
+
+
+def bag(folder: Path, messages: list[State]) -> Path:
+    return write_mcap_json(folder / "run.mcap", {"/joint_states": messages})
+
+
+def test_orders_of_joints_may_change_from_message_to_message(tmp_path: Path) -> None:
+    orders = [("elbow", "wrist", "shoulder"), ("wrist", "elbow", "shoulder"), JOINTS]
+    expect(Recording.read(bag(tmp_path, [part(m, *orders[k % 3]) for k, m in enumerate(STATES)]), joints=JOINTS))
+
+
+def test_messages_of_one_stamp_make_one_row(tmp_path: Path) -> None:
+    """Of two publishers one is late, by more than the time between its messages."""
+    arm = [part(state, "shoulder", "elbow") for state in STATES]
+    hand = [part(state, "wrist", recorded=state.stamp + 30_000_000) for state in STATES]
+    expect(Recording.read(bag(tmp_path, arm + hand), joints=JOINTS))
+
+
+def test_joints_of_others_leave_no_rows(tmp_path: Path) -> None:
+    """A gripper has stamps of its own, that come first; where it is asked for, its numbers are missing elsewhere."""
+    hand = [part(state, "wrist", stamp=state.stamp - 1_000_000) for state in STATES]
+    path = bag(tmp_path, [part(state, "shoulder", "elbow") for state in STATES] + hand)
+    expect(Recording.read(path, joints=("elbow", "shoulder")), ("elbow", "shoulder"))
+    expect(Recording.read(path, joints=("wrist",)), ("wrist",))
+    with pytest.raises(InputError, match=r"no finite number .* in 600 of 600 rows"):
+        Recording.read(path, joints=JOINTS)
+    assert Recording.read(path, {"missing": "fill"}, JOINTS).count == 2 * S
+
+
+def test_stamps_are_those_of_the_recording_where_headers_have_none(tmp_path: Path) -> None:
+    messages = [state._replace(stamp=0, recorded=state.logged) for state in STATES]
+    expect(Recording.read(bag(tmp_path, messages), joints=JOINTS))
+    one = [STATES[0]._replace(stamp=0, recorded=STATES[0].logged), *STATES[1:]]
+    expect(Recording.read(bag(tmp_path, one), joints=JOINTS))
+    same = [state._replace(stamp=START, recorded=state.logged) for state in STATES]
+    expect(Recording.read(bag(tmp_path, same), joints=JOINTS))
+
+
+def test_time_of_the_recording_can_be_chosen(tmp_path: Path) -> None:
+    rng = np.random.default_rng(3)
+    late = [state._replace(recorded=state.stamp + int(rng.integers(100_000))) for state in STATES]
+    found = Recording.read(bag(tmp_path, late), {"time": "recorded"}, JOINTS)
+    logged = np.array([state.logged for state in late])
+    np.testing.assert_array_equal(found.t, (logged - logged[0]) / 1e9)
+
+
+def test_messages_that_were_sent_twice_count_once(tmp_path: Path) -> None:
+    again = [state._replace(recorded=state.logged + 9000) for state in STATES[::7]]
+    expect(Recording.read(bag(tmp_path, STATES + again), joints=JOINTS))
+
+
+def test_two_messages_of_one_stamp_that_contradict_are_refused(tmp_path: Path) -> None:
+    other = STATES[50]._replace(position=[0.77, *STATES[50].position[1:]], recorded=STATES[50].logged + 9)
+    with pytest.raises(InputError, match=r"row 52, repeats the time 0\.2 s"):
+        Recording.read(bag(tmp_path, [*STATES, other]), joints=JOINTS)
+
+
+def test_a_simulation_that_began_anew_is_no_row_in_between(tmp_path: Path) -> None:
+    again = [state._replace(stamp=state.stamp + 1000, recorded=state.logged + 3 * 10**9) for state in STATES]
+    with pytest.raises(InputError, match=r"row 301, goes back in time from 1\.196 s"):
+        Recording.read(bag(tmp_path, STATES + again), joints=JOINTS)
+
+
+def test_quantities_that_are_not_there_are_no_columns(tmp_path: Path) -> None:
+    still = [state._replace(velocity=[]) for state in STATES]
+    assert Recording.read(bag(tmp_path, still), joints=JOINTS).velocity is None
+    weak = [state._replace(effort=[]) for state in STATES]
+    with pytest.raises(InputError, match=r"no columns .* torque|torque"):
+        Recording.read(bag(tmp_path, weak), joints=JOINTS)
+    once = [state._replace(effort=[]) if k == 9 else state for k, state in enumerate(STATES)]
+    with pytest.raises(InputError, match=r"in 1 of 300 rows, first on row 10"):
+        Recording.read(bag(tmp_path, once), joints=JOINTS)
+
+
+def test_lengths_and_names_must_fit(tmp_path: Path) -> None:
+    short = [STATES[0], STATES[1]._replace(effort=[1.0])]
+    with pytest.raises(InputError, match=r"topic /joint_states, message 2, has 1 values of effort for 3 joints"):
+        Recording.read(bag(tmp_path, short))
+    twice = [state._replace(names=("a", "b", "a")) for state in STATES]
+    with pytest.raises(InputError, match="message 1, names the joint 'a' twice"):
+        Recording.read(bag(tmp_path, twice))
+    changing = [state._replace(names=[f"{name}{k}" for name in JOINTS]) for k, state in enumerate(STATES * 2)]
+    with pytest.raises(InputError, match="in more than 300 ways"):
+        Recording.read(bag(tmp_path, changing))
+
+
+def test_topics_are_found_named_or_asked_for(tmp_path: Path) -> None:
+    weak = [state._replace(effort=[]) for state in STATES]
+    one = write_ros1(tmp_path / "one.bag", {"/arm/joint_states": STATES, "/wheels/joint_states": weak})
+    expect(Recording.read(one, joints=JOINTS))  # the other one has no torques
+    doubled = [state._replace(effort=2 * np.asarray(state.effort)) for state in STATES]
+    two = write_ros2(tmp_path / "two", {"/left/joint_states": STATES, "/right/joint_states": doubled})
+    with pytest.raises(
+        InputError, match=r"several topics, /left/joint_states .sensor_msgs/msg/JointState, 300 messages"
+    ) as asked:
+        Recording.read(two, joints=JOINTS)
+    assert 'topic = "/left/joint_states"' in str(asked.value)
+    found = Recording.read(two, {"topic": "right/joint_states"}, JOINTS)
+    np.testing.assert_array_equal(found.torque, 2 * TORQUE)
+    with pytest.raises(InputError, match=r"no topic '/lft/joint_states'.*did you mean \"/left/joint_states\""):
+        Recording.read(two, {"topic": "/lft/joint_states"}, JOINTS)
+
+
+def test_a_type_of_another_name_is_known_by_its_fields(tmp_path: Path) -> None:
+    path = write_mcap_json(tmp_path / "run.mcap", {"/arm": STATES}, "my.Measurements")
+    expect(Recording.read(path, joints=JOINTS))
+
+
+def test_messages_of_other_kinds_are_no_joint_states(tmp_path: Path) -> None:
+    from mcap.writer import Writer
+
+    path = tmp_path / "run.mcap"
+    with path.open("wb") as file:
+        writer = Writer(file)
+        writer.start()
+        channel = writer.register_channel("/camera", "json", 0)
+        for k in range(5):
+            writer.add_message(channel, k, json.dumps({"name": "left", "gain": [1, k]}).encode(), k)
+        writer.finish()
+    with pytest.raises(
+        InputError, match=r"no topic of sensor_msgs/JointState .* it has /camera .of no type, 5 messages"
+    ):
+        Recording.read(path)
+    with pytest.raises(InputError, match=r"the topic /camera .of no type, 5 messages. holds no numbers of joints"):
+        Recording.read(path, {"topic": "/camera"})
+
+
+def test_foxglove_lists_joints_one_by_one(tmp_path: Path) -> None:
+    from mcap.writer import Writer
+
+    path = tmp_path / "run.mcap"
+    with path.open("wb") as file:
+        writer = Writer(file)
+        writer.start()
+        schema = writer.register_schema("foxglove.JointStates", "jsonschema", b"{}")
+        channel = writer.register_channel("/joints", "json", schema)
+        for state in STATES:
+            numbers = zip(state.names, state.position, state.velocity, state.effort, strict=True)
+            keys = ("name", "position", "velocity", "effort")
+            stamp = {"sec": state.stamp // 10**9, "nsec": state.stamp % 10**9}
+            content = {"timestamp": stamp, "joints": [dict(zip(keys, values, strict=True)) for values in numbers]}
+            writer.add_message(channel, state.logged, json.dumps(content).encode(), state.stamp)
+        writer.finish()
+    expect(Recording.read(path, joints=JOINTS))
+
+
+POINT = "trajectory_msgs/JointTrajectoryPoint"
+HEAD = "std_msgs/Header header\nstring[] joint_names\n"
+OLD = HEAD + "".join(f"{POINT} {name}\n" for name in ("desired", "actual", "error"))
+NEW = (
+    HEAD
+    + "".join(f"{POINT} {name}\n" for name in ("reference", "feedback", "error", "output"))
+    + "string[] multi_dof_joint_names\n"
+    + "".join(
+        f"trajectory_msgs/MultiDOFJointTrajectoryPoint multi_dof_{name}\n"
+        for name in ("reference", "feedback", "error", "output")
+    )
+)
+CONTROLLER = "control_msgs/msg/JointTrajectoryControllerState"
+
+
+def write_controller_states(path: Path, definition: str, *, ros1: bool) -> Path:
+    """Write what a controller of trajectories publishes; `error` and the reference are other numbers."""
+    from rosbags import rosbag1, rosbag2
+    from rosbags.typesys import Stores, get_types_from_msg, get_typestore
+
+    store = get_typestore(Stores.ROS1_NOETIC if ros1 else Stores.ROS2_HUMBLE)
+    store.register(get_types_from_msg(definition, CONTROLLER))
+    types = store.types
+    fields = [field.name for field in dataclasses.fields(types[CONTROLLER])]
+    nothing = np.empty(0)
+
+    def point(scale: float, state: State) -> Any:
+        elapsed = types["builtin_interfaces/msg/Duration"](0, 0)
+        numbers = (scale * np.asarray(x) for x in (state.position, state.velocity))
+        return types["trajectory_msgs/msg/JointTrajectoryPoint"](
+            *numbers, nothing, scale * np.asarray(state.effort), elapsed
+        )
+
+    def message(state: State) -> Any:
+        stamp = types["builtin_interfaces/msg/Time"](state.stamp // 10**9, state.stamp % 10**9)
+        header = types["std_msgs/msg/Header"](*([0] if ros1 else []), stamp, "base")
+        scales = {"desired": 5.0, "reference": 5.0, "actual": 1.0, "feedback": 1.0, "error": 4.0, "output": 7.0}
+        values = {name: point(scale, state) for name, scale in scales.items() if name in fields}
+        if "multi_dof_output" in fields:
+            several = types["trajectory_msgs/msg/MultiDOFJointTrajectoryPoint"]
+            empty = several([], [], [], types["builtin_interfaces/msg/Duration"](0, 0))
+            values |= {f"multi_dof_{name}": empty for name in ("reference", "feedback", "error", "output")}
+            values["multi_dof_joint_names"] = []
+        return types[CONTROLLER](header=header, joint_names=list(JOINTS), **values)
+
+    writer = rosbag1.Writer(path) if ros1 else rosbag2.Writer(path, version=9)
+    with writer:
+        connection = writer.add_connection("/arm_controller/state", CONTROLLER, typestore=store)
+        for state in STATES:
+            data = (store.serialize_ros1 if ros1 else store.serialize_cdr)(message(state), CONTROLLER)
+            writer.write(connection, state.logged, data)
+    return path
+
+
+@pytest.mark.parametrize("definition", [OLD, NEW], ids=["actual", "feedback"])
+@pytest.mark.parametrize("without_definitions", [False, True])
+def test_controller_states_of_ros2(definition: str, without_definitions: bool, tmp_path: Path) -> None:
+    path = write_controller_states(tmp_path / "run", definition, ros1=False)
+    if without_definitions:  # as until Humble
+        _take_definitions_out(path)
+    expect(Recording.read(path, joints=JOINTS))
+
+
+def test_controller_states_of_ros1(tmp_path: Path) -> None:
+    expect(Recording.read(write_controller_states(tmp_path / "run.bag", OLD, ros1=True), joints=JOINTS))
+
+
+def _take_definitions_out(folder: Path) -> None:
+    (file,) = folder.glob("*.db3")
+    with contextlib.closing(sqlite3.connect(file)) as database:
+        database.execute("DELETE FROM message_definitions")
+        database.commit()
+
+
+def test_joint_states_without_definitions(tmp_path: Path) -> None:
+    path = write_ros2(tmp_path / "run", {"/joint_states": STATES})
+    _take_definitions_out(path)
+    expect(Recording.read(path, joints=JOINTS))
+
+
+@pytest.mark.parametrize("change", ["cut off", "first half missing", "zeros", "short"])
+@pytest.mark.parametrize(
+    "name", ["ros1.bag", "ros1_bz2.bag", "ros2_sqlite", "ros2_mcap", "json.mcap", "cdr.mcap", "protobuf.mcap"]
+)
+def test_damaged_bag_is_one_sentence(name: str, change: str, tmp_path: Path) -> None:
+    path = BAGS[name](tmp_path / name, {"/joint_states": STATES})
+    file = next(file for file in path.iterdir() if file.suffix != ".yaml") if path.is_dir() else path
+    data = file.read_bytes()
+    middle = len(data) // 2
+    changed = {
+        "cut off": data[:middle],
+        "first half missing": data[middle:],
+        "zeros": data[:middle] + bytes(len(data) - middle),
+        "short": data[:20],
+    }
+    file.write_bytes(changed[change])
+    with pytest.raises(InputError, match=r"cannot be read as (a bag of ROS|MCAP)[^\n]*(reindex|recover)[^\n]*\.$"):
+        Recording.read(path)
+
+
+@pytest.mark.parametrize(
+    "content", ["", "rosbag2_bagfile_information: 3", "- [", "rosbag2_bagfile_information: {version: 99}"]
+)
+def test_damaged_metadata_is_one_sentence(content: str, tmp_path: Path) -> None:
+    path = write_ros2(tmp_path / "run", {"/joint_states": STATES[:5]})
+    (path / "metadata.yaml").write_text(content)
+    with pytest.raises(InputError, match=r"cannot be read as a bag of ROS 2"):
+        Recording.read(path)
+
+
+@pytest.mark.parametrize(
+    ("suffix", "module"), [(".bag", "rosbags.rosbag1"), (".db3", "rosbags.rosbag2"), (".mcap", "mcap.reader")]
+)
+def test_missing_library_is_named(suffix: str, module: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    path = tmp_path / f"run{suffix}"
+    path.write_bytes(b"anything")
+    monkeypatch.setitem(sys.modules, module, None)
+    with pytest.raises(MissingExtraError, match=r"pip install 'steelyard\[bags\]'"):
+        Recording.read(path)
+
+
+def test_a_long_bag_takes_the_memory_of_a_block(tmp_path: Path) -> None:
+    """The numbers stand in a file; blocks of them are all that comes into memory."""
+    from steelyard.recording.formats.joint_messages import BLOCK, JointMessage, JointTable
+
+    table = JointTable("run")
+    values = tuple(np.arange(3.0) + kind for kind in range(3))
+    for k in range(3 * BLOCK + 5):
+        table.add(JointMessage(1 + k, JOINTS, tuple(value + k for value in values)), k)
+    table.finish()
+    assert isinstance(table._numbers, np.memmap)
+    block = table.columns(["time", "effort[wrist]"], 2 * BLOCK - 1, 2 * BLOCK + 1)
+    np.testing.assert_array_equal(block["effort[wrist]"], [4.0 + 2 * BLOCK - 1, 4.0 + 2 * BLOCK])
+    np.testing.assert_array_equal(block["time"], np.arange(2 * BLOCK - 1, 2 * BLOCK + 1) / 1e9)
