@@ -10,8 +10,7 @@ from pathlib import Path
 from typing import Any, ClassVar, Self
 
 from steelyard.errors import InputError, SteelyardError
-from steelyard.files import shown
-from steelyard.files.suggestion import suggestion
+from steelyard.files import shown, suggestion
 
 from ..columns import LogColumns
 from .joint_messages import QUANTITIES, JointMessage, JointTable, joint_message
