@@ -3,8 +3,7 @@ import pytest
 import scipy.linalg
 import scipy.sparse as sparse
 
-from steelyard.conic.elimination import Contradiction, Elimination, eliminate
-from steelyard.conic.rewriting import square_root, squares_of
+from steelyard.conic.rewriting import Contradiction, Elimination, eliminate, square_root, squares_of
 
 
 def random_equations(seed):

@@ -10,8 +10,6 @@ if TYPE_CHECKING:
     from .mesh_files import find_mesh as find_mesh
     from .mesh_files import read_mesh as read_mesh
     from .mesh_files import read_meshes as read_meshes
-    from .obstacles import Obstacle as Obstacle
-    from .obstacles import ObstacleClearance as ObstacleClearance
     from .robot_geometry import RobotGeometry as RobotGeometry
     from .robot_geometry import shapes_of_moving_links as shapes_of_moving_links
     from .self_collision import LeftOut as LeftOut
@@ -24,6 +22,8 @@ if TYPE_CHECKING:
     from .shapes import Shape as Shape
     from .shapes import Sphere as Sphere
     from .shapes import moments_of_surface as moments_of_surface
+    from .workspace import Obstacle as Obstacle
+    from .workspace import ObstacleClearance as ObstacleClearance
     from .workspace import TablePlane as TablePlane
     from .workspace import WorkspaceBox as WorkspaceBox
 

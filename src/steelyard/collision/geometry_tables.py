@@ -17,11 +17,10 @@ from steelyard.robot.placement import rpy_rotation
 
 from .configuration_constraint import ConfigurationConstraint
 from .mesh_files import read_mesh
-from .obstacles import Obstacle, ObstacleClearance
 from .robot_geometry import RobotGeometry
 from .self_collision import SelfCollision
 from .shapes import Box, Capsule, Cylinder, Mesh, PlacedShape, Shape, Sphere
-from .workspace import TablePlane, WorkspaceBox
+from .workspace import Obstacle, ObstacleClearance, TablePlane, WorkspaceBox
 
 __all__ = ["GEOMETRY_KEYS", "geometry_from_dict"]
 

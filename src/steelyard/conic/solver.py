@@ -128,9 +128,9 @@ SOLVERS: Extensions[Solver] = Extensions(
     {
         "clarabel": f"{__package__}.clarabel_solver:CLARABEL",
         "scs": f"{__package__}.scs_solver:SCS",
-        "csdp": f"{__package__}.file_solver:CSDP_SOLVER",
-        "dsdp": f"{__package__}.file_solver:DSDP_SOLVER",
-        "sdpa": f"{__package__}.file_solver:SDPA_SOLVER",
+        "csdp": f"{__package__}.external_solver:CSDP_SOLVER",
+        "dsdp": f"{__package__}.external_solver:DSDP_SOLVER",
+        "sdpa": f"{__package__}.external_solver:SDPA_SOLVER",
     },
     _checked_solver,
 )

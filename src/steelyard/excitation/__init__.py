@@ -16,7 +16,7 @@ if TYPE_CHECKING:
     from .motion_limits import MotionLimits as MotionLimits
     from .motion_limits import limits_from_file as limits_from_file
     from .motion_search import SearchOptions as SearchOptions
-    from .quintic import QuinticTrajectory as QuinticTrajectory
+    from .spline import QuinticTrajectory as QuinticTrajectory
     from .spline import SplineTrajectory as SplineTrajectory
     from .trajectory import Trajectory as Trajectory
     from .trajectory import save_trajectory as save_trajectory

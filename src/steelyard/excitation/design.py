@@ -35,7 +35,6 @@ __all__ = ["FORMAT", "ExcitationDesign", "ExcitationObjective", "design_excitati
 
 Array = NDArray[np.float64]
 
-
 _WATCHED = (
     "; self-collision is watched by default, and [collision] in the limits file has `exclude` for pairs of links and "
     "`self = false` for none"

@@ -12,8 +12,7 @@ from numpy.typing import NDArray
 from steelyard.errors import InputError
 
 from .fourier import FourierTrajectory, RestToRestTrajectory
-from .quintic import QuinticTrajectory, hermite
-from .spline import DEGREE, SplineTrajectory, clamped_knots
+from .spline import DEGREE, QuinticTrajectory, SplineTrajectory, clamped_knots, hermite
 from .trajectory import Trajectory
 
 __all__ = ["FAMILIES", "Basis", "Family", "FourierFamily", "QuinticFamily", "SplineFamily", "make_family"]

@@ -1,7 +1,8 @@
-"""Trajectories of B-splines of degree five, from rest to rest."""
+"""Trajectories of polynomials of degree five: B-splines from rest to rest, and quintics between given instants."""
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from typing import Any
@@ -13,9 +14,10 @@ from steelyard.errors import InputError
 
 from .trajectory import SampledTrajectory, times_of
 
-__all__ = ["DEGREE", "SplineTrajectory", "clamped_knots"]
+__all__ = ["DEGREE", "QuinticTrajectory", "SplineTrajectory", "clamped_knots", "hermite"]
 
 Array = NDArray[np.float64]
+
 DEGREE = 5
 
 
@@ -87,3 +89,132 @@ class SplineTrajectory(SampledTrajectory):
     def to_dict(self) -> dict[str, Any]:
         """Return the control points and the duration as plain data."""
         return {"family": "spline", "points": self.points.tolist(), "duration": self.duration}
+
+
+# Each row holds the coefficients of the powers 0 to 5 of u in one of the six Hermite polynomials of degree five on 0 to
+# 1. They have one as value, first or second derivative at u = 0, then at u = 1, and zero for the other five.
+_HERMITE = np.array(
+    [
+        [1.0, 0.0, 0.0, -10.0, 15.0, -6.0],
+        [0.0, 1.0, 0.0, -6.0, 8.0, -3.0],
+        [0.0, 0.0, 0.5, -1.5, 1.5, -0.5],
+        [0.0, 0.0, 0.0, 10.0, -15.0, 6.0],
+        [0.0, 0.0, 0.0, -4.0, 7.0, -3.0],
+        [0.0, 0.0, 0.0, 0.5, -1.0, 0.5],
+    ]
+)
+
+
+def hermite(u: Array, span: Array) -> tuple[Array, Array, Array]:
+    """Return the weights of q, dq, ddq at both ends of an interval, and their time derivatives, (S, 6) each.
+
+    Parameters
+    ----------
+    u : ndarray
+        (S,) relative position in the interval, 0 to 1.
+    span : ndarray
+        (S,) length of the interval, s.
+    """
+    powers = np.arange(6)
+    results = []
+    for order in range(3):
+        factor = np.ones(6)
+        for k in range(order):
+            factor = factor * (powers - k)
+        shape = u[:, None] ** np.maximum(powers - order, 0) * factor
+        # Derivatives by u are derivatives by time times powers of the span.
+        size = span[:, None] ** (np.array([0, 1, 2, 0, 1, 2]) - order)
+        results.append(shape @ _HERMITE.T * size)
+    return results[0], results[1], results[2]
+
+
+@dataclass(frozen=True, eq=False)
+class QuinticTrajectory(SampledTrajectory):
+    """A motion given at some instants, with polynomials of degree five between and two continuous derivatives.
+
+    Attributes
+    ----------
+    times : ndarray
+        (K,) instants, increasing from 0, s; K is at least 2.
+    q, dq, ddq : ndarray
+        (K, N) positions, velocities and accelerations at these instants.
+
+    Examples
+    --------
+    >>> trajectory = QuinticTrajectory.point_to_point([[0.0], [1.0]], [2.0])
+    >>> q, dq, ddq = trajectory.motion([0.0, 1.0, 2.0])
+    >>> q.ravel().tolist(), dq.ravel().tolist()
+    ([0.0, 0.5, 1.0], [0.0, 0.9375, 0.0])
+    """
+
+    times: Array
+    q: Array
+    dq: Array
+    ddq: Array
+
+    def __post_init__(self) -> None:
+        for name in ("times", "q", "dq", "ddq"):
+            object.__setattr__(self, name, np.array(getattr(self, name), dtype=np.float64))
+        shape = self.q.shape
+        fits = self.q.ndim == 2 and self.dq.shape == shape == self.ddq.shape and self.times.shape == shape[:1]
+        if not fits or len(self.times) < 2:
+            raise InputError(
+                "A quintic trajectory needs times of shape (K,) with K at least 2, and q, dq, ddq of shape (K, N), got "
+                f"{self.times.shape}, {self.q.shape}, {self.dq.shape} and {self.ddq.shape}."
+            )
+        if not all(np.isfinite(getattr(self, name)).all() for name in ("times", "q", "dq", "ddq")):
+            raise InputError("A quintic trajectory needs finite numbers, but some of them are not.")
+        if self.times[0] != 0.0 or np.any(np.diff(self.times) <= 0.0):
+            raise InputError("The times of a quintic trajectory must increase from 0, in s.")
+
+    @classmethod
+    def point_to_point(cls, points: ArrayLike, spans: ArrayLike | Sequence[float]) -> QuinticTrajectory:
+        """Return a motion from point to point that rests at each point.
+
+        Parameters
+        ----------
+        points : array_like
+            (K, N) positions, rad or m.
+        spans : array_like
+            (K - 1,) durations of the moves, s.
+        """
+        places = np.array(points, dtype=np.float64)
+        lengths = np.asarray(spans, dtype=np.float64)
+        if places.ndim != 2 or lengths.shape != (len(places) - 1,):
+            raise InputError(
+                "Point-to-point motion needs points of shape (K, N) and K - 1 durations, "
+                f"got {places.shape} and {lengths.shape}."
+            )
+        still = np.zeros_like(places)
+        return cls(np.concatenate([[0.0], np.cumsum(lengths)]), places, still, still)
+
+    def __repr__(self) -> str:
+        return f"QuinticTrajectory({self.dof} joints, {len(self.times)} points, {self.duration:g} s)"
+
+    @property
+    def duration(self) -> float:
+        """Time of the last point, s."""
+        return float(self.times[-1])
+
+    @property
+    def dof(self) -> int:
+        """Number N of joints."""
+        return int(self.q.shape[1])
+
+    def motion(self, t: ArrayLike) -> tuple[Array, Array, Array]:
+        """Return q, dq and ddq, (S, N) each, at times (S,); at rest before the start and after the end."""
+        given = times_of(t)
+        times = np.clip(given, 0.0, self.duration)
+        k = np.clip(np.searchsorted(self.times, times, side="right") - 1, 0, len(self.times) - 2)
+        span = np.diff(self.times)[k]
+        ends = np.stack([a[k + step] for step in (0, 1) for a in (self.q, self.dq, self.ddq)], axis=1)
+        q, dq, ddq = (
+            np.einsum("si,sin->sn", weights, ends) for weights in hermite((times - self.times[k]) / span, span)
+        )
+        outside = given != times
+        dq[outside] = ddq[outside] = 0.0
+        return q, dq, ddq
+
+    def to_dict(self) -> dict[str, Any]:
+        """Return the instants and the motion at them as plain data."""
+        return {"family": "quintic", **{name: getattr(self, name).tolist() for name in ("times", "q", "dq", "ddq")}}

@@ -13,9 +13,8 @@ from steelyard.errors import InputError
 from steelyard.files import read_json, reading_table, require_file, shown
 
 from .fourier import FourierTrajectory, RestToRestTrajectory
-from .quintic import QuinticTrajectory
 from .ros import read_joint_trajectory
-from .spline import SplineTrajectory
+from .spline import QuinticTrajectory, SplineTrajectory
 from .trajectory import FORMAT, SUFFIXES, Trajectory
 
 __all__ = ["load_trajectory"]

@@ -22,7 +22,6 @@ __all__ = ["Metric", "Nearest", "NearestPoint", "light_point", "nearest_in_regio
 Vector = npt.NDArray[np.float64]
 Matrix = npt.NDArray[np.float64]
 
-
 ROUNDING = 1e-10
 """Relative size below which asymmetries, negative eigenvalues and singular values count as rounding errors: matrices
 come from products and inverses of users, with a few digits lost."""

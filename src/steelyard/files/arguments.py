@@ -28,7 +28,6 @@ __all__ = [
 
 Array = NDArray[np.float64]
 
-
 LARGEST = 1e15
 """In SI units; no robot has anything larger, and squares of larger numbers lose digits that others need."""
 

@@ -30,7 +30,6 @@ __all__ = ["METHODS", "Experiment", "Request", "first_impossible", "least_inerti
 
 Array = NDArray[np.float64]
 
-
 # Inertia matrices whose eigenvalues are computed after a simulation, over all runs, but at least eight of each run. An
 # eigenvalue decomposition takes longer than a step of a batch, so that not every sample is checked.
 MOST = 400

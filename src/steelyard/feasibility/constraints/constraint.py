@@ -40,7 +40,6 @@ __all__ = [
 Vector = npt.NDArray[np.float64]
 Matrix = npt.NDArray[np.float64]
 
-
 _DEPENDENT = 1e-9
 """An equation counts as a combination of others if the rest that is orthogonal to them is less than this part of it."""
 
