@@ -9,8 +9,8 @@ import llvmlite.binding as llvm
 import pytest
 
 from steelyard.graph import machine as machine_module
+from steelyard.graph.instructions import support_source
 from steelyard.graph.machine import Machine
-from steelyard.graph.support import support_source
 
 # A reservation of 8 GiB, with every gap above it taken but for a few pages, stands for a program that allocates: what
 # asks for memory gets those pages while it fits, and the rest lies beyond the reservation.

@@ -26,9 +26,9 @@ from steelyard.errors import InputError
 from .cache import ObjectCache, pack, unpack
 from .expression import operation_count
 from .function import Argument, Function
+from .instructions import support_source
 from .llvm import kernel_source
 from .machine import LoadedCode, batch_lanes, host_machine
-from .support import support_source
 
 __all__ = ["DOUBLE", "Desk", "Kernel", "Signature", "address_of", "addresses_of", "source_digest"]
 

@@ -14,8 +14,7 @@ from itertools import pairwise
 
 from .expression import Node, reachable
 from .function import Argument
-from .instructions import Instructions
-from .support import SUPPORT
+from .instructions import SUPPORT, Instructions
 
 __all__ = ["Fused", "Program", "kernel_source"]
 

@@ -10,7 +10,7 @@ from functools import cache, cached_property
 from typing import Any
 
 from .cache import ObjectCache, pack, unpack
-from .support import SUPPORT, support_source
+from .instructions import SUPPORT, support_source
 
 __all__ = ["LoadedCode", "Machine", "batch_lanes", "host_machine"]
 
