@@ -31,7 +31,7 @@ BROKEN = {
     "another format": ("<sdf><model/></sdf>", "begins with <robot>, found <sdf>"),
     "xacro": (
         '<robot xmlns:xacro="http://www.ros.org/wiki/xacro">\n<xacro:include filename="x"/></robot>',
-        "line 2: this is xacro, not URDF; expand it first",
+        "the xacro cannot be expanded|needs the package xacro",
     ),
     "xacro expression": (robot(A, B, joint(inner='<origin xyz="${x} 0 0"/>')), "expand the xacro first"),
     "entities": (

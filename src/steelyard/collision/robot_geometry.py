@@ -15,8 +15,7 @@ from steelyard import collision  # meshes are read by what is imported when ther
 from steelyard.errors import InputError
 from steelyard.files import suggestion
 from steelyard.robot import Robot
-from steelyard.robot.urdf_document import UrdfReader
-from steelyard.robot.xml_document import parse_xml
+from steelyard.robot.urdf_document import UrdfReader, parse_urdf
 
 from .shapes import Box, Capsule, Cylinder, Mesh, PlacedShape, Shape, Sphere
 
@@ -189,7 +188,7 @@ def shapes_from_urdf(
 
     If `skipped` is given, elements that cannot be read are left out and appended to it as pairs of link and reason.
     """
-    root = parse_xml(path)
+    root = parse_urdf(path, robot.xacro_arguments if path == robot.source else None)
     reader = _ShapeReader(path, meshes, packages)
     document = reader.document(root)
     found = reader.shapes(root, robot, ("collision",), skipped)["collision"]
@@ -204,7 +203,7 @@ def shapes_of_moving_links(
     Elements that cannot be read are left out and appended to `skipped` as pairs of link and reason, and so are meshes
     of more than `largest` bytes.
     """
-    root = parse_xml(path)
+    root = parse_urdf(path, robot.xacro_arguments if path == robot.source else None)
     reader = _ShapeReader(path, "hull", (), largest)
     reader.document(root)
     return reader.shapes(root, robot, ("visual", "collision"), skipped, moving=True)

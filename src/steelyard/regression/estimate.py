@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from steelyard.display import html_table
 from steelyard.errors import InputError, faults_told
 from steelyard.files import plain, read_json, shown, write_json
-from steelyard.robot.description import URDF, DescriptionFormat, description_format
+from steelyard.robot.description import URDF, DescriptionFormat, UrdfFormat, description_format
 
 from .certified_numbers import certified_numbers_differ
 from .factor import LARGEST
@@ -282,7 +282,7 @@ class Estimate:
         InputError
             If the estimate has no parameters, or does not belong to this robot.
         """
-        self._write(URDF, Path(source), Path(target))
+        self._write(UrdfFormat(self.description.get("xacro_arguments")), Path(source), Path(target))
 
     def write_description(self, source: str | Path, target: str | Path) -> None:
         """Write a copy of a description with the identified parameters, in the format of its suffix.
@@ -299,7 +299,8 @@ class Estimate:
             If the estimate has no parameters, does not belong to this robot, or the format is only read.
         """
         source = Path(source)
-        self._write(description_format(source) or URDF, source, Path(target))
+        chosen = description_format(source, self.description.get("xacro_arguments"))
+        self._write(chosen or URDF, source, Path(target))
 
     def _write(self, kind: DescriptionFormat, source: Path, target: Path) -> None:
         if self.parameters is None:
@@ -308,7 +309,7 @@ class Estimate:
                 "use steelyard.fit."
             )
         told = faults_told(f"{source} cannot be read and written", "mend the package that does so")
-        with contextlib.nullcontext() if kind is URDF else told:
+        with contextlib.nullcontext() if isinstance(kind, UrdfFormat) else told:
             tip, locked = self.description.get("tip"), self.description.get("locked") or ()
             robot = kind.read(source, tip, locked, (0, 0, -9.81))
             names = list(robot.parameter_names)

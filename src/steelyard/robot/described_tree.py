@@ -114,6 +114,8 @@ class DescribedTree:
         The file.
     unwritten_is_massless : bool
         Whether a link without inertia has no mass where others have one; if not, its inertia is unknown.
+    remarks : tuple of str
+        What the description holds that a robot does not, and how it was read.
     """
 
     where: str
@@ -122,6 +124,7 @@ class DescribedTree:
     joints: dict[str, DescribedJoint]
     source: Path | None = None
     unwritten_is_massless: bool = True
+    remarks: tuple[str, ...] = ()
 
 
 class _Drive(NamedTuple):
@@ -263,6 +266,7 @@ class _Assembly:
             "base_link": root,
             "base_attachments": tuple(self.attachments[-1]),
             "source": self.tree.source,
+            "remarks": self.tree.remarks,
         }
 
     def _push(self, place: _Place, pending: list[tuple[_Place, DescribedJoint]]) -> None:

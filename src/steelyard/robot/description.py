@@ -18,7 +18,7 @@ from steelyard.files import read_bytes, shown
 
 from .robot import Robot
 
-__all__ = ["DESCRIPTION_FORMATS", "URDF", "DescriptionFormat", "description_format", "read_description"]
+__all__ = ["DESCRIPTION_FORMATS", "URDF", "DescriptionFormat", "UrdfFormat", "description_format", "read_description"]
 
 Locked = Iterable[str] | Mapping[str, float]
 STANDARD_GRAVITY = (0.0, 0.0, -9.81)  # m/s²
@@ -86,11 +86,20 @@ class DescriptionFormat(ABC):
 
 
 class UrdfFormat(DescriptionFormat):
-    """URDF, which is edited in place."""
+    """URDF, which is edited in place, and xacro, which is expanded.
+
+    Parameters
+    ----------
+    xacro_arguments : mapping, optional
+    """
+
+    def __init__(self, xacro_arguments: Mapping[str, str] | None = None) -> None:
+        self.xacro_arguments = dict(xacro_arguments or {})
 
     def read(self, path: Path, tip: str | None, locked: Locked, gravity: ArrayLike | None) -> Robot:
         """See `Robot.from_urdf`."""
-        return Robot.from_urdf(path, tip, locked, STANDARD_GRAVITY if gravity is None else gravity)
+        gravity = STANDARD_GRAVITY if gravity is None else gravity
+        return Robot.from_urdf(path, tip, locked, gravity, self.xacro_arguments)
 
     def write(
         self,
@@ -117,14 +126,29 @@ URDF = UrdfFormat()
 DESCRIPTION_FORMATS: Extensions[DescriptionFormat] = Extensions(
     "description_formats",
     "format of descriptions",
-    {"urdf": URDF, "robot": URDF, "sdf": "steelyard.robot.sdf:SDF", "world": "steelyard.robot.sdf:SDF"},
+    {"urdf": URDF, "robot": URDF, "xacro": URDF, "sdf": "steelyard.robot.sdf:SDF", "world": "steelyard.robot.sdf:SDF"},
     _checked_format,
 )
 """By the suffix in lower case without the dot, and for files of XML by the name of the root element."""
 
 
-def description_format(path: Path) -> DescriptionFormat | None:
-    """Return the format of a file by its root element, or by its suffix; None where none has it."""
+def description_format(path: Path, xacro_arguments: Mapping[str, str] | None = None) -> DescriptionFormat | None:
+    """Return the format of a file by its root element, or by its suffix; None where none has it.
+
+    Raises
+    ------
+    InputError
+        If the file cannot be read, or arguments are given for what is no xacro.
+    """
+    chosen = _chosen_format(path)
+    if xacro_arguments:
+        if chosen is not URDF:
+            raise InputError(f"{path}: it is no xacro, so it takes no arguments; remove xacro_arguments")
+        return UrdfFormat(xacro_arguments)
+    return chosen
+
+
+def _chosen_format(path: Path) -> DescriptionFormat | None:
     suffix = path.suffix.lower().removeprefix(".")
     if suffix not in SUFFIXES:
         return DESCRIPTION_FORMATS.get(suffix) if suffix else None
@@ -134,7 +158,11 @@ def description_format(path: Path) -> DescriptionFormat | None:
 
 
 def read_description(
-    path: Path, tip: str | None = None, locked: Locked = (), gravity: ArrayLike | None = None
+    path: Path,
+    tip: str | None = None,
+    locked: Locked = (),
+    gravity: ArrayLike | None = None,
+    xacro_arguments: Mapping[str, str] | None = None,
 ) -> Robot:
     """Read a robot from a file in any of the formats; see `DescriptionFormat.read`.
 
@@ -145,7 +173,7 @@ def read_description(
     InputError
         If no format has the suffix, or the file does not describe a robot.
     """
-    chosen = description_format(path)
+    chosen = description_format(path, xacro_arguments)
     if chosen is None:
         known = ", ".join(f"a .{name}" for name in DESCRIPTION_FORMATS.names() if name not in ROOTS)
         raise InputError(
@@ -154,7 +182,7 @@ def read_description(
         )
     if gravity is None and not chosen.tells_gravity:
         gravity = STANDARD_GRAVITY
-    if chosen is URDF:
+    if isinstance(chosen, UrdfFormat):
         return chosen.read(path, tip, locked, gravity)
     with faults_told(f"{path} cannot be read", "mend the file, or the package that reads it"):
         robot = chosen.read(path, tip, locked, gravity)

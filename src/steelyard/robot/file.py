@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import copy
 import math
+import re
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from pathlib import Path
@@ -14,7 +15,7 @@ import numpy as np
 from steelyard.errors import InputError
 from steelyard.files import TomlTable, is_number, read_toml, shown, suggestion
 
-from .description import STANDARD_GRAVITY, URDF, read_description
+from .description import STANDARD_GRAVITY, UrdfFormat, read_description
 from .robot import Robot
 
 __all__ = ["RobotFile"]
@@ -23,8 +24,10 @@ TABLES = ("log", "processing", "limits", "constraints", "payload")
 TOP_LEVEL = ("name", "description", "terms", *TABLES)
 DEFAULT_TERMS = ("viscous", "coulomb", "offset")
 """The terms of a file that names none: every robot has friction, and few drives measure exactly zero torque at rest."""
-FILE_KEYS = ("tip", "locked", "gravity")
+FILE_KEYS = ("tip", "locked", "gravity", "xacro_arguments")
 LIMITS = {"lower": "lower", "upper": "upper", "velocity": "velocity_limit", "effort": "effort_limit"}
+_WITH_ARGUMENTS = re.compile(r"(.*\.(?:xacro|urdf|xml))((?:\s+\w+:=\S*)+)\s*", re.DOTALL)
+_ARGUMENT = re.compile(r"(\w+):=(\S*)")
 DH_KEYS = ("convention", "rows", "lengths", "inertials", "locked", "gravity")
 
 
@@ -67,7 +70,8 @@ class RobotFile:
         Parameters
         ----------
         path : str, Path or RobotFile
-            A RobotFile, which has been read, is returned as it is.
+            A RobotFile, which has been read, is returned as it is. The arguments of a xacro may follow its path, as in
+            ``arm.urdf.xacro name:=left``.
         allow_extensions : bool
             Whether terms and constraints that the file names by import path, as ``kind = "module:Class"``, may be
             imported, which runs code. Names of terms and constraints that installed packages add need no permission.
@@ -97,10 +101,11 @@ class RobotFile:
         """
         if isinstance(path, RobotFile):
             return path
-        path = Path(path)
+        path, arguments = _without_arguments(path)
         if path.suffix.lower() == ".toml":
             return replace(cls._from_toml(path), allow_extensions=allow_extensions)
-        return cls(path, read_description(path), _default_terms())
+        kept = {"xacro_arguments": arguments} if arguments else {}
+        return cls(path, read_description(path, xacro_arguments=arguments), _default_terms(), description=kept)
 
     @classmethod
     def _from_toml(cls, path: Path) -> RobotFile:
@@ -126,6 +131,8 @@ class RobotFile:
             robot = replace(robot, name=content["name"])
         robot = _with_limits(robot, sections["limits"], f"{path}, [limits]")
         kept = {key: description[key] for key in ("tip", "locked") if key in description}
+        if robot.xacro_arguments:
+            kept["xacro_arguments"] = dict(robot.xacro_arguments)
         return cls(path, robot, tuple(terms), sections, kept)
 
     def section(self, name: str) -> dict[str, Any]:
@@ -139,6 +146,14 @@ class RobotFile:
         if name not in TABLES:
             raise InputError(f'"{name}" is no table of a robot file; {suggestion(name, TABLES)}')
         return copy.deepcopy(self.sections.get(name, {}))
+
+
+def _without_arguments(path: str | Path) -> tuple[Path, dict[str, str]]:
+    """Take the arguments of a xacro from what follows its path, as in ``arm.urdf.xacro name:=left load:=true``."""
+    found = _WITH_ARGUMENTS.fullmatch(str(path))
+    if found is None or Path(path).exists():
+        return Path(path), {}
+    return Path(found[1]), dict(_ARGUMENT.findall(found[2]))
 
 
 def _default_terms() -> tuple[dict[str, Any], ...]:
@@ -173,9 +188,21 @@ def _describe(path: Path, description: dict[str, Any]) -> Robot:
         return Robot(**robot_parts(tree, None, _locked(table)), gravity=np.asarray(gravity, dtype=object))
 
     source, tip = path.parent / (table.text(given[0], "a path") or ""), table.text("tip", "the name of a link")
+    arguments = xacro_arguments(table)
     if given == ["urdf"]:
-        return URDF.read(source, tip, _locked(table), gravity)
-    return read_description(source, tip, _locked(table), gravity if given_gravity else None)
+        return UrdfFormat(arguments).read(source, tip, _locked(table), gravity)
+    return read_description(source, tip, _locked(table), gravity if given_gravity else None, arguments)
+
+
+def xacro_arguments(table: Mapping[str, Any]) -> dict[str, str]:
+    """Return the values of the arguments of a xacro as xacro takes them."""
+    given = table.get("xacro_arguments", {})
+    if not isinstance(given, dict) or not all(isinstance(value, str | int | float) for value in given.values()):
+        raise InputError(
+            f"{getattr(table, 'where', '')}: xacro_arguments must be a table of texts, numbers and true or false, got "
+            f"{shown(given)}"
+        )
+    return {key: str(value).lower() if isinstance(value, bool) else str(value) for key, value in given.items()}
 
 
 def _locked(table: TomlTable) -> list[str] | dict[str, float]:

@@ -11,13 +11,16 @@ from urllib.parse import unquote
 from steelyard.errors import InputError
 from steelyard.files import read_bytes, shown
 
-__all__ = ["find_package", "find_reference"]
+__all__ = ["find_package", "find_reference", "package_folders", "package_root", "search_folders"]
 
 PATHS = ("ROS_PACKAGE_PATH", "GZ_SIM_RESOURCE_PATH", "IGN_GAZEBO_RESOURCE_PATH", "GAZEBO_MODEL_PATH", "SDF_PATH")
 """Variables of the environment that list folders of packages or models."""
 
 MARKS = ("package.xml", "manifest.xml", "model.config", ".git")
 """What a folder holds that is the root of a package, of a model or of a repository."""
+
+ENDINGS = ("_description", "_support")
+"""Of packages of robots; collections of robots leave them out or exchange them."""
 
 LARGEST_MARK = 1_000_000  # bytes of a package.xml
 _NAME = re.compile(rb"<name[^>]*>\s*([^<\s]+)\s*</name>")
@@ -75,7 +78,7 @@ def find_reference(
     else:
         candidates = [description.parent / reference]
         remedy = "mend the path, which is relative to the folder of the description"
-        root = _root(description)
+        root = package_root(description)
         place = os.path.normpath(Path(os.path.abspath(description.parent)) / reference)
         if ".." in PurePosixPath(reference).parts and not Path(place).is_relative_to(root):
             raise InputError(
@@ -103,7 +106,8 @@ def find_package(name: str, description: Path, packages: Iterable[str | Path] = 
     packages : iterable of path
         Folders of packages, or folders that contain packages. Those of ``ROS_PACKAGE_PATH``, of ``AMENT_PREFIX_PATH``
         (its ``share``) and of the variables of Gazebo follow, then the folders above the description. A folder belongs
-        to the package where it has its name, or a package.xml with it.
+        to the package where it has its name, or a package.xml with it; where there is none, a folder counts whose name
+        differs by the ending ``_description`` or ``_support`` alone.
 
     Raises
     ------
@@ -123,17 +127,32 @@ def find_package(name: str, description: Path, packages: Iterable[str | Path] = 
 
 def package_folders(name: str, description: Path, packages: Iterable[str | Path]) -> list[Path]:
     """Return the folders that may be a package: those that exist, or else all that were thought of."""
+    folders: list[Path] = []
+    roots = [*search_folders(packages), *description.resolve().parents]
+    for root in roots:
+        if root.name == name or _package_name(root) == name:
+            folders.append(root)
+        folders.append(root / name)
+    # Where nothing has the name, a folder that lacks the usual ending, or has another one, may be meant.
+    folders += [root / other for root in roots for other in _other_names(name)]
+    folders += [root for root in roots if root.name in _other_names(name)]
+    existing = [folder for folder in folders if folder.is_dir()]
+    return existing or folders
+
+
+def search_folders(packages: Iterable[str | Path]) -> list[Path]:
+    """Return the folders of packages, or of folders of packages, that are given or that the environment names."""
     roots = [Path(folder) for folder in packages]
     for variable in PATHS:
         roots += [Path(folder) for folder in os.environ.get(variable, "").split(os.pathsep) if folder]
     prefixes = [Path(folder) for folder in os.environ.get("AMENT_PREFIX_PATH", "").split(os.pathsep) if folder]
-    folders: list[Path] = []
-    for root in (*roots, *(prefix / "share" for prefix in prefixes), *description.resolve().parents):
-        if root.name == name or _package_name(root) == name:
-            folders.append(root)
-        folders.append(root / name)
-    existing = [folder for folder in folders if folder.is_dir()]
-    return existing or folders
+    return [*roots, *(prefix / "share" for prefix in prefixes)]
+
+
+def _other_names(name: str) -> list[str]:
+    """Names by which the folder of a package goes as well, as arm_description for arm or arm_support."""
+    stem = next((name.removesuffix(ending) for ending in ENDINGS if name.endswith(ending)), name)
+    return [other for other in (stem, *(stem + ending for ending in ENDINGS)) if other != name]
 
 
 def _package_name(folder: Path) -> str:
@@ -155,8 +174,8 @@ def _stays_inside(inside: str) -> bool:
     return "\0" not in inside and not os.path.isabs(normal) and normal.split(os.sep)[0] != ".."
 
 
-def _root(description: Path) -> Path:
-    """Return the folder that a description's relative paths must not leave."""
+def package_root(description: Path) -> Path:
+    """Return the folder that the relative paths of a description must not leave."""
     place = Path(os.path.abspath(description)).parent
     for folder in (place, *place.parents):
         if any((folder / mark).exists() for mark in MARKS):

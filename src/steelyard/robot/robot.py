@@ -180,7 +180,9 @@ class Robot:
     source : Path or None
         The description that the robot was read from.
     remarks : tuple of str
-        What the description holds that the robot does not.
+        What the description holds that the robot does not, and how it was read.
+    xacro_arguments : mapping
+        With which the description was expanded.
 
     Raises
     ------
@@ -208,6 +210,7 @@ class Robot:
     base_attachments: tuple[Attachment, ...] = ()
     source: Path | None = None
     remarks: tuple[str, ...] = ()
+    xacro_arguments: Mapping[str, str] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
         try:
@@ -320,6 +323,7 @@ class Robot:
         tip: str | None = None,
         locked: Iterable[str] | Mapping[str, float] = (),
         gravity: ArrayLike = (0, 0, -9.81),
+        xacro_arguments: Mapping[str, str] | None = None,
     ) -> Robot:
         """A robot from a URDF file.
 
@@ -329,7 +333,7 @@ class Robot:
         Parameters
         ----------
         path : str or Path
-            The URDF (xacro must be expanded before).
+            The URDF, or a xacro, which is expanded.
         tip : str, optional
             Keep only the chain from the root to this link. Links fixed to the chain are kept; moving side branches are
             not.
@@ -338,9 +342,13 @@ class Robot:
             only be locked at 0.
         gravity : (3,) array
             Acceleration of gravity in the frame of the root link, m/s².
+        xacro_arguments : mapping, optional
+            Values of the arguments of a xacro.
 
         Raises
         ------
+        MissingExtraError
+            When the file is a xacro, and the package xacro is not installed (extra ``xacro``).
         InputError
             When the file cannot be read or does not describe a tree of one-degree-of-freedom joints.
 
@@ -360,7 +368,9 @@ class Robot:
         from .described_tree import robot_parts  # a format is loaded when it is read
         from .urdf_document import read_document
 
-        return cls(**robot_parts(read_document(path), tip, locked), gravity=np.asarray(gravity, dtype=object))
+        given = dict(xacro_arguments or {})
+        parts = robot_parts(read_document(path, given), tip, locked)
+        return cls(**parts, gravity=np.asarray(gravity, dtype=object), xacro_arguments=given)
 
     @classmethod
     def from_sdf(
@@ -412,7 +422,7 @@ class Robot:
         parts = robot_parts(reader.tree(), tip, locked)
         if gravity is None:
             gravity = (0.0, 0.0, -9.81) if reader.gravity is None else reader.gravity
-        return cls(**parts, gravity=np.asarray(gravity, dtype=object), remarks=tuple(reader.remarks))
+        return cls(**parts, gravity=np.asarray(gravity, dtype=object))
 
     def with_terms(self, *terms: Term) -> Robot:
         """The same robot with these terms in place of its own.

@@ -370,7 +370,10 @@ class SdfReader(XmlReader):
         if WORLD not in links and any(joint.parent == WORLD for joint in joints.values()):
             links = {WORLD: DescribedLink(WORLD, 0, None), **links}
         self.gravity = self._gravity_in(robot, joints)
-        return DescribedTree(str(self.path), robot.name, links, joints, self.path, unwritten_is_massless=False)
+        return DescribedTree(
+            str(self.path), robot.name, links, joints, self.path, unwritten_is_massless=False,
+            remarks=tuple(self.remarks),
+        )  # fmt: skip
 
     def _gravity_in(self, robot: _Frame, joints: dict[str, DescribedJoint]) -> tuple[float, ...] | None:
         """The gravity of the world in the frame of the root link; None where it is not written and the link upright."""

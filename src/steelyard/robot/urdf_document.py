@@ -3,13 +3,16 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Mapping
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
 
-from steelyard.files import suggestion
+from steelyard.errors import InputError
+from steelyard.files import read_bytes, suggestion
 
 from .described_tree import ONE_DOF, DescribedJoint, DescribedLink, DescribedMimic, DescribedTree
 from .inertia import Inertia
@@ -19,19 +22,61 @@ from .xml_document import SHORTEST_AXIS, XmlReader, line_of, parse_xml
 if TYPE_CHECKING:
     from lxml import etree
 
-__all__ = ["UrdfReader", "read_document"]
+__all__ = ["UrdfReader", "is_xacro", "parse_urdf", "read_document", "urdf_content"]
 
 Matrix = NDArray[np.float64]
 
 
-def read_document(path: str | Path) -> DescribedTree:
-    """Read a URDF file; raise InputError, with the line, where it is not one."""
+def read_document(path: str | Path, xacro_arguments: Mapping[str, str] | None = None) -> DescribedTree:
+    """Read a URDF file, or a xacro, which is expanded; raise InputError, with the line, where it is not one."""
     path = Path(path)
-    return UrdfReader(path).document(parse_xml(path))
+    content = urdf_content(path, xacro_arguments)
+    reader = UrdfReader(path)
+    remarks: tuple[str, ...] = ()
+    if is_xacro(path, read_bytes(path)):
+        reader.place = f"{path}, expanded"
+        reader.no_link = "it may hold macros alone; give the file that uses them"
+        given = ", ".join(f"{key} = {value}" for key, value in (xacro_arguments or {}).items())
+        given = f" with {given}" if given else ""
+        remarks = (f"{path.name} was expanded{given}; what is identified is written as plain URDF.",)
+    return replace(reader.document(parse_xml(path, content=content)), remarks=remarks)
+
+
+def parse_urdf(path: Path, xacro_arguments: Mapping[str, str] | None = None) -> etree._Element:
+    """Return the root of a URDF, or of the URDF that a xacro describes; see `parse_xml`."""
+    return parse_xml(path, content=urdf_content(path, xacro_arguments))
+
+
+def urdf_content(path: Path, xacro_arguments: Mapping[str, str] | None = None) -> bytes:
+    """Return the bytes of a URDF, or of the URDF that a xacro describes.
+
+    A file is a xacro by its suffix, or by elements with the prefix ``xacro:``.
+    """
+    content = read_bytes(path, remedy="give the path of a URDF")
+    if is_xacro(path, content):
+        from .xacro import expand_xacro  # what expands is loaded when it is needed
+
+        return expand_xacro(path, xacro_arguments)
+    if xacro_arguments:
+        raise InputError(f"{path}: it is no xacro, so it takes no arguments; remove xacro_arguments")
+    return content
+
+
+def is_xacro(path: Path, content: bytes) -> bool:
+    """Whether a file is a xacro.
+
+    Examples
+    --------
+    >>> is_xacro(Path("arm.urdf"), b'<robot xmlns:xacro="x"><xacro:macro name="link"/></robot>')
+    True
+    """
+    return path.suffix.lower() == ".xacro" or b"<xacro:" in content
 
 
 class UrdfReader(XmlReader):
     """Reads the elements of a URDF."""
+
+    no_link = "give a complete URDF"
 
     def document(self, root: etree._Element) -> DescribedTree:
         """Read the element ``robot``."""
@@ -51,7 +96,7 @@ class UrdfReader(XmlReader):
                 )
             links[link.name] = link
         if not links:
-            raise self.error(root, "the robot has no <link>; give a complete URDF")
+            raise self.error(root, f"the robot has no <link>; {self.no_link}")
         joints: dict[str, DescribedJoint] = {}
         for element in self.children(root, "joint"):
             joint = self.joint(element, links)

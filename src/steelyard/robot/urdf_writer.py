@@ -8,12 +8,12 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from steelyard.errors import InputError
-from steelyard.files import read_bytes, write_bytes
+from steelyard.files import write_bytes
 
 from .inertia import Inertia
 from .joint import Link
 from .robot import Robot
-from .urdf_document import read_document
+from .urdf_document import read_document, urdf_content
 from .xml_edit import XmlEdit, XmlElement
 
 __all__ = ["write_urdf"]
@@ -80,7 +80,7 @@ def write_urdf(
         _remainder(link, values[start : start + 10]) for link, start in zip(robot.links, robot.link_starts, strict=True)
     ]
 
-    edit = XmlEdit(read_bytes(source, remedy="give the path of a URDF"), source)
+    edit = XmlEdit(urdf_content(source, robot.xacro_arguments), source)
     if edit.root.tag != "robot":
         raise InputError(
             f"{source}: <{edit.root.tag}> cannot be edited in place; write the URDF's elements without prefix"
@@ -114,7 +114,7 @@ def _vector(values: ArrayLike, size: int, name: str) -> Matrix:
 
 
 def _check_files(robot: Robot, source: Path, target: Path) -> None:
-    document = read_document(source)
+    document = read_document(source, robot.xacro_arguments)
     for what, names, known in (
         ("link", [name for link in robot.links for name in (link.name, *link.absorbed)], document.links),
         ("joint", [joint.name for joint in robot.joints], document.joints),

@@ -21,7 +21,7 @@ __all__ = ["SHORTEST_AXIS", "XmlReader", "line_of", "parse_xml"]
 SHORTEST_AXIS = 1e-9
 
 
-def parse_xml(path: Path, kind: str = "a URDF") -> etree._Element:
+def parse_xml(path: Path, kind: str = "a URDF", content: bytes | None = None) -> etree._Element:
     """Read the XML of a description, without entities and network.
 
     Parameters
@@ -29,6 +29,8 @@ def parse_xml(path: Path, kind: str = "a URDF") -> etree._Element:
     path : Path
     kind : str
         What the file should be, for messages.
+    content : bytes, optional
+        What stands in the file; by default it is read.
 
     Raises
     ------
@@ -37,7 +39,7 @@ def parse_xml(path: Path, kind: str = "a URDF") -> etree._Element:
     """
     from lxml import etree
 
-    data = read_bytes(path, remedy=f"give the path of {kind}")
+    data = read_bytes(path, remedy=f"give the path of {kind}") if content is None else content
     # A description needs neither entities nor a network, and both are ways to harm whoever opens it.
     parser = etree.XMLParser(resolve_entities=False, no_network=True, load_dtd=False, huge_tree=False)
     try:
@@ -73,6 +75,7 @@ class XmlReader:
 
     def __init__(self, path: Path) -> None:
         self.path = path
+        self.place = str(path)
         self.namespace = ""
 
     def children(self, element: etree._Element, tag: str) -> list[etree._Element]:
@@ -141,4 +144,4 @@ class XmlReader:
 
     def error(self, element: etree._Element, message: str) -> InputError:
         """Return an error that names the file and the line."""
-        return InputError(f"{self.path}, line {line_of(element)}: {message}")
+        return InputError(f"{self.place}, line {line_of(element)}: {message}")

@@ -1,0 +1,78 @@
+"""Expanding a xacro, without ROS, to the URDF that it describes."""
+
+from __future__ import annotations
+
+import json
+import os
+import subprocess
+import sys
+from collections.abc import Iterable, Mapping
+from functools import lru_cache
+from pathlib import Path
+
+from steelyard.errors import InputError, MissingExtraError
+
+__all__ = ["expand_xacro"]
+
+TIME = 60.0  # s to wait for the other process
+
+
+def expand_xacro(path: Path, arguments: Mapping[str, str] | None = None, packages: Iterable[str | Path] = ()) -> bytes:
+    """Return the URDF that a xacro describes.
+
+    The package xacro does it, in another process with limits of time and memory. Packages after ``$(find ...)`` are
+    found as those of meshes are, see `find_package`; no file outside of the package of the xacro, of packages that it
+    names and of ``ROS_PACKAGE_PATH`` is read.
+
+    Parameters
+    ----------
+    path : Path
+    arguments : mapping, optional
+        Values of ``<xacro:arg>``.
+    packages : iterable of path
+        Folders of packages, or folders that contain packages.
+
+    Raises
+    ------
+    InputError
+        If it cannot be expanded.
+    MissingExtraError
+        If xacro is not installed (extra ``xacro``).
+    """
+    given = tuple(sorted((str(key), str(value)) for key, value in (arguments or {}).items()))
+    return _expanded(os.path.abspath(path), str(path), given, tuple(map(str, packages)), _state(path))
+
+
+def _state(path: Path) -> tuple[int, str]:
+    """What must be the same for an expansion to be used again."""
+    try:
+        changed = path.stat().st_mtime_ns
+    except (OSError, ValueError):
+        changed = 0
+    return changed, os.environ.get("ROS_PACKAGE_PATH", "")
+
+
+@lru_cache(maxsize=16)
+def _expanded(
+    path: str, shown: str, arguments: tuple[tuple[str, str], ...], packages: tuple[str, ...], _: tuple[int, str]
+) -> bytes:
+    environment = {**os.environ, "PYTHONPATH": os.pathsep.join(filter(None, sys.path)), "OPENBLAS_NUM_THREADS": "1"}
+    command = [sys.executable, "-P", str(Path(__file__).with_name("xacro_child.py"))]
+    request = json.dumps({"path": path, "arguments": dict(arguments), "packages": packages}).encode()
+    try:
+        done = subprocess.run(
+            command, input=request, stdout=subprocess.PIPE, stderr=subprocess.DEVNULL, env=environment, timeout=TIME
+        )
+        answer = json.loads(done.stdout) if done.stdout else {"problem": "it takes too much time or memory"}
+    except subprocess.TimeoutExpired:
+        answer = {"problem": f"it takes longer than {TIME:.0f} s"}
+    except OSError as error:
+        raise InputError(f"{shown}: the process that expands xacro cannot be started ({error}).") from None
+    if "missing" in answer:
+        raise MissingExtraError(
+            f"{shown}: xacro needs the package {answer['missing']}, which is not installed; "
+            "pip install 'steelyard[xacro]'."
+        )
+    if "problem" in answer:
+        raise InputError(f"{shown}: the xacro cannot be expanded ({answer['problem']}); mend it or give its arguments.")
+    return str(answer["text"]).encode()
