@@ -154,7 +154,7 @@ def _position_settings(correction: Correction, columns: LogColumns, layout: Layo
     if matrix is not None:
         order, factors = _order(matrix), _diagonal(matrix)
         plain = columns.position_matrix is None
-        units = _units(columns.position_unit, count)
+        units = _units(columns.position_unit or "rad", count) if layout is None else layout.units["position"]
         if order is not None and plain and offset is None and layout is not None and len(set(units)) == 1:
             for kind in ("position", "velocity", "acceleration"):
                 names = getattr(layout, kind)
@@ -179,7 +179,7 @@ def _torque_settings(matrix: Array, columns: LogColumns, layout: Layout | None, 
     if factors is not None and np.all(np.abs(factors) == 1.0):
         signs = (sign * factors).astype(int).tolist()
         return {"torque_sign": signs[0] if len(set(signs)) == 1 else signs}
-    units = _units(columns.torque_unit, count)
+    units = _units(columns.torque_unit or "N·m", count) if layout is None else layout.units["torque"]
     if order is not None and plain and layout is not None:
         of_columns = len(set(units)) == 1 and columns.gain is None and len(set(sign.tolist())) == 1
         if of_columns:

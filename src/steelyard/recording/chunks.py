@@ -20,7 +20,7 @@ from .clock import (
     steady_clock,
     with_evidence,
 )
-from .columns import TIME_UNITS, LogColumns
+from .columns import LogColumns
 from .conversion import Signals, clock_at, convert, log_columns, names_of, require_numbers, signals_fields, times
 from .even import EvenClock, Part
 from .filters.zero_phase import decimation_padding
@@ -103,12 +103,11 @@ class LogStream:
 
     def _stamps(self) -> Iterator[np.ndarray[Any, np.dtype[np.float64]]]:
         """Yield the stamps in s, block by block."""
-        name, scale = str(self.layout.time), TIME_UNITS[self.layout.time_unit]
-        first = 0
-        for block in self.files.blocks([name], CLOCK_ROWS):
-            require_numbers(block, [name], self._where(first), self.files.name)
-            yield block[name] * scale
-            first += len(block[name])
+        names, first = self.layout.stamps, 0
+        for block in self.files.blocks(names, CLOCK_ROWS):
+            require_numbers(block, names, self._where(first), self.files.name)
+            yield self.layout.seconds(block)
+            first += len(block[names[0]])
 
     def _ordered_stamps(self) -> Iterator[np.ndarray[Any, np.dtype[np.float64]]]:
         last, first = np.empty(0), 0

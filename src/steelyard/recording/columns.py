@@ -16,6 +16,19 @@ __all__ = ["LogColumns"]
 TIME_UNITS = {"s": 1.0, "ms": 1e-3, "us": 1e-6, "µs": 1e-6, "ns": 1e-9}
 POSITION_UNITS = {"rad": 1.0, "deg": pi / 180.0, "m": 1.0, "mm": 1e-3}
 VELOCITY_UNITS = {"rad/s": 1.0, "deg/s": pi / 180.0, "rpm": pi / 30.0, "m/s": 1.0, "mm/s": 1e-3}
+ACCELERATION_UNITS = {"rad/s²": 1.0, "deg/s²": pi / 180.0, "rpm/s": pi / 30.0, "m/s²": 1.0, "mm/s²": 1e-3}
+PER_SECOND = {
+    "rad": "rad/s",
+    "deg": "deg/s",
+    "m": "m/s",
+    "mm": "mm/s",
+    "rad/s": "rad/s²",
+    "deg/s": "deg/s²",
+    "rpm": "rpm/s",
+    "m/s": "m/s²",
+    "mm/s": "mm/s²",
+}
+"""The unit of what changes by one unit in a second."""
 TORQUE_UNITS = {
     "N·m": 1.0,
     "N m": 1.0,
@@ -46,17 +59,18 @@ class LogColumns(TomlSection):
     Parameters
     ----------
     time
-        Name of the time column.
+        Name of the time column; two names for whole seconds and what is left of them, such as nanoseconds.
     rate
         Sample rate in Hz, for a log without time column (or whose stamps are too coarse to be used).
     time_unit
         "s", "ms", "us" or "ns".
     position, velocity, acceleration, torque
-        List of column names, or a pattern: `{}` stands for 1, 2, … and `{name}` for the joint's name. The word "none"
-        for velocity or acceleration leaves columns that are in the log unread.
+        List of column names, or a pattern: `{}` stands for 1, 2, … (or 0, 1, …) and `{name}` for the joint's name. The
+        word "none" for velocity or acceleration leaves columns that are in the log unread.
     position_unit, velocity_unit, torque_unit
         One unit, or a list with one per column. Positions: rad, deg, m, mm. Velocities (and accelerations, per s more):
         rad/s, deg/s, rpm, m/s, mm/s; by default that of the positions per s. Torques: N·m, mN·m, N; A, mA with `gain`.
+        By default what the names of the columns say, otherwise rad and N·m.
     position_matrix, position_offset
         (N, M) and (N,): q = position_matrix @ columns + position_offset, both after the units; the matrix also
         turns velocities and accelerations. Numbers, or strings such as "1/45" and "-pi/2".
@@ -83,16 +97,16 @@ class LogColumns(TomlSection):
 
     section_name = "[log]"
 
-    time: str | None = None
+    time: str | tuple[str, ...] | None = None
     rate: float | None = None
     time_unit: str | None = None
     position: str | tuple[str, ...] | None = None
     velocity: str | tuple[str, ...] | None = None
     acceleration: str | tuple[str, ...] | None = None
     torque: str | tuple[str, ...] | None = None
-    position_unit: str | tuple[str, ...] = "rad"
+    position_unit: str | tuple[str, ...] | None = None
     velocity_unit: str | tuple[str, ...] | None = None
-    torque_unit: str | tuple[str, ...] = "N·m"
+    torque_unit: str | tuple[str, ...] | None = None
     position_matrix: Matrix | None = None
     position_offset: Vector | None = None
     torque_matrix: Matrix | None = None
@@ -110,7 +124,7 @@ class LogColumns(TomlSection):
             if value is not None:
                 object.__setattr__(self, name, parse(value, f"{where}, key {name!r},"))
 
-        store("time", _text)
+        store("time", _clock)
         store("topic", _text)
         store("header", _header)
         store("rate", _positive)
@@ -128,7 +142,7 @@ class LogColumns(TomlSection):
         if self.missing not in ("refuse", "fill"):
             raise InputError(f"{where}, key 'missing', is {self.missing!r}; it must be 'refuse' or 'fill'.")
         units = (self.torque_unit,) if isinstance(self.torque_unit, str) else self.torque_unit
-        if self.gain is None and any(unit in CURRENT_UNITS for unit in units):
+        if self.gain is None and any(unit in CURRENT_UNITS for unit in units or ()):
             raise InputError(
                 f"{where} gives torque_unit in amperes but no gain; add `gain`, N·m per A, one per column."
             )
@@ -190,6 +204,12 @@ def _names(value: Any, where: str) -> str | tuple[str, ...]:
     if not isinstance(value, Sequence) or not value or not all(isinstance(item, str) for item in value):
         raise InputError(f'{where} is {value!r}; it must be a list of column names or a pattern such as "q{{}}".')
     return tuple(value)
+
+
+def _clock(value: Any, where: str) -> str | tuple[str, ...]:
+    if isinstance(value, str) or not isinstance(value, Sequence) or len(value) != 2:
+        return _text(value, where)
+    return tuple(_text(name, where) for name in value)
 
 
 def _header(value: Any, where: str) -> tuple[str, ...]:

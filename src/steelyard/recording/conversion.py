@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from steelyard.errors import InputError
 
 from .clock import ClockStatistics, clock_of
-from .columns import POSITION_UNITS, TIME_UNITS, TORQUE_UNITS, VELOCITY_UNITS, LogColumns
+from .columns import ACCELERATION_UNITS, POSITION_UNITS, TORQUE_UNITS, VELOCITY_UNITS, LogColumns
 from .even import filled
 from .formats import Columns, LogFiles
 from .measurements import check_order
@@ -28,8 +28,6 @@ __all__ = [
     "signals_fields",
     "times",
 ]
-
-PER_SECOND = {"rad": "rad/s", "deg": "deg/s", "m": "m/s", "mm": "mm/s"}
 
 
 @dataclass(frozen=True, eq=False)
@@ -68,28 +66,22 @@ def convert(raw: Columns, layout: Layout, columns: LogColumns, where: Callable[[
     """
     needed: Sequence[str] = layout.names
     if columns.missing == "fill":
-        needed = [name for name in layout.names if name == layout.time]
+        needed = [name for name in layout.names if name in layout.stamps]
         raw = {
             name: values if name in needed else np.where(np.isfinite(values), values, np.nan)
             for name, values in raw.items()
         }
     require_numbers(raw, needed, where, source)
-    velocity_unit = columns.velocity_unit
-    if velocity_unit is None:
-        unit = columns.position_unit
-        velocity_unit = PER_SECOND[unit] if isinstance(unit, str) else tuple(PER_SECOND[item] for item in unit)
-    q = _motion(raw, layout.position, POSITION_UNITS, columns.position_unit, "position_unit", columns, source)
+    q = _motion(raw, layout.position, POSITION_UNITS, layout.units["position"], columns)
     if columns.position_offset is not None:
         q += _list_of(columns.position_offset, q.shape[1], "position_offset", source)
     velocity = acceleration = None
     if layout.velocity is not None:
-        velocity = _motion(raw, layout.velocity, VELOCITY_UNITS, velocity_unit, "velocity_unit", columns, source)
+        velocity = _motion(raw, layout.velocity, VELOCITY_UNITS, layout.units["velocity"], columns)
     if layout.acceleration is not None:
-        acceleration = _motion(
-            raw, layout.acceleration, VELOCITY_UNITS, velocity_unit, "velocity_unit", columns, source
-        )
+        acceleration = _motion(raw, layout.acceleration, ACCELERATION_UNITS, layout.units["acceleration"], columns)
     torque = _stacked(raw, layout.torque)
-    torque *= _scales(TORQUE_UNITS, columns.torque_unit, len(layout.torque), "torque_unit", source)
+    torque *= [TORQUE_UNITS[unit] for unit in layout.units["torque"]]
     if columns.gain is not None and not isinstance(columns.gain, str):
         known = tuple(1.0 if isinstance(one, str) else one for one in columns.gain)
         torque *= _list_of(known, torque.shape[1], "gain", source)
@@ -98,7 +90,7 @@ def convert(raw: Columns, layout: Layout, columns: LogColumns, where: Callable[[
     if columns.torque_sign is not None:
         sign = columns.torque_sign
         torque *= sign if isinstance(sign, float) else _list_of(sign, torque.shape[1], "torque_sign", source)
-    t = None if layout.time is None else raw[layout.time] * TIME_UNITS[layout.time_unit]
+    t = None if layout.time is None else layout.seconds(raw)
     return Signals(t, q, torque, velocity, acceleration)
 
 
@@ -130,25 +122,11 @@ def _stacked(raw: Columns, names: Sequence[str]) -> NDArray[np.float64]:
 
 
 def _motion(
-    raw: Columns,
-    names: Sequence[str],
-    units: dict[str, float],
-    unit: str | tuple[str, ...],
-    key: str,
-    columns: LogColumns,
-    source: str,
+    raw: Columns, names: Sequence[str], scales: Mapping[str, float], units: Sequence[str], columns: LogColumns
 ) -> NDArray[np.float64]:
     array = _stacked(raw, names)
-    array *= _scales(units, unit, len(names), key, source)
+    array *= [scales[unit] for unit in units]
     return array if columns.position_matrix is None else array @ np.array(columns.position_matrix).T
-
-
-def _scales(
-    units: dict[str, float], unit: str | tuple[str, ...], count: int, key: str, source: str
-) -> float | NDArray[np.float64]:
-    if isinstance(unit, str):
-        return units[unit]
-    return _list_of(tuple(units[item] for item in unit), count, key, source)
 
 
 def _list_of(values: tuple[float, ...], count: int, key: str, source: str) -> NDArray[np.float64]:

@@ -2,42 +2,93 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+import json
+import re
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from math import pi
 from typing import Any
 
+import numpy as np
 from numpy.typing import NDArray
 
 from steelyard.errors import InputError
 from steelyard.files import suggestion
 
-from .columns import LogColumns
+from .column_styles import (
+    BY_SIZE,
+    COMMANDED,
+    LABELS,
+    NAME,
+    NUMBER,
+    SECONDS_AND_REST,
+    TIME_WORDS,
+    UNITS,
+    ColumnStyle,
+    normalised,
+    styles_of,
+    time_unit_behind,
+    units_said,
+)
+from .columns import CURRENT_UNITS, PER_SECOND, TIME_UNITS, LogColumns
 
-__all__ = ["LABELS", "Layout", "find_columns", "label_columns"]
+__all__ = ["LABELS", "ColumnMeaning", "Layout", "find_columns", "label_columns"]
 
-Head = Callable[[str], NDArray[Any]]
-LONGEST_NAME = 60  # that a message shows of a column
-TIME_NAMES = {
-    **dict.fromkeys(("t", "time", "timestamp", "time_s", "t_s"), "s"),
-    **dict.fromkeys(("time_ms", "t_ms", "timestamp_ms"), "ms"),
-    **dict.fromkeys(("time_us", "t_us", "timestamp_us"), "us"),
-    **dict.fromkeys(("time_ns", "t_ns", "timestamp_ns"), "ns"),
-}
-FAMILIES = {
-    "position": ("q", "pos", "position"),
-    "velocity": ("dq", "qd", "qdot", "vel", "velocity"),
-    "acceleration": ("ddq", "qdd", "qddot", "acc", "acceleration"),
-    "torque": ("tau", "torque", "effort"),
-}
-NUMBERED = ("{family}{number}", "{family}_{number}", "{family}[{number}]")
-LABELS = ("name", "names", "joint_name", "joint_names")
-"""Words for columns whose text names the joint of each number, as in ROS's JointState."""
-NAMED = ("{name}_{family}", "{family}_{name}", "{name}.{family}", "{name}/{family}", "{family}[{name}]")
+Values = Callable[[str], Iterable[NDArray[np.float64]]]
+KINDS = ("position", "velocity", "acceleration", "torque")
+_STATED, _NAME, _LABEL, _NUMBER = "[log]", "name", "list of names", "number"
+_LONGEST_NAME = 60  # that a message shows of a column
+_SURELY_DEGREES = 4.0 * pi
+"""Positions above it are degrees where either may be meant: wrists turn two times at most in either direction."""
+_EPOCHS = {"s": (1e8, 1e10), "ms": (1e11, 1e13), "us": (1e14, 1e16), "ns": (1e17, 1e19)}
+"""Times since 1970, from 1973 on, by their unit; times since the start of a log are below 1e8 in any unit."""
+
+
+@dataclass(frozen=True)
+class ColumnMeaning:
+    """What a column of a log was understood to be.
+
+    Attributes
+    ----------
+    column : str
+        Its name.
+    joint : str
+        The name of the joint, its number where it has no name, or what else the column belongs to.
+    quantity : str
+        "time", "position", "velocity", "acceleration" or "torque".
+    unit : str
+        Such as "rad" or "N·m".
+    by : str
+        What tells so: ``[log]``, a name, a number, or who names columns in this way.
+    """
+
+    column: str
+    joint: str
+    quantity: str
+    unit: str
+    by: str
 
 
 @dataclass(frozen=True)
 class Layout:
-    """The columns of a log by what they hold, in the order of the joints (or of the motors, before a matrix)."""
+    """The columns of a log by what they hold, in the order of the joints (or of the motors, before a matrix).
+
+    Attributes
+    ----------
+    time : str or None
+        None where there is a rate alone.
+    time_unit : str
+    position, torque : tuple of str
+    velocity, acceleration : tuple of str, or None
+    time_rest : (str, str) or None
+        The column that holds what is left of whole seconds, and its unit.
+    units : mapping from str to tuple of str
+        The units of the columns of each quantity.
+    table : tuple of ColumnMeaning
+        All the above, a column a line.
+    guesses : tuple of str
+        What was assumed, a sentence each.
+    """
 
     time: str | None
     time_unit: str
@@ -45,13 +96,68 @@ class Layout:
     velocity: tuple[str, ...] | None
     acceleration: tuple[str, ...] | None
     torque: tuple[str, ...]
+    time_rest: tuple[str, str] | None = None
+    units: Mapping[str, tuple[str, ...]] = field(default_factory=dict)
+    table: tuple[ColumnMeaning, ...] = ()
+    guesses: tuple[str, ...] = ()
+
+    @property
+    def stamps(self) -> tuple[str, ...]:
+        """The columns that make the times of the rows."""
+        rest = () if self.time_rest is None else (self.time_rest[0],)
+        return () if self.time is None else (self.time, *rest)
 
     @property
     def names(self) -> tuple[str, ...]:
         """Names of all columns to be read, each once."""
-        head = () if self.time is None else (self.time,)
-        groups = (head, self.position, self.velocity or (), self.acceleration or (), self.torque)
+        groups = (self.stamps, self.position, self.velocity or (), self.acceleration or (), self.torque)
         return tuple(dict.fromkeys(name for group in groups for name in group))
+
+    def seconds(self, raw: Mapping[str, NDArray[np.float64]]) -> NDArray[np.float64]:
+        """Return the times of rows, s."""
+        assert self.time is not None
+        whole = raw[self.time] * TIME_UNITS[self.time_unit]
+        return whole if self.time_rest is None else whole + raw[self.time_rest[0]] * TIME_UNITS[self.time_rest[1]]
+
+    def settings(self) -> dict[str, Any]:
+        """Return the keys of `[log]` that state what was found."""
+        said: dict[str, Any] = {}
+        if self.time is not None:
+            said["time"] = self.time if self.time_rest is None else list(self.stamps)
+            if self.time_rest is None:
+                said["time_unit"] = self.time_unit
+        for kind in KINDS:
+            group = getattr(self, kind)
+            if group is not None:
+                said[kind] = list(group)
+            if group is not None and kind != "acceleration":
+                units = self.units[kind]
+                said[f"{kind}_unit"] = units[0] if len(set(units)) == 1 else list(units)
+        return said
+
+
+@dataclass(frozen=True)
+class _Group:
+    """Columns of one quantity that one way of naming finds, in the order of the joints.
+
+    `units` are those that the columns say, `by` is what tells whose they are, `first` the number of the first one,
+    `labels` the names that the log has for them, and `fault` why they cannot be used.
+    """
+
+    columns: tuple[str, ...]
+    units: tuple[str | None, ...]
+    style: ColumnStyle
+    by: str
+    shape: str = ""
+    topic: str = ""
+    first: int = 1
+    labels: tuple[str, ...] = ()
+    fault: str = ""
+
+    def told(self) -> str:
+        """Say what tells whose the columns are."""
+        how = f"number, from {self.first}" if self.by == _NUMBER and len(self.columns) > 1 else self.by
+        return f"{how} ({self.style.writer})" if self.style.writer else how
 
 
 def label_columns(names: Sequence[str]) -> tuple[str, ...]:
@@ -62,7 +168,8 @@ def label_columns(names: Sequence[str]) -> tuple[str, ...]:
     >>> label_columns(["time", "name[0]", "name[1]", "position[0]", "position[1]"])
     ('name[0]', 'name[1]')
     """
-    return next(iter(_numbered(LABELS, names)), ())
+    groups = _groups(names).get("label", ())
+    return groups[0].columns if groups else ()
 
 
 def find_columns(
@@ -70,20 +177,16 @@ def find_columns(
     joints: int | Sequence[str] | None = None,
     columns: LogColumns | None = None,
     *,
-    head: Head | None = None,
+    values: Values | None = None,
     labels: Sequence[str] = (),
     source: str = "the log",
 ) -> Layout:
-    """Find the columns of a log.
+    """Find which columns of a log are what.
 
-    What `columns` states is taken; what it leaves out is found in the header `names`, whatever the case, by these
-    rules.
-    Time: a column t, time, timestamp (seconds), or with _ms, _us, _ns behind it. The others: a word, then the joint's
-    number (`q1`, `q_1` or `q[1]`, from 1, or from 0 where the header has a 0), or a joint's name and a word
-    (`elbow_pos`, `pos_elbow`, `elbow.pos`, `elbow/pos`; a joint's bare name is its position). Where the log says whose
-    each number is (`labels`), joints are found by that. Words: q, pos, position;
-    dq, qd, qdot, vel, velocity; ddq, qdd, qddot, acc, acceleration; tau, torque, effort. Where two groups of columns
-    fit, or none, nothing is guessed.
+    What `columns` states is taken. What it leaves out is found by the names of the columns: first those that hold the
+    name of a joint, then those that hold its number. The ways of naming are those of the table
+    ``steelyard.recording.column_styles.STYLES``. Where the log says whose each number is (`labels`), numbers count as
+    names. Where two groups of columns fit equally well, or none, nothing is guessed.
 
     Parameters
     ----------
@@ -93,8 +196,8 @@ def find_columns(
         How many joints the robot has, or their names.
     columns : LogColumns, optional
         What is stated.
-    head : callable, optional
-        ``head(name)`` returns the first values of a column, numbers or texts, where a name alone does not tell.
+    values : callable, optional
+        ``values(name)`` returns the values of a column, in blocks; it is called where a name does not tell the unit.
     labels : sequence of str
         The joints of numbered columns, in the order of the numbers, where the log names them.
     source : str
@@ -111,183 +214,602 @@ def find_columns(
 
     Examples
     --------
-    >>> layout = find_columns(["time", "q1", "q2", "tau1", "tau2"], joints=2)
+    >>> layout = find_columns(["time", "pos_elbow", "pos_wrist", "tau_elbow", "tau_wrist"], ["wrist", "elbow"])
     >>> layout.position, layout.torque
-    (('q1', 'q2'), ('tau1', 'tau2'))
+    (('pos_wrist', 'pos_elbow'), ('tau_wrist', 'tau_elbow'))
+    >>> layout.table[1]
+    ColumnMeaning(column='pos_wrist', joint='wrist', quantity='position', unit='rad', by='name')
     """
-    columns = LogColumns() if columns is None else columns
-    found = {kind: _find(kind, names, columns, joints, source, labels) for kind in FAMILIES}
-    position, torque = found["position"], found["torque"]
-    for kind, group in (("position", position), ("torque", torque)):
-        if group is None:
-            raise InputError(
-                f"{source} has no columns that look like {kind}s; it has {_listing(names)}; "
-                f'say which they are with `{kind} = "…{{}}"` or a list of names in [log].'
+    search = _Search(names, joints, LogColumns() if columns is None else columns, values, labels, source)
+    return search.layout()
+
+
+class _Search:
+    """The search for the columns of one log."""
+
+    def __init__(
+        self,
+        names: Sequence[str],
+        joints: int | Sequence[str] | None,
+        columns: LogColumns,
+        values: Values | None,
+        labels: Sequence[str],
+        source: str,
+    ) -> None:
+        self.names, self.columns, self.values, self.source = names, columns, values, source
+        self.joint_names = () if joints is None or isinstance(joints, int) else tuple(joints)
+        self.joint_count = joints if joints is None or isinstance(joints, int) else len(self.joint_names)
+        self.labels = tuple(labels)
+        self.called = self.joint_names or self.labels
+        self.groups = _groups(names, self.called)
+        self.guesses: list[str] = []
+
+    def layout(self) -> Layout:
+        """Find everything."""
+        found = {kind: self._find(kind) for kind in KINDS}
+        for kind in ("position", "torque"):
+            if found[kind] is None:
+                raise self._absent(kind)
+        self._check_counts(found)
+        units = self._units(found)
+        time, time_unit, time_rest, by = self._time(found["position"])
+        held = {kind: None if group is None else group.columns for kind, group in found.items()}
+        position, torque = held["position"], held["torque"]
+        assert position is not None
+        assert torque is not None
+        layout = Layout(time, time_unit, position, held["velocity"], held["acceleration"], torque, time_rest, units)
+        table = []
+        if time is not None:
+            table.append(ColumnMeaning(time, "", "time", time_unit, by))
+        if time_rest is not None:
+            table.append(ColumnMeaning(time_rest[0], "", "time", time_rest[1], by))
+        for kind, group in found.items():
+            if group is not None:
+                told = zip(group.columns, units[kind], strict=True)
+                table += [
+                    ColumnMeaning(column, self._joint(kind, i), kind, unit, group.told())
+                    for i, (column, unit) in enumerate(told)
+                ]
+        return replace(layout, table=tuple(table), guesses=tuple(self.guesses))
+
+    def _matrix(self, kind: str) -> tuple[tuple[float, ...], ...] | None:
+        return self.columns.torque_matrix if kind == "torque" else self.columns.position_matrix
+
+    def _expected(self, kind: str) -> int | None:
+        """How many columns of a quantity there must be, where that is known."""
+        matrix = self._matrix(kind)
+        return self.joint_count if matrix is None else len(matrix[0])
+
+    def _joint(self, kind: str, index: int) -> str:
+        if self._matrix(kind) is not None:
+            return f"column {index + 1} of {'torque' if kind == 'torque' else 'position'}_matrix"
+        return self.called[index] if index < len(self.called) else str(index + 1)
+
+    def _find(self, kind: str) -> _Group | None:
+        """Return the columns of a quantity, as they are stated or as their names tell."""
+        stated: str | tuple[str, ...] | None = getattr(self.columns, kind)
+        if stated == "none":
+            if kind in ("position", "torque"):
+                raise InputError(f'{self.source} cannot be used with `{kind} = "none"`; {kind}s are needed.')
+            return None
+        if isinstance(stated, str):
+            stated = self._expanded(kind, stated)
+        if stated is not None:
+            for name in stated:
+                self._require(name, kind)
+            if len(set(stated)) != len(stated):
+                raise InputError(f"{self.source}: `{kind}` in [log] names a column twice; each joint needs its own.")
+            said = tuple(_unit_of(name, kind) for name in stated)
+            return _Group(stated, said, ColumnStyle("", kind, ()), _STATED)
+        candidates = self._candidates(kind)
+        if kind == "torque":
+            certain = any(not group.style.last_resort for group in candidates)
+            if not certain and self.columns.gain is not None and (currents := self._candidates("current")):
+                candidates = currents
+        return self._chosen(kind, candidates)
+
+    def _candidates(self, kind: str) -> list[_Group]:
+        """Return the groups of columns that may be a quantity, those with the columns of another one left out."""
+        expected = self._expected(kind)
+        topic = next((group.topic for group in self.groups.get("label", ())), "")
+        found: dict[tuple[str, ...], _Group] = {}
+        for group in self.groups.get(kind, ()):
+            if NUMBER not in group.shape and NAME not in group.shape:  # such as `q`, of a robot with one joint
+                several = any(NUMBER in other.shape for other in self.groups[kind])
+                if expected not in (1, None) or (expected is None and several):
+                    continue
+            if group.by == _NUMBER and self.labels and self.joint_names and group.topic == topic:
+                group = self._labelled(kind, group)
+            before = found.get(group.columns)
+            if before is None or self._tier(kind, group) < self._tier(kind, before):
+                found[group.columns] = group
+        return list(found.values())
+
+    def _labelled(self, kind: str, group: _Group) -> _Group:
+        """Choose the numbered columns of the joints by the names that the log gives them."""
+        labels, joints = self.labels, self.joint_names
+        absent = [joint for joint in joints if joint not in labels]
+        if absent or len(labels) != len(group.columns) or len(set(labels)) != len(labels):
+            what = f"no {absent[0]!r}" if absent else f"{len(group.columns)} columns of {kind} for {len(labels)} names"
+            fault = (
+                f"{self.source} names its joints {_listing(labels)}, and has {what}; name the columns of "
+                f"{', '.join(joints)} with a list in `{kind}` of [log]."
             )
-    assert position is not None
-    assert torque is not None
-    _check_counts(found, columns, joints, source)
-    time, unit = _find_time(names, columns, source)
-    return Layout(time, unit, position, found["velocity"], found["acceleration"], torque)
+            return replace(group, by=_LABEL, fault=fault)
+        places = [labels.index(joint) for joint in joints]
+        chosen = tuple(group.columns[place] for place in places)
+        return replace(group, columns=chosen, units=tuple(group.units[place] for place in places), by=_LABEL)
 
+    def _tier(self, kind: str, group: _Group) -> tuple[bool, ...]:
+        """Return what is the smaller the better a group fits."""
+        expected = self._expected(kind)
+        wrong = expected is not None and len(group.columns) != expected
+        bare = group.shape == NAME
+        return (bool(group.fault), wrong, group.style.last_resort, group.by == _NUMBER, bare, bool(group.topic))
 
-def _find_time(names: Sequence[str], columns: LogColumns, source: str) -> tuple[str | None, str]:
-    if columns.time is not None:
-        _require(columns.time, names, "time", source)
-        return columns.time, columns.time_unit or TIME_NAMES.get(columns.time.lower(), "s")
-    if columns.rate is not None:
-        return None, "s"
-    matches = [name for name in names if name.strip().lower() in TIME_NAMES]
-    if len(matches) > 1:
-        raise InputError(f"{source} has several columns of time, {_listing(matches)}; choose with `time` in [log].")
-    if not matches:
-        raise InputError(
-            f"{source} has no column of time; it has {_listing(names)}; "
-            "name it with `time` in [log], or give the sample rate in Hz with `rate`."
-        )
-    return matches[0], columns.time_unit or TIME_NAMES[matches[0].strip().lower()]
-
-
-def _find(
-    kind: str,
-    names: Sequence[str],
-    columns: LogColumns,
-    joints: int | Sequence[str] | None,
-    source: str,
-    labels: Sequence[str],
-) -> tuple[str, ...] | None:
-    stated: str | tuple[str, ...] | None = getattr(columns, kind)
-    if stated == "none":
-        if kind in ("position", "torque"):
-            raise InputError(f'{source} cannot be used with `{kind} = "none"`; {kind}s are needed.')
-        return None
-    if isinstance(stated, tuple):
-        for name in stated:
-            _require(name, names, kind, source)
-        if len(set(stated)) != len(stated):
-            raise InputError(f"{source}: `{kind}` in [log] names a column twice; each joint needs its own.")
-        return stated
-    if isinstance(stated, str):
-        return _expand(kind, stated, names, columns, joints, source)
-    candidates = _candidates(kind, names, labels if joints is None or isinstance(joints, int) else joints)
-    if len(candidates) > 1:
-        groups = " or ".join(f"{group[0]} … {group[-1]}" for group in candidates)
-        raise InputError(f"{source} has several groups of columns for {kind}: {groups}; choose with `{kind}` in [log].")
-    if not candidates:
-        return None
-    (group,) = candidates
-    if not labels or joints is None or isinstance(joints, int) or group not in _numbered(FAMILIES[kind], names):
+    def _chosen(self, kind: str, candidates: Sequence[_Group]) -> _Group | None:
+        """Return the best of groups of columns, and refuse to choose among equals."""
+        if not candidates:
+            return None
+        tiers = [self._tier(kind, group) for group in candidates]
+        best = [group for group, tier in zip(candidates, tiers, strict=True) if tier == min(tiers)]
+        if len(best) > 1:
+            lines = " or ".join(f"{_ends(group.columns)} (`{self._line(kind, group)}`)" for group in best)
+            raise InputError(
+                f"{self.source} has several groups of columns for {kind}: {lines}; choose with one of these lines in "
+                "[log]."
+            )
+        (group,) = best
+        if group.fault:
+            raise InputError(group.fault)
+        if group.by == _NUMBER and self._matrix(kind) is None:
+            self._require_order(kind, group)
+        others = [
+            other
+            for other, tier in zip(candidates, tiers, strict=True)
+            if other is not group and not any(tier[:3]) and set(other.columns) != set(group.columns)
+        ]
+        for other in others:
+            self.guesses.append(
+                f"the {kind}s are read from {_ends(group.columns)} and not from {_ends(other.columns)}, which "
+                f"`{self._line(kind, other)}` in [log] would choose"
+            )
+        if group.style.note and group.style.quantity != "position":
+            self.guesses.append(f"the {kind}s are {_ends(group.columns)}: {group.style.note}")
         return group
-    return _labelled(kind, group, labels, joints, source)
 
-
-def _labelled(
-    kind: str, group: tuple[str, ...], labels: Sequence[str], joints: Sequence[str], source: str
-) -> tuple[str, ...]:
-    """Choose the numbered columns of the joints by the names that the log gives them."""
-    absent = [joint for joint in joints if joint not in labels]
-    if absent or len(labels) != len(group) or len(set(labels)) != len(labels):
-        what = f"no {absent[0]!r}" if absent else f"{len(group)} columns of {kind} for {len(labels)} names"
+    def _require_order(self, kind: str, group: _Group) -> None:
+        """Refuse columns that are numbered in one order where the joints of the robot are numbered in another."""
+        numbers = [int(found[-1]) for name in self.joint_names if (found := re.findall(r"[0-9]+", name))]
+        count = len(self.joint_names)
+        first = min(numbers, default=0)
+        if len(numbers) != count or sorted(numbers) != list(range(first, first + count)) or first not in (0, 1):
+            return
+        if numbers == sorted(numbers) or len(group.columns) != count:
+            return
+        other = [group.columns[number - first] for number in numbers]
         raise InputError(
-            f"{source} names its joints {_listing(labels)}, and has {what}; name the columns of {', '.join(joints)} "
-            f"with a list in `{kind}` of [log]."
+            f"{self.source} numbers its columns, {_ends(group.columns)}, but the joints of the robot are, in order, "
+            f"{_listing(self.joint_names)}; say whose they are with `{kind} = {_toml(other)}` (by the numbers in the "
+            f"joints' names) or `{kind} = {_toml(group.columns)}` (in the robot's order) in [log]."
         )
-    return tuple(group[labels.index(joint)] for joint in joints)
 
+    def _line(self, kind: str, group: _Group) -> str:
+        """Return the line of TOML that chooses a group."""
+        return f"{kind} = {_toml(_pattern(group.columns, self.called) or group.columns)}"
 
-def _expand(
-    kind: str, pattern: str, names: Sequence[str], columns: LogColumns, joints: int | Sequence[str] | None, source: str
-) -> tuple[str, ...]:
-    """Return the columns that a pattern stands for, by the joints' names or numbers, or as far as the header goes."""
-    if "{name}" in pattern:
-        if joints is None or isinstance(joints, int):
-            raise InputError(
-                f"{source}: the pattern {pattern!r} needs the names of the joints; use {{}} for their numbers."
+    def _absent(self, kind: str) -> InputError:
+        """Say that a quantity has no columns, and what comes nearest."""
+        currents = self._candidates("current") if kind == "torque" else []
+        if currents:
+            group = min(currents, key=lambda one: self._tier(kind, one))
+            return InputError(
+                f"{self.source} has currents, {_ends(group.columns)}, but no torques; state the drive gains, N·m per "
+                f"A of each joint, with `gain = [...]` in [log], or name other columns with `torque`."
             )
-        wanted = tuple(pattern.replace("{name}", name) for name in joints)
-    elif pattern.count("{}") != 1:
-        raise InputError(f"{source}: the pattern {pattern!r} for {kind} must hold {{}} or {{name}} once.")
-    else:
-        matrix = columns.torque_matrix if kind == "torque" else columns.position_matrix
-        count = len(matrix[0]) if matrix is not None else _count(joints)
+        partly = self.groups.get(f"part of {kind}", ())
+        near = ""
+        if partly:
+            part = max(partly, key=lambda one: len(one.columns))
+            near = f" for {_listing(part.labels)}, but has {_listing(part.columns)}"
+        return InputError(
+            f"{self.source} has no columns that look like {kind}s{near}; it has {_listing(self.names)}; "
+            f'say which they are with `{kind} = "…{{}}"` or a list of names in [log].'
+        )
+
+    def _expanded(self, kind: str, pattern: str) -> tuple[str, ...]:
+        """Return the columns that a pattern stands for, by the joints' names or numbers, or as far as they go."""
+        if "{name}" in pattern:
+            if not self.joint_names:
+                raise InputError(
+                    f"{self.source}: the pattern {pattern!r} needs the names of the joints; use {{}} for their numbers."
+                )
+            return tuple(pattern.replace("{name}", name) for name in self.joint_names)
+        if pattern.count("{}") != 1:
+            raise InputError(f"{self.source}: the pattern {pattern!r} for {kind} must hold {{}} or {{name}} once.")
+        count = self._expected(kind)
         if count is None:
             count = 0
-            while pattern.replace("{}", str(count + 1)) in names:
+            while pattern.replace("{}", str(count + 1)) in self.names:
                 count += 1
             count = max(count, 1)
         wanted = tuple(pattern.replace("{}", str(number + 1)) for number in range(count))
-    for name in wanted:
-        _require(name, names, kind, source)
-    return wanted
+        from_0 = tuple(pattern.replace("{}", str(number)) for number in range(count))
+        is_from_0 = wanted[-1] not in self.names and all(name in self.names for name in from_0)
+        return from_0 if is_from_0 else wanted
 
-
-def _candidates(kind: str, names: Sequence[str], joints: Sequence[str]) -> list[tuple[str, ...]]:
-    """Return all groups of columns that the documented rules find for `kind`."""
-    by_lower = {name.strip().lower(): name for name in reversed(names)}
-    groups = _numbered(FAMILIES[kind], names)
-    if joints:
-        forms = [form.replace("{family}", family) for form in NAMED for family in FAMILIES[kind]]
-        if kind == "position":
-            forms.append("{name}")
-        for form in forms:
-            keys = [form.format(name=name).lower() for name in joints]
-            if all(key in by_lower for key in keys):
-                groups.append(tuple(by_lower[key] for key in keys))
-    return list(dict.fromkeys(groups))
-
-
-def _numbered(families: Sequence[str], names: Sequence[str]) -> list[tuple[str, ...]]:
-    """Return the groups of columns named by a word and numbers in a row, in their order."""
-    by_lower = {name.strip().lower(): name for name in reversed(names)}
-    groups: list[tuple[str, ...]] = []
-    for family in families:
-        for form in NUMBERED:
-            first = 0 if form.format(family=family, number=0) in by_lower else 1
-            group: list[str] = []
-            while (key := form.format(family=family, number=first + len(group))) in by_lower:
-                group.append(by_lower[key])
-            if group:
-                groups.append(tuple(group))
-    return groups
-
-
-def _check_counts(
-    found: dict[str, tuple[str, ...] | None], columns: LogColumns, joints: int | Sequence[str] | None, source: str
-) -> None:
-    position = found["position"]
-    assert position is not None
-    count = len(position) if columns.position_matrix is None else len(columns.position_matrix)
-    expected = _count(joints)
-    if expected is not None and count != expected:
-        how = f"({_listing(position)})" if columns.position_matrix is None else "(rows of position_matrix)"
-        raise InputError(
-            f"{source} has positions of {count} joints {how} but the robot has {expected}; "
-            "name the right columns with `position` in [log] or use the robot that was logged."
-        )
-    for kind, group in found.items():
-        if group is None:
-            continue
-        matrix = columns.torque_matrix if kind == "torque" else columns.position_matrix
-        need = count if matrix is None else len(matrix[0])
-        if len(group) != need:
-            why = "joints" if matrix is None else "columns in the matrix"
+    def _check_counts(self, found: Mapping[str, _Group | None]) -> None:
+        position = found["position"]
+        assert position is not None
+        plain = self.columns.position_matrix is None
+        count = len(position.columns) if plain else len(self.columns.position_matrix or ())
+        if self.joint_count is not None and count != self.joint_count:
+            how = f"({_listing(position.columns)})" if plain else "(rows of position_matrix)"
             raise InputError(
-                f"{source} has {len(group)} columns of {kind} ({_listing(group)}) for {need} {why}; "
-                f"name one for each with `{kind}` in [log]."
+                f"{self.source} has positions of {count} joints {how} but the robot has {self.joint_count}; "
+                "name the right columns with `position` in [log] or use the robot that was logged."
             )
-        if matrix is not None and len(matrix) != count:
-            raise InputError(f"torque_matrix in [log] has {len(matrix)} rows but there are {count} joints.")
+        for kind, group in found.items():
+            if group is None:
+                continue
+            matrix = self._matrix(kind)
+            need = count if matrix is None else len(matrix[0])
+            if len(group.columns) != need:
+                why = "joints" if matrix is None else "columns in the matrix"
+                raise InputError(
+                    f"{self.source} has {len(group.columns)} columns of {kind} ({_listing(group.columns)}) for {need} "
+                    f"{why}; name one for each with `{kind}` in [log]."
+                )
+            if matrix is not None and len(matrix) != count:
+                raise InputError(f"torque_matrix in [log] has {len(matrix)} rows but there are {count} joints.")
+
+    def _units(self, found: Mapping[str, _Group | None]) -> dict[str, tuple[str, ...]]:
+        """Return the units of the columns of each quantity: as stated, as the columns say, or as is usual."""
+        columns, units = self.columns, {}
+        stated: dict[str, str | tuple[str, ...] | None] = {
+            kind: getattr(columns, f"{kind}_unit") for kind in KINDS if kind != "acceleration"
+        }
+        per_second = stated["velocity"]
+        if per_second is not None:
+            single = isinstance(per_second, str)
+            stated["acceleration"] = (
+                PER_SECOND[str(per_second)] if single else tuple(PER_SECOND[unit] for unit in per_second)
+            )
+        for kind, group in found.items():
+            if group is None:
+                continue
+            count, said = len(group.columns), stated.get(kind)
+            if said is not None:
+                if not isinstance(said, str) and len(said) != count:
+                    key = "velocity_unit" if kind == "acceleration" else f"{kind}_unit"
+                    raise InputError(
+                        f"{self.source} needs {count} values in `{key}` of [log] but there are {len(said)}; "
+                        "give one for each."
+                    )
+                units[kind] = (said,) * count if isinstance(said, str) else said
+                continue
+            usual: tuple[str, ...] = ("N·m",) * count
+            if kind == "position":
+                usual = (self._convention(group),) * count
+            elif kind != "torque":
+                usual = tuple(PER_SECOND[unit] for unit in units["position"])
+                usual = usual if kind == "velocity" else tuple(PER_SECOND[unit] for unit in usual)
+                usual = usual if len(usual) == count else usual[:1] * count
+            own = group.style.unit if kind != "position" else None
+            units[kind] = tuple(unit or own or default for unit, default in zip(group.units, usual, strict=True))
+            currents = [name for name, unit in zip(group.columns, units[kind], strict=True) if unit in CURRENT_UNITS]
+            if currents and columns.gain is None:
+                raise InputError(
+                    f"{self.source} has torques in amperes, {_ends(currents)}; state the drive gains, N·m per A of "
+                    "each joint, with `gain = [...]` in [log]."
+                )
+        return units
+
+    def _convention(self, group: _Group) -> str:
+        """Return the unit of positions that do not say theirs, by who writes such names."""
+        if all(group.units) or group.by == _STATED:
+            return "rad"
+        style = group.style
+        if style.unit is None:
+            # A robot whose joints are named A1, A2, ... may come from one who writes A1, A2, ... in degrees.
+            alike = (other for other in self.groups.get("position", ()) if set(other.columns) == set(group.columns))
+            style = next((other.style for other in alike if other.style.unit is not None), style)
+        if style.unit is None:
+            return "rad"
+        largest = self._largest(group.columns)
+        if style.unit != BY_SIZE:
+            if group.by == _NAME and largest is not None and largest <= _SURELY_DEGREES:
+                raise InputError(
+                    f"{self.source} has the positions {_ends(group.columns)}, which {style.writer} would write in "
+                    f"degrees and others in radians, and none is beyond {largest:.3g}; say which with "
+                    '`position_unit = "deg"` or `position_unit = "rad"` in [log].'
+                )
+            self.guesses.append(f"the positions {_ends(group.columns)} are read in {style.unit}: {style.note}")
+            return style.unit
+        unit = "deg" if largest is not None and largest > _SURELY_DEGREES else "rad"
+        other = "rad" if unit == "deg" else "deg"
+        reach = "" if largest is None else f", since they go up to {largest:.3g}"
+        self.guesses.append(
+            f'the positions {_ends(group.columns)} are read in {unit}{reach}; state `position_unit = "{other}"` in '
+            "[log] if that is wrong"
+        )
+        return unit
+
+    def _largest(self, columns: Sequence[str]) -> float | None:
+        """Return the largest absolute value of columns; any that can only be degrees where there is one."""
+        if self.values is None:
+            return None
+        largest = 0.0
+        for column in columns:
+            for block in self.values(column):
+                finite = np.abs(block[np.isfinite(block)])
+                largest = max(largest, float(finite.max(initial=0.0)))
+                if largest > _SURELY_DEGREES:
+                    return largest
+        return largest
+
+    def _require(self, name: str, kind: str) -> None:
+        if name not in self.names:
+            raise InputError(
+                f"{self.source} has no column {name!r} (wanted for {kind}); {suggestion(name, self.names)}"
+            )
+
+    def _time(self, position: _Group | None) -> tuple[str | None, str, tuple[str, str] | None, str]:
+        """Return the column of time, its unit, the column and unit of what is left of whole seconds, and what tells."""
+        columns = self.columns
+        if columns.time is None and columns.rate is not None:
+            return None, "s", None, ""
+        if columns.time is not None:
+            names = (columns.time,) if isinstance(columns.time, str) else columns.time
+            for name in names:
+                self._require(name, "time")
+            if len(names) > 1:
+                whole, rest = (re.split(r"[/._]", normalised(name))[-1] for name in names)
+                return names[0], "s", (names[1], SECONDS_AND_REST.get((whole, rest), "ns")), _STATED
+            clock = next(iter(_clocks(names, any_word=True)))
+            unit, _ = self._time_unit(replace(clock, unit=columns.time_unit or clock.unit))
+            return names[0], unit, None, _STATED
+        found = _clocks(self.names)
+        if len(found) > 1:
+            found = [clock for clock in found if not self._stands_still(clock)] or found
+            topic = "" if position is None else position.topic
+            ranks = [clock.rank(topic) for clock in found]
+            found = [clock for clock, rank in zip(found, ranks, strict=True) if rank == min(ranks)]
+        if not found:
+            raise InputError(
+                f"{self.source} has no column of time; it has {_listing(self.names)}; "
+                "name it with `time` in [log], or give the sample rate in Hz with `rate`."
+            )
+        if len(found) > 1 and not self._agree(found):
+            lines = " or ".join(f"`time = {_toml(clock.columns)}`" for clock in found)
+            raise InputError(
+                f"{self.source} has several columns of time, {_listing([clock.column for clock in found])}; choose "
+                f"with {lines} in [log]."
+            )
+        clock = found[0]
+        if clock.rest is not None:
+            return clock.column, "s", clock.rest, "name"
+        unit, by = self._time_unit(clock if columns.time_unit is None else replace(clock, unit=columns.time_unit))
+        return clock.column, unit, None, by
+
+    def _time_unit(self, clock: _Clock) -> tuple[str, str]:
+        """Return the unit of times, and what tells: the name, or the size of times since 1970."""
+        if clock.unit is not None:
+            return clock.unit, "name"
+        first = self._first(clock.column)
+        for unit, (low, high) in _EPOCHS.items():
+            if first is not None and low <= first < high:
+                return unit, "name, and size as a time since 1970"
+        return "s", "name"
+
+    def _first(self, column: str) -> float | None:
+        """Return the first value of a column that is a number."""
+        if self.values is None:
+            return None
+        blocks = (block[np.isfinite(block)] for block in self.values(column))
+        return next((float(block[0]) for block in blocks if len(block)), None)
+
+    def _head(self, clock: _Clock) -> NDArray[np.float64]:
+        """Return the first times of a clock in s, of some size."""
+        if self.values is None:
+            return np.empty(0)
+        whole = next(iter(self.values(clock.column)), np.empty(0))
+        if clock.rest is not None:
+            rest = next(iter(self.values(clock.rest[0])), np.empty(0))
+            count = min(len(whole), len(rest))
+            return whole[:count] + rest[:count] * TIME_UNITS[clock.rest[1]]
+        return whole * TIME_UNITS[self._time_unit(clock)[0]]
+
+    def _stands_still(self, clock: _Clock) -> bool:
+        head = self._head(clock)
+        return len(head) > 1 and bool(np.all(head == head[0]))
+
+    def _agree(self, clocks: Sequence[_Clock]) -> bool:
+        """Whether clocks run alike: the same intervals, to a thousandth of the span."""
+        heads = [self._head(clock) for clock in clocks]
+        if any(len(head) < 2 or len(head) != len(heads[0]) for head in heads):
+            return False
+        spans = [head - head[0] for head in heads]
+        return all(np.allclose(span, spans[0], rtol=1e-3, atol=1e-3 * abs(spans[0][-1])) for span in spans[1:])
 
 
-def _require(name: str, names: Sequence[str], kind: str, source: str) -> None:
-    if name not in names:
-        raise InputError(f"{source} has no column {name!r} (wanted for {kind}); {suggestion(name, names)}")
+@dataclass(frozen=True)
+class _Clock:
+    """A column of times, or two that make one, with the unit that its name says."""
+
+    column: str
+    unit: str | None
+    rest: tuple[str, str] | None = None
+    topic: str = ""
+
+    @property
+    def columns(self) -> str | tuple[str, ...]:
+        """What `time` in [log] says of it."""
+        return self.column if self.rest is None else (self.column, self.rest[0])
+
+    def rank(self, topic: str) -> int:
+        """Return what is the smaller the better it fits positions of a topic.
+
+        The stamp in the header of a message says when its positions were measured; a time without topic may be that of
+        their arrival.
+        """
+        owner = re.sub(r"(header[/.])?(stamp[/._])?$", "", self.topic)
+        if "header" in self.topic and owner == topic:
+            return 0
+        return 1 if not self.topic else 2 if owner == topic else 3
 
 
-def _count(joints: int | Sequence[str] | None) -> int | None:
-    return joints if joints is None or isinstance(joints, int) else len(joints)
+def _clocks(names: Sequence[str], any_word: bool = False) -> list[_Clock]:
+    """Return the columns of times, or all as such; two that make one time come once."""
+    by_text = {normalised(name): name for name in reversed(names)}
+    found: list[_Clock] = []
+    taken: set[str] = set()
+    for text, name in by_text.items():
+        for (whole, rest), unit in SECONDS_AND_REST.items():
+            front = text.removesuffix(whole)
+            partner = by_text.get(front + rest)
+            if text.endswith(whole) and (not front or front[-1] in "/._") and partner is not None:
+                found.append(_Clock(name, "s", (partner, unit), front))
+                taken.update((name, partner))
+    for name in names:
+        if name in taken:
+            continue
+        text = normalised(name)
+        said = [(base, unit) for base, unit in units_said(name) if unit in TIME_UNITS]
+        options: list[tuple[str, str | None]] = [(text, None), time_unit_behind(text), *said]
+        if any_word:
+            return [_Clock(name, next((unit for _, unit in options if unit is not None), None))]
+        clock = next(
+            (
+                _Clock(name, unit, None, base[:cut])
+                for base, unit in options
+                for cut in _cuts(base, len(base))
+                if base[cut:] in TIME_WORDS and not _is_commanded(base[:cut])
+            ),
+            None,
+        )
+        if clock is not None:
+            found.append(clock)
+    return sorted(found, key=lambda clock: list(names).index(clock.column))
+
+
+def _groups(names: Sequence[str], joints: Sequence[str] = ()) -> dict[str, list[_Group]]:
+    """Return all groups of columns that the styles find, by quantity.
+
+    Under ``part of position`` and so on stand columns named by joints of which some have none; `labels` are those.
+    """
+    forms: dict[str, list[int]] = {}
+    for index, joint in enumerate(joints):
+        forms.setdefault(normalised(joint), []).append(index)
+    forms.pop("", None)
+    found: dict[tuple[Any, ...], dict[int, list[tuple[str, str | None]]]] = {}
+    styles: dict[tuple[Any, ...], ColumnStyle] = {}
+    for column in names:
+        for text, unit in ((normalised(column), None), *units_said(column)):
+            for shape, place, by, key in _placed(text, column, forms, joints):
+                for cut in _cuts(shape, place):
+                    for style in styles_of(shape[cut:]):
+                        if not _fits(style, unit) or (cut and (not style.takes_topic or _is_commanded(shape[:cut]))):
+                            continue
+                        group = (style.quantity, by, shape[cut:], shape[:cut], unit is not None)
+                        if styles.setdefault(group, style) is style:
+                            found.setdefault(group, {}).setdefault(key, []).append((column, unit))
+    result: dict[str, list[_Group]] = {}
+    for group, members in found.items():
+        quantity, by, shape, topic, _ = group
+        for own in _split(members):
+            first = 1 if by == _NUMBER and 0 not in own else 0
+            count = len(joints) if by == _NAME else next(k for k in range(len(own) + 1) if first + k not in own)
+            missing = tuple(joints[k] for k in range(count) if k not in own) if by == _NAME else ()
+            there = [own[first + k] for k in range(count) if first + k in own]
+            kind = f"part of {quantity}" if missing else quantity
+            if there and not (missing and shape == NAME):
+                columns, units = zip(*there, strict=True)
+                result.setdefault(kind, []).append(
+                    _Group(columns, units, styles[group], by, shape, topic, first, missing)
+                )
+    return result
+
+
+def _split(members: Mapping[int, list[tuple[str, str | None]]]) -> list[dict[int, tuple[str, str | None]]]:
+    """Return one column a joint; where joints have several, one such choice for each unit or for each place."""
+    most = max(len(columns) for columns in members.values())
+    if most == 1:
+        return [{key: columns[0] for key, columns in members.items()}]
+    units = dict.fromkeys(unit for columns in members.values() for _, unit in columns)
+    by_unit = [
+        {key: column for key, columns in members.items() for column in columns if column[1] == unit} for unit in units
+    ]
+    if len(units) > 1 and sum(map(len, by_unit)) == sum(map(len, members.values())):
+        return by_unit
+    return [{key: columns[min(k, len(columns) - 1)] for key, columns in members.items()} for k in range(most)]
+
+
+def _placed(
+    text: str, column: str, forms: Mapping[str, Sequence[int]], joints: Sequence[str]
+) -> Iterator[tuple[str, int, str, int]]:
+    """Yield the shapes that a normalised name may have: each with where the joint stands in it, and which it is."""
+    for match in re.finditer("[0-9]{1,6}", text):
+        yield f"{text[: match.start()]}{NUMBER}{text[match.end() :]}", match.start(), _NUMBER, int(match[0])
+    yield text, len(text), _NUMBER, 1
+    for form, indices in forms.items():
+        if form not in text:
+            continue
+        if len(indices) > 1:  # names that differ in capitals or separators alone
+            edge = r"(?<![^\W_]){}(?![^\W_])"
+            indices = [index for index in indices if re.search(edge.format(re.escape(joints[index])), column)]
+        start = text.find(form) if len(indices) == 1 else -1
+        while start >= 0:
+            yield f"{text[:start]}{NAME}{text[start + len(form) :]}", start, _NAME, indices[0]
+            start = text.find(form, start + 1)
+
+
+def _cuts(text: str, before: int) -> Iterator[int]:
+    """Yield where a name may begin: at its beginning, and behind each part of a topic."""
+    yield 0
+    yield from (k + 1 for k in range(min(before, len(text))) if text[k] in "/.")
+
+
+def _is_commanded(topic: str) -> bool:
+    return not COMMANDED.isdisjoint(re.split(r"[/._]", topic))
+
+
+def _fits(style: ColumnStyle, unit: str | None) -> bool:
+    if unit is None:
+        return not style.needs_unit
+    return unit in UNITS[style.quantity] and not (
+        style.needs_unit and style.quantity == "torque" and unit in CURRENT_UNITS
+    )
+
+
+def _unit_of(column: str, kind: str) -> str | None:
+    """Return the unit that a column's name says, where it is one of a quantity."""
+    return next((unit for _, unit in units_said(column) if unit in UNITS[kind]), None)
+
+
+def _pattern(columns: Sequence[str], joints: Sequence[str]) -> str | None:
+    """Return the pattern that stands for columns in robot.toml; None where there is none."""
+    for name in joints[:1]:
+        for match in re.finditer(re.escape(name), columns[0]):
+            pattern = f"{columns[0][: match.start()]}{{name}}{columns[0][match.end() :]}"
+            if [pattern.replace("{name}", joint) for joint in joints] == list(columns):
+                return pattern
+    for match in re.finditer("[0-9]+", columns[0]):
+        pattern = f"{columns[0][: match.start()]}{{}}{columns[0][match.end() :]}"
+        for first in (0, 1):
+            if [pattern.replace("{}", str(first + k)) for k in range(len(columns))] == list(columns):
+                return pattern
+    return None
+
+
+def _toml(value: str | Sequence[str]) -> str:
+    return json.dumps(value if isinstance(value, str) else list(value), ensure_ascii=False)
+
+
+def _ends(columns: Sequence[str]) -> str:
+    return columns[0] if len(columns) == 1 else f"{columns[0]} … {columns[-1]}"
 
 
 def _listing(names: Sequence[str], most: int = 24) -> str:
-    short = ", ".join(name if len(name) <= LONGEST_NAME else f"{name[:LONGEST_NAME]}…" for name in names[:most])
+    short = ", ".join(name if len(name) <= _LONGEST_NAME else f"{name[:_LONGEST_NAME]}…" for name in names[:most])
     return short if len(names) <= most else f"{short}, … ({len(names)} in all)"

@@ -5,7 +5,7 @@ from __future__ import annotations
 from abc import ABC, abstractmethod
 from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
-from typing import IO, Any, ClassVar, Self
+from typing import IO, ClassVar, Self
 
 import numpy as np
 from numpy.typing import NDArray
@@ -20,8 +20,6 @@ __all__ = ["BLOCK_ROWS", "Columns", "LogFile", "column_length", "flattened"]
 Columns = dict[str, NDArray[np.float64]]
 BLOCK_ROWS = 50_000
 """Rows that are read at a time where not all are wanted in memory."""
-HEAD_ROWS = 2000
-"""First rows of a log, which tell what the names of its columns leave open."""
 
 
 class LogFile(ABC):
@@ -97,11 +95,6 @@ class LogFile(ABC):
     def texts(self, names: Sequence[str]) -> dict[str, set[str]]:
         """Texts that stand in columns, each once; none for columns of numbers."""
         return {}
-
-    def head(self, name: str) -> NDArray[Any]:
-        """Return the first values of a column, numbers or texts."""
-        texts = self.texts([name]).get(name)
-        return np.array(sorted(texts)) if texts else next(self.blocks([name], HEAD_ROWS), {name: np.empty(0)})[name]
 
     def joint_labels(self) -> tuple[str, ...]:
         """Return the joints of numbered columns, where columns such as `name[0]` of ROS's JointState tell.

@@ -6,7 +6,6 @@ import contextlib
 import os
 from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -18,7 +17,7 @@ from steelyard.files.arguments import closest
 
 from ..columns import LogColumns
 from ..recognition import Layout, find_columns
-from .log_file import Columns, LogFile, column_length
+from .log_file import BLOCK_ROWS, Columns, LogFile, column_length
 
 __all__ = ["LOG_FORMATS", "LogFiles", "Source", "log_format", "open_log", "write_log"]
 
@@ -131,15 +130,14 @@ class LogFiles:
     def layout(self, joints: int | Sequence[str] | None) -> Layout:
         """Find the columns that hold the motion and the torques of a robot, and read no others from now on."""
         labels = self.joint_labels()
-        found = find_columns(self.names, joints, self.columns, head=self.head, labels=labels, source=self.name)
+        found = find_columns(self.names, joints, self.columns, values=self.values, labels=labels, source=self.name)
         self.keep(found.names)
         return found
 
-    def head(self, name: str) -> NDArray[Any]:
-        """Return the first values of a column, numbers or texts."""
-        file = next(file for file in self.files if name in file.names)
-        with _reading(file.path):
-            return file.head(name)
+    def values(self, name: str) -> Iterator[NDArray[np.float64]]:
+        """Return the values of a column, in blocks."""
+        for block in self.blocks([name], BLOCK_ROWS):
+            yield block[name]
 
     def read(self, names: Sequence[str]) -> Columns:
         """Read whole columns from whichever file has them."""

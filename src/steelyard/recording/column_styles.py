@@ -1,0 +1,343 @@
+"""How programs name the columns of a log: a table in which each entry is one way of naming one quantity.
+
+In a pattern, ``{word}`` stands for one of the words of the entry, ``{name}`` for the name of a joint and ``{number}``
+for its number, which counts from 0 where the log has a 0, and from 1 otherwise. Capitals do not matter, nor whether
+words are separated by blanks, by ``_`` or by ``-``. A topic may stand in front, up to a ``/`` or a ``.``, and a unit
+behind, in brackets (``[deg]``) or after ``_`` (``_deg``).
+"""
+
+from __future__ import annotations
+
+import re
+import unicodedata
+from collections.abc import Collection, Iterator, Mapping
+from dataclasses import dataclass
+from functools import cache
+
+from .columns import (
+    ACCELERATION_UNITS,
+    CURRENT_UNITS,
+    POSITION_UNITS,
+    TIME_UNITS,
+    TORQUE_UNITS,
+    VELOCITY_UNITS,
+)
+
+__all__ = [
+    "BY_SIZE",
+    "COMMANDED",
+    "LABELS",
+    "SECONDS_AND_REST",
+    "STYLES",
+    "TIME_WORDS",
+    "ColumnStyle",
+    "normalised",
+    "styles_of",
+    "time_unit_behind",
+    "units_said",
+]
+
+NAME, NUMBER = "\N{SYMBOL FOR SUBSTITUTE}", "\N{SYMBOL FOR NULL}"
+"""What stands for a joint's name and for its number in a shape, which is a normalised name without them."""
+
+BY_SIZE = "deg or rad"
+"""The unit of positions that are degrees where they are too large for radians."""
+
+
+@dataclass(frozen=True)
+class ColumnStyle:
+    """One way of naming the columns of one quantity.
+
+    Parameters
+    ----------
+    writer
+        Who names columns so; it stands in the table of what was understood.
+    quantity
+        "position", "velocity", "acceleration", "torque", "current", or "label" for texts that name joints.
+    patterns
+        Such as "{word}_{number}".
+    words
+        What {word} stands for; without digits.
+    unit
+        Of columns that do not say theirs; None is rad, the unit of the positions per s, or N·m.
+    needs_unit
+        Whether only columns are meant that say their unit.
+    takes_topic
+        Whether a topic may stand in front.
+    last_resort
+        Whether these columns are taken only where nothing else is this quantity.
+    note
+        A sentence on what was assumed, where something was.
+
+    Examples
+    --------
+    >>> ColumnStyle("my logger", "torque", ("load_{number}",), unit="mN·m").patterns
+    ('load_{number}',)
+    """
+
+    writer: str
+    quantity: str
+    patterns: tuple[str, ...]
+    words: tuple[str, ...] = ()
+    unit: str | None = None
+    needs_unit: bool = False
+    takes_topic: bool = True
+    last_resort: bool = False
+    note: str = ""
+
+
+def _measured(*words: str) -> tuple[str, ...]:
+    """Return words, and the same where they say that the quantity was measured."""
+    ways = ("{}", "actual_{}", "measured_{}", "{}_actual", "{}_measured", "{}_act", "{}_meas", "{}_msr", "joint_{}")
+    return tuple(way.format(word) for way in ways for word in words)
+
+
+POSITION = _measured("q", "pos", "position", "positions", "angle", "angles")
+VELOCITY = _measured("dq", "qd", "qdot", "q_dot", "vel", "velocity", "velocities", "speed", "speeds")
+ACCELERATION = _measured("ddq", "qdd", "qddot", "q_ddot", "acc", "accel", "acceleration", "accelerations")
+TORQUE = _measured("tau", "torque", "torques", "effort", "efforts", "moment", "moments")
+CURRENT = _measured("i", "current", "currents", "motor_current", "motor_currents")
+
+NAMED = (
+    *("{name}_{word}", "{word}_{name}", "{name}.{word}", "{word}.{name}", "{name}/{word}", "{word}/{name}"),
+    *("{word}[{name}]", "{word}({name})", "{name}[{word}]", "{name}({word})"),
+)
+JOINT_NUMBERS = ("joint{number}", "joint_{number}", "j{number}", "axis{number}", "axis_{number}", "a{number}")
+NUMBERED = (
+    *("{word}{number}", "{word}_{number}", "{word}.{number}", "{word}/{number}"),
+    *("{word}[{number}]", "{word}({number})", "{number}_{word}"),
+    *(pattern.replace("{name}", joint) for joint in JOINT_NUMBERS for pattern in NAMED),
+)
+LABELS = ("name", "names", "joint_name", "joint_names")
+"""Words for columns whose text names the joint of each number, as in ROS's JointState."""
+
+_TARGET_MOMENT = (
+    "target_moment is what the controller's own model computes for the commanded motion and is not measured, so that "
+    "the answer describes that model; the measured currents can be used with the drive gains, N·m per A of each "
+    "joint: `gain = [...]` in [log]"
+)
+_DEGREES = 'KUKA writes axis positions in degrees; state `position_unit = "rad"` in [log] if these are not'
+
+STYLES: tuple[ColumnStyle, ...] = (
+    ColumnStyle("UR RTDE", "position", ("actual_q_{number}", "actual_q{number}")),
+    ColumnStyle("UR RTDE", "velocity", ("actual_qd_{number}", "actual_qd{number}")),
+    ColumnStyle("UR RTDE", "current", ("actual_current_{number}", "actual_current{number}"), unit="A"),
+    ColumnStyle("UR RTDE", "torque", ("actual_current_as_torque_{number}", "actual_current_as_torque{number}")),
+    ColumnStyle(
+        "UR RTDE",
+        "torque",
+        ("target_moment_{number}", "target_moment{number}"),
+        last_resort=True,
+        note=_TARGET_MOMENT,
+    ),
+    ColumnStyle("Franka", "torque", ("tau_j_{number}", "tau_j{number}", "tau_j[{number}]")),
+    ColumnStyle(
+        "KUKA",
+        "position",
+        ("a{number}", "$axis_act[{number}]", "$axis_act.a{number}", "axis_act_a{number}", "axisact.a{number}"),
+        unit="deg",
+        takes_topic=False,
+        note=_DEGREES,
+    ),
+    ColumnStyle(
+        "KUKA",
+        "position",
+        ("$axis_act_meas[{number}]", "$axis_act_meas.a{number}", "aipos.a{number}"),
+        unit="deg",
+        note=_DEGREES,
+    ),
+    ColumnStyle(
+        "KUKA", "torque", ("$torque_axis_act[{number}]", "torque_axis_act_{number}", "torque_axis_act_a{number}")
+    ),
+    ColumnStyle("ABB", "position", ("j{number}",), unit=BY_SIZE, takes_topic=False),
+    ColumnStyle("ABB", "torque", ("t{number}",), takes_topic=False, last_resort=True),
+    *(
+        ColumnStyle("", quantity, ("{name}", *JOINT_NUMBERS), needs_unit=True, takes_topic=False)
+        for quantity in ("position", "velocity", "acceleration", "torque", "current")
+    ),
+    ColumnStyle("", "position", ("{name}",), takes_topic=False),
+    ColumnStyle("", "position", ("joint{number}", "joint_{number}"), takes_topic=False, last_resort=True),
+    *(
+        ColumnStyle("", quantity, (*NAMED, *NUMBERED, "{word}"), words, unit="A" if quantity == "current" else None)
+        for quantity, words in (
+            ("position", POSITION),
+            ("velocity", VELOCITY),
+            ("acceleration", ACCELERATION),
+            ("torque", TORQUE),
+            ("current", CURRENT),
+        )
+    ),
+    ColumnStyle("", "label", ("{word}{number}", "{word}_{number}", "{word}[{number}]", "{word}.{number}"), LABELS),
+)
+"""The ways of naming that are known. Of two that fit the same columns the earlier one counts."""
+
+COMMANDED = frozenset(
+    [
+        "desired",
+        "des",
+        "reference",
+        "ref",
+        "target",
+        "command",
+        "commands",
+        "commanded",
+        "cmd",
+        "setpoint",
+        "goal",
+        "error",
+        "errors",
+    ]
+)
+"""Words in a topic that say that its columns were wanted, not measured."""
+
+TIME_WORDS = (
+    *("t", "time", "timestamp", "time_stamp", "stamp", "elapsed", "elapsed_time", "seconds", "secs", "%time"),
+    *("rosbagtimestamp", "epoch", "date", "datetime", "date_time", "log_time"),
+)
+"""Words for the times of the rows; ``header/stamp`` is the word ``stamp`` in a topic."""
+SECONDS_AND_REST: Mapping[tuple[str, str], str] = {
+    **dict.fromkeys((("sec", "nanosec"), ("sec", "nsec"), ("secs", "nsecs"), ("seconds", "nanoseconds")), "ns"),
+    **dict.fromkeys((("sec", "nanoseconds"), ("secs", "nanosecs"), ("sec", "nanosecs")), "ns"),
+    **dict.fromkeys((("sec", "usec"), ("secs", "usecs"), ("seconds", "microseconds")), "us"),
+}
+"""Ends of the names of two columns that make one time: whole seconds, and what is left in the given unit."""
+
+_UNIT_SPELLINGS: Mapping[str, str] = {
+    **{unit.casefold(): unit for units in (POSITION_UNITS, VELOCITY_UNITS, TIME_UNITS) for unit in units},
+    **dict.fromkeys(("n·m", "nm", "n m", "n*m", "n.m", "n-m", "newton meter", "newton metre"), "N·m"),
+    **dict.fromkeys(("mn·m", "mnm", "mn m", "mn*m", "mn.m"), "mN·m"),
+    **dict.fromkeys(("n", "newton"), "N"),
+    **dict.fromkeys(("a", "amp", "amps", "ampere", "amperes"), "A"),
+    "ma": "mA",
+    **dict.fromkeys(("radian", "radians"), "rad"),
+    **dict.fromkeys(("°", "deg.", "degree", "degrees"), "deg"),
+    **dict.fromkeys(("rad/sec", "rad s^-1", "rad*s^-1", "rad·s^-1", "rad_s", "radians/s"), "rad/s"),
+    **dict.fromkeys(("°/s", "deg/sec", "deg*s^-1", "deg_s", "degrees/s"), "deg/s"),
+    **dict.fromkeys(("1/min", "min^-1", "rev/min", "u/min", "r/min"), "rpm"),
+    **dict.fromkeys(("rad/s^2", "rad/s²", "rad/s2", "rad/s/s"), "rad/s²"),
+    **dict.fromkeys(("deg/s^2", "deg/s²", "deg/s2", "°/s²", "°/s^2"), "deg/s²"),
+    **dict.fromkeys(("m/s^2", "m/s²", "m/s2"), "m/s²"),
+    **dict.fromkeys(("mm/s^2", "mm/s²", "mm/s2"), "mm/s²"),
+    **dict.fromkeys(("sec", "second", "seconds"), "s"),
+    **dict.fromkeys(("msec", "milliseconds"), "ms"),
+    **dict.fromkeys(("µs", "μs", "usec", "microseconds"), "us"),
+    **dict.fromkeys(("nsec", "nanosec", "nanoseconds"), "ns"),
+}
+
+_UNIT_SUFFIXES = ("rad", "deg", "degree", "degrees", "nm", "mnm", "rpm", "mm", "rad_s", "deg_s", "ma", "amp", "amps")
+"""Units that are understood behind ``_``; shorter ones may be part of a name, such as ``arm_a``."""
+_TIME_SUFFIXES = frozenset(
+    [
+        "s",
+        "sec",
+        "seconds",
+        "ms",
+        "msec",
+        "milliseconds",
+        "us",
+        "usec",
+        "microseconds",
+        "ns",
+        "nsec",
+        "nanosec",
+        "nanoseconds",
+    ]
+)
+
+UNITS: Mapping[str, Collection[str]] = {
+    "time": TIME_UNITS,
+    "position": POSITION_UNITS,
+    "velocity": VELOCITY_UNITS,
+    "acceleration": ACCELERATION_UNITS,
+    "torque": TORQUE_UNITS,
+    "current": CURRENT_UNITS,
+    "label": (),
+}
+"""The units of each quantity."""
+
+
+def normalised(text: str) -> str:
+    """Return a name as it is compared with others: without capitals, and with one way of separating words.
+
+    Examples
+    --------
+    >>> normalised("Joint 1 - Position"), normalised("__time"), normalised("position [2]")
+    ('joint_1_position', 'time', 'position[2]')
+    """
+    text = re.sub(r"[\s_-]+", "_", unicodedata.normalize("NFC", text).casefold())
+    return re.sub(r"_?([\[\]():/.])_?", r"\1", text).replace(":", "/").strip("_")
+
+
+def units_said(column: str) -> tuple[tuple[str, str], ...]:
+    """Return the units that a column's name may say, each with the name without it.
+
+    Examples
+    --------
+    >>> units_said("Joint 1 position [deg]"), units_said("tau_1_nm"), units_said("position[elbow]")
+    ((('joint_1_position', 'deg'),), (('tau_1', 'N·m'),), ())
+    """
+    found = []
+    for match in re.finditer(r"[\[(]([^\[\]()]*)[\])]", column):
+        unit = _UNIT_SPELLINGS.get(unicodedata.normalize("NFC", match[1]).casefold().strip())
+        if unit is not None:
+            found.append((normalised(f"{column[: match.start()]} {column[match.end() :]}"), unit))
+    if not found:
+        text = normalised(column)
+        for suffix in _UNIT_SUFFIXES:
+            if text.endswith(f"_{suffix}"):
+                found.append((text.removesuffix(f"_{suffix}"), _UNIT_SPELLINGS[suffix]))
+    return tuple(found)
+
+
+def time_unit_behind(text: str) -> tuple[str, str | None]:
+    """Split a normalised name into itself and the unit of time that stands behind it.
+
+    Examples
+    --------
+    >>> time_unit_behind("time_ms"), time_unit_behind("stamp")
+    (('time', 'ms'), ('stamp', None))
+    """
+    head, _, suffix = text.rpartition("_")
+    return (head, _UNIT_SPELLINGS[suffix]) if head and suffix in _TIME_SUFFIXES else (text, None)
+
+
+def styles_of(shape: str) -> Iterator[ColumnStyle]:
+    """Yield the styles of a name in which `NAME` or `NUMBER` stand for the joint, the earlier ones of `STYLES` first.
+
+    Examples
+    --------
+    >>> [style.quantity for style in styles_of(f"actual_velocity_{NUMBER}")]
+    ['velocity']
+    """
+    whole, parts = _table()
+    found = list(whole.get(shape, ()))
+    if _DIGIT.search(shape):  # no word has one, and a long header has thousands of such names
+        parts = {NAME: {}, NUMBER: {}, "": {}}
+    place = NAME if NAME in shape else NUMBER if NUMBER in shape else ""
+    for (before, after), words in parts[place].items():
+        if shape.startswith(before) and shape.endswith(after) and len(shape) > len(before) + len(after):
+            found += words.get(shape[len(before) : len(shape) - len(after)], ())
+    yield from (style for _, style in sorted(found, key=lambda one: one[0]))
+
+
+_DIGIT = re.compile("[0-9]")
+_Ranked = list[tuple[int, ColumnStyle]]
+
+
+@cache
+def _table() -> tuple[dict[str, _Ranked], dict[str, dict[tuple[str, str], dict[str, _Ranked]]]]:
+    """Return the styles by shapes without a word, and by what stands before and after a word; each with its rank."""
+    whole: dict[str, _Ranked] = {}
+    parts: dict[str, dict[tuple[str, str], dict[str, _Ranked]]] = {NAME: {}, NUMBER: {}, "": {}}
+    for rank, style in enumerate(STYLES):
+        for pattern in style.patterns:
+            shape = pattern.replace("{name}", NAME).replace("{number}", NUMBER)
+            before, found, after = shape.partition("{word}")
+            if not found:
+                whole.setdefault(shape, []).append((rank, style))
+                continue
+            place = NAME if NAME in shape else NUMBER if NUMBER in shape else ""
+            words = parts[place].setdefault((before, after), {})
+            for word in style.words:
+                words.setdefault(word, []).append((rank, style))
+    return whole, parts
