@@ -124,7 +124,7 @@ class LogFile(ABC):
 
 def column_length(columns: Columns) -> int:
     """Return the number of rows of columns, 0 where there are none."""
-    return next(iter(columns.values())).shape[0] if columns else 0
+    return len(next(iter(columns.values()))) if columns else 0
 
 
 def flattened(arrays: Mapping[str, NDArray[np.float64]]) -> Columns:

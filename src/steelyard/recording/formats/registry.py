@@ -17,11 +17,12 @@ from steelyard.files.arguments import closest
 
 from ..columns import LogColumns
 from ..recognition import Layout, find_columns
-from .log_file import BLOCK_ROWS, Columns, LogFile, column_length
+from .log_file import Columns, LogFile, column_length
 
 __all__ = ["LOG_FORMATS", "LogFiles", "Source", "log_format", "open_log", "write_log"]
 
 Source = str | os.PathLike[str] | Sequence[str | os.PathLike[str]]
+_LOOKED_AT = 5000  # rows at a time of a column of which mostly the first is wanted
 MOST_COLUMNS = 5000  # a humanoid's log has some hundreds; a file with far more is no log
 REMEDY = "give the path of a log, such as a CSV, a bag or an NPZ file"
 COMPRESSED = ("gz", "zst", "zstd")
@@ -136,7 +137,7 @@ class LogFiles:
 
     def values(self, name: str) -> Iterator[NDArray[np.float64]]:
         """Return the values of a column, in blocks."""
-        for block in self.blocks([name], BLOCK_ROWS):
+        for block in self.blocks([name], _LOOKED_AT):
             yield block[name]
 
     def read(self, names: Sequence[str]) -> Columns:
