@@ -126,6 +126,10 @@ class RotorInertia(_JointTerm):
         """Return the acceleration of the joint."""
         return ({k: ddq[k]},)
 
+    def nominal(self, joint: Joint) -> tuple[float, ...]:
+        """Return the rotor inertia of the description."""
+        return (joint.rotor_inertia,)
+
 
 class MotorSide(Term):
     """Friction, offset and inertia of motors that are coupled to the joints (thesis eq. 4.1 to 4.12).

@@ -75,7 +75,7 @@ class DescribedJoint:
     child_placement : (4, 4) array
         Frame of the child link in the frame of the joint, at the value 0.
     mimic : DescribedMimic or None
-    lower, upper, velocity_limit, effort_limit, damping, friction, before_lengths, after_lengths
+    lower, upper, velocity_limit, effort_limit, damping, friction, rotor_inertia, before_lengths, after_lengths
         As in `Joint`.
     """
 
@@ -94,6 +94,7 @@ class DescribedJoint:
     effort_limit: float = math.inf
     damping: float = math.nan
     friction: float = math.nan
+    rotor_inertia: float = math.nan
     before_lengths: Mapping[str, tuple[float, float, float]] = field(default_factory=dict)
     after_lengths: Mapping[str, tuple[float, float, float]] = field(default_factory=dict)
 
@@ -313,6 +314,7 @@ class _Assembly:
             effort_limit=joint.effort_limit,
             damping=joint.damping,
             friction=joint.friction,
+            rotor_inertia=joint.rotor_inertia,
             before_lengths={
                 name: tuple((place.placement[:3, :3] @ direction).tolist())
                 for name, direction in joint.before_lengths.items()

@@ -126,7 +126,15 @@ URDF = UrdfFormat()
 DESCRIPTION_FORMATS: Extensions[DescriptionFormat] = Extensions(
     "description_formats",
     "format of descriptions",
-    {"urdf": URDF, "robot": URDF, "xacro": URDF, "sdf": "steelyard.robot.sdf:SDF", "world": "steelyard.robot.sdf:SDF"},
+    {
+        "urdf": URDF,
+        "robot": URDF,
+        "xacro": URDF,
+        "sdf": "steelyard.robot.sdf:SDF",
+        "world": "steelyard.robot.sdf:SDF",
+        "mjcf": "steelyard.robot.mjcf:MJCF",
+        "mujoco": "steelyard.robot.mjcf:MJCF",
+    },
     _checked_format,
 )
 """By the suffix in lower case without the dot, and for files of XML by the name of the root element."""

@@ -62,10 +62,11 @@ class RobotFile:
 
     @classmethod
     def load(cls, path: str | Path | RobotFile, *, allow_extensions: bool = False) -> RobotFile:
-        """Read a `.toml` robot file, or a plain `.urdf`.
+        """Read a `.toml` robot file, or a plain description such as a `.urdf`.
 
-        The robot of a URDF, or of a robot file that names no terms, gets viscous friction, Coulomb friction and an
-        offset at every joint. The line ``terms = []``, above the first table, says that there are no terms.
+        The robot of a description, or of a robot file that names no terms, gets viscous friction, Coulomb friction and
+        an offset at every joint, and rotor inertia where the description tells of any (``armature`` in MJCF). The line
+        ``terms = []``, above the first table, says that there are no terms.
 
         Parameters
         ----------
@@ -104,14 +105,15 @@ class RobotFile:
         path, arguments = _without_arguments(path)
         if path.suffix.lower() == ".toml":
             return replace(cls._from_toml(path), allow_extensions=allow_extensions)
+        robot = read_description(path, xacro_arguments=arguments)
         kept = {"xacro_arguments": arguments} if arguments else {}
-        return cls(path, read_description(path, xacro_arguments=arguments), _default_terms(), description=kept)
+        return cls(path, robot, _default_terms(robot), description=kept)
 
     @classmethod
     def _from_toml(cls, path: Path) -> RobotFile:
         content = read_toml(path, remedy="give a robot file")
         TomlTable(content, str(path), TOP_LEVEL, "is no section of a robot file")
-        terms = content.get("terms", list(_default_terms()))
+        terms = content.get("terms", [])
         if not isinstance(terms, list) or not all(isinstance(term, dict) for term in terms):
             raise InputError(f"{path}: terms must be written as [[terms]], one table each, got {shown(terms)}")
         sections: dict[str, dict[str, Any]] = {}
@@ -133,7 +135,7 @@ class RobotFile:
         kept = {key: description[key] for key in ("tip", "locked") if key in description}
         if robot.xacro_arguments:
             kept["xacro_arguments"] = dict(robot.xacro_arguments)
-        return cls(path, robot, tuple(terms), sections, kept)
+        return cls(path, robot, tuple(terms) if "terms" in content else _default_terms(robot), sections, kept)
 
     def section(self, name: str) -> dict[str, Any]:
         """A copy of the table `[name]` as written, empty where absent.
@@ -156,8 +158,9 @@ def _without_arguments(path: str | Path) -> tuple[Path, dict[str, str]]:
     return Path(found[1]), dict(_ARGUMENT.findall(found[2]))
 
 
-def _default_terms() -> tuple[dict[str, Any], ...]:
-    return tuple({"kind": kind} for kind in DEFAULT_TERMS)
+def _default_terms(robot: Robot) -> tuple[dict[str, Any], ...]:
+    rotors = any(joint.rotor_inertia > 0.0 for joint in robot.joints)
+    return tuple({"kind": kind} for kind in (*DEFAULT_TERMS, *(["rotor_inertia"] if rotors else [])))
 
 
 def _describe(path: Path, description: dict[str, Any]) -> Robot:

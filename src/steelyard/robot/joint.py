@@ -119,6 +119,8 @@ class Joint:
         Symbolic lengths (m): for each name the vector (3,) by which it adds to the translation of `before` or `after`.
     damping, friction : float
         Viscous (N m s/rad or N s/m) and Coulomb friction (N m or N) of the description; NaN where unknown.
+    rotor_inertia : float
+        Inertia of the rotor as the joint feels it (kg m² or kg); NaN where the description does not say.
 
     Examples
     --------
@@ -142,6 +144,7 @@ class Joint:
     effort_limit: float = np.inf
     damping: float = np.nan
     friction: float = np.nan
+    rotor_inertia: float = np.nan
     before_lengths: Mapping[str, tuple[float, float, float]] = field(default_factory=dict)
     after_lengths: Mapping[str, tuple[float, float, float]] = field(default_factory=dict)
 

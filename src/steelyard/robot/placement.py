@@ -20,6 +20,7 @@ __all__ = [
     "rotation_y",
     "rotation_z",
     "rpy_rotation",
+    "snapped",
     "translation",
 ]
 
@@ -52,6 +53,13 @@ def _cos_sin(angle: float) -> tuple[float, float]:
 def _snap(value: float) -> float:
     nearest = float(round(value))
     return nearest + 0.0 if abs(value - nearest) < SNAP else value
+
+
+def snapped(values: ArrayLike) -> Matrix:
+    """The same numbers, with 0 and ±1 in the places of those that miss them by rounding alone."""
+    given = np.asarray(values, dtype=float)
+    nearest = np.round(given)
+    return np.where(np.abs(given - nearest) < SNAP, nearest, given) + 0.0
 
 
 def rotation_x(angle: float) -> Matrix:

@@ -50,8 +50,8 @@ def find_reference(
     InputError
         If there is no such file; the message says where it was searched for. If ``..`` leads out of a package: out of
         the folder named after ``package://``, or, for a path that is relative, out of the folder above the description
-        that has a package.xml, manifest.xml, model.config or .git, or of the folder above that of the description where
-        there is none.
+        that has a package.xml, manifest.xml, model.config or .git, else of the package of Python, else of the folder
+        above that of the description.
 
     Examples
     --------
@@ -180,4 +180,6 @@ def package_root(description: Path) -> Path:
     for folder in (place, *place.parents):
         if any((folder / mark).exists() for mark in MARKS):
             return folder
-    return place.parent
+    # A package of Python may hold models far from their meshes.
+    packages = [folder for folder in (place, *place.parents) if (folder / "__init__.py").exists()]
+    return packages[-1] if packages else place.parent

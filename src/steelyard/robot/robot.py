@@ -424,6 +424,57 @@ class Robot:
             gravity = (0.0, 0.0, -9.81) if reader.gravity is None else reader.gravity
         return cls(**parts, gravity=np.asarray(gravity, dtype=object))
 
+    @classmethod
+    def from_mjcf(
+        cls,
+        path: str | Path,
+        tip: str | None = None,
+        locked: Iterable[str] | Mapping[str, float] = (),
+        gravity: ArrayLike | None = None,
+    ) -> Robot:
+        """A robot from an MJCF file, which MuJoCo compiles (extra ``mjcf``).
+
+        The world is the base; bodies without joints are merged into what carries them. A body with several joints is a
+        link after as many joints, with links of no mass between them. Couplings of one joint to another
+        (``<equality>``) make the one mimic the other. Joint values are those of MuJoCo's ``qpos``.
+
+        Parameters
+        ----------
+        path : str or Path
+        tip : str, optional
+            Keep only the chain from the world to this body.
+        locked : iterable of names, or mapping from name to position
+            Joints held still, at 0 or at the given position (rad or m). Free and ball joints can only be locked at 0,
+            where the body is as the file has it. A joint without a name has that of its body and ``_joint``.
+        gravity : (3,) array, optional
+            In the frame of the world, m/s²; that of the file where it is not given.
+
+        Raises
+        ------
+        InputError
+            When the file cannot be read, or does not describe a tree of joints with one degree of freedom.
+        MissingExtraError
+            When MuJoCo is not installed.
+
+        Examples
+        --------
+        >>> import tempfile
+        >>> text = '''<mujoco model="door"><worldbody><body name="leaf"><joint name="hinge" damping="0.4"/>
+        ... <geom type="box" size="0.4 0.02 1" pos="0.4 0 1" mass="12"/></body></worldbody></mujoco>'''
+        >>> with tempfile.TemporaryDirectory() as folder:
+        ...     path = Path(folder) / "door.xml"
+        ...     _ = path.write_text(text)
+        ...     robot = Robot.from_mjcf(path)
+        >>> robot.joint_names, robot.links[0], robot.joints[0].damping
+        (('hinge',), Link('leaf', 12 kg), 0.4)
+        """
+        from .mjcf_tree import mjcf_parts
+
+        parts = mjcf_parts(path, tip, locked)
+        if gravity is not None:
+            parts["gravity"] = np.asarray(gravity, dtype=object)
+        return cls(**parts)
+
     def with_terms(self, *terms: Term) -> Robot:
         """The same robot with these terms in place of its own.
 
@@ -521,12 +572,38 @@ class Robot:
     def parameters(self) -> Matrix:
         """Values (n,) from the CAD data of the description, NaN where it says nothing."""
         values: list[float] = []
+        felt = {joint.name: joint for joint in self.felt_joints}
         for joint, link in zip(self.joints, self.links, strict=True):
             values += [np.nan] * 10 if link.inertia is None else link.inertia.parameters.tolist()
             if joint.mimics is None:
                 for term in self.terms:
-                    values += term.nominal(joint)
+                    values += term.nominal(felt[joint.name])
         return frozen(values, (len(self.parameter_names),))
+
+    @cached_property
+    def felt_joints(self) -> tuple[Joint, ...]:
+        """The driving joints (N,), with what they feel of the friction and rotor inertia of joints that mimic them."""
+        felt = []
+        for index in self.driving_joints:
+            driver = self.joints[index]
+            together = [joint for joint in self.joints if driver.name in (joint.name, joint.mimics)]
+
+            def total(name: str, power: int, together: list[Joint] = together) -> float:
+                parts = [getattr(one, name) * abs(one.multiplier) ** power for one in together]
+                known = [part for part in parts if not np.isnan(part)]
+                return float(sum(known)) if known else np.nan
+
+            felt.append(
+                replace(
+                    driver,
+                    damping=total("damping", 2),
+                    friction=total("friction", 1),
+                    rotor_inertia=total("rotor_inertia", 2),
+                )
+                if len(together) > 1
+                else driver
+            )
+        return tuple(felt)
 
     def frame(self, name: str) -> tuple[int, Matrix]:
         """Return where a link of the description lies; it may be one that was merged into another.

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Iterator, Mapping
+from collections.abc import Collection, Iterator, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 from xml.parsers import expat
@@ -85,15 +85,29 @@ class XmlEdit:
             element = stack.pop()
             element.end = element.start_tag_end if element.empty else data.index(b">", parser.CurrentByteIndex) + 1
 
+        def refuse(*_: object) -> None:
+            # None of the formats needs one, and entities are ways to harm whoever opens the file.
+            raise InputError(f"{path}: it has a DOCTYPE declaration, which a description does not need; remove it")
+
         parser.StartElementHandler = begin
         parser.EndElementHandler = finish
+        parser.StartDoctypeDeclHandler = refuse
         try:
             parser.Parse(data, True)
         except (expat.ExpatError, ValueError, LookupError) as error:
             if isinstance(error, InputError):
                 raise
-            raise InputError(f"{path}: cannot be edited in place ({error}); save the file as UTF-8") from None
+            raise InputError(f"{path}: cannot be read as XML ({error}); mend the file and save it as UTF-8") from None
         self.root = roots[0]
+
+    @property
+    def edited(self) -> bool:
+        """Whether there is an edit."""
+        return bool(self._edits)
+
+    def line(self, element: XmlElement) -> int:
+        """The line on which an element begins, from 1."""
+        return self.data.count(b"\n", 0, element.start) + 1
 
     def set_attributes(self, element: XmlElement, values: Mapping[str, str]) -> None:
         """Give attributes these (ASCII) values; new ones come after the old ones."""
@@ -108,6 +122,19 @@ class XmlEdit:
                 last -= 1
             text = "".join(f' {key}="{value}"' for key, value in missing.items())
             self._edits.append((last, last, text.encode("ascii")))
+
+    def remove_attributes(self, element: XmlElement, names: Collection[str]) -> None:
+        """Take out attributes, with the white space before them; those that are not there are passed over."""
+        for match in ATTRIBUTE.finditer(self.data, element.start, element.start_tag_end):
+            if match[1].decode("ascii", "replace") in names:
+                start = match.start()
+                while self.data[start - 1 : start].isspace():
+                    start -= 1
+                self._edits.append((start, match.end(), b""))
+
+    def replace(self, element: XmlElement, text: bytes) -> None:
+        """Put other bytes in the place of an element."""
+        self._edits.append((element.start, element.end, text))
 
     def remove(self, element: XmlElement) -> None:
         """Take an element out, with the line break and indentation before it."""
@@ -155,9 +182,18 @@ class XmlEdit:
 
     def result(self) -> bytes:
         """The bytes with all edits made."""
+        return self._edited(0, len(self.data))
+
+    def content(self) -> bytes:
+        """What is inside the root element, with all edits made."""
+        if self.root.empty:
+            return b""
+        return self._edited(self.root.start_tag_end, self.data.rindex(b"</", 0, self.root.end))
+
+    def _edited(self, position: int, last: int) -> bytes:
         pieces = []
-        position = 0
         for start, end, text in sorted(self._edits, key=lambda edit: edit[:2]):
-            pieces += [self.data[position:start], text]
-            position = end
-        return b"".join([*pieces, self.data[position:]])
+            if position <= start and end <= last:
+                pieces += [self.data[position:start], text]
+                position = end
+        return b"".join([*pieces, self.data[position:last]])

@@ -1,0 +1,251 @@
+"""Having MuJoCo compile an MJCF file: what is left of it for that, and what of the compiled model is needed.
+
+What moves and weighs is handed on; pictures, lights, sensors, contacts and meshes that only show or collide are not.
+So a description can be read without its textures, quickly, and by other versions of MuJoCo than it was written for.
+"""
+
+from __future__ import annotations
+
+import json
+import os
+import subprocess
+import sys
+import tempfile
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+from xml.sax.saxutils import quoteattr
+
+from steelyard.errors import InputError, MissingExtraError
+from steelyard.files import shown
+
+from . import mjcf_child
+from .mjcf_document import JOINTS, MjcfDocument, MjcfElement, in_body
+from .references import find_reference
+
+__all__ = ["CompiledMjcf", "compiled"]
+
+SECTIONS = ("compiler", "option", "default", "extension", "asset", "worldbody", "equality", "tendon", "actuator")
+# In defaults and bodies: what has neither mass nor motion.
+IDLE = frozenset(
+    (
+        "camera",
+        "light",
+        "skin",
+        "pair",
+        "exclude",
+        "material",
+        "texture",
+        "hfield",
+        "flex",
+        "muscle",
+        "adhesion",
+        "dcmotor",
+    )
+)
+# The compiler of MuJoCo would look for files, merge welded bodies, or move frames of free ones.
+COMPILER = frozenset(
+    ("meshdir", "texturedir", "assetdir", "strippath", "fusestatic", "discardvisual", "alignfree", "convexhull")
+)
+LARGEST_MESH = 500_000_000  # bytes
+TIME, TIME_PER_BYTE = 60.0, 2e-6  # s
+
+
+@dataclass(frozen=True)
+class CompiledMjcf:
+    """What MuJoCo makes of a description.
+
+    Parameters
+    ----------
+    gravity : list of 3 floats
+    bodies, joints, equalities, actuators, tendons : list of dict
+        In MuJoCo's order, with its names of their fields; the first body is the world.
+    """
+
+    gravity: list[float]
+    bodies: list[dict[str, Any]]
+    joints: list[dict[str, Any]]
+    equalities: list[dict[str, Any]]
+    actuators: list[dict[str, Any]]
+    tendons: list[dict[str, Any]]
+
+
+def compiled(document: MjcfDocument) -> CompiledMjcf:
+    """Compile a description.
+
+    Another process does so, because a damaged mesh may end the process that reads it, and because MuJoCo prints
+    warnings and keeps a log in the current folder.
+
+    Raises
+    ------
+    InputError
+        If MuJoCo refuses the description, or a mesh that a body takes its inertia from is missing.
+    MissingExtraError
+        If MuJoCo is not installed (extra ``mjcf``).
+    """
+    if not mjcf_child.is_installed():
+        raise MissingExtraError(
+            f"{document.path}: MJCF is read with the package mujoco, which is not installed; "
+            "pip install 'steelyard[mjcf]'."
+        )
+    excerpt = _Excerpt(document)
+    found = _asked({"xml": excerpt.text(), "files": {name: str(path) for name, path in excerpt.files.items()}})
+    if "problem" in found:
+        raise InputError(f"{document.path}: MuJoCo cannot compile it ({found['problem']}); mend the file.")
+    return CompiledMjcf(**found)
+
+
+def _asked(request: dict[str, Any]) -> dict[str, Any]:
+    """Return the answer of the other process."""
+    environment = {
+        **os.environ,
+        "PYTHONPATH": os.pathsep.join(os.path.abspath(path) for path in sys.path if path),
+        "OPENBLAS_NUM_THREADS": "1",
+    }
+    seconds = TIME + TIME_PER_BYTE * sum(os.path.getsize(path) for path in request["files"].values())
+    try:
+        with tempfile.TemporaryDirectory(prefix="steelyard-") as folder:
+            done = subprocess.run(
+                [sys.executable, "-P", str(Path(mjcf_child.__file__).absolute())],
+                input=json.dumps(request).encode(),
+                stdout=subprocess.PIPE,
+                stderr=subprocess.DEVNULL,
+                env=environment,
+                cwd=folder,
+                timeout=seconds,
+            )
+        found: dict[str, Any] = json.loads(done.stdout)
+    except subprocess.TimeoutExpired:
+        return {"problem": f"it takes longer than {seconds:.0f} s"}
+    except ValueError:
+        return {"problem": "MuJoCo ended without an answer, perhaps because of a damaged mesh"}
+    except OSError as error:
+        raise InputError(f"MuJoCo runs in another process, which cannot be started ({error}).") from None
+    return found
+
+
+class _Excerpt:
+    """The part of a description that MuJoCo is given, and the files that it needs for it."""
+
+    def __init__(self, document: MjcfDocument) -> None:
+        self.document = document
+        self.files: dict[str, Path] = {}
+        self.from_geoms = document.setting("compiler", "inertiafromgeom") or "auto"
+        self.total_mass = document.setting("compiler", "settotalmass") is not None
+        self.meshes: set[str] = set()
+
+    def text(self) -> str:
+        """Return the excerpt as XML."""
+        root = self.document.root
+        # Geoms come first, since they say which meshes are needed.
+        parts = {id(one): self.worldbody(one) for one in root.all("worldbody")}
+        parts |= {id(one): self.plain(one) for one in root.all("default")}
+        for one in root.all(*SECTIONS):
+            if id(one) not in parts:
+                parts[id(one)] = getattr(self, one.tag, self.plain)(one)
+        content = "".join(parts[id(one)] for one in root.all(*SECTIONS))
+        return f"<mujoco>{content}</mujoco>"
+
+    def compiler(self, element: MjcfElement) -> str:
+        kept = {key: value for key, value in element.attributes.items() if key not in COMPILER}
+        if kept.get("coordinate") == "local":  # the default, which newer versions do not know any more
+            del kept["coordinate"]
+        return _tag("compiler", kept, '<lengthrange mode="none"/>')
+
+    def option(self, element: MjcfElement) -> str:
+        element.require_numbers()
+        kept = {key: value for key, value in element.attributes.items() if key == "gravity"}
+        flags = [one.attributes["gravity"] for one in element.all("flag") if "gravity" in one.attributes]
+        return _tag("option", kept, *(_tag("flag", {"gravity": flag}) for flag in flags))
+
+    def actuator(self, element: MjcfElement) -> str:
+        kept = [self.plain(one) for one in element.children if one.tag not in (*IDLE, "plugin") and not one.children]
+        return _tag("actuator", {}, *kept)
+
+    def asset(self, element: MjcfElement) -> str:
+        parts = []
+        for one in element.children:
+            if one.tag == "model":
+                parts.append(_tag("model", {**one.attributes, "file": str(self.path(one, ""))}))
+            if one.tag == "mesh":
+                file = one.attributes.get("file", "")
+                name = one.attributes.get("name") or Path(file.replace("\\", "/")).stem
+                if name in self.meshes:
+                    parts.append(self.mesh(one, name))
+        return _tag("asset", {}, *parts)
+
+    def mesh(self, element: MjcfElement, name: str) -> str:
+        changed = {**element.attributes, "name": name}
+        if "file" in changed:
+            setting = self.document.setting
+            path = self.path(element, setting("compiler", "meshdir") or setting("compiler", "assetdir") or "")
+            changed["file"] = f"{len(self.files)}{path.suffix}"
+            self.files[changed["file"]] = path
+        return self.plain(element, changed)
+
+    def path(self, element: MjcfElement, folder: str) -> Path:
+        """Return the path of the file that an asset names."""
+        name = element.attributes.get("file", "")
+        if self.document.setting("compiler", "strippath") == "true":
+            name = Path(name.replace("\\", "/")).name
+        try:
+            found = find_reference(os.path.join(folder, name), self.document.path, what=element.tag)
+        except InputError as error:
+            raise InputError(f"{element.where}, which an inertia needs: {error}") from None
+        found = Path(os.path.abspath(found))
+        if found.stat().st_size > LARGEST_MESH:
+            raise InputError(f"{found}: has more than {LARGEST_MESH / 1e6:.0f} MB; simplify the mesh.")
+        return found
+
+    def plain(self, element: MjcfElement, attributes: dict[str, str] | None = None) -> str:
+        """Return an element with all that is in it, save what is idle."""
+        element.require_numbers()
+        kept = {
+            key: value for key, value in (attributes or element.attributes).items() if key not in ("material", "user")
+        }
+        if element.tag == "geom" and "mesh" in kept:
+            self.meshes.add(kept["mesh"])
+        return _tag(element.tag, kept, *(self.plain(one) for one in element.children if one.tag not in IDLE))
+
+    def worldbody(self, element: MjcfElement) -> str:
+        return _tag("worldbody", {}, *self.body(element, moves=False, weighs=False))
+
+    def body(self, element: MjcfElement, moves: bool, weighs: bool) -> list[str]:
+        """Return the contents of a body or frame; `weighs` tells whether the geoms in it make its inertia."""
+        parts = []
+        for one in element.children:
+            if one.tag in ("body", "frame", "replicate"):
+                one.require_numbers()
+                inside = (moves, weighs)
+                if one.tag == "body":
+                    moving = moves or any(part.tag in JOINTS for part in in_body(one))
+                    explicit = self.from_geoms == "auto" and any(one.all("inertial"))
+                    inside = (moving, (moving or self.total_mass) and not explicit and self.from_geoms != "false")
+                parts.append(_tag(one.tag, one.attributes, *self.body(one, *inside)))
+            elif one.tag == "freejoint":
+                parts.append(_tag(one.tag, {key: text for key, text in one.attributes.items() if key != "align"}))
+            elif one.tag not in IDLE and not (one.tag == "geom" and self.is_only_seen(one, weighs)):
+                parts.append(self.plain(one))
+        return parts
+
+    def is_only_seen(self, geom: MjcfElement, weighs: bool) -> bool:
+        """Whether a geom is made of a file that tells nothing of an inertia."""
+        of_file = "mesh" in geom.attributes or geom.attributes.get("type") in ("mesh", "hfield", "sdf")
+        if "hfield" in geom.attributes or geom.attributes.get("type") == "hfield":
+            return True
+        weightless = any(_is_zero(geom.attributes.get(key, "")) for key in ("mass", "density"))
+        return of_file and (weightless or not weighs)
+
+
+def _is_zero(text: str) -> bool:
+    try:
+        return float(text) == 0.0
+    except ValueError:
+        return False
+
+
+def _tag(tag: str, attributes: dict[str, str], *content: str) -> str:
+    if not tag.isidentifier():
+        raise InputError(f"<{shown(tag)[1:-1]}> is no element of MJCF; mend the file")
+    start = "".join(f" {key}={quoteattr(value)}" for key, value in attributes.items())
+    return f"<{tag}{start}>{''.join(content)}</{tag}>"

@@ -1,0 +1,128 @@
+"""Descriptions of robots in packages, read and compared with what reads them independently."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+import steelyard as sy
+from steelyard.robot import Robot
+from steelyard.robot.description import description_format
+from steelyard.robot.mjcf import MJCF
+
+STATES = 20
+
+
+@dataclass
+class Outcome:
+    """What became of a file: the reason why it was refused, or its error, and the joints that had to be locked."""
+
+    path: Path
+    reason: str = ""
+    error: float = np.nan
+    locked: tuple[str, ...] = ()
+    unchecked: str = ""
+
+
+def lockable(message: str) -> str | None:
+    """Return the joint that a refusal advises to lock because it has several degrees of freedom."""
+    found = re.search(r'is of type "(?:floating|planar|spherical)".*lock it: locked=\["(.*)"\]', message)
+    return found[1] if found else None
+
+
+def read(path: Path, reader: Callable[..., Robot]) -> tuple[Robot, tuple[str, ...]]:
+    """Read a robot; joints that are not of one degree of freedom are locked one after the other."""
+    locked: list[str] = []
+    while True:
+        try:
+            return reader(path, locked=locked), tuple(locked)
+        except sy.InputError as error:
+            joint = lockable(str(error))
+            if joint is None or joint in locked:
+                raise
+            locked.append(joint)
+
+
+def random_states(robot: Robot, seed: int = 1) -> tuple[np.ndarray, ...]:
+    """Return positions, velocities and accelerations (STATES, N)."""
+    generator = np.random.default_rng(seed)
+    return tuple(generator.uniform(-1.0, 1.0, (STATES, robot.dof)) for _ in range(3))
+
+
+def difference_from_mujoco(path: Path, robot: Robot) -> float:
+    """Return the largest difference of inverse dynamics, relative to the largest torque.
+
+    MuJoCo reads the file itself; friction, springs, fluids and constraints are left out on both sides, and what follows
+    another joint moves with it.
+    """
+    import mujoco
+
+    world = mujoco.MjModel.from_xml_path(str(path))
+    world.opt.disableflags |= mujoco.mjtDisableBit.mjDSBL_CONSTRAINT
+    for name in ("dof_damping", "dof_dampingpoly", "jnt_stiffness", "jnt_stiffnesspoly", "body_gravcomp",
+                 "tendon_stiffness", "tendon_damping", "tendon_armature"):  # fmt: skip
+        if hasattr(world, name):
+            getattr(world, name)[:] = 0.0
+    world.opt.density = world.opt.viscosity = 0.0
+    data = mujoco.MjData(world)
+    # In both, joints stand in the order of the document; those of MuJoCo may have no name.
+    kinds = (int(mujoco.mjtJoint.mjJNT_HINGE), int(mujoco.mjtJoint.mjJNT_SLIDE))
+    theirs = [k for k in range(world.njnt) if int(world.jnt_type[k]) in kinds]
+    by_name = {mujoco.mj_id2name(world, mujoco.mjtObj.mjOBJ_JOINT, k): k for k in theirs}
+    order = [by_name.get(joint.name, theirs[index]) for index, joint in enumerate(robot.joints)]
+    assert len(set(order)) == len(order)
+    coupling = np.zeros((world.nv, robot.dof))
+    offsets = np.array(world.qpos0)
+    for joint, k in zip(robot.joints, order, strict=True):
+        coupling[world.jnt_dofadr[k], joint.coordinate] = joint.multiplier
+        offsets[world.jnt_qposadr[k]] = joint.offset
+    held = [k for k in theirs if k not in order]
+    offsets[world.jnt_qposadr[held]] = 0.0
+    model = sy.Model(robot.with_terms(sy.RotorInertia()))
+    states = random_states(robot)
+    ours = model.inverse_dynamics(*states, np.nan_to_num(model.robot.parameters))
+    torques = []
+    for q, dq, ddq in zip(*states, strict=True):
+        data.qpos[:] = offsets
+        for joint, k in zip(robot.joints, order, strict=True):
+            data.qpos[world.jnt_qposadr[k]] += joint.multiplier * q[joint.coordinate]
+        data.qvel[:], data.qacc[:] = coupling @ dq, coupling @ ddq
+        mujoco.mj_inverse(world, data)
+        torques.append(coupling.T @ data.qfrc_inverse)
+    return float(np.abs(ours - torques).max() / max(np.abs(torques).max(), 1e-9))
+
+
+def checked_mjcf(path: Path) -> Outcome:
+    """Read an MJCF and compare it with MuJoCo."""
+    robot, locked = read(path, lambda file, locked: MJCF.read(file, None, locked, None))
+    try:
+        return Outcome(path, error=difference_from_mujoco(path, robot), locked=locked)
+    except ValueError as error:
+        return Outcome(path, locked=locked, unchecked=" ".join(str(error).split()))
+
+
+CHECKS: dict[str, Callable[[Path], Outcome]] = {"mjcf": checked_mjcf}
+
+
+def kind_of(path: Path) -> str | None:
+    """Return the format of a file, None where it is none."""
+    if path.suffix.lower() not in (".xml", ".mjcf"):
+        return None
+    found = description_format(path)
+    return "mjcf" if found is MJCF else None
+
+
+def outcomes(folder: Path) -> Iterator[tuple[str, Outcome]]:
+    """Check all the descriptions in a folder; yield their formats and what became of them."""
+    for path in sorted(folder.rglob("*")):
+        kind = kind_of(path) if path.is_file() else None
+        if kind is None:
+            continue
+        try:
+            yield kind, CHECKS[kind](path)
+        except sy.InputError as error:
+            yield kind, Outcome(path, reason=str(error).replace(str(path), path.name))
