@@ -8,7 +8,7 @@ import pytest
 from exported_functions import deep_chain, inputs_of
 
 import steelyard as sy
-from steelyard.codegen.schedule import repeated_operations, schedule
+from steelyard.codegen.jax import repeated_operations, schedule
 from steelyard.graph import Argument, Function, Graph, Output, evaluate_over, sin
 
 

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from steelyard.codegen import Project, files, generate
-from steelyard.codegen.schedule import prefers_vectors
+from steelyard.codegen.jax import prefers_vectors
 
 from .conftest import project_of, run
 from .scripts import mutated, plain_project, run_python, self_test_of, several_functions

@@ -18,8 +18,8 @@ if TYPE_CHECKING:
     from .project import generate as generate
     from .project import languages as languages
     from .reference import Reference as Reference
-    from .symbolic_function import SymbolicFunction as SymbolicFunction
-    from .symbolic_function import sympy_function as sympy_function
+    from .sympy import SymbolicFunction as SymbolicFunction
+    from .sympy import sympy_function as sympy_function
     from .text import Names as Names
 
 __all__ = import_at_first_use(__name__, __file__)

@@ -137,7 +137,7 @@ LANGUAGES: Extensions[Writer] = Extensions(
         "c": f"{__package__}.c:write",
         "cpp": f"{__package__}.cpp:write",
         "rust": f"{__package__}.rust:write",
-        "python": f"{__package__}.numpy_source:write",
+        "python": f"{__package__}.python_project:write",
         "octave": f"{__package__}.octave:write",
         "julia": f"{__package__}.julia:write",
         "jax": f"{__package__}.jax:write",

@@ -88,7 +88,7 @@ class Answer:
     Attributes
     ----------
     outcome : Outcome
-        According to the program itself; `file_solver` checks it.
+        According to the program itself; `solve_with_program` checks it.
     status : str
         In the words of the program.
     x : (m,)

@@ -1,5 +1,6 @@
-"""Deciding whether parameters are physically possible, with a proof."""
+"""Deciding whether parameters are physically possible, by the search for a proof of either answer."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -10,14 +11,18 @@ from steelyard.errors import InputError
 from steelyard.lmi import is_positive_definite
 
 from .certificates import FeasibilityCertificate, InfeasibilityCertificate
+from .certificates.rational import exact_number
+from .dual_center import Fibre, center
+from .exact_dual_point import least_trace_bound, prove_infeasible, prove_infeasible_up_to_a_size
+from .facial_reduction import dual_face
 from .feasible_set import FeasibleSet
-from .margin import MARGIN_CAP, largest_margin, least_violations
-from .proof_search import decide
+from .margin import MARGIN_CAP, TRACE_BOUND, DualPoint, largest_margin, least_violations
 from .tie_break import lightest_parameters
 
-__all__ = ["Verdict", "Violation", "check"]
+__all__ = ["Decision", "Verdict", "Violation", "check", "decide"]
 
 Vector = npt.NDArray[np.float64]
+Matrix = npt.NDArray[np.float64]
 
 MODERATE_TRACES = (10.0, 100.0, 1000.0)
 """Bounds on the sum of the traces, in units of the largest |β| (at least 1), that are tried in turn for a witness of
@@ -246,3 +251,247 @@ def _sorted(feasible_set: FeasibleSet, amounts: Vector, least: float) -> tuple[V
         if amount > least
     ]
     return tuple(sorted(found, key=lambda violation: -violation.amount))
+
+
+FLOORS = (1e-2, 1e-4, 1e-6, 1e-8, 1e-9, 1e-10)
+"""Smallest eigenvalues of a block, relative to its largest, that are kept when it is scaled; they are tried in turn,
+since the first parameters are wrong in small eigenvalues."""
+
+SCALED_ACCURACY = 1e-11
+"""Accuracy of the solver on problems that are scaled around a point near the solution."""
+
+LARGEST_ADDITION = 1e12
+"""Largest unidentifiable mass, in kg, that is added to reach the inside; beyond, doubles have no digits left for
+links."""
+
+SHORT_DECIMAL, MAP_ACCURACY = 10**10, 1e-13
+"""Elements of K with denominators up to the first number count as exact, others as accurate to the second."""
+
+TURNS, FIRST_STEPS, LATER_STEPS = 5, 40, 25
+"""Largest number of rounds of Newton's method and a solver before the search ends without a proof, and Newton steps in
+the first and in later rounds."""
+
+FARTHEST = 1e6
+"""Largest step towards the dual point of the solver; a longer one would lose the digits of the present point."""
+
+CAP_REACHED = 1e-6
+"""A margin within this part of `MARGIN_CAP` counts as the cap."""
+
+TRACE_BOUND_FACTOR = 10.0
+"""Trace bound of the last attempt, relative to the least one that counts: rounding costs a part of it."""
+
+ADDITIONS = (0.0, 1e2, 1e4, 1e6, 1e8)
+"""Masses beside the face, in kg, with which a margin on the face is tried; with 1e10 kg no digit of a margin of 1e-6
+would remain."""
+
+
+@dataclass(frozen=True, eq=False)
+class Decision:
+    """The proof that was found for base parameters.
+
+    Attributes
+    ----------
+    certificate : FeasibilityCertificate, InfeasibilityCertificate or None
+        None if neither could be proved.
+    margin : float
+        Largest t with D(δ) - t 1 ⪰ 0, as the solver found it.
+    """
+
+    certificate: FeasibilityCertificate | InfeasibilityCertificate | None
+    margin: float
+
+
+def decide(feasible_set: FeasibleSet, base: Vector) -> Decision:
+    """Search for feasible parameters and for a dual point until one of them is a proof.
+
+    The first attempts are the largest margin of the whole blocks, and that on the face of the dual points. If neither
+    decides, the problem is solved in suitable units: for a dual point in those of the analytic center of the dual
+    points, for a witness in those in which the blocks at the best parameters so far are about unit matrices. Links that
+    are much smaller than others, and points close to the boundary, then have the full accuracy of the solver.
+    """
+    whole = [np.eye(block.size) for block in feasible_set.blocks]
+    face = dual_face(feasible_set).bases
+    bound = TRACE_BOUND * max(1.0, float(np.abs(base).max(initial=0.0)))
+    first = largest_margin(feasible_set, base, whole, trace_bound=bound)
+    found = proved_witness(feasible_set, base, first.parameters)
+    if found is not None and first.value >= MARGIN_CAP * (1 - CAP_REACHED):
+        return Decision(found, first.value)
+    # On the face no bound on the traces is needed, so that this is the largest margin of all robots, however heavy.
+    restricted = largest_margin(feasible_set, base, face, [_orthonormal(U) for U in face])
+    margin = restricted.value if np.isfinite(restricted.value) else first.value
+    if found is not None:
+        return Decision(found, max(first.value, min(margin, _attained(feasible_set, restricted.parameters))))
+    particular = feasible_set.lift @ base
+    if restricted.value < 0:
+        refuted = prove_infeasible(feasible_set, particular, base, restricted.point)
+        if refuted is not None:
+            return Decision(refuted, margin)
+    proof = _centred_proof(feasible_set, base)
+    if proof is not None:
+        return Decision(proof, margin)
+    witness = scaled_witness(feasible_set, base, first.parameters)
+    if witness is not None or first.value >= 0:
+        return Decision(witness, margin)
+    # The shift that covers rounding errors costs about half of the trace bound.
+    bounded = largest_margin(feasible_set, base, whole, trace_bound=TRACE_BOUND_FACTOR * least_trace_bound(base))
+    return Decision(prove_infeasible_up_to_a_size(feasible_set, bounded.point, base), min(margin, bounded.value))
+
+
+def _orthonormal(basis: Matrix) -> Matrix:
+    """C, such that the columns of U C are orthonormal.
+
+    A margin on the face then equals the margin that the whole blocks approach as unidentifiable mass is added.
+    """
+    return np.asarray(np.linalg.inv(np.linalg.qr(basis)[1])) if basis.shape[1] else np.zeros((0, 0))
+
+
+def _attained(feasible_set: FeasibleSet, parameters: Vector) -> float:
+    """The largest margin of parameters to which unidentifiable mass beside the face is added.
+
+    The face is known in floating point only, so that a margin on it counts only if some robot has it.
+    """
+    recession = dual_face(feasible_set).recession
+    return max(
+        float(feasible_set.stack.smallest_eigenvalues(parameters + amount * recession).min(initial=np.inf))
+        for amount in ADDITIONS
+    )
+
+
+def _centred_proof(feasible_set: FeasibleSet, base: Vector) -> InfeasibilityCertificate | FeasibilityCertificate | None:
+    """A proof of either kind by Newton's method and margins in its metric; None if none is found."""
+    face = dual_face(feasible_set)
+    fibre = Fibre(feasible_set, feasible_set.lift @ base, face.bases)
+    matrices = fibre.matrices(DualPoint(face.interior, face.multipliers))
+    for turn in range(TURNS):
+        found = center(fibre, matrices, FIRST_STEPS if turn == 0 else LATER_STEPS)
+        if found is None:
+            return None
+        if found.feasible:
+            return raised_witness(feasible_set, base, found.parameters)
+        middle = fibre.point(found.matrices)
+        if found.value < 0:
+            proof = prove_infeasible(feasible_set, found.parameters, base, middle, middle)
+            if proof is not None:
+                return proof
+        try:
+            metric = fibre.metric(found.matrices)
+        except np.linalg.LinAlgError:
+            return None
+        blocks = metric.stacked(fibre.blocks(found.parameters))
+        margin, along, dual = metric.largest_margin(blocks, MARGIN_CAP, SCALED_ACCURACY)
+        if margin > 0:
+            return raised_witness(feasible_set, base, found.parameters + fibre.directions @ metric.along(along))
+        point = fibre.point(metric.expanded(dual))
+        proof = prove_infeasible(feasible_set, found.parameters, base, point, middle)
+        if proof is not None:
+            return proof
+        parameters = found.parameters + fibre.directions @ metric.along(along)
+        fibre = Fibre(feasible_set, parameters if np.all(np.isfinite(parameters)) else found.parameters, face.bases)
+        # As far towards the solver's point as the cone allows.
+        lowest = min(float(np.linalg.eigvalsh(matrix)[0]) for matrix in metric.stack.matrices(dual))
+        farthest = min(FARTHEST, 0.5 / max(-lowest, 1e-16))
+        matrices = tuple(W + farthest * V for W, V in zip(found.matrices, metric.expanded(dual), strict=True))
+    return None
+
+
+def proved_witness(feasible_set: FeasibleSet, base: Vector, parameters: Vector) -> FeasibilityCertificate | None:
+    """The certificate of feasible parameters, or None if they are not proved feasible."""
+    if not np.all(np.isfinite(parameters)):
+        return None
+    # Exact arithmetic is not needed for blocks that are far from positive definite.
+    for block, smallest in zip(feasible_set.blocks, feasible_set.stack.smallest_eigenvalues(parameters), strict=True):
+        if smallest < -1e-9 * max(1.0, float(np.abs(block.evaluate(parameters)).max(initial=0.0))):
+            return None
+    if not _beyond_rounding(feasible_set, parameters):
+        return None
+    certificate = FeasibilityCertificate(feasible_set, base, parameters)
+    return certificate if certificate.verify() else None
+
+
+def _beyond_rounding(feasible_set: FeasibleSet, parameters: Vector) -> bool:
+    """Whether the blocks remain definite for all maps K that round to the given one.
+
+    Elements of K that are not short decimals are rounded. With parameters of tonnes, rounding errors of terms that
+    cancel could make an impossible robot of grams look possible.
+    """
+    change = feasible_set.kept(_rounding_of_map) @ np.abs(parameters)
+    if not np.any(change):
+        return True
+    affected = np.zeros(feasible_set.parameter_count)
+    affected[np.asarray(feasible_set.model.base_parameters().independent, dtype=np.intp)] = change
+    for block in feasible_set.blocks:
+        norms = np.abs(block.coefficients).sum(axis=2).max(axis=1)
+        loss = float(affected[block.indices] @ norms)
+        if loss > 0 and block.size > 1 and block.smallest_eigenvalue(parameters) <= loss:
+            return False
+    return True
+
+
+def _rounding_of_map(feasible_set: FeasibleSet) -> Matrix:
+    """Bound on the rounding errors of the elements of K."""
+    found = np.zeros_like(feasible_set.K)
+    for i, j in zip(*np.nonzero(feasible_set.K), strict=True):
+        value = float(feasible_set.K[i, j])
+        if exact_number(value).denominator > SHORT_DECIMAL:
+            found[i, j] = MAP_ACCURACY * abs(value)
+    return found
+
+
+def raised_witness(feasible_set: FeasibleSet, base: Vector, parameters: Vector) -> FeasibilityCertificate | None:
+    """Add unidentifiable mass until blocks that are definite on the face of the dual points are definite.
+
+    With bases U of the face and V of its complement, D = [[D_UU, D_UV], [D_VU, D_VV + s G]] is positive definite for
+    large s, because D_UU is.
+    """
+    face = dual_face(feasible_set)
+    amount = 0.0
+    for block, U in zip(feasible_set.blocks, face.bases, strict=True):
+        size, rank = U.shape
+        if rank == size:
+            continue
+        D = block.evaluate(parameters)
+        added = np.tensordot(face.recession[block.indices], block.coefficients, axes=1)
+        left = np.linalg.svd(U)[0] if rank else np.eye(size)
+        Q, V = left[:, :rank], left[:, rank:]
+        lacking = -(V.T @ D @ V)
+        if rank:
+            try:
+                lacking += V.T @ D @ Q @ np.linalg.solve(Q.T @ D @ Q, Q.T @ D @ V)
+            except np.linalg.LinAlgError:
+                return None
+        sizes, vectors = np.linalg.eigh(V.T @ added @ V)
+        if sizes[0] <= 0 or not np.all(np.isfinite(lacking)):
+            return None
+        half = vectors / np.sqrt(sizes)
+        amount = max(amount, float(np.linalg.eigvalsh(half.T @ lacking @ half)[-1]))
+    for factor in (1.1, 3.0, 30.0, 1e3):
+        if factor * amount > LARGEST_ADDITION:
+            break
+        found = proved_witness(feasible_set, base, parameters + factor * amount * face.recession)
+        if found is not None:
+            return found
+    return None
+
+
+def scaled_witness(feasible_set: FeasibleSet, base: Vector, parameters: Vector) -> FeasibilityCertificate | None:
+    """Parameters inside the set, from the margin of blocks that are scaled around the best parameters so far."""
+    whole = [np.eye(block.size) for block in feasible_set.blocks]
+    for floor in FLOORS:
+        scalings = _scalings(feasible_set, whole, parameters, floor)
+        found = largest_margin(feasible_set, base, whole, scalings, 1e6 * len(whole), SCALED_ACCURACY)
+        certificate = proved_witness(feasible_set, base, found.parameters)
+        if certificate is not None:
+            return certificate
+        parameters = found.parameters
+    return None
+
+
+def _scalings(feasible_set: FeasibleSet, bases: Sequence[Matrix], parameters: Vector, floor: float) -> list[Matrix]:
+    """C_b with C_bᵀ U_bᵀ |D_b(δ)| U_b C_b = 1, after eigenvalues are raised to `floor` times the largest."""
+    found = []
+    for block, U in zip(feasible_set.blocks, bases, strict=True):
+        values, vectors = np.linalg.eigh(U.T @ block.evaluate(parameters) @ U)
+        size = np.abs(values)
+        largest = float(size.max(initial=0.0)) or 1.0
+        found.append(vectors / np.sqrt(np.maximum(size, floor * largest)))
+    return found

@@ -10,7 +10,7 @@ import numpy.typing as npt
 from steelyard.lmi import symmetric_to_vector
 
 from .certificates import InfeasibilityCertificate
-from .certificates.exact_set import exact_conditions, exact_vector
+from .certificates.certificate import exact_conditions, exact_vector
 from .certificates.rational import SparseRows, exact_number, zero_combination_basis
 from .certificates.statement import Matrix as ExactMatrix
 from .certificates.verification import LEAST_RELATIVE_TRACE_BOUND, LEAST_TRACE_BOUND

@@ -30,7 +30,7 @@ from steelyard.feasibility import (
     verify_document,
 )
 from steelyard.feasibility.certificates import speaks_of
-from steelyard.feasibility.certificates.exact_set import LAST_DIGITS
+from steelyard.feasibility.certificates.certificate import LAST_DIGITS
 from steelyard.feasibility.certificates.rational import nearest_double, parse_number
 from steelyard.feasibility.constraints import constraints_from_dict
 from steelyard.files import write_json

@@ -12,7 +12,7 @@ import steelyard as sy
 from steelyard.errors import InputError
 from steelyard.feasibility import verify_certificate
 from steelyard.feasibility.certificates import speaks_of
-from steelyard.feasibility.certificates.exact_set import LAST_DIGITS
+from steelyard.feasibility.certificates.certificate import LAST_DIGITS
 from steelyard.identification.saved import check_certificate, correct_estimate, matching_estimate
 
 ROBOT = """

@@ -8,7 +8,7 @@ from typing import Any, Literal
 
 import numpy as np
 
-from steelyard.codegen.symbols import import_sympy
+from steelyard.codegen.sympy import import_sympy
 from steelyard.errors import InputError
 from steelyard.feasibility.constraints import ModelLike
 

@@ -10,7 +10,7 @@ from typing import Any, Literal
 
 import numpy as np
 
-from steelyard.codegen.symbols import exact_number, import_sympy, latex_name
+from steelyard.codegen.sympy import exact_number, import_sympy, latex_name
 from steelyard.errors import InputError
 from steelyard.feasibility.constraints import ModelLike
 

@@ -14,7 +14,7 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
-from steelyard.codegen.symbols import import_sympy
+from steelyard.codegen.sympy import import_sympy
 from steelyard.errors import InputError, MissingExtraError
 
 __all__ = ["eliminate", "qepcad_program"]

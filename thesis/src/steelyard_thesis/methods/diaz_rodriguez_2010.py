@@ -13,7 +13,7 @@ from steelyard.dynamics.threads import one_thread
 from steelyard.errors import InputError
 from steelyard.feasibility import FeasibleSet, check, correct
 from steelyard.feasibility.certificates import FeasibilityCertificate, InfeasibilityCertificate
-from steelyard.feasibility.proof_search import decide
+from steelyard.feasibility.check import decide
 from steelyard.lmi.affine import is_positive_definite
 from steelyard.regression import Estimate, Information
 
