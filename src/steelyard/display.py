@@ -1,11 +1,13 @@
-"""Tables by which objects are printed: as text, and as HTML for notebooks."""
+"""How objects are printed: tables as text and as HTML for notebooks, and numbers and weighted sums as text."""
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterable, Sequence
+from decimal import ROUND_CEILING, ROUND_FLOOR, Decimal
 from html import escape
 
-__all__ = ["html_table", "text_table"]
+__all__ = ["combination", "html_table", "outward", "percent", "plain", "text_table"]
 
 
 def text_table(heads: Sequence[str], rows: Sequence[Sequence[str]], numbers: Sequence[int] = ()) -> str:
@@ -45,3 +47,89 @@ def html_table(
     notes = "".join(f"<li>{escape(remark)}</li>" for remark in remarks)
     body = "".join(line(row, "td") for row in rows)
     return f"<table>{top}{line(heads, 'th')}{body}</table>" + (f"<ul>{notes}</ul>" if notes else "")
+
+
+def plain(value: float, digits: int = 4) -> str:
+    """A number with a few digits; infinity as ∞.
+
+    Examples
+    --------
+    >>> plain(0.000123456), plain(float("-inf"))
+    ('0.0001235', '-∞')
+    """
+    if math.isinf(value):
+        return "∞" if value > 0 else "-∞"
+    return f"{value + 0.0:.{digits}g}"
+
+
+def percent(share: float, digits: int = 3) -> str:
+    """A share in per cent with about `digits` digits.
+
+    Examples
+    --------
+    >>> percent(0.9996), percent(0.01234, 2), percent(-0.00001234, 2)
+    ('100 %', '1.2 %', '-0.0012 %')
+    """
+    value = 100.0 * share + 0.0
+    if not math.isfinite(value):
+        return f"{plain(value)} %"
+    decimals = max(0, digits - 1 - math.floor(math.log10(abs(value)))) if abs(value) >= 1e-4 else 0
+    text = f"{value:.{decimals}f}"
+    return f"{text.rstrip('0').rstrip('.') if '.' in text else text} %"
+
+
+def outward(lower: float, upper: float) -> tuple[str, str]:
+    """Both ends of an interval, rounded outward to about a thousandth of its width.
+
+    Examples
+    --------
+    >>> outward(1.689123, 2.433012)
+    ('1.6891', '2.4331')
+    >>> outward(2.0 - 1e-9, float("inf"))
+    ('2', '∞')
+    """
+    width = upper - lower
+    finite = [abs(value) for value in (lower, upper) if math.isfinite(value)]
+    size = max(finite, default=0.0)
+    unit = width if math.isfinite(width) else size
+    unit = max(unit, 1e-9 * size)
+    if unit <= 0:
+        return plain(lower), plain(upper)
+    step = Decimal(1).scaleb(math.floor(math.log10(unit)) - 3)
+    return _rounded(lower, step, ROUND_FLOOR), _rounded(upper, step, ROUND_CEILING)
+
+
+def _rounded(value: float, step: Decimal, direction: str) -> str:
+    if math.isinf(value):
+        return plain(value)
+    # Values may be off by a thousandth of the last digit, which must not change that digit.
+    inward = Decimal("0.001") if direction == ROUND_FLOOR else Decimal("-0.001")
+    number = (Decimal(value) / step + inward).to_integral_value(rounding=direction) * step
+    text = f"{number:f}"
+    text = text.rstrip("0").rstrip(".") if "." in text else text
+    if len(text.lstrip("-0.")) > 0 and abs(value) < 1e-4:
+        return f"{number.normalize():e}".replace("e-0", "e-")
+    return text if text not in ("-0", "") else "0"
+
+
+def combination(weights: Iterable[float], names: Sequence[str], most: int | None = None, digits: int = 3) -> str:
+    """A weighted sum as text, with the terms in the given order; "..." stands for terms that are left out.
+
+    Examples
+    --------
+    >>> combination([1.0, -0.25, 0.0], ["Lzz1", "lx1 + m2", "ly1"])
+    'Lzz1 - 0.25 (lx1 + m2)'
+    """
+    text = ""
+    shown = 0
+    for weight, name in zip(weights, names, strict=True):
+        if weight == 0.0:
+            continue
+        if most is not None and shown == most:
+            return text + " ..."
+        size = plain(abs(float(weight)), digits)
+        single = f"({name})" if " " in name and (size != "1" or weight < 0) else name
+        term = single if size == "1" else f"{size} {single}"
+        text += f"{'-' if weight < 0 else ''}{term}" if not text else f" {'-' if weight < 0 else '+'} {term}"
+        shown += 1
+    return text or "0"

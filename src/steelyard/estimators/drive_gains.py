@@ -10,13 +10,12 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from steelyard.display import html_table, text_table
+from steelyard.display import html_table, outward, plain, text_table
 from steelyard.dynamics.threads import one_thread
 from steelyard.errors import InputError
 from steelyard.feasibility import FeasibleSet
 from steelyard.feasibility.constraints import Equality
 from steelyard.feasibility.nearest_point import nearest_in_region
-from steelyard.feasibility.wording import outward, plain
 from steelyard.files import read_number
 from steelyard.lmi import AffineBlock
 from steelyard.regression import Information, ParameterCovariance

@@ -10,7 +10,7 @@ from typing import Any, Literal
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from steelyard.display import html_table, text_table
+from steelyard.display import html_table, outward, plain, text_table
 from steelyard.dynamics import BaseParameters
 from steelyard.dynamics.threads import one_thread
 from steelyard.errors import InputError
@@ -23,7 +23,6 @@ from steelyard.feasibility.bounds.quantities import Quantity
 from steelyard.feasibility.certificates import FeasibilityCertificate
 from steelyard.feasibility.constraints import Constraint
 from steelyard.feasibility.nearest_point import nearest_in_region
-from steelyard.feasibility.wording import outward, plain
 from steelyard.lmi import AffineBlock
 from steelyard.regression import Information, ParameterCovariance, Reduced
 from steelyard.regression.least_squares import least_squares

@@ -6,13 +6,13 @@ from typing import Literal
 import numpy as np
 import numpy.typing as npt
 
+from steelyard.display import percent
 from steelyard.errors import InputError, SolverError
 from steelyard.feasibility.dual_bound import PARAMETER_BOUND
 from steelyard.feasibility.feasible_set import MARGIN_FACTORS, FeasibleSet
 from steelyard.feasibility.growth import growing_links, mass_bound_of
 from steelyard.feasibility.tie_break import TieBreak, closest_to_cad, lightest
 from steelyard.feasibility.units import Units
-from steelyard.feasibility.wording import percent
 from steelyard.files import read_number
 from steelyard.regression import Reduced, column_lengths
 

@@ -7,12 +7,11 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from steelyard.display import html_table, text_table
+from steelyard.display import html_table, percent, text_table
 from steelyard.dynamics.threads import one_thread
 from steelyard.errors import InputError
 from steelyard.feasibility.feasible_set import FeasibleSet, reduced_regression
 from steelyard.feasibility.growth import mass_bound_of
-from steelyard.feasibility.wording import percent
 from steelyard.files import read_number
 from steelyard.lmi import vector_to_symmetric
 

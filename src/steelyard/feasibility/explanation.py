@@ -8,7 +8,7 @@ import numpy as np
 import numpy.typing as npt
 
 from steelyard.conic import ConicProblem, solve
-from steelyard.display import html_table, text_table
+from steelyard.display import combination, html_table, percent, plain, text_table
 from steelyard.dynamics.threads import one_thread
 from steelyard.errors import InputError
 from steelyard.regression import ParameterCovariance
@@ -18,7 +18,6 @@ from .check import check
 from .feasible_set import FeasibleSet
 from .irreducible_subsystem import IrreducibleInfeasibleSubsystem, irreducible_infeasible_subsystems
 from .nearest_point import nearest_in_region
-from .wording import base_expressions, base_names, combination, percent, plain
 
 __all__ = [
     "BaseParameterDegree",
@@ -392,7 +391,7 @@ def explain_infeasibility(
             raise InputError("nothing is given of the estimate; give it as base=, or data as info=.")
         beta = region.base if region is not None else feasible_set.as_base(base if base is not None else ())
         verdict = check(feasible_set, base=beta)
-        names = tuple(zip(base_names(feasible_set), base_expressions(feasible_set), strict=True))
+        names = tuple(zip(_base_names(feasible_set), _base_expressions(feasible_set), strict=True))
         count = len(beta)
         deviation = region.covariance.standard_error if region is not None else np.full(count, np.nan)
         if verdict.feasible is not False:
@@ -456,3 +455,21 @@ def _correlation(degrees: tuple[BaseParameterDegree, ...]) -> tuple[float, float
         np.array([degree.relative_deviation for degree in known]),
         np.array([abs(degree.change / degree.value) for degree in known]),
     )
+
+
+def _base_expressions(feasible_set: FeasibleSet) -> tuple[str, ...]:
+    """Each base parameter as a combination of standard ones, e.g. ``"Lzz1 + m2"``."""
+    base = feasible_set.model.base_parameters()
+    expressions = getattr(base, "expressions", None)
+    if expressions is not None:
+        return tuple(expressions)
+    names = feasible_set.model.parameter_names
+    return tuple(combination(row, names, digits=6) for row in feasible_set.K)
+
+
+def _base_names(feasible_set: FeasibleSet) -> tuple[str, ...]:
+    """Short names: the leading parameter of each combination, with an R (regrouped) if there are others."""
+    names = feasible_set.model.parameter_names
+    leading = np.asarray(feasible_set.model.base_parameters().independent, dtype=np.intp)
+    alone = np.count_nonzero(feasible_set.K, axis=1) == 1
+    return tuple(f"{names[i]}{'' if single else 'R'}" for i, single in zip(leading, alone, strict=True))

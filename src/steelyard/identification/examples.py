@@ -13,11 +13,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from steelyard.display import text_table
+from steelyard.display import percent, text_table
 from steelyard.dynamics import Coulomb, Model, Offset, RotorInertia, Viscous
 from steelyard.errors import InputError
 from steelyard.excitation import FourierTrajectory, RestToRestTrajectory
-from steelyard.feasibility.wording import percent
 from steelyard.files import replaced_folder, suggestion, write_text
 from steelyard.recording import Recording
 from steelyard.regression import Estimate

@@ -8,13 +8,12 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from steelyard.display import html_table, text_table
+from steelyard.display import html_table, outward, percent, plain, text_table
 from steelyard.dynamics.threads import one_thread
 from steelyard.errors import InputError
 from steelyard.regression import ParameterCovariance
 
 from ..feasible_set import FeasibleSet
-from ..wording import outward, percent, plain
 from .bound_finder import Bound, BoundFinder, given_by
 from .quantities import Combination, Quantity, quantities
 

@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from steelyard.display import html_table, text_table
+from steelyard.display import html_table, plain, text_table
 from steelyard.dynamics.threads import one_thread
 from steelyard.regression import ParameterCovariance
 
@@ -16,7 +16,6 @@ from ..dual_bound import ConvexProblem, Multipliers
 from ..feasible_set import FeasibleSet
 from ..tie_break import TieBreak
 from ..units import Units
-from ..wording import plain
 from .bound_finder import BoundFinder, NoInteriorError, given_by
 from .quantities import Quantity, quantities
 
