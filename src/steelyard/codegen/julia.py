@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import uuid
-from itertools import product
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -12,7 +11,7 @@ from numpy.typing import NDArray
 from .assignments import Syntax, listing
 from .documentation import MARKDOWN, elements_lines, function_lines, readme
 from .naming import NamedFunction, naming, project_name, shadowing, shared_arguments
-from .text import Names, comment_lines, marker, number, number_lines, wrapped_lines
+from .text import Names, comment_lines, indices_from_one, marker, number, number_lines, wrapped_lines
 
 if TYPE_CHECKING:
     from .project import Project
@@ -144,7 +143,7 @@ class _Source:
             name = names[output.name]
             if listed.mostly_zero:
                 lines.append(f"        {name} .= 0.0")
-            places = _places(output.shape)
+            places = indices_from_one(output.shape)
             lines += [f"        {name}[{places[k]}] = {text}" for k, text in listed.stored]
         return [*lines, "    end", "    return nothing", "end"]
 
@@ -209,11 +208,6 @@ class _Source:
 def _type(shape: tuple[int, ...]) -> str:
     kinds = {0: "Ref{Float64}", 1: "AbstractVector{Float64}", 2: "AbstractMatrix{Float64}"}
     return kinds.get(len(shape), f"AbstractArray{{Float64,{len(shape)}}}")
-
-
-def _places(shape: tuple[int, ...]) -> list[str]:
-    """Return the index of each element, in row-major order."""
-    return [", ".join(str(k + 1) for k in place) for place in product(*(range(n) for n in shape))]
 
 
 def _check(condition: str, message: str) -> str:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from itertools import product
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -11,7 +10,7 @@ from numpy.typing import NDArray
 from .assignments import Syntax, listing
 from .documentation import elements_lines, function_lines, readme
 from .naming import NamedFunction, naming, project_name
-from .text import Names, comment_lines, marker, number, number_lines
+from .text import Names, comment_lines, indices_from_one, marker, number, number_lines
 
 if TYPE_CHECKING:
     from collections.abc import Iterable
@@ -117,7 +116,7 @@ class _Source:
                 lines.append(f"  {name} = {listed.elements[0]};")
                 continue
             lines.append(f"  {name} = zeros({_shape(output)});")
-            stored = zip(_places(output.shape), listed.elements, listed.zero, strict=True)
+            stored = zip(indices_from_one(output.shape), listed.elements, listed.zero, strict=True)
             lines += [f"  {name}({place}) = {text};" for place, text, zero in stored if not zero]
         return "\n".join([*lines, "end", ""])
 
@@ -174,11 +173,6 @@ class _Source:
             f"`help {named.name}` tells what every element of an argument is. Arguments are rows or columns of double",
             "precision, one sample a call. The functions keep nothing, and are ready for MATLAB Coder.",
         ]
-
-
-def _places(shape: tuple[int, ...]) -> list[str]:
-    """Return the index of each element, in row-major order."""
-    return [", ".join(str(k + 1) for k in place) for place in product(*(range(n) for n in shape))]
 
 
 def _literal(name: str, values: NDArray[np.float64]) -> list[str]:

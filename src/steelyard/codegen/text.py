@@ -6,6 +6,7 @@ import re
 import textwrap
 import unicodedata
 from collections.abc import Iterable
+from itertools import product
 
 __all__ = [
     "MARKER",
@@ -13,6 +14,7 @@ __all__ = [
     "comment_lines",
     "comment_text",
     "identifier",
+    "indices_from_one",
     "markdown_text",
     "marker",
     "number",
@@ -235,3 +237,14 @@ def number_lines(values: Iterable[float], indent: str, width: int = _WIDTH) -> l
         else:
             current = f"{current}, {text}" if current else text
     return [*lines, indent + current] if current else lines
+
+
+def indices_from_one(shape: tuple[int, ...]) -> list[str]:
+    """Return the index of each element of an array for languages that count from 1, in row-major order.
+
+    Examples
+    --------
+    >>> indices_from_one((2, 2)), indices_from_one(())
+    (['1, 1', '1, 2', '2, 1', '2, 2'], [''])
+    """
+    return [", ".join(str(k + 1) for k in place) for place in product(*(range(n) for n in shape))]

@@ -10,6 +10,7 @@ if TYPE_CHECKING:
     from .problem import ConicSolution as ConicSolution
     from .problem import Outcome as Outcome
     from .problem import Rows as Rows
+    from .problem import stacked_triangle as stacked_triangle
     from .semidefinite_program import SemidefiniteProgram as SemidefiniteProgram
     from .solver import Solver as Solver
     from .solver import SolverTable as SolverTable

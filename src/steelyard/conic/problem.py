@@ -3,6 +3,7 @@
 import enum
 from collections.abc import Sequence
 from dataclasses import dataclass, field
+from functools import lru_cache
 
 import numpy as np
 import numpy.typing as npt
@@ -24,6 +25,7 @@ __all__ = [
     "optimality_error",
     "primal_error",
     "recession_error",
+    "stacked_triangle",
 ]
 
 Vector = npt.NDArray[np.float64]
@@ -86,6 +88,34 @@ class Cone:
     def rows(self) -> int:
         """Rows that the cone takes."""
         return self.size * (self.size + 1) // 2 if self.kind == "semidefinite" else self.size
+
+
+@lru_cache(maxsize=64)
+def stacked_triangle(size: int) -> tuple[npt.NDArray[np.intp], npt.NDArray[np.intp], Vector]:
+    """Return how a symmetric matrix is stacked in the rows of a semidefinite cone.
+
+    Parameters
+    ----------
+    size : int
+        Order d of the matrix.
+
+    Returns
+    -------
+    (rows,), (rows,), (rows,)
+        Row and column of each element of the upper triangle, stacked by columns, and its factor: 1, or √2 off the
+        diagonal, with which the dot product of two vectors is the trace inner product of the two matrices.
+
+    Examples
+    --------
+    >>> row, column, factor = stacked_triangle(2)
+    >>> row.tolist(), column.tolist(), factor.round(4).tolist()
+    ([0, 0, 1], [0, 1, 1], [1.0, 1.4142, 1.0])
+    """
+    column, row = np.tril_indices(size)
+    found = row, column, np.where(row == column, 1.0, np.sqrt(2.0))
+    for array in found:
+        array.flags.writeable = False  # they are kept
+    return found
 
 
 @dataclass(frozen=True, eq=False)
@@ -358,8 +388,8 @@ def least_distance(cones: tuple[Cone, ...], vector: Vector) -> float:
             depth = float(part[0] - np.linalg.norm(part[1:]))
         elif cone.kind == "semidefinite":
             matrix = np.zeros((cone.size, cone.size))
-            column, row = np.tril_indices(cone.size)
-            matrix[column, row] = part * np.where(row == column, 1.0, np.sqrt(0.5))
+            row, column, factor = stacked_triangle(cone.size)
+            matrix[column, row] = part / factor
             depth = float(np.linalg.eigvalsh(matrix)[0])
         else:
             continue

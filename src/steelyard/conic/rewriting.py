@@ -13,7 +13,7 @@ import scipy.linalg
 import scipy.sparse as sparse
 from scipy.sparse.csgraph import connected_components
 
-from .problem import Cone, ConicProblem
+from .problem import Cone, ConicProblem, stacked_triangle
 
 __all__ = [
     "Contradiction",
@@ -500,8 +500,8 @@ class _Layout:
             if cone.kind == "nonnegative" or cone.size == 1:
                 scalars.append(rows)
             elif cone.kind == "semidefinite":
-                column, row = np.tril_indices(cone.size)
-                matrices.append((cone.size, row, column, rows, np.where(row == column, 1.0, np.sqrt(0.5))))
+                row, column, factor = stacked_triangle(cone.size)
+                matrices.append((cone.size, row, column, rows, 1.0 / factor))
             else:
                 matrices.append(_arrow(np.full(cone.size, rows[0]), rows[1:]))
         if squares is not None:

@@ -10,7 +10,7 @@ import numpy as np
 import numpy.typing as npt
 import scipy.sparse as sparse
 
-from .problem import Cone, ConicProblem, ConicSolution
+from .problem import Cone, ConicProblem, ConicSolution, stacked_triangle
 
 __all__ = ["Scaling", "diagonal_pairs", "equilibrate", "scaling_around"]
 
@@ -87,7 +87,7 @@ def diagonal_pairs(cones: tuple[Cone, ...]) -> tuple[Indices, Indices, int]:
     count = 0
     for cone in cones:
         if cone.kind == "semidefinite":
-            column, row = np.tril_indices(cone.size)
+            row, column, _ = stacked_triangle(cone.size)
             first.append(count + row)
             second.append(count + column)
             count += cone.size

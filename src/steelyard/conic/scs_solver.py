@@ -9,7 +9,16 @@ import numpy as np
 import numpy.typing as npt
 import scipy.sparse as sparse
 
-from .problem import Cone, ConicProblem, ConicSolution, Outcome, infeasibility_error, optimality_error, recession_error
+from .problem import (
+    Cone,
+    ConicProblem,
+    ConicSolution,
+    Outcome,
+    infeasibility_error,
+    optimality_error,
+    recession_error,
+    stacked_triangle,
+)
 from .scaling import Scaling, equilibrate, scaling_around
 from .solver import FEATURES, Solver
 
@@ -179,7 +188,7 @@ def _arrangement(cones: tuple[Cone, ...]) -> tuple[Indices, dict[str, Any]]:
         own = np.arange(start, start + cone.rows)
         start += cone.rows
         if cone.kind == "semidefinite":
-            column, row = np.tril_indices(cone.size)
+            row, column, _ = stacked_triangle(cone.size)
             places = np.zeros((cone.size, cone.size), dtype=np.intp)
             places[column, row] = own
             upper = np.triu_indices(cone.size)

@@ -18,7 +18,7 @@ import scipy.sparse as sparse
 from steelyard.errors import InputError
 from steelyard.files import LARGEST_JSON, read_bytes, write_text
 
-from .problem import Cone, ConicProblem, ConicSolution
+from .problem import Cone, ConicProblem, ConicSolution, stacked_triangle
 from .solver import solve
 
 __all__ = ["SemidefiniteProgram"]
@@ -198,7 +198,7 @@ class SemidefiniteProgram:
                 row = column = np.arange(cone.size)
                 sizes.append(-cone.size)
             elif cone.size:
-                column, row = np.tril_indices(cone.size)
+                row, column, _ = stacked_triangle(cone.size)
                 sizes.append(cone.size)
             else:
                 continue

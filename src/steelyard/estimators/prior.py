@@ -10,7 +10,7 @@ import numpy.typing as npt
 import scipy.linalg
 import scipy.sparse as sparse
 
-from steelyard.conic import Cone, Rows
+from steelyard.conic import Cone, Rows, stacked_triangle
 from steelyard.errors import InputError
 from steelyard.feasibility.barrier import add_log_determinants, log_determinants
 from steelyard.feasibility.cone_program import Part, Program
@@ -420,8 +420,7 @@ def _triangular_rows(matrices: npt.NDArray[np.float64], constant: Matrix, start:
             coefficients[4 + i, 4 + i, start + element] = 1.0
     whole = np.zeros((8, 8))
     whole[:4, :4] = constant
-    column, row = np.tril_indices(8)
-    scale = np.where(row == column, 1.0, np.sqrt(2.0))
+    row, column, scale = stacked_triangle(8)
     left = sparse.csc_array(-coefficients[row, column] * scale[:, None])
     return (Rows(left, whole[row, column] * scale, Cone("semidefinite", 8)),)
 

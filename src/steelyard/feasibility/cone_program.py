@@ -5,13 +5,13 @@ The objective is a sum of parts. Each part adds a quadratic function, and may ad
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field
-from functools import cached_property, lru_cache
+from functools import cached_property
 
 import numpy as np
 import numpy.typing as npt
 import scipy.sparse as sparse
 
-from steelyard.conic import ConicProblem, ConicSolution, Rows, solve
+from steelyard.conic import ConicProblem, ConicSolution, Rows, solve, stacked_triangle
 
 from .feasible_set import FeasibleSet
 
@@ -28,17 +28,10 @@ instead of 87 %; without any growth in 90 %. It is for blocks of tonnes, where a
 accuracy."""
 
 
-@lru_cache(maxsize=64)
-def _triangle(size: int) -> tuple[Indices, Indices]:
-    """Column and row indices of the upper triangle, stacked by columns."""
-    column, row = np.tril_indices(size)
-    return column, row
-
-
 def upper_triangle(matrix: Matrix, size: int) -> sparse.csc_array:
     """The upper triangle of a dense symmetric matrix, as the corner of a sparse one of the given size."""
     count = len(matrix)
-    column, row = _triangle(count)
+    row, column, _ = stacked_triangle(count)
     starts = np.full(size + 1, count * (count + 1) // 2)
     starts[: count + 1] = np.arange(count + 1) * np.arange(1, count + 2) // 2
     return sparse.csc_array((matrix[column, row], row, starts), shape=(size, size))
@@ -76,7 +69,9 @@ class Conditions:
         stack = self.stack
         blocks = [stack.blocks[index] for index in stack.order]
         starts = np.cumsum([0, *(block.size for block in blocks)])
-        pairs = [(start + np.array(_triangle(block.size))) for start, block in zip(starts, blocks, strict=False)]
+        pairs = [
+            start + np.array(stacked_triangle(block.size)[:2]) for start, block in zip(starts, blocks, strict=False)
+        ]
         both: Indices = np.hstack(pairs) if pairs else np.zeros((2, 0), dtype=np.intp)
         self.first, self.second = both
         self.diagonal = self.first == self.second

@@ -19,7 +19,7 @@ from steelyard.lmi import AffineStack, symmetric_to_vector, vector_to_symmetric
 from .feasible_set import FeasibleSet
 from .margin import BlockProblem, DualPoint
 
-__all__ = ["Center", "Fibre", "Metric", "center"]
+__all__ = ["Center", "Fibre", "LocalMetric", "center"]
 
 Vector = npt.NDArray[np.float64]
 Matrix = npt.NDArray[np.float64]
@@ -86,7 +86,7 @@ class Fibre:
             multipliers = np.linalg.lstsq(self._equations.T, -(self.stack.coefficients.T @ vector))[0]
         return DualPoint(tuple(full), np.asarray(multipliers))
 
-    def metric(self, matrices: Sequence[Matrix]) -> "Metric":
+    def metric(self, matrices: Sequence[Matrix]) -> "LocalMetric":
         """The metric in which a dual point W = R Rᵀ is the unit matrix.
 
         Raises
@@ -100,11 +100,11 @@ class Fibre:
             scaled[place] = symmetric_to_vector(root.T @ vector_to_symmetric(self.columns[place].T) @ root).T
         lengths = np.maximum(np.linalg.norm(scaled, axis=0), np.finfo(float).tiny)
         Q, triangle = np.linalg.qr(scaled / lengths)
-        return Metric(self.stack, roots, Q, triangle, lengths)
+        return LocalMetric(self.stack, roots, Q, triangle, lengths)
 
 
 @dataclass(frozen=True, eq=False)
-class Metric:
+class LocalMetric:
     """Blocks Rᵀ D R and dual matrices R⁻¹ W R⁻ᵀ, where W = R Rᵀ is a dual point.
 
     Attributes

@@ -8,19 +8,13 @@ import numpy as np
 import numpy.typing as npt
 import scipy.sparse as sparse
 
-from steelyard.conic import Cone
+from steelyard.conic import Cone, stacked_triangle
 from steelyard.errors import InputError
 
 __all__ = ["AffineBlock", "AffineStack", "is_positive_definite", "symmetric_to_vector", "vector_to_symmetric"]
 
 Vector = npt.NDArray[np.float64]
 Matrix = npt.NDArray[np.float64]
-
-
-def _triangle(size: int) -> tuple[npt.NDArray[np.intp], npt.NDArray[np.intp], Vector]:
-    """Rows, columns and scaling of the upper triangle, stacked by columns, as Clarabel orders it."""
-    column, row = np.tril_indices(size)
-    return row, column, np.where(row == column, 1.0, np.sqrt(2.0))
 
 
 def symmetric_to_vector(matrix: Matrix) -> Vector:
@@ -42,7 +36,7 @@ def symmetric_to_vector(matrix: Matrix) -> Vector:
     >>> symmetric_to_vector(np.array([[1.0, 2.0], [2.0, 3.0]])).round(4).tolist()
     [1.0, 2.8284, 3.0]
     """
-    row, column, scale = _triangle(matrix.shape[-1])
+    row, column, scale = stacked_triangle(matrix.shape[-1])
     return np.asarray(matrix[..., row, column] * scale, dtype=float)
 
 
@@ -56,7 +50,7 @@ def vector_to_symmetric(vector: Vector) -> Matrix:
     """
     count = vector.shape[-1]
     size = round((np.sqrt(8 * count + 1) - 1) / 2)
-    row, column, scale = _triangle(size)
+    row, column, scale = stacked_triangle(size)
     matrix = np.zeros((*vector.shape[:-1], size, size))
     matrix[..., row, column] = vector / scale
     matrix[..., column, row] = vector / scale
