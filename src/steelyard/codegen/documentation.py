@@ -59,15 +59,15 @@ PLAIN = Prose(comment_text, "", "")
 MARKDOWN = Prose(markdown_text, "`", "* ")
 
 
-def counted(count: int, what: str = "number") -> str:
-    """Return a count with its noun.
+def counted(count: int) -> str:
+    """Return how many numbers there are.
 
     Examples
     --------
     >>> counted(1), counted(7)
     ('1 number', '7 numbers')
     """
-    return f"{count} {what}" if count == 1 else f"{count} {what}s"
+    return "1 number" if count == 1 else f"{count} numbers"
 
 
 def shape_text(output: Output) -> str:

@@ -134,15 +134,15 @@ def markdown_text(text: str) -> str:
     return re.sub(r"([`*_\[\]|#~!$])", r"\\\1", plain)
 
 
-def identifier(text: str, fallback: str = "robot") -> str:
+def identifier(text: str) -> str:
     """Return the letters, digits and underscores of `text` as an identifier.
+
+    It is ``robot`` where nothing is left, and begins with that word where a digit would come first.
 
     Parameters
     ----------
     text : str
         Any text.
-    fallback : str
-        Used where nothing is left, and before a leading digit.
 
     Examples
     --------
@@ -152,9 +152,9 @@ def identifier(text: str, fallback: str = "robot") -> str:
     plain = unicodedata.normalize("NFKD", text).encode("ascii", "ignore").decode("ascii")
     words = re.findall(r"[A-Za-z0-9]+", plain)
     if not words:
-        return fallback
+        return "robot"
     joined = "_".join(words)[:80].rstrip("_")
-    return f"{fallback}_{joined}" if joined[0].isdigit() else joined
+    return f"robot_{joined}" if joined[0].isdigit() else joined
 
 
 class Names:
@@ -220,8 +220,8 @@ def number(value: float) -> str:
     return repr(float(value))
 
 
-def number_lines(values: Iterable[float], indent: str, width: int = _WIDTH) -> list[str]:
-    """Return numbers as lines of at most `width` columns, separated and not ended by commas.
+def number_lines(values: Iterable[float], indent: str) -> list[str]:
+    """Return numbers as lines of at most 100 columns, separated and not ended by commas.
 
     Examples
     --------
@@ -231,7 +231,7 @@ def number_lines(values: Iterable[float], indent: str, width: int = _WIDTH) -> l
     lines: list[str] = []
     current = ""
     for text in map(number, values):
-        if current and len(indent) + len(current) + len(text) + 3 > width:
+        if current and len(indent) + len(current) + len(text) + 3 > _WIDTH:
             lines.append(f"{indent}{current},")
             current = text
         else:

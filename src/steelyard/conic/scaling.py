@@ -102,7 +102,11 @@ def diagonal_pairs(cones: tuple[Cone, ...]) -> tuple[Indices, Indices, int]:
     return np.concatenate(first), np.concatenate(second), count
 
 
-def equilibrate(problem: ConicProblem, passes: int = 10) -> Scaling:
+PASSES = 10
+"""Passes over the rows and columns; see `equilibrate`."""
+
+
+def equilibrate(problem: ConicProblem) -> Scaling:
     """Find units in which the largest elements of all rows of [A b] and all columns of [P; A] are near 1.
 
     Each pass divides rows and columns by the square roots of their largest elements (D. Ruiz, A scaling algorithm to
@@ -112,7 +116,6 @@ def equilibrate(problem: ConicProblem, passes: int = 10) -> Scaling:
     Parameters
     ----------
     problem : ConicProblem
-    passes : int
 
     Returns
     -------
@@ -132,7 +135,7 @@ def equilibrate(problem: ConicProblem, passes: int = 10) -> Scaling:
     curvatures = np.abs(P.data)
     curved = np.repeat(np.arange(P.shape[1]), np.diff(P.indptr))
     factors, columns = np.ones(count), np.ones(A.shape[1])
-    for _ in range(passes):
+    for _ in range(PASSES):
         rows = factors[first] * factors[second]
         elements = magnitudes * rows[A.indices] * columns[places]
         row_sizes, column_sizes = rows * right, np.zeros(len(columns))

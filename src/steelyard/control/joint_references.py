@@ -170,7 +170,7 @@ def configurations_of(reference: JointReference) -> Array:
     return first.reshape(-1, first.shape[-1])
 
 
-def joint_reference(reference: Any, count: int, *, sample_time: float = 0.001, start: float = 0.0) -> JointReference:
+def joint_reference(reference: Any, count: int, *, sample_time: float = 0.001) -> JointReference:
     """Convert what a user gives to a reference.
 
     Parameters
@@ -181,8 +181,6 @@ def joint_reference(reference: Any, count: int, *, sample_time: float = 0.001, s
         Number N of joints.
     sample_time : float
         Sample time of the controller, s.
-    start : float
-        Time at which a trajectory begins, s; not used for other references.
 
     Returns
     -------
@@ -195,7 +193,7 @@ def joint_reference(reference: Any, count: int, *, sample_time: float = 0.001, s
     """
     found: JointReference
     if callable(getattr(reference, "motion", None)):
-        found = TrajectoryReference(reference, start=start, sample_time=sample_time)
+        found = TrajectoryReference(reference, sample_time=sample_time)
     elif isinstance(reference, JointReference):
         found = reference
     elif callable(reference):

@@ -88,12 +88,10 @@ class Verifier:
     Parameters
     ----------
     family : Family
-    rate : float
-        Rate of the samples that are checked, Hz.
     """
 
-    def __init__(self, family: Family, rate: float = RATE) -> None:
-        self.times = np.arange(int(np.ceil(family.duration * rate - 1e-9)) + 1) / rate
+    def __init__(self, family: Family) -> None:
+        self.times = np.arange(int(np.ceil(family.duration * RATE - 1e-9)) + 1) / RATE
         self.basis: Basis = family.basis(self.times)
         self._known: tuple[bytes, list[Array]] = (b"", [])
 

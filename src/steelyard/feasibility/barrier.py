@@ -196,12 +196,15 @@ def add_log_determinants(
         hessians[:, own[:, None], own] -= curvatures[:, block]
 
 
+MOST_STEPS = 100
+"""Largest number of Newton steps of a minimisation."""
+
+
 def minimise(
     function: Function,
     start: Matrix,
     basis: Matrix | None = None,
     accuracy: float = 1e-3,
-    steps: int = 100,
     problems: Indices | None = None,
 ) -> Matrix:
     """Minimise a function from each of many points, by damped Newton steps.
@@ -215,8 +218,6 @@ def minimise(
         Directions in which the points may move, such as those along which equations hold; all where absent.
     accuracy : float
         A problem is solved where a Newton step promises a decrease of less.
-    steps : int
-        At most.
     problems : (p,), optional
         Which of the problems of the function that of each point is; k for the k-th point where absent.
 
@@ -228,7 +229,7 @@ def minimise(
     active = np.arange(len(points))
     which = active if problems is None else problems
     values = function.value(points, which)
-    for _ in range(steps):
+    for _ in range(MOST_STEPS):
         step, decrease, _ = newton_step(function, points[active], which[active], basis)
         points[active], values[active] = damped(function, points[active], which[active], values[active], step, decrease)
         active = active[0.5 * decrease > accuracy]

@@ -88,11 +88,11 @@ class TomlTable(Mapping[str, Any]):
             raise self.refuse(key, expected)
         return value
 
-    def texts(self, key: str, expected: str = "a list of strings") -> list[str]:
+    def texts(self, key: str) -> list[str]:
         """Return a list of texts that are not empty; an empty list where the key is absent."""
         value = self.get(key, [])
         if not isinstance(value, list) or not all(isinstance(one, str) and one for one in value):
-            raise self.refuse(key, expected)
+            raise self.refuse(key, "a list of strings")
         return value
 
     def flag(self, key: str, default: bool = False) -> bool:

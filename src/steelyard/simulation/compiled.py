@@ -243,16 +243,14 @@ class _Composer:
         self.parameters = given["parameters"]
         self.width = given["sign_width"][0]
 
-    def outputs(
-        self, name: str, motion: Mapping[str, Any], exact: bool = False, unary: Mapping[str, Any] | None = None
-    ) -> tuple[list[Any], ...]:
-        """Return the outputs of a model function, with the exact sign or with other functions in `unary`."""
+    def outputs(self, name: str, motion: Mapping[str, Any], exact: bool = False) -> tuple[list[Any], ...]:
+        """Return the outputs of a model function, with the smooth or the exact sign."""
         model, base = self._functions.model, self._functions.base
-        function = model.function(name, base=base) if exact or unary else self._functions._part(name)
+        function = model.function(name, base=base) if exact else self._functions._part(name)
         elements = {**motion, "sign_width": [self.width]}
         elements["base_parameters" if base else "parameters"] = self.parameters
         used = {a.name: [self._recorder.node(x) for x in elements[a.name]] for a in function.arguments}
-        return evaluate_over(function, used, unary or _UNARY, self._recorder.node)
+        return evaluate_over(function, used, _UNARY, self._recorder.node)
 
     def acceleration(self, fraction: float, q: Nodes, dq: Nodes) -> Nodes:
         motion = {"q": q, "dq": dq, "tau": self.torque}
