@@ -1,0 +1,171 @@
+"""Logs that hold arrays by name, some in groups or structs: which of them are columns, and what they are called."""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, ClassVar
+
+import numpy as np
+from numpy.typing import NDArray
+
+from steelyard.errors import InputError, SteelyardError
+
+from ..recognition import LABELS
+from .log_file import Columns, LogFile
+
+__all__ = ["ArrayLog", "StoredArray", "texts_of"]
+
+MOST_JOINTS = 1000
+"""Columns of an array; one with more is a picture, or has its rows and columns exchanged."""
+LONGEST_LABEL = 200
+
+
+@dataclass(frozen=True, eq=False)
+class StoredArray:
+    """An array of a file.
+
+    Parameters
+    ----------
+    path : tuple of str
+        The groups or structs in which it stands, and its name.
+    shape : tuple of int
+    take : callable
+        ``take(start, stop, axis)`` reads a part of it along one axis, as float64.
+    """
+
+    path: tuple[str, ...]
+    shape: tuple[int, ...]
+    take: Callable[[int, int, int], NDArray[np.float64]]
+
+
+@dataclass(frozen=True, eq=False)
+class _Matrix:
+    """Rows and columns of a stored array."""
+
+    stored: StoredArray
+    axis: int
+    """The axis along which the rows lie."""
+
+    @property
+    def rows(self) -> int:
+        return self.stored.shape[self.axis]
+
+    @property
+    def width(self) -> int:
+        return int(np.prod(self.stored.shape)) // self.rows
+
+    def block(self, start: int, stop: int) -> NDArray[np.float64]:
+        """Return (stop - start, width)."""
+        taken = self.stored.take(start, stop, self.axis)
+        return np.moveaxis(taken, self.axis, 0).reshape(stop - start, self.width)
+
+
+class ArrayLog(LogFile):
+    """A log of arrays: vectors are columns, and matrices are one column for each joint.
+
+    A format derived from this one lists the arrays with `_store`. Rows lie along the axis that is as long as the
+    vectors are. The columns of a matrix `q` are called ``q_0``, ``q_1`` and so on, or ``q[elbow]`` where the file names
+    as many joints; groups that hold everything are left out of the names.
+    """
+
+    joiner: ClassVar[str] = "/"
+    """What stands between the names of groups."""
+
+    def __init__(self, path: Path) -> None:
+        super().__init__(path)
+        self._labels: tuple[str, ...] = ()
+        self._columns: dict[str, tuple[_Matrix, int]] = {}
+
+    def _store(self, arrays: Sequence[StoredArray], texts: Mapping[tuple[str, ...], Sequence[str]]) -> None:
+        """Take note of all arrays of numbers, and of the lists of texts."""
+        self._labels = next((tuple(found) for path, found in texts.items() if path[-1].lower() in LABELS), ())
+        matrices = [matrix for matrix in _matrices(arrays) if matrix.width <= MOST_JOINTS]
+        common = _common_groups([matrix.stored.path for matrix in matrices])
+        for matrix in matrices:
+            name = self.joiner.join(matrix.stored.path[common:])
+            if matrix.width == 1:
+                self._columns[name] = matrix, 0
+                continue
+            named = len(self._labels) == matrix.width == len(set(self._labels))
+            for index in range(matrix.width):
+                label = f"{name}[{self._labels[index]}]" if named else f"{name}_{index}"
+                self._columns[label] = matrix, index
+        self.names = tuple(self._columns)
+
+    def joint_labels(self) -> tuple[str, ...]:
+        """Return the joints, where an array of texts names them."""
+        return self._labels
+
+    def count(self) -> int:
+        """Return the number of rows, that of the longest array."""
+        return max(matrix.rows for matrix, _ in self._columns.values())
+
+    def read(self, names: Sequence[str]) -> Columns:
+        """Read whole columns."""
+        return next(self.blocks(names, self._rows(names)), {}) if names else {}
+
+    def blocks(self, names: Sequence[str], rows: int) -> Iterator[Columns]:
+        """Read columns in blocks of rows; an array is read once for all of its columns."""
+        total = self._rows(names)
+        matrices = {id(matrix): matrix for matrix, _ in (self._columns[name] for name in names)}
+        for start in range(0, total, rows):
+            stop = min(start + rows, total)
+            taken = {key: self._taken(matrix, start, stop) for key, matrix in matrices.items()}
+            yield {
+                name: np.ascontiguousarray(taken[id(matrix)][:, index])
+                for name, (matrix, index) in ((name, self._columns[name]) for name in names)
+            }
+
+    def _taken(self, matrix: _Matrix, start: int, stop: int) -> NDArray[np.float64]:
+        try:
+            return matrix.block(start, stop)
+        except SteelyardError:
+            raise
+        except Exception as error:  # the libraries raise whatever they meet in a damaged file
+            reason = " ".join(str(error).split())[:200].rstrip(".") or type(error).__name__
+            name = self.joiner.join(matrix.stored.path)
+            raise InputError(f"{self.path}: its array {name} cannot be read ({reason}); save it again.") from None
+
+    def _rows(self, names: Sequence[str]) -> int:
+        lengths = {self.joiner.join(m.stored.path): m.rows for m, _ in (self._columns[name] for name in names)}
+        if len(set(lengths.values())) > 1:
+            listed = ", ".join(f"{name}: {rows}" for name, rows in lengths.items())
+            raise InputError(f"{self.path} has arrays of different lengths ({listed}); each needs one row per sample.")
+        return next(iter(lengths.values()), 0)
+
+
+def _matrices(arrays: Sequence[StoredArray]) -> list[_Matrix]:
+    """Find along which axis the rows of each array lie; arrays that are no tables are passed over."""
+    sizes = {array: [size for size in array.shape if size != 1] for array in arrays if 0 not in array.shape}
+    tables = {array: size for array, size in sizes.items() if len(size) in (1, 2)}
+    vectors = Counter(size[0] for size in tables.values() if len(size) == 1)
+    # As many rows as most of the arrays can have; where there are vectors, as long as they are.
+    votes = Counter(length for size in tables.values() for length in set(size) if not vectors or length in vectors)
+    rows = max(votes, key=lambda length: (votes[length], length), default=0)
+    return [_Matrix(array, array.shape.index(rows if rows in size else max(size))) for array, size in tables.items()]
+
+
+def _common_groups(paths: Sequence[tuple[str, ...]]) -> int:
+    """Return how many groups hold everything."""
+    count = 0
+    while all(len(path) > count + 1 for path in paths) and len({path[count] for path in paths}) == 1:
+        count += 1
+    return count
+
+
+def texts_of(values: Any) -> tuple[str, ...]:
+    """Return an array or list of texts as texts without the blanks that fill them; empty where it is something else.
+
+    Examples
+    --------
+    >>> texts_of(np.array([b"elbow ", b"wrist"])), texts_of([1, 2])
+    (('elbow', 'wrist'), ())
+    """
+    flat = [np.asarray(values).item()] if np.ndim(values) == 0 else list(np.ravel(np.asarray(values)))
+    texts = [one.decode("utf-8", errors="replace") if isinstance(one, bytes) else one for one in flat]
+    if len(texts) > MOST_JOINTS or not all(isinstance(one, str) and len(one) <= LONGEST_LABEL for one in texts):
+        return ()
+    return tuple(str(one).strip().strip("\0") for one in texts)

@@ -1,0 +1,206 @@
+"""Logs as tables of typed columns that Polars reads: what Parquet and Arrow have in common."""
+
+from __future__ import annotations
+
+import contextlib
+from abc import abstractmethod
+from collections.abc import Iterator, Sequence
+from pathlib import Path
+from typing import Any, ClassVar
+
+import numpy as np
+from numpy.typing import NDArray
+
+from steelyard.errors import InputError
+from steelyard.files import reading_table, shown
+
+from .log_file import Columns, LogFile
+
+__all__ = ["TableFile"]
+
+MOST_ELEMENTS = 1000
+"""Numbers in a list of one row; more are a picture."""
+EPISODE, TIMESTAMP = "episode_index", "timestamp"
+BETWEEN_EPISODES = 1000.0
+"""s from the last row of an episode to the first one of the next, more than any gap that is filled."""
+
+
+class TableFile(LogFile):
+    """A table of columns of numbers, of texts, of times, and of lists of as many numbers in each row.
+
+    A column of times counts in s from the first row. A list `q` makes the columns ``q_0``, ``q_1`` and so on, or
+    ``q[elbow]`` where LeRobot's ``meta/info.json`` names the joints. The episodes of LeRobot, each of which begins at
+    the time 0, follow each other with long gaps, at which a log is split.
+    """
+
+    kind: ClassVar[str]
+    """What such a file is called in messages."""
+
+    def __init__(self, path: Path) -> None:
+        super().__init__(path)
+        with self._reading():
+            self._scan = self._scanned()
+            self._schema = dict(self._scan.collect_schema())
+        self._elements: dict[str, tuple[str, int]] = {}
+        self._widths: dict[str, int] = {}
+        names: list[str] = []
+        for name, kind in self._schema.items():
+            width = self._width(name, kind)
+            if width is None:
+                names.append(name)
+                continue
+            self._widths[name] = width
+            elements = _element_names(path, name, width) if 0 < width <= MOST_ELEMENTS else []
+            self._elements.update({element: (name, index) for index, element in enumerate(elements)})
+            names += elements
+        self.names = tuple(names)
+        self._times = self._times_of_episodes()
+
+    @abstractmethod
+    def _scanned(self) -> Any:
+        """Open the file as a lazy frame."""
+
+    def _reading(self) -> contextlib.AbstractContextManager[None]:
+        return reading_table(self.path, self.kind)
+
+    def _width(self, name: str, kind: Any) -> int | None:
+        """Return how many numbers the lists of a column hold; None where it is no column of lists of numbers."""
+        import polars as pl
+
+        inner = getattr(kind, "inner", None)
+        if inner is None or not inner.is_numeric():
+            return None
+        if isinstance(kind, pl.Array):
+            return kind.size if len(kind.shape) == 1 else 0
+        with self._reading():
+            first = self._scan.select(pl.col(name).drop_nulls().head(1).list.len()).collect()[name]
+        return int(first[0]) if len(first) else 0
+
+    def _times_of_episodes(self) -> NDArray[np.float64] | None:
+        """Return the times of the rows where there are several episodes; None where there is one."""
+        if not all(self._schema.get(name) is not None for name in (EPISODE, TIMESTAMP)):
+            return None
+        read = self._numbers(self._scan, [EPISODE, TIMESTAMP])
+        t, begins = read[TIMESTAMP], np.flatnonzero(np.diff(read[EPISODE]) != 0) + 1
+        if not begins.size:
+            return None
+        offsets = np.zeros_like(t)
+        offsets[begins] = t[begins - 1] - t[begins] + BETWEEN_EPISODES
+        return np.asarray(t + np.cumsum(offsets))
+
+    def count(self) -> int:
+        """Count the rows."""
+        import polars as pl
+
+        with self._reading():
+            return int(self._scan.select(pl.len()).collect().item())
+
+    def read(self, names: Sequence[str]) -> Columns:
+        """Read whole columns."""
+        return self._with_times(self._numbers(self._scan, names), 0)
+
+    def blocks(self, names: Sequence[str], rows: int) -> Iterator[Columns]:
+        """Read columns in slices of `rows` rows; a group of rows is decoded whole, so keep these groups small."""
+        for start in range(0, self.count(), rows):
+            yield self._with_times(self._numbers(self._scan.slice(start, rows), names), start)
+
+    def _with_times(self, columns: Columns, start: int) -> Columns:
+        if self._times is not None and TIMESTAMP in columns:
+            columns[TIMESTAMP] = self._times[start : start + len(columns[TIMESTAMP])]
+        return columns
+
+    def texts(self, names: Sequence[str]) -> dict[str, set[str]]:
+        """Texts that stand in columns, each once; none for columns of numbers."""
+        import polars as pl
+
+        columns = [name for name in names if self._schema.get(name) == pl.String]
+        with self._reading():
+            return {
+                name: set(self._scan.select(pl.col(name).drop_nulls().unique()).collect()[name].to_list())
+                for name in columns
+            }
+
+    def _numbers(self, scan: Any, names: Sequence[str]) -> Columns:
+        import polars as pl
+
+        if not names:
+            return {}
+        chosen, per_second = [], {}
+        for name in names:
+            if name in self._elements:
+                chosen.append(self._element(name))
+                continue
+            kind = self._schema[name]
+            if kind.is_temporal() and kind != pl.Date:
+                # Since 1970 there are more ns than a float64 counts; the difference is a whole number of them, and is
+                # divided by NumPy, which rounds once: Polars multiplies by the reciprocal.
+                chosen.append((pl.col(name).to_physical() - self._first(name)).cast(pl.Float64))
+                per_second[name] = {"ms": 1e3, "us": 1e6, "ns": 1e9}[getattr(kind, "time_unit", "ns")]
+            elif kind.is_numeric():
+                chosen.append(pl.col(name).cast(pl.Float64))
+            else:
+                raise InputError(f"{self.path} has values of type {kind} in column {name!r}; expected numbers.")
+        lists = {self._elements[name][0] for name in names if name in self._elements}
+        lengths = [pl.col(name).list.len().alias(f"{name} length") for name in lists if not self._is_fixed(name)]
+        with self._reading():
+            frame = scan.select([*chosen, *lengths]).collect()
+        for name in lists:
+            if not self._is_fixed(name):
+                self._require_width(name, frame[f"{name} length"].drop_nulls().to_numpy())
+        columns = {name: frame[name].fill_null(float("nan")).to_numpy() for name in names}
+        return columns | {name: columns[name] / scale for name, scale in per_second.items()}
+
+    def _is_fixed(self, name: str) -> bool:
+        import polars as pl
+
+        return isinstance(self._schema[name], pl.Array)
+
+    def _element(self, name: str) -> Any:
+        import polars as pl
+
+        column, index = self._elements[name]
+        lists = pl.col(column)
+        value = lists.arr.get(index) if self._is_fixed(column) else lists.list.get(index, null_on_oob=True)
+        return value.cast(pl.Float64).alias(name)
+
+    def _require_width(self, name: str, lengths: NDArray[Any]) -> None:
+        wrong = lengths[lengths != self._widths[name]]
+        if wrong.size:
+            raise InputError(
+                f"{self.path} has lists of {self._widths[name]} and of {wrong[0]} numbers in column {shown(name)}; "
+                "each row needs one number for each joint."
+            )
+
+    def _first(self, name: str) -> int:
+        """Return the first time of a column, in its own unit."""
+        import polars as pl
+
+        with self._reading():
+            first = self._scan.select(pl.col(name).to_physical().drop_nulls().head(1)).collect()[name]
+        return int(first[0]) if len(first) else 0
+
+
+def _element_names(path: Path, name: str, width: int) -> list[str]:
+    joints = _lerobot_names(path, name) if "." in name or name == "action" else []
+    if len(joints) != width or len(set(joints)) != width:
+        return [f"{name}_{index}" for index in range(width)]
+    if all("." in joint for joint in joints) and not all(joint.endswith(".pos") for joint in joints):
+        return [f"{name}/{joint}" for joint in joints]  # quantities of their own, as `elbow.vel`
+    return [f"{name}[{joint.removesuffix('.pos')}]" for joint in joints]
+
+
+def _lerobot_names(path: Path, name: str) -> list[str]:
+    """Return the names of the numbers in a list, from the file in which LeRobot describes a data set."""
+    from steelyard.files import read_json
+
+    for folder in path.absolute().parents[:4]:
+        described = folder / "meta" / "info.json"
+        if described.is_file():
+            content = read_json(described)
+            features = content.get("features") if isinstance(content, dict) else None
+            feature = features.get(name) if isinstance(features, dict) else None
+            names = feature.get("names") if isinstance(feature, dict) else None
+            if isinstance(names, dict):
+                names = next(iter(names.values()), None) if len(names) == 1 else list(names)
+            return names if isinstance(names, list) and all(isinstance(one, str) for one in names) else []
+    return []
