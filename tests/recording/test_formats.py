@@ -72,29 +72,29 @@ def test_beside_a_file_of_ours(tmp_path: Path) -> None:
 
 
 def test_installed_package_adds_a_format(tmp_path: Path, install: Callable[..., None]) -> None:
-    path = tmp_path / "log.MAT"
+    path = tmp_path / "log.ROWS"
     savemat(path, {"log": np.column_stack([T, Q, TORQUE])}, appendmat=False)
-    with pytest.raises(InputError, match=r"suffix '\.MAT'; logs are read from \.csv"):
+    with pytest.raises(InputError, match=r"suffix '\.ROWS'; logs are read from \.csv"):
         Recording.read(path)
-    install("logs", "log_formats", {"mat": "of_logs:MatLog", "sick": "nowhere:Format"}, MODULE)  # one ill, one well
+    install("logs", "log_formats", {"rows": "of_logs:MatLog", "sick": "nowhere:Format"}, MODULE)  # one ill, one well
     np.testing.assert_array_equal(Recording.read(path).q, loadmat(path)["log"][:, 1:3])
     # It is only read.
     with pytest.raises(InputError, match=r"saved as \.csv, \.parquet or \.npz"):
-        Recording.read(path).save(tmp_path / "again.mat")
-    assert not (tmp_path / "again.mat").exists()
+        Recording.read(path).save(tmp_path / "again.rows")
+    assert not (tmp_path / "again.rows").exists()
 
 
 @pytest.mark.parametrize(
     ("target", "source", "phrase"),
     [
-        ("of_logs:Absent", MODULE, "The format of logs `mat` of logs cannot be loaded .AttributeError"),
+        ("of_logs:Absent", MODULE, "The format of logs `rows` of logs cannot be loaded .AttributeError"),
         ("of_logs:MatLog", "raise RuntimeError('no licence')", "RuntimeError: no licence"),
         ("of_logs:loadmat", MODULE, "TypeError: expected a class derived from steelyard.recording.LogFile"),
     ],
 )
 def test_broken_package_is_named(target, source, phrase, tmp_path: Path, install: Callable[..., None]) -> None:
-    install("logs", "log_formats", {"mat": target}, source)
-    path = tmp_path / "log.mat"
+    install("logs", "log_formats", {"rows": target}, source)
+    path = tmp_path / "log.rows"
     path.write_bytes(b"anything")
     with pytest.raises(InputError, match=phrase):
         Recording.read(path)

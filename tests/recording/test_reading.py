@@ -1,6 +1,5 @@
 """Reading logs: formats, units, matrices, header rules."""
 
-import gzip
 from collections.abc import Callable
 from math import pi
 from pathlib import Path
@@ -235,10 +234,3 @@ def test_recordings_cannot_be_changed(log: Columns, write: Callable[..., Path]) 
         recording.q[0, 0] = 1.0
     assert repr(recording) == "Recording('log.csv', 300 rows x 2 joints, 2.99 s at 100 Hz, with measured velocities)"
     assert "<table>" in recording._repr_html_()
-
-
-def test_a_compressed_csv_is_refused(log: Columns, write: Callable[..., Path], tmp_path: Path) -> None:
-    path = tmp_path / "log.csv.gz"
-    path.write_bytes(gzip.compress(write(log).read_bytes()))
-    with pytest.raises(InputError, match=r"suffix '.gz'"):
-        Recording.read(path)

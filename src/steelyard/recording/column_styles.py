@@ -130,6 +130,11 @@ STYLES: tuple[ColumnStyle, ...] = (
         last_resort=True,
         note=_TARGET_MOMENT,
     ),
+    ColumnStyle(
+        "LeRobot",
+        "position",
+        ("observation.state[{name}]", "observation.state_{number}", "observation.state[{number}]"),
+    ),
     ColumnStyle("Franka", "torque", ("tau_j_{number}", "tau_j{number}", "tau_j[{number}]")),
     ColumnStyle(
         "KUKA",

@@ -114,8 +114,8 @@ class Hdf5File(ArrayLog):
                 base, shape = (kind[field].base, kind[field].shape)
                 if base.kind in "fiu":
                     self._require_room(dataset, path)
-                    take = partial(_take_field, dataset, field)
-                    self._arrays.append(StoredArray((*path, field), (*dataset.shape, *shape), take))
+                    of_field = partial(_take_field, dataset, field)
+                    self._arrays.append(StoredArray((*path, field), (*dataset.shape, *shape), of_field))
         elif kind.kind in "fiu":
             self._require_room(dataset, path)
             take: Callable[[int, int, int], NDArray[np.float64]] = partial(_take, dataset)
