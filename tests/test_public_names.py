@@ -109,7 +109,7 @@ def test_unknown_name_is_refused() -> None:
         ("Estimate.write_urdf", "self source target"),
         ("Estimate.save", "self path"),
         ("Estimate.load", "path"),
-        ("identify", "robot logs validate"),
+        ("identify", "robot data validate"),
     ],
 )
 def test_arguments_come_in_the_published_order(function: str, expected: str) -> None:

@@ -7,7 +7,7 @@ from collections.abc import Iterable, Sequence
 from decimal import ROUND_CEILING, ROUND_FLOOR, Decimal
 from html import escape
 
-__all__ = ["combination", "html_table", "outward", "percent", "plain", "text_table"]
+__all__ = ["combination", "html_sentences", "html_table", "outward", "percent", "plain", "text_table"]
 
 
 def text_table(heads: Sequence[str], rows: Sequence[Sequence[str]], numbers: Sequence[int] = ()) -> str:
@@ -29,24 +29,65 @@ def text_table(heads: Sequence[str], rows: Sequence[Sequence[str]], numbers: Seq
     return "\n".join(lines)
 
 
+SHOWN, FOLDED = 24, 500
+"""Rows of a table in HTML that are shown, and that are folded away below them; sentences are shown as many."""
+LONGEST = 300
+"""Characters of a cell; names in files may be of any length."""
+
+
 def html_table(
     caption: str, heads: Sequence[str], rows: Iterable[Sequence[object]], remarks: Sequence[str] = ()
 ) -> str:
     """Return an HTML table with escaped cells, followed by a list of the remarks where there are any.
+
+    It sets no colours, so that it is read on light and on dark pages. Of a long table the beginning is shown, and the
+    rest can be unfolded.
 
     Examples
     --------
     >>> html_table("arm & tool", ("link", "kg"), [("arm", 1.5)])
     '<table><caption>arm &amp; tool</caption><tr><th>link</th><th>kg</th></tr><tr><td>arm</td><td>1.5</td></tr></table>'
     """
+    lines = [_html_row(row, "td") for row in rows]
+    top, head = f"<caption>{_html_text(caption)}</caption>" if caption else "", _html_row(heads, "th")
+    if len(lines) <= SHOWN + 1:
+        return f"<table>{top}{head}{''.join(lines)}</table>{_html_list(remarks)}"
+    rest = len(lines) - SHOWN
+    kept = lines[SHOWN : SHOWN + FOLDED]
+    which = f"{rest} more" if rest == len(kept) else f"{rest} more, of which {len(kept)} stand here"
+    return (
+        f"<table>{top}{head}{''.join(lines[:SHOWN])}</table>"
+        f"<details><summary>and {which}</summary><table>{head}{''.join(kept)}</table></details>{_html_list(remarks)}"
+    )
 
-    def line(cells: Sequence[object], tag: str) -> str:
-        return "<tr>" + "".join(f"<{tag}>{escape(str(cell))}</{tag}>" for cell in cells) + "</tr>" if cells else ""
 
-    top = f"<caption>{escape(caption)}</caption>" if caption else ""
-    notes = "".join(f"<li>{escape(remark)}</li>" for remark in remarks)
-    body = "".join(line(row, "td") for row in rows)
-    return f"<table>{top}{line(heads, 'th')}{body}</table>" + (f"<ul>{notes}</ul>" if notes else "")
+def html_sentences(first: str, others: Sequence[str] = (), *, strong: bool = False) -> str:
+    """Return a sentence, strong where it is a verdict, and others below it as a list, all escaped.
+
+    Examples
+    --------
+    >>> html_sentences("Feasible.", ["m1 > 0"], strong=True)
+    '<p><strong>Feasible.</strong></p><ul><li>m1 &gt; 0</li></ul>'
+    """
+    text = _html_text(first)
+    return f"<p>{f'<strong>{text}</strong>' if strong else text}</p>{_html_list(others)}"
+
+
+def _html_list(sentences: Sequence[str]) -> str:
+    items = [f"<li>{_html_text(one, 10 * LONGEST)}</li>" for one in sentences[:SHOWN]]
+    if len(sentences) > SHOWN:
+        items.append(f"<li>and {len(sentences) - SHOWN} more</li>")
+    return f"<ul>{''.join(items)}</ul>" if items else ""
+
+
+def _html_row(cells: Sequence[object], tag: str) -> str:
+    inner = "".join(f"<{tag}>{_html_text(cell)}</{tag}>" for cell in cells)
+    return f"<tr>{inner}</tr>" if cells else ""
+
+
+def _html_text(value: object, longest: int = LONGEST) -> str:
+    text = str(value)
+    return escape(text if len(text) <= longest else f"{text[:longest]}…")
 
 
 def plain(value: float, digits: int = 4) -> str:

@@ -21,7 +21,7 @@ from .catalogue import CATALOGUE, Entry, Scene, forward_dynamics_function
 from .layout import ParameterLayout
 from .terms import is_known_term
 
-__all__ = ["DEFAULT_FUNCTIONS", "BaseColumns", "Evaluator", "ModelFunctions", "SmoothSign"]
+__all__ = ["DEFAULT_FUNCTIONS", "BaseColumns", "Evaluator", "ModelFunctions", "SmoothSign", "parameter_values"]
 
 DEFAULT_FUNCTIONS = ("inverse_dynamics", "forward_dynamics", "inertia_matrix", "coriolis", "gravity", "regressor")
 """Those of which source is generated where none are named."""
@@ -207,8 +207,9 @@ class ModelFunctions:
         return entry, {"link": link, "placement": [[float(x) for x in row] for row in placement]}
 
     def _numbers(self, parameters: ArrayLike, base: bool) -> list[float]:
-        values = np.asarray(parameters, dtype=np.float64)
-        size = self.base_parameters().count if base else len(self.layout.names)
+        names = self.base_parameters().expressions if base else self.layout.names
+        values = parameter_values(parameters, names, self.robot.name, base=base)
+        size = len(names)
         if values.shape != (size,) or not np.isfinite(values).all():
             kind = "base parameters" if base else "parameters"
             raise InputError(
@@ -353,6 +354,36 @@ def _operations(outputs: tuple[Output, ...]) -> int:
 Array = NDArray[np.float64]
 
 
+def parameter_values(parameters: ArrayLike, names: Sequence[str], robot_name: str, *, base: bool = False) -> Array:
+    """Return parameters as an array; an estimate in their place must be one of the same robot and terms.
+
+    Parameters
+    ----------
+    parameters : array_like
+        Or an object that is converted to one and names them, such as an Estimate or an Identification.
+    names : sequence of str
+        Of the parameters of the model; with `base`, the expressions of its base parameters.
+    robot_name : str
+        For messages.
+    base : bool
+        Take the base parameters of an estimate.
+
+    Raises
+    ------
+    InputError
+        If the estimate belongs to another robot, or has base parameters alone.
+    """
+    own = getattr(parameters, "base_expressions" if base else "parameter_names", ())
+    if own and tuple(own) != tuple(names):
+        raise InputError(
+            f"The estimate has the parameters of another robot or of other terms than {robot_name} has "
+            f"({len(own)} of them, where the model has {len(names)}); give the model that it was identified with."
+        )
+    if own and base:
+        return np.asarray(parameters.base, dtype=np.float64)  # type: ignore[union-attr]
+    return np.asarray(parameters, dtype=np.float64)
+
+
 class Evaluator:
     """Checks shapes, flattens batches for the kernels, and shapes what they return.
 
@@ -369,7 +400,7 @@ class Evaluator:
         self._threads = threads
         self._functions = functions
         self._robot = functions.robot
-        self._parameter_count = len(functions.layout.names)
+        self._parameter_names = functions.layout.names
 
     def __call__(
         self,
@@ -396,7 +427,8 @@ class Evaluator:
         """
         arrays, shape = self._motion(motion)
         if parameters is not None:
-            arrays.append(self._vector(parameters, self._parameter_count, "parameters"))
+            values = parameter_values(parameters, self._parameter_names, self._robot.name)
+            arrays.append(self._vector(values, len(self._parameter_names), "parameters"))
         if point is not None:
             arrays.append(self._vector(point, 3, "coordinates of a point"))
         if gravity is not None:

@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from steelyard import codegen, dynamics  # what generates code is loaded when code is generated
+from steelyard.display import html_table
 from steelyard.errors import InputError
 from steelyard.graph import Function, Kernel
 from steelyard.lmi import AffineBlock
@@ -21,7 +22,7 @@ from .algorithms.regressor import regressor_with_numpy, term_torques
 from .base_parameters import BaseParameters, model_base_parameters
 from .catalogue import CATALOGUE, forward_dynamics_function
 from .conditions import model_conditions
-from .functions import DEFAULT_FUNCTIONS, BaseColumns, Evaluator, ModelFunctions
+from .functions import DEFAULT_FUNCTIONS, BaseColumns, Evaluator, ModelFunctions, parameter_values
 from .layout import ParameterLayout
 from .terms import check_term, is_known_term, term_from_dict
 from .threads import one_thread
@@ -35,7 +36,8 @@ class Model:
     """The dynamic model of a robot, linear in its parameters: ``H(q, dq, ddq) delta = tau`` (thesis eq. 2.22).
 
     Functions take one sample or any batch: arrays of positions, velocities and accelerations with shape (..., N).
-    They are compiled for the robot at their first use.
+    They are compiled for the robot at their first use. Where they take parameters, they take an
+    :class:`~steelyard.Estimate` or :class:`~steelyard.Identification` of the same robot as well.
 
     Parameters
     ----------
@@ -64,6 +66,17 @@ class Model:
         self._layout = ParameterLayout(robot)
         self._functions = ModelFunctions(self._layout, self.base_parameters)
         self._call = Evaluator(self._functions, threads)
+
+    def _repr_html_(self) -> str:
+        robot, base = self.robot, self.base_parameters()
+        rows = [
+            ("joints", f"{robot.dof}: {', '.join(robot.joint_names)}"),
+            ("moving links", len(robot.links)),
+            ("terms", ", ".join(term.kind for term in robot.terms) or "none"),
+            ("parameters", self.parameter_count),
+            ("base parameters", base.count),
+        ]
+        return html_table(f"Model of {robot.name}", (), rows)
 
     def __repr__(self) -> str:
         return f"Model({self.robot.name}: {self.robot.dof} joints, {self.parameter_count} parameters)"
@@ -338,7 +351,7 @@ class Model:
         n = self.robot.dof
         if not self.robot.terms:
             return np.full(n, np.nan), np.full(n, np.nan)
-        still, delta = np.zeros((n, n)), np.asarray(parameters, dtype=np.float64)
+        still, delta = np.zeros((n, n)), parameter_values(parameters, self.parameter_names, self.robot.name)
         described = np.array(self._layout.described_as)
 
         def felt(kind: str) -> Array:

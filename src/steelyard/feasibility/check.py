@@ -6,6 +6,7 @@ from dataclasses import dataclass, field
 import numpy as np
 import numpy.typing as npt
 
+from steelyard.display import html_sentences
 from steelyard.dynamics.threads import one_thread
 from steelyard.errors import InputError
 from steelyard.lmi import is_positive_definite
@@ -116,10 +117,8 @@ class Verdict:
         return "\n".join(self.sentences())
 
     def _repr_html_(self) -> str:
-        import html
-
-        first, *others = (html.escape(sentence) for sentence in self.sentences())
-        return f"<p><strong>{first}</strong></p><ul>{''.join(f'<li>{other}</li>' for other in others)}</ul>"
+        first, *others = self.sentences()
+        return html_sentences(first, others, strong=True)
 
 
 def check(

@@ -8,7 +8,7 @@ import numpy as np
 import numpy.typing as npt
 
 from steelyard.conic import ConicProblem, solve
-from steelyard.display import combination, html_table, percent, plain, text_table
+from steelyard.display import combination, html_sentences, html_table, percent, plain, text_table
 from steelyard.dynamics.threads import one_thread
 from steelyard.errors import InputError
 from steelyard.regression import ParameterCovariance
@@ -271,10 +271,8 @@ class InfeasibilityExplanation:
         return "\n".join((*self.sentences(), text_table(HEADS, self._rows(), numbers=(1, 2, 3, 4, 5))))
 
     def _repr_html_(self) -> str:
-        import html
-
-        first, *others = (html.escape(sentence) for sentence in self.sentences())
-        text = f"<p><strong>{first}</strong></p><ul>{''.join(f'<li>{other}</li>' for other in others)}</ul>"
+        first, *others = self.sentences()
+        text = html_sentences(first, others, strong=True)
         if self.status != "infeasible":
             return text
         return text + html_table("Base parameters with the largest shares", HEADS, self._rows())

@@ -121,11 +121,9 @@ class FeasibleSet:
         )
 
     def _repr_html_(self) -> str:
-        import html
-
         rows = [(block.name, f"{block.size} × {block.size}") for block in self.blocks]
         rows += [(equality.name, "equation") for equality in self.equalities]
-        return f"<p>{html.escape(repr(self))}</p>" + html_table("", ("block", "size"), rows)
+        return html_table(repr(self), ("block", "size"), rows)
 
     @property
     def parameter_count(self) -> int:

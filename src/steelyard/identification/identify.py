@@ -2,10 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
-from pathlib import Path
-from typing import Literal
+from typing import Any, Literal
 
 import numpy as np
 from numpy.typing import NDArray
@@ -17,13 +16,14 @@ from steelyard.estimators import fit
 from steelyard.estimators.cross_validation import FEWEST_FOLDS, MANY_PARAMETERS
 from steelyard.estimators.estimator import Estimator, estimate_with, find_estimator
 from steelyard.feasibility import FeasibleSet, check
-from steelyard.feasibility.constraints import constraints_from_dict
+from steelyard.feasibility.constraints import Constraint
+from steelyard.recording import LogColumns, Processing
 from steelyard.regression import Estimate, Information, least_squares
 from steelyard.regression.batch_means import BatchSums
 from steelyard.regression.reduction import empty_factors
 from steelyard.regression.time_blocks import TimeBlocks
-from steelyard.robot import RobotFile
 
+from .given import Data, GivenRobot, digests, given_constraints, given_logs, given_robot, with_settings
 from .log_checks import implausible_mass, mistakes_in_logs
 from .log_reader import LogReader, Progress, ThinnedSamples
 from .mistakes import POOR, sentence
@@ -43,10 +43,13 @@ _ALL_POINTS = 24_000  # of all the logs of a role together, so that thousands of
 
 @in_one_thread
 def identify(
-    robot: str | Path | RobotFile,
-    logs: Sequence[str | Path],
+    robot: GivenRobot,
+    data: Data,
+    validate: Data | None = None,
     *,
-    validate: Sequence[str | Path] = (),
+    columns: LogColumns | Mapping[str, Any] | None = None,
+    processing: Processing | Mapping[str, Any] | None = None,
+    constraints: Sequence[Constraint] | None = None,
     weights: Literal["joint"] | None = "joint",
     consistency: Literal["full", "inertia"] = "full",
     prior: Literal["auto"] | None = "auto",
@@ -66,12 +69,22 @@ def identify(
 
     Parameters
     ----------
-    robot : str, Path or RobotFile
-        A URDF, or a robot.toml with terms, log columns, processing and constraints.
-    logs : sequence of path
-        Each is one recording; files recorded side by side are joined by ``+``.
-    validate : sequence of path
+    robot : str, Path, RobotFile, Robot or Model
+        A URDF, or a robot.toml with terms, log columns, processing and constraints; or a robot in memory. A Robot
+        without terms gets those of a URDF, viscous friction, Coulomb friction and an offset at each joint; a Model is
+        taken as it is.
+    data : path, Recording, Samples, data frame, mapping of arrays, structured array, or sequence of these
+        Each is one log. Paths: files recorded side by side are joined by ``+``. Columns of data frames (pandas, Polars,
+        PyArrow) and of arrays are found by their names as those of a file are; an array (S, N) stands for N columns.
+        A Recording is in SI units already, and Samples need no processing either.
+    validate : the same, optional
         Logs on which both estimates are tried without refitting.
+    columns : LogColumns or mapping, optional
+        Keys of ``[log]``, such as ``{"position_unit": "deg"}``, in place of those of the robot file.
+    processing : Processing or mapping, optional
+        Keys of ``[processing]``, such as ``{"cutoff": 5.0}``, in place of those of the robot file.
+    constraints : sequence of Constraint, optional
+        Such as ``[sy.TotalMass(maximum=20.0)]``, beside those of the robot file.
     weights : {"joint", None}
         See :func:`steelyard.least_squares`.
     consistency : {"full", "inertia"}
@@ -97,34 +110,48 @@ def identify(
     Returns
     -------
     Identification
+        Nothing is written unless its ``save(folder)`` is called.
 
     Raises
     ------
     InputError
         If the robot, a log or an option cannot be used; the message says why and what to do.
+
+    Examples
+    --------
+    A pendulum with a moment of inertia of 0.6 kg m², from arrays:
+
+    >>> import numpy as np
+    >>> import steelyard as sy
+    >>> robot = sy.Robot.from_dh([(0, 0.3, 0, "q")], gravity=(0, -9.81, 0), name="pendulum")
+    >>> t = np.arange(0.0, 20.0, 0.01)
+    >>> q = 0.8 * np.sin(3 * t) + np.sin(1.1 * t)
+    >>> tau = 0.6 * (-7.2 * np.sin(3 * t) - 1.21 * np.sin(1.1 * t)) + 5.0 * np.cos(q)
+    >>> result = sy.identify(robot, {"t": t, "q1": q, "tau1": tau}, processing={"cutoff": "none"})
+    >>> result.prediction.word, bool(abs(result.parameters["Lzz1"].value - 0.6) < 0.01)
+    ('good', True)
     """
     say = progress or (lambda _: None)
+    logs, validation = given_logs(data, validate)
     if not logs:
         raise InputError("At least one log is needed to identify a robot; give the path of a CSV, Parquet or NPZ file.")
     find_estimator(estimator)  # which is refused before logs are read
-    file = RobotFile.load(robot)
-    model = Model.from_file(file)
+    file, model = given_robot(robot)
+    file = with_settings(file, columns, processing)
     reader = LogReader(file, model, chunk_rows)
     if reader.columns.finds_gains:
         raise InputError(
             f"{file.path}, [log]: drive gains are to be found, and currents alone tell no torques; find them with "
             "`steelyard payload ROBOT UNLOADED LOADED` and a payload of known mass, and write them as `gain`."
         )
-    constraints = constraints_from_dict(
-        file.section("constraints"), folder=file.path.parent, allow_extensions=file.allow_extensions
-    )
-    feasible_set = FeasibleSet(model, consistency, list(constraints))
+    limits = given_constraints(file, constraints)
+    feasible_set = FeasibleSet(model, consistency, limits)
 
     say(f"{model.robot.name}: {model.dof} joints, {model.base_parameters().count} base parameters")
     reader.decide(logs, say)
     parts: list[tuple[str, str, Information, ThinnedSamples]] = []
     sums, blocks = BatchSums(empty_factors(model)), TimeBlocks(empty_factors(model))
-    for role, group in (("identification", logs), ("validation", validate)):
+    for role, group in (("identification", logs), ("validation", validation)):
         for number, log in enumerate(group):
             # One line for each of thousands of logs would push everything else off the screen.
             if number % max(len(group) // _READING_LINES, 1) == 0:
@@ -187,7 +214,9 @@ def identify(
     samples = {name: thinned.samples for name, _, _, thinned in parts}
     # Of a model that predicts well, only cheap explanations are tried on the logs that it predicts.
     well = {p.name for p in predictions if prediction.word == "good" and p.feasible_error <= POOR}
-    mistakes = mistakes_in_logs(reader, file, constraints, samples, _worst_errors(predictions), say, well, known)
+    by_name = {str(log): log for log in (*validation, *logs)}
+    errors = _worst_errors(predictions)
+    mistakes = mistakes_in_logs(reader, file, limits, by_name, samples, errors, say, well, known)
     remarks.update(dict.fromkeys(f"{log}: {sentence(found)}" for log, found in mistakes.items()))
     if not mistakes:
         remarks.update(dict.fromkeys(_dear(unconstrained, estimate)))
@@ -211,9 +240,10 @@ def identify(
         weak=unconstrained.weak,
         remarks=tuple(remarks),
         mistakes=mistakes,
-        robot_file=file.path,
+        robot_file=file.path if file.path.is_file() else None,
         logs=tuple(map(str, logs)),
-        validation_logs=tuple(map(str, validate)),
+        validation_logs=tuple(map(str, validation)),
+        in_memory=digests((*logs, *validation)),
         options={
             "weights": weights,
             "consistency": consistency,
@@ -228,6 +258,7 @@ def identify(
             "processing": reader.stated.to_dict(),
             "decided": reader.decided,
             "constraints": file.section("constraints"),
+            **({"further_constraints": [str(one) for one in constraints]} if constraints else {}),
         },
         cutoff_choices=tuple(reader.cutoff_choices),
     )

@@ -9,13 +9,14 @@ import numpy as np
 
 from steelyard.dynamics import Model
 from steelyard.feasibility.constraints import Constraint
-from steelyard.recording import LogColumns, Samples, read_middle
+from steelyard.recording import LogColumns, Samples
 from steelyard.recording.formats import LogFiles
 from steelyard.recording.recognition import Layout
 from steelyard.regression import Estimate
 from steelyard.robot import RobotFile
 
 from .correction import correction_settings
+from .given import GivenLog, GivenSamples
 from .kinematic_bodies import reach_of
 from .log_reader import LogReader
 from .marginal_likelihood import body_priors
@@ -37,6 +38,7 @@ def mistakes_in_logs(
     reader: LogReader,
     file: RobotFile,
     constraints: Sequence[Constraint],
+    logs: Mapping[str, GivenLog],
     samples: Mapping[str, Samples],
     errors: Mapping[str, float],
     say: Callable[[str], None],
@@ -52,6 +54,8 @@ def mistakes_in_logs(
     file : RobotFile
     constraints : sequence of Constraint
         Those of the user.
+    logs : mapping from str to GivenLog
+        By their names.
     samples : mapping from str to Samples
         Of each log, thinned out.
     errors : mapping from str to float
@@ -77,9 +81,7 @@ def mistakes_in_logs(
     for log in sorted(errors, key=lambda name: -errors[name])[:_WORST]:
 
         def dense(log: str = log) -> Samples | None:
-            recording = read_middle(log, reader.columns, reader.processing, _DENSE_ROWS, names)
-            # Filters and masks need the ends of the log; what is read is its middle.
-            return recording.process(reader.processing, model) if recording.count > _DENSE_ROWS // 2 else None
+            return reader.dense(logs[log], _DENSE_ROWS)
 
         def begin(log: str = log) -> bool:
             nonlocal searches
@@ -95,14 +97,16 @@ def mistakes_in_logs(
         if not mistakes or (reader.units_are_suspect and mistakes[0].kind not in MOTION_UNITS):
             continue
         shared.extend(hypothesis for hypothesis in mistakes if hypothesis not in shared)
-        layout = _layout(log, reader.columns, model)
+        layout = _layout(logs[log], reader.columns, model)
         found[log] = tuple(
             replace(one, settings=correction_settings(one.correction, file, names, layout)) for one in mistakes
         )
     return {log: found[log] for log in errors if log in found}
 
 
-def _layout(log: str, columns: LogColumns, model: Model) -> Layout:
+def _layout(log: GivenLog, columns: LogColumns, model: Model) -> Layout | None:
+    if isinstance(log, GivenSamples):
+        return None
     return LogFiles(log, columns).layout(list(model.robot.joint_names))
 
 

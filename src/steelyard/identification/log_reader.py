@@ -10,9 +10,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from steelyard.dynamics import Model
+from steelyard.errors import InputError
 from steelyard.recording import (
     CutoffChoice,
     LogColumns,
+    LogFile,
     Processing,
     Recording,
     Samples,
@@ -23,12 +25,15 @@ from steelyard.recording import (
 )
 from steelyard.recording.automatic import DECISION_ROWS
 from steelyard.recording.diagnosis import DETECTORS, faulty_rows
+from steelyard.recording.samples import regrouped
 from steelyard.recording.survey import LogSurvey
 from steelyard.regression import Information
 from steelyard.regression.batch_means import BatchSums
 from steelyard.regression.reduction import empty_factors
 from steelyard.regression.time_blocks import MOST, TimeBlocks
 from steelyard.robot import RobotFile
+
+from .given import GivenLog, GivenSamples
 
 __all__ = ["LogReader", "Progress", "ThinnedSamples"]
 
@@ -54,9 +59,10 @@ class LogReader:
         self.cutoff_choices: list[tuple[str, CutoffChoice]] = []
         self.description = dict(file.description)
 
-    def decide(self, logs: Sequence[str | Path], say: Progress) -> None:
+    def decide(self, given: Sequence[GivenLog], say: Progress) -> None:
         """Decide what [processing] leaves to the data, once for all logs, so that all have the same filter."""
-        if not self.stated.is_open:
+        logs = [log for log in given if not isinstance(log, GivenSamples)]
+        if not self.stated.is_open or not logs:
             return
         count = min(len(logs), _DECIDING_LOGS)
         chosen = [logs[int(i)] for i in np.linspace(0, len(logs) - 1, count).round()]
@@ -77,7 +83,7 @@ class LogReader:
 
     def reduce(
         self,
-        log: str | Path,
+        log: GivenLog,
         points: int,
         sums: BatchSums | None = None,
         blocks: TimeBlocks | None = None,
@@ -87,7 +93,7 @@ class LogReader:
 
         Parameters
         ----------
-        log : str or Path
+        log : str, Path, LogFile or GivenSamples
         points : int
         sums : BatchSums, optional
             Receives the sums of batches. They are kept for all the logs together: they are nine tenths of an
@@ -107,7 +113,14 @@ class LogReader:
         thinned.finish()
         return information, thinned
 
-    def _watched(self, log: str | Path, thinned: ThinnedSamples) -> Iterator[Samples]:
+    def _watched(self, log: GivenLog, thinned: ThinnedSamples) -> Iterator[Samples]:
+        if isinstance(log, GivenSamples):
+            self._require_joints(log)
+            self.remarks.extend(f"{log}: {remark}" for remark in log.samples.remarks)
+            for samples in regrouped([log.samples], self.chunk_rows):
+                thinned.add(samples)
+                yield samples
+            return
         survey = LogSurvey()
         for samples in self._samples(log, survey):
             self.remarks.extend(f"{log}: {remark}" for remark in samples.remarks)
@@ -116,6 +129,23 @@ class LogReader:
         self.remarks.extend(f"{log}: {remark}" for remark in self._against_robot(survey))
         self.units_are_suspect |= bool(survey.unit_remarks())
 
+    def _require_joints(self, given: GivenSamples) -> None:
+        robot, count = self.model.robot, given.samples.joint_count
+        if count != robot.dof:
+            raise InputError(
+                f"{given} has samples of {count} joints, but {robot.name} has {robot.dof} "
+                f"({', '.join(robot.joint_names)}); give one column for each of them, in this order."
+            )
+
+    def dense(self, log: GivenLog, rows: int) -> Samples | None:
+        """Return samples of the middle of a log at its own rate; None where it is hardly longer than half of that."""
+        if isinstance(log, GivenSamples):
+            start = max(0, (log.samples.count - rows) // 2)
+            return log.samples.rows(start, start + rows) if log.samples.t is not None else None
+        recording = read_middle(log, self.columns, self.processing, rows, list(self.model.robot.joint_names))
+        # Filters and masks need the ends of the log; what is read is its middle.
+        return recording.process(self.processing, self.model) if recording.count > rows // 2 else None
+
     def _against_robot(self, survey: LogSurvey) -> tuple[str, ...]:
         """Compare a log with what the joints can do."""
         robot = self.model.robot
@@ -123,7 +153,7 @@ class LogReader:
         limits = [[getattr(joint, key) for joint in driving] for key in ("lower", "upper", "velocity_limit")]
         return survey.limit_remarks(*limits)
 
-    def _samples(self, log: str | Path, survey: LogSurvey) -> Iterator[Samples]:
+    def _samples(self, log: str | Path | LogFile, survey: LogSurvey) -> Iterator[Samples]:
         joints = list(self.model.robot.joint_names)
 
         def look(recording: Recording) -> None:

@@ -3,16 +3,17 @@
 from __future__ import annotations
 
 import csv
+import importlib
 import io
 from collections.abc import Iterator
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Any, Literal
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from steelyard.display import html_table, text_table
-from steelyard.errors import InputError
+from steelyard.errors import InputError, MissingExtraError
 from steelyard.estimators.cross_validation import MANY_PARAMETERS
 from steelyard.feasibility import FeasibleSet
 from steelyard.feasibility.bounds.profile_intervals import profile_intervals
@@ -36,6 +37,12 @@ TOO_MANY = (
     "Intervals are those of the data alone, and open where it tells nothing: what physics adds takes too long for more "
     f"than {MANY_PARAMETERS} parameters; steelyard.feasibility.parameter_intervals finds it for single ones."
 )
+
+EXACT = 1e-5
+"""Relative error of torques that count as exact, as simulated ones without noise are; they are taken to be off by this
+much. No sensor is better, and confidence regions as narrow as rounding cannot be computed in: on a simulated arm the
+intervals of what the motion does not show are the same to four digits at 1e-3, 1e-4 and 1e-5, far too narrow at 1e-8,
+and at 1e-12 a matrix is singular."""
 
 NEGLIGIBLE = 0.05
 """A term this small beside what would make the whole torque of its joint counts as if it had this size."""
@@ -183,17 +190,45 @@ class ParameterTable:
         """The table as comma-separated values, numbers in full, with a line of names."""
         out = io.StringIO()
         writer = csv.writer(out, lineterminator="\n")
-        writer.writerow(("name", "meaning", "unit", "value", "lower", "upper", "cad", "basis"))
+        writer.writerow(COLUMNS)
         for row in self.rows:
             numbers = ("" if np.isnan(v) else repr(float(v)) for v in (row.value, row.lower, row.upper, row.cad))
             writer.writerow((row.name, row.meaning, row.unit, *numbers, row.basis))
         return out.getvalue()
+
+    def to_frame(self, library: Literal["polars", "pandas"] = "polars") -> Any:
+        """The table as a data frame, a row for each number, with NaN where there is none.
+
+        Parameters
+        ----------
+        library : {"polars", "pandas"}
+
+        Returns
+        -------
+        polars.DataFrame or pandas.DataFrame
+            With the columns name, meaning, unit, value, lower, upper, cad and basis.
+
+        Raises
+        ------
+        MissingExtraError
+            If pandas is asked for and not installed.
+        """
+        if library not in ("polars", "pandas"):
+            raise InputError(f'library must be "polars" or "pandas", got {library!r}.')
+        columns = {name: [getattr(row, name) for row in self.rows] for name in COLUMNS}
+        try:
+            return importlib.import_module(library).DataFrame(columns)
+        except ModuleNotFoundError:
+            raise MissingExtraError(
+                f"{library} is not installed; install it, or use to_frame(), whose table Polars holds."
+            ) from None
 
     def to_list(self) -> list[dict[str, Any]]:
         """As plain data for JSON; numbers that are not finite are None."""
         return [plain(row) for row in self.rows]
 
 
+COLUMNS = ("name", "meaning", "unit", "value", "lower", "upper", "cad", "basis")
 HEADS = ("name", "value", "from", "to", "CAD", "unit", "rests on", "meaning")
 
 
@@ -252,7 +287,7 @@ def parameter_table(
     if parameters is None:
         raise InputError("parameter_table needs an estimate with standard parameters, such as that of fit.")
     asked, about = _quantities(feasible_set, parameters)
-    covariance = ParameterCovariance.of(info, unconstrained.base, unconstrained.weights)
+    covariance = _of_a_sensor(ParameterCovariance.of(info, unconstrained.base, unconstrained.weights), unconstrained)
     values = np.array([quantity.value(parameters) for quantity in asked])
     source = feasible_set.model.robot.parameters if cad is None else cad
     described = _described(feasible_set, np.asarray(source, dtype=float), asked, about)
@@ -293,6 +328,12 @@ def parameter_table(
     if told is not None and feasible_set.parameter_count > MANY_PARAMETERS:
         sentences = (TOO_MANY, *sentences)
     return ParameterTable(table.rows, table.confidence, sentences)
+
+
+def _of_a_sensor(covariance: ParameterCovariance, unconstrained: Estimate) -> ParameterCovariance:
+    """Return the covariance of data with the error that the best sensor has: exact data would leave no room at all."""
+    error = unconstrained.relative_error
+    return replace(covariance, root=covariance.root * (EXACT / error)) if 0.0 < error < EXACT else covariance
 
 
 @dataclass(frozen=True)

@@ -2,15 +2,16 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+import importlib
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
-from html import escape
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from steelyard.display import html_table
+from steelyard.display import html_sentences, html_table
 from steelyard.dynamics import Model
 from steelyard.feasibility import FeasibleSet, Verdict
 from steelyard.recording import CutoffChoice
@@ -111,6 +112,8 @@ class Identification:
         the log cannot tell from it. Nothing is changed silently.
     cutoff_choices : tuple of (str, CutoffChoice)
         Log, and the evidence, where the cutoff of the position filter was chosen from the data.
+    in_memory : dict from str to str
+        SHA-256 hashes of the logs that were no files, by name.
     """
 
     model: Model
@@ -131,6 +134,76 @@ class Identification:
     options: dict[str, object]
     mistakes: Mapping[str, tuple[Hypothesis, ...]] = field(default_factory=dict)
     cutoff_choices: tuple[tuple[str, CutoffChoice], ...] = ()
+    in_memory: Mapping[str, str] = field(default_factory=dict)
+
+    def save(self, folder: str | Path, *, force: bool = False) -> tuple[Path, ...]:
+        """Write what ``steelyard identify --output folder`` writes; see :func:`steelyard.report.save_results`.
+
+        Parameters
+        ----------
+        folder : str or Path
+            Made where it is missing; files of an earlier identification are replaced together.
+        force : bool
+            Write the robot description even where the model does not predict the robot.
+
+        Returns
+        -------
+        tuple of Path
+            The files.
+        """
+        report = _report_room()
+        report.require_folder(Path(folder))
+        written: tuple[Path, ...] = report.save_results(self, Path(folder), force=force)
+        return written
+
+    def report(self, target: str | Path | None = None) -> str | Path:
+        """Return the report, one self-contained HTML page; or write it, and return where.
+
+        Parameters
+        ----------
+        target : str or Path, optional
+            An ``.html`` file, replaced where it is there.
+        """
+        if target is None:
+            text: str = _report_room().report_html(self)
+            return text
+        _report_room().write_report(self, target)
+        return Path(target)
+
+    def plot(self, log: str | int | None = None, joints: Sequence[str] | None = None) -> Any:
+        """Return measured and predicted torques as a Plotly figure, a row for each joint.
+
+        Parameters
+        ----------
+        log : str or int, optional
+            Its name or its number among `predictions`; by default the first for validation, or else the first.
+        joints : sequence of str, optional
+            Names of those that are shown; all by default.
+
+        Returns
+        -------
+        plotly.graph_objects.Figure
+        """
+        return _report_room().torque_plot(self, log, joints)
+
+    def __array__(self, dtype: Any = None, copy: bool | None = None) -> Array:
+        """Return the parameters of the answer, so that functions of models take a result in their place."""
+        return self.estimate.__array__(dtype, copy)
+
+    @property
+    def parameter_names(self) -> tuple[str, ...]:
+        """Names of the parameters of the answer."""
+        return self.estimate.parameter_names
+
+    @property
+    def base_expressions(self) -> tuple[str, ...]:
+        """The base parameters of the answer, in words."""
+        return self.estimate.base_expressions
+
+    @property
+    def base(self) -> Array:
+        """The base parameters of the answer, (n_b,)."""
+        return self.estimate.base
 
     @property
     def total_mass(self) -> float:
@@ -179,15 +252,14 @@ class Identification:
         return ("joint", "error", "RMS", "noise", "unit"), [*rows, ("all", f"{told.relative_error:.1%}", "", "", "")]
 
     def _repr_html_(self) -> str:
-        parts = [f"<p><strong>{escape(self.headline)}</strong></p>"]
-        parts += [f"<p>{escape(probable)}</p>" for probable in self.mistake_sentences[:3]]
+        parts = [html_sentences(self.headline, self.mistake_sentences[:3], strong=True)]
         heads, rows = self.joint_table()
         parts.append(html_table(f"Prediction of {self.prediction.source}", heads, rows, self.prediction.sentences[1:]))
         if self.parameters is not None:
             parts.append(html_table("Links", *self.parameters.link_table()))
-            parts.append(f"<p>{escape(self.parameters.counts)}</p>")
+            parts.append(html_sentences(self.parameters.counts))
         if self.plausible is not None and self.plausible.price is not None:
-            parts.append(f"<p>{escape(self.plausible.price.sentence)}</p>")
+            parts.append(html_sentences(self.plausible.price.sentence))
         return "".join(parts)
 
     def __repr__(self) -> str:
@@ -196,3 +268,8 @@ class Identification:
             f"Identification({self.model.robot.name}: relative error {before:.2%} unconstrained "
             f"({self.verdict.status}), {after:.2%} feasible; the prediction is {self.prediction.word})"
         )
+
+
+def _report_room() -> Any:
+    """Return the room that writes and draws results, which stands above this one and is loaded when it is asked for."""
+    return importlib.import_module("steelyard.report")

@@ -13,6 +13,8 @@ from steelyard.files import read_json, shown
 from steelyard.recording import Processing
 from steelyard.regression import Estimate
 
+from .given import digests
+
 __all__ = ["RECORD", "RECORD_FORMAT", "SavedResult"]
 
 RECORD, RECORD_FORMAT = "run.json", "steelyard-run-1"
@@ -80,12 +82,14 @@ class SavedResult:
                 return path
         return None
 
-    def has_seen(self, log: str | Path) -> bool:
+    def has_seen(self, log: object) -> bool:
         """Whether a log was used to make the estimate, by its content."""
         if self.record is None:
             return False
         used = {entry["sha256"] for log in self.record["logs"] for entry in log}
-        parts = [str(log)] if Path(log).exists() else str(log).split("+")
+        if digests([log]):
+            return not used.isdisjoint(digests([log]).values())
+        parts = [str(log)] if Path(str(log)).exists() else str(log).split("+")
         return any(_digest(Path(part)) in used for part in parts if Path(part).is_file())
 
 

@@ -22,6 +22,7 @@ from steelyard.regression.batch_means import BATCH_LENGTHS, BatchSums
 from steelyard.regression.reduction import empty_factors
 from steelyard.robot import RobotFile
 
+from .given import Data, GivenLog, GivenRobot, given_logs, given_robot
 from .log_checks import mistakes_in_logs
 from .log_reader import LogReader, Progress
 from .mistakes import sentence
@@ -126,9 +127,9 @@ class Validation:
 
 @in_one_thread
 def validate_estimate(
-    robot: str | Path | RobotFile,
+    robot: GivenRobot,
     estimate: str | Path,
-    logs: Sequence[str | Path],
+    logs: Data,
     *,
     chunk_rows: int = 200_000,
     progress: Progress | None = None,
@@ -142,11 +143,12 @@ def validate_estimate(
 
     Parameters
     ----------
-    robot : str, Path or RobotFile
-        URDF or robot.toml, which also says what the columns of the logs are.
+    robot : str, Path, RobotFile, Robot or Model
+        URDF or robot.toml, which also says what the columns of the logs are; or what is in memory.
     estimate : str or Path
         A folder that ``steelyard identify`` wrote, or what :meth:`steelyard.Estimate.save` wrote.
-    logs : sequence of path
+    logs : path, Recording, Samples, data frame, mapping of arrays, or sequence of these
+        As :func:`steelyard.identify` takes them.
     chunk_rows : int
         Rows of a log that stand in memory together.
     progress : callable, optional
@@ -180,19 +182,19 @@ def validate_estimate(
     >>> found.prediction.word
     'good'
     """
-    if not logs:
+    given, _ = given_logs(logs, None)
+    if not given:
         raise InputError("At least one log is needed to validate an estimate; give a CSV, Parquet or NPZ file.")
-    file = RobotFile.load(robot)
-    model = Model.from_file(file)
+    file, model = given_robot(robot)
     result = SavedResult.load(estimate)
     loaded = matching_estimate(model, result.path)
-    read = read_as_fitted(file, model, result, logs, chunk_rows, progress)
+    read = read_as_fitted(file, model, result, given, chunk_rows, progress)
     parts, remarks = read.parts, [*read.remarks]
     whole = total(parts)
     longest = max(factor.count for factor in whole.factors)
     if longest < FEWEST_ROWS:
         raise InputError(
-            f"{', '.join(map(str, logs))}: {longest} rows of a joint are left, too few to judge a prediction, since "
+            f"{', '.join(map(str, given))}: {longest} rows of a joint are left, too few to judge a prediction, since "
             f"filters spoil the ends; give logs of {FEWEST_ROWS} rows or more."
         )
     verdict = prediction_verdict(
@@ -203,7 +205,7 @@ def validate_estimate(
         joint_fit_error=loaded.joint_relative_error,
     )
     each = []
-    for log, part in zip(logs, parts, strict=True):
+    for log, part in zip(given, parts, strict=True):
         by_joint = part.has_joint_errors
         none = np.zeros(0)
         each.append(
@@ -221,7 +223,8 @@ def validate_estimate(
         )
         errors = {log.name: float(np.max(log.joint_relative_error, initial=log.relative_error)) for log in each}
         say = progress or (lambda _: None)
-        mistakes = mistakes_in_logs(read.reader, file, constraints, read.samples, errors, say)
+        by_name = {str(log): log for log in given}
+        mistakes = mistakes_in_logs(read.reader, file, constraints, by_name, read.samples, errors, say)
         remarks.extend(f"{log}: {sentence(found)}" for log, found in mistakes.items())
     return Validation(
         model.robot.name,
@@ -265,7 +268,7 @@ def read_as_fitted(
     file: RobotFile,
     model: Model,
     result: SavedResult,
-    logs: Sequence[str | Path],
+    logs: Sequence[GivenLog],
     chunk_rows: int = 200_000,
     progress: Progress | None = None,
 ) -> FittedLogs:

@@ -71,8 +71,8 @@ class LogStream:
     def __init__(
         self, source: Source, columns: LogColumns | dict[str, Any] | None, joints: int | Sequence[str] | None
     ) -> None:
-        self.columns = log_columns(columns)
-        self.files = LogFiles(source, self.columns)
+        self.files = LogFiles(source, log_columns(columns))
+        self.columns = self.files.columns
         self.layout = self.files.layout(joints)
         self.joint_names = names_of(joints)
         self.count = self.files.count()

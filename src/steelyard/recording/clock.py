@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-import html
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
+from steelyard.display import html_sentences
 from steelyard.errors import InputError
 
 from .measurements import Measurements
@@ -170,8 +170,7 @@ class ClockStatistics:
         )
 
     def _repr_html_(self) -> str:
-        items = "".join(f"<li>{html.escape(sentence)}</li>" for sentence in self.sentences())
-        return f"<p>{html.escape(repr(self))}</p>" + (f"<ul>{items}</ul>" if items else "")
+        return html_sentences(repr(self), self.sentences())
 
 
 def clock_statistics(recording: Measurements) -> ClockStatistics:

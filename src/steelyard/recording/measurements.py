@@ -159,6 +159,20 @@ class Measurements:
         fields: dict[str, Any] = {name: part if part is None else part[rows] for name, part in values.items()}
         return replace(self, **fields)
 
+    def arrays(self) -> dict[str, NDArray[np.float64]]:
+        """Return what was measured as a log holds it: t (S,), and q, dq, ddq and tau (S, N) as far as they are there.
+
+        What was filled in is no measurement, and is NaN again.
+        """
+        found = {"t": self.t, "q": self.q, "dq": self.velocity, "ddq": self.acceleration, "tau": self.torque}
+        gone = {"tau": self.torque_missing, **dict.fromkeys(("q", "dq", "ddq"), self.position_missing)}
+        measured = {}
+        for key, values in found.items():
+            if values is not None:
+                flags = gone.get(key)
+                measured[key] = values if flags is None else np.where(flags, np.nan, values)
+        return measured
+
     def __repr__(self) -> str:
         extra = "" if self.velocity is None else ", with measured velocities"
         size = f"{self.count} rows x {self.joint_count} joints"

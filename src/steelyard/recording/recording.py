@@ -83,12 +83,14 @@ class Recording(Measurements):
         columns: LogColumns | dict[str, Any] | None = None,
         joints: int | Sequence[str] | None = None,
     ) -> Self:
-        """Read a log: CSV, Parquet or NPZ, or several files recorded side by side.
+        """Read a log: CSV, Parquet or NPZ, several files recorded side by side, or what is in memory.
 
         Parameters
         ----------
         source
-            A path; a sequence of paths, or a string "a.csv+b.csv", for files with as many rows each.
+            A path; a sequence of paths, or a string "a.csv+b.csv", for files with as many rows each. Or named columns
+            in memory: a data frame, a structured array, or a mapping of arrays, of which those (S, N) stand for N
+            columns.
         columns
             Which columns are what (`LogColumns` or its dictionary); None goes by the header.
         joints
@@ -110,8 +112,8 @@ class Recording(Measurements):
         >>> Recording.read(path, joints=1)
         Recording('log.csv', 300 rows x 1 joints, 2.99 s at 100 Hz)
         """
-        columns = log_columns(columns)
-        files = LogFiles(source, columns)
+        files = LogFiles(source, log_columns(columns))
+        columns = files.columns
         layout = files.layout(joints)
         signals = convert(files.read(layout.names), layout, columns, files.where, files.name)
         stamps, clock = signals.t, None
@@ -240,18 +242,4 @@ class Recording(Measurements):
         InputError
             For another suffix.
         """
-        arrays = {
-            "t": self.t,
-            "q": self.q,
-            "dq": self.velocity,
-            "ddq": self.acceleration,
-            "tau": self.torque,
-        }
-        # What was filled in is no measurement, and is left out again.
-        gone = {"tau": self.torque_missing, **dict.fromkeys(("q", "dq", "ddq"), self.position_missing)}
-        present = {}
-        for key, values in arrays.items():
-            if values is not None:
-                flags = gone.get(key)
-                present[key] = values if flags is None else np.where(flags, np.nan, values)
-        return write_log(Path(path), present)
+        return write_log(Path(path), self.arrays())

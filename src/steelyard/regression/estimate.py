@@ -16,7 +16,6 @@ from steelyard.errors import InputError, faults_told
 from steelyard.files import plain, read_json, shown, write_json
 from steelyard.robot.description import URDF, DescriptionFormat, UrdfFormat, description_format
 
-from .certified_numbers import certified_numbers_differ
 from .factor import LARGEST
 
 __all__ = ["Estimate"]
@@ -163,6 +162,21 @@ class Estimate:
         pairs = zip(self.base_expressions, self.relative_standard_error, strict=True)
         return tuple(name for name, error in pairs if not error < 1.0)
 
+    def __array__(self, dtype: Any = None, copy: bool | None = None) -> Array:
+        """Return the parameters (n,), so that functions of models take an estimate in their place.
+
+        Raises
+        ------
+        InputError
+            If the estimate has base parameters alone.
+        """
+        if self.parameters is None:
+            raise InputError(
+                f"The estimate ({self.method}) has base parameters alone, where the parameters of every link are "
+                "needed: use steelyard.fit."
+            )
+        return np.array(self.parameters, dtype=dtype, copy=copy)
+
     def __repr__(self) -> str:
         feasible = f", feasible ({self.consistency})" if self.consistency else ""
         error = f"relative error {self.relative_error:.2%}"
@@ -174,7 +188,10 @@ class Estimate:
             (text, f"{value:.5g}", f"{100 * s:.3g} %")
             for text, value, s in zip(self.base_expressions, self.base, relative, strict=True)
         ]
-        return html_table(f"{self.method}, relative error {self.relative_error:.2%}", (), rows)
+        error = "" if np.isnan(self.relative_error) else f", relative error {self.relative_error:.2%}"
+        feasible = f", feasible ({self.consistency})" if self.consistency else ""
+        heads = ("base parameter", "value", "standard error")
+        return html_table(f"{self.method}{error}{feasible}", heads, rows, self.remarks)
 
     def to_dict(self) -> dict[str, Any]:
         """Return the estimate as plain data, with None for numbers that are not finite."""
@@ -230,6 +247,8 @@ class Estimate:
                 f"{where}: 'consistency' tells in which sense its parameters are feasible, and must be \"full\" or "
                 f'"inertia", or null where there are none or they are not; got {shown(estimate.consistency)}.'
             )
+        from .certified_numbers import certified_numbers_differ  # loaded where estimates are read
+
         different = certified_numbers_differ(document) if certified else ""
         if different:
             raise InputError(

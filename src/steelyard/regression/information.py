@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from steelyard.display import html_table
 from steelyard.errors import InputError
 from steelyard.files import plain, read_json, shown, write_json
 from steelyard.recording import Samples
@@ -98,6 +99,19 @@ class Information:
             f"Information({len(self.base_names)} base parameters, {self.count} rows of {len(self.joint_names)} joints, "
             f"condition number {self.condition_number:.4g})"
         )
+
+    def _repr_html_(self) -> str:
+        heads: tuple[str, ...] = ()
+        rows: list[tuple[object, ...]] = []
+        if self.has_joint_errors:
+            heads = ("joint", "rows", "RMS of the torque")
+            sizes = self.joint_rms_error(np.zeros(self.base_count))
+            counts = [factor.count for factor in self.measured]
+            rows = [(j, n, f"{size:.4g}") for j, n, size in zip(self.joint_names, counts, sizes, strict=True)]
+        hidden = self.unidentifiable
+        more = f" and {len(hidden) - 3} more" if len(hidden) > 3 else ""
+        remarks = (f"The data does not show {', '.join(hidden[:3])}{more}.",) if hidden else ()
+        return html_table(repr(self), heads, rows, remarks)
 
     @property
     def joint_blocks(self) -> tuple[Factor, ...]:

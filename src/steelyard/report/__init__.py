@@ -14,6 +14,7 @@ if TYPE_CHECKING:
     from .html_document import html_document as html_document
     from .picture import torque_picture as torque_picture
     from .picture import torque_svg as torque_svg
+    from .plot import torque_plot as torque_plot
     from .results import require_apart as require_apart
     from .results import require_folder as require_folder
     from .results import save_results as save_results

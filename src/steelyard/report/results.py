@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import os
 import re
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
 from pathlib import Path
 from typing import Any
 
@@ -143,8 +143,8 @@ def run_record(identification: Identification) -> dict[str, Any]:
     return {
         "format": RECORD_FORMAT,
         "robot": [hashed_file(path) for path in dict.fromkeys(description)],
-        "logs": [_log(text) for text in identification.logs],
-        "validation_logs": [_log(text) for text in identification.validation_logs],
+        "logs": [_log(text, identification.in_memory) for text in identification.logs],
+        "validation_logs": [_log(text, identification.in_memory) for text in identification.validation_logs],
         "options": identification.options,
         "prediction": identification.prediction.to_dict(),
         "price": None if price is None else price.to_dict(),
@@ -154,5 +154,7 @@ def run_record(identification: Identification) -> dict[str, Any]:
     }
 
 
-def _log(text: str) -> list[dict[str, str]]:
+def _log(text: str, in_memory: Mapping[str, str]) -> list[dict[str, str]]:
+    if text in in_memory:
+        return [{"path": text, "sha256": in_memory[text]}]
     return [hashed_file(Path(part)) for part in ([text] if Path(text).exists() else text.split("+"))]

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import copy
 import math
+import os
 import re
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
@@ -40,7 +41,7 @@ class RobotFile:
     Parameters
     ----------
     path : Path
-        The file.
+        The file; for a robot in memory its description, or its name.
     robot : Robot
         The robot of the section `[description]`, without terms.
     terms : tuple of dict
@@ -61,7 +62,7 @@ class RobotFile:
     allow_extensions: bool = False
 
     @classmethod
-    def load(cls, path: str | Path | RobotFile, *, allow_extensions: bool = False) -> RobotFile:
+    def load(cls, path: str | os.PathLike[str] | RobotFile | Robot, *, allow_extensions: bool = False) -> RobotFile:
         """Read a `.toml` robot file, or a plain description such as a `.urdf`.
 
         The robot of a description, or of a robot file that names no terms, gets viscous friction, Coulomb friction and
@@ -70,9 +71,9 @@ class RobotFile:
 
         Parameters
         ----------
-        path : str, Path or RobotFile
-            A RobotFile, which has been read, is returned as it is. The arguments of a xacro may follow its path, as in
-            ``arm.urdf.xacro name:=left``.
+        path : str, Path, RobotFile or Robot
+            A RobotFile, which has been read, is returned as it is; a Robot becomes one, see `of`. The arguments of a
+            xacro may follow its path, as in ``arm.urdf.xacro name:=left``.
         allow_extensions : bool
             Whether terms and constraints that the file names by import path, as ``kind = "module:Class"``, may be
             imported, which runs code. Names of terms and constraints that installed packages add need no permission.
@@ -102,12 +103,34 @@ class RobotFile:
         """
         if isinstance(path, RobotFile):
             return path
+        if isinstance(path, Robot):
+            return cls.of(path)
         path, arguments = _without_arguments(path)
         if path.suffix.lower() == ".toml":
             return replace(cls._from_toml(path), allow_extensions=allow_extensions)
         robot = read_description(path, xacro_arguments=arguments)
         kept = {"xacro_arguments": arguments} if arguments else {}
         return cls(path, robot, _default_terms(robot), description=kept)
+
+    @classmethod
+    def of(cls, robot: Robot) -> RobotFile:
+        """A robot in memory, with what a robot file that says nothing else would say of it.
+
+        A robot without terms gets those of a plain description, see `load`.
+
+        Examples
+        --------
+        >>> file = RobotFile.of(Robot.from_dh([(0, 0.3, 0, "q")], name="arm"))
+        >>> str(file.path), [term["kind"] for term in file.terms]
+        ('arm', ['viscous', 'coulomb', 'offset'])
+        """
+        path = Path(robot.name) if robot.source is None else robot.source
+        return cls(path, robot, () if robot.terms else _default_terms(robot))
+
+    def with_sections(self, sections: Mapping[str, Mapping[str, Any]]) -> RobotFile:
+        """The same robot file with these keys in sections such as ``"log"``, in place of what it says of them."""
+        changed = {name: {**self.section(name), **keys} for name, keys in sections.items()}
+        return replace(self, sections={**self.sections, **changed})
 
     @classmethod
     def _from_toml(cls, path: Path) -> RobotFile:
@@ -150,7 +173,7 @@ class RobotFile:
         return copy.deepcopy(self.sections.get(name, {}))
 
 
-def _without_arguments(path: str | Path) -> tuple[Path, dict[str, str]]:
+def _without_arguments(path: str | os.PathLike[str]) -> tuple[Path, dict[str, str]]:
     """Take the arguments of a xacro from what follows its path, as in ``arm.urdf.xacro name:=left load:=true``."""
     found = _WITH_ARGUMENTS.fullmatch(str(path))
     if found is None or Path(path).exists():

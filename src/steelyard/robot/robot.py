@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import html
 from abc import ABC, abstractmethod
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
@@ -658,5 +657,4 @@ class Robot:
         return "\n".join([self._title(), *lines])
 
     def _repr_html_(self) -> str:
-        table = html_table("", ("", "joint", "kind", "links", "mass"), self._rows())
-        return f"<p>{html.escape(self._title())}</p>{table}"
+        return html_table(self._title(), ("", "joint", "kind", "links", "mass"), self._rows())

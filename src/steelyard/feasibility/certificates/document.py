@@ -8,7 +8,6 @@ from typing import Any
 
 from steelyard.errors import InputError
 from steelyard.files import read_json, shown
-from steelyard.regression.certified_numbers import certified_numbers_differ
 
 from .rational import parse_number
 from .statement import Matrix, Statement
@@ -106,6 +105,8 @@ def verify_certificate(path: str | Path) -> CertificateCheck:
     ...     print(verify_certificate(path).sentence)
     Proved in exact arithmetic: no parameters with these base parameters satisfy the one condition stated.
     """
+    from steelyard.regression.certified_numbers import certified_numbers_differ  # loaded where certificates are read
+
     document = _read(path)
     verified = verify_document(_certificate_of(document, path), str(path))
     different = certified_numbers_differ(document) if verified and _is_estimate(document) else ""

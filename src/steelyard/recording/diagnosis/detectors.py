@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import html
 from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import NamedTuple
@@ -10,6 +9,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from steelyard.display import html_sentences
 from steelyard.errors import InputError
 
 from ..measurements import Measurements
@@ -114,8 +114,7 @@ class Intervals:
         return f"Intervals({self.kind}: {int(self.flags.sum())} joint rows in {len(self)} intervals)"
 
     def _repr_html_(self) -> str:
-        items = "".join(f"<li>{html.escape(sentence)}</li>" for sentence in self.sentences())
-        return f"<p>{html.escape(repr(self))}</p>" + (f"<ul>{items}</ul>" if items else "")
+        return html_sentences(repr(self), self.sentences())
 
 
 def runs(flags: NDArray[np.bool_]) -> list[tuple[int, int]]:

@@ -5,7 +5,7 @@ from __future__ import annotations
 from abc import ABC, abstractmethod
 from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
-from typing import IO, ClassVar, Self
+from typing import IO, ClassVar, Protocol, Self
 
 import numpy as np
 from numpy.typing import NDArray
@@ -15,11 +15,18 @@ from steelyard.errors import InputError
 from ..columns import LogColumns
 from ..recognition import label_columns
 
-__all__ = ["BLOCK_ROWS", "Columns", "LogFile", "column_length", "flattened"]
+__all__ = ["BLOCK_ROWS", "Columns", "DataFrame", "LogFile", "column_length", "flattened"]
 
 Columns = dict[str, NDArray[np.float64]]
 BLOCK_ROWS = 50_000
 """Rows that are read at a time where not all are wanted in memory."""
+
+
+class DataFrame(Protocol):
+    """A data frame of any library that hands out its columns as an Arrow C stream, as Polars, pandas, PyArrow do."""
+
+    def __arrow_c_stream__(self, requested_schema: object | None = None) -> object:
+        """Return a capsule of the stream."""
 
 
 class LogFile(ABC):
@@ -41,6 +48,9 @@ class LogFile(ABC):
         The names of all columns.
     kept : tuple of str, or None
         The only ones that will be read; None as long as nobody has said so.
+    stated : LogColumns or None
+        Which column is what in which unit, for a format that knows it by itself; what a robot file says is then passed
+        over. None for the others.
 
     Raises
     ------
@@ -56,6 +66,7 @@ class LogFile(ABC):
         self.path = path
         self.names: tuple[str, ...] = ()
         self.kept: tuple[str, ...] | None = None
+        self.stated: LogColumns | None = None
 
     @classmethod
     def opened(cls, path: Path, columns: LogColumns) -> Self:

@@ -6,6 +6,7 @@ import contextlib
 import os
 from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -17,11 +18,13 @@ from steelyard.files.arguments import closest
 
 from ..columns import LogColumns
 from ..recognition import Layout, find_columns
-from .log_file import Columns, LogFile, column_length
+from .log_file import Columns, DataFrame, LogFile, column_length
 
-__all__ = ["LOG_FORMATS", "LogFiles", "Source", "log_format", "open_log", "write_log"]
+__all__ = ["LOG_FORMATS", "LogFiles", "Source", "Table", "log_format", "open_log", "write_log"]
 
-Source = str | os.PathLike[str] | Sequence[str | os.PathLike[str]]
+Table = LogFile | DataFrame | Mapping[str, Any] | NDArray[Any]
+"""A log in memory."""
+Source = str | os.PathLike[str] | Sequence[str | os.PathLike[str]] | Table
 _LOOKED_AT = 5000  # rows at a time of a column of which mostly the first is wanted
 MOST_COLUMNS = 5000  # a humanoid's log has some hundreds; a file with far more is no log
 REMEDY = "give the path of a log, such as a CSV, a bag or an NPZ file"
@@ -86,9 +89,9 @@ class LogFiles:
     Parameters
     ----------
     source
-        A path, a sequence of paths, or paths joined by "+" in one string.
+        A path, a sequence of paths, or paths joined by "+" in one string; or a log in memory.
     columns
-        Of which some keys say what of a file is read; none by default.
+        Which column is what, of which some keys say what of a file is read; all by the header by default.
 
     Raises
     ------
@@ -97,8 +100,10 @@ class LogFiles:
     """
 
     def __init__(self, source: Source, columns: LogColumns | None = None) -> None:
-        self.columns = LogColumns() if columns is None else columns
-        self.files = [open_log(path, self.columns) for path in split_source(source)]
+        given = split_source(source)
+        self.files = [one if isinstance(one, LogFile) else open_log(one, columns or LogColumns()) for one in given]
+        stated = (file.stated for file in self.files if file.stated is not None)
+        self.columns = next(stated, columns or LogColumns())
         self.name = " + ".join(file.path.name for file in self.files)
         self.names = tuple(dict.fromkeys(name for file in self.files for name in file.names))
 
@@ -220,8 +225,10 @@ def _checked_blocks(file: LogFile, names: Sequence[str], rows: int) -> Iterator[
             yield _checked(file, block, names)
 
 
-def split_source(source: Source) -> list[Path]:
+def split_source(source: Source) -> list[Path | LogFile]:
     """Return the paths that `source` stands for; a string with "+" is several, unless a file has that very name."""
+    if isinstance(source, LogFile):
+        return [source]
     if isinstance(source, (str, os.PathLike)):
         text = os.fspath(source)
         if "+" in text and not Path(text).exists():
@@ -229,10 +236,13 @@ def split_source(source: Source) -> list[Path]:
             if all(pieces):
                 return [Path(piece) for piece in pieces]
         return [Path(text)]
-    paths = [Path(os.fspath(path)) for path in source]
-    if not paths:
-        raise InputError(f"no log file was given; {REMEDY}.")
-    return paths
+    if isinstance(source, (list, tuple)) and all(isinstance(one, (str, os.PathLike)) for one in source):
+        if not source:
+            raise InputError(f"no log file was given; {REMEDY}.")
+        return [Path(os.fspath(path)) for path in source]
+    from .memory import memory_log  # what is not asked for is not loaded
+
+    return [memory_log(source, "data")]
 
 
 def open_log(path: Path, columns: LogColumns | None = None) -> LogFile:

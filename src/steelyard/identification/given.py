@@ -1,0 +1,180 @@
+"""What an identification is given: a robot and logs, as paths or as what is in memory, under the names that it uses."""
+
+from __future__ import annotations
+
+import hashlib
+import os
+from collections import Counter
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from steelyard.dynamics import Model
+from steelyard.errors import InputError
+from steelyard.feasibility.constraints import Constraint, constraints_from_dict
+from steelyard.recording import LogFile, Measurements, Processing, Samples
+from steelyard.recording.columns import LogColumns
+from steelyard.recording.formats.registry import Table
+from steelyard.robot import Robot, RobotFile
+
+__all__ = [
+    "Data",
+    "GivenLog",
+    "GivenRobot",
+    "GivenSamples",
+    "digests",
+    "given_constraints",
+    "given_logs",
+    "given_robot",
+    "with_settings",
+]
+
+
+@dataclass(frozen=True, eq=False)
+class GivenSamples:
+    """Samples that need no processing, under a name."""
+
+    samples: Samples
+    name: str
+
+    def __str__(self) -> str:
+        return self.name
+
+    def digest(self) -> str:
+        """Return the SHA-256 hash of the values, by which one can tell whether data is the same."""
+        told = hashlib.sha256()
+        for array in (self.samples.q, self.samples.dq, self.samples.ddq, self.samples.torque, self.samples.mask):
+            told.update(b"none" if array is None else np.ascontiguousarray(array).data)
+        return told.hexdigest()
+
+
+GivenRobot = str | os.PathLike[str] | RobotFile | Robot | Model
+One = str | os.PathLike[str] | Measurements | Samples | Table
+Data = One | Sequence[One]
+"""One log, or several: each a path (files recorded side by side are joined by ``+``), or what is in memory."""
+GivenLog = str | Path | LogFile | GivenSamples
+
+
+def given_robot(robot: GivenRobot, *, allow_extensions: bool = False) -> tuple[RobotFile, Model]:
+    """Return the robot file and the model of what was given as a robot.
+
+    Parameters
+    ----------
+    robot : path, RobotFile, Robot or Model
+    allow_extensions : bool
+        See :meth:`steelyard.RobotFile.load`.
+
+    Raises
+    ------
+    InputError
+        If it is none of these, or cannot be used.
+    """
+    if isinstance(robot, Model):
+        return RobotFile.of(robot.robot), robot
+    if isinstance(robot, RobotFile | Robot | str | os.PathLike):
+        file = RobotFile.load(robot, allow_extensions=allow_extensions)
+        return file, Model.from_file(file)
+    raise InputError(
+        f"The robot is {_named(robot)}; give the path of a description or of a robot.toml, a sy.Robot or a sy.Model."
+    )
+
+
+def with_settings(
+    file: RobotFile, columns: LogColumns | Mapping[str, Any] | None, processing: Processing | Mapping[str, Any] | None
+) -> RobotFile:
+    """Return a robot file whose sections ``[log]`` and ``[processing]`` hold these keys in place of their own."""
+    given: dict[str, Mapping[str, Any]] = {}
+    for section, kind, settings in (("log", LogColumns, columns), ("processing", Processing, processing)):
+        if isinstance(settings, LogColumns | Processing) and isinstance(settings, kind):
+            given[section] = settings.to_dict()
+        elif isinstance(settings, Mapping):
+            given[section] = settings
+        elif settings is not None:
+            argument = "columns" if section == "log" else section
+            raise InputError(f"`{argument}` is {_named(settings)}; give a mapping of the keys of [{section}].")
+    return file.with_sections(given) if given else file
+
+
+def given_constraints(file: RobotFile, further: Sequence[Constraint] | None) -> list[Constraint]:
+    """Return the constraints of a robot file and those that were given beside it."""
+    own = constraints_from_dict(
+        file.section("constraints"), folder=file.path.parent, allow_extensions=file.allow_extensions
+    )
+    if further is not None and not isinstance(further, (list, tuple)):
+        raise InputError(f"`constraints` is {_named(further)}; give a list, such as [sy.TotalMass(maximum=20.0)].")
+    return [*own, *(further or ())]
+
+
+def given_logs(data: Data, validate: Data | None) -> tuple[tuple[GivenLog, ...], tuple[GivenLog, ...]]:
+    """Return the logs of an identification and those of its validation, each under a name of its own.
+
+    Raises
+    ------
+    InputError
+        If something is no log.
+    """
+    logs = [*_listed(data, "data")]
+    validation = [] if validate is None else [*_listed(validate, "validate")]
+    taken = Counter(name for name, _ in (*logs, *validation) if name)
+    expressions = [*_expressions("data", len(logs)), *_expressions("validate", len(validation))]
+    found = [
+        _log(one, f"{name} ({expression})" if name and taken[name] > 1 else name or expression)
+        for (name, one), expression in zip([*logs, *validation], expressions, strict=True)
+    ]
+    return tuple(found[: len(logs)]), tuple(found[len(logs) :])
+
+
+def _listed(data: object, name: str) -> list[tuple[str, Any]]:
+    """Return logs one by one, each with the name that it has by itself; an empty one where it has none."""
+    if isinstance(data, (str, os.PathLike)):
+        return [("", data)]
+    if isinstance(data, (list, tuple)) and all(isinstance(one, (str, os.PathLike)) for one in data):
+        return [("", one) for one in data]
+    from steelyard.recording.formats.memory import REMEDY, is_table  # what is not asked for is not loaded
+
+    if isinstance(data, Samples) or is_table(data):
+        return [(_own_name(data), data)]
+    if not isinstance(data, Iterable) or isinstance(data, (bytes, np.ndarray)):
+        what = f"an array of shape {data.shape}" if isinstance(data, np.ndarray) else _named(data)
+        raise InputError(f"{name} is {what}, which does not say what its columns are; {REMEDY}.")
+    found = list(data)
+    for one in found:
+        if not isinstance(one, (str, os.PathLike, Samples)) and not is_table(one):
+            raise InputError(
+                f"{name} is a list that holds {_named(one)}, which does not say what it is; {REMEDY}, or a list of "
+                "these."
+            )
+    return [(_own_name(one), one) for one in found]
+
+
+def _own_name(data: object) -> str:
+    return data.source if isinstance(data, Measurements) and data.source != "recording" else ""
+
+
+def _expressions(name: str, count: int) -> list[str]:
+    return [name] if count == 1 else [f"{name}[{index}]" for index in range(count)]
+
+
+def _log(data: Any, name: str) -> GivenLog:
+    if isinstance(data, Samples):
+        return GivenSamples(data, name)
+    if isinstance(data, (str, os.PathLike)):
+        return os.fspath(data)
+    from steelyard.recording.formats.memory import memory_log
+
+    return memory_log(data, name)
+
+
+def _named(value: object) -> str:
+    if isinstance(value, np.ndarray):
+        return f"an array of shape {value.shape}"
+    kind = type(value).__name__
+    return f"{'an' if kind[:1].lower() in 'aeiou' else 'a'} {kind}"
+
+
+def digests(logs: Iterable[object]) -> dict[str, str]:
+    """Return the SHA-256 hash of what was in memory, by its name."""
+    return {str(log): log.digest() for log in logs if not isinstance(log, (str, Path)) and hasattr(log, "digest")}
