@@ -1,7 +1,9 @@
 """identify of robots and data in memory: the numbers are those of the same recording in a file, bit for bit."""
 
 import json
+import runpy
 import sys
+from pathlib import Path
 
 import numpy as np
 import polars as pl
@@ -393,6 +395,14 @@ def test_constraints_are_added(files):
     path, log, _, _ = files
     light = sy.identify(path, log, constraints=[sy.TotalMass(maximum=3.0)])
     assert light.total_mass <= 3.0 + 1e-9
+
+
+def test_the_example_runs(capsys):
+    names = runpy.run_path(str(Path(__file__).resolve().parents[2] / "examples" / "from_a_notebook.py"))
+    assert "The answer can exist and predicts well" in capsys.readouterr().out
+    truth = names["model"].base_parameters().values(names["truth"])
+    error = np.abs(names["result"].unconstrained.base - truth)
+    assert np.all(error < 5 * names["result"].unconstrained.standard_error)
 
 
 def test_everything_prints_itself_in_a_notebook(files):
