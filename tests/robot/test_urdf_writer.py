@@ -67,6 +67,8 @@ SOURCE = """<?xml version='1.0' encoding="utf-8"?>
 </robot>
 <!-- the end -->
 """
+LOWER = """<inertial><origin xyz="0 0 1"/><mass value="1"/>
+    <inertia ixx="1" ixy="0" ixz="0" iyy="1" iyz="0" izz="1"/></inertial>"""
 BODY = Inertia.from_com(3.0, (0.2, -0.1, 0.05), [[0.3, 0.01, 0.02], [0.01, 0.4, 0.03], [0.02, 0.03, 0.5]])
 
 
@@ -119,6 +121,25 @@ def test_only_inertials_and_friction_change(source, tmp_path):
     assert added[12:] == ['<dynamics damping="0.5" friction="0.75"/>']
     assert source.read_bytes() == SOURCE.encode()
     assert sorted(path.name for path in tmp_path.iterdir()) == ["bench.urdf", "out.urdf"]
+
+
+def test_what_is_not_changed_stays_byte_for_byte(source, tmp_path):
+    """Also where the file has turned frames, parts that are fixed to others, and numbers in other words."""
+    source.write_text(
+        SOURCE.replace("value = '2.0'", 'value="2.00e0"').replace('name="lower" />', f'name="lower">{LOWER}</link>')
+    )
+    robot = Robot.from_urdf(source, locked=["wrist"])
+    damping = [joint.damping for joint in robot.joints]
+    friction = [joint.friction for joint in robot.joints]
+    same, other = tmp_path / "same.urdf", tmp_path / "other.urdf"
+    write_urdf(robot, robot.parameters, damping, friction, source, same)
+    assert same.read_bytes() == source.read_bytes()
+    changed = np.array(robot.parameters)
+    changed[19] *= 1.0 + 1e-9
+    write_urdf(robot, changed, damping, friction, source, other)
+    removed, added = changed_lines(source.read_text(), other.read_text())
+    assert len(removed) == len(added) == 2
+    assert float(added[0].split('"')[7]) == pytest.approx(1.0 + 1.4e-9, rel=1e-14)  # the wrist with its 0.4 kg is apart
 
 
 def test_line_ends_and_the_byte_order_mark_stay(source, tmp_path):

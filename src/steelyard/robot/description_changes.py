@@ -1,0 +1,146 @@
+"""What an estimate changes in a description, whatever its format: inertias of links, and friction of joints."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from steelyard.errors import InputError
+
+from .inertia import Inertia, pseudo_inertia
+from .joint import Link
+from .robot import Robot
+
+__all__ = ["DescriptionChanges", "description_changes", "require_target"]
+
+Matrix = NDArray[np.float64]
+
+# What differs by less, relative to a value or to the diagonal of a pseudo-inertia, is the rounding of sums.
+SAME = 1e-12
+
+
+@dataclass(frozen=True)
+class DescriptionChanges:
+    """What is to be written; what an estimate leaves as it is, is not in here.
+
+    Parameters
+    ----------
+    inertias : dict
+        The inertia for the element of a link, by its name. It is the whole one that moves with the link, without what
+        hangs on locked joints.
+    emptied : tuple of str
+        Names of links that are fixed to those: they have no inertia of their own then.
+    drives : dict
+        The values for a joint, by its name.
+    """
+
+    inertias: dict[str, Inertia]
+    emptied: tuple[str, ...]
+    drives: dict[str, dict[str, float]]
+
+    def __bool__(self) -> bool:
+        return bool(self.inertias or self.emptied or self.drives)
+
+
+def description_changes(robot: Robot, parameters: ArrayLike, drives: Mapping[str, ArrayLike]) -> DescriptionChanges:
+    """Return what parameters change in the description of a robot.
+
+    Parameters
+    ----------
+    robot : Robot
+        As it was read from the description.
+    parameters : (n,) array
+        Values of `robot.parameter_names`.
+    drives : mapping from name to (N,) array
+        Names of fields of `Joint`, such as ``damping``, and their values for each coordinate, all joints that mimic its
+        own together; NaN leaves a value as it was.
+
+    Raises
+    ------
+    InputError
+        When an array has the wrong size, a link's mass is not positive, what remains of a link without its locked links
+        is no possible body, or a value of a joint is negative.
+    """
+    values = _vector(parameters, len(robot.parameter_names), "parameters")
+    inertias: dict[str, Inertia] = {}
+    emptied: list[str] = []
+    for link, start in zip(robot.links, robot.link_starts, strict=True):
+        if link.inertia is None or not _is_same(link.inertia.parameters, values[start : start + 10]):
+            inertias[link.name] = _own_inertia(link, values[start : start + 10])
+            emptied += [one.name for one in link.attachments if not one.locked]
+    changed: dict[str, dict[str, float]] = {}
+    for name, given in drives.items():
+        wanted = _vector(given, robot.dof, name)
+        for joint in robot.joints:
+            value, felt = float(wanted[joint.coordinate]), getattr(robot.felt_joints[joint.coordinate], name)
+            if np.isnan(value) or abs(value - felt) <= SAME * abs(felt):
+                continue
+            if not 0.0 <= value < np.inf:
+                raise InputError(
+                    f'joint "{joint.name}": its {name.replace("_", " ")} is {value:g}, but it must be finite and at '
+                    "least 0; constrain it when fitting, or give NaN to leave the description's value"
+                )
+            if joint.mimics is None:
+                changed.setdefault(joint.name, {})[name] = value
+            elif not np.isnan(getattr(joint, name)):
+                # The value of the coordinate is the whole one, that of the mimic joints too.
+                changed.setdefault(joint.name, {})[name] = 0.0
+    return DescriptionChanges(inertias, tuple(emptied), changed)
+
+
+def require_target(source: Path, target: Path, robot: Robot, kind: str) -> None:
+    """Refuse a target that is the description itself (`kind`, such as "URDF"), a folder, or in no folder."""
+    for given in {source, robot.source or source}:
+        if target.resolve() == given.resolve() or (target.exists() and given.exists() and target.samefile(given)):
+            raise InputError(f"{target}: this is the {kind} that was read, which is never changed; give another target")
+    if target.is_dir():
+        raise InputError(f"{target}: this is a folder; give the name of a file")
+    if not target.parent.is_dir():
+        raise InputError(f"{target}: the folder {target.parent} does not exist; make it first")
+
+
+def _vector(values: ArrayLike, size: int, name: str) -> Matrix:
+    array = np.asarray(values, dtype=float)
+    if array.shape != (size,):
+        raise InputError(f"{name} must have shape ({size},), got {array.shape}")
+    return array
+
+
+def _is_same(old: Matrix, new: Matrix) -> bool:
+    old, new = pseudo_inertia(old), pseudo_inertia(new)
+    scale = np.sqrt(np.abs(np.diagonal(old)))
+    return bool((np.abs(new - old) <= SAME * np.outer(scale, scale)).all())
+
+
+def _own_inertia(link: Link, parameters: Matrix) -> Inertia:
+    """The inertia to write into the link's own element: the estimate without what locked links bring themselves."""
+    if not np.isfinite(parameters).all():
+        raise InputError(f'link "{link.name}": its parameters must be finite, got {parameters.tolist()}')
+    inertia = Inertia.from_parameters(parameters)
+    if inertia.mass <= 0.0:
+        raise InputError(
+            f'link "{link.name}": its mass is {inertia.mass:g} kg, which no body has; '
+            "write the estimate of a feasible fit or correction"
+        )
+    held = [one for one in link.attachments if one.locked and one.inertia is not None]
+    for one in held:
+        if one.inertia is not None:
+            inertia = inertia - one.inertia.moved(one.placement)
+    if held:
+        names = ", ".join(f'"{one.name}"' for one in held)
+        smallest = float(np.linalg.eigvalsh(inertia.pseudo_inertia)[0])
+        if inertia.mass <= 0.0 or smallest <= 0.0:
+            reason = (
+                f"mass {inertia.mass:g} kg"
+                if inertia.mass <= 0.0
+                else f"a pseudo-inertia with the eigenvalue {smallest:g}"
+            )
+            raise InputError(
+                f'link "{link.name}": without {names}, which hang on locked joints and keep their inertia, its '
+                f"estimate would have {reason}, which no body has; mend their CAD inertia, or make the joints fixed"
+            )
+    return inertia
