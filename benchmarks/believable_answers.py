@@ -43,6 +43,8 @@ ARMS = {
 MOTIONS = {"rich": (0.8, 0.1, 5, 20.0), "ordinary": (0.5, 0.1, 3, 10.0), "weak": (0.15, 0.05, 2, 10.0)}
 """Amplitude relative to the range of the joint, Hz, harmonics, seconds."""
 NOISE, BLUR, RATE = 0.02, 0.3, 100.0
+WHITE, MEMORY = 0.7, 0.95
+"""Of the noise: its white part relative to what lasts, and the correlation of what lasts with the sample before."""
 
 
 def described(name):
@@ -107,13 +109,18 @@ def truth_of(robot, model, torque_sizes, random):
     return values
 
 
-def recorded(model, truth, moved, random):
+def noise_sizes(torque):
+    """Standard deviation of what lasts in the noise of each joint; the white part is `WHITE` times as large."""
+    return NOISE * (np.sqrt((torque**2).mean(axis=0)) + 0.05 * np.sqrt((torque**2).mean()))
+
+
+def recorded(model, truth, moved, random, memory=MEMORY):
     """An Information of a motion, and its stretches."""
     t, q, dq, ddq = moved
     torque = model.inverse_dynamics(q, dq, ddq, truth)
-    size = NOISE * (np.sqrt((torque**2).mean(axis=0)) + 0.05 * np.sqrt((torque**2).mean()))
-    lasting = lfilter([np.sqrt(1 - 0.95**2)], [1, -0.95], random.normal(size=torque.shape), axis=0)
-    torque = torque + size * (0.7 * random.normal(size=torque.shape) + lasting)
+    size = noise_sizes(torque)
+    lasting = lfilter([np.sqrt(1 - memory**2)], [1, -memory], random.normal(size=torque.shape), axis=0)
+    torque = torque + size * (WHITE * random.normal(size=torque.shape) + lasting)
     torque += 0.3 * size * np.sign(dq) * np.exp(-((dq / 0.1) ** 2))
     blocks = TimeBlocks(empty_factors(model))
     samples = sy.Samples(q=q, dq=dq, ddq=ddq, torque=torque, t=t)
@@ -121,22 +128,32 @@ def recorded(model, truth, moved, random):
     return info, info.stretches(blocks)
 
 
+class Experiment:
+    """An arm, what is told of it, what is true, and a log of a motion."""
+
+    def __init__(self, name, kind, knowledge, seed, memory=MEMORY):
+        key = {"rich": 0, "ordinary": 1, "weak": 2}[kind]
+        self.random = random = np.random.default_rng([seed, zlib.crc32(name.encode()), key])
+        robot = described(name)
+        self.given = given = blurred(robot, random)
+        if knowledge == "kinematics":
+            links = tuple(replace(link, inertia=None, own_inertia=None) for link in given.links)
+            self.given = given = replace(given, links=links)
+        terms = (sy.Viscous(), sy.Coulomb(), sy.Offset())
+        self.model = sy.Model(given.with_terms(*terms))
+        true_model = sy.Model(robot.with_terms(*terms))
+        self.moved = motion(given, random, kind)
+        bodies = np.nan_to_num(np.asarray(true_model.robot.parameters))
+        sizes = np.sqrt((true_model.inverse_dynamics(*self.moved[1:], bodies) ** 2).mean(axis=0)) + 1e-3
+        self.truth = truth_of(robot, self.model, sizes, random)
+        self.info, self.stretches = recorded(self.model, self.truth, self.moved, random, memory)
+
+
 def case(name, kind, knowledge, seed):
     """One identification: figures of what must hold."""
-    key = {"rich": 0, "ordinary": 1, "weak": 2}[kind]
-    random = np.random.default_rng([seed, zlib.crc32(name.encode()), key])
-    robot = described(name)
-    given = blurred(robot, random)
-    if knowledge == "kinematics":
-        given = replace(given, links=tuple(replace(link, inertia=None, own_inertia=None) for link in given.links))
-    terms = (sy.Viscous(), sy.Coulomb(), sy.Offset())
-    model = sy.Model(given.with_terms(*terms))
-    true_model = sy.Model(robot.with_terms(*terms))
-    moved = motion(given, random, kind)
-    bodies = np.nan_to_num(np.asarray(true_model.robot.parameters))
-    sizes = np.sqrt((true_model.inverse_dynamics(*moved[1:], bodies) ** 2).mean(axis=0)) + 1e-3
-    truth = truth_of(robot, model, sizes, random)
-    info, stretches = recorded(model, truth, moved, random)
+    experiment = Experiment(name, kind, knowledge, seed)
+    given, model, truth, random = experiment.given, experiment.model, experiment.truth, experiment.random
+    info, stretches = experiment.info, experiment.stretches
     other = [recorded(model, truth, motion(given, random, k), random)[0] for k in ("rich", kind)]
     feasible_set = sy.FeasibleSet(model)
     unconstrained = sy.least_squares(info)

@@ -12,6 +12,7 @@ import steelyard as sy
 from steelyard.estimators import EntropicPrior
 from steelyard.estimators.cross_validation import cross_validation, term_deviations
 from steelyard.identification.identify import _held_out
+from steelyard.identification.mistakes import Hypothesis, find_mistakes
 from steelyard.identification.prediction_verdict import prediction_verdict, white_noise
 from steelyard.recording import Samples
 from steelyard.regression import Information
@@ -95,6 +96,44 @@ def test_planted_mistakes_are_wrong_where_they_cost_a_fifth(mistake, seed: int) 
     assert (found.word == "wrong") == (found.model_error > 0.2 or found.joint_relative_error.max() > 0.76)
     assert found.word != "good"
     assert mistake is flipped or found.word == "wrong"
+
+
+@pytest.mark.parametrize(("mistake", "seed"), [(flipped, 15), (flipped, 16), (swapped, 15)])
+def test_mistakes_that_are_found_are_wrong_where_they_cost_a_fifth(mistake, seed: int) -> None:
+    """Of one joint as well: a body whose other side hangs down explains most of a flipped sign, but not all."""
+    sound = simulated_arm(seed, seconds=20.0)
+    spoilt = mistake(sound)
+    robot = replace(
+        spoilt.model.robot,
+        links=tuple(
+            replace(link, inertia=sy.Inertia.from_parameters(body))
+            for link, body in zip(
+                spoilt.model.robot.links, blurred(spoilt, seed)[spoilt.feasible_set.link_columns], strict=True
+            )
+        ),
+    )
+    found = find_mistakes(sy.Model(robot), spoilt.samples)
+    assert found[0].kind == {flipped: "torque sign", swapped: "torque order"}[mistake]
+    before = verdict_of(spoilt, seed)
+    assert max(before.model_error, before.worst_joint_error) > 0.2
+    after = before.with_mistakes([(), found])
+    assert after.word == "wrong"
+    assert "does not predict" in after.sentences[0]
+    assert verdict_of(sound, seed).with_mistakes([()]).word == "good"
+
+
+def test_a_small_mistake_leaves_the_word_as_it_is_and_a_wrong_unit_does_not() -> None:
+    told = verdict_of(simulated_arm(12, seconds=20.0), 1)
+    small = Hypothesis(
+        "delay", "The torques look to be logged 3 ms later than the motion", None, 20.0, 0.06, 0.03, None, ""
+    )
+    assert told.with_mistakes([(small,)]) is told
+    unit = replace(small, kind="torque unit", statement="The torques look a thousand times too large, as if in mN·m")
+    assert told.with_mistakes([(unit,)]).word == "wrong"
+    assert told.with_mistakes([(replace(small, error_before=0.21),)]).word == "wrong"
+    joint = told.joint_error**2 - np.minimum(told.noise_floor, told.joint_error) ** 2
+    torque = told.joint_error / told.joint_relative_error
+    np.testing.assert_allclose(told.joint_model_error, np.sqrt(joint) / torque)
 
 
 def test_nothing_held_out_is_poor() -> None:

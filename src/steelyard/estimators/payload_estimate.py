@@ -19,7 +19,7 @@ from steelyard.feasibility.bounds.bound_finder import NoInteriorError, given_reg
 from steelyard.feasibility.bounds.confidence_region import ConfidenceRegion
 from steelyard.feasibility.bounds.intervals import interval_of
 from steelyard.feasibility.bounds.profile_intervals import profile_intervals
-from steelyard.feasibility.bounds.quantities import Quantity
+from steelyard.feasibility.bounds.quantities import Quantity, standard_errors
 from steelyard.feasibility.certificates import FeasibilityCertificate
 from steelyard.feasibility.constraints import Constraint
 from steelyard.feasibility.nearest_point import nearest_in_region
@@ -542,7 +542,7 @@ def _ends(problem: _Problem, asked: list[Quantity], found: Array, distance: floa
 
     feasible_set, covariance = problem.feasible_set, problem.covariance
     reach = quantile(covariance)
-    errors = np.array([_standard_error(problem, one.slope(found)) for one in asked])
+    errors = standard_errors(feasible_set, covariance, [one.slope(found) for one in asked])
     # Where nothing else can be told: what the data say, without physics.
     middle = np.array([one.value(found) for one in asked])
     ends = np.column_stack([middle - reach * errors, middle + reach * errors])
@@ -587,35 +587,17 @@ def _friction(problem: _Problem, found: Array) -> tuple[Array, Array]:
     """Friction without the payload, and the standard error of its change."""
     indices, count = problem.body.friction, problem.start + 10
     own = np.zeros(len(indices)) if problem.unloaded is None else found[indices]
-    errors = []
-    for place, index in enumerate(indices):
-        row = np.zeros(len(found))
-        row[count + place] = 1.0
-        if problem.unloaded is not None:
-            row[index] = -1.0
-        errors.append(_standard_error(problem, row))
-    return own, np.array(errors)
-
-
-def _standard_error(problem: _Problem, row: Array) -> float:
-    """Of row · δ from the data alone; infinite where they do not tell it."""
-    feasible_set, covariance = problem.feasible_set, problem.covariance
-    combination = row @ feasible_set.lift
-    sizes = 1e-9 * (np.abs(combination) @ np.abs(feasible_set.K) + np.abs(row))
-    if np.any(np.abs(combination @ feasible_set.K - row) > sizes):
-        return float("inf")
-    # Of parameters that the data tell, rounding may be left in directions that they do not tell.
-    unidentifiable = np.where(covariance.unknown[:, None], covariance.unidentifiable, 0.0)
-    if np.any(np.abs(combination @ unidentifiable) > 1e-6 * np.abs(combination) @ np.abs(unidentifiable)):
-        return float("inf")
-    return float(np.linalg.norm(combination @ covariance.root))
+    rows = np.eye(len(found))[count : count + len(indices)]
+    if problem.unloaded is not None:
+        rows[np.arange(len(indices)), indices] = -1.0
+    return own, standard_errors(problem.feasible_set, problem.covariance, rows)
 
 
 def _require_weight(problem: _Problem) -> None:
     """Refuse data by which the payload has a negative mass, beyond all doubt."""
     row = np.zeros(problem.feasible_set.parameter_count)
     row[problem.start + 9] = 1.0
-    error = _standard_error(problem, row)
+    error = float(standard_errors(problem.feasible_set, problem.covariance, row[None])[0])
     mass = float(row @ problem.feasible_set.lift @ problem.base)
     if mass + TOO_FAR * error < 0.0:
         other = "the unloaded log" if problem.unloaded is not None else "the estimate of the robot"
@@ -675,7 +657,7 @@ def _quantity(
 ) -> PayloadQuantity:
     """Value, interval and standing of one quantity."""
     value = asked.value(found)
-    error = _standard_error(problem, asked.slope(found))
+    error = float(standard_errors(problem.feasible_set, problem.covariance, asked.slope(found)[None])[0])
     lower, upper = min(lower, value), max(upper, value)
     standing: Literal["measured", "bounded", "open"] = "open"
     if quantile(problem.covariance) * error <= PRECISE * max(abs(value), size):

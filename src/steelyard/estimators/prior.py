@@ -268,18 +268,7 @@ class PreparedPrior:
 
     def distance(self, parameters: Vector) -> float:
         """Distance of δ from δ₀; infinite where a pseudo-inertia is not positive definite and the prior needs it."""
-        error = parameters - self.reference
-        value = 0.5 * float(self.diagonal @ error**2)
-        columns = self.feasible_set.link_columns
-        if self.metric is not None:
-            inertial = error[columns]
-            return value + 0.5 * float(np.einsum("bi,bij,bj->", inertial, self.metric, inertial))
-        for body, matrix in zip(parameters[columns], pseudo_inertia(self.bodies), strict=True):
-            eigenvalues = scipy.linalg.eigh(pseudo_inertia(body), matrix, eigvals_only=True, check_finite=False)
-            if eigenvalues[0] <= 0:
-                return np.inf
-            value += float(np.sum(eigenvalues - np.log(eigenvalues) - 1.0))
-        return value
+        return float(self.distances(parameters[None])[0])
 
     def distances(self, points: Matrix) -> Vector:
         """Distances of many δ, (p, n), from δ₀, (p,)."""

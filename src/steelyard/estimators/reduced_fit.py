@@ -335,10 +335,10 @@ def _report(
     distance = None
     if fitting.prior is not None:
         distance = fitting.prior.distance(parameters)
-        cost = 100 * max(0.0, value / max(regression.residual2, regression.noise_floor) - 1.0)
+        least = max(regression.residual2, regression.noise_floor)
         remarks.append(
-            f"With a prior: {fitting.prior.label} distance {distance:.4g}, at a weight of {fitting.prior_weight:.4g}; "
-            f"{cost:.2g} % above the squared residual of plain least squares."
+            f"The answer stays near a prior ({fitting.prior.label}, with a weight of {fitting.prior_weight:.4g}): what "
+            f"the data leaves unexplained is {np.sqrt(max(value / least, 1.0)):.4g} times that of plain least squares."
         )
     elif tie_break is not None and answer.choice is None and not fitting.is_identifiable:
         remarks.append(
@@ -348,9 +348,9 @@ def _report(
     elif tie_break is not None and answer.choice is not None:
         among, at_a_price = "standard parameters of these base parameters", ""
         if not answer.exact:
-            among = f"answers within {100 * answer.spent:.2g} % of the least squared residual"
-            paid = 100 * max(0.0, value / best.squared_residual - 1)
-            at_a_price = f", at a price of {paid:.2g} % in squared residual"
+            among = f"answers within {percent(answer.spent, 2)} of the least squared residual"
+            paid = max(0.0, value / best.squared_residual - 1)
+            at_a_price = f", at a price of {percent(paid, 2)} in squared residual"
         remarks.append(
             f"Among all {among} this is {tie_break.name}{_within(answer.choice.gap)}: total mass {mass:.4g} "
             f"kg{at_a_price}."

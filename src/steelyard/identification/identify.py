@@ -217,6 +217,7 @@ def identify(
     by_name = {str(log): log for log in (*validation, *logs)}
     errors = _worst_errors(predictions)
     mistakes = mistakes_in_logs(reader, file, limits, by_name, samples, errors, say, well, known)
+    prediction = prediction.with_mistakes(mistakes.values())
     remarks.update(dict.fromkeys(f"{log}: {sentence(found)}" for log, found in mistakes.items()))
     if not mistakes:
         remarks.update(dict.fromkeys(_dear(unconstrained, estimate)))

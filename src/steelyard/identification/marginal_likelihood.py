@@ -31,6 +31,7 @@ __all__ = [
     "Moments",
     "believable_bodies",
     "body_priors",
+    "likeliest_factors",
     "likeliest_robot",
     "moments",
 ]
@@ -42,6 +43,8 @@ BLOCKS = 4
 EFFECTIVE_ROWS = 60.0
 """Independent rows that a joint's torques count for, whatever the length of the log: what the model lacks is correlated
 over much of a swing, and comes back in the next. With all rows the smallest flaw of the model outweighs the prior."""
+FACTOR_PASSES, FACTOR_ACCURACY = 20, 0.01
+"""Changes of the joints' weights, and steps between, after which factors of torques stay as they are; six are usual."""
 LEAST_ERROR = 0.02
 """Relative error of a joint below which errors are all alike: what little noise there is must not decide."""
 PASSES = 3
@@ -113,13 +116,18 @@ class BodyPrior:
         found[self.weighed] = parameters[self.weighed] < self.least * self.mean[self.weighed]
         return found
 
-    def torque_surprise(self, gram: Array, power: Array, counts: Array) -> Array:
-        """(N,) what speaks against torques of another magnitude than these bodies need."""
+    def expected_torques(self, gram: Array, counts: Array) -> Array:
+        """(N,) root mean squares of the torques that these bodies need, or of those of friction in a wrist."""
         size = len(self.mean)
         rigid = np.sqrt(np.maximum((gram[:, :size, :size] @ self.mean) @ self.mean, 0.0) / counts)
-        expected = np.maximum(rigid, LEAST_SHARE * rigid.max())
-        away = np.log(np.sqrt(power) / np.maximum(expected, 1e-300))
-        return np.asarray(0.5 * (away / (LOG_TORQUE_SPREAD * np.sqrt(self.widening))) ** 2)
+        return np.asarray(np.maximum(rigid, max(LEAST_SHARE * float(rigid.max()), 1e-300)))
+
+    def torque_surprise(self, gram: Array, power: Array, counts: Array) -> Array:
+        """(N,) what speaks against torques of another magnitude than these bodies need."""
+        away = np.log(np.sqrt(power) / self.expected_torques(gram, counts))
+        # What is not known of single masses adds to the spread; the mass of all of them has a place of its own.
+        spread = np.hypot(LOG_TORQUE_SPREAD, MASS_SPREAD * (self.widening - 1.0))
+        return np.asarray(0.5 * (away / spread) ** 2)
 
 
 def body_priors(
@@ -366,6 +374,55 @@ def likeliest_robot(
     if held_out:
         outside = _held_out_errors(moments, matrix, mean, precision, nonnegative, variance)
     return LikeliestRobot(parameters, cost, np.sqrt(residual / np.maximum(square, 1e-300)), outside, power, surprise)
+
+
+def likeliest_factors(moments: Moments, prior: BodyPrior, first: Array) -> Array:
+    """Find what the torques of each joint are to be multiplied by to go best with these bodies.
+
+    The cost of `likeliest_robot` with such factors has many valleys, for a robot follows whatever factors it is given.
+    Here robot and factors move together: with the weights of the joints held, the cost is convex in the factors, and
+    weights follow the errors.
+
+    Parameters
+    ----------
+    moments : Moments
+    prior : BodyPrior
+    first : ndarray
+        (N,) factors to begin with.
+
+    Returns
+    -------
+    ndarray
+        (N,) positive.
+    """
+    n, factors = moments.columns, np.array(first, dtype=float)
+    gram, cross, square = _normal_equations(moments.total, n, None)
+    counts = np.maximum(moments.counts.sum(axis=0), 1)
+    variance = (0.3 * factors) ** 2 * square / counts
+    for _ in range(FACTOR_PASSES):
+        before, power = factors, factors**2 * square / counts
+        mean, precision, _ = _with_terms(prior, gram, counts, power)
+        weights = EFFECTIVE_ROWS / (counts * variance)
+        mixed = (weights[:, None] * cross).T
+        normal = np.tensordot(weights, gram, 1) + precision
+        solved = np.linalg.solve(normal, np.column_stack([mixed, precision @ mean]))
+        curvature = np.diag(weights * square) - mixed.T @ solved[:, :-1]
+        pull = mixed.T @ solved[:, -1]
+        for _ in range(FACTOR_PASSES):
+            gradient = curvature @ factors - pull - EFFECTIVE_ROWS / factors
+            step = -np.linalg.solve(curvature + np.diag(EFFECTIVE_ROWS / factors**2), gradient)
+            factors = factors + min(1.0, 0.9 / float(np.max(-step / factors, initial=0.9))) * step
+        parameters = solved[:, :-1] @ factors + solved[:, -1]
+        residual = np.array(
+            [
+                _residuals(parameters, gram[k : k + 1], factors[k] * cross[k : k + 1], factors[k] ** 2 * square[k])[0]
+                for k in range(len(gram))
+            ]
+        )
+        variance = np.maximum(residual, LEAST_ERROR**2 * factors**2 * square) / counts
+        if np.abs(np.log(factors / before)).max() < FACTOR_ACCURACY:
+            break
+    return factors
 
 
 def _springs(prior: BodyPrior, n: int) -> Array:

@@ -21,9 +21,11 @@ from .marginal_likelihood import (
     Moments,
     believable_bodies,
     body_priors,
+    likeliest_factors,
     likeliest_robot,
     moments,
 )
+from .physical_prior import nonnegative_terms
 
 __all__ = ["Hypothesis", "find_mistakes", "sentence"]
 
@@ -33,9 +35,10 @@ Order = tuple[int, ...]
 ROWS = 500
 """Samples that are used, evenly spread. Twice as many take twice as long and rank the same."""
 POOR, POOR_JOINT = 0.05, 0.2
-"""Relative errors of all the torques, and of one joint's, from which hypotheses are tried."""
-DELAYED, DELAYED_JOINT = 0.03, 0.1
-"""The same from which a delay is tried, which takes a tenth of a second and shows in small errors."""
+"""Relative errors of all the torques, and of one joint's, that leave something to be explained."""
+DOUBTFUL, DOUBTFUL_JOINT = 0.025, 0.08
+"""The same from which hypotheses are tried: rotors that are missing, coupled wrists and zeros of a weak motion leave no
+more. About half of the sound logs of six arms are above, and none of them is accused of anything."""
 GAIN = 10.0
 """Least gain (logarithm of the odds) of a hypothesis that is told: the best of hundreds on a sound log gains 6."""
 PAYLOAD_GAIN = 30.0
@@ -271,7 +274,7 @@ class _Search:
         self.strangeness = self._strangeness(samples)
         self.priors = priors
         self.scale = len(self.priors) // 2
-        self.nonnegative = _nonnegative(model)
+        self.nonnegative = nonnegative_terms(model)
         self.found: list[_Candidate] = []
         self.tried: set[str] = set()
         self.given = moments(model, samples)
@@ -282,20 +285,28 @@ class _Search:
 
     # Fits
 
-    def _fit(self, given: Moments, torques: Array | None = None, *, refine: bool = True) -> _Fitted:
+    def _fit(
+        self,
+        given: Moments,
+        torques: Array | None = None,
+        *,
+        refine: bool = True,
+        further: NDArray[np.bool_] | None = None,
+    ) -> _Fitted:
         """The likeliest robot; where the description has no masses, also over those that robots have.
 
         The cost is smooth in the scale of the masses; the search goes downhill from that of the log as it is, unless
-        the hypothesis is far behind there.
+        the hypothesis is far behind there. `further` says which columns beyond those of the model cannot be negative.
         """
         known: dict[int, _Fitted] = {}
+        nonnegative = self.nonnegative if further is None else np.concatenate([self.nonnegative, further])
 
         def cost(k: int) -> float:
             if not 0 <= k < len(self.priors):
                 return np.inf
             if k not in known:
-                fit = likeliest_robot(given, self.priors[k], self.nonnegative, torques)
-                known[k] = _Fitted(fit, given, self.priors[k], self.nonnegative, torques)
+                fit = likeliest_robot(given, self.priors[k], nonnegative, torques)
+                known[k] = _Fitted(fit, given, self.priors[k], nonnegative, torques)
             return known[k].cost
 
         k = self.scale
@@ -319,11 +330,12 @@ class _Search:
         given: Moments | None = None,
         *,
         anywhere: bool = False,
+        further: NDArray[np.bool_] | None = None,
     ) -> float:
         """Keep a hypothesis of which there are so many like it, and return its cost."""
         if given is None:
             given = self._moments(correction)
-        fitted = self._fit(given, correction.torques, refine=anywhere)
+        fitted = self._fit(given, correction.torques, refine=anywhere, further=further)
         cost = fitted.cost + float(np.log(choices))
         if correction.positions is not None or correction.offset is not None or correction.time != 1.0:
             cost += self._strangeness(correction.apply(self.samples)) - self.strangeness
@@ -352,17 +364,13 @@ class _Search:
     # Whether anything is wrong
 
     def is_poor(self) -> bool:
-        """Whether the log as it is leaves something to be explained."""
+        """Whether the log as it is leaves something to be explained; what costs little is tried in any case."""
         base = self.base.fit
-        if base.error > POOR or np.any(base.errors > POOR_JOINT) or self.strangeness > 0.5 * GAIN:
-            return True
-        if base.torque_surprise.max() > 0.5 * GAIN:
-            return True
-        self._once(self._whole_scales)
-        self._once(self._payloads)
-        if base.error > DELAYED or np.any(base.errors > DELAYED_JOINT):
-            self._once(self._delays)
-        return any(self.base.cost - candidate.cost > GAIN for candidate in self.found)
+        poor = base.error > DOUBTFUL or bool(np.any(base.errors > DOUBTFUL_JOINT))
+        poor = poor or self.strangeness > 0.5 * GAIN or base.torque_surprise.max() > 0.5 * GAIN
+        for attempt in (self._whole_scales, self._payloads, *([self._delays] if poor else [])):
+            self._once(attempt)
+        return poor or any(self.base.cost - candidate.cost > GAIN for candidate in self.found)
 
     def _once(self, attempt: Callable[[], None]) -> None:
         if attempt.__name__ not in self.tried:
@@ -433,7 +441,7 @@ class _Search:
                 "torque order",
                 self._order_statement("torque columns", order),
                 Correction(torques=matrix),
-                float(n * n),
+                self._orders_like(order),
                 self.given,
             )
 
@@ -474,7 +482,7 @@ class _Search:
                     both = kind == "joint order"
                     statement = self._order_statement("columns" if both else "position columns", order)
                     correction = Correction(matrix, None, matrix if both else None)
-                    costs[order] = self._try(kind, statement, correction, float(n * n), made[order])
+                    costs[order] = self._try(kind, statement, correction, self._orders_like(order), made[order])
                 return costs[order]
 
             for order in {min(sorted(first), key=cost), start}:
@@ -489,6 +497,11 @@ class _Search:
                 for order in sorted(costs, key=lambda order: costs[order])[:WIDTH]:
                     for i, j in self._pairs():
                         cost(tuple(_exchanged(order, i, j)))
+
+    def _orders_like(self, order: Order) -> float:
+        """How many orders count as much as this one: two columns that are swapped are likelier than more."""
+        moved = sum(k != column for k, column in enumerate(order))
+        return float(self.count) ** (2 if moved <= 2 else 3)
 
     def _pairing(self) -> Order:
         """Which velocity each torque follows as friction does, beyond what smooth functions of the motion explain."""
@@ -547,7 +560,7 @@ class _Search:
 
             log = _least(of_one, start, 5)
             attempt("torque scale", f"The torque of {name} looks {_times(log)} too {_small(log)}", log * own, 1e3 * n)
-        logs = min((self._converged_scales(start * ones) for start in {whole, 0.0}), key=cost)
+        logs = min(self._likely_scales(whole), key=cost)
         for own in np.eye(n):
 
             def of_one_more(log: float, others: Array = logs, own: Array = own) -> float:
@@ -557,25 +570,19 @@ class _Search:
         statement = "The torques look to be currents, or torques of the motors: each joint has a factor of its own"
         if len(self.priors) > 1:
             statement += " (one factor of all of them is a guess, for the description has no masses)"
-        attempt("torque constants", statement, logs, 20.0**n)
+        attempt("torque constants", statement, logs, 100.0**n)
 
-    def _converged_scales(self, logs: Array) -> Array:
-        for _ in range(12):
-            before, logs = logs, self._best_scales(self._fit(self.given, _scales(logs)).fit.parameters)
-            if np.abs(logs - before).max() < 0.05:
-                break
-        return logs
-
-    def _best_scales(self, parameters: Array) -> Array:
-        """Logarithms of the factors of the torques with which these parameters explain them best."""
-        width, logs = self.given.columns, np.zeros(self.count)
-        factors = np.exp(np.linspace(-9.0, 9.0, 400))
-        for k, sums in enumerate(self.given.total):
-            modelled, mixed = parameters @ sums[:width, :width] @ parameters, parameters @ sums[:width, width + k]
-            measured = sums[width + k, width + k] * factors**2
-            residual = np.maximum(modelled - 2.0 * mixed * factors + measured, LEAST_ERROR**2 * measured)
-            logs[k] = np.log(factors[np.argmin(residual / np.maximum(factors**2, 1e-300))])
-        return logs
+    def _likely_scales(self, whole: float) -> list[Array]:
+        """Logarithms of factors for all joints, from those with which the torques have the size that bodies need."""
+        n, width = self.count, self.given.columns
+        counts = np.maximum(self.given.counts.sum(axis=0), 1)
+        sizes = np.sqrt([self.given.total[k, width + k, width + k] / counts[k] for k in range(n)])
+        found = []
+        for prior in self.priors:
+            expected = prior.expected_torques(self.given.total[:, :width, :width], counts)
+            found.append(np.log(likeliest_factors(self.given, prior, expected / sizes)))
+        found.append(np.log(likeliest_factors(self.given, self.priors[self.scale], np.full(n, np.exp(whole)))))
+        return found
 
     def _predicted_scale(self, k: int) -> float:
         """Logarithm of the factor of the torque of joint k that a fit to the other joints asks for."""
@@ -595,10 +602,8 @@ class _Search:
             if kind in kinds:
                 continue
             given = moments(self.model, s, extra=columns[kind][:, :, None] * np.eye(n))
-            plain = self.nonnegative
-            self.nonnegative = np.concatenate([plain, np.full(n, kind != "offset")])
-            self._try("missing term", statement, Correction(terms=(kind,)), float(len(TERMS)), given)
-            self.nonnegative = plain
+            further = np.full(n, kind != "offset")
+            self._try("missing term", statement, Correction(terms=(kind,)), float(len(TERMS)), given, further=further)
 
     def _payloads(self) -> None:
         """A body at the end of a chain that the description does not know."""
@@ -826,15 +831,6 @@ class _Search:
 
 def _family(kind: str) -> str:
     return "torque factor" if kind in ("torque unit", "torque scale", "torque constants") else kind
-
-
-def _nonnegative(model: Model) -> NDArray[np.bool_]:
-    """Parameters that physics does not let be negative: friction and rotor inertia."""
-    found = np.zeros(model.parameter_count, dtype=bool)
-    for block in model.conditions("full"):
-        if block.size == 1 and len(block.indices) == 1 and block.coefficients[0, 0, 0] > 0.0:
-            found[block.indices] = True
-    return found
 
 
 def _is_dense(samples: Samples) -> bool:

@@ -17,7 +17,7 @@ from steelyard.errors import InputError, MissingExtraError
 from steelyard.estimators.cross_validation import MANY_PARAMETERS
 from steelyard.feasibility import FeasibleSet
 from steelyard.feasibility.bounds.profile_intervals import profile_intervals
-from steelyard.feasibility.bounds.quantities import Quantity, quantities
+from steelyard.feasibility.bounds.quantities import Quantity, quantities, standard_errors
 from steelyard.files import plain, suggestion
 from steelyard.regression import Estimate, Information, ParameterCovariance
 from steelyard.robot import Inertia
@@ -439,21 +439,11 @@ def _intervals_of_data(
     """Centers and half-widths of the intervals of plain least squares; infinite for what the base does not tell."""
     from scipy.special import ndtri
 
-    reach = float(ndtri(0.5 + 0.5 * confidence))
-    inverse = np.linalg.pinv(feasible_set.K)
-    centers, halves = np.zeros(len(asked)), np.full(len(asked), np.inf)
     rows = np.array([quantity.slope(parameters) for quantity in asked])
-    for index, quantity in enumerate(asked):
-        if quantity.mass is not None:
-            centers[index] = quantity.value(parameters)
-    in_base = rows @ inverse
-    size = np.abs(rows).max(axis=1)
-    told = np.abs(in_base @ feasible_set.K - rows).max(axis=1) <= 1e-9 * size
-    hidden = np.abs(in_base @ covariance.unidentifiable).max(axis=1, initial=0.0)
-    told &= hidden <= 1e-9 * size
-    halves[told] = reach * np.linalg.norm(in_base[told] @ covariance.root, axis=1)
-    centers[told] += in_base[told] @ base
-    return centers, halves
+    halves = float(ndtri(0.5 + 0.5 * confidence)) * standard_errors(feasible_set, covariance, rows)
+    # Ratios are as their slopes say; where nothing is told, the center is not read.
+    at_answer = [0.0 if one.mass is None else one.value(parameters) for one in asked]
+    return at_answer + rows @ feasible_set.lift @ base, halves
 
 
 MOST_SENTENCES = 3

@@ -15,7 +15,6 @@ from steelyard.errors import InputError, MissingExtraError
 from steelyard.feasibility import FeasibleSet
 from steelyard.feasibility.constraints import Constraint
 from steelyard.regression import Information
-from steelyard.robot import Robot
 from steelyard.robot.description import URDF, description_format
 from steelyard.robot.inertia import moment_row, parameters_of_pseudo_inertia, pseudo_inertia, transformation
 
@@ -713,7 +712,7 @@ def _best_factors(prior: PhysicalPrior, info: Information, feasible_set: Feasibl
     if not by_link.any() or not target.any():
         return None
     terms = np.setdiff1d(np.arange(matrix.shape[1]), columns.ravel())
-    signs = np.array(_nonnegative(prior.model.robot), dtype=bool)
+    signs = nonnegative_terms(prior.model)[terms]
     joints = len(prior.model.robot.joint_names)
     sizes = _torque_sizes(info, joints).repeat(len(terms) // joints)
     of_terms = np.hstack([matrix[:, terms] * sizes, -(matrix[:, terms] * sizes)[:, ~signs]])
@@ -761,7 +760,10 @@ def _torque_sizes(info: Information, joints: int) -> Array:
     return np.asarray(np.maximum(sizes, 1e-6 * max(float(sizes.max()), 1e-12)))
 
 
-def _nonnegative(robot: Robot) -> list[bool]:
-    """For each parameter of a term, in the order of the parameters, whether it cannot be negative."""
-    each = [parameter.nonnegative for term in robot.terms for parameter in term.parameters]
-    return each * robot.dof
+def nonnegative_terms(model: Model) -> NDArray[np.bool_]:
+    """(n,) which parameters physics does not let be negative each by itself: those of friction and rotor inertia."""
+    found = np.zeros(model.parameter_count, dtype=bool)
+    for block in model.conditions("full"):
+        if block.size == 1 and len(block.indices) == 1 and block.coefficients[0, 0, 0] > 0.0:
+            found[block.indices] = True
+    return found

@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import dataclass, field
-from typing import Any, Literal
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass, field, replace
+from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -13,6 +13,9 @@ from steelyard.display import html_table, text_table
 from steelyard.files import plain
 from steelyard.regression import Information
 from steelyard.regression.batch_means import BATCH_LENGTHS
+
+if TYPE_CHECKING:
+    from .mistakes import Hypothesis
 
 __all__ = ["PredictionVerdict", "Word", "prediction_verdict", "white_noise"]
 
@@ -42,6 +45,9 @@ MOST_NAMED = 4
 FEWEST_BATCHES = 20
 """Of a joint: fewer tell nothing of what is white."""
 
+UNITS = ("torque unit", "position unit", "time unit")
+"""Kinds of mistakes after which all numbers of the answer have another unit, though it predicts its own logs well."""
+
 _SAID: dict[Word, str] = {
     "good": "predicts well",
     "usable": "predicts usably",
@@ -59,7 +65,8 @@ class PredictionVerdict:
     word : {"good", "usable", "poor", "wrong"}
         By `model_error`: at most 8 %, at most 15 %, at most 20 %, or more. Where the model explains its own data to
         20 %, it is ``"poor"`` up to 50 % on unseen data. ``"poor"`` at best where a joint has more than 40 %, or
-        nothing could be held out; ``"wrong"`` where a joint has more than 75 % on the data of the fit itself.
+        nothing could be held out; ``"wrong"`` where a joint has more than 75 % on the data of the fit itself, and where
+        a mistake in a log explains more than 20 %, see `with_mistakes`.
     source : str
         What was predicted, in words.
     model_error : float
@@ -107,6 +114,47 @@ class PredictionVerdict:
         if not np.isnan(noise):
             aside = f" ({self.model_error:.1%} without white noise, which is {noise:.1%})"
         return f"{_SAID[self.word]}: {self.relative_error:.1%} error{aside} on {self.source}"
+
+    def with_mistakes(self, mistakes: Iterable[Sequence[Hypothesis]]) -> PredictionVerdict:
+        """Judge again, with what is probably wrong with the logs.
+
+        An error between 20 % and 50 % on unseen data, or a large one of a single joint, says by itself that the motion
+        showed too little, or that the model lacks something. Where a mistake explains it, the answer is of no robot. So
+        it is where the numbers have a wrong unit, which errors do not show at all.
+
+        Parameters
+        ----------
+        mistakes : iterable of sequence of Hypothesis
+            Of each log, as `find_mistakes` returns them.
+
+        Returns
+        -------
+        PredictionVerdict
+            "wrong" where a mistake was found and the error of all joints or of one is above 20 %, or it is one of unit.
+        """
+        first = next((found[0] for found in mistakes if found and self._is_wrong_by(found[0])), None)
+        if self.word == "wrong" or first is None:
+            return self
+        because = f"The model {_SAID['wrong']}, because of a mistake in a log or in the robot file: {first.statement}."
+        return replace(self, word="wrong", sentences=(because, *self.sentences[1:]))
+
+    def _is_wrong_by(self, mistake: Hypothesis) -> bool:
+        errors = (self.model_error, self.worst_joint_error, mistake.error_before)
+        return mistake.kind in UNITS or max(errors) > WRONG
+
+    @property
+    def joint_model_error(self) -> Array:
+        """(N,) relative errors of the joints without white noise; zero where a joint has next to no torque."""
+        noise = np.minimum(np.nan_to_num(self.noise_floor), self.joint_error)
+        with np.errstate(divide="ignore", invalid="ignore"):
+            torque = np.nan_to_num(self.joint_error / self.joint_relative_error)
+            found = np.sqrt(self.joint_error**2 - noise**2) / torque
+        return np.where(torque > NEGLIGIBLE * torque.max(initial=0.0), np.nan_to_num(found), 0.0)
+
+    @property
+    def worst_joint_error(self) -> float:
+        """The largest of `joint_model_error`."""
+        return float(self.joint_model_error.max(initial=0.0))
 
     def _rows(self) -> list[tuple[str, ...]]:
         def number(value: float, unit: str = "") -> str:
@@ -240,9 +288,17 @@ def prediction_verdict(
     word = _word(model, own, *worst, tested)
     saved = fit_error is not None
     sentences = list(_sentences(word, model, own, source, tested, saved))
-    limits = [(of_fit, WRONG_JOINT, "the data of the fit"), (held_out, POOR_JOINT, source)]
-    for errors, limit, data in limits[saved:]:  # the noise in the data of the fit is not known of a saved estimate
-        beyond = [f"{names[joint]} ({errors[joint]:.0%})" for joint in np.flatnonzero(shown & (errors > limit))]
+    limits = [
+        (of_fit, WRONG_JOINT, "the data of the fit", training, own_torque),
+        (held_out, POOR_JOINT, source, error, torque),
+    ]
+    # The noise in the data of the fit is not known of a saved estimate.
+    for errors, limit, data, size, whole_size in limits[saved:]:
+        # How large that is in all tells whether it matters: wrists have small torques.
+        beyond = [
+            f"{names[joint]} ({errors[joint]:.0%}, {size[joint]:.2g} beside {whole_size[joint]:.2g} N·m or N)"
+            for joint in np.flatnonzero(shown & (errors > limit))
+        ]
         if beyond and word in ("poor", "wrong"):
             more = f" and {len(beyond) - MOST_NAMED} more" if len(beyond) > MOST_NAMED else ""
             listed = ", ".join(beyond[:MOST_NAMED])

@@ -36,9 +36,9 @@ def prediction(identification: Identification) -> Markup:
     return Markup(
         "<p>Good is at most 8 % of the torques of all joints together without white noise, usable at most "
         "15 %, poor at most 20 %, and wrong more; up to 50 % on unseen data it is still poor if the data of the fit is "
-        "explained to 20 %. A joint above 40 % makes it poor at best, one above 75 % on the data of the fit wrong. No "
-        "model predicts the white noise. Where little of what is left is white, it follows a pattern that a better "
-        "model would explain.</p>"
+        "explained to 20 %. A joint above 40 % makes it poor at best, one above 75 % on the data of the fit wrong; "
+        "so does a mistake that explains more than 20 %, or one of unit. No model predicts the white noise. Where "
+        "little of what is left is white, it follows a pattern that a better model would explain.</p>"
         + table(f"Predicted: {told.source}", heads, rows, identifier="prediction-joints", texts=[4], total=True)
     )
 

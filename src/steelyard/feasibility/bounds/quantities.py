@@ -8,10 +8,11 @@ import numpy.typing as npt
 
 from steelyard.errors import InputError
 from steelyard.files import suggestion
+from steelyard.regression import ParameterCovariance
 
 from ..feasible_set import FeasibleSet
 
-__all__ = ["Quantity", "quantities"]
+__all__ = ["Quantity", "quantities", "standard_errors"]
 
 Vector = npt.NDArray[np.float64]
 
@@ -101,6 +102,31 @@ def quantities(
                 f"combinations=; {suggestion(str(name), known)}"
             )
     return tuple(known[name] for name in dict.fromkeys([*chosen, *own]))
+
+
+def standard_errors(feasible_set: FeasibleSet, covariance: ParameterCovariance, rows: npt.ArrayLike) -> Vector:
+    """Standard errors of combinations row · δ by the data alone.
+
+    Parameters
+    ----------
+    feasible_set : FeasibleSet
+    covariance : ParameterCovariance
+        Of the base parameters.
+    rows : (k, n)
+
+    Returns
+    -------
+    (k,)
+        Infinite where the data do not tell the combination.
+    """
+    given = np.asarray(rows, dtype=float)
+    combinations = given @ feasible_set.lift
+    sizes = 1e-9 * (np.abs(combinations) @ np.abs(feasible_set.K) + np.abs(given))
+    told = np.all(np.abs(combinations @ feasible_set.K - given) <= sizes, axis=1)
+    # Of parameters that the data tell, rounding may be left in directions that they do not tell.
+    hidden = np.where(covariance.unknown[:, None], covariance.unidentifiable, 0.0)
+    told &= np.all(np.abs(combinations @ hidden) <= 1e-6 * np.abs(combinations) @ np.abs(hidden), axis=1)
+    return np.where(told, np.linalg.norm(combinations @ covariance.root, axis=1), np.inf)
 
 
 def _standard(feasible_set: FeasibleSet) -> list[Quantity]:
