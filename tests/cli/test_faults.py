@@ -10,8 +10,8 @@ import polars
 import pytest
 
 import steelyard as sy
-from steelyard.cli import screen
-from steelyard.cli.screen import guarded, printable
+from steelyard.cli import terminal
+from steelyard.cli.terminal import guarded, printable
 
 SEQUENCES = ("\x1b", "\x9b", "\x07", "\u202e", "\u2066", "\r")
 
@@ -68,7 +68,7 @@ def test_a_long_message_is_shortened(run, place, monkeypatch):
     assert err.startswith("steelyard: begin xxx")
     assert err.endswith("xx end\n")
     assert err.count("\n") == 1
-    assert len(err) < screen.LONGEST_SENTENCE + 100
+    assert len(err) < terminal.LONGEST_SENTENCE + 100
 
 
 def hostile(place, mark):

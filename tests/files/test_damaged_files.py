@@ -16,7 +16,7 @@ from mutations import LIMITS, READERS, ROBOT, URDF, damaged, write_samples
 
 import steelyard as sy
 from steelyard.errors import InputError, SteelyardError
-from steelyard.feasibility.constraints.hull import read_points
+from steelyard.feasibility.constraints.center_of_mass import read_points
 
 MESHES = {kind for kind in READERS if "mesh" in kind or kind == "binary.ply"}  # each takes a process
 COUNT = 40

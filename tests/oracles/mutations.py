@@ -24,7 +24,7 @@ from steelyard.excitation import MotionLimits, QuinticTrajectory, load_trajector
 from steelyard.excitation.motion_limits import limits_from_file
 from steelyard.feasibility import load_certificate, verify_document
 from steelyard.feasibility.constraints import constraints_from_dict
-from steelyard.feasibility.constraints.hull import read_points
+from steelyard.feasibility.constraints.center_of_mass import read_points
 from steelyard.recording import LogColumns, Processing, process_chunks
 from steelyard.regression.least_squares import least_squares
 from steelyard.robot import RobotFile

@@ -8,7 +8,7 @@ from typing import Annotated
 import typer
 
 from .choices import AllowExtensions, Consistency, ConsistencyOption, DistanceMetric
-from .screen import echo
+from .terminal import echo
 
 __all__ = ["correct"]
 

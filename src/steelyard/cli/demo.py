@@ -7,8 +7,7 @@ from typing import Annotated
 
 import typer
 
-from .screen import echo
-from .terminal import progress, show_identification
+from .terminal import echo, progress, show_identification
 
 __all__ = ["demo"]
 

@@ -7,8 +7,7 @@ from typing import Annotated
 
 import typer
 
-from .screen import echo
-from .terminal import progress
+from .terminal import echo, progress
 
 __all__ = ["example"]
 

@@ -8,8 +8,7 @@ from typing import Annotated
 import typer
 
 from .choices import AllowExtensions, Criterion, Family, NuisanceParameters
-from .screen import echo
-from .terminal import progress, show_excitation
+from .terminal import echo, progress, show_excitation
 
 __all__ = ["excite"]
 

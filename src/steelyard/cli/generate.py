@@ -10,7 +10,7 @@ import typer
 from steelyard.errors import InputError
 
 from .choices import AllowExtensions, Gravity, Sign
-from .screen import echo
+from .terminal import echo
 
 __all__ = ["generate"]
 

@@ -8,8 +8,7 @@ from typing import Annotated
 import typer
 
 from .choices import AllowExtensions, Consistency, ConsistencyOption, PriorName, TieBreakName, Weights
-from .screen import echo
-from .terminal import progress, show_identification
+from .terminal import echo, progress, show_identification
 
 __all__ = ["identify"]
 

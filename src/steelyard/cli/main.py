@@ -27,8 +27,8 @@ from .generate import generate
 from .identify import identify
 from .inspect import inspect
 from .payload import payload
-from .screen import echo, guarded, sentence
 from .simulate import simulate
+from .terminal import echo, guarded, sentence
 from .validate import validate
 
 __all__ = ["COMMANDS", "SETTINGS", "Commands", "app", "author", "main"]

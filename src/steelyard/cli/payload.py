@@ -8,8 +8,7 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal
 import typer
 
 from .choices import AllowExtensions, Changes, Consistency, ConsistencyOption, Weights
-from .screen import echo
-from .terminal import progress
+from .terminal import echo, progress
 
 if TYPE_CHECKING:
     from steelyard.identification import DriveGainIdentification, PayloadIdentification

@@ -9,8 +9,7 @@ from typing import Annotated
 import typer
 
 from .choices import AllowExtensions
-from .screen import echo
-from .terminal import progress
+from .terminal import echo, progress
 
 __all__ = ["SimulationMethod", "simulate"]
 

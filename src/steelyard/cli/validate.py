@@ -8,8 +8,7 @@ from typing import Annotated
 import typer
 
 from .choices import AllowExtensions
-from .screen import echo
-from .terminal import progress
+from .terminal import echo, progress
 
 __all__ = ["validate"]
 

@@ -11,7 +11,7 @@ from scipy.optimize import linprog
 from steelyard.dynamics import Model
 from steelyard.errors import InputError, MissingExtraError
 from steelyard.feasibility import CenterOfMassHull, FeasibleSet, check
-from steelyard.feasibility.constraints.hull import convex_hull, read_points
+from steelyard.feasibility.constraints.center_of_mass import convex_hull, read_points
 from steelyard.robot import Robot
 
 seeds = st.integers(0, 2**32 - 1)

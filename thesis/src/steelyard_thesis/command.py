@@ -7,8 +7,7 @@ from typing import Annotated
 
 import typer
 
-from steelyard.cli.screen import echo
-from steelyard.cli.terminal import progress
+from steelyard.cli.terminal import echo, progress
 
 __all__ = ["reproduce"]
 

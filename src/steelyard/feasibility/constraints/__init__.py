@@ -6,13 +6,13 @@ from steelyard.first_use import import_at_first_use
 
 if TYPE_CHECKING:
     from .center_of_mass import CenterOfMassBox as CenterOfMassBox
+    from .center_of_mass import CenterOfMassHull as CenterOfMassHull
     from .center_of_mass import CenterOfMassSphere as CenterOfMassSphere
     from .constraint import Constraint as Constraint
     from .constraint import Equality as Equality
     from .constraint import ModelLike as ModelLike
     from .density import DensityInBox as DensityInBox
     from .density import DensityInEllipsoid as DensityInEllipsoid
-    from .hull import CenterOfMassHull as CenterOfMassHull
     from .linear import ConfidenceInterval as ConfidenceInterval
     from .linear import LinearBound as LinearBound
     from .linear import confidence_intervals as confidence_intervals

@@ -51,7 +51,7 @@ CONSTRAINTS: Extensions[type[Constraint]] = Extensions(
         "confidence_interval": f"{__package__}.linear:ConfidenceInterval",
         "center_of_mass_box": f"{__package__}.center_of_mass:CenterOfMassBox",
         "center_of_mass_sphere": f"{__package__}.center_of_mass:CenterOfMassSphere",
-        "center_of_mass_hull": f"{__package__}.hull:CenterOfMassHull",
+        "center_of_mass_hull": f"{__package__}.center_of_mass:CenterOfMassHull",
         "density_in_box": f"{__package__}.density:DensityInBox",
         "density_in_ellipsoid": f"{__package__}.density:DensityInEllipsoid",
         "symmetric_link": f"{__package__}.symmetry:SymmetricLink",
