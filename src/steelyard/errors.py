@@ -3,10 +3,20 @@
 Every message is one sentence that names the file, line or joint, what was found, what was expected and the remedy.
 """
 
+import re
 from collections.abc import Iterator
 from contextlib import contextmanager
+from pathlib import Path
 
-__all__ = ["InputError", "MissingExtraError", "SolverError", "SteelyardError", "faults_told"]
+__all__ = [
+    "InputError",
+    "MissingExtraError",
+    "SolverError",
+    "SteelyardError",
+    "faults_told",
+    "install_command",
+    "missing_extra",
+]
 
 
 class SteelyardError(Exception):
@@ -42,3 +52,53 @@ def faults_told(what: str, remedy: str, kind: type[SteelyardError] = InputError)
     except (Exception, SystemExit) as error:
         reason = " ".join(str(error).split())[:300]
         raise kind(f"{what} ({type(error).__name__}: {reason}); {remedy}.") from error
+
+
+def missing_extra(what: str, extra: str) -> MissingExtraError:
+    """Return the error that says what is not there, and the command that installs it.
+
+    Parameters
+    ----------
+    what : str
+        Such as ``"MJCF is read with the package mujoco, which is not installed"``.
+    extra : str
+
+    Examples
+    --------
+    >>> missing_extra("Meshes need the package trimesh, which is not installed", "meshes")
+    MissingExtraError("Meshes need the package trimesh, which is not installed; pip install 'trimesh>=4.6'.")
+    """
+    return MissingExtraError(f"{what}; {install_command(extra)}.")
+
+
+def install_command(extra: str) -> str:
+    """Return the command that installs what an extra brings.
+
+    It names the packages themselves: ``steelyard[extra]`` would be looked for on an index, also by those who work in a
+    copy of the source that no index knows.
+
+    Examples
+    --------
+    >>> install_command("sympy")
+    "pip install 'sympy>=1.13'"
+    """
+    return "pip install " + " ".join(f"'{one}'" for one in _requirements(extra))
+
+
+def _requirements(extra: str) -> list[str]:
+    """Return the packages of an extra, by the source around this file or by what was installed."""
+    from importlib import metadata
+
+    project = Path(__file__).resolve().parents[2] / "pyproject.toml"
+    if project.is_file():
+        import tomllib
+
+        extras = tomllib.loads(project.read_text(encoding="utf-8"))["project"]["optional-dependencies"]
+        found = [one.partition(";")[0] for one in extras.get(extra, ())]
+    else:
+        asked = re.compile(rf"""extra\s*==\s*["']{re.escape(extra)}["']""")
+        lines = [one.partition(";") for one in metadata.requires("steelyard") or ()]
+        found = [name for name, _, marker in lines if asked.search(marker)]
+    within = [re.fullmatch(r"steelyard\[(.*)\]", one.strip()) for one in found]
+    own = [one.strip() for one, inner in zip(found, within, strict=True) if inner is None]
+    return own + [one for inner in within if inner for name in inner[1].split(",") for one in _requirements(name)]

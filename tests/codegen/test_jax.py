@@ -161,5 +161,5 @@ def test_large_functions_become_vectors(wam_with_friction: sy.Model) -> None:
 
 def test_missing_jax_names_the_extra(odd_function: Function, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setitem(sys.modules, "jax", None)
-    with pytest.raises(sy.MissingExtraError, match=r"pip install 'steelyard\[jax\]'"):
+    with pytest.raises(sy.MissingExtraError, match=r"pip install 'jax>="):
         jax_function(odd_function)

@@ -67,7 +67,7 @@ def test_unknown_names_and_the_missing_package(tmp_path, monkeypatch):
     with pytest.raises(sy.InputError, match=r"no example 'pandas'.*panda"):
         write_example("pandas", tmp_path / "x")
     monkeypatch.setattr("sys.path", [])
-    with pytest.raises(sy.InputError, match=r"steelyard\[examples\]"):
+    with pytest.raises(sy.MissingExtraError, match=r"example-robot-data>="):
         write_example("panda", tmp_path / "x")
     assert not (tmp_path / "x").exists()
 

@@ -323,7 +323,7 @@ def test_missing_library_is_named(suffix: str, module: str, tmp_path: Path, monk
     path = tmp_path / f"run{suffix}"
     path.write_bytes(b"anything")
     monkeypatch.setitem(sys.modules, module, None)
-    with pytest.raises(MissingExtraError, match=r"pip install 'steelyard\[bags\]'"):
+    with pytest.raises(MissingExtraError, match=r"pip install 'rosbags>="):
         Recording.read(path)
 
 

@@ -182,7 +182,7 @@ def test_missing_library_is_named(tmp_path: Path, monkeypatch: pytest.MonkeyPatc
     path.write_bytes(b"anything")
     monkeypatch.setitem(sys.modules, "backports.zstd", None)
     monkeypatch.setitem(sys.modules, "compression.zstd", None)
-    with pytest.raises(MissingExtraError, match=r"compressed by zstd .* pip install 'steelyard\[zstd\]'"):
+    with pytest.raises(MissingExtraError, match=r"compressed by zstd .* pip install 'backports.zstd>="):
         Recording.read(path)
 
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import re
 from typing import TYPE_CHECKING, Any, ClassVar
 
-from steelyard.errors import MissingExtraError
+from steelyard.errors import missing_extra
 from steelyard.graph import Function, evaluate_over
 
 from .assignments import CALLS
@@ -65,9 +65,7 @@ def casadi_function(function: Function) -> casadi.Function:
     try:
         import casadi
     except ImportError as error:
-        raise MissingExtraError(
-            "CasADi functions need the package casadi, which is not installed; pip install 'steelyard[casadi]'."
-        ) from error
+        raise missing_extra("CasADi functions need the package casadi, which is not installed", "casadi") from error
     inputs = [casadi.SX.sym(argument.name, argument.width) for argument in function.arguments]
     elements = {a.name: casadi.vertsplit(x) for a, x in zip(function.arguments, inputs, strict=True)}
     unary = {"sin": casadi.sin, "cos": casadi.cos, "sign": casadi.sign, "sqrt": casadi.sqrt}

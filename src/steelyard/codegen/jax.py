@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING, Any, ClassVar
 import numpy as np
 from numpy.typing import NDArray
 
-from steelyard.errors import InputError, MissingExtraError
+from steelyard.errors import InputError, missing_extra
 from steelyard.graph import Function, Node, evaluate_over
 from steelyard.graph.expression import reachable
 
@@ -75,9 +75,7 @@ def jax_function(function: Function, *, lowering: str = "automatic") -> Callable
     try:
         import jax
     except ImportError as error:
-        raise MissingExtraError(
-            "JAX functions need the package jax, which is not installed; pip install 'steelyard[jax]'."
-        ) from error
+        raise missing_extra("JAX functions need the package jax, which is not installed", "jax") from error
     if lowering not in ("automatic", "scalars", "vectors"):
         raise InputError(f"lowering must be 'automatic', 'scalars' or 'vectors', got {lowering!r}.")
     vectors = prefers_vectors(function) if lowering == "automatic" else lowering == "vectors"

@@ -14,7 +14,7 @@ from string import ascii_letters
 from types import MappingProxyType
 from typing import Any
 
-from steelyard.errors import InputError, MissingExtraError
+from steelyard.errors import InputError, missing_extra
 from steelyard.files import suggestion
 from steelyard.graph import Argument, Function, Node
 from steelyard.graph.expression import reachable
@@ -442,9 +442,7 @@ def import_sympy() -> Any:
     try:
         import sympy
     except ImportError as error:
-        raise MissingExtraError(
-            "Symbolic expressions need the package sympy, which is not installed; pip install 'steelyard[sympy]'."
-        ) from error
+        raise missing_extra("Symbolic expressions need the package sympy, which is not installed", "sympy") from error
     return sympy
 
 

@@ -15,7 +15,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from steelyard.errors import InputError, MissingExtraError
+from steelyard.errors import InputError, missing_extra
 from steelyard.files import require_file
 from steelyard.robot.references import find_reference
 
@@ -118,9 +118,7 @@ def read_meshes(paths: Iterable[Path], largest: int | None = None) -> dict[Path,
 def _libraries() -> list[str]:
     names = [*(["coal"] if coal_or_none() is not None else []), *(["trimesh"] if _is_installed("trimesh") else [])]
     if not names:
-        raise MissingExtraError(
-            "Meshes need the package coal or trimesh, and neither is installed; pip install 'steelyard[collision]'."
-        )
+        raise missing_extra("Meshes need the package coal or trimesh, and neither is installed", "collision")
     return names
 
 

@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from steelyard.errors import InputError, MissingExtraError
+from steelyard.errors import InputError, missing_extra
 from steelyard.robot import Robot
 from steelyard.robot.placement import frozen
 
@@ -535,10 +535,7 @@ def require_coal() -> Any:
     """
     coal = coal_or_none()
     if coal is None:
-        raise MissingExtraError(
-            "Distances between bodies need the package coal, which is not installed; "
-            "pip install 'steelyard[collision]'."
-        )
+        raise missing_extra("Distances between bodies need the package coal, which is not installed", "collision")
     return coal
 
 

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from steelyard.errors import InputError, MissingExtraError
+from steelyard.errors import InputError, MissingExtraError, install_command
 from steelyard.robot import Robot
 
 from .configuration_constraint import SAMPLES_AT_ONCE
@@ -86,7 +86,7 @@ class Surroundings:
         if not self_collision or "collision" in sections:
             problems = [_unchecked("it is turned off")]
         elif geometry is not None and coal_or_none() is None:
-            problems = [_unchecked("the package coal is not installed; pip install 'steelyard[collision]'")]
+            problems = [_unchecked(f"the package coal is not installed; {install_command('collision')}")]
         elif geometry is not None:
             try:
                 own = SelfCollision(geometry, MARGIN, shapeless=[link for link, _ in skipped])

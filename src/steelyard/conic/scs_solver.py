@@ -223,5 +223,5 @@ SCS = Solver(
     native=frozenset(FEATURES),
     installed=lambda: find_spec("scs") is not None,
     version=_version,
-    remedy="pip install 'steelyard[scs]'",
+    remedy="pip install 'scs>=3.2.6'",
 )

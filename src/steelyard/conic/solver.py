@@ -54,7 +54,7 @@ class Solver:
     version : callable
         ``version()`` returns the version as text, empty where it cannot be had.
     remedy : str
-        What to install where it is absent, e.g. ``"pip install 'steelyard[scs]'"``.
+        What to install where it is absent, e.g. ``"pip install scs"``.
     is_package : bool
         Whether it is a Python package, rather than a program.
 

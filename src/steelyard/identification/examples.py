@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from steelyard.display import percent, text_table
 from steelyard.dynamics import Coulomb, Model, Offset, RotorInertia, Viscous
-from steelyard.errors import InputError
+from steelyard.errors import InputError, missing_extra
 from steelyard.excitation import FourierTrajectory, RestToRestTrajectory
 from steelyard.files import replaced_folder, suggestion, write_text
 from steelyard.recording import Recording
@@ -432,14 +432,13 @@ def _package_folder() -> Path:
 
     Raises
     ------
-    InputError
+    MissingExtraError
         If it is not installed.
     """
     for place in sys.path:
         folder = Path(place, "cmeel.prefix", "share", "example-robot-data", "robots")
         if folder.is_dir():
             return folder
-    raise InputError(
-        "The examples need the robots of the package example-robot-data, which is not installed; "
-        "pip install 'steelyard[examples]'."
+    raise missing_extra(
+        "The examples need the robots of the package example-robot-data, which is not installed", "examples"
     )

@@ -16,7 +16,7 @@ from pathlib import Path
 from typing import Any
 from xml.sax.saxutils import quoteattr
 
-from steelyard.errors import InputError, MissingExtraError
+from steelyard.errors import InputError, missing_extra
 from steelyard.files import shown
 
 from . import mjcf_child
@@ -84,10 +84,7 @@ def compiled(document: MjcfDocument) -> CompiledMjcf:
         If MuJoCo is not installed (extra ``mjcf``).
     """
     if not mjcf_child.is_installed():
-        raise MissingExtraError(
-            f"{document.path}: MJCF is read with the package mujoco, which is not installed; "
-            "pip install 'steelyard[mjcf]'."
-        )
+        raise missing_extra(f"{document.path}: MJCF is read with the package mujoco, which is not installed", "mjcf")
     excerpt = _Excerpt(document)
     found = _asked({"xml": excerpt.text(), "files": {name: str(path) for name, path in excerpt.files.items()}})
     if "problem" in found:

@@ -10,7 +10,7 @@ from collections.abc import Iterable, Mapping
 from functools import lru_cache
 from pathlib import Path
 
-from steelyard.errors import InputError, MissingExtraError
+from steelyard.errors import InputError, missing_extra
 
 __all__ = ["expand_xacro"]
 
@@ -69,10 +69,7 @@ def _expanded(
     except OSError as error:
         raise InputError(f"{shown}: the process that expands xacro cannot be started ({error}).") from None
     if "missing" in answer:
-        raise MissingExtraError(
-            f"{shown}: xacro needs the package {answer['missing']}, which is not installed; "
-            "pip install 'steelyard[xacro]'."
-        )
+        raise missing_extra(f"{shown}: xacro needs the package {answer['missing']}, which is not installed", "xacro")
     if "problem" in answer:
         raise InputError(f"{shown}: the xacro cannot be expanded ({answer['problem']}); mend it or give its arguments.")
     return str(answer["text"]).encode()

@@ -208,7 +208,7 @@ def test_meshes_need_a_package(tmp_path, monkeypatch):
     (tmp_path / "link.stl").write_bytes(b"")
     monkeypatch.setitem(sys.modules, "trimesh", None)
     monkeypatch.setattr("steelyard.collision.mesh_files.coal_or_none", lambda: None)
-    with pytest.raises(MissingExtraError, match=r"steelyard\[collision\]"):
+    with pytest.raises(MissingExtraError, match=r"coal>="):
         read_points(tmp_path / "link.stl")
 
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import importlib
 from typing import Any
 
-from steelyard.errors import MissingExtraError
+from steelyard.errors import missing_extra
 
 __all__ = ["require_package"]
 
@@ -29,6 +29,4 @@ def require_package(module: str, files: str, extra: str) -> Any:
     try:
         return importlib.import_module(module)
     except ImportError:
-        raise MissingExtraError(
-            f"{files} are read with the module {module}, which is not installed; pip install 'steelyard[{extra}]'."
-        ) from None
+        raise missing_extra(f"{files} are read with the module {module}, which is not installed", extra) from None
