@@ -46,6 +46,9 @@ def identify(
     ] = "fit",
     chunk_rows: Annotated[int, typer.Option(help="Rows of a log that stand in memory together.", min=1000)] = 200_000,
     table: Annotated[bool, typer.Option("--table", help="Print all the parameters, as in parameters.csv.")] = False,
+    verbose: Annotated[
+        bool, typer.Option("--verbose", "-v", help="Print what each column of the logs was understood to be.")
+    ] = False,
     allow_extensions: AllowExtensions = False,
 ) -> None:
     """Identify a robot's dynamic parameters from its logs, physically feasible, with a report."""
@@ -73,7 +76,7 @@ def identify(
         )
         say("writing the report")
         save_results(result, output, force=force)
-    show_identification(result, whole_table=table)
+    show_identification(result, whole_table=table, verbose=verbose)
     echo(f"Look at {output / 'report.html'}")
     if result.prediction.word == "wrong":
         if not force:

@@ -167,7 +167,7 @@ def _bounded(console: Console, heads: Sequence[str], rows: Sequence[Sequence[str
 
     table = _table(*heads)
     for column, head in zip(table.columns, heads, strict=True):
-        if head in ("role", "unit", "rests on"):
+        if head in ("role", "joint", "quantity", "unit", "told by", "rests on"):
             column.justify = "left"
     for row in rows[:_MOST_ROWS]:
         table.add_row(*(escape(printable(cell)) for cell in row))
@@ -176,7 +176,7 @@ def _bounded(console: Console, heads: Sequence[str], rows: Sequence[Sequence[str
         console.print(f"  and {len(rows) - _MOST_ROWS} more; {place}.")
 
 
-def show_identification(result: Identification, *, whole_table: bool = False) -> None:
+def show_identification(result: Identification, *, whole_table: bool = False, verbose: bool = False) -> None:
     """Print both verdicts, how well joints and logs are predicted, what the numbers rest on, and remarks.
 
     Parameters
@@ -184,6 +184,8 @@ def show_identification(result: Identification, *, whole_table: bool = False) ->
     result : Identification
     whole_table : bool
         Print the table of all the parameters as well.
+    verbose : bool
+        Print what the columns of the logs were understood to be, also where nothing was guessed.
     """
     from rich.console import Console
 
@@ -233,6 +235,10 @@ def show_identification(result: Identification, *, whole_table: bool = False) ->
     others = [remark for remark in (*result.estimate.remarks, *result.remarks) if remark not in mistakes]
     for remark in gathered(others, all_logs):
         say(f"Note: {remark}")
+    for layout, of in result.columns():
+        if verbose or layout.guesses:
+            say(f"Columns of {of[0]}{f' and {len(of) - 1} more logs' if len(of) > 1 else ''}:")
+            _bounded(console, layout.heads, layout.rows(), "run.json has all")
     if whole_table and table is not None:
         print(printable(str(table)), file=console.file)  # thousands of rows, for which the console takes seconds
 

@@ -262,6 +262,7 @@ def identify(
             **({"further_constraints": [str(one) for one in constraints]} if constraints else {}),
         },
         cutoff_choices=tuple(reader.cutoff_choices),
+        layouts=reader.layouts,
     )
 
 

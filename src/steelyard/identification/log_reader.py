@@ -25,6 +25,7 @@ from steelyard.recording import (
 )
 from steelyard.recording.automatic import DECISION_ROWS
 from steelyard.recording.diagnosis import DETECTORS, faulty_rows
+from steelyard.recording.recognition import Layout
 from steelyard.recording.samples import regrouped
 from steelyard.recording.survey import LogSurvey
 from steelyard.regression import Information
@@ -58,6 +59,7 @@ class LogReader:
         self.units_are_suspect = False
         self.cutoff_choices: list[tuple[str, CutoffChoice]] = []
         self.description = dict(file.description)
+        self.layouts: dict[str, Layout] = {}
 
     def decide(self, given: Sequence[GivenLog], say: Progress) -> None:
         """Decide what [processing] leaves to the data, once for all logs, so that all have the same filter."""
@@ -146,6 +148,14 @@ class LogReader:
         # Filters and masks need the ends of the log; what is read is its middle.
         return recording.process(self.processing, self.model) if recording.count > rows // 2 else None
 
+    def _note_columns(self, log: str, layout: Layout | None) -> None:
+        """Keep what the columns of a log were understood to be."""
+        if layout is not None:
+            robot = self.model.robot
+            layout = layout.with_sliding([not robot.joints[i].rotates for i in robot.driving_joints])
+            same = next((one for one in self.layouts.values() if one == layout), layout)  # of thousands of logs
+            self.layouts[log] = same
+
     def _against_robot(self, survey: LogSurvey) -> tuple[str, ...]:
         """Compare a log with what the joints can do."""
         robot = self.model.robot
@@ -157,6 +167,7 @@ class LogReader:
         joints = list(self.model.robot.joint_names)
 
         def look(recording: Recording) -> None:
+            self._note_columns(str(log), recording.layout)
             handled = [option for option in DETECTORS if getattr(self.processing, option) is not False]
             part = f" (Seen in the first {recording.count} rows.)" if recording.count == chunks.CHOICE_ROWS else ""
             self.remarks.extend(f"{log}: {sentence}{part}" for sentence in faulty_rows(recording, handled))

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from steelyard.display import html_sentences, html_table
 from steelyard.dynamics import Model
 from steelyard.feasibility import FeasibleSet, Verdict
-from steelyard.recording import CutoffChoice
+from steelyard.recording import CutoffChoice, Layout
 from steelyard.regression import Estimate, Information
 
 from .mistakes import Hypothesis, sentence
@@ -114,6 +114,8 @@ class Identification:
         Log, and the evidence, where the cutoff of the position filter was chosen from the data.
     in_memory : dict from str to str
         SHA-256 hashes of the logs that were no files, by name.
+    layouts : mapping from str to Layout
+        What the columns of each log were understood to be.
     """
 
     model: Model
@@ -135,6 +137,7 @@ class Identification:
     mistakes: Mapping[str, tuple[Hypothesis, ...]] = field(default_factory=dict)
     cutoff_choices: tuple[tuple[str, CutoffChoice], ...] = ()
     in_memory: Mapping[str, str] = field(default_factory=dict)
+    layouts: Mapping[str, Layout] = field(default_factory=dict)
 
     def save(self, folder: str | Path, *, force: bool = False) -> tuple[Path, ...]:
         """Write what ``steelyard identify --output folder`` writes; see :func:`steelyard.report.save_results`.
@@ -233,6 +236,17 @@ class Identification:
     def mistake_sentences(self) -> tuple[str, ...]:
         """What is probably wrong, a sentence for each log; they stand among the remarks as well."""
         return tuple(f"{log}: {sentence(found)}" for log, found in self.mistakes.items())
+
+    def columns(self) -> list[tuple[Layout, tuple[str, ...]]]:
+        """Return what columns were understood to be, once for all the logs with the same columns, which are named."""
+        found: list[tuple[Layout, list[str]]] = []
+        for log, layout in self.layouts.items():
+            logs = next((logs for one, logs in found if one == layout), None)
+            if logs is None:
+                found.append((layout, [log]))
+            else:
+                logs.append(log)
+        return [(layout, tuple(logs)) for layout, logs in found]
 
     def joint_table(self) -> tuple[tuple[str, ...], list[tuple[str, ...]]]:
         """The table of how well each joint is predicted: its heads and its rows, the last of them all the joints."""

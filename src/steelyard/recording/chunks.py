@@ -177,6 +177,7 @@ class LogStream:
             joint_names=self.joint_names,
             stated_rate=self.rate,
             first_row=first,
+            layout=self.layout,
         )
 
 
@@ -347,7 +348,8 @@ def _processed(
         )
     excerpt = any(part.count > sample.count == DECISION_ROWS for part in even.parts)
     note = f" (Chosen by {sample.count} of {stream.count} rows.)" if excerpt else ""
-    remarks: tuple[str, ...] = (*even.remarks, *(remark + note for remark in plan.remarks), *plan.held_remarks(sample))
+    chosen = (remark + note for remark in plan.remarks)
+    remarks: tuple[str, ...] = (*stream.layout.guesses, *even.remarks, *chosen, *plan.held_remarks(sample))
     del head, sample  # memory stays that of a piece
     inner = decimation_padding(processing.decimate)
     inner += -inner % processing.step

@@ -113,8 +113,8 @@ LABELS = ("name", "names", "joint_name", "joint_names")
 
 _TARGET_MOMENT = (
     "target_moment is what the controller's own model computes for the commanded motion and is not measured, so that "
-    "the answer describes that model; the measured currents can be used with the drive gains, N·m per A of each "
-    "joint: `gain = [...]` in [log]"
+    "the answer describes that model; measured currents, actual_current, are used instead where the drive gains are "
+    "stated, N·m per A of each joint: `gain = [...]` in [log]"
 )
 _DEGREES = 'KUKA writes axis positions in degrees; state `position_unit = "rad"` in [log] if these are not'
 

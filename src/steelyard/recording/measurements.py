@@ -13,6 +13,7 @@ from steelyard.display import html_table
 from steelyard.errors import InputError
 from steelyard.files.arguments import LARGEST
 
+from .recognition import Layout
 from .samples import read_only_matrix, read_only_vector, require_finite
 
 __all__ = ["Measurements", "check_order", "check_period"]
@@ -47,6 +48,8 @@ class Measurements:
     position_missing, torque_missing
         (S, N) booleans, true where the log had no value and one was filled in; such rows are left out of samples. None
         where all are there.
+    layout
+        Which columns of a log these are, where they were read from one.
 
     Raises
     ------
@@ -73,6 +76,7 @@ class Measurements:
     first_row: int = 0
     position_missing: NDArray[np.bool_] | None = None
     torque_missing: NDArray[np.bool_] | None = None
+    layout: Layout | None = None
 
     def __post_init__(self) -> None:
         t = read_only_vector(self.t, f"`t` of {self.source}")

@@ -5,13 +5,14 @@ from __future__ import annotations
 import json
 import re
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import asdict, dataclass, field, replace
 from math import pi
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from steelyard.display import html_table, text_table
 from steelyard.errors import InputError
 from steelyard.files import suggestion
 
@@ -35,6 +36,8 @@ from .columns import CURRENT_UNITS, PER_SECOND, TIME_UNITS, LogColumns
 __all__ = ["LABELS", "ColumnMeaning", "Layout", "find_columns", "label_columns"]
 
 Values = Callable[[str], Iterable[NDArray[np.float64]]]
+_OF_SLIDES = {"rad": "m", "rad/s": "m/s", "rad/s²": "m/s²", "N·m": "N"}
+"""Units of joints that slide by those of joints that turn; a name does not tell which it is."""
 KINDS = ("position", "velocity", "acceleration", "torque")
 _STATED, _NAME, _LABEL, _NUMBER = "[log]", "name", "list of names", "number"
 _LONGEST_NAME = 60  # that a message shows of a column
@@ -118,6 +121,34 @@ class Layout:
         assert self.time is not None
         whole = raw[self.time] * TIME_UNITS[self.time_unit]
         return whole if self.time_rest is None else whole + raw[self.time_rest[0]] * TIME_UNITS[self.time_rest[1]]
+
+    @property
+    def heads(self) -> tuple[str, ...]:
+        """The heads of the table."""
+        return ("column", "joint", "quantity", "unit", "told by")
+
+    def rows(self) -> list[tuple[str, ...]]:
+        """Return the rows of the table."""
+        return [(one.column, one.joint, one.quantity, one.unit, one.by) for one in self.table]
+
+    def to_list(self) -> list[dict[str, str]]:
+        """Return the table as plain data."""
+        return [asdict(one) for one in self.table]
+
+    def __str__(self) -> str:
+        return "\n".join((text_table(self.heads, self.rows()), *self.guesses))
+
+    def _repr_html_(self) -> str:
+        return html_table("Columns", self.heads, self.rows(), self.guesses)
+
+    def with_sliding(self, slides: Sequence[bool]) -> Layout:
+        """Return the same with the units of joints that slide, where they are those of joints that turn."""
+        if len(slides) != len(self.position) or any("matrix" in one.joint for one in self.table):
+            return self
+        places = {column: k for kind in KINDS for k, column in enumerate(getattr(self, kind) or ())}
+        sliding = {column for column, k in places.items() if slides[k]}
+        table = [replace(m, unit=_OF_SLIDES.get(m.unit, m.unit)) if m.column in sliding else m for m in self.table]
+        return replace(self, table=tuple(table))
 
     def settings(self) -> dict[str, Any]:
         """Return the keys of `[log]` that state what was found."""
@@ -371,11 +402,11 @@ class _Search:
         ]
         for other in others:
             self.guesses.append(
-                f"the {kind}s are read from {_ends(group.columns)} and not from {_ends(other.columns)}, which "
-                f"`{self._line(kind, other)}` in [log] would choose"
+                f"The {kind} is read from {_ends(group.columns)} and not from {_ends(other.columns)}, which "
+                f"`{self._line(kind, other)}` in [log] would choose."
             )
         if group.style.note and group.style.quantity != "position":
-            self.guesses.append(f"the {kind}s are {_ends(group.columns)}: {group.style.note}")
+            self.guesses.append(f"The {kind} is read from {_ends(group.columns)}: {group.style.note}.")
         return group
 
     def _require_order(self, kind: str, group: _Group) -> None:
@@ -524,14 +555,14 @@ class _Search:
                     f"degrees and others in radians, and none is beyond {largest:.3g}; say which with "
                     '`position_unit = "deg"` or `position_unit = "rad"` in [log].'
                 )
-            self.guesses.append(f"the positions {_ends(group.columns)} are read in {style.unit}: {style.note}")
+            self.guesses.append(f"The positions {_ends(group.columns)} are read in {style.unit}: {style.note}.")
             return style.unit
         unit = "deg" if largest is not None and largest > _SURELY_DEGREES else "rad"
         other = "rad" if unit == "deg" else "deg"
-        reach = "" if largest is None else f", since they go up to {largest:.3g}"
+        reach = "" if largest is None else f", since they reach {largest:.3g}"
         self.guesses.append(
-            f'the positions {_ends(group.columns)} are read in {unit}{reach}; state `position_unit = "{other}"` in '
-            "[log] if that is wrong"
+            f'The positions {_ends(group.columns)} are read in {unit}{reach}; state `position_unit = "{other}"` in '
+            "[log] if that is wrong."
         )
         return unit
 

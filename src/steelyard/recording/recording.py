@@ -62,6 +62,8 @@ class Recording(Measurements):
     position_missing, torque_missing
         (S, N) booleans, true where the log had no value and one was filled in; such rows are left out of samples. None
         where all are there.
+    layout
+        Which columns of the log these are, where they were read from one: `print(recording.layout)`.
 
     Raises
     ------
@@ -122,7 +124,14 @@ class Recording(Measurements):
             clock = clock_at(columns.rate, blocks)
         t, rate = times(signals, columns, files, clock=clock)
         fields = signals_fields(signals, t, files.name)
-        recording = cls(**fields, source=files.name, joint_names=names_of(joints), stated_rate=rate)
+        recording = cls(
+            **fields,
+            remarks=layout.guesses,
+            source=files.name,
+            joint_names=names_of(joints),
+            stated_rate=rate,
+            layout=layout,
+        )
         return recording.checked()
 
     def checked(self) -> Self:

@@ -24,6 +24,7 @@ _SECTIONS: tuple[tuple[str, str, Callable[[Identification], Markup]], ...] = (
     ("torques", "Measured and predicted torques", sections.torque_figures),
     ("base", "Base parameters", sections.base_parameters),
     ("joint-parameters", "Joint friction", sections.joints),
+    ("columns", "Columns of the logs", sections.columns),
     ("processing", "Processing of the logs", sections.processing),
     ("sources", "Provenance", sections.provenance),
 )

@@ -311,6 +311,18 @@ def _flat(prefix: str, options: dict[str, object]) -> list[tuple[str, str]]:
     return rows
 
 
+def columns(identification: Identification) -> Markup:
+    """Return what the columns of the logs were understood to be."""
+    parts: list[str] = []
+    for index, (layout, logs) in enumerate(identification.columns()):
+        more = f" and {len(logs) - MOST_LOGS} more" if len(logs) > MOST_LOGS else ""
+        title = f"Columns of {', '.join(logs[:MOST_LOGS])}{more}"
+        rows = layout.rows()
+        parts.append(table(title, layout.heads, rows, identifier=f"columns-{index}", texts=range(len(layout.heads))))
+        parts += [f"<p>{escape(guess)}</p>" for guess in layout.guesses]
+    return Markup("".join(parts) or "<p>The data was in memory, without names of columns.</p>")
+
+
 def processing(identification: Identification) -> Markup:
     """Return how the logs were processed, with the evidence where the data decided."""
     options = identification.options.get("processing") or {}
