@@ -100,12 +100,13 @@ CURRENT = _measured("i", "current", "currents", "motor_current", "motor_currents
 
 NAMED = (
     *("{name}_{word}", "{word}_{name}", "{name}.{word}", "{word}.{name}", "{name}/{word}", "{word}/{name}"),
-    *("{word}[{name}]", "{word}({name})", "{name}[{word}]", "{name}({word})"),
+    *("{word}[{name}]", "{word}_[{name}]", "{word}({name})", "{word}_({name})"),
+    *("{name}[{word}]", "{name}_[{word}]", "{name}({word})", "{name}_({word})"),
 )
 JOINT_NUMBERS = ("joint{number}", "joint_{number}", "j{number}", "axis{number}", "axis_{number}", "a{number}")
 NUMBERED = (
     *("{word}{number}", "{word}_{number}", "{word}.{number}", "{word}/{number}"),
-    *("{word}[{number}]", "{word}({number})", "{number}_{word}"),
+    *("{word}[{number}]", "{word}_[{number}]", "{word}({number})", "{word}_({number})", "{number}_{word}"),
     *(pattern.replace("{name}", joint) for joint in JOINT_NUMBERS for pattern in NAMED),
 )
 LABELS = ("name", "names", "joint_name", "joint_names")
@@ -267,10 +268,10 @@ def normalised(text: str) -> str:
     Examples
     --------
     >>> normalised("Joint 1 - Position"), normalised("__time"), normalised("position [2]")
-    ('joint_1_position', 'time', 'position[2]')
+    ('joint_1_position', 'time', 'position_[2]')
     """
     text = re.sub(r"[\s_-]+", "_", unicodedata.normalize("NFC", text).casefold())
-    return re.sub(r"_?([\[\]():/.])_?", r"\1", text).replace(":", "/").strip("_")
+    return re.sub(r"_?([:/.])_?", r"\1", text).replace(":", "/").strip("_")
 
 
 def units_said(column: str) -> tuple[tuple[str, str], ...]:
