@@ -66,7 +66,7 @@ def test_joints_with_names_that_invite_mistakes(joints: list[str], form: str) ->
 
 def test_names_that_are_words_of_each_other_are_a_question() -> None:
     names, _ = header(["position", "velocity", "effort"], "name_word", random.Random(1))
-    message = r'several groups .* for position: .*position = "{name}_position".* or .*position = "position_{name}"'
+    message = r'several groups .* for position: .*position = "position_{name}".* or .*position = "{name}_position"'
     with pytest.raises(InputError, match=message):
         understood(names, ["position", "velocity", "effort"])
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
-from typing import Any, Self
+from typing import TYPE_CHECKING, Any, Self
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -13,8 +13,10 @@ from steelyard.display import html_table
 from steelyard.errors import InputError
 from steelyard.files.arguments import LARGEST
 
-from .recognition import Layout
 from .samples import read_only_matrix, read_only_vector, require_finite
+
+if TYPE_CHECKING:
+    from .recognition import Layout
 
 __all__ = ["Measurements", "check_order", "check_period"]
 

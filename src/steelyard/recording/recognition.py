@@ -384,6 +384,7 @@ class _Search:
             return None
         tiers = [self._tier(kind, group) for group in candidates]
         best = [group for group, tier in zip(candidates, tiers, strict=True) if tier == min(tiers)]
+        best.sort(key=lambda group: group.columns)
         if len(best) > 1:
             lines = " or ".join(f"{_ends(group.columns)} (`{self._line(kind, group)}`)" for group in best)
             raise InputError(
