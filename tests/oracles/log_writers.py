@@ -51,7 +51,7 @@ def ros_message(store: Any, state: State, *, ros1: bool) -> Any:
     types = store.types
     stamp = types["builtin_interfaces/msg/Time"](sec=state.stamp // 10**9, nanosec=state.stamp % 10**9)
     extra = {"seq": 0} if ros1 else {}
-    numbers = (np.asarray(x, dtype=float) for x in (state.position, state.velocity, state.effort))
+    numbers = (np.ascontiguousarray(x, dtype=float) for x in (state.position, state.velocity, state.effort))
     return types[JOINT_STATE](
         types["std_msgs/msg/Header"](stamp=stamp, frame_id="", **extra), list(state.names), *numbers
     )

@@ -20,6 +20,7 @@ __all__ = [
     "PriorName",
     "Sign",
     "TieBreakName",
+    "Topic",
     "Weights",
 ]
 
@@ -116,6 +117,11 @@ class NuisanceParameters(Enum):
 AllowExtensions = Annotated[
     bool,
     typer.Option("--allow-extensions", help="Run code that robot.toml names by import path; only for files you trust."),
+]
+
+Topic = Annotated[
+    str | None,
+    typer.Option("--topic", help="Topic of a bag that is read, as `topic` in [log] of robot.toml."),
 ]
 
 ConsistencyOption = Annotated[

@@ -7,7 +7,7 @@ from typing import Annotated
 
 import typer
 
-from .choices import AllowExtensions, Consistency, ConsistencyOption, PriorName, TieBreakName, Weights
+from .choices import AllowExtensions, Consistency, ConsistencyOption, PriorName, TieBreakName, Topic, Weights
 from .terminal import echo, progress, show_identification
 
 __all__ = ["identify"]
@@ -49,6 +49,7 @@ def identify(
     verbose: Annotated[
         bool, typer.Option("--verbose", "-v", help="Print what each column of the logs was understood to be.")
     ] = False,
+    topic: Topic = None,
     allow_extensions: AllowExtensions = False,
 ) -> None:
     """Identify a robot's dynamic parameters from its logs, physically feasible, with a report."""
@@ -57,7 +58,7 @@ def identify(
     from steelyard.robot import RobotFile
 
     require_folder(output)
-    file = RobotFile.load(robot, allow_extensions=allow_extensions)
+    file = RobotFile.load(robot, allow_extensions=allow_extensions).with_settings("log", topic=topic)
     require_apart(output, (file.path, file.robot.source))
     with progress() as say:
         result = run(

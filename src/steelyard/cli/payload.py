@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 import typer
 
-from .choices import AllowExtensions, Changes, Consistency, ConsistencyOption, Weights
+from .choices import AllowExtensions, Changes, Consistency, ConsistencyOption, Topic, Weights
 from .terminal import echo, progress
 
 if TYPE_CHECKING:
@@ -39,6 +39,7 @@ def payload(
     consistency: ConsistencyOption = Consistency.FULL,
     weights: Annotated[Weights, typer.Option(help="How the joints are weighted.")] = Weights.JOINT,
     chunk_rows: Annotated[int, typer.Option(help="Rows of a log that stand in memory together.", min=1000)] = 200_000,
+    topic: Topic = None,
     allow_extensions: AllowExtensions = False,
 ) -> None:
     """Tell mass, centre of mass and inertia of what a robot carries, from its logs without and with it.
@@ -57,7 +58,7 @@ def payload(
         )
     if output is not None and output.is_dir():
         raise InputError(f"{output}: is a folder; give the path of a file.")
-    file = RobotFile.load(robot, allow_extensions=allow_extensions)
+    file = RobotFile.load(robot, allow_extensions=allow_extensions).with_settings("log", topic=topic)
     gains = LogColumns.from_dict(file.section("log"), f"{file.path}, [log]").finds_gains
     if mass is not None and not gains:
         raise InputError(

@@ -7,7 +7,7 @@ from typing import Annotated
 
 import typer
 
-from .choices import AllowExtensions
+from .choices import AllowExtensions, Topic
 from .terminal import echo, progress
 
 __all__ = ["validate"]
@@ -22,6 +22,7 @@ def validate(
     ],
     output: Annotated[Path | None, typer.Option("--output", "-o", help="File for the same as JSON.")] = None,
     chunk_rows: Annotated[int, typer.Option(help="Rows of a log that stand in memory together.", min=1000)] = 200_000,
+    topic: Topic = None,
     allow_extensions: AllowExtensions = False,
 ) -> None:
     """Tell how well a saved estimate predicts logs that it has not seen: exit 3 where it does not.
@@ -31,7 +32,7 @@ def validate(
     from steelyard.identification import validate_estimate
     from steelyard.robot import RobotFile
 
-    file = RobotFile.load(robot, allow_extensions=allow_extensions)
+    file = RobotFile.load(robot, allow_extensions=allow_extensions).with_settings("log", topic=topic)
     with progress() as say:
         found = validate_estimate(file, estimate, logs, chunk_rows=chunk_rows, progress=say)
     echo(str(found))

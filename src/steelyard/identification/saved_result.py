@@ -11,6 +11,7 @@ from typing import Any
 from steelyard.errors import InputError
 from steelyard.files import read_json, shown
 from steelyard.recording import Processing
+from steelyard.recording.formats import hashed_log
 from steelyard.regression import Estimate
 
 from .given import digests
@@ -89,8 +90,7 @@ class SavedResult:
         used = {entry["sha256"] for log in self.record["logs"] for entry in log}
         if digests([log]):
             return not used.isdisjoint(digests([log]).values())
-        parts = [str(log)] if Path(str(log)).exists() else str(log).split("+")
-        return any(_digest(Path(part)) in used for part in parts if Path(part).is_file())
+        return any(entry["sha256"] in used for entry in hashed_log(str(log)))
 
 
 def _digest(path: Path) -> str:

@@ -12,6 +12,7 @@ from steelyard.errors import InputError
 from steelyard.files import read_json, replaced_folder, write_json, write_text
 from steelyard.identification import Identification
 from steelyard.identification.saved_result import RECORD, RECORD_FORMAT
+from steelyard.recording.formats import hashed_log
 from steelyard.robot.description import URDF, description_format
 
 from .html import write_report
@@ -156,6 +157,4 @@ def run_record(identification: Identification) -> dict[str, Any]:
 
 
 def _log(text: str, in_memory: Mapping[str, str]) -> list[dict[str, str]]:
-    if text in in_memory:
-        return [{"path": text, "sha256": in_memory[text]}]
-    return [hashed_file(Path(part)) for part in ([text] if Path(text).exists() else text.split("+"))]
+    return [{"path": text, "sha256": in_memory[text]}] if text in in_memory else hashed_log(text)

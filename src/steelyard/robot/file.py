@@ -160,6 +160,11 @@ class RobotFile:
             kept["xacro_arguments"] = dict(robot.xacro_arguments)
         return cls(path, robot, tuple(terms) if "terms" in content else _default_terms(robot), sections, kept)
 
+    def with_settings(self, name: str, **settings: Any) -> RobotFile:
+        """Return a copy in which keys of the table `[name]` have other values; those that are None stay as they are."""
+        stated = {key: value for key, value in settings.items() if value is not None}
+        return replace(self, sections={**self.sections, name: {**self.section(name), **stated}})
+
     def section(self, name: str) -> dict[str, Any]:
         """A copy of the table `[name]` as written, empty where absent.
 

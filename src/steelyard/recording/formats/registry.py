@@ -28,6 +28,8 @@ Source = str | os.PathLike[str] | Sequence[str | os.PathLike[str]] | Table
 _LOOKED_AT = 5000  # rows at a time of a column of which mostly the first is wanted
 MOST_COLUMNS = 5000  # a humanoid's log has some hundreds; a file with far more is no log
 REMEDY = "give the path of a log, such as a CSV, a bag or an NPZ file"
+STANDARD_INPUT = "-"
+"""What stands for the standard input in the place of a path."""
 COMPRESSED = ("gz", "zst", "zstd")
 """Suffixes of texts that are compressed, behind their own as in ``run.csv.gz``."""
 
@@ -255,6 +257,10 @@ def open_log(path: Path, columns: LogColumns | None = None) -> LogFile:
     """
     if "\0" in str(path):
         raise InputError(f"{shown(str(path))} is no path that can exist; {REMEDY}.")
+    if str(path) == STANDARD_INPUT:
+        from .standard_input import standard_input
+
+        path = standard_input()
     if not path.exists():
         raise InputError(f"{path} does not exist{_neighbour(path)}; {REMEDY}.")
     is_bag = path.is_dir() and (path / "metadata.yaml").is_file()

@@ -1,0 +1,61 @@
+"""A log that comes through the standard input."""
+
+from __future__ import annotations
+
+import shutil
+import sys
+import tempfile
+import weakref
+from pathlib import Path
+
+from steelyard.errors import InputError
+
+__all__ = ["standard_input"]
+
+_BEGINNINGS = {
+    b"PAR1": ".parquet",
+    b"ARROW1": ".arrow",
+    b"\xff\xff\xff\xff": ".arrow",
+    b"PK\x03\x04": ".npz",
+    b"\x89HDF\r\n\x1a\n": ".h5",
+    b"MATLAB ": ".mat",
+    b"#ROSBAG": ".bag",
+    b"SQLite format 3\0": ".db3",
+    b"\x89MCAP0\r\n": ".mcap",
+    b"\x1f\x8b": ".csv.gz",
+    b"\x28\xb5\x2f\xfd": ".csv.zst",
+}
+"""The first bytes of files, by which their format is told; everything else is a text."""
+
+
+class _Spool:
+    """The copy of the standard input, which is read many times, in a folder that goes with the process."""
+
+    path: Path | None = None
+
+
+def standard_input() -> Path:
+    """Copy the standard input to a temporary file, the first time, and return its path.
+
+    Raises
+    ------
+    InputError
+        Where nothing is piped into it.
+    """
+    if _Spool.path is None:
+        stream = sys.stdin
+        if stream is None or stream.closed or stream.isatty():
+            raise InputError(
+                "- stands for the standard input, and nothing is piped into it; give the path of a log, or pipe one, "
+                "as in `ssh robot cat run.csv | steelyard identify robot.toml - -o result`."
+            )
+        folder = Path(tempfile.mkdtemp(prefix="steelyard-"))
+        weakref.finalize(_Spool, shutil.rmtree, folder, ignore_errors=True)
+        copy = folder / "copy"
+        with copy.open("wb") as file:
+            shutil.copyfileobj(stream.buffer, file)
+        with copy.open("rb") as file:
+            begin = file.read(16)
+        suffix = next((suffix for bytes_, suffix in _BEGINNINGS.items() if begin.startswith(bytes_)), ".csv")
+        _Spool.path = copy.rename(folder / f"standard-input{suffix}")
+    return _Spool.path
