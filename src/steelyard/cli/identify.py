@@ -17,7 +17,9 @@ def identify(
     robot: Annotated[Path, typer.Argument(help="URDF or robot.toml.")],
     logs: Annotated[
         list[str],
-        typer.Argument(metavar="LOG...", help="CSV, Parquet or NPZ; files recorded side by side: a.csv+b.csv."),
+        typer.Argument(
+            metavar="LOG...", help="Such as a CSV or a bag; - is the standard input; side by side: a.csv+b.csv."
+        ),
     ],
     output: Annotated[Path, typer.Option("--output", "-o", help="Folder for the results.")],
     validate: Annotated[

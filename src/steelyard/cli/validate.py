@@ -18,7 +18,9 @@ def validate(
     estimate: Annotated[Path, typer.Argument(help="Folder of results, or estimate.json.")],
     logs: Annotated[
         list[str],
-        typer.Argument(metavar="LOG...", help="CSV, Parquet or NPZ; files recorded side by side: a.csv+b.csv."),
+        typer.Argument(
+            metavar="LOG...", help="Such as a CSV or a bag; - is the standard input; side by side: a.csv+b.csv."
+        ),
     ],
     output: Annotated[Path | None, typer.Option("--output", "-o", help="File for the same as JSON.")] = None,
     chunk_rows: Annotated[int, typer.Option(help="Rows of a log that stand in memory together.", min=1000)] = 200_000,

@@ -134,7 +134,9 @@ def identify(
     say = progress or (lambda _: None)
     logs, validation = given_logs(data, validate)
     if not logs:
-        raise InputError("At least one log is needed to identify a robot; give the path of a CSV, Parquet or NPZ file.")
+        raise InputError(
+            "At least one log is needed to identify a robot; give the path of one, such as a CSV or a bag."
+        )
     find_estimator(estimator)  # which is refused before logs are read
     file, model = given_robot(robot)
     file = with_settings(file, columns, processing)

@@ -469,7 +469,7 @@ class _Logs:
         self.paths = {role: _paths(one) for role, one in self.given.items()}
         if _is_nothing(loaded):
             raise InputError(
-                "At least one log with the payload is needed; give the path of a CSV, Parquet or NPZ file."
+                "At least one log with the payload is needed; give the path of one, such as a CSV or a bag."
             )
         self.reader = LogReader(self.file, self.model, chunk_rows)
         self.find = self.reader.columns.gains_to_find(self.model.dof)

@@ -184,7 +184,9 @@ def validate_estimate(
     """
     given, _ = given_logs(logs, None)
     if not given:
-        raise InputError("At least one log is needed to validate an estimate; give a CSV, Parquet or NPZ file.")
+        raise InputError(
+            "At least one log is needed to validate an estimate; give the path of one, such as a CSV or a bag."
+        )
     file, model = given_robot(robot)
     result = SavedResult.load(estimate)
     loaded = matching_estimate(model, result.path)

@@ -22,7 +22,8 @@ def hashed_log(source: str | Path) -> list[dict[str, str]]:
     >>> [entry["sha256"][:8] for entry in hashed_log(path)]
     ['2cb94f02']
     """
-    paths = [path for path in split_source(source) if str(path) == STANDARD_INPUT or path.exists()]
+    files = [path for path in split_source(source) if isinstance(path, Path)]
+    paths = [path for path in files if str(path) == STANDARD_INPUT or path.exists()]
     return [{"path": str(path), "sha256": _hash(path)} for path in paths]
 
 
