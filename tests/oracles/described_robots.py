@@ -53,8 +53,10 @@ def random_states(robot: Robot, seed: int = 1) -> tuple[np.ndarray, ...]:
     return tuple(generator.uniform(-1.0, 1.0, (STATES, robot.dof)) for _ in range(3))
 
 
-def difference_from_mujoco(path: Path, robot: Robot) -> float:
+def difference_from_mujoco(path: Path, robot: Robot, parameters: np.ndarray | None = None) -> float:
     """Return the largest difference of inverse dynamics, relative to the largest torque.
+
+    The parameters are those of the robot with rotors, by default what its description says.
 
     MuJoCo reads the file itself; friction, springs, fluids and constraints are left out on both sides, and what follows
     another joint moves with it.
@@ -84,7 +86,9 @@ def difference_from_mujoco(path: Path, robot: Robot) -> float:
     offsets[world.jnt_qposadr[held]] = 0.0
     model = sy.Model(robot.with_terms(sy.RotorInertia()))
     states = random_states(robot)
-    ours = model.inverse_dynamics(*states, np.nan_to_num(model.robot.parameters))
+    if parameters is None:
+        parameters = np.nan_to_num(model.robot.parameters)
+    ours = model.inverse_dynamics(*states, parameters)
     torques = []
     for q, dq, ddq in zip(*states, strict=True):
         data.qpos[:] = offsets

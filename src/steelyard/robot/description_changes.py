@@ -15,11 +15,11 @@ from .inertia import Inertia, pseudo_inertia
 from .joint import Link
 from .robot import Robot
 
-__all__ = ["DescriptionChanges", "description_changes", "require_target"]
+__all__ = ["DescriptionChanges", "description_changes", "is_same", "require_target"]
 
 Matrix = NDArray[np.float64]
 
-# What differs by less, relative to a value or to the diagonal of a pseudo-inertia, is the rounding of sums.
+# What differs by less, relative to a value, or to mass and second moments, is the rounding of sums.
 SAME = 1e-12
 
 
@@ -69,7 +69,7 @@ def description_changes(robot: Robot, parameters: ArrayLike, drives: Mapping[str
     inertias: dict[str, Inertia] = {}
     emptied: list[str] = []
     for link, start in zip(robot.links, robot.link_starts, strict=True):
-        if link.inertia is None or not _is_same(link.inertia.parameters, values[start : start + 10]):
+        if link.inertia is None or not is_same(link.inertia.parameters, values[start : start + 10]):
             inertias[link.name] = _own_inertia(link, values[start : start + 10])
             emptied += [one.name for one in link.attachments if not one.locked]
     changed: dict[str, dict[str, float]] = {}
@@ -110,10 +110,12 @@ def _vector(values: ArrayLike, size: int, name: str) -> Matrix:
     return array
 
 
-def _is_same(old: Matrix, new: Matrix) -> bool:
+def is_same(old: Matrix, new: Matrix, tolerance: float = SAME) -> bool:
+    """Tell whether the ten parameters of two bodies are the same, relative to mass and largest second moment."""
     old, new = pseudo_inertia(old), pseudo_inertia(new)
     scale = np.sqrt(np.abs(np.diagonal(old)))
-    return bool((np.abs(new - old) <= SAME * np.outer(scale, scale)).all())
+    scale[:3] = scale[:3].max()
+    return bool((np.abs(new - old) <= tolerance * np.outer(scale, scale)).all())
 
 
 def _own_inertia(link: Link, parameters: Matrix) -> Inertia:

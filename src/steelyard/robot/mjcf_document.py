@@ -148,15 +148,15 @@ class MjcfDocument:
         return file.edit.line(place)
 
 
-def read_mjcf_document(path: Path) -> MjcfDocument:
-    """Read an MJCF file and those that it includes.
+def read_mjcf_document(path: Path, data: bytes | None = None) -> MjcfDocument:
+    """Read an MJCF file and those that it includes; `data` is what a file of this path would hold.
 
     Raises
     ------
     InputError
         If a file is missing or no XML, the first one is no MJCF, or one is included twice.
     """
-    reader = _Reader(path)
+    reader = _Reader(path, data)
     root = reader.elements(reader.first)
     if root.tag != "mujoco":
         raise InputError(f"{path}: an MJCF begins with <mujoco>, found <{shown(root.tag)[1:-1]}>; give an MJCF file")
@@ -166,15 +166,16 @@ def read_mjcf_document(path: Path) -> MjcfDocument:
 
 
 class _Reader:
-    def __init__(self, path: Path) -> None:
+    def __init__(self, path: Path, data: bytes | None) -> None:
         self.path = path
         self.seen: set[str] = set()
         self.files: list[MjcfFile] = []
-        self.first = self.file(path, None, "give the path of an MJCF file")
+        first = read_bytes(path, remedy="give the path of an MJCF file") if data is None else data
+        self.first = self.file(path, None, first)
 
-    def file(self, path: Path, include: tuple[MjcfFile, XmlElement] | None, remedy: str) -> MjcfFile:
+    def file(self, path: Path, include: tuple[MjcfFile, XmlElement] | None, data: bytes) -> MjcfFile:
         self.seen.add(os.path.realpath(path))
-        read = MjcfFile(path, XmlEdit(read_bytes(path, remedy=remedy), path), include)
+        read = MjcfFile(path, XmlEdit(data, path), include)
         self.files.append(read)
         return read
 
@@ -206,7 +207,7 @@ class _Reader:
                 raise InputError(f"{where}: {error}") from None
         if os.path.realpath(found) in self.seen:
             raise InputError(f"{where}: {shown(name)} is included a second time, which MuJoCo refuses; remove one")
-        inner = self.file(found, (file, place), "mend the path of the <include>")
+        inner = self.file(found, (file, place), read_bytes(found, remedy="mend the path of the <include>"))
         return self.element(inner, inner.edit.root, depth).children
 
 

@@ -19,7 +19,7 @@ from .mjcf_compiled import CompiledMjcf, compiled
 from .mjcf_document import MjcfDocument, read_mjcf_document
 from .placement import axis_frame, inverse, motion_z, snapped, translation
 
-__all__ = ["MjcfTree", "mjcf_parts", "read_mjcf_tree"]
+__all__ = ["MjcfTree", "body_inertia", "mjcf_parts", "read_mjcf_tree"]
 
 Matrix = NDArray[np.float64]
 
@@ -64,8 +64,8 @@ def mjcf_parts(path: str | Path, tip: str | None, locked: Iterable[str] | Mappin
     return parts
 
 
-def read_mjcf_tree(path: Path) -> MjcfTree:
-    """Read the links and joints of an MJCF.
+def read_mjcf_tree(path: Path, data: bytes | None = None) -> MjcfTree:
+    """Read the links and joints of an MJCF; `data` is what a file of this path would hold.
 
     Raises
     ------
@@ -74,7 +74,7 @@ def read_mjcf_tree(path: Path) -> MjcfTree:
     MissingExtraError
         If MuJoCo is not installed.
     """
-    document = read_mjcf_document(path)
+    document = read_mjcf_document(path, data)
     model = compiled(document)
     bodies = _named(model.bodies, "body")
     joints = _named(model.joints, "joint")
@@ -91,7 +91,7 @@ def read_mjcf_tree(path: Path) -> MjcfTree:
     for index, (name, body) in enumerate(zip(bodies, model.bodies, strict=True)):
         element = document.bodies.get(name)
         line = 1 if element is None else document.line(element)
-        inertia = _inertia(body)
+        inertia = body_inertia(body)
         if index == 0:
             links[name] = DescribedLink(name, line, None)
             continue
@@ -136,7 +136,8 @@ def _named(rows: Sequence[Mapping[str, Any]], noun: str) -> tuple[str, ...]:
     return tuple(row["name"] or unique.made(f"{noun}{index}") for index, row in enumerate(rows))
 
 
-def _inertia(body: Mapping[str, Any]) -> Inertia:
+def body_inertia(body: Mapping[str, Any]) -> Inertia:
+    """Return the inertia of a compiled body in its frame."""
     principal = _placement(body["ipos"], body["iquat"])
     rotation = principal[:3, :3]
     second = rotation @ np.diag(body["inertia"]) @ rotation.T

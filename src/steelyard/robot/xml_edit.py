@@ -116,12 +116,12 @@ class XmlEdit:
         for match in ATTRIBUTE.finditer(self.data, element.start, element.start_tag_end):
             value = missing.pop(match[1].decode("ascii", "replace"), None)
             if value is not None:
-                self._edits.append((match.start(2) + 1, match.end(2) - 1, value.encode("ascii")))
+                self._edits.append((match.start(2) + 1, match.end(2) - 1, value.encode("ascii", "xmlcharrefreplace")))
         if missing:
             while self.data[last - 1 : last].isspace():
                 last -= 1
             text = "".join(f' {key}="{value}"' for key, value in missing.items())
-            self._edits.append((last, last, text.encode("ascii")))
+            self._edits.append((last, last, text.encode("ascii", "xmlcharrefreplace")))
 
     def remove_attributes(self, element: XmlElement, names: Collection[str]) -> None:
         """Take out attributes, with the white space before them; those that are not there are passed over."""
@@ -135,6 +135,25 @@ class XmlEdit:
     def replace(self, element: XmlElement, text: bytes) -> None:
         """Put other bytes in the place of an element."""
         self._edits.append((element.start, element.end, text))
+
+    def take(self, element: XmlElement) -> bytes:
+        """Take an element out, and return it as it is after the edits in it."""
+        inside = [edit for edit in self._edits if edit[1] > element.start and edit[0] < element.end]
+        outside = [edit for edit in self._edits if edit not in inside]
+        self._edits = inside
+        text = self._edited(element.start, element.end)
+        self._edits = outside
+        self.remove(element)
+        return text
+
+    def insert_at_start(self, parent: XmlElement, text: str) -> None:
+        """Put a text after the start tag of an element that is not empty, before what else is put there."""
+        self._edits.insert(0, (parent.start_tag_end, parent.start_tag_end, text.encode("ascii", "xmlcharrefreplace")))
+
+    def insert_at_end(self, parent: XmlElement, text: str) -> None:
+        """Put a text before the end tag of an element that is not empty."""
+        place = self.data.rindex(b"</", parent.start_tag_end, parent.end)
+        self._edits.append((place, place, text.encode("ascii", "xmlcharrefreplace")))
 
     def remove(self, element: XmlElement) -> None:
         """Take an element out, with the line break and indentation before it."""
@@ -169,11 +188,13 @@ class XmlEdit:
             # <link name="x"/> is opened to hold the new element.
             start_tag = self.data[parent.start : parent.start_tag_end - 2].rstrip()
             begin = parent.start + len(start_tag)
-            self._edits.append((begin, parent.end, f">{text}{closing}</{parent.tag}>".encode("ascii")))
+            self._edits.append(
+                (begin, parent.end, f">{text}{closing}</{parent.tag}>".encode("ascii", "xmlcharrefreplace"))
+            )
             return
         if not parent.children and self.data[place : place + 2] == b"</":
             text += closing
-        self._edits.append((place, place, text.encode("ascii")))
+        self._edits.append((place, place, text.encode("ascii", "xmlcharrefreplace")))
 
     def _line_start(self, position: int) -> int | None:
         """Where the line of this position begins, if only white space stands before it; None otherwise."""

@@ -1,0 +1,335 @@
+"""Writing identified parameters into a copy of the MJCF that the robot was read from."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from pathlib import Path
+from xml.sax.saxutils import escape
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from steelyard.errors import InputError
+from steelyard.files import read_bytes, write_bytes
+
+from .description_changes import DescriptionChanges, description_changes, is_same, require_target
+from .inertia import Inertia
+from .mjcf_document import MjcfElement, MjcfFile
+from .mjcf_tree import MjcfTree, body_inertia, read_mjcf_tree
+from .robot import Robot
+
+__all__ = ["DRIVE_ATTRIBUTES", "write_mjcf"]
+
+DRIVE_ATTRIBUTES = {"damping": "damping", "friction": "frictionloss", "rotor_inertia": "armature"}
+OTHER_INERTIA = ("diaginertia", "quat", "axisangle", "xyaxes", "zaxis", "euler")
+# MuJoCo refuses principal moments of which two are less than the third, or one below 1e-14 kg m², by whatever little.
+# An estimate may lie on that bound, where rounding decides; so much, relative to the largest one, is added to all.
+MARGIN, LEAST = 1e-12, 2e-14
+READ_BACK = 1e-9
+# Assets by the attribute of <compiler> that says where their files are.
+FOLDERS = {"mesh": "meshdir", "hfield": "meshdir", "skin": "meshdir", "texture": "texturedir"}
+
+
+def write_mjcf(
+    robot: Robot,
+    parameters: ArrayLike,
+    drives: Mapping[str, ArrayLike],
+    source: str | Path,
+    target: str | Path,
+) -> None:
+    """Write a copy of an MJCF with other inertias, damping, friction loss and armature; all else stays, byte for byte.
+
+    The inertia of a body is written as ``fullinertia`` of its ``<inertial>``, about the centre of mass in the axes of
+    the body, and values of a joint at the joint, also where the old ones came from geoms or defaults. Bodies that are
+    welded to a moving one get an ``<inertial>`` without mass, so that the total is the estimate. Bodies on *locked*
+    joints keep theirs, which is taken from the estimate. Where a body has several joints, and the estimate says that
+    something moves between them, a body is put there.
+
+    Settings of the compiler that would change what is written are taken out: ``settotalmass``, and ``boundmass``,
+    ``boundinertia`` and ``inertiafromgeom="true"`` where they matter; the other bodies then get the inertias that they
+    had by those. Included files in which something changes are put in the place of their ``<include>``. Where the
+    target is in another folder, the paths to other files are made absolute. A copy of a description of which nothing
+    changes is the same, byte for byte.
+
+    What is written is compiled and compared before the target appears, which is whole or not there.
+
+    Parameters
+    ----------
+    robot : Robot
+        The robot that was read from `source`.
+    parameters : (n,) array
+        Values of `robot.parameter_names`.
+    drives : mapping from name to (N,) array
+        ``damping`` (N m s/rad or N s/m), ``friction`` (N m or N), ``rotor_inertia`` (kg m² or kg) of each coordinate;
+        NaN leaves a value as it was. They include what the mimic joints of the coordinate add, which get 0.
+    source : str or Path
+        The MJCF to copy.
+    target : str or Path
+        The file to write; an existing file is replaced.
+
+    Raises
+    ------
+    InputError
+        When an array has the wrong size, a link's mass is not positive, a value of a joint is negative, a body is a
+        copy that MuJoCo makes (``<replicate>``, ``<attach>``), `source` is not the robot's MJCF, or `target` is
+        `source`.
+    MissingExtraError
+        When MuJoCo is not installed.
+
+    Examples
+    --------
+    >>> import tempfile
+    >>> text = '''<mujoco model="door"><default><joint damping="0.4"/></default>
+    ... <worldbody><body name="leaf"><joint name="hinge"/><geom size="0.1"/></body></worldbody></mujoco>'''
+    >>> with tempfile.TemporaryDirectory() as folder:
+    ...     source, target = Path(folder) / "door.xml", Path(folder) / "weighed.xml"
+    ...     _ = source.write_text(text)
+    ...     robot = Robot.from_mjcf(source)
+    ...     leaf = Inertia.from_com(mass=12.0, com=(0.5, 0.0, 1.0), about_com=np.diag([4.0, 4.5, 0.75]))
+    ...     write_mjcf(robot, leaf.parameters, {"damping": [0.3], "rotor_inertia": [0.02]}, source, target)
+    ...     print(target.read_text())
+    <mujoco model="door"><default><joint damping="0.4"/></default>
+    <worldbody><body name="leaf"><inertial pos="0.5 0.0 1.0" mass="12.0" fullinertia="4.0 4.5 0.75 0.0 0.0 0.0"/><joint
+    name="hinge" damping="0.3" armature="0.02"/><geom size="0.1"/></body></worldbody></mujoco>
+    """
+    source, target = Path(source), Path(target)
+    changes = description_changes(robot, parameters, drives)
+    require_target(source, target, robot, "MJCF")
+    if not changes:
+        write_bytes(read_bytes(source, remedy="give the path of an MJCF file"), target)
+        return
+    read = read_mjcf_tree(source)
+    _require_robot(robot, read)
+    writer = _Writer(read, changes)
+    data = writer.edited(source.resolve().parent, target.resolve().parent)
+    writer.require_read_back(read_mjcf_tree(target, data))
+    write_bytes(data, target)
+
+
+def _require_robot(robot: Robot, read: MjcfTree) -> None:
+    for what, names, known in (
+        ("body", [name for link in robot.links for name in (link.name, *link.absorbed)], read.tree.links),
+        ("joint", [joint.name for joint in robot.joints], read.tree.joints),
+    ):
+        absent = next((name for name in names if name not in known), None)
+        if absent is not None:
+            raise InputError(
+                f'{read.document.path}: it has no {what} "{absent}" of robot "{robot.name}"; give the MJCF that the '
+                "robot was read from"
+            )
+
+
+class _Writer:
+    def __init__(self, read: MjcfTree, changes: DescriptionChanges) -> None:
+        self.read, self.document, self.changes = read, read.document, changes
+        self.rows = dict(zip(read.body_names, read.compiled.bodies, strict=True))
+        self.between = {link for link in read.link_of.values() if link not in self.rows}
+        allowed = {name: _allowed(inertia) for name, inertia in changes.inertias.items()}
+        self.inertias = {name: inertia for name, inertia in allowed.items() if name in self.rows}
+        self.inertias_between = {name: inertia for name, inertia in allowed.items() if name in self.between}
+        self.inertias |= {name: Inertia.zero() for name in changes.emptied if self._weighs(name)}
+
+    def _weighs(self, name: str) -> bool:
+        return name in self.rows and (self.rows[name]["mass"] > 0.0 or any(self.rows[name]["inertia"]))
+
+    def edited(self, source: Path, target: Path) -> bytes:
+        """Return the file with all edits; `source` and `target` are folders."""
+        if self.inertias or self.inertias_between:
+            self._settle_compiler()
+        for name, inertia in self.inertias.items():
+            self._set_inertial(self._element(name, "body"), inertia)
+        for name, values in self.changes.drives.items():
+            joint = self._element(name, "joint")
+            texts = {DRIVE_ATTRIBUTES[key]: _text(value) for key, value in values.items()}
+            joint.file.edit.set_attributes(joint.place, texts)
+        joints = self.document.body_of.items()
+        parted = [body for joint, body in joints if self.read.link_of.get(joint) in self.inertias_between]
+        if parted:
+            # Bodies that are added would change the names that are made for others.
+            for name, element in (*self.document.bodies.items(), *self.document.joints.items()):
+                if name not in parted and not element.place.attributes.get("name"):
+                    element.file.edit.set_attributes(element.place, {"name": _attribute(name)})
+        for name in dict.fromkeys(parted):
+            self._put_between(name)
+        if source != target:
+            self._find_assets(source)
+        self._join(source, target)
+        return self.document.files[0].edit.result()
+
+    def _element(self, name: str, what: str) -> MjcfElement:
+        found = (self.document.bodies if what == "body" else self.document.joints).get(name)
+        if found is None:
+            raise InputError(
+                f'{self.document.path}: the {what} "{name}" is a copy that MuJoCo makes and has no element of its own, '
+                "in which its values could be written; save the model as it is compiled, and identify with that file"
+            )
+        return found
+
+    def _settle_compiler(self) -> None:
+        """Take out the settings that would change the inertias that are written, and write those that they made."""
+        taken = []
+        if self.document.setting("compiler", "settotalmass") is not None:
+            taken.append("settotalmass")
+        if self.document.setting("compiler", "inertiafromgeom") == "true":
+            taken.append("inertiafromgeom")
+        for key in ("boundmass", "boundinertia"):
+            bound = float(self.document.setting("compiler", key) or 0.0)
+            written = (*self.inertias.values(), *self.inertias_between.values())
+            if bound > 0.0 and any(_least(one)[key] < bound for one in written):
+                taken.append(key)
+        if not taken:
+            return
+        for element in self.document.root.all("compiler"):
+            element.file.edit.remove_attributes(element.place, taken)
+        moving = {"world": False}
+        jointed = {row["bodyid"] for row in self.read.compiled.joints}
+        for index, (name, row) in enumerate(self.rows.items()):
+            parent = self.read.body_names[row["parentid"]]
+            moving[name] = index in jointed or moving.get(parent, False)
+            if name not in self.inertias and self._weighs(name) and (moving[name] or "settotalmass" in taken):
+                self.inertias[name] = body_inertia(row)
+
+    def _set_inertial(self, body: MjcfElement, inertia: Inertia) -> None:
+        edit, values = body.file.edit, _inertial(inertia)
+        inertial = next(body.all("inertial"), None)
+        if inertial is None:
+            edit.insert_first(body.place, _tag("inertial", values))
+            return
+        stale = [key for key in (*OTHER_INERTIA, "fullinertia") if key not in values]
+        inertial.file.edit.remove_attributes(inertial.place, stale)
+        inertial.file.edit.set_attributes(inertial.place, values)
+
+    def _put_between(self, name: str) -> None:
+        """Put bodies between the joints of a body where the estimate has mass there."""
+        joints = [joint for joint, body in self.document.body_of.items() if body == name]
+        links = [self.read.link_of.get(joint, name) for joint in joints]
+        body = self._element(name, "body")
+        own = [one for one in body.children if one.tag == "joint"]
+        if len(own) < len(joints) or any(one.file is not body.file for one in own):
+            raise InputError(
+                f'{body.where}: joints of the body "{name}" stand in a frame or in an included file, so that nothing '
+                "can be put between them; write them into the body"
+            )
+        edit = body.file.edit
+        pieces: list[str] = []
+        waiting: list[bytes] = []
+        opened = 0
+        first = ""
+        for joint, link in zip(own, links, strict=True):
+            if link not in self.between:  # the joints before the body itself stay in it
+                break
+            waiting.append(edit.take(joint.place))
+            if link in self.inertias_between:
+                text = b"".join(waiting).decode("utf-8")
+                inner = _tag("inertial", _inertial(self.inertias_between[link])) + text
+                pieces.append(inner if not opened else f'<body name="{_attribute(link)}">{inner}')
+                first = first or link
+                opened, waiting = opened + 1, []
+        rest = b"".join(waiting).decode("utf-8")
+        pieces.append(f'<body name="{_attribute(name)}">{rest}')
+        edit.set_attributes(body.place, {"name": _attribute(first)})
+        edit.insert_at_start(body.place, "".join(pieces))
+        edit.insert_at_end(body.place, "</body>" * opened)
+
+    def _find_assets(self, source: Path) -> None:
+        """Make the paths of meshes and textures absolute."""
+        needed: dict[str, bool] = {}
+        for element in self.document.root.iterate():
+            named = [key for key in element.attributes if key.startswith("file")]
+            if element.tag == "model" and named:
+                path = {"file": _attribute(source / element.attributes["file"])}
+                element.file.edit.set_attributes(element.place, path)
+            elif element.tag in FOLDERS and named:
+                needed[FOLDERS[element.tag]] = True
+        compilers = list(self.document.root.all("compiler"))
+        missing = {}
+        for key in needed:
+            holders = [one for one in compilers if key in one.attributes]
+            if not holders:
+                missing[key] = _attribute(source / (self.document.setting("compiler", "assetdir") or ""))
+            for one in holders:
+                one.file.edit.set_attributes(one.place, {key: _attribute(source / one.attributes[key])})
+        if missing and compilers:
+            compilers[-1].file.edit.set_attributes(compilers[-1].place, missing)
+        elif missing:
+            first = self.document.files[0].edit
+            first.insert_first(first.root, _tag("compiler", missing))
+
+    def _join(self, source: Path, target: Path) -> None:
+        """Put included files that changed in the places of their includes; name the others where they are."""
+        files = self.document.files
+        for file in reversed(files[1:]):
+            if file.include is None:
+                continue
+            outer, place = file.include
+            nested = any(one.include is not None and one.include[0] is file for one in files)
+            if file.edit.edited or (nested and source != target):
+                outer.edit.replace(place, _as_utf8(file, file.edit.content()))
+            elif source != target:
+                outer.edit.set_attributes(place, {"file": _attribute(file.path.resolve())})
+
+    def require_read_back(self, again: MjcfTree) -> None:
+        """Refuse to write what MuJoCo reads as something else."""
+        rows = dict(zip(again.body_names, again.compiled.bodies, strict=True))
+        for name, inertia in {**self.inertias, **self.inertias_between}.items():
+            found = body_inertia(rows[name]) if name in rows else Inertia.zero()
+            if not is_same(inertia.parameters, found.parameters, READ_BACK):
+                raise InputError(
+                    f'{self.document.path}: MuJoCo reads another inertia of the body "{name}" than was written, '
+                    f"{found} for {inertia}; give it an <inertial> in the file"
+                )
+        joints = dict(zip(again.joint_names, again.compiled.joints, strict=True))
+        for name, values in self.changes.drives.items():
+            for key, value in values.items():
+                row_key = "armature" if key == "rotor_inertia" else key
+                if abs(joints[name][row_key] - value) > READ_BACK * abs(value):
+                    raise InputError(
+                        f"{self.document.path}: MuJoCo reads {joints[name][row_key]:g} as the {row_key} of the joint "
+                        f'"{name}", for which {value:g} was written; give it the attribute in the file'
+                    )
+
+
+def _least(inertia: Inertia) -> dict[str, float]:
+    """Return what the bounds of the compiler are compared with."""
+    if inertia.mass == 0.0:
+        return {"boundmass": 0.0, "boundinertia": 0.0}
+    return {"boundmass": inertia.mass, "boundinertia": float(np.linalg.eigvalsh(inertia.about_com)[0])}
+
+
+def _allowed(inertia: Inertia) -> Inertia:
+    """Return an inertia that MuJoCo takes: the same one, or one whose moments are larger by next to nothing."""
+    moments = np.linalg.eigvalsh(inertia.about_com)
+    short = max(moments[2] * (1.0 + MARGIN) - moments[0] - moments[1], LEAST - moments[0])
+    if short <= 0.0:
+        return inertia
+    return Inertia(inertia.mass, inertia.first_moment, inertia.about_origin + short * np.eye(3))
+
+
+def _inertial(inertia: Inertia) -> dict[str, str]:
+    if inertia.mass == 0.0:
+        return {"pos": "0 0 0", "mass": "0", "diaginertia": "0 0 0"}
+    second = (inertia.about_com + inertia.about_com.T) / 2
+    elements = [second[row, column] for row, column in ((0, 0), (1, 1), (2, 2), (0, 1), (0, 2), (1, 2))]
+    texts = {"pos": inertia.com.tolist(), "mass": [inertia.mass], "fullinertia": elements}
+    return {key: " ".join(_text(value) for value in values) for key, values in texts.items()}
+
+
+def _as_utf8(file: MjcfFile, content: bytes) -> bytes:
+    try:
+        content.decode("utf-8")
+    except UnicodeDecodeError:
+        raise InputError(f"{file.path}: it cannot be put into another file; save it as UTF-8") from None
+    return content
+
+
+def _attribute(value: str | Path) -> str:
+    text = value.as_posix() if isinstance(value, Path) else value
+    return escape(text, {'"': "&quot;", "'": "&apos;"})
+
+
+def _tag(tag: str, values: Mapping[str, str]) -> str:
+    return f"<{tag}{''.join(f' {key}={chr(34)}{value}{chr(34)}' for key, value in values.items())}/>"
+
+
+def _text(value: float) -> str:
+    return repr(float(value) + 0.0)
