@@ -2,6 +2,7 @@
 
 import csv
 import json
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -97,10 +98,14 @@ def test_one_log_with_an_estimate(logs, run):
     found = identify_payload(folder / "robot.toml", folder / "loaded.csv", estimate=folder / "estimate.json")
     assert str(found.estimate) in out
     assert truth.mass in found.estimate["mass"]
-    # With the rows of the unloaded log the intervals are narrower than with standard errors alone.
+    # The covariance of the estimate says as much as the rows of the unloaded log; standard errors alone say less.
     better = identify_payload(folder / "robot.toml", folder / "loaded.csv", information)
-    widths = [one.estimate["mass"].upper - one.estimate["mass"].lower for one in (found, better)]
-    assert 1.2 < widths[0] / widths[1] < 10.0
+    alone = replace(sy.least_squares(information), error_correlation=None)
+    coarse = identify_payload(folder / "robot.toml", folder / "loaded.csv", estimate=alone)
+    widths = [one.estimate["mass"].upper - one.estimate["mass"].lower for one in (found, better, coarse)]
+    assert 0.8 < widths[0] / widths[1] < 1.2
+    assert widths[2] > 1.2 * widths[0]
+    assert found.estimate.mass == pytest.approx(better.estimate.mass, abs=0.3 * widths[1])
     other = sy.Model(model.robot.with_terms(sy.Viscous()))
     wrong = sy.least_squares(sy.Information.from_samples(other, samples))
     with pytest.raises(InputError, match="another robot or of other terms"):

@@ -114,3 +114,16 @@ def test_base_parameters_alone_make_no_urdf(estimate, tmp_path):
 def test_it_shows_itself(estimate):
     assert "2 base parameters, relative error 5.00%" in repr(estimate)
     assert "a + c" in estimate._repr_html_()
+
+
+def test_covariance_is_kept(tmp_path):
+    """Against the inverse of the normal equations; what the data says nothing of has none."""
+    rows = np.random.default_rng(1).normal(size=(50, 3)) @ [[1.0, 0.9, 0.0], [0.0, 0.1, 0.0], [0.0, 0.0, 0.0]]
+    info = sy.Information.from_factor(np.linalg.qr(rows)[1], [4.0, 3.0, 0.0], 2.0, 50, ["a", "b", "c"])
+    sy.least_squares(info, None).save(tmp_path / "estimate.json")
+    estimate = sy.Estimate.load(tmp_path / "estimate.json")
+    expected = np.zeros((3, 3))
+    expected[:2, :2] = np.linalg.inv(rows[:, :2].T @ rows[:, :2])
+    found = estimate.covariance
+    np.testing.assert_allclose(found / found[0, 0], expected / expected[0, 0], rtol=1e-9, atol=1e-12)
+    np.testing.assert_allclose(np.sqrt(np.diag(found))[:2], estimate.standard_error[:2], rtol=1e-12)

@@ -97,12 +97,14 @@ def proved_estimate(
     # The certificate is about the standard parameters, which users take; the base parameters follow from them.
     certificate = FeasibilityCertificate.of_parameters(feasible_set, parameters)
     base = feasible_set.K @ parameters
+    covariance = ParameterCovariance.of(info, base, weights)
     return Estimate(
         method=method,
         base_names=info.base_names,
         base_expressions=certificate.base_expressions,  # reduced data may have names of its own
         base=certificate.base,
-        standard_error=ParameterCovariance.of(info, base, weights).standard_error,
+        standard_error=covariance.standard_error,
+        error_correlation=covariance.error_correlation,
         filtered_torque=info.filtered_torque,
         joint_names=joint_names,
         relative_error=info.relative_error(base),

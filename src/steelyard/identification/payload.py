@@ -192,8 +192,7 @@ def identify_payload(
     unloaded : path, sequence of path, or Information, optional
         Logs of the same robot without it; the payload is then what differs, and nothing need be known of the robot.
     estimate : path or Estimate, optional
-        The identified robot, instead of `unloaded`. Of its errors the standard errors are known but not how they hang
-        together, so that intervals are wider than with the log itself, some three times.
+        The identified robot, instead of `unloaded`: what it keeps is its base parameters and their covariance.
     frame : str, optional
         The mounting frame, a link of the description; that of ``[payload]``, or the last link, where absent.
     placement : array_like, optional
@@ -595,4 +594,4 @@ def _known(model: Model, estimate: str | Path | Estimate) -> KnownRobot:
     # Standard errors are those of least squares, from which an answer with a prior is further away on purpose. What the
     # data does not tell belongs to the answer, and cannot be taken from both.
     base = loaded.base if loaded.unconstrained_base is None or not known.all() else loaded.unconstrained_base
-    return KnownRobot(base, np.diag(np.where(known, loaded.standard_error, 0.0) ** 2))
+    return KnownRobot(base, loaded.covariance)

@@ -32,6 +32,7 @@ _ARRAYS = (
     "damping",
     "friction",
     "unconstrained_base",
+    "error_correlation",
 )
 _NAMES = ("base_names", "base_expressions", "joint_names", "parameter_names", "remarks")
 _NUMBERS = {"relative_error": np.nan, "condition_number": np.inf}  # the meaning of null in a file
@@ -93,6 +94,9 @@ class Estimate:
     unconstrained_base : ndarray or None
         (n_b,) what plain least squares made of the same data. `standard_error` says how far the truth is from these;
         feasibility and a prior draw `base` away from them. None for plain least squares itself, or where not known.
+    error_correlation : ndarray or None
+        (n_b (n_b - 1) / 2,) of the errors of the base parameters with one another, the lower triangle row by row; zero
+        for those of which the data says nothing. None where not known. See `covariance`.
 
     Examples
     --------
@@ -129,6 +133,27 @@ class Estimate:
     optimality_gap: float | None = None
     parameter_table: tuple[Mapping[str, Any], ...] = ()
     unconstrained_base: Array | None = None
+    error_correlation: Array | None = None
+
+    @property
+    def covariance(self) -> Array:
+        """(n_b, n_b) of the errors of the base parameters; zero where the data says nothing.
+
+        Examples
+        --------
+        >>> from steelyard.regression import Information, least_squares
+        >>> info = Information.from_factor([[2.0, 1.0], [0.0, 1.0]], [4.0, 3.0], 0.5, 100, ["a", "b"])
+        >>> estimate = least_squares(info)
+        >>> R = info.reduced(None).R
+        >>> bool(np.allclose(estimate.covariance, 0.5 / 98 * np.linalg.inv(R.T @ R)))  # 0.5 / 98: of the residuals
+        True
+        """
+        known = np.where(np.isfinite(self.standard_error), self.standard_error, 0.0)
+        matrix = np.eye(len(known))
+        if self.error_correlation is not None:
+            rows, columns = np.tril_indices(len(known), -1)
+            matrix[rows, columns] = matrix[columns, rows] = self.error_correlation
+        return np.asarray(known[:, None] * matrix * known)
 
     def confidence_interval(self, level: float = 0.95) -> Array:
         """Return an interval for each base parameter, (n_b, 2), that covers it with a probability of `level`.
@@ -228,7 +253,7 @@ class Estimate:
         base, joints = len(estimate.base_names), len(estimate.joint_names)
         sizes = {"base_expressions": base, "base": base, "standard_error": base, "unconstrained_base": base}
         sizes |= dict.fromkeys(("joint_relative_error", "damping", "friction"), joints)
-        sizes["parameters"] = len(estimate.parameter_names)
+        sizes |= {"parameters": len(estimate.parameter_names), "error_correlation": base * (base - 1) // 2}
         for name, expected in sizes.items():
             given = getattr(estimate, name)
             if given is not None and len(given) != expected:
@@ -387,6 +412,8 @@ def _numbers(name: str, value: Any, where: str) -> Array:
         raise InputError(f"{where}: {name!r} holds numbers beyond {LARGEST:g}, which no robot has.")
     if error and np.any(numbers < 0.0):
         raise InputError(f"{where}: {name!r} holds a negative number.")
+    if name == "error_correlation" and np.any(np.abs(numbers) > 1.0):
+        raise InputError(f"{where}: {name!r} holds numbers beyond 1.")
     if name == "weights" and not np.all(numbers > 0.0):
         raise InputError(f"{where}: {name!r} must be positive.")
     return numbers

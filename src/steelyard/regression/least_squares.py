@@ -67,12 +67,14 @@ def least_squares(info: Information, weights: str | ArrayLike | None = "joint") 
             f"The data does not determine {len(unidentifiable)} of {info.base_count} base parameters: "
             f"{'; '.join(unidentifiable)}."
         )
+    covariance = ParameterCovariance.of(info, base, used)
     return Estimate(
         method=method_name(info, weighted),
         base_names=info.base_names,
         base_expressions=info.base_expressions,
         base=base,
-        standard_error=ParameterCovariance.of(info, base, used).standard_error,
+        standard_error=covariance.standard_error,
+        error_correlation=covariance.error_correlation,
         joint_names=info.joint_names,
         weights=used,
         relative_error=info.relative_error(base),
