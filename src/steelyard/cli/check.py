@@ -7,7 +7,7 @@ from typing import Annotated
 
 import typer
 
-from .choices import AllowExtensions, Consistency, ConsistencyOption
+from .choices import AllowExtensions, ConsistencyOption
 from .terminal import echo
 
 __all__ = ["check"]
@@ -28,7 +28,7 @@ def check(
     output: Annotated[
         Path | None, typer.Option("--output", "-o", help="File for the certificate of the verdict (JSON).")
     ] = None,
-    consistency: ConsistencyOption = Consistency.FULL,
+    consistency: ConsistencyOption = "full",
     allow_extensions: AllowExtensions = False,
 ) -> None:
     """Tell whether a robot with these parameters could exist: exit 0 feasible, 1 not, 2 bad input.
@@ -43,14 +43,14 @@ def check(
     if certificate is not None:
         if output is not None:
             raise InputError("--certificate verifies a certificate and --output saves a new one; give one of them.")
-        verified = check_certificate(certificate, file, estimate, consistency.value)
+        verified = check_certificate(certificate, file, estimate, consistency)
         echo(verified.sentence)
         if not verified:
             raise typer.Exit(1)
         return
     if file is None or estimate is None:
         raise InputError("steelyard check needs ROBOT and ESTIMATE, or --certificate FILE to verify a certificate.")
-    verdict = check_estimate(file, estimate, consistency.value)
+    verdict = check_estimate(file, estimate, consistency)
     echo(str(verdict))
     if output is not None:
         if verdict.certificate is None:

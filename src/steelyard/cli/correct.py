@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Literal
 
 import typer
 
-from .choices import AllowExtensions, Consistency, ConsistencyOption, DistanceMetric
+from .choices import AllowExtensions, ConsistencyOption
 from .terminal import echo
 
 __all__ = ["correct"]
@@ -17,11 +17,11 @@ def correct(
     robot: Annotated[Path, typer.Argument(help="URDF or robot.toml.")],
     estimate: Annotated[Path, typer.Argument(help="The estimate.json that identify saved.")],
     output: Annotated[Path, typer.Option("--output", "-o", help="File for the corrected estimate (JSON).")],
-    consistency: ConsistencyOption = Consistency.FULL,
+    consistency: ConsistencyOption = "full",
     metric: Annotated[
-        DistanceMetric,
+        Literal["deviation", "euclidean"],
         typer.Option(help="Base parameters count in units of their standard deviations, or all in SI units."),
-    ] = DistanceMetric.DEVIATION,
+    ] = "deviation",
     allow_extensions: AllowExtensions = False,
 ) -> None:
     """Write the physically possible estimate that is nearest to another one."""
@@ -32,7 +32,7 @@ def correct(
     if output.resolve() == estimate.resolve():
         raise InputError(f"{output}: is the estimate itself, which stays as it is; give another file.")
     file = RobotFile.load(robot, allow_extensions=allow_extensions)
-    corrected = correct_estimate(file, estimate, consistency.value, metric.value)
+    corrected = correct_estimate(file, estimate, consistency, metric)
     corrected.save(output)
     echo(corrected.remarks[-1])
     echo(f"Written to {output}")

@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Literal
 
 import typer
 
-from .choices import AllowExtensions, Criterion, Family, NuisanceParameters
+from .choices import AllowExtensions
 from .terminal import echo, progress, show_excitation
 
 __all__ = ["excite"]
@@ -19,15 +19,15 @@ def excite(
     limits: Annotated[
         Path | None, typer.Option(help="Limits file (TOML); what it does not name is taken from the robot.")
     ] = None,
-    family: Annotated[Family, typer.Option(help="Kind of motion.")] = Family.FOURIER,
-    criterion: Annotated[Criterion, typer.Option(help="What makes a motion good.")] = Criterion.CONDITION,
+    family: Annotated[Literal["fourier", "spline", "quintic"], typer.Option(help="Kind of motion.")] = "fourier",
+    criterion: Annotated[Literal["condition", "d", "a"], typer.Option(help="What makes a motion good.")] = "condition",
     subset: Annotated[
         list[str] | None,
         typer.Option(help="Joint, link or parameter that is to be shown, or payload; may be repeated."),
     ] = None,
     nuisance: Annotated[
-        NuisanceParameters, typer.Option(help="Whether the parameters beyond the subset are known already.")
-    ] = NuisanceParameters.UNKNOWN,
+        Literal["unknown", "known"], typer.Option(help="Whether the parameters beyond the subset are known already.")
+    ] = "unknown",
     harmonics: Annotated[int, typer.Option(help="Of the Fourier series.", min=1)] = 6,
     points: Annotated[int | None, typer.Option(help="Of splines and moves.", min=3)] = None,
     period: Annotated[float, typer.Option(help="s.")] = 12.5,
@@ -59,8 +59,8 @@ def excite(
             limits,
             prior_information=prior_information,
             estimate=estimate,
-            family=family.value,
-            objective=ExcitationObjective(criterion=criterion.value, subset=subset or None, nuisance=nuisance.value),
+            family=family,
+            objective=ExcitationObjective(criterion=criterion, subset=subset or None, nuisance=nuisance),
             harmonics=harmonics,
             points=points,
             period=period,

@@ -7,7 +7,7 @@ from typing import Annotated
 
 import typer
 
-from .choices import AllowExtensions, Consistency, ConsistencyOption
+from .choices import AllowExtensions, ConsistencyOption
 from .terminal import echo
 
 __all__ = ["explain"]
@@ -17,7 +17,7 @@ def explain(
     robot: Annotated[Path, typer.Argument(help="URDF or robot.toml.")],
     estimate: Annotated[Path, typer.Argument(help="The estimate.json that identify saved.")],
     output: Annotated[Path | None, typer.Option("--output", "-o", help="File for the same as JSON.")] = None,
-    consistency: ConsistencyOption = Consistency.FULL,
+    consistency: ConsistencyOption = "full",
     allow_extensions: AllowExtensions = False,
 ) -> None:
     """Tell why an estimate is impossible, or which values of each parameter are possible: exit 0 feasible, 1 not."""
@@ -25,7 +25,7 @@ def explain(
     from steelyard.robot import RobotFile
 
     file = RobotFile.load(robot, allow_extensions=allow_extensions)
-    explanation = explain_estimate(file, estimate, consistency.value)
+    explanation = explain_estimate(file, estimate, consistency)
     echo(str(explanation))
     if output is not None:
         explanation.save(output)

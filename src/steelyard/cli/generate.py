@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Literal
 
 import typer
 
 from steelyard.errors import InputError
 
-from .choices import AllowExtensions, Gravity, Sign
+from .choices import AllowExtensions
 from .terminal import echo
 
 __all__ = ["generate"]
@@ -31,10 +31,13 @@ def generate(
         typer.Option("--function", "-f", help="Function to write, may be repeated; 'list' names them all."),
     ] = None,
     base: Annotated[bool, typer.Option("--base", help="In base parameters instead of standard ones.")] = False,
-    gravity: Annotated[Gravity, typer.Option(help="The robot's gravity, or an argument.")] = Gravity.FIXED,
+    gravity: Annotated[
+        Literal["fixed", "argument"], typer.Option(help="The robot's gravity, or an argument.")
+    ] = "fixed",
     sign: Annotated[
-        Sign, typer.Option(help="Sign of Coulomb friction; a smooth one has its width as an argument.")
-    ] = Sign.EXACT,
+        Literal["exact", "smooth"],
+        typer.Option(help="Sign of Coulomb friction; a smooth one has its width as an argument."),
+    ] = "exact",
     estimate: Annotated[
         Path | None, typer.Option(help="estimate.json, whose parameters stand in the source as numbers.")
     ] = None,
@@ -56,8 +59,8 @@ def generate(
         function or DEFAULT_FUNCTIONS,
         directory=output,
         base=base,
-        gravity=gravity.value,
-        sign=sign.value,
+        gravity=gravity,
+        sign=sign,
         parameters=parameters_for_source(model, estimate, cad=cad, base=base),
     )
     for path in written:

@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Literal
 
 import typer
 
-from .choices import AllowExtensions, Consistency, ConsistencyOption, PriorName, TieBreakName, Topic, Weights
+from .choices import AllowExtensions, ConsistencyOption, Topic, WeightsOption
 from .terminal import echo, progress, show_identification
 
 __all__ = ["identify"]
@@ -25,11 +25,12 @@ def identify(
     validate: Annotated[
         list[str] | None, typer.Option("--validate", help="Log that is predicted without refitting; may be repeated.")
     ] = None,
-    consistency: ConsistencyOption = Consistency.FULL,
-    weights: Annotated[Weights, typer.Option(help="How the joints are weighted.")] = Weights.JOINT,
+    consistency: ConsistencyOption = "full",
+    weights: WeightsOption = "joint",
     prior: Annotated[
-        PriorName, typer.Option(help="What the answer stays near: what is known of the robot, or nothing.")
-    ] = PriorName.AUTO,
+        Literal["auto", "none"],
+        typer.Option(help="What the answer stays near: what is known of the robot, or nothing."),
+    ] = "auto",
     prior_weight: Annotated[
         float | None, typer.Option(help="Weight of that; chosen by cross-validation where absent.", min=0.0)
     ] = None,
@@ -37,9 +38,9 @@ def identify(
         bool, typer.Option("--force", help="Write the description even where the model does not predict the robot.")
     ] = False,
     prefer: Annotated[
-        TieBreakName,
+        Literal["auto", "cad", "lightest"],
         typer.Option(help="The choice among near-equal answers (auto: closest to CAD where there is one)."),
-    ] = TieBreakName.AUTO,
+    ] = "auto",
     residual_slack: Annotated[
         float, typer.Option(help="Fraction of the squared residual that this choice may cost.", min=0.0, max=1.0)
     ] = 5e-4,
@@ -67,11 +68,11 @@ def identify(
             file,
             logs,
             validate=validate or [],
-            consistency=consistency.value,
-            weights="joint" if weights is Weights.JOINT else None,
-            prior="auto" if prior is PriorName.AUTO else None,
+            consistency=consistency,
+            weights="joint" if weights == "joint" else None,
+            prior="auto" if prior == "auto" else None,
             prior_weight="auto" if prior_weight is None else prior_weight,
-            prefer=prefer.value,
+            prefer=prefer,
             residual_slack=residual_slack,
             estimator=estimator,
             chunk_rows=chunk_rows,

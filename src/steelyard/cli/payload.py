@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 import typer
 
-from .choices import AllowExtensions, Changes, Consistency, ConsistencyOption, Topic, Weights
+from .choices import AllowExtensions, ConsistencyOption, Topic, WeightsOption
 from .terminal import echo, progress
 
 if TYPE_CHECKING:
@@ -29,15 +29,16 @@ def payload(
         str | None, typer.Option(help="Link of the description in whose frame the payload is mounted (the last one).")
     ] = None,
     changes: Annotated[
-        Changes | None, typer.Option(help="What of the joints may be other while loaded (friction).")
+        Literal["nothing", "friction", "friction-and-offset"] | None,
+        typer.Option(help="What of the joints may be other while loaded (friction)."),
     ] = None,
     mass: Annotated[
         float | None,
         typer.Option(help="kg, of a known payload, by which drive gains are found where robot.toml asks for them."),
     ] = None,
     output: Annotated[Path | None, typer.Option("--output", "-o", help="File for the same as JSON.")] = None,
-    consistency: ConsistencyOption = Consistency.FULL,
-    weights: Annotated[Weights, typer.Option(help="How the joints are weighted.")] = Weights.JOINT,
+    consistency: ConsistencyOption = "full",
+    weights: WeightsOption = "joint",
     chunk_rows: Annotated[int, typer.Option(help="Rows of a log that stand in memory together.", min=1000)] = 200_000,
     topic: Topic = None,
     allow_extensions: AllowExtensions = False,
@@ -68,8 +69,8 @@ def payload(
     with progress() as say:
         options: dict[str, Any] = {
             "frame": frame,
-            "changes": None if changes is None else changes.value,
-            "consistency": consistency.value,
+            "changes": changes,
+            "consistency": consistency,
             "chunk_rows": chunk_rows,
             "progress": say,
         }
@@ -79,7 +80,7 @@ def payload(
                 raise InputError("Drive gains need the log without the payload, too; leave out --estimate.")
             found = identify_drive_gains(file, logs[-1:], logs[:-1], payload=mass, **options)
         else:
-            chosen: Literal["joint"] | None = "joint" if weights is Weights.JOINT else None
+            chosen: Literal["joint"] | None = "joint" if weights == "joint" else None
             found = identify_payload(file, logs[-1:], logs[:-1], estimate=estimate, weights=chosen, **options)
     echo(str(found))
     if output is not None:

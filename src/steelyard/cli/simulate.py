@@ -2,29 +2,15 @@
 
 from __future__ import annotations
 
-from enum import Enum
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Literal
 
 import typer
 
 from .choices import AllowExtensions
 from .terminal import echo, progress
 
-__all__ = ["SimulationMethod", "simulate"]
-
-
-class SimulationMethod(Enum):
-    """How the motion is integrated."""
-
-    AUTOMATIC = "automatic"
-    DORMAND_PRINCE = "dormand_prince"
-    DOP853 = "dop853"
-    RADAU = "radau"
-    BDF = "bdf"
-    LSODA = "lsoda"
-    RUNGE_KUTTA_4 = "runge_kutta_4"
-    ROSENBROCK = "rosenbrock"
+__all__ = ["simulate"]
 
 
 def simulate(
@@ -50,7 +36,10 @@ def simulate(
     follow: Annotated[
         Path | None, typer.Option(help="Trajectory that is followed under computed torque at 1 kHz.")
     ] = None,
-    method: Annotated[SimulationMethod, typer.Option(help="Integration method.")] = SimulationMethod.AUTOMATIC,
+    method: Annotated[
+        Literal["automatic", "dormand_prince", "dop853", "radau", "bdf", "lsoda", "runge_kutta_4", "rosenbrock"],
+        typer.Option(help="Integration method."),
+    ] = "automatic",
     rate: Annotated[
         float | None, typer.Option(help="Samples a second; by default 1000, or the rate of --torque if that is more.")
     ] = None,
@@ -90,7 +79,7 @@ def simulate(
             initial=positions,
             torque=torque,
             follow=follow,
-            method=method.value,
+            method=method,
             rate=rate,
             sign_width=sign_width,
             stop_at_limits=stop_at_limits,
