@@ -334,11 +334,3 @@ def test_every_language_of_a_block_is_known() -> None:
         if re.search(r"^\s*(\$ )?steelyard \w|^import ", b, re.MULTILINE)
     ]
     assert shown == [], "commands and Python are to be marked as such, so that they run here"
-
-
-def test_every_file_of_the_walk_through_an_identification_exists() -> None:
-    root = Path(__file__).resolve().parent.parent
-    text = (root / "docs" / "explanation" / "one-identification.md").read_text(encoding="utf-8")
-    named = re.findall(r"`(\w+/(?:[\w/]+\.py|(?:\w+/)*))`", text)
-    assert len(named) > 40
-    assert [name for name in named if not (root / "src" / "steelyard" / name).exists()] == []

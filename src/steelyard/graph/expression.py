@@ -379,12 +379,16 @@ def interpret(
     """
     results: dict[int, Any] = {}
     for node in reachable(outputs):
-        if node.operation == "constant":
+        name, arguments = node.operation, node.arguments
+        if len(arguments) == 2:  # most of them
+            first, second = arguments
+            results[node.index] = operations[name](results[first.index], results[second.index])
+        elif arguments:
+            results[node.index] = operations[name](results[arguments[0].index])
+        elif name == "constant":
             results[node.index] = constant(float(node.value))
-        elif node.operation == "input":
-            results[node.index] = value_of(str(node.value))
         else:
-            results[node.index] = operations[node.operation](*(results[a.index] for a in node.arguments))
+            results[node.index] = value_of(str(node.value))
     return results
 
 
