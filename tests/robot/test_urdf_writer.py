@@ -299,3 +299,64 @@ def test_utf16_is_refused(source, tmp_path):
     robot = Robot.from_urdf(source)
     with pytest.raises(InputError, match="UTF-16 and UTF-32 files cannot be edited in place"):
         write_urdf(robot, estimate(robot), np.zeros(3), np.zeros(3), source, tmp_path / "out.urdf")
+
+
+EXTENDED = """<robot name="r"><link name="a"/>
+  <link name="b"><inertial><origin xyz="0 0 0.1" rpy="0.1 0 0"/><mass value="1e0"/>
+    <inertia ixx="0.1" ixy="0" ixz="0" iyy="0.1" iyz="0" izz="0.1"/></inertial></link>
+  <link name="c"><inertial><mass value="0.5"/>
+    <inertia ixx="0.1" ixy="0" ixz="0" iyy="0.1" iyz="0" izz="0.1"/></inertial></link>
+  <joint name="j &amp; k" type="revolute"><parent link="a"/><child link="b"/><dynamics damping="0.50"/>
+    <limit lower="-1" upper="1" effort="1" velocity="1"/></joint>
+  <joint name="f" type="fixed"><parent link="b"/><child link="c"/></joint>
+  <gazebo reference="j &amp; k"><damping> 0.5 </damping><mu1>0.2</mu1>
+    <axis><dynamics><friction/></dynamics></axis></gazebo>
+  <gazebo reference="b"><damping>7</damping><mu1>0.2</mu1></gazebo>
+  <ros2_control name="x"><joint name="j &amp; k"><param name="friction">1</param><param name="max">2</param></joint>
+  </ros2_control>
+</robot>
+"""
+
+
+def test_without_changes_a_copy_is_the_same_byte_for_byte(tmp_path):
+    source, target = tmp_path / "r.urdf", tmp_path / "same.urdf"
+    for text in (EXTENDED, EXTENDED.replace("\n", "\r\n")):
+        source.write_bytes(text.encode())
+        robot = Robot.from_urdf(source)
+        write_urdf(robot, robot.parameters, [np.nan], [np.nan], source, target)
+        assert target.read_bytes() == source.read_bytes()
+
+
+def test_what_the_format_has_no_place_for_stands_in_an_extension(tmp_path):
+    source, target = tmp_path / "r.urdf", tmp_path / "weighed.urdf"
+    source.write_text(EXTENDED)
+    robot = Robot.from_urdf(source)
+    changed = [[0.75], [0.25]]
+    write_urdf(robot, robot.parameters, *changed, source, target, rotor_inertia=[0.125], offset=[-2.0])
+    text = target.read_text()
+    assert '<dynamics damping="0.75" friction="0.25"/>' in text
+    assert "<damping> 0.75 </damping><mu1>0.2</mu1>" in text
+    assert "<friction>0.25</friction>" in text
+    assert '<gazebo reference="b"><damping>7</damping>' in text  # of the link's speed through the air
+    assert '<param name="friction">0.25</param><param name="max">2</param>' in text
+    assert '<steelyard:joint name="j &amp; k" rotor_inertia="0.125" offset="-2.0"/>' in text
+    again = Robot.from_urdf(target)
+    assert again.joints[0].rotor_inertia == 0.125
+    third = tmp_path / "third.urdf"
+    write_urdf(again, again.parameters, *changed, target, third, rotor_inertia=[0.5], offset=[np.nan])
+    assert third.read_text().count("<steelyard:") == 2
+    with pytest.raises(InputError, match="its rotor inertia is -1"):
+        write_urdf(robot, robot.parameters, *changed, source, target, rotor_inertia=[-1.0])
+
+
+def test_other_programs_pass_over_the_extension(tmp_path):
+    pinocchio = pytest.importorskip("pinocchio", reason="Pinocchio is not installed")
+    mujoco = pytest.importorskip("mujoco", reason="MuJoCo is not installed")
+    source, target = tmp_path / "r.urdf", tmp_path / "weighed.urdf"
+    source.write_text(EXTENDED)
+    robot = Robot.from_urdf(source)
+    parameters = robot.parameters * 1.25
+    write_urdf(robot, parameters, [0.75], [0.25], source, target, rotor_inertia=[0.125], offset=[-2.0])
+    model = pinocchio.buildModelFromUrdf(str(target))
+    assert model.inertias[1].mass == pytest.approx(parameters[9], rel=1e-12)
+    assert mujoco.MjModel.from_xml_path(str(target)).nv == 1

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from dataclasses import fields
 from functools import cached_property
 from pathlib import Path
 from typing import Any
@@ -15,7 +16,7 @@ from steelyard.display import html_table
 from steelyard.errors import InputError
 from steelyard.graph import Function, Kernel
 from steelyard.lmi import AffineBlock
-from steelyard.robot import Robot, RobotFile
+from steelyard.robot import Drives, Robot, RobotFile
 
 from .algorithms.kinematics import joint_frames
 from .algorithms.regressor import regressor_with_numpy, term_torques
@@ -348,17 +349,35 @@ class Model:
         damping, friction : ndarray
             (N,) each: N·m·s/rad and N·m, or N·s/m and N.
         """
+        drives = self.drives(parameters)
+        return drives.damping, drives.friction
+
+    def drives(self, parameters: ArrayLike) -> Drives:
+        """Return what the terms add at each joint moving alone: friction, rotor inertia and offset.
+
+        Coupled motors count with what the joint feels of them. NaN where the robot has no terms; rotor inertia and
+        offset also where it has none of these.
+
+        Parameters
+        ----------
+        parameters : array_like
+            (n,).
+        """
         n = self.robot.dof
         if not self.robot.terms:
-            return np.full(n, np.nan), np.full(n, np.nan)
+            return Drives.unknown(n)
         still, delta = np.zeros((n, n)), parameter_values(parameters, self.parameter_names, self.robot.name)
         described = np.array(self._layout.described_as)
 
         def felt(kind: str) -> Array:
+            if kind not in described and kind in ("rotor_inertia", "offset"):
+                return np.full(n, np.nan)
             share = np.where(described == kind, delta, 0.0)
-            return np.diagonal(term_torques(self._layout, still, np.eye(n), still, share)).copy()
+            speed = np.eye(n) if kind in ("damping", "friction") else still
+            acceleration = np.eye(n) if kind == "rotor_inertia" else still
+            return np.diagonal(term_torques(self._layout, still, speed, acceleration, share)).copy()
 
-        return felt("damping"), felt("friction")
+        return Drives(*(felt(one.name) for one in fields(Drives)))
 
     # What the model is made of
 

@@ -99,7 +99,7 @@ class Offset(_JointTerm):
     """
 
     kind = "offset"
-    parameters = (TermParameter("Foj", "N·m", "N", "torque offset", nonnegative=False),)
+    parameters = (TermParameter("Foj", "N·m", "N", "torque offset", nonnegative=False, described_as="offset"),)
 
     def columns(
         self, k: int, q: Sequence[Any], dq: Sequence[Any], ddq: Sequence[Any], algebra: Any
@@ -118,7 +118,7 @@ class RotorInertia(_JointTerm):
     """
 
     kind = "rotor_inertia"
-    parameters = (TermParameter("Ia", "kg·m²", "kg", "rotor inertia", nonnegative=True),)
+    parameters = (TermParameter("Ia", "kg·m²", "kg", "rotor inertia", nonnegative=True, described_as="rotor_inertia"),)
 
     def columns(
         self, k: int, q: Sequence[Any], dq: Sequence[Any], ddq: Sequence[Any], algebra: Any
@@ -158,8 +158,8 @@ class MotorSide(Term):
             "Fvm", "N·m·s/rad", "N·s/m", "viscous friction of the motor", nonnegative=True, described_as="damping"
         ),
         TermParameter("Fcm", "N·m", "N", "Coulomb friction of the motor", nonnegative=True, described_as="friction"),
-        TermParameter("Fom", "N·m", "N", "torque offset of the motor", nonnegative=False),
-        TermParameter("Iam", "kg·m²", "kg", "inertia of the motor", nonnegative=True),
+        TermParameter("Fom", "N·m", "N", "torque offset of the motor", nonnegative=False, described_as="offset"),
+        TermParameter("Iam", "kg·m²", "kg", "inertia of the motor", nonnegative=True, described_as="rotor_inertia"),
     )
 
     def __init__(self, coupling: ArrayLike) -> None:

@@ -90,9 +90,9 @@ def proved_estimate(
             "steelyard.check tells which conditions they violate."
         )
     joint_names = info.joint_names
-    damping, friction = None, None
+    drives: dict[str, Any] = {}
     if isinstance(model, Model):
-        damping, friction = model.joint_friction(parameters)
+        drives = vars(model.drives(parameters))
         joint_names = joint_names or tuple(model.robot.joint_names)  # reduced data does not name them
     # The certificate is about the standard parameters, which users take; the base parameters follow from them.
     certificate = FeasibilityCertificate.of_parameters(feasible_set, parameters)
@@ -115,8 +115,7 @@ def proved_estimate(
         parameter_names=tuple(model.parameter_names),
         parameters=parameters,
         consistency=feasible_set.consistency,
-        damping=damping,
-        friction=friction,
+        **drives,
         certificate=certificate.document(),
         remarks=(*info.remarks, *remarks),
         optimality_gap=optimality_gap,
@@ -195,6 +194,8 @@ def _checked(given: object, info: Information, feasible_set: FeasibleSet) -> Est
         certificate=own.certificate,
         damping=own.damping,
         friction=own.friction,
+        rotor_inertia=own.rotor_inertia,
+        offset=own.offset,
         joint_relative_error=own.joint_relative_error,
         condition_number=own.condition_number,
         optimality_gap=None,

@@ -220,7 +220,6 @@ def correct_estimate(
         exact = loaded.standard_error == 0
         weights[exact, exact] = max(1.0, float(weights.max(initial=0.0)))
     found = correct(feasible_set, base=loaded.base, metric=weights)
-    damping, friction = model.joint_friction(found.parameters)
     told = str(found)
     if loaded.parameters is not None and found.status == "already feasible":
         told = (
@@ -237,8 +236,7 @@ def correct_estimate(
         consistency=consistency,
         relative_error=loaded.relative_error if found.status == "already feasible" else float("nan"),
         joint_relative_error=loaded.joint_relative_error if found.status == "already feasible" else None,
-        damping=damping,
-        friction=friction,
+        **vars(model.drives(found.parameters)),
         certificate=found.certificate.document(),
         remarks=(*loaded.remarks, told),
         optimality_gap=None,  # it was measured for the parameters before, and for the conditions of their fit

@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 from steelyard.display import html_table
 from steelyard.errors import InputError, faults_told
 from steelyard.files import plain, read_json, shown, write_json
+from steelyard.robot import Drives
 from steelyard.robot.description import URDF, DescriptionFormat, UrdfFormat, description_format
 
 from .factor import LARGEST
@@ -31,11 +32,14 @@ _ARRAYS = (
     "joint_relative_error",
     "damping",
     "friction",
+    "rotor_inertia",
+    "offset",
     "unconstrained_base",
     "error_correlation",
 )
 _NAMES = ("base_names", "base_expressions", "joint_names", "parameter_names", "remarks")
 _NUMBERS = {"relative_error": np.nan, "condition_number": np.inf}  # the meaning of null in a file
+_LATER = ("rotor_inertia", "offset")  # not in the files of the first version
 _OPTIONAL = (*_ARRAYS[2:], "consistency", "certificate", "optimality_gap")
 
 
@@ -74,6 +78,8 @@ class Estimate:
         ``"full"`` or ``"inertia"``: in which sense the parameters are feasible; None where that was not asked.
     damping, friction : ndarray or None
         (N,) viscous and Coulomb friction of each joint moving alone, all terms together; NaN where not modelled.
+    rotor_inertia, offset : ndarray or None
+        (N,) inertia of the rotors as the joints feel it, and constant torques, likewise.
     certificate : mapping or None
         The proof of feasibility, as plain data.
     remarks : tuple of str
@@ -134,6 +140,8 @@ class Estimate:
     parameter_table: tuple[Mapping[str, Any], ...] = ()
     unconstrained_base: Array | None = None
     error_correlation: Array | None = None
+    rotor_inertia: Array | None = None
+    offset: Array | None = None
 
     @property
     def covariance(self) -> Array:
@@ -247,12 +255,14 @@ class Estimate:
         values: dict[str, Any] = {}
         for item in fields(cls):
             if item.name not in document:
+                if item.name in _LATER:
+                    continue
                 raise InputError(f"{where}: has no {item.name!r}.")
             values[item.name] = _read(item.name, document[item.name], where)
         estimate = cls(**values)
         base, joints = len(estimate.base_names), len(estimate.joint_names)
         sizes = {"base_expressions": base, "base": base, "standard_error": base, "unconstrained_base": base}
-        sizes |= dict.fromkeys(("joint_relative_error", "damping", "friction"), joints)
+        sizes |= dict.fromkeys(("joint_relative_error", "damping", "friction", "rotor_inertia", "offset"), joints)
         sizes |= {"parameters": len(estimate.parameter_names), "error_correlation": base * (base - 1) // 2}
         for name, expected in sizes.items():
             given = getattr(estimate, name)
@@ -365,10 +375,10 @@ class Estimate:
                 )
             index = {name: k for k, name in enumerate(self.parameter_names)}
             links = self.parameters[[index[name] for name in names]]
-            unknown = np.full(robot.dof, np.nan)
-            damping = unknown if self.damping is None else self.damping
-            friction = unknown if self.friction is None else self.friction
-            kind.write(robot, links, damping, friction, source, target)
+            drives = Drives.unknown(robot.dof).with_known(
+                damping=self.damping, friction=self.friction, rotor_inertia=self.rotor_inertia, offset=self.offset
+            )
+            kind.write(robot, links, drives, source, target)
 
 
 def _read(name: str, value: Any, where: str) -> Any:
@@ -403,7 +413,7 @@ def _read(name: str, value: Any, where: str) -> Any:
 def _numbers(name: str, value: Any, where: str) -> Array:
     """Turn a list of numbers into an array; None stands for what is not known, where that may be."""
     error = name == "standard_error"
-    unknown = error or name in ("damping", "friction", "joint_relative_error")
+    unknown = error or name in ("damping", "friction", "rotor_inertia", "offset", "joint_relative_error")
     allowed = (int, float, type(None)) if unknown else (int, float)
     if not isinstance(value, list) or not all(isinstance(v, allowed) and not isinstance(v, bool) for v in value):
         raise InputError(f"{where}: {name!r} must be a list of numbers.")

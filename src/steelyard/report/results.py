@@ -13,6 +13,7 @@ from steelyard.files import read_json, replaced_folder, write_json, write_text
 from steelyard.identification import Identification
 from steelyard.identification.saved_result import RECORD, RECORD_FORMAT
 from steelyard.recording.formats import hashed_log
+from steelyard.robot import Robot
 from steelyard.robot.description import URDF, description_format
 
 from .html import write_report
@@ -104,7 +105,7 @@ def save_results(identification: Identification, folder: Path, *, force: bool = 
         if identification.parameters is not None:
             write_text(identification.parameters.to_csv(), made / TABLE)
         if source is not None and (force or identification.prediction.word != "wrong"):
-            name = _described(source)
+            name = _described(source, identification.model.robot)
             if name is not None:
                 identification.estimate.write_description(source, made / name)
         write_report(identification, made / "report.html")
@@ -113,9 +114,11 @@ def save_results(identification: Identification, folder: Path, *, force: bool = 
     return tuple(folder / name for name in names)
 
 
-def _described(source: Path) -> str | None:
-    """Name the file for the description with the identified parameters; None where its format is only read."""
+def _described(source: Path, robot: Robot) -> str | None:
+    """Name the file for the description with the identified parameters; None where it cannot be written."""
     kind = description_format(source) or URDF
+    if kind.refusal(robot):
+        return None
     if kind is URDF:
         return "robot.urdf"
     return f"robot{source.suffix.lower()}" if kind.is_written else None

@@ -11,6 +11,7 @@ if TYPE_CHECKING:
     from .inertia import INERTIA_SYMBOLS as INERTIA_SYMBOLS
     from .inertia import Inertia as Inertia
     from .joint import Attachment as Attachment
+    from .joint import Drives as Drives
     from .joint import Joint as Joint
     from .joint import JointKind as JointKind
     from .joint import Link as Link

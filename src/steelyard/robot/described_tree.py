@@ -145,6 +145,14 @@ class _Place(NamedTuple):
     locked: bool
 
 
+def with_rotors(joints: Mapping[str, DescribedJoint], rotor_inertias: Mapping[str, float]) -> dict[str, DescribedJoint]:
+    """Return the joints with these inertias of rotors, by their names; other names are passed over."""
+    return {
+        name: replace(joint, rotor_inertia=rotor_inertias.get(name, joint.rotor_inertia))
+        for name, joint in joints.items()
+    }
+
+
 def robot_parts(tree: DescribedTree, tip: str | None, locked: Iterable[str] | Mapping[str, float]) -> dict[str, Any]:
     """Return the fields of the robot that a tree describes, all but gravity.
 

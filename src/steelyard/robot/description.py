@@ -16,6 +16,7 @@ from steelyard.errors import InputError, faults_told
 from steelyard.extensions import Extensions
 from steelyard.files import read_bytes, shown
 
+from .joint import Drives
 from .robot import Robot
 
 __all__ = ["DESCRIPTION_FORMATS", "URDF", "DescriptionFormat", "UrdfFormat", "description_format", "read_description"]
@@ -32,6 +33,9 @@ _ROOT = re.compile(rb"<([A-Za-z_][\w.-]*)")
 
 class DescriptionFormat(ABC):
     """A format of robot descriptions. One that derives from this class has `read`, and `write` where it is written."""
+
+    holds: ClassVar[tuple[str, ...]] = ("damping", "friction")
+    """What of `Drives` simulators take from elements of this format; the rest stands in an extension, or beside."""
 
     tells_gravity: ClassVar[bool] = False
     """Whether files hold gravity; `read` then gets None for a gravity that nobody has given."""
@@ -60,8 +64,7 @@ class DescriptionFormat(ABC):
         self,
         robot: Robot,
         parameters: NDArray[np.float64],
-        damping: NDArray[np.float64],
-        friction: NDArray[np.float64],
+        drives: Drives,
         source: Path,
         target: Path,
     ) -> None:
@@ -73,11 +76,15 @@ class DescriptionFormat(ABC):
             As `read` gives it.
         parameters : (n,)
             Values of `robot.parameter_names`.
-        damping, friction : (N,)
-            Of each coordinate; NaN where nothing is known.
+        drives : Drives
+            Friction, rotor inertia and offset of each coordinate; NaN where nothing is known.
         source, target : Path
         """
         raise InputError(f"{source}: descriptions of this format are read only; estimate.json holds the parameters.")
+
+    def refusal(self, robot: Robot) -> str:
+        """Why the description of a robot cannot be written, as a sentence; empty where it can."""
+        return ""
 
     @property
     def is_written(self) -> bool:
@@ -105,15 +112,17 @@ class UrdfFormat(DescriptionFormat):
         self,
         robot: Robot,
         parameters: NDArray[np.float64],
-        damping: NDArray[np.float64],
-        friction: NDArray[np.float64],
+        drives: Drives,
         source: Path,
         target: Path,
     ) -> None:
         """See `write_urdf`."""
         from .urdf_writer import write_urdf  # what writes is loaded when something is written
 
-        write_urdf(robot, parameters, damping, friction, source, target)
+        write_urdf(
+            robot, parameters, drives.damping, drives.friction, source, target,
+            rotor_inertia=drives.rotor_inertia, offset=drives.offset,
+        )  # fmt: skip
 
 
 def _checked_format(name: str, offered: object) -> DescriptionFormat:

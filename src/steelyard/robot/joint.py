@@ -3,16 +3,16 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field, fields, replace
 from typing import Literal
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 from .inertia import Inertia
 from .placement import frozen, motion_z
 
-__all__ = ["Attachment", "Joint", "JointKind", "Link"]
+__all__ = ["Attachment", "Drives", "Joint", "JointKind", "Link"]
 
 Matrix = NDArray[np.float64]
 JointKind = Literal["revolute", "continuous", "prismatic"]
@@ -86,6 +86,51 @@ class Link:
         mass = "unknown mass" if self.inertia is None else f"{self.inertia.mass:.6g} kg"
         merged = f", with {', '.join(self.absorbed)}" if self.attachments else ""
         return f"Link({self.name!r}, {mass}{merged})"
+
+
+@dataclass(frozen=True, eq=False)
+class Drives:
+    """What the drives of a robot add, of each coordinate moving alone; NaN where nothing is known.
+
+    Parameters
+    ----------
+    damping : (N,) array
+        Viscous friction, N m s/rad or N s/m.
+    friction : (N,) array
+        Coulomb friction, N m or N.
+    rotor_inertia : (N,) array
+        Inertia of the rotors as the joints feel it, kg m² or kg.
+    offset : (N,) array
+        Constant torque, N m or N.
+
+    Examples
+    --------
+    >>> Drives.unknown(2).with_known(damping=[0.1, 0.2]).damping.tolist()
+    [0.1, 0.2]
+    """
+
+    damping: Matrix
+    friction: Matrix
+    rotor_inertia: Matrix
+    offset: Matrix
+
+    def __post_init__(self) -> None:
+        for one in fields(self):
+            values = np.asarray(getattr(self, one.name), dtype=float)
+            object.__setattr__(self, one.name, frozen(values, values.shape[:1]))
+
+    @classmethod
+    def unknown(cls, count: int) -> Drives:
+        """Drives of which nothing is known."""
+        return cls(*(np.full(count, np.nan) for _ in fields(cls)))
+
+    def held_by_joints(self) -> dict[str, Matrix]:
+        """Those that are fields of `Joint`, by their names."""
+        return {name: values for name, values in vars(self).items() if name != "offset"}
+
+    def with_known(self, **values: ArrayLike | None) -> Drives:
+        """The same drives with other values; None leaves them."""
+        return replace(self, **{name: np.asarray(value) for name, value in values.items() if value is not None})
 
 
 @dataclass(frozen=True, eq=False)

@@ -39,9 +39,10 @@ class TermParameter:
         What it is, in a few words.
     nonnegative : bool
         Whether a negative value is physically impossible.
-    described_as : {"damping", "friction"}, optional
-        As what a robot description holds it: torque by velocity, or torque against the velocity. What joints feel of
-        all such parameters is written into a URDF; parameters without it stand in the estimate alone.
+    described_as : {"damping", "friction", "rotor_inertia", "offset"}, optional
+        As what a robot description may hold it: torque by velocity, torque against the velocity, torque by
+        acceleration, or a constant torque. What joints feel of all such parameters is written into descriptions, see
+        `Drives`; parameters without it stand in the estimate alone.
 
     Examples
     --------
@@ -54,7 +55,7 @@ class TermParameter:
     unit_prismatic: str
     description: str
     nonnegative: bool
-    described_as: Literal["damping", "friction"] | None = None
+    described_as: Literal["damping", "friction", "rotor_inertia", "offset"] | None = None
 
 
 @dataclass(frozen=True, eq=False)

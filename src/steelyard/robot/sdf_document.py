@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from steelyard.errors import InputError
 from steelyard.files import suggestion
 
-from .described_tree import ONE_DOF, DescribedJoint, DescribedLink, DescribedMimic, DescribedTree
+from .described_tree import ONE_DOF, DescribedJoint, DescribedLink, DescribedMimic, DescribedTree, with_rotors
 from .inertia import Inertia, inertia_tensor
 from .placement import inverse, rpy_rotation
 from .references import find_reference
@@ -366,6 +366,8 @@ class SdfReader(XmlReader):
 
     def _described(self, robot: _Frame) -> DescribedTree:
         joints = {frame.name: self._joint(frame) for frame in self.joints}
+        if robot.inner is not None and robot.inner.element is not None:
+            joints = with_rotors(joints, self.rotor_inertias(robot.inner.element))
         links = {frame.name: self._link(frame) for frame in self.links}
         if WORLD not in links and any(joint.parent == WORLD for joint in joints.values()):
             links = {WORLD: DescribedLink(WORLD, 0, None), **links}

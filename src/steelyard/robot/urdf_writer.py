@@ -10,12 +10,16 @@ from steelyard.errors import InputError
 from steelyard.files import write_bytes
 
 from .description_changes import description_changes, require_target
+from .drive_extension import write_extension
 from .inertia import Inertia
+from .joint import Drives
 from .robot import Robot
 from .urdf_document import read_document, urdf_content
 from .xml_edit import XmlEdit, XmlElement
 
 __all__ = ["write_urdf"]
+
+FRICTION = ("damping", "friction")
 
 
 def write_urdf(
@@ -25,6 +29,9 @@ def write_urdf(
     friction: ArrayLike,
     source: str | Path,
     target: str | Path,
+    *,
+    rotor_inertia: ArrayLike | None = None,
+    offset: ArrayLike | None = None,
 ) -> None:
     """Write a copy of a URDF with other inertias and joint friction; all else stays, byte for byte.
 
@@ -32,7 +39,10 @@ def write_urdf(
 
     The whole inertia of a moving link is written into that link; links that are fixed to it lose their `<inertial>`, so
     that the total is the estimate. Links that hang on *locked* joints keep theirs, which is taken from the estimate.
-    Links fixed to the base do not change. The target is written beside and renamed, so it is whole or not there.
+    Links fixed to the base do not change. Friction goes into `<dynamics>`, and into `<gazebo reference="joint">` and
+    `<ros2_control>` where these state damping or friction a second time; rotor inertia and offset, for which the format
+    has no place, into `<steelyard:drives>`. A xacro is written as the URDF that it describes. The target is written
+    beside and renamed, so it is whole or not there.
 
     Parameters
     ----------
@@ -43,6 +53,8 @@ def write_urdf(
     damping, friction : (N,) array
         Viscous (N m s/rad or N s/m) and Coulomb friction (N m or N) of each coordinate; NaN leaves the attribute as it
         was. They include what the mimic joints of the coordinate add, so these joints get 0 where they had a value.
+    rotor_inertia, offset : (N,) array, optional
+        Inertia of the rotors as the joints feel it (kg m² or kg) and constant torques (N m or N), likewise.
     source : str or Path
         The URDF to copy.
     target : str or Path
@@ -72,7 +84,10 @@ def write_urdf(
     (Link('leaf', 12 kg), 0.3)
     """
     source, target = Path(source), Path(target)
-    changes = description_changes(robot, parameters, {"damping": damping, "friction": friction})
+    drives = Drives.unknown(robot.dof).with_known(
+        damping=damping, friction=friction, rotor_inertia=rotor_inertia, offset=offset
+    )
+    changes = description_changes(robot, parameters, drives.held_by_joints())
     _check_files(robot, source, target)
     edit = XmlEdit(urdf_content(source, robot.xacro_arguments), source)
     if edit.root.tag != "robot":
@@ -88,7 +103,9 @@ def write_urdf(
         if inertial is not None:
             edit.remove(inertial)
     for name, known in changes.drives.items():
-        _set_dynamics(edit, joints[name], known)
+        _set_dynamics(edit, joints[name], {key: known[key] for key in FRICTION if key in known})
+        _set_elsewhere(edit, name, known)
+    write_extension(edit, edit.root, robot, drives, changes.drives)
     write_bytes(edit.result(), target)
 
 
@@ -131,11 +148,32 @@ def _set_inertial(edit: XmlEdit, link: XmlElement, inertia: Inertia) -> None:
 
 def _set_dynamics(edit: XmlEdit, joint: XmlElement, known: dict[str, float]) -> None:
     element = joint.find("dynamics")
+    if not known:
+        return
     values = {key: _text(value) for key, value in known.items()}
     if element is None:
         edit.insert_last(joint, _tag("dynamics", values))
     else:
         edit.set_attributes(element, values)
+
+
+def _set_elsewhere(edit: XmlEdit, joint: str, known: dict[str, float]) -> None:
+    """Set friction that the extensions of Gazebo and of ROS 2 control state a second time."""
+    found = []
+    for element in edit.root.all("gazebo"):
+        if element.attributes.get("reference") == joint:
+            dynamics = [
+                *element.all("dynamics"),
+                *(one for axis in element.all("axis") for one in axis.all("dynamics")),
+            ]
+            found += [(child.tag, child) for parent in (element, *dynamics) for child in parent.children]
+    for control in edit.root.all("ros2_control"):
+        for element in control.all("joint"):
+            if element.attributes.get("name") == joint:
+                found += [(child.attributes.get("name", ""), child) for child in element.all("param")]
+    for name, element in found:
+        if name in FRICTION and name in known and not element.children:
+            edit.set_text(element, _text(known[name]))
 
 
 def _tag(tag: str, values: dict[str, str]) -> str:

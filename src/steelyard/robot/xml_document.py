@@ -15,7 +15,11 @@ from steelyard.files.arguments import LARGEST
 if TYPE_CHECKING:
     from lxml import etree
 
-__all__ = ["SHORTEST_AXIS", "XmlReader", "line_of", "parse_xml"]
+__all__ = ["DRIVES", "DRIVES_NAMESPACE", "SHORTEST_AXIS", "XmlReader", "line_of", "parse_xml"]
+
+DRIVES_NAMESPACE = "urn:steelyard:drives:1"
+DRIVES = f"{{{DRIVES_NAMESPACE}}}drives"
+"""The extension for what formats have no place for, see `drive_extension`."""
 
 # The length below which an axis is taken for a zero vector, whose direction would be rounding error.
 SHORTEST_AXIS = 1e-9
@@ -77,6 +81,18 @@ class XmlReader:
         self.path = path
         self.place = str(path)
         self.namespace = ""
+
+    def rotor_inertias(self, parent: etree._Element) -> dict[str, float]:
+        """Return what the extension `<steelyard:drives>` of a robot says, by the names of joints."""
+        found = {}
+        for element in parent.iterfind(f"{DRIVES}/{{{DRIVES_NAMESPACE}}}joint"):
+            name = self.text(element, "name", "a <steelyard:joint>")
+            found[name] = self.number(element, "rotor_inertia", f'joint "{name}"', math.nan)
+            if found[name] < 0.0:
+                raise self.error(
+                    element, f'joint "{name}": its rotor_inertia is {found[name]:g}, but no rotor has that'
+                )
+        return found
 
     def children(self, element: etree._Element, tag: str) -> list[etree._Element]:
         """Return the children with a tag."""

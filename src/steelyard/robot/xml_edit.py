@@ -155,6 +155,23 @@ class XmlEdit:
         place = self.data.rindex(b"</", parent.start_tag_end, parent.end)
         self._edits.append((place, place, text.encode("ascii", "xmlcharrefreplace")))
 
+    def set_text(self, element: XmlElement, text: str) -> None:
+        """Give an element without children another (ASCII) text; white space around the old one stays."""
+        if element.empty:
+            start_tag = self.data[element.start : element.start_tag_end - 2].rstrip()
+            place = element.start + len(start_tag), element.end
+            self._edits.append((*place, f">{text}</{element.tag}>".encode("ascii")))
+            return
+        begin, end = element.start_tag_end, self._closing(element)
+        old = self.data[begin:end]
+        begin += len(old) - len(old.lstrip())
+        end -= len(old) - len(old.rstrip()) if old.strip() else 0
+        self._edits.append((min(begin, end), end, text.encode("ascii")))
+
+    def _closing(self, element: XmlElement) -> int:
+        """Where the end tag of an element begins."""
+        return self.data.rindex(b"</", element.start_tag_end, element.end)
+
     def remove(self, element: XmlElement) -> None:
         """Take an element out, with the line break and indentation before it."""
         start = element.start

@@ -6,7 +6,7 @@ from abc import ABC, abstractmethod
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
-from typing import ClassVar, Literal
+from typing import Any, ClassVar, Literal
 
 import numpy as np
 import numpy.typing as npt
@@ -294,14 +294,14 @@ class Problem:
                 f"The data does not determine {len(information.unidentifiable)} of {information.base_count} base "
                 f"parameters: {'; '.join(information.unidentifiable)}."
             )
-        damping, friction = None, None
+        drives: dict[str, Any] = {}
         expressions, joint_names = information.base_expressions, information.joint_names
         if isinstance(model, Model):
             # Reduced data has names of its own, or none.
             expressions = model.base_parameters().expressions
             joint_names = joint_names or tuple(model.robot.joint_names)
             if parameters is not None:
-                damping, friction = model.joint_friction(parameters)
+                drives = vars(model.drives(parameters))
         certificate = None
         if proved and parameters is not None:
             # Methods that set base parameters to zero mean zero, so that these are given and the parameters follow.
@@ -323,8 +323,7 @@ class Problem:
             parameter_names=() if parameters is None else tuple(map(str, model.parameter_names)),
             parameters=parameters,
             consistency=feasible_set.consistency if proved else None,
-            damping=damping,
-            friction=friction,
+            **drives,
             certificate=None if certificate is None else certificate.document(),
             remarks=tuple(notes),
         )

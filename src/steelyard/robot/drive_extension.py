@@ -1,0 +1,70 @@
+"""The element of ours for what URDF and SDF have no place for: inertia of rotors, and offsets of torques.
+
+Other programs pass over it, since they do not know its namespace; docs/reference/descriptions.md says what is in it.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+
+from steelyard.errors import InputError
+
+from .joint import Drives
+from .robot import Robot
+from .xml_document import DRIVES_NAMESPACE
+from .xml_edit import XmlEdit, XmlElement
+
+__all__ = ["write_extension"]
+
+ELEMENT, JOINT = "steelyard:drives", "steelyard:joint"
+HELD = ("rotor_inertia", "offset")
+
+
+def write_extension(
+    edit: XmlEdit, parent: XmlElement, robot: Robot, drives: Drives, changed: Mapping[str, Mapping[str, float]]
+) -> None:
+    """Write the extension, in the place of an earlier one.
+
+    Parameters
+    ----------
+    edit : XmlEdit
+    parent : XmlElement
+        The element of the robot.
+    robot : Robot
+    drives : Drives
+    changed : mapping
+        For each joint those that are other than in the description, as `DescriptionChanges.drives`.
+
+    Raises
+    ------
+    InputError
+        If an offset is infinite.
+    """
+    earlier = parent.find(ELEMENT)
+    held = {one.attributes.get("name", ""): dict(one.attributes) for one in earlier.all(JOINT)} if earlier else {}
+    before = {name: dict(attributes) for name, attributes in held.items()}
+    for name, index in zip(robot.joint_names, robot.driving_joints, strict=True):
+        offset = float(drives.offset[robot.joints[index].coordinate])
+        if math.isinf(offset):
+            raise InputError(f'joint "{name}": its offset must be finite, got {offset}')
+        told = {key: value for key, value in changed.get(name, {}).items() if key in HELD}
+        if not math.isnan(offset):
+            told["offset"] = offset
+        if told:
+            texts = {key: repr(float(value) + 0.0) for key, value in told.items()}
+            held[name] = {"name": name, **held.get(name, {}), **texts}
+    if held == before:
+        return
+    if earlier is not None:
+        edit.remove(earlier)
+    lines = [
+        f"  <{JOINT}" + "".join(f' {key}="{_quoted(value)}"' for key, value in attributes.items()) + "/>"
+        for attributes in held.values()
+    ]
+    edit.insert_last(parent, f'<{ELEMENT} xmlns:steelyard="{DRIVES_NAMESPACE}">', *lines, f"</{ELEMENT}>")
+
+
+def _quoted(text: str) -> str:
+    marks = {"&": "&amp;", "<": "&lt;", ">": "&gt;", '"': "&quot;"}
+    return "".join(marks.get(one) or (one if one.isascii() else f"&#{ord(one)};") for one in text)
