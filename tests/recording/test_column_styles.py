@@ -5,10 +5,9 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from log_exports import JOINTS, STYLES, Export, motion
 
 from steelyard.recording import Processing, Recording, Samples, process_chunks
-
-from .exports import JOINTS, STYLES, Export, motion
 
 LOG = motion()
 

@@ -32,6 +32,7 @@ if TYPE_CHECKING:
     from .options import Processing as Processing
     from .periodic import PeriodicAverage as PeriodicAverage
     from .periodic import average_periods as average_periods
+    from .recognition import ColumnMeaning as ColumnMeaning
     from .recognition import Layout as Layout
     from .recognition import find_columns as find_columns
     from .recording import Recording as Recording

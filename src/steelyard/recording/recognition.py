@@ -23,6 +23,7 @@ from .column_styles import (
     NAME,
     NUMBER,
     SECONDS_AND_REST,
+    STYLES,
     TIME_WORDS,
     UNITS,
     ColumnStyle,
@@ -40,6 +41,7 @@ _OF_SLIDES = {"rad": "m", "rad/s": "m/s", "rad/s²": "m/s²", "N·m": "N"}
 """Units of joints that slide by those of joints that turn; a name does not tell which it is."""
 KINDS = ("position", "velocity", "acceleration", "torque")
 _STATED, _NAME, _LABEL, _NUMBER = "[log]", "name", "list of names", "number"
+_MOST_LINES = 4  # of TOML that a question offers
 _LONGEST_NAME = 60  # that a message shows of a column
 _SURELY_DEGREES = 4.0 * pi
 """Positions above it are degrees where either may be meant: wrists turn two times at most in either direction."""
@@ -444,10 +446,34 @@ class _Search:
         if partly:
             part = max(partly, key=lambda one: len(one.columns))
             near = f" for {_listing(part.labels)}, but has {_listing(part.columns)}"
+        lines = [f"`{kind} = {_toml(pattern)}`" for pattern in self._patterns(kind)]
+        line = " or ".join(lines[:_MOST_LINES]) or f'`{kind} = "…{{}}"`'
         return InputError(
             f"{self.source} has no columns that look like {kind}s{near}; it has {_listing(self.names)}; "
-            f'say which they are with `{kind} = "…{{}}"` or a list of names in [log].'
+            f"say which they are with {line} or a list of names in [log]."
         )
+
+    def _patterns(self, kind: str) -> list[str]:
+        """Return patterns of columns, one for each joint, that may be a quantity under a name of its own."""
+        families: dict[str, set[int]] = {}
+        for name in self.names:
+            for match in re.finditer("[0-9]{1,6}", name):
+                families.setdefault(f"{name[: match.start()]}{{}}{name[match.end() :]}", set()).add(int(match[0]))
+        count = self._expected(kind)
+        whole = [
+            pattern
+            for pattern, numbers in families.items()
+            if numbers in (set(range(len(numbers))), set(range(1, len(numbers) + 1))) and count in (None, len(numbers))
+        ]
+        taken = {_pattern(group.columns, ()) for other in KINDS for group in self.groups.get(other, ())}
+        words = tuple({word for style in STYLES if style.quantity == kind for word in style.words})
+        long = [word for word in words if len(word) > 1]
+        return [
+            pattern
+            for pattern in whole
+            if pattern not in taken and not _is_commanded(text := normalised(pattern))
+            if text.startswith(words) or any(word in text for word in long)
+        ]
 
     def _expanded(self, kind: str, pattern: str) -> tuple[str, ...]:
         """Return the columns that a pattern stands for, by the joints' names or numbers, or as far as they go."""

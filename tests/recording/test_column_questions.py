@@ -1,0 +1,265 @@
+"""What the names of columns leave open is asked, with the line of TOML that answers it; units and times are found."""
+
+import re
+import tomllib
+from collections.abc import Iterable
+
+import numpy as np
+import pytest
+
+from steelyard.errors import InputError
+from steelyard.recording import ColumnMeaning, Layout, LogColumns, find_columns
+
+ARM = ("shoulder", "elbow", "wrist")
+
+
+def numbered(*patterns: str, first: int = 1, count: int = 3) -> list[str]:
+    return [pattern.format(first + k) for pattern in patterns for k in range(count)]
+
+
+def find(names: Iterable[str], joints: object = ARM, log: dict | None = None, **values: list[float]) -> Layout:
+    """Find columns; values of columns are given under their names with `_` for everything else."""
+
+    def of(name: str) -> list[np.ndarray]:
+        return [np.array(values.get("".join(c if c.isalnum() else "_" for c in name), [0.0, 1.0]))]
+
+    return find_columns(list(names), joints, LogColumns.from_dict(log or {}), values=of)  # type: ignore[arg-type]
+
+
+def question(names: Iterable[str], joints: object = ARM, log: dict | None = None, **values: list[float]) -> str:
+    with pytest.raises(InputError) as caught:
+        find(names, joints, log, **values)
+    return str(caught.value)
+
+
+def answered(asked: str, names: list[str], joints: object = ARM, **values: list[float]) -> list[Layout]:
+    """Return what the lines of a question lead to: each of them must answer it."""
+    lines = [line for line in re.findall(r"`([a-z_]+ = [^`]+)`", asked) if "..." not in line]
+    return [find(names, joints, tomllib.loads(line), **values) for line in lines]
+
+
+def test_two_groups_of_columns_are_a_question_whose_lines_answer_it() -> None:
+    names = ["t", *numbered("q{}", "position_{}", "tau{}", first=0)]
+    asked = question(names)
+    assert "q0 … q2" in asked
+    assert "position_0 … position_2" in asked
+    assert [one.position[0] for one in answered(asked, names)] == ["position_0", "q0"]
+
+
+def test_two_topics_are_a_question() -> None:
+    names = [
+        "t",
+        *(f"/{arm}/joint_states/{joint}/{word}" for arm in "ab" for joint in ARM for word in ("position", "effort")),
+    ]
+    asked = question(names)
+    assert '`position = "/a/joint_states/{name}/position"`' in asked
+    assert '`position = "/b/joint_states/{name}/position"`' in asked
+
+
+@pytest.mark.parametrize("topic", ["/arm/desired/", "/arm/reference.", "/arm/error/", "cmd/"])
+def test_what_was_wanted_is_not_what_was_measured(topic: str) -> None:
+    measured = [f"/arm/actual/{word}[{k}]" for word in ("positions", "effort") for k in range(3)]
+    layout = find(["t", *(f"{topic}{word}[{k}]" for word in ("positions", "effort") for k in range(3)), *measured])
+    assert layout.position + layout.torque == tuple(measured)
+
+
+def test_numbers_against_the_numbers_in_the_names_of_joints_are_a_question() -> None:
+    names, joints = ["t", *numbered("q{}", "tau{}")], ("joint_3", "joint_1", "joint_2")
+    asked = question(names, joints)
+    assert "joint_3, joint_1, joint_2" in asked
+    asked_for_torque = question(names, joints, {"position": ["q3", "q1", "q2"]})
+    assert '`torque = ["tau3", "tau1", "tau2"]`' in asked_for_torque
+    assert '`torque = ["tau1", "tau2", "tau3"]`' in asked_for_torque
+    assert find(names, ("joint_1", "joint_2", "joint_3")).position == ("q1", "q2", "q3")
+    assert find(names, ("panda_1", "panda_3", "panda_7")).position == ("q1", "q2", "q3")  # no numbers from 1 to 3
+
+
+def test_names_are_taken_before_numbers_and_that_is_told() -> None:
+    layout = find(["t", *numbered("q{}", "tau{}"), *(f"{joint}_pos" for joint in reversed(ARM))])
+    assert layout.position == ("shoulder_pos", "elbow_pos", "wrist_pos")
+    (guess,) = layout.guesses
+    assert "q1 … q3" in guess
+    assert '`position = "q{}"`' in guess
+
+
+def test_joints_of_which_one_has_no_column_are_named() -> None:
+    asked = question(["t", "shoulder_pos", "elbow_pos", "rist_pos", *numbered("tau{}")])
+    assert "positions for wrist, but has shoulder_pos, elbow_pos" in asked
+
+
+def test_columns_of_another_name_are_offered() -> None:
+    names = ["t", *numbered("q{}", "q_ref{}", "tau_m{}", "tau_ff{}", "temperature{}")]
+    asked = question(names)
+    assert [one.torque[0] for one in answered(asked, names)] == ["tau_m1", "tau_ff1"]
+    assert '`torque = "…{}"`' in question(["t", *numbered("q{}", "q_ref{}")])
+
+
+def test_currents_alone_are_a_question_and_gains_answer_it() -> None:
+    names = ["t", *numbered("actual_q_{}", "actual_current_{}", first=0)]
+    asked = question(names)
+    assert "currents, actual_current_0 … actual_current_2, but no torques" in asked
+    assert "`gain = [...]`" in asked
+    layout = find(names, log={"gain": [10.0, 10.0, 5.0]})
+    assert layout.torque == ("actual_current_0", "actual_current_1", "actual_current_2")
+    assert layout.units["torque"] == ("A", "A", "A")
+
+
+def test_measured_currents_with_gains_are_taken_before_the_moments_of_the_controllers_model() -> None:
+    names = ["t", *numbered("actual_q_{}", "actual_current_{}", "target_moment_{}", first=0)]
+    commanded = find(names)
+    assert commanded.torque[0] == "target_moment_0"
+    assert "is not measured" in commanded.guesses[0]
+    measured = find(names, log={"gain": [10.0, 10.0, 5.0]})
+    assert measured.torque[0] == "actual_current_0"
+    assert measured.guesses == ()
+    estimated = find([*names, *numbered("actual_current_as_torque_{}", first=0)])
+    assert estimated.torque[0] == "actual_current_as_torque_0"
+    assert estimated.guesses == ()
+
+
+def test_torques_in_amperes_ask_for_gains() -> None:
+    names = ["t", *(f"Joint {k} {word}" for word in ("position [rad]", "torque [A]") for k in (1, 2, 3))]
+    assert "torques in amperes, Joint 1 torque [A] … Joint 3 torque [A]" in question(names)
+    assert find(names, log={"gain": [1.0, 2.0, 3.0]}).units["torque"] == ("A", "A", "A")
+
+
+def test_joints_that_are_called_as_kuka_calls_axes() -> None:
+    names, joints = ["t", "A2", "A1", "tau_A1", "tau_A2"], ("A1", "A2")
+    asked = question(names, joints)  # radians of a simulation, or degrees of a small motion
+    assert [one.units["position"][0] for one in answered(asked, names, joints)] == ["deg", "rad"]
+    layout = find(names, joints, A1=[0.0, -87.5])
+    assert layout.position == ("A1", "A2")
+    assert layout.units["position"] == ("deg", "deg")
+    assert "KUKA" in layout.guesses[0]
+
+
+@pytest.mark.parametrize(
+    ("largest", "unit"), [(0.5, "rad"), (6.9, "rad"), (12.5, "rad"), (12.6, "deg"), (170.0, "deg")]
+)
+def test_size_tells_degrees_where_nothing_else_does(largest: float, unit: str) -> None:
+    layout = find(["t", *numbered("J{}", "T{}")], J2=[0.0, -largest])
+    assert layout.units["position"] == (unit,) * 3
+    assert f"read in {unit}" in layout.guesses[0]
+
+
+@pytest.mark.parametrize(
+    ("column", "unit"),
+    [
+        *(("q1 [rad]", "rad"), ("q1 [deg]", "deg"), ("q1 (°)", "deg"), ("q1_deg", "deg"), ("q1 [mm]", "mm")),
+        *(("position [Degrees] 1", "deg"), ("Joint 1 [deg]", "deg"), ("Joint_1_position_(rad)", "rad")),
+    ],
+)
+def test_units_of_positions(column: str, unit: str) -> None:
+    assert find(["t", column, "tau1"], 1).units["position"] == (unit,)
+
+
+@pytest.mark.parametrize(
+    ("column", "unit"),
+    [
+        *(("dq1 [rad/s]", "rad/s"), ("dq1 [°/s]", "deg/s"), ("Joint 1 velocity [rpm]", "rpm"), ("qd1 [1/min]", "rpm")),
+        *(("speed 1 [mm/s]", "mm/s"), ("vel1_rad_s", "rad/s"), ("dq1", "deg/s")),  # that of the positions, per s
+    ],
+)
+def test_units_of_velocities(column: str, unit: str) -> None:
+    assert find(["t", "q1 [deg]", column, "tau1"], 1).units["velocity"] == (unit,)
+
+
+@pytest.mark.parametrize(
+    ("column", "unit"),
+    [
+        *(("tau1 [Nm]", "N·m"), ("tau1 [N·m]", "N·m"), ("torque 1 [N m]", "N·m"), ("tau1 (mNm)", "mN·m")),
+        *(("effort[1] [N]", "N"), ("tau_1_nm", "N·m"), ("Axis 1 torque [N*m]", "N·m"), ("tau1", "N·m")),
+    ],
+)
+def test_units_of_torques(column: str, unit: str) -> None:
+    assert find(["t", "q1", column], 1).units["torque"] == (unit,)
+
+
+def test_a_unit_that_is_not_known_is_a_question() -> None:
+    assert "no columns that look like positions" in question(["t", "q1 [turns]", "tau1"], 1)
+
+
+def test_what_is_stated_comes_before_what_columns_say() -> None:
+    layout = find(["t", "q1 [deg]", "tau1 [mNm]"], 1, {"position_unit": "rad", "torque_unit": "N·m"})
+    assert (layout.units["position"], layout.units["torque"]) == (("rad",), ("N·m",))
+    assert find(["t", "q1 [deg]", "tau1"], 1, {"position": "q{} [deg]"}).units["position"] == ("deg",)
+
+
+@pytest.mark.parametrize(
+    ("column", "first", "unit"),
+    [
+        *(("t", 0.0, "s"), ("__time", 1.7e9, "s"), ("stamp", 1.7e12, "ms"), ("Timestamp", 1.7e15, "us")),
+        *(("time", 1.7e18, "ns"), ("%time", 1.7e18, "ns"), ("time_ns", 5.0, "ns"), ("Time [ms]", 0.0, "ms")),
+        *(("elapsed_us", 1.0, "us"), ("timestamp", 12345.0, "s"), ("header.stamp", 1.7e18, "ns"), ("t (s)", 3.0, "s")),
+    ],
+)
+def test_units_of_times(column: str, first: float, unit: str) -> None:
+    values = {"".join(c if c.isalnum() else "_" for c in column): [np.nan, first, first + 1.0]}
+    layout = find([column, "q1", "tau1"], 1, **values)
+    assert (layout.time, layout.time_unit) == (column, unit)
+    stated = find([column, "q1", "tau1"], 1, {"time": column, "time_unit": "ms"}, **values)
+    assert stated.time_unit == "ms"
+
+
+@pytest.mark.parametrize(
+    ("whole", "rest", "scale"),
+    [
+        *(("sec", "nanosec", 1e-9), ("header.stamp.sec", "header.stamp.nanosec", 1e-9), ("secs", "nsecs", 1e-9)),
+        *(("/joint_states/header/stamp/sec", "/joint_states/header/stamp/nanosec", 1e-9), ("tv_sec", "tv_usec", 1e-6)),
+        *(("Seconds", "Nanoseconds", 1e-9), ("stamp_sec", "stamp_nsec", 1e-9)),
+    ],
+)
+def test_seconds_and_nanoseconds_are_one_time(whole: str, rest: str, scale: float) -> None:
+    names = [rest, "q1", whole, "tau1"]
+    layouts = [find(names, 1), find(names, 1, {"time": [whole, rest]})]
+    for layout in layouts:
+        assert layout.stamps == (whole, rest)
+        seconds = layout.seconds({whole: np.array([3.0, 4.0]), rest: np.array([0.5, 0.25]) / scale})
+        np.testing.assert_allclose(seconds, [3.5, 4.25], rtol=1e-15)
+
+
+def test_the_stamp_of_the_message_is_taken_before_that_of_its_arrival() -> None:
+    names = ["__time", "/js/header/stamp", *(f"/js/{joint}/{word}" for joint in ARM for word in ("position", "effort"))]
+    assert find(names).time == "/js/header/stamp"
+    assert find(names, _js_header_stamp=[0.0, 0.0, 0.0]).time == "__time"  # nobody has set it
+    other = ["__time", "/camera/header/stamp", *names[2:]]
+    assert find(other).time == "__time"
+
+
+def test_several_clocks_are_a_question_unless_they_run_alike() -> None:
+    names = ["t", "timestamp", "q1", "tau1"]
+    asked = question(names, 1, t=[0.0, 1.0, 2.0], timestamp=[0.0, 1.1, 2.0])
+    assert [one.time for one in answered(asked, names, 1)] == ["t", "timestamp"]
+    assert find(names, 1, t=[0.0, 1.0, 2.0], timestamp=[1.7e12, 1.7e12 + 1e3, 1.7e12 + 2e3]).time == "t"
+
+
+def test_one_joint_needs_no_number() -> None:
+    layout = find(["t", "q", "dq", "tau"], ("hinge",))
+    assert layout.table[1] == ColumnMeaning("q", "hinge", "position", "rad", "number")
+    assert find_columns(["t", "q", "tau"]).position == ("q",)
+    assert "no columns that look like positions" in question(["t", "q", "tau"], 2)
+
+
+def test_what_was_found_can_be_stated() -> None:
+    for names in (
+        ["Time [ms]", *numbered("Joint {} position [deg]", "Joint {} velocity [rpm]", "Joint {} torque [mNm]")],
+        ["sec", "nanosec", *numbered("J{}", "T{}")],
+    ):
+        found = find(names, J1=[90.0])
+        stated = find(names, log=found.settings())
+        told = [(one.column, one.joint, one.quantity, one.unit) for one in found.table]
+        assert [(one.column, one.joint, one.quantity, one.unit) for one in stated.table] == told
+        assert all(one.by == "[log]" for one in stated.table)
+        assert stated.guesses == ()
+
+
+def test_the_table_is_printed() -> None:
+    lines = str(find(["t", *numbered("J{}", "T{}")], J1=[90.0])).splitlines()
+    assert lines[0].split() == ["column", "joint", "quantity", "unit", "told", "by"]
+    assert lines[2].split() == ["J1", "shoulder", "position", "deg", "number,", "from", "1", "(ABB)"]
+    assert "<td>wrist</td>" in find(["t", *numbered("q{}", "tau{}")])._repr_html_()
+
+
+def test_a_header_of_thousands_of_columns() -> None:
+    others = [f"/world/body_{k}/contact_{k}/force_{k}" for k in range(3000)]
+    assert find(["t", *others, *numbered("q{}", "tau{}", count=30)], 30).torque[-1] == "tau30"
