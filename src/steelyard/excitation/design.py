@@ -12,6 +12,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from steelyard.display import html_table
 from steelyard.dynamics import Model
+from steelyard.dynamics.threads import in_one_thread
 from steelyard.errors import InputError, SolverError
 from steelyard.files import replaced_folder, write_json
 from steelyard.recording import Samples
@@ -26,7 +27,6 @@ from .motion_limits import MotionLimits, limits_from_file
 from .motion_search import Search, SearchOptions, resting_configurations
 from .trajectory import Trajectory, save_trajectory
 from .vjp import RegressorInformation
-from .workers import single_threaded
 
 if TYPE_CHECKING:
     from steelyard.collision.surroundings import Surroundings
@@ -77,7 +77,7 @@ class ExcitationObjective:
     prior_information: Information | Trajectory | ExcitationDesign | None = None
 
 
-@single_threaded
+@in_one_thread
 def design_excitation(
     model: Model,
     limits: MotionLimits | Mapping[str, Any] | str | Path | None = None,

@@ -14,6 +14,7 @@ from functools import cached_property
 from typing import Any
 
 import numpy as np
+import scipy.optimize  # at import, since its own library of linear algebra can be limited to one thread only then
 from numpy.typing import NDArray
 
 from .criterion import Criterion, Spectrum
@@ -213,8 +214,6 @@ def minimise(
     -------
     Iterate
     """
-    import scipy.optimize
-
     minimize: Any = scipy.optimize.minimize  # its stubs know no further arguments with defaults
     now = Iterate(start.x.copy(), list(start.multipliers))
     if not now.multipliers:

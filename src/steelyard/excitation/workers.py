@@ -15,32 +15,14 @@ import warnings
 from collections.abc import Callable, Iterator
 from concurrent.futures import Executor, Future, ProcessPoolExecutor, ThreadPoolExecutor
 from contextlib import contextmanager
-from functools import wraps
 from itertools import count
-from typing import Any, ParamSpec, TypeVar
+from typing import Any
 
-from steelyard.dynamics.threads import one_thread
-
-__all__ = ["Flag", "Pool", "pool_of", "single_threaded"]
+__all__ = ["Flag", "Pool", "pool_of"]
 
 Task = Callable[..., Any]
-Arguments = ParamSpec("Arguments")
-Result = TypeVar("Result")
 _TASKS: dict[int, Task] = {}
 _NUMBERS = count()
-
-
-def single_threaded(function: Callable[Arguments, Result]) -> Callable[Arguments, Result]:
-    """Make a function run with linear algebra in one thread, in NumPy and in SciPy, which has its own library."""
-
-    @wraps(function)
-    def call(*args: Arguments.args, **kwargs: Arguments.kwargs) -> Result:
-        import scipy.optimize  # noqa: F401 - loads the library, which can be limited to one thread only then
-
-        with one_thread():
-            return function(*args, **kwargs)
-
-    return call
 
 
 class Flag:
