@@ -3,10 +3,12 @@
 Every message is one sentence that names the file, line or joint, what was found, what was expected and the remedy.
 """
 
+import importlib
 import re
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
+from typing import Any
 
 __all__ = [
     "InputError",
@@ -16,6 +18,7 @@ __all__ = [
     "faults_told",
     "install_command",
     "missing_extra",
+    "require_package",
 ]
 
 
@@ -69,6 +72,28 @@ def missing_extra(what: str, extra: str) -> MissingExtraError:
     MissingExtraError("Meshes need the package trimesh, which is not installed; pip install 'trimesh>=4.6'.")
     """
     return MissingExtraError(f"{what}; {install_command(extra)}.")
+
+
+def require_package(module: str, need: str, extra: str) -> Any:
+    """Import a module of a package that is installed only where it is wanted.
+
+    Parameters
+    ----------
+    module : str
+    need : str
+        What the message begins with, before the name of the module: ``"JAX functions need the package"``.
+    extra : str
+        The extra that brings the package.
+
+    Raises
+    ------
+    MissingExtraError
+        If it is not installed.
+    """
+    try:
+        return importlib.import_module(module)
+    except ImportError as error:
+        raise missing_extra(f"{need} {module}, which is not installed", extra) from error
 
 
 def install_command(extra: str) -> str:

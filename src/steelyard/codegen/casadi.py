@@ -5,7 +5,7 @@ from __future__ import annotations
 import re
 from typing import TYPE_CHECKING, Any, ClassVar
 
-from steelyard.errors import missing_extra
+from steelyard.errors import require_package
 from steelyard.graph import Function, evaluate_over
 
 from .assignments import CALLS
@@ -62,10 +62,9 @@ def casadi_function(function: Function) -> casadi.Function:
     [[1, 00],
      [3, 0]])
     """
-    try:
-        import casadi
-    except ImportError as error:
-        raise missing_extra("CasADi functions need the package casadi, which is not installed", "casadi") from error
+    require_package("casadi", "CasADi functions need the package", "casadi")
+    import casadi
+
     inputs = [casadi.SX.sym(argument.name, argument.width) for argument in function.arguments]
     elements = {a.name: casadi.vertsplit(x) for a, x in zip(function.arguments, inputs, strict=True)}
     unary = {"sin": casadi.sin, "cos": casadi.cos, "sign": casadi.sign, "sqrt": casadi.sqrt}

@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING, Any, ClassVar
 import numpy as np
 from numpy.typing import NDArray
 
-from steelyard.errors import InputError, missing_extra
+from steelyard.errors import InputError, require_package
 from steelyard.graph import Function, Node, evaluate_over
 from steelyard.graph.expression import reachable
 
@@ -72,10 +72,7 @@ def jax_function(function: Function, *, lowering: str = "automatic") -> Callable
     >>> print(f([0.0, 3.0]), jax.grad(f)(jax.numpy.array([0.0, 3.0])))
     0.0 [4. 0.]
     """
-    try:
-        import jax
-    except ImportError as error:
-        raise missing_extra("JAX functions need the package jax, which is not installed", "jax") from error
+    jax = require_package("jax", "JAX functions need the package", "jax")
     if lowering not in ("automatic", "scalars", "vectors"):
         raise InputError(f"lowering must be 'automatic', 'scalars' or 'vectors', got {lowering!r}.")
     vectors = prefers_vectors(function) if lowering == "automatic" else lowering == "vectors"

@@ -14,7 +14,7 @@ from string import ascii_letters
 from types import MappingProxyType
 from typing import Any
 
-from steelyard.errors import InputError, missing_extra
+from steelyard.errors import InputError, require_package
 from steelyard.files import suggestion
 from steelyard.graph import Argument, Function, Node
 from steelyard.graph.expression import reachable
@@ -439,11 +439,7 @@ def import_sympy() -> Any:
     MissingExtraError
         If it is not installed.
     """
-    try:
-        import sympy
-    except ImportError as error:
-        raise missing_extra("Symbolic expressions need the package sympy, which is not installed", "sympy") from error
-    return sympy
+    return require_package("sympy", "Symbolic expressions need the package", "sympy")
 
 
 def exact_number(value: float) -> Any:

@@ -7,7 +7,7 @@ import sys
 from pathlib import Path
 from typing import IO, cast
 
-from .extras import require_package
+from steelyard.errors import require_package
 
 __all__ = ["open_compressed"]
 
@@ -17,4 +17,7 @@ def open_compressed(path: Path) -> IO[bytes]:
     if path.suffix.lower() == ".gz":
         return cast("IO[bytes]", gzip.open(path, "rb"))
     module = "compression.zstd" if sys.version_info >= (3, 14) else "backports.zstd"
-    return cast("IO[bytes]", require_package(module, "Files compressed by zstd", "zstd").open(path, "rb"))
+    return cast(
+        "IO[bytes]",
+        require_package(module, "Files compressed by zstd are read with the module", "zstd").open(path, "rb"),
+    )

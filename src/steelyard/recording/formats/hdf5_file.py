@@ -12,10 +12,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from steelyard.errors import InputError, SteelyardError
+from steelyard.errors import InputError, SteelyardError, require_package
 
 from .array_log import ArrayLog, StoredArray, texts_of
-from .extras import require_package
 
 __all__ = ["Hdf5File"]
 
@@ -35,7 +34,9 @@ class Hdf5File(ArrayLog):
 
     def __init__(self, path: Path) -> None:
         super().__init__(path)
-        library = require_package("h5py", "HDF5 files, and MATLAB's files of version 7.3,", "hdf5")
+        library = require_package(
+            "h5py", "HDF5 files, and MATLAB's files of version 7.3, are read with the module", "hdf5"
+        )
         try:
             # Without a lock, files can be read on all file systems, and while a recorder still has them open.
             self._file = library.File(path, "r", locking=False)

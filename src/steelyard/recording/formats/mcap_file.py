@@ -8,9 +8,8 @@ from collections.abc import Callable, Iterator
 from functools import partial
 from typing import Any
 
-from steelyard.errors import InputError
+from steelyard.errors import InputError, require_package
 
-from .extras import require_package
 from .message_log import MessageLog, Topic
 from .ros_messages import BAGS, ros_decoder
 
@@ -29,7 +28,7 @@ class McapFile(MessageLog):
 
     @contextlib.contextmanager
     def _opened(self) -> Iterator[list[Topic]]:
-        library = require_package("mcap.reader", "MCAP files", BAGS)
+        library = require_package("mcap.reader", "MCAP files are read with the module", BAGS)
         with self.path.open("rb") as file:
             options = {"validate_crcs": True, "record_size_limit": LARGEST_RECORD}
 
@@ -77,7 +76,9 @@ class McapFile(MessageLog):
         if encoding == "json":
             return json.loads
         if encoding == "protobuf":
-            library = require_package("mcap_protobuf.decoder", "Messages of Protobuf in MCAP files", BAGS)
+            library = require_package(
+                "mcap_protobuf.decoder", "Messages of Protobuf in MCAP files are read with the module", BAGS
+            )
             decoder = library.DecoderFactory().decoder_for(encoding, schema)
             if decoder is not None:
                 return decoder  # type: ignore[no-any-return]

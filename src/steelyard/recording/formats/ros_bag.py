@@ -7,7 +7,8 @@ from collections.abc import Iterator
 from functools import partial
 from typing import Any
 
-from .extras import require_package
+from steelyard.errors import require_package
+
 from .message_log import MessageLog, Topic
 from .ros_messages import BAGS, ros_decoder
 
@@ -22,7 +23,7 @@ class Ros1Bag(MessageLog):
 
     @contextlib.contextmanager
     def _opened(self) -> Iterator[list[Topic]]:
-        with require_package("rosbags.rosbag1", "Bags", BAGS).Reader(self.path) as reader:
+        with require_package("rosbags.rosbag1", "Bags are read with the module", BAGS).Reader(self.path) as reader:
             yield _topics(reader, ros1=True)
 
 
@@ -34,7 +35,7 @@ class Ros2Bag(MessageLog):
 
     @contextlib.contextmanager
     def _opened(self) -> Iterator[list[Topic]]:
-        with require_package("rosbags.rosbag2", "Bags", BAGS).Reader(self.path) as reader:
+        with require_package("rosbags.rosbag2", "Bags are read with the module", BAGS).Reader(self.path) as reader:
             yield _topics(reader, ros1=False)
 
 

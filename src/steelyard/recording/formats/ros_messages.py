@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from typing import Any
 
-from .extras import require_package
+from steelyard.errors import require_package
 
 __all__ = ["BAGS", "ros_decoder"]
 
@@ -30,7 +30,7 @@ def ros_decoder(kind: str, language: str, definition: str, *, ros1: bool) -> Cal
     ros1 : bool
         Whether messages are serialized as in ROS 1; otherwise as CDR.
     """
-    typesys = require_package("rosbags.typesys", "ROS messages", BAGS)
+    typesys = require_package("rosbags.typesys", "ROS messages are read with the module", BAGS)
     if language:
         store = typesys.get_typestore(typesys.Stores.EMPTY)
         store.register(_types(typesys, kind, language, definition))
