@@ -3,12 +3,14 @@
 import re
 import tomllib
 from collections.abc import Iterable
+from pathlib import Path
 
 import numpy as np
 import pytest
 
 from steelyard.errors import InputError
 from steelyard.recording import ColumnMeaning, Layout, LogColumns, find_columns
+from steelyard.recording.column_styles import STYLES, TIME_WORDS
 
 ARM = ("shoulder", "elbow", "wrist")
 
@@ -263,3 +265,12 @@ def test_the_table_is_printed() -> None:
 def test_a_header_of_thousands_of_columns() -> None:
     others = [f"/world/body_{k}/contact_{k}/force_{k}" for k in range(3000)]
     assert find(["t", *others, *numbered("q{}", "tau{}", count=30)], 30).torque[-1] == "tau30"
+
+
+def test_the_page_lists_all_words_and_writers() -> None:
+    page = (Path(__file__).parents[2] / "docs" / "reference" / "log-files.md").read_text(encoding="utf-8")
+    section = page.partition("## Columns")[2].partition("### What was understood")[0]
+    words = {word for style in STYLES for word in style.words if f"actual_{word}" in style.words}
+    assert len(words) > 30
+    assert [word for word in sorted(words | set(TIME_WORDS[:5])) if f"`{word}`" not in section] == []
+    assert [style.writer for style in STYLES if style.writer.removeprefix("UR ") not in section] == []
