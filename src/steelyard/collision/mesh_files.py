@@ -6,7 +6,6 @@ import importlib.util
 import json
 import os
 import signal
-import subprocess
 import sys
 from collections.abc import Iterable, Sequence
 from io import BytesIO
@@ -17,6 +16,7 @@ from numpy.typing import NDArray
 
 from steelyard.errors import InputError, missing_extra
 from steelyard.files import require_file
+from steelyard.files.child_process import run_child
 from steelyard.robot.references import find_reference
 
 from .shapes import coal_or_none
@@ -130,19 +130,13 @@ def _is_installed(name: str) -> bool:
 
 def _asked(paths: Sequence[Path], libraries: Sequence[str]) -> tuple[BytesIO, str]:
     """Read meshes in another process; return its answers, and how it ended."""
-    environment = {**os.environ, "PYTHONPATH": os.pathsep.join(filter(None, sys.path)), "OPENBLAS_NUM_THREADS": "1"}
     seconds = TIME + TIME_PER_BYTE * sum(path.stat().st_size for path in paths)
-    command = [sys.executable, "-P", str(Path(__file__).with_name("mesh_child.py")), *libraries]
     request = json.dumps([os.path.abspath(path) for path in paths]).encode()
-    try:
-        done = subprocess.run(
-            command, input=request, stdout=subprocess.PIPE, stderr=subprocess.DEVNULL, env=environment, timeout=seconds
-        )
-    except subprocess.TimeoutExpired as error:
-        return BytesIO(error.stdout or b""), f"reading it takes longer than {seconds:.0f} s"
-    except OSError as error:
-        raise InputError(f"Meshes are read by another process, which cannot be started ({error}).") from None
-    return BytesIO(done.stdout), f"the library that reads it crashed, {_ending(done.returncode)}"
+    program = Path(__file__).with_name("mesh_child.py")
+    answers, code = run_child(program, request, seconds, "Meshes are read by another process", libraries)
+    if code is None:
+        return BytesIO(answers), f"reading it takes longer than {seconds:.0f} s"
+    return BytesIO(answers), f"the library that reads it crashed, {_ending(code)}"
 
 
 def _ending(code: int) -> str:

@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from steelyard.errors import InputError, require_package
+from steelyard.errors import InputError, missing_extra
 from steelyard.robot import Robot
 from steelyard.robot.placement import frozen
 
@@ -533,7 +533,10 @@ def require_coal() -> Any:
     MissingExtraError
         If it is not installed.
     """
-    return coal_or_none() or require_package("coal", "Distances between bodies need the package", "collision")
+    coal = coal_or_none()
+    if coal is None:
+        raise missing_extra("Distances between bodies need the package coal, which is not installed", "collision")
+    return coal
 
 
 @dataclass(frozen=True, eq=False)

@@ -8,8 +8,6 @@ from __future__ import annotations
 
 import json
 import os
-import subprocess
-import sys
 import tempfile
 from dataclasses import dataclass
 from pathlib import Path
@@ -18,6 +16,7 @@ from xml.sax.saxutils import quoteattr
 
 from steelyard.errors import InputError, missing_extra
 from steelyard.files import shown
+from steelyard.files.child_process import run_child
 
 from . import mjcf_child
 from .mjcf_document import JOINTS, MjcfDocument, MjcfElement, in_body
@@ -94,30 +93,16 @@ def compiled(document: MjcfDocument) -> CompiledMjcf:
 
 def _asked(request: dict[str, Any]) -> dict[str, Any]:
     """Return the answer of the other process."""
-    environment = {
-        **os.environ,
-        "PYTHONPATH": os.pathsep.join(os.path.abspath(path) for path in sys.path if path),
-        "OPENBLAS_NUM_THREADS": "1",
-    }
     seconds = TIME + TIME_PER_BYTE * sum(os.path.getsize(path) for path in request["files"].values())
-    try:
-        with tempfile.TemporaryDirectory(prefix="steelyard-") as folder:
-            done = subprocess.run(
-                [sys.executable, "-P", str(Path(mjcf_child.__file__).absolute())],
-                input=json.dumps(request).encode(),
-                stdout=subprocess.PIPE,
-                stderr=subprocess.DEVNULL,
-                env=environment,
-                cwd=folder,
-                timeout=seconds,
-            )
-        found: dict[str, Any] = json.loads(done.stdout)
-    except subprocess.TimeoutExpired:
+    what = "MuJoCo runs in another process"
+    with tempfile.TemporaryDirectory(prefix="steelyard-") as folder:
+        written, code = run_child(Path(mjcf_child.__file__), json.dumps(request).encode(), seconds, what, folder=folder)
+    if code is None:
         return {"problem": f"it takes longer than {seconds:.0f} s"}
+    try:
+        found: dict[str, Any] = json.loads(written)
     except ValueError:
         return {"problem": "MuJoCo ended without an answer, perhaps because of a damaged mesh"}
-    except OSError as error:
-        raise InputError(f"MuJoCo runs in another process, which cannot be started ({error}).") from None
     return found
 
 

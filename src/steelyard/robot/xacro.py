@@ -4,13 +4,12 @@ from __future__ import annotations
 
 import json
 import os
-import subprocess
-import sys
 from collections.abc import Iterable, Mapping
 from functools import lru_cache
 from pathlib import Path
 
 from steelyard.errors import InputError, missing_extra
+from steelyard.files.child_process import run_child
 
 __all__ = ["expand_xacro"]
 
@@ -56,18 +55,13 @@ def _state(path: Path) -> tuple[int, str]:
 def _expanded(
     path: str, shown: str, arguments: tuple[tuple[str, str], ...], packages: tuple[str, ...], _: tuple[int, str]
 ) -> bytes:
-    environment = {**os.environ, "PYTHONPATH": os.pathsep.join(filter(None, sys.path)), "OPENBLAS_NUM_THREADS": "1"}
-    command = [sys.executable, "-P", str(Path(__file__).with_name("xacro_child.py"))]
     request = json.dumps({"path": path, "arguments": dict(arguments), "packages": packages}).encode()
-    try:
-        done = subprocess.run(
-            command, input=request, stdout=subprocess.PIPE, stderr=subprocess.DEVNULL, env=environment, timeout=TIME
-        )
-        answer = json.loads(done.stdout) if done.stdout else {"problem": "it takes too much time or memory"}
-    except subprocess.TimeoutExpired:
+    program = Path(__file__).with_name("xacro_child.py")
+    written, code = run_child(program, request, TIME, f"{shown}: xacro is expanded by another process")
+    if code is None:
         answer = {"problem": f"it takes longer than {TIME:.0f} s"}
-    except OSError as error:
-        raise InputError(f"{shown}: the process that expands xacro cannot be started ({error}).") from None
+    else:
+        answer = json.loads(written) if written else {"problem": "it takes too much time or memory"}
     if "missing" in answer:
         raise missing_extra(f"{shown}: xacro needs the package {answer['missing']}, which is not installed", "xacro")
     if "problem" in answer:
