@@ -242,6 +242,37 @@ def test_one_joint_needs_no_number() -> None:
     assert "no columns that look like positions" in question(["t", "q", "tau"], 2)
 
 
+@pytest.mark.parametrize(
+    "form",
+    [
+        *("{joint}/{word}", "/joint_states/{joint}/{word}", "{word}[{joint}]", "/js/{word}[{joint}] [rad]"),
+        *("{joint}.{word}", "{word}_{joint}", "{joint} {word}", "/arm/{word}.{joint}"),
+    ],
+)
+def test_joints_that_nobody_named_are_those_of_the_log(form: str) -> None:
+    joints = ("Wrist", "elbow_joint", "shoulder_1")
+    forms = {word: form if word == "position" else form.removesuffix(" [rad]") for word in ("position", "effort")}
+    names = ["t", *(forms[word].format(joint=joint, word=word) for word in forms for joint in joints), "temperature"]
+    for count in (None, 3):
+        layout = find_columns(names, count)
+        assert [(one.joint, one.quantity) for one in layout.table[1:4]] == [(joint, "position") for joint in joints]
+        assert layout.torque == tuple(names[4:7])
+        assert layout.guesses == ()
+    assert "the robot has 2" in question(names, 2)
+
+
+def test_lists_of_names_hold_for_what_is_below_their_topic() -> None:
+    labels = [f"/jtc/state/joint_names[{k}]" for k in range(3)]
+    numbers = [
+        f"/jtc/state/{part}/{word}[{k}]"
+        for part in ("reference", "feedback")
+        for word in ("positions", "effort")
+        for k in range(3)
+    ]
+    layout = find_columns(["t", *labels, *numbers], ARM, labels=("elbow", "shoulder", "wrist"))
+    assert layout.position == tuple(f"/jtc/state/feedback/positions[{k}]" for k in (1, 0, 2))
+
+
 def test_what_was_found_can_be_stated() -> None:
     for names in (
         ["Time [ms]", *numbered("Joint {} position [deg]", "Joint {} velocity [rpm]", "Joint {} torque [mNm]")],

@@ -1,6 +1,7 @@
 """Logs as programs export them are read without a word of configuration, and what each column is, is told."""
 
 import re
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -61,3 +62,12 @@ def test_chunks_are_understood_alike(style: str, tmp_path: Path) -> None:
     np.testing.assert_allclose(joined.torque, LOG.torque, atol=1e-12)
     for pattern in export.guesses:
         assert any(re.match(pattern, remark) for remark in parts[0].remarks)
+
+
+def test_lists_that_are_empty_in_a_joint_state(tmp_path: Path) -> None:
+    """Many drivers publish no velocities; `ros2 topic echo --csv` then writes nothing between two commas."""
+    export = STYLES["ros2 topic echo --csv"](LOG)
+    columns = [*export.columns[:9], [""] * len(LOG.t), *export.columns[12:]]
+    table = [row for row in export.table if row[2] != "velocity"]
+    without = replace(export, columns=columns, table=table, velocity=False)
+    assert_is_motion(Recording.read(written(without, tmp_path), joints=JOINTS), without)

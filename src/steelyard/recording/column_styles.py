@@ -114,8 +114,8 @@ LABELS = ("name", "names", "joint_name", "joint_names")
 
 _TARGET_MOMENT = (
     "target_moment is what the controller's own model computes for the commanded motion and is not measured, so that "
-    "the answer describes that model; measured currents, actual_current, are used instead where the drive gains are "
-    "stated, N·m per A of each joint: `gain = [...]` in [log]"
+    "the answer describes that model; measured currents, actual_current, are used instead where the log has them "
+    "and the drive gains are stated, N·m per A of each joint: `gain = [...]` in [log]"
 )
 _DEGREES = 'KUKA writes axis positions in degrees; state `position_unit = "rad"` in [log] if these are not'
 
@@ -135,6 +135,15 @@ STYLES: tuple[ColumnStyle, ...] = (
         "LeRobot",
         "position",
         ("observation.state[{name}]", "observation.state_{number}", "observation.state[{number}]"),
+    ),
+    *(
+        ColumnStyle("MuJoCo", quantity, ("{word}{number}", "{word}_{number}", "{word}[{number}]", *NAMED), (word,))
+        for quantity, word in (
+            ("position", "qpos"),
+            ("velocity", "qvel"),
+            ("acceleration", "qacc"),
+            ("torque", "qfrc_actuator"),
+        )
     ),
     ColumnStyle("Franka", "torque", ("tau_j_{number}", "tau_j{number}", "tau_j[{number}]")),
     ColumnStyle(
@@ -198,7 +207,7 @@ COMMANDED = frozenset(
 
 TIME_WORDS = (
     *("t", "time", "timestamp", "time_stamp", "stamp", "elapsed", "elapsed_time", "seconds", "secs", "%time"),
-    *("rosbagtimestamp", "epoch", "date", "datetime", "date_time", "log_time"),
+    *("rosbagtimestamp", "zeit", "epoch", "date", "datetime", "date_time", "log_time"),
 )
 """Words for the times of the rows; ``header/stamp`` is the word ``stamp`` in a topic."""
 SECONDS_AND_REST: Mapping[tuple[str, str], str] = {

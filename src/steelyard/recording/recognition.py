@@ -275,6 +275,9 @@ class _Search:
         self.labels = tuple(labels)
         self.called = self.joint_names or self.labels
         self.groups = _groups(names, self.called)
+        if not self.called and not any(NUMBER in group.shape for group in self.groups.get("position", ())):
+            self.called = _joints_named(names)
+            self.groups = _groups(names, self.called)
         self.guesses: list[str] = []
 
     def layout(self) -> Layout:
@@ -348,10 +351,10 @@ class _Search:
         found: dict[tuple[str, ...], _Group] = {}
         for group in self.groups.get(kind, ()):
             if NUMBER not in group.shape and NAME not in group.shape:  # such as `q`, of a robot with one joint
-                several = any(NUMBER in other.shape for other in self.groups[kind])
+                several = any(NUMBER in other.shape or NAME in other.shape for other in self.groups[kind])
                 if expected not in (1, None) or (expected is None and several):
                     continue
-            if group.by == _NUMBER and self.labels and self.joint_names and group.topic == topic:
+            if group.by == _NUMBER and self.labels and self.joint_names and group.topic.startswith(topic):
                 group = self._labelled(kind, group)
             before = found.get(group.columns)
             if before is None or self._tier(kind, group) < self._tier(kind, before):
@@ -503,9 +506,12 @@ class _Search:
         count = len(position.columns) if plain else len(self.columns.position_matrix or ())
         if self.joint_count is not None and count != self.joint_count:
             how = f"({_listing(position.columns)})" if plain else "(rows of position_matrix)"
+            line = "`position`"
+            if plain and self.joint_count and count > self.joint_count:
+                line = f"`position` (the first ones: `position = {_toml(position.columns[: self.joint_count])}`)"
             raise InputError(
                 f"{self.source} has positions of {count} joints {how} but the robot has {self.joint_count}; "
-                "name the right columns with `position` in [log] or use the robot that was logged."
+                f"name the right columns with {line} in [log] or use the robot that was logged."
             )
         for kind, group in found.items():
             if group is None:
@@ -749,6 +755,34 @@ def _clocks(names: Sequence[str], any_word: bool = False) -> list[_Clock]:
         if clock is not None:
             found.append(clock)
     return sorted(found, key=lambda clock: list(names).index(clock.column))
+
+
+def _joints_named(names: Sequence[str]) -> tuple[str, ...]:
+    """Return the joints that names speak of where nobody says what they are called: those with position and torque."""
+    texts = [(text, name) for name in names for text in (normalised(name), *(base for base, _ in units_said(name)))]
+    best: list[str] = []
+    for before, after in (("", "/{}"), ("", ".{}"), ("{}[", "]"), ("{}/", ""), ("{}.", ""), ("", "_{}"), ("{}_", "")):
+        spoken: dict[str, dict[str, str]] = {"position": {}, "torque": {}}
+        for kind, found in spoken.items():
+            for word in dict.fromkeys(word for style in STYLES if style.quantity == kind for word in style.words):
+                start, end = before.format(word), after.format(word)
+                for text, name in texts:
+                    cuts = _cuts(text, len(text)) if start else (0,)
+                    place = next((cut for cut in cuts if text.startswith(start, cut)), None)
+                    if place is None or not text.endswith(end) or _is_commanded(text[:place]):
+                        continue
+                    joint = text[place + len(start) : len(text) - len(end)]
+                    if end[:1] in ("/", "."):
+                        joint = re.split("[/.]", joint)[-1]
+                    if end == "]" and "]" in joint:
+                        continue
+                    if len(joint) > len(found.get(name, "")):  # the joint of `elbow_joint_position` is no elbow
+                        found[name] = joint
+        both = {joint: name for name, joint in spoken["position"].items() if joint in spoken["torque"].values()}
+        if len(both) > len(best):
+            written = [re.search(re.escape(joint), column, re.IGNORECASE) for joint, column in both.items()]
+            best = [match[0] if match else joint for match, joint in zip(written, both, strict=True)]
+    return tuple(best)
 
 
 def _groups(names: Sequence[str], joints: Sequence[str] = ()) -> dict[str, list[_Group]]:

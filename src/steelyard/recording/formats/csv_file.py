@@ -392,13 +392,20 @@ def _ros_names(fields: Sequence[str]) -> list[str] | None:
     --------
     >>> _ros_names(["17", "250000000", "", "elbow", "0.5", "0.1", "7.0"])[2:]
     ['header.frame_id', 'name[0]', 'position[0]', 'velocity[0]', 'effort[0]']
+    >>> _ros_names(["17", "250000000", "base", "elbow", "wrist", "0.5", "0.1", "", "7.0", "8.0"])[5:]
+    ['position[0]', 'position[1]', 'velocity', 'effort[0]', 'effort[1]']
     """
     numbers = [bool(NUMERIC.fullmatch(field)) for field in fields]
     if numbers[:3] != [True, True, False]:
         return None
     joints = [*numbers[3:], True].index(True)
-    if joints == 0 or len(fields) != 3 + 4 * joints or not all(numbers[3 + joints :]):
+    if joints == 0:
         return None
-    kinds = ("name", "position", "velocity", "effort")
-    stamp = ["header.stamp.sec", "header.stamp.nanosec", "header.frame_id"]
-    return stamp + [f"{kind}[{joint}]" for kind in kinds for joint in range(joints)]
+    names = ["header.stamp.sec", "header.stamp.nanosec", "header.frame_id", *(f"name[{k}]" for k in range(joints))]
+    for kind in ("position", "velocity", "effort"):
+        place = len(names)
+        if fields[place : place + 1] == [""]:  # an empty list
+            names.append(kind)
+        elif all(numbers[place : place + joints]):
+            names += [f"{kind}[{k}]" for k in range(joints)]
+    return names if len(names) == len(fields) else None
