@@ -19,13 +19,18 @@ STATES = 20
 
 @dataclass
 class Outcome:
-    """What became of a file: the reason why it was refused, or its error, and the joints that had to be locked."""
+    """What became of a file: the reason why it was refused, or its error, and the joints that had to be locked.
+
+    `written_error` is the error after other parameters were written, and `unwritten` why that was refused.
+    """
 
     path: Path
     reason: str = ""
     error: float = np.nan
     locked: tuple[str, ...] = ()
     unchecked: str = ""
+    written_error: float = np.nan
+    unwritten: str = ""
 
 
 def lockable(message: str) -> str | None:

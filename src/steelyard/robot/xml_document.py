@@ -15,8 +15,9 @@ from steelyard.files.arguments import LARGEST
 if TYPE_CHECKING:
     from lxml import etree
 
-__all__ = ["DRIVES", "DRIVES_NAMESPACE", "SHORTEST_AXIS", "XmlReader", "line_of", "parse_xml"]
+__all__ = ["DRIVES", "DRIVES_NAMESPACE", "SHORTEST_AXIS", "XmlReader", "line_of", "parse_xml", "with_known_version"]
 
+_VERSION = re.compile(rb"""^(<\?xml\s+version\s*=\s*["'])[02-9]\.\d(?=["'])""")
 DRIVES_NAMESPACE = "urn:steelyard:drives:1"
 DRIVES = f"{{{DRIVES_NAMESPACE}}}drives"
 """The extension for what formats have no place for, see `drive_extension`."""
@@ -45,6 +46,7 @@ def parse_xml(path: Path, kind: str = "a URDF", content: bytes | None = None) ->
 
     data = read_bytes(path, remedy=f"give the path of {kind}") if content is None else content
     # A description needs neither entities nor a network, and both are ways to harm whoever opens it.
+    data = with_known_version(data)
     parser = etree.XMLParser(resolve_entities=False, no_network=True, load_dtd=False, huge_tree=False)
     try:
         root = etree.fromstring(data, parser)
@@ -62,6 +64,14 @@ def parse_xml(path: Path, kind: str = "a URDF", content: bytes | None = None) ->
         if "xacro" in (etree.QName(element).namespace or ""):
             raise InputError(_xacro_message(path, line_of(element)))
     return root
+
+
+def with_known_version(content: bytes) -> bytes:
+    """Return the content with the version 1.0 of XML in the place of one that does not exist, of the same length.
+
+    Collections of robots begin with ``<?xml version="0.0" ?>``, over which readers of URDF pass.
+    """
+    return _VERSION.sub(rb"\g<1>1.0", content, count=1)
 
 
 def _xacro_message(path: Path, line: int) -> str:

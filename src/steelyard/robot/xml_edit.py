@@ -10,6 +10,8 @@ from xml.parsers import expat
 
 from steelyard.errors import InputError
 
+from .xml_document import with_known_version
+
 __all__ = ["XmlEdit", "XmlElement"]
 
 # A start tag: quoted values may hold ">".
@@ -93,7 +95,7 @@ class XmlEdit:
         parser.EndElementHandler = finish
         parser.StartDoctypeDeclHandler = refuse
         try:
-            parser.Parse(data, True)
+            parser.Parse(with_known_version(data), True)
         except (expat.ExpatError, ValueError, LookupError) as error:
             if isinstance(error, InputError):
                 raise

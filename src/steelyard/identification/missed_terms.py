@@ -1,0 +1,71 @@
+"""What of an identified robot a description has no place for, and how much a simulation without it would miss."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+
+import numpy as np
+
+from steelyard.dynamics import Model
+from steelyard.recording import Samples
+from steelyard.regression import Estimate
+from steelyard.robot.description import URDF, description_format
+
+__all__ = ["missed_terms"]
+
+NAMES = {"damping": "damping", "friction": "friction", "rotor_inertia": "rotor inertia", "offset": "torque offsets"}
+NEGLIGIBLE = 5e-4  # of the torques; less is printed as 0.0 %
+
+
+def missed_terms(model: Model, estimate: Estimate, samples: Iterable[Samples]) -> tuple[str, ...]:
+    """Say what the description cannot hold in its own elements.
+
+    Parameters
+    ----------
+    model : Model
+    estimate : Estimate
+    samples : iterable of Samples
+        Motions with which to compare torques.
+
+    Returns
+    -------
+    tuple of str
+        A sentence, with the root mean square of the torques of the terms that are missed, relative to that of the
+        measured ones, over all joints and of the joint where it is largest; none where nothing is missed.
+    """
+    source = model.robot.source
+    if source is None or estimate.parameters is None:
+        return ()
+    kind = description_format(source) or URDF
+    refused = kind.refusal(model.robot)
+    if refused:
+        return (refused,)
+    held = kind.holds if kind.is_written else ()
+    described = {one.symbol: one.described_as for term in model.robot.terms for one in term.parameters}
+    lost = {symbol for symbol, name in described.items() if name not in held}
+    missed = np.array([name.rstrip("0123456789") in lost for name in model.parameter_names])
+    if not kind.is_written or not missed.any():
+        return ()
+    parts, whole = np.zeros(model.robot.dof), np.zeros(model.robot.dof)
+    parameters = np.where(missed, estimate.parameters, 0.0)
+    for one in samples:
+        rows = np.ones_like(one.torque, dtype=bool) if one.mask is None else one.mask
+        torque = model.inverse_dynamics(one.q, one.dq, one.ddq, parameters)
+        parts += np.sum(np.where(rows, torque, 0.0) ** 2, axis=0)
+        whole += np.sum(np.where(rows, one.torque, 0.0) ** 2, axis=0)
+    if not whole.sum() > 0.0:
+        return ()
+    share = float(np.sqrt(parts.sum() / whole.sum()))
+    each = np.sqrt(np.divide(parts, whole, out=np.zeros_like(parts), where=whole > 0.0))
+    if max(share, float(each.max())) < NEGLIGIBLE:
+        return ()
+    worst = int(np.argmax(each))
+    known = [NAMES[name] for name in NAMES if name not in held and name in described.values()]
+    others = [term.kind for term in model.robot.terms if any(one.described_as is None for one in term.parameters)]
+    what = " and ".join([*known, *others])
+    where = "in an extension of ours, which simulators pass over, and " if known else ""
+    return (
+        f"The format of {source.name} has no place for {what}: what was found stands {where}in estimate.json. A "
+        f"simulation without it misses {share:.1%} of the torques of these logs, and {each[worst]:.1%} at joint "
+        f"{model.robot.joint_names[worst]}.",
+    )

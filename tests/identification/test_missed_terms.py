@@ -1,0 +1,58 @@
+"""What a description cannot hold is said, with what a simulation without it would miss; every format is written."""
+
+import numpy as np
+import pytest
+
+import steelyard as sy
+from steelyard.report import save_results
+from steelyard.robot import RobotFile
+
+BODY = """<inertial><mass value="{}"/><origin xyz="0.2 0.01 0"/>
+<inertia ixx=".02" ixy="0" ixz="0" iyy=".06" iyz="0" izz=".06"/></inertial>"""
+URDF = f"""<robot name="arm"><link name="base"/>
+<link name="upper">{BODY.format(3)}</link><link name="fore">{BODY.format(2)}</link>
+<joint name="one" type="revolute"><parent link="base"/><child link="upper"/><axis xyz="0 1 0"/></joint>
+<joint name="two" type="revolute"><parent link="upper"/><child link="fore"/><origin xyz="0.4 0 0"/><axis xyz="0 1 0"/>
+</joint></robot>"""
+INERTIAL = """<inertial><pose>0.2 0.01 0 0 0 0</pose><mass>{}</mass><inertia><ixx>.02</ixx><iyy>.06</iyy><izz>.06</izz>
+</inertia></inertial>"""
+SDF = f"""<sdf version="1.6"><model name="arm"><link name="base"/>
+<link name="upper">{INERTIAL.format(3)}</link><link name="fore"><pose>0.4 0 0 0 0 0</pose>{INERTIAL.format(2)}</link>
+<joint name="one" type="revolute"><parent>base</parent><child>upper</child><axis><xyz>0 1 0</xyz></axis></joint>
+<joint name="two" type="revolute"><parent>upper</parent><child>fore</child><axis><xyz>0 1 0</xyz></axis></joint>
+</model></sdf>"""
+TERMS = "".join(f'[[terms]]\nkind = "{kind}"\n' for kind in ("viscous", "coulomb", "offset", "rotor_inertia"))
+
+
+@pytest.mark.parametrize(("suffix", "text"), [("urdf", URDF), ("sdf", SDF)])
+def test_what_a_simulation_would_miss_is_said(tmp_path, suffix, text):
+    (tmp_path / f"arm.{suffix}").write_text(text)
+    (tmp_path / "robot.toml").write_text(f'[description]\nfile = "arm.{suffix}"\n{TERMS}')
+    model = sy.Model.load(tmp_path / "robot.toml")
+    truth = dict(zip(model.parameter_names, model.robot.parameters, strict=True))
+    truth |= {"Fvj1": 0.5, "Fvj2": 0.3, "Fcj1": 0.4, "Fcj2": 0.2, "Foj1": 1.5, "Foj2": -0.8, "Ia1": 0.4, "Ia2": 0.3}
+    parameters = np.array(list(truth.values()))
+    t = np.arange(0.0, 20.0, 0.005)
+    phase = t[:, None] * np.array([2.0, 3.1])
+    q = np.sin(phase) + 0.4 * np.sin(2.3 * phase)
+    rate = np.array([2.0, 3.1])
+    dq = rate * (np.cos(phase) + 0.92 * np.cos(2.3 * phase))
+    ddq = -(rate**2) * (np.sin(phase) + 0.4 * 2.3**2 * np.sin(2.3 * phase))
+    torque = model.inverse_dynamics(q, dq, ddq, parameters)
+    torque += np.random.default_rng(2).normal(scale=0.02, size=torque.shape)
+    log = {"t": t, "q1": q[:, 0], "q2": q[:, 1], "tau1": torque[:, 0], "tau2": torque[:, 1]}
+    result = sy.identify(tmp_path / "robot.toml", log)
+    (said,) = [remark for remark in result.remarks if "has no place for" in remark]
+    assert f"The format of arm.{suffix} has no place for rotor inertia and torque offsets" in said
+    # Rotors and offsets are known apart, so that the share is that of the true ones.
+    lost = np.where([name[:2] in ("Fo", "Ia") for name in truth], parameters, 0.0)
+    missed = model.inverse_dynamics(q, dq, ddq, lost)
+    share = np.sqrt((missed**2).sum() / (torque**2).sum())
+    told = float(said.partition("misses ")[2].partition("%")[0])
+    assert told == pytest.approx(100 * share, rel=0.15)
+    save_results(result, tmp_path / "result", force=True)
+    again = RobotFile.load(tmp_path / "result" / f"robot.{suffix}")
+    found = dict(zip(result.estimate.parameter_names, result.estimate.parameters, strict=True))
+    assert [joint.rotor_inertia for joint in again.robot.joints] == [found["Ia1"], found["Ia2"]]
+    assert {"kind": "rotor_inertia"} in again.terms
+    assert f'offset="{float(found["Foj2"])!r}"' in (tmp_path / "result" / f"robot.{suffix}").read_text()
