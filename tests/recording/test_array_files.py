@@ -257,6 +257,17 @@ def test_damaged_arrays_are_one_sentence(suffix: str, change: str, tmp_path: Pat
         Recording.read(path)
 
 
+def test_what_crashes_the_library_is_one_sentence(tmp_path: Path) -> None:
+    """This type of an array, which there is none of, ends the process in which SciPy reads it."""
+    path = tmp_path / "run.mat"
+    savemat(path, {"t": T, "q": Q, "tau": TORQUE})
+    data = bytearray(path.read_bytes())
+    data[177] = 210
+    path.write_bytes(data)
+    with pytest.raises(InputError, match=r"cannot be read as a file of MATLAB: [^\n]*; save it again\.$"):
+        Recording.read(path)
+
+
 def test_missing_h5py_is_named(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     path = tmp_path / "run.h5"
     path.write_bytes(b"anything")

@@ -306,6 +306,16 @@ def test_damaged_bag_is_one_sentence(name: str, change: str, tmp_path: Path) -> 
         Recording.read(path)
 
 
+def test_a_size_that_no_memory_holds_is_one_sentence(tmp_path: Path) -> None:
+    path = write_ros2(tmp_path / "run", {"/joint_states": STATES}, "MCAP")
+    file = next(file for file in path.iterdir() if file.suffix != ".yaml")
+    data = bytearray(file.read_bytes())
+    data[9:17] = (2**60).to_bytes(8, "little")  # of the first record
+    file.write_bytes(data)
+    with pytest.raises(InputError, match=r"as a bag of ROS 2: a size that stands in it is larger than the memory;"):
+        Recording.read(path)
+
+
 @pytest.mark.parametrize(
     "content", ["", "rosbag2_bagfile_information: 3", "- [", "rosbag2_bagfile_information: {version: 99}"]
 )

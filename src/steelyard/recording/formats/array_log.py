@@ -14,13 +14,18 @@ from numpy.typing import NDArray
 from steelyard.errors import InputError, SteelyardError
 
 from ..recognition import LABELS
-from .log_file import Columns, LogFile
+from .log_file import Columns, LogFile, reason_of
 
-__all__ = ["ArrayLog", "StoredArray", "texts_of"]
+__all__ = ["OBJECTS", "ArrayLog", "StoredArray", "texts_of"]
 
 MOST_JOINTS = 1000
 """Columns of an array; one with more is a picture, or has its rows and columns exchanged."""
 LONGEST_LABEL = 200
+OBJECTS = (
+    " but objects of MATLAB, which only MATLAB reads; save plain arrays, as with s = table2struct(T, ToScalar=true); "
+    "save('run.mat', '-struct', 's')"
+)
+"""What a message says of files whose variables are tables or time series."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -125,7 +130,7 @@ class ArrayLog(LogFile):
         except SteelyardError:
             raise
         except Exception as error:  # the libraries raise whatever they meet in a damaged file
-            reason = " ".join(str(error).split())[:200].rstrip(".") or type(error).__name__
+            reason = reason_of(error)
             name = self.joiner.join(matrix.stored.path)
             raise InputError(f"{self.path}: its array {name} cannot be read ({reason}); save it again.") from None
 

@@ -14,7 +14,8 @@ from numpy.typing import NDArray
 
 from steelyard.errors import InputError, SteelyardError, require_package
 
-from .array_log import ArrayLog, StoredArray, texts_of
+from .array_log import OBJECTS, ArrayLog, StoredArray, texts_of
+from .log_file import reason_of
 
 __all__ = ["Hdf5File"]
 
@@ -46,26 +47,18 @@ class Hdf5File(ArrayLog):
             self._h5py = library
             self._arrays: list[StoredArray] = []
             self._texts: dict[tuple[str, ...], tuple[str, ...]] = {}
-            self._objects: list[str] = []
+            self._has_objects = False
             self._collect(self._file, ())
         except SteelyardError:
             raise
         except Exception as error:  # the library raises whatever it meets in a damaged file
-            reason = " ".join(str(error).split())[:200].rstrip(".") or type(error).__name__
-            raise InputError(f"{path} cannot be read as HDF5: {reason}; save it again.") from None
+            raise InputError(f"{path} cannot be read as HDF5: {reason_of(error)}; save it again.") from None
         if self._is_matlab:
             self.joiner = "."  # type: ignore[misc]
         self._store(self._arrays, self._texts)
         if not self.names:
-            raise InputError(f"{path} holds no arrays of numbers with one row per sample{self._hint()}.")
-
-    def _hint(self) -> str:
-        if not self._objects:
-            return "; expected a time, positions and torques"
-        return (
-            f", but objects of MATLAB ({', '.join(self._objects[:5])}), which only MATLAB reads; save plain arrays, as "
-            "with s = table2struct(T, ToScalar=true); save('run.mat', '-struct', 's')"
-        )
+            hint = OBJECTS if self._has_objects else "; expected a time, positions and torques"
+            raise InputError(f"{path} holds no arrays of numbers with one row per sample{hint}.")
 
     def _collect(self, group: Any, path: tuple[str, ...]) -> None:
         """List what stands in a group; links into other files and circles of links are not followed."""
@@ -97,7 +90,7 @@ class Hdf5File(ArrayLog):
         if "MATLAB_empty" in dataset.attrs:
             return
         if matlab is not None and "MATLAB_object_decode" in dataset.attrs:
-            self._objects.append(".".join(path))
+            self._has_objects = True
             return
         kind = dataset.dtype
         labels = self._labels_in_attributes(dataset)

@@ -15,7 +15,7 @@ from steelyard.errors import InputError
 from ..columns import LogColumns
 from ..recognition import label_columns
 
-__all__ = ["BLOCK_ROWS", "Columns", "DataFrame", "LogFile", "column_length", "flattened"]
+__all__ = ["BLOCK_ROWS", "Columns", "DataFrame", "LogFile", "column_length", "flattened", "reason_of"]
 
 Columns = dict[str, NDArray[np.float64]]
 BLOCK_ROWS = 50_000
@@ -136,6 +136,20 @@ class LogFile(ABC):
 def column_length(columns: Columns) -> int:
     """Return the number of rows of columns, 0 where there are none."""
     return len(next(iter(columns.values()))) if columns else 0
+
+
+def reason_of(error: BaseException) -> str:
+    """Return what a library says is wrong, as a part of a sentence.
+
+    Examples
+    --------
+    >>> reason_of(ValueError("the footer\\nis missing.")), reason_of(OSError(22, "Invalid argument"))
+    ('the footer is missing', 'Invalid argument')
+    """
+    if isinstance(error, MemoryError):
+        return "a size that stands in it is larger than the memory"
+    said = getattr(error, "strerror", None) or str(error)
+    return " ".join(str(said).split())[:200].rstrip(".") or type(error).__name__
 
 
 def flattened(arrays: Mapping[str, NDArray[np.float64]]) -> Columns:

@@ -14,7 +14,7 @@ from steelyard.files import shown, suggestion
 
 from ..columns import LogColumns
 from .joint_messages import QUANTITIES, JointMessage, JointTable, joint_message
-from .log_file import Columns, LogFile
+from .log_file import Columns, LogFile, reason_of
 
 __all__ = ["JOINT_TYPES", "MessageLog", "Topic"]
 
@@ -109,8 +109,7 @@ class MessageLog(LogFile):
         except SteelyardError:
             raise
         except (Exception, RecursionError) as error:
-            reason = " ".join(str(error).split())[:200].rstrip(".") or type(error).__name__
-            raise InputError(f"{self.path} cannot be read as {self.kind}: {reason}; {self.remedy}.") from None
+            raise InputError(f"{self.path} cannot be read as {self.kind}: {reason_of(error)}; {self.remedy}.") from None
 
     def _named(self, topics: Sequence[Topic], name: str) -> Topic:
         for topic in topics:

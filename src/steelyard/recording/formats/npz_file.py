@@ -18,7 +18,7 @@ from steelyard.files import shown
 from steelyard.files.arrays import read_array_header
 
 from ..recognition import LABELS
-from .log_file import Columns, LogFile
+from .log_file import Columns, LogFile, reason_of
 
 __all__ = ["NpzFile"]
 
@@ -72,8 +72,7 @@ class NpzFile(LogFile):
         except (InputError, GeneratorExit):
             raise
         except Exception as error:  # the libraries of the compressions raise whatever they meet
-            reason = " ".join(str(error).split())[:200] or type(error).__name__
-            raise InputError(f"{self.path} cannot be read as NPZ: {reason}; save it again.") from None
+            raise InputError(f"{self.path} cannot be read as NPZ: {reason_of(error)}; save it again.") from None
 
     def _check(self, member: Member, entry: zipfile.ZipInfo) -> None:
         """Refuse an array that claims more than the file can hold, before anything is done for each of its columns."""

@@ -1,0 +1,105 @@
+"""A program that reads a file of MATLAB for another process, because damaged files crash SciPy's reader.
+
+Of 250 files with some bits changed three ended the process that read them. It is started with the path of the file and
+a folder, into which it writes the arrays as ``0.npy``, ``1.npy`` and so on, and at last ``index.json``.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import json
+import os
+import sys
+import warnings
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+__all__ = ["main"]
+
+MEMORY, MEMORY_PER_BYTE = 2**31, 100
+"""Limit of the address space, bytes: a constant, and a multiple of the file. Compressed logs grow by a factor of two to
+ten, and SciPy holds what it reads twice."""
+TIME, TIME_PER_BYTE = 60, 1e-6
+"""Limit of the processor time, s; a compressed file of 100 MB takes 2 s."""
+DEEPEST = 20
+MOST_ELEMENTS = 1000
+"""Of an array of structs, such as the signals of a block of Simulink."""
+LONGEST = 1_000_000
+"""Characters of an array of texts."""
+
+
+def variables(path: str) -> Iterator[tuple[tuple[str, ...], Any]]:
+    """Yield the arrays of a file, its texts as lists, and None for each object that cannot be read."""
+    from scipy.io import loadmat
+
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")  # names that stand twice, objects that are not read
+        content = loadmat(path, struct_as_record=False, chars_as_strings=True, appendmat=False)
+    for name, value in content.items():
+        if not name.startswith("__"):
+            yield from _arrays((name,), value)
+        elif not isinstance(value, str | bytes | list):  # the workspace of functions
+            yield (name,), None
+
+
+def _arrays(path: tuple[str, ...], value: Any) -> Iterator[tuple[tuple[str, ...], Any]]:
+    kind = type(value).__name__
+    if len(path) > DEEPEST:
+        return
+    if kind == "mat_struct":
+        for name in value._fieldnames:
+            yield from _arrays((*path, name), getattr(value, name))
+    elif kind in ("MatlabOpaque", "MatlabObject", "MatlabFunction"):
+        yield path, None
+    elif not isinstance(value, np.ndarray) or value.ndim == 0 or value.size == 0:
+        return
+    elif value.dtype.kind in "fiub":
+        yield path, value
+    elif value.dtype.kind == "U":
+        yield path, _texts(value.ravel())
+    elif value.dtype.kind == "O" and value.size <= MOST_ELEMENTS:
+        items = list(value.ravel())
+        if all(isinstance(item, np.ndarray) and item.dtype.kind == "U" for item in items):
+            yield path, _texts(["".join(map(str, item.ravel())) for item in items])
+            return
+        for number, item in enumerate(items, start=1):
+            yield from _arrays((*path[:-1], path[-1] if len(items) == 1 else f"{path[-1]}({number})"), item)
+
+
+def _texts(values: Any) -> list[str]:
+    texts = [str(value) for value in values]
+    return texts if sum(map(len, texts)) <= LONGEST else []
+
+
+def main() -> None:
+    """Read the file that is named first into the folder that is named second."""
+    source, folder = sys.argv[1], Path(sys.argv[2])
+    with contextlib.suppress(ImportError, ValueError, OSError):
+        import resource
+
+        size = os.path.getsize(source)
+        memory, seconds = MEMORY + MEMORY_PER_BYTE * size, int(TIME + TIME_PER_BYTE * size)
+        resource.setrlimit(resource.RLIMIT_CPU, (seconds, seconds))
+        resource.setrlimit(resource.RLIMIT_CORE, (0, 0))
+        resource.setrlimit(resource.RLIMIT_AS, (memory, memory))
+    index: dict[str, Any] = {"arrays": [], "texts": [], "objects": []}
+    try:
+        for path, value in variables(source):
+            if value is None:
+                index["objects"].append(path)
+            elif isinstance(value, list):
+                index["texts"].append((path, value))
+            else:
+                np.save(folder / f"{len(index['arrays'])}.npy", value, allow_pickle=False)
+                index["arrays"].append(path)
+    except Exception as error:  # SciPy raises whatever it meets in a damaged file
+        index = {"problem": " ".join(str(error).split())[:200].rstrip(".") or type(error).__name__}
+    (folder / "index.json").write_text(json.dumps(index), encoding="utf-8")
+    os._exit(0)  # without the cleanup of the library, which may crash after a damaged file
+
+
+if __name__ == "__main__":
+    main()
