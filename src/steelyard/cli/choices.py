@@ -6,7 +6,7 @@ from typing import Annotated, Literal
 
 import typer
 
-__all__ = ["AllowExtensions", "ConsistencyOption", "Topic", "WeightsOption"]
+__all__ = ["AllowExtensions", "ConsistencyOption", "Json", "Quiet", "Topic", "WeightsOption"]
 
 
 AllowExtensions = Annotated[
@@ -18,6 +18,10 @@ Topic = Annotated[
     str | None,
     typer.Option("--topic", help="Topic of a bag that is read, as `topic` in [log] of robot.toml."),
 ]
+Json = Annotated[
+    bool, typer.Option("--json", help="Print one JSON document on standard output, and nothing else there.")
+]
+Quiet = Annotated[bool, typer.Option("--quiet", "-q", help="Show no progress, and of results the answer alone.")]
 
 ConsistencyOption = Annotated[
     Literal["full", "inertia"],

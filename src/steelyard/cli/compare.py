@@ -7,8 +7,8 @@ from typing import Annotated
 
 import typer
 
-from .choices import AllowExtensions
-from .terminal import echo, progress
+from .choices import AllowExtensions, Json, Quiet
+from .terminal import progress, show
 
 __all__ = ["compare"]
 
@@ -25,21 +25,25 @@ def compare(
     ] = None,
     seed: Annotated[int, typer.Option(help="Of the random motion, where there is no log.", min=0)] = 0,
     output: Annotated[Path | None, typer.Option("--output", "-o", help="File for the same as JSON.")] = None,
+    json: Json = False,
+    quiet: Quiet = False,
     allow_extensions: AllowExtensions = False,
 ) -> None:
     """Tell which parameters differ beyond their intervals, and how predictions differ: exit 0 nothing, 1 something.
 
     Each is compared with A. Two logs of the same robot differ in nothing in 95 of 100 cases.
+
+    \b
+    Examples:
+      steelyard compare result estimate.json
+      steelyard compare result estimate.json --log run2.csv --output differences.json
     """
     from steelyard.identification import compare_estimates
     from steelyard.robot import RobotFile
 
     file = None if robot is None else RobotFile.load(robot, allow_extensions=allow_extensions)
-    with progress() as say:
+    with progress(quiet=quiet) as say:
         found = compare_estimates(results, robot=file, logs=log or [], seed=seed, progress=say)
-    echo(str(found))
-    if output is not None:
-        found.save(output)
-        echo(f"Written to {output}")
+    show(found, output, json=json, quiet=quiet)
     if found.differs:
         raise typer.Exit(1)

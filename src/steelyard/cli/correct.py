@@ -24,7 +24,12 @@ def correct(
     ] = "deviation",
     allow_extensions: AllowExtensions = False,
 ) -> None:
-    """Write the physically possible estimate that is nearest to another one."""
+    """Write the physically possible estimate that is nearest to another one.
+
+    \b
+    Examples:
+      steelyard correct robot.toml estimate.json --output corrected.json
+    """
     from steelyard.errors import InputError
     from steelyard.identification import correct_estimate
     from steelyard.robot import RobotFile

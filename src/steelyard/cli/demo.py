@@ -16,7 +16,13 @@ def demo(
     output: Annotated[Path, typer.Option("--output", "-o", help="Folder for everything.")] = Path("steelyard-demo"),
     seed: Annotated[int, typer.Option(help="Seed of the simulated noise.", min=0)] = 2014,
 ) -> None:
-    """Simulate the seven-joint WAM arm with wrong CAD, identify it, and show the answer beside the truth."""
+    """Simulate the seven-joint WAM arm with wrong CAD, identify it, and show the answer beside the truth.
+
+    \b
+    Examples:
+      steelyard demo
+      steelyard demo --output arm --seed 7
+    """
     from steelyard.identification import demonstrate
     from steelyard.identification.wam import beside_truth
     from steelyard.report import require_folder, save_results

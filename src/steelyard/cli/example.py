@@ -18,7 +18,13 @@ def example(
         Path | None, typer.Option("--output", "-o", help="Folder for the example; steelyard-NAME where not given.")
     ] = None,
 ) -> None:
-    """Write a complete folder to try things on: a robot, two logs, a robot.toml, and what must come out."""
+    """Write a complete folder to try things on: a robot, two logs, a robot.toml, and what must come out.
+
+    \b
+    Examples:
+      steelyard example
+      steelyard example panda --output panda
+    """
     from steelyard.identification.examples import list_examples, write_example
 
     if name is None:

@@ -46,7 +46,13 @@ def excite(
     ] = None,
     allow_extensions: AllowExtensions = False,
 ) -> None:
-    """Design a motion that shows a robot's parameters, within all its limits: exit 3 where it cannot identify them."""
+    """Design a motion that shows a robot's parameters, within all its limits: exit 3 where it cannot identify them.
+
+    \b
+    Examples:
+      steelyard excite robot.toml --output motion
+      steelyard excite robot.toml --limits limits.toml --subset payload --output motion
+    """
     from steelyard.excitation import ExcitationObjective, SearchOptions
     from steelyard.identification import excite as run
     from steelyard.report import require_folder

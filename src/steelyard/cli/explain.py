@@ -20,7 +20,12 @@ def explain(
     consistency: ConsistencyOption = "full",
     allow_extensions: AllowExtensions = False,
 ) -> None:
-    """Tell why an estimate is impossible, or which values of each parameter are possible: exit 0 feasible, 1 not."""
+    """Tell why an estimate is impossible, or which values of each parameter are possible: exit 0 feasible, 1 not.
+
+    \b
+    Examples:
+      steelyard explain robot.toml estimate.json
+    """
     from steelyard.identification import explain_estimate
     from steelyard.robot import RobotFile
 

@@ -44,7 +44,14 @@ def generate(
     cad: Annotated[bool, typer.Option("--cad", help="The description's own values stand in the source.")] = False,
     allow_extensions: AllowExtensions = False,
 ) -> None:
-    """Write the model of a robot as source code: functions with documentation, sizes and a self-test."""
+    """Write the model of a robot as source code: functions with documentation, sizes and a self-test.
+
+    \b
+    Examples:
+      steelyard generate robot.toml --language c --output code
+      steelyard generate robot.toml --language rust --function gravity --estimate estimate.json --output crate
+      steelyard generate robot.toml --function list
+    """
     from steelyard.dynamics import DEFAULT_FUNCTIONS, Model
     from steelyard.identification import parameters_for_source
 

@@ -7,8 +7,9 @@ from typing import Annotated, Literal
 
 import typer
 
-from .choices import AllowExtensions, ConsistencyOption, Topic, WeightsOption
-from .terminal import echo, progress, show_identification
+from .choices import AllowExtensions, ConsistencyOption, Json, Quiet, Topic, WeightsOption
+from .robot_argument import SetLines, load_robot
+from .terminal import echo, print_json, progress, show_identification
 
 __all__ = ["identify"]
 
@@ -53,17 +54,26 @@ def identify(
         bool, typer.Option("--verbose", "-v", help="Print what each column of the logs was understood to be.")
     ] = False,
     topic: Topic = None,
+    lines: SetLines = None,
+    json: Json = False,
+    quiet: Quiet = False,
     allow_extensions: AllowExtensions = False,
 ) -> None:
-    """Identify a robot's dynamic parameters from its logs, physically feasible, with a report."""
+    """Identify a robot's dynamic parameters from its logs, physically feasible, with a report.
+
+    \b
+    Examples:
+      steelyard identify robot.toml run1.csv --validate run2.csv --output result
+      steelyard identify my_robot.urdf run1.csv run2.csv --set processing.cutoff=8 --output result
+      steelyard identify robot.toml run1.csv --output result --json --quiet
+    """
     from steelyard.identification import identify as run
-    from steelyard.report import require_apart, require_folder, save_results
-    from steelyard.robot import RobotFile
+    from steelyard.report import require_apart, require_folder
 
     require_folder(output)
-    file = RobotFile.load(robot, allow_extensions=allow_extensions).with_settings("log", topic=topic)
+    file = load_robot(robot, lines, allow_extensions=allow_extensions).with_settings("log", topic=topic)
     require_apart(output, (file.path, file.robot.source))
-    with progress() as say:
+    with progress(quiet=quiet) as say:
         result = run(
             file,
             logs,
@@ -79,10 +89,15 @@ def identify(
             progress=say,
         )
         say("writing the report")
-        save_results(result, output, force=force)
-    show_identification(result, whole_table=table, verbose=verbose)
-    echo(f"Look at {output / 'report.html'}")
+        written = result.save(output, force=force)
+    if json:
+        print_json({**result.to_dict(), "files": [str(path) for path in written]})
+    elif quiet:
+        echo(result.headline)
+    else:
+        show_identification(result, whole_table=table, verbose=verbose)
+        echo(f"Look at {output / 'report.html'}")
     if result.prediction.word == "wrong":
-        if not force:
+        if not force and not json:
             echo("No robot description was written, since the model does not predict the robot; --force writes it.")
         raise typer.Exit(3)

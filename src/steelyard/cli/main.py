@@ -27,15 +27,21 @@ from .generate import generate
 from .identify import identify
 from .inspect import inspect
 from .payload import payload
+from .robot_argument import lines_told
 from .simulate import simulate
-from .terminal import echo, guarded, sentence
+from .terminal import echo, guarded, print_json, sentence
 from .validate import validate
 
 __all__ = ["COMMANDS", "SETTINGS", "Commands", "app", "author", "main"]
 
 
 # Settings of every command of this program: an error is one sentence, and help is plain text.
-SETTINGS: dict[str, Any] = {"add_completion": False, "pretty_exceptions_enable": False, "rich_markup_mode": None}
+SETTINGS: dict[str, Any] = {
+    "add_completion": False,
+    "pretty_exceptions_enable": False,
+    "rich_markup_mode": None,
+    "context_settings": {"help_option_names": ["-h", "--help"]},
+}
 _ELSEWHERE = {
     "reproduce": "The command `reproduce` belongs to the package steelyard-thesis, which is not installed: install it "
     "with `pip install ./thesis` in a copy of Steelyard's source."
@@ -109,7 +115,7 @@ app = typer.Typer(
     help="Weigh a robot by moving it: physically feasible dynamic parameters from a description and a log.",
     cls=Commands,
     no_args_is_help=True,
-    **SETTINGS,
+    **{**SETTINGS, "add_completion": True},
 )
 app.command()(demo)
 app.command()(inspect)
@@ -151,7 +157,7 @@ def main() -> None:
         except (SystemExit, GeneratorExit):
             raise
         except SteelyardError as error:
-            _end(2, sentence(error))
+            _end(2, sentence(lines_told(str(error), sys.argv[1:])))
         except KeyboardInterrupt:
             _end(130, "interrupted")
         except OSError as error:
@@ -162,6 +168,8 @@ def main() -> None:
 
 def _end(code: int, message: str) -> NoReturn:
     print(f"steelyard: {message}", file=sys.stderr)
+    if "--json" in sys.argv:  # who reads the answer gets a document, whatever it is
+        print_json({"format": "steelyard-error-1", "error": message, "exit_code": code})
     sys.exit(code)
 
 

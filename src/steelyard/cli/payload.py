@@ -7,8 +7,9 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 import typer
 
-from .choices import AllowExtensions, ConsistencyOption, Topic, WeightsOption
-from .terminal import echo, progress
+from .choices import AllowExtensions, ConsistencyOption, Json, Quiet, Topic, WeightsOption
+from .robot_argument import SetLines, load_robot
+from .terminal import progress, show
 
 if TYPE_CHECKING:
     from steelyard.identification import DriveGainIdentification, PayloadIdentification
@@ -41,16 +42,23 @@ def payload(
     weights: WeightsOption = "joint",
     chunk_rows: Annotated[int, typer.Option(help="Rows of a log that stand in memory together.", min=1000)] = 200_000,
     topic: Topic = None,
+    lines: SetLines = None,
+    json: Json = False,
+    quiet: Quiet = False,
     allow_extensions: AllowExtensions = False,
 ) -> None:
     """Tell mass, centre of mass and inertia of what a robot carries, from its logs without and with it.
 
     Where [log] of robot.toml says gain = "find", the payload is the known one, and the drive gains are found.
+
+    \b
+    Examples:
+      steelyard payload robot.toml unloaded.csv loaded.csv
+      steelyard payload robot.toml loaded.csv --estimate estimate.json --json
     """
     from steelyard.errors import InputError
     from steelyard.identification import identify_drive_gains, identify_payload
     from steelyard.recording import LogColumns
-    from steelyard.robot import RobotFile
 
     if len(logs) != (2 if estimate is None else 1):
         raise InputError(
@@ -59,14 +67,14 @@ def payload(
         )
     if output is not None and output.is_dir():
         raise InputError(f"{output}: is a folder; give the path of a file.")
-    file = RobotFile.load(robot, allow_extensions=allow_extensions).with_settings("log", topic=topic)
+    file = load_robot(robot, lines, allow_extensions=allow_extensions).with_settings("log", topic=topic)
     gains = LogColumns.from_dict(file.section("log"), f"{file.path}, [log]").finds_gains
     if mass is not None and not gains:
         raise InputError(
             f"--mass is that of a known payload, by which drive gains are found; {file.path} does not ask for any "
             '(gain = "find" in [log]).'
         )
-    with progress() as say:
+    with progress(quiet=quiet) as say:
         options: dict[str, Any] = {
             "frame": frame,
             "changes": changes,
@@ -82,7 +90,4 @@ def payload(
         else:
             chosen: Literal["joint"] | None = "joint" if weights == "joint" else None
             found = identify_payload(file, logs[-1:], logs[:-1], estimate=estimate, weights=chosen, **options)
-    echo(str(found))
-    if output is not None:
-        found.save(output)
-        echo(f"Written to {output}")
+    show(found, output, json=json, quiet=quiet)

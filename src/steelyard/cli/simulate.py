@@ -54,7 +54,13 @@ def simulate(
     ] = False,
     allow_extensions: AllowExtensions = False,
 ) -> None:
-    """Simulate a robot: exit 0 when it ran to its end or to an event, 1 when it diverged, 2 bad input."""
+    """Simulate a robot: exit 0 when it ran to its end or to an event, 1 when it diverged, 2 bad input.
+
+    \b
+    Examples:
+      steelyard simulate robot.toml --duration 2
+      steelyard simulate robot.toml estimate.json --initial 0,0.5,0,0,0,0 --output fall
+    """
     from steelyard.errors import InputError
     from steelyard.identification.simulated import simulate_files
     from steelyard.report.results import require_folder

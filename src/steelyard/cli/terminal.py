@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json as json_format
 import os
 import re
 import sys
@@ -9,7 +10,8 @@ import time
 import unicodedata
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager, suppress
-from typing import TYPE_CHECKING, Any, Literal, TextIO
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, Literal, Protocol, TextIO
 
 import numpy as np
 
@@ -26,9 +28,11 @@ __all__ = [
     "LONGEST_SENTENCE",
     "echo",
     "guarded",
+    "print_json",
     "printable",
     "progress",
     "sentence",
+    "show",
     "show_excitation",
     "show_identification",
     "show_model",
@@ -72,6 +76,34 @@ def sentence(text: object) -> str:
 def echo(text: object) -> None:
     """Print a line on standard output."""
     print(printable(str(text)))
+
+
+def print_json(document: object) -> None:
+    """Print plain data as one JSON document, in ASCII, with null for numbers that are not finite."""
+    from steelyard.files import plain
+
+    print(json_format.dumps(plain(document), allow_nan=False, indent=1))
+
+
+class _Result(Protocol):
+    """What `show` prints and writes."""
+
+    def to_dict(self) -> dict[str, Any]: ...
+
+    def save(self, path: str | Path) -> None: ...
+
+
+def show(result: _Result, output: Path | None, *, json: bool, quiet: bool) -> None:
+    """Print a result, for people or as JSON, and write it where a file is given; of a quiet one the first line."""
+    if json:
+        print_json(result.to_dict())
+    else:
+        text = str(result)
+        echo(text.splitlines()[0] if quiet else text)
+    if output is not None:
+        result.save(output)
+        if not json and not quiet:
+            echo(f"Written to {output}")
 
 
 class _Guarded:
@@ -121,8 +153,11 @@ _MOST_VIOLATIONS = 4
 
 
 @contextmanager
-def progress() -> Iterator[Callable[[str], None]]:
-    """Show each step with the time it began, on standard error."""
+def progress(*, quiet: bool = False) -> Iterator[Callable[[str], None]]:
+    """Show each step with the time it began, on standard error; nothing where that is to be quiet."""
+    if quiet:
+        yield lambda text: None
+        return
     from rich.console import Console
 
     console = Console(stderr=True, highlight=False)

@@ -2,6 +2,7 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
@@ -53,6 +54,9 @@ class Violation:
         if self.amount == 0.0:
             return f"{self.block} is on the boundary of what is possible"
         return f"{self.block} fails by {self.amount:.3g}{' ' + self.unit if self.unit else ''}"
+
+
+VERDICT_FORMAT = "steelyard-verdict-1"
 
 
 @dataclass(frozen=True, eq=False)
@@ -115,6 +119,19 @@ class Verdict:
 
     def __str__(self) -> str:
         return "\n".join(self.sentences())
+
+    def to_dict(self) -> dict[str, Any]:
+        """Return the verdict as plain data, without the certificate, which has a file of its own."""
+        return {
+            "format": VERDICT_FORMAT,
+            "feasible": self.feasible,
+            "status": self.status,
+            "consistency": self.consistency,
+            "margin": self.margin,
+            "proved": self.certificate is not None,
+            "violations": [{"condition": one.block, "amount": one.amount, "unit": one.unit} for one in self.violations],
+            "sentences": list(self.sentences()),
+        }
 
     def _repr_html_(self) -> str:
         first, *others = self.sentences()

@@ -25,6 +25,7 @@ from .prediction_verdict import PredictionVerdict
 __all__ = ["Identification", "Prediction", "Trace"]
 
 Array = NDArray[np.float64]
+IDENTIFICATION_FORMAT = "steelyard-identification-1"
 
 
 @dataclass(frozen=True, eq=False)
@@ -264,6 +265,37 @@ class Identification:
             for name, error, size, floor, unit in zip(*columns, strict=True)
         ]
         return ("joint", "error", "RMS", "noise", "unit"), [*rows, ("all", f"{told.relative_error:.1%}", "", "", "")]
+
+    def to_dict(self) -> dict[str, Any]:
+        """Return the result as plain data: verdicts, parameters, errors of each log, what may be wrong.
+
+        The estimate with its certificate has a form of its own, ``estimate.to_dict()``.
+        """
+        errors = ("row_count", "unconstrained_error", "feasible_error")
+        arrays = ("joint_unconstrained_error", "joint_feasible_error")
+        return {
+            "format": IDENTIFICATION_FORMAT,
+            "robot": self.model.robot.name,
+            "headline": self.headline,
+            "possible": self.possible,
+            "prediction": self.prediction.to_dict(),
+            "least_squares": self.verdict.to_dict(),
+            "total_mass": None if self.estimate.parameters is None else self.total_mass,
+            "parameters": [] if self.parameters is None else self.parameters.to_list(),
+            "logs": [
+                {"name": one.name, "role": one.role}
+                | {key: getattr(one, key) for key in errors}
+                | {key: getattr(one, key).tolist() for key in arrays}
+                for one in self.predictions
+            ],
+            "mistakes": [
+                {"log": log, "kind": one.kind, "statement": one.statement, "evidence": one.evidence, "toml": one.toml}
+                for log, found in self.mistakes.items()
+                for one in found
+            ],
+            "remarks": list(dict.fromkeys((*self.estimate.remarks, *self.remarks))),
+            "options": self.options,
+        }
 
     def _repr_html_(self) -> str:
         parts = [html_sentences(self.headline, self.mistake_sentences[:3], strong=True)]

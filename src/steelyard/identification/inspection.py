@@ -1,0 +1,65 @@
+"""What a description says of a robot, as plain data: joints, parameters, base parameters, and if it is possible."""
+
+from __future__ import annotations
+
+from typing import Any, Literal
+
+import numpy as np
+
+from steelyard.dynamics import Model
+from steelyard.feasibility import FeasibleSet, check
+from steelyard.files import plain
+
+__all__ = ["inspection"]
+
+INSPECTION_FORMAT = "steelyard-inspection-1"
+
+
+def inspection(model: Model, consistency: Literal["full", "inertia"] = "full") -> dict[str, Any]:
+    """Return what is known of a robot before it moves, as plain data for JSON; what is not finite is None.
+
+    Parameters
+    ----------
+    model : Model
+    consistency : {"full", "inertia"}
+        In which sense the inertias of the description are judged, see :class:`steelyard.FeasibleSet`.
+
+    Examples
+    --------
+    >>> import steelyard as sy
+    >>> told = inspection(sy.Model(sy.Robot.from_dh([(0, 0.3, 0, "q")], name="arm")))
+    >>> told["robot"], told["joints"][0]["name"], len(told["base_parameters"]), told["verdict"]
+    ('arm', 'joint1', 1, None)
+    """
+    robot, base = model.robot, model.base_parameters()
+    values = np.asarray(robot.parameters)
+    joints = [
+        {
+            "name": joint.name,
+            "kind": joint.kind,
+            "mimics": joint.mimics,
+            "link": link.name,
+            "mass": None if link.inertia is None else link.inertia.mass,
+            "lower": joint.lower,
+            "upper": joint.upper,
+            "velocity_limit": joint.velocity_limit,
+            "effort_limit": joint.effort_limit,
+        }
+        for joint, link in zip(robot.joints, robot.links, strict=True)
+    ]
+    known = all(np.isfinite(values[columns]).all() for columns in model.link_columns)
+    verdict = check(FeasibleSet(model, consistency, terms=False), parameters=np.nan_to_num(values)) if known else None
+    found: dict[str, Any] = plain(
+        {
+            "format": INSPECTION_FORMAT,
+            "robot": robot.name,
+            "gravity": robot.gravity,
+            "terms": [term.to_dict() for term in robot.terms],
+            "joints": joints,
+            "parameters": dict(zip(model.parameter_names, values.tolist(), strict=True)),
+            "base_parameters": base.expressions,
+            "base_error": base.error,
+            "verdict": None if verdict is None else verdict.to_dict(),
+        }
+    )
+    return found
