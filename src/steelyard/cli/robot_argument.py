@@ -38,7 +38,9 @@ def load_robot(robot: str | Path, lines: Sequence[str] | None = None, *, allow_e
     from steelyard.robot import RobotFile
 
     file = RobotFile.load(robot, allow_extensions=allow_extensions)
-    return file.with_sections(_sections(lines)) if lines else file
+    for section, keys in _sections(lines or ()).items():
+        file = file.with_settings(section, **keys)
+    return file
 
 
 def _sections(lines: Sequence[str]) -> dict[str, dict[str, Any]]:
@@ -81,7 +83,7 @@ def lines_told(message: str, arguments: Sequence[str]) -> str:
     """
     named = [section for section in SECTIONS if f"[{section}]" in message]
     robots = [one for one in arguments[1:] if one.lower().endswith((".urdf", ".xacro", ".xml", ".mjcf", ".sdf"))]
-    if not named or not robots or any(one.lower().endswith(".toml") for one in arguments[1:]):
+    if not named or not robots or "--set" in arguments or any(one.lower().endswith(".toml") for one in arguments[1:]):
         return message
     if arguments[0] not in ("identify", "validate", "payload"):
         return message

@@ -123,6 +123,14 @@ class _Guarded:
         self._stream.write(safe.encode(encoding, "backslashreplace").decode(encoding))
         return len(text)
 
+    def overwrite(self, text: str, *, back: bool = False) -> None:
+        """Write a text in the place of the line that the cursor is in, and leave the cursor at its begin or its end."""
+        self._stream.write("\r")
+        self.write(text)
+        if back:
+            self._stream.write("\r")
+        self._stream.flush()
+
     def writelines(self, lines: Any) -> None:
         """Write several texts."""
         for line in lines:
@@ -154,20 +162,97 @@ _MOST_VIOLATIONS = 4
 
 @contextmanager
 def progress(*, quiet: bool = False) -> Iterator[Callable[[str], None]]:
-    """Show each step with the time it began, on standard error; nothing where that is to be quiet."""
+    """Show each step with the time it began, on standard error, and how far it has come where it takes over a second.
+
+    Nothing is shown where that is to be quiet.
+    """
     if quiet:
         yield lambda text: None
         return
-    from rich.console import Console
+    from steelyard.files import watched
 
-    console = Console(stderr=True, highlight=False)
-    begin = time.perf_counter()
+    steps = _Steps()
+    with watched(steps.watch):
+        try:
+            yield steps.say
+        finally:
+            steps.clear()
 
-    def say(text: str) -> None:
-        console.print(f"[dim]{time.perf_counter() - begin:6.2f} s[/dim]  ", end="")
-        console.print(_text(text), soft_wrap=True)
 
-    yield say
+_UNSEEN = 1.0  # s that a step takes before it is told how far it has come
+_AGAIN = (0.2, 10.0)  # s until that is told again: on a terminal, where the line is overwritten, and elsewhere
+
+
+class _Steps:
+    """The steps of a command, and a line below them that tells how far the last one has come."""
+
+    def __init__(self) -> None:
+        from rich.console import Console
+
+        self._console = Console(stderr=True, highlight=False)
+        self._begin = time.perf_counter()
+        self._what, self._since, self._first, self._next, self._width = "", 0.0, 0.0, 0.0, 0
+        self._overwrites = isinstance(sys.stderr, _Guarded) and sys.stderr.isatty()
+
+    def say(self, text: str) -> None:
+        self.clear()
+        self._what = ""
+        self._console.print(f"[dim]{time.perf_counter() - self._begin:6.2f} s[/dim]  ", end="")
+        self._console.print(_text(text), soft_wrap=True)
+
+    def watch(self, what: str, done: float, total: float | None, unit: str) -> None:
+        now = time.perf_counter()
+        if what != self._what:
+            self._what, self._since, self._first, self._next = what, now, done, now + _UNSEEN
+        if now < self._next:
+            return
+        self._next = now + _AGAIN[not self._overwrites]
+        line = f"{'':10}{how_far(what, done, total, unit, now - self._since, done - self._first)}"
+        if self._overwrites:
+            self._line(line[: max(self._console.width - 1, 20)])
+        else:
+            self._console.print(_text(line), soft_wrap=True)
+
+    def clear(self) -> None:
+        if self._width:
+            self._line("")
+
+    def _line(self, text: str) -> None:
+        assert isinstance(sys.stderr, _Guarded)
+        sys.stderr.overwrite(text.ljust(self._width) if text else " " * self._width, back=not text)
+        self._width = len(text)
+
+
+def how_far(what: str, done: float, total: float | None, unit: str, seconds: float, since: float) -> str:
+    """Say how far something has come, how fast it goes, and how long the rest takes at this pace.
+
+    Parameters
+    ----------
+    what : str
+    done, total : float
+        How much of how much; None where the whole is not known.
+    unit : str
+    seconds : float
+        Since it is watched.
+    since : float
+        What was done in this time.
+
+    Examples
+    --------
+    >>> how_far("reading run.csv", 500_000, 2_000_000, "rows", 2.5, 500_000)
+    'reading run.csv: 25 %, 200 000 rows/s, 8 s left'
+    >>> how_far("counting", 64.0, None, "MB", 2.0, 60.0)
+    'counting: 64 MB, 30 MB/s'
+    """
+    rate = since / seconds if seconds > 0.0 else 0.0
+    parts = [f"{done:,.0f} {unit}".replace(",", " ") if not total else f"{100 * min(done / total, 1.0):.0f} %"]
+    if rate > 0.0:
+        shown = f"{rate:,.0f}".replace(",", " ") if rate >= 10.0 else f"{rate:.2g}"
+        parts.append(f"{shown} {unit}/s")
+        if total:
+            left = max(total - done, 0.0) / rate
+            parts.append(f"{left:.0f} s left" if left < 100.0 else f"{left / 60.0:.0f} min left")
+    return f"{what}: {', '.join(parts)}"
 
 
 def _text(words: str) -> Text:

@@ -11,6 +11,7 @@ from steelyard.display import text_table
 from steelyard.errors import InputError
 from steelyard.feasibility.barrier import Barrier, minimise
 from steelyard.feasibility.feasible_set import FeasibleSet
+from steelyard.files import tell
 from steelyard.regression import Information
 from steelyard.regression.factor import column_lengths, solve
 
@@ -198,6 +199,7 @@ def cross_validation(
     basis, points = feasible_set.equation_directions, np.tile(start, (1 + folds, 1))
     parameters = np.empty((1 + folds, chosen, start.size))
     for k in reversed(range(chosen)):
+        tell("fits for each weight of the prior", chosen - 1 - k, chosen, "weights")
         points = minimise(function, points, basis, problems=np.arange(1 + folds) * chosen + k)
         parameters[:, k] = points
     bases = parameters @ feasible_set.K.T

@@ -5,6 +5,8 @@ from typing import TYPE_CHECKING
 from steelyard.first_use import import_at_first_use
 
 if TYPE_CHECKING:
+    from .advance import tell as tell
+    from .advance import watched as watched
     from .arguments import is_number as is_number
     from .arguments import is_real as is_real
     from .arguments import read_number as read_number

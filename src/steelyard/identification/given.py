@@ -29,7 +29,7 @@ __all__ = [
     "given_constraints",
     "given_logs",
     "given_robot",
-    "with_settings",
+    "given_settings",
 ]
 
 
@@ -82,20 +82,19 @@ def given_robot(robot: GivenRobot, *, allow_extensions: bool = False) -> tuple[R
     )
 
 
-def with_settings(
+def given_settings(
     file: RobotFile, columns: LogColumns | Mapping[str, Any] | None, processing: Processing | Mapping[str, Any] | None
 ) -> RobotFile:
     """Return a robot file whose sections ``[log]`` and ``[processing]`` hold these keys in place of their own."""
-    given: dict[str, Mapping[str, Any]] = {}
     for section, kind, settings in (("log", LogColumns, columns), ("processing", Processing, processing)):
         if isinstance(settings, LogColumns | Processing) and isinstance(settings, kind):
-            given[section] = settings.to_dict()
+            file = file.with_settings(section, **settings.to_dict())
         elif isinstance(settings, Mapping):
-            given[section] = settings
+            file = file.with_settings(section, **settings)
         elif settings is not None:
             argument = "columns" if section == "log" else section
             raise InputError(f"`{argument}` is {_named(settings)}; give a mapping of the keys of [{section}].")
-    return file.with_sections(given) if given else file
+    return file
 
 
 def given_constraints(file: RobotFile, further: Sequence[Constraint] | None) -> list[Constraint]:

@@ -23,7 +23,7 @@ from steelyard.regression.batch_means import BatchSums
 from steelyard.regression.reduction import empty_factors
 from steelyard.regression.time_blocks import TimeBlocks
 
-from .given import Data, GivenRobot, digests, given_constraints, given_logs, given_robot, with_settings
+from .given import Data, GivenRobot, digests, given_constraints, given_logs, given_robot, given_settings
 from .log_checks import implausible_mass, mistakes_in_logs
 from .log_reader import LogReader, Progress, ThinnedSamples
 from .missed_terms import missed_terms
@@ -140,7 +140,7 @@ def identify(
         )
     find_estimator(estimator)  # which is refused before logs are read
     file, model = given_robot(robot)
-    file = with_settings(file, columns, processing)
+    file = given_settings(file, columns, processing)
     reader = LogReader(file, model, chunk_rows)
     if reader.columns.finds_gains:
         raise InputError(

@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from scipy.optimize import linear_sum_assignment
 
 from steelyard.dynamics import Model
+from steelyard.files import tell
 from steelyard.recording import Samples
 
 from .correction import Correction, Settings, toml_inline, toml_text
@@ -343,6 +344,7 @@ class _Search:
 
     def _keep(self, kind: str, statement: str, correction: Correction, cost: float, fitted: _Fitted) -> float:
         self.found.append(_Candidate(kind, statement, correction, cost, fitted))
+        tell("trying what may be wrong", len(self.found), None, "mistakes")
         if cost < self.best:
             self.best = cost
             if fitted.prior in self.priors and fitted.torques is None:

@@ -127,11 +127,6 @@ class RobotFile:
         path = Path(robot.name) if robot.source is None else robot.source
         return cls(path, robot, () if robot.terms else _default_terms(robot))
 
-    def with_sections(self, sections: Mapping[str, Mapping[str, Any]]) -> RobotFile:
-        """The same robot file with these keys in sections such as ``"log"``, in place of what it says of them."""
-        changed = {name: {**self.section(name), **keys} for name, keys in sections.items()}
-        return replace(self, sections={**self.sections, **changed})
-
     @classmethod
     def _from_toml(cls, path: Path) -> RobotFile:
         content = read_toml(path, remedy="give a robot file")

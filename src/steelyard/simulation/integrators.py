@@ -11,6 +11,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from steelyard.files import tell
+
 from .compiled import DAMPING, rosenbrock, runge_kutta_4
 from .events import Status
 from .plant import Plant
@@ -47,6 +49,8 @@ class Integrator(ABC):
         """Integrate the runs that have not ended from t to `end`, while the torques of the plant are held."""
 
 
+LONG = 0.5
+"""s of an interval from which its integration tells how far it has come; those between two commands are shorter."""
 FIXED_STEP_METHODS = ("runge_kutta_4", "rosenbrock")
 
 
@@ -226,6 +230,8 @@ class DormandPrince(Integrator):
         step = self._step[rows]
         with np.errstate(all="ignore"):  # a run that diverges passes through infinity
             while rows.size:
+                if end - t > LONG:
+                    tell("simulating", float(time.min()), end, "s")
                 rows, time, y, slope, step = self._attempt(rows, time, y, slope, step, end)
 
     def _attempt(
@@ -373,6 +379,8 @@ class LibraryMethod(Integrator):
                 solver = self._solver(function, t, state, end, **options)
                 while solver.status == "running":
                     solver.step()
+                    if end - t > LONG:
+                        tell("simulating", solver.t, end, "s")
                     stuck = solver.t - time < CLOCK * max(
                         abs(time), 1e-3
                     )  # LSODA would go on with such steps for hours

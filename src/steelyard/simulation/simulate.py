@@ -12,6 +12,7 @@ from numpy.typing import ArrayLike, NDArray
 from steelyard.dynamics import Model
 from steelyard.dynamics.threads import one_thread
 from steelyard.errors import InputError
+from steelyard.files import tell
 from steelyard.files.arguments import positive
 
 from .actuators import Actuators
@@ -33,6 +34,7 @@ Array = NDArray[np.float64]
 # Inertia matrices whose eigenvalues are computed after a simulation, over all runs, but at least eight of each run. An
 # eigenvalue decomposition takes longer than a step of a batch, so that not every sample is checked.
 MOST = 400
+_TOLD = 100  # steps after which it is told how far the simulation has come
 
 
 def simulate(
@@ -246,6 +248,8 @@ class Experiment:
         last = len(ticks) - 1
         for k, t in enumerate(ticks):
             state = integrator.state
+            if k % _TOLD == 0:
+                tell("simulating", t, ticks[-1], "s")
             if commanded:
                 measurement = self._measurement(t, state)
                 if k == 0 and controller is not None:

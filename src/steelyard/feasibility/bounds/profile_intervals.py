@@ -7,6 +7,7 @@ import numpy as np
 import numpy.typing as npt
 
 from steelyard.errors import InputError
+from steelyard.files import tell
 from steelyard.lmi import AffineBlock
 from steelyard.regression import ParameterCovariance
 
@@ -297,6 +298,7 @@ def _furthest(
     for _ in range(STEPS):
         if not len(active):
             break
+        tell("ends of intervals", count - len(active), count, "ends")
         step, decrease, solved = newton_step(region, points[active], active, basis, rows[active, None])
         along = solved[:, 0]
         points[active], values[active] = damped(region, points[active], active, values[active], step, decrease)

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from steelyard.errors import InputError, SteelyardError
 from steelyard.extensions import Extensions
-from steelyard.files import replaced_file, require_file, shown
+from steelyard.files import replaced_file, require_file, shown, tell
 from steelyard.files.arguments import closest
 
 from ..columns import LogColumns
@@ -106,6 +106,7 @@ class LogFiles:
         self.files = [one if isinstance(one, LogFile) else open_log(one, columns or LogColumns()) for one in given]
         stated = (file.stated for file in self.files if file.stated is not None)
         self.columns = next(stated, columns or LogColumns())
+        self._count: int | None = None
         self.name = " + ".join(file.path.name for file in self.files)
         self.names = tuple(dict.fromkeys(name for file in self.files for name in file.names))
 
@@ -132,6 +133,7 @@ class LogFiles:
             with _reading(file.path):
                 counts.append(file.count())
         self._require_equal(counts)
+        self._count = counts[0]
         return counts[0]
 
     def joint_labels(self) -> tuple[str, ...]:
@@ -167,9 +169,12 @@ class LogFiles:
         """Read columns in blocks of `rows` rows; all the files advance together."""
         shares = self._shares(names)
         streams = [_checked_blocks(file, share, rows) for file, share in zip(self.files, shares, strict=True) if share]
+        what, done = f"reading {self.name}" if len(names) > 1 else f"looking through {names[0]!r} of {self.name}", 0
         for parts in zip(*streams, strict=True):
             self._require_equal([column_length(part) for part in parts])
+            tell(what, done, self._count, "rows")
             yield self._joined(names, parts)
+            done += column_length(parts[0])
 
     def _shares(self, names: Sequence[str]) -> list[list[str]]:
         """Which of `names` is read from which file; a column that several files have is read from each."""
