@@ -66,6 +66,21 @@ def test_logs_with_the_same_columns_have_one_table(place, degrees):
     assert result.layouts[str(degrees)].units["position"] == ("deg", "deg")
 
 
+def test_logs_that_would_be_read_in_different_units_are_a_question(run, place, degrees):
+    rows = degrees.read_text().splitlines()
+    small = [
+        rows[0],
+        *(
+            ",".join([t, str(float(a) / 50), str(float(b) / 50), *rest])
+            for t, a, b, *rest in (row.split(",") for row in rows[1:])
+        ),
+    ]
+    (place / "small.csv").write_text("\n".join(small))
+    code, _, err = run("identify", place / "robot.toml", degrees, place / "small.csv", "--output", place / "result")
+    assert code == 2
+    assert 'say which with `position_unit = "deg"` or `position_unit = "rad"` in [log]' in err
+
+
 def test_units_of_joints_that_slide(place):
     urdf = (place / "pair.urdf").read_text().replace('"elbow" type="revolute"', '"elbow" type="prismatic"')
     (place / "pair.urdf").write_text(urdf)

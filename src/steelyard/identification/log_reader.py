@@ -153,8 +153,18 @@ class LogReader:
         if layout is not None:
             robot = self.model.robot
             layout = layout.with_sliding([not robot.joints[i].rotates for i in robot.driving_joints])
-            same = next((one for one in self.layouts.values() if one == layout), layout)  # of thousands of logs
-            self.layouts[log] = same
+            for other, one in self.layouts.items():
+                if one == layout:
+                    layout = one  # of thousands of logs
+                    break
+                if one.position == layout.position and one.units["position"] != layout.units["position"]:
+                    units = [each.units["position"][0] for each in (one, layout)]
+                    raise InputError(
+                        f"The positions {layout.position[0]} … {layout.position[-1]} would be read in {units[0]} of "
+                        f"{other} and in {units[1]} of {log}; say which with "
+                        f'`position_unit = "{units[0]}"` or `position_unit = "{units[1]}"` in [log].'
+                    )
+            self.layouts[log] = layout
 
     def _against_robot(self, survey: LogSurvey) -> tuple[str, ...]:
         """Compare a log with what the joints can do."""

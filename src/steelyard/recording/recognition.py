@@ -45,6 +45,8 @@ _MOST_LINES = 4  # of TOML that a question offers
 _LONGEST_NAME = 60  # that a message shows of a column
 _SURELY_DEGREES = 4.0 * pi
 """Positions above it are degrees where either may be meant: wrists turn two times at most in either direction."""
+_LOOKED_AT = 200_000
+"""Rows by which it is told whether positions are degrees; a motion is under way by then."""
 _EPOCHS = {"s": (1e8, 1e10), "ms": (1e11, 1e13), "us": (1e14, 1e16), "ns": (1e17, 1e19)}
 """Times since 1970, from 1973 on, by their unit; times since the start of a log are below 1e8 in any unit."""
 
@@ -605,11 +607,14 @@ class _Search:
             return None
         largest = 0.0
         for column in columns:
+            rows = 0
             for block in self.values(column):
                 finite = np.abs(block[np.isfinite(block)])
-                largest = max(largest, float(finite.max(initial=0.0)))
+                largest, rows = max(largest, float(finite.max(initial=0.0))), rows + len(block)
                 if largest > _SURELY_DEGREES:
                     return largest
+                if rows >= _LOOKED_AT:
+                    break
         return largest
 
     def _require(self, name: str, kind: str) -> None:
