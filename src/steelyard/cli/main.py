@@ -20,11 +20,13 @@ from .check import check
 from .compare import compare
 from .correct import correct
 from .demo import demo
+from .doctor import doctor
 from .example import example
 from .excite import excite
 from .explain import explain
 from .generate import generate
 from .identify import identify
+from .init import init
 from .inspect import inspect
 from .payload import payload
 from .robot_argument import lines_told
@@ -118,6 +120,8 @@ app = typer.Typer(
     **{**SETTINGS, "add_completion": True},
 )
 app.command()(demo)
+app.command()(init)
+app.command()(doctor)
 app.command()(inspect)
 app.command()(generate)
 app.command()(excite)

@@ -8,7 +8,12 @@ if TYPE_CHECKING:
     from .comparison import Comparison as Comparison
     from .comparison import compare_estimates as compare_estimates
     from .correction import Correction as Correction
+    from .doctor import Examination as Examination
+    from .doctor import Finding as Finding
+    from .doctor import examine as examine
     from .excite import excite as excite
+    from .first_robot_file import FirstRobotFile as FirstRobotFile
+    from .first_robot_file import first_robot_file as first_robot_file
     from .identify import identify as identify
     from .mistakes import Hypothesis as Hypothesis
     from .mistakes import find_mistakes as find_mistakes

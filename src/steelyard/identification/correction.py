@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import json
+import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from math import pi
@@ -15,9 +17,10 @@ from steelyard.recording.columns import POSITION_UNITS, TIME_UNITS, TORQUE_UNITS
 from steelyard.recording.recognition import Layout
 from steelyard.robot import RobotFile
 
-__all__ = ["Correction", "Settings", "correction_settings", "toml_text"]
+__all__ = ["Correction", "Settings", "correction_settings", "toml_inline", "toml_text", "toml_value"]
 
 Array = NDArray[np.float64]
+BARE_KEY = re.compile(r"[A-Za-z0-9_-]+")  # of TOML, that needs no quotes
 Settings = dict[str, Any]
 """Sections of a robot file by name, each a table; `terms` is a list of tables."""
 
@@ -303,20 +306,30 @@ def toml_inline(settings: Settings) -> str:
 
 
 def _keys(table: Mapping[str, Any]) -> str:
-    return "\n".join(f"{key} = {_value(value)}" for key, value in table.items())
+    return "\n".join(f"{key} = {toml_value(value)}" for key, value in table.items())
 
 
 def _inline(table: Mapping[str, Any]) -> str:
-    return "; ".join(f"{key} = {_value(value)}" for key, value in table.items())
+    return "; ".join(f"{key} = {toml_value(value)}" for key, value in table.items())
 
 
-def _value(value: Any) -> str:
+def toml_value(value: Any) -> str:
+    r"""Write a value as TOML.
+
+    Examples
+    --------
+    >>> print(toml_value(["a\tb", 1.5, True]))
+    ["a\tb", 1.5, true]
+    """
     if isinstance(value, str):
-        return '"' + value.replace("\\", "\\\\").replace('"', '\\"') + '"'
+        return json.dumps(value, ensure_ascii=False).replace("\x7f", "\\u007f")
     if isinstance(value, bool):
         return "true" if value else "false"
     if isinstance(value, Mapping):
-        return "{ " + ", ".join(f"{key} = {_value(item)}" for key, item in value.items()) + " }"
+        pairs = (
+            f"{key if BARE_KEY.fullmatch(key) else toml_value(key)} = {toml_value(item)}" for key, item in value.items()
+        )
+        return "{ " + ", ".join(pairs) + " }"
     if isinstance(value, list | tuple):
-        return "[" + ", ".join(_value(item) for item in value) + "]"
+        return "[" + ", ".join(toml_value(item) for item in value) + "]"
     return f"{value!r}"

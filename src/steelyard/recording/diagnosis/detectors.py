@@ -251,7 +251,20 @@ def find_saturation(recording: Measurements, levels: ArrayLike | None = None) ->
     flags = at.copy()
     flags[1:] |= at[:-1]
     flags[:-1] |= at[1:]
+    if levels is None:
+        flags[:, _resting_throughout(recording, flags)] = False
     return Intervals("at a level where the torque is clipped", flags, recording.t, np.abs(bounds).min(axis=1))
+
+
+def _resting_throughout(recording: Measurements, flags: NDArray[np.bool_]) -> NDArray[np.bool_]:
+    """Say which joints (N,) stand still in most of their flagged rows: a torque that holds is constant, not clipped."""
+    tolerance, _ = stiction_duration(recording)
+    found = np.zeros(flags.shape[1], dtype=bool)
+    for joint, column in enumerate(flags.T):
+        pieces = runs(column)
+        still = sum(b - a for a, b in pieces if np.ptp(recording.q[a:b, joint]) <= tolerance[joint])
+        found[joint] = still > 0.5 * sum(b - a for a, b in pieces)
+    return found
 
 
 def find_missing(recording: Measurements) -> Intervals | None:

@@ -1,0 +1,42 @@
+"""``steelyard init``."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from .screen import echo
+from .terminal import progress
+
+__all__ = ["init"]
+
+
+def init(
+    robot: Annotated[Path, typer.Argument(help="Description: a URDF, an SDF and so on.")],
+    log: Annotated[
+        str | None, typer.Argument(help="A log of it, by which columns, terms and filter are chosen; a.csv+b.csv.")
+    ] = None,
+    output: Annotated[Path, typer.Option("--output", "-o", help="The file to write.")] = Path("robot.toml"),
+    force: Annotated[bool, typer.Option("--force", help="Overwrite the file where it exists.")] = False,
+) -> None:
+    """Write a robot.toml with everything that a description and a log tell, each guess with its reason."""
+    import os
+
+    from steelyard.errors import InputError
+    from steelyard.files import write_text
+    from steelyard.identification import first_robot_file
+
+    if os.path.lexists(output) and not force:
+        raise InputError(f"{output} exists and is not overwritten; give another place with --output, or --force.")
+    with progress() as say:
+        made = first_robot_file(robot, log, folder=output.parent, progress=say)
+    output.parent.mkdir(parents=True, exist_ok=True)
+    write_text(made.text, output)
+    for line in str(made).splitlines():
+        echo(line)
+    if made.examination is not None:
+        for finding in made.examination.findings:
+            echo(f"Of the log: {finding.statement}{f' {finding.advice}' if finding.advice else ''}")
+    echo(f"Wrote {output}. Go on with: steelyard identify {output} {log or 'LOG'} --output result")

@@ -1,0 +1,820 @@
+"""What is wrong with a recording, and which lines of robot.toml mend it: all examinations of a log together."""
+
+from __future__ import annotations
+
+import os
+import tomllib
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field, fields, replace
+from pathlib import Path
+from typing import Any, Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+from steelyard.display import html_table, text_table
+from steelyard.dynamics import Model
+from steelyard.dynamics.threads import in_one_thread
+from steelyard.errors import InputError
+from steelyard.feasibility.constraints import constraints_from_dict
+from steelyard.recording import DelayEstimate, LogColumns, Processing, Recording, choose_cutoff, estimate_delay
+from steelyard.recording.clock import FEWEST_ROWS, ClockStatistics, clock_statistics
+from steelyard.recording.cutoff.by_spectra import noise_share
+from steelyard.recording.diagnosis import DETECTORS, Diagnosis, faulty_rows
+from steelyard.recording.diagnosis.rest import HeldJoints
+from steelyard.recording.even import evened
+from steelyard.recording.formats import LogFiles, Source
+from steelyard.recording.recognition import Layout
+from steelyard.recording.survey import LogSurvey
+from steelyard.regression import Estimate, Information, least_squares
+from steelyard.robot import RobotFile
+
+from .correction import Settings, toml_inline, toml_text
+from .log_checks import mistakes_in_logs
+from .log_reader import LogReader
+
+__all__ = ["Examination", "Finding", "examine", "merged"]
+
+Array = NDArray[np.float64]
+Harm = Literal["refused", "wrong", "worse"]
+HARMS: dict[Harm, str] = {
+    "refused": "the log is refused",
+    "wrong": "the answer would be wrong",
+    "worse": "the answer would be worse",
+}
+"""What findings lead to, the most harmful first."""
+MOST_REMEDIES = 20
+"""Remedies, one after the other, with which a log is tried to be read; each mends one fault."""
+CHUNK_ROWS = 200_000
+POINTS = 1200  # samples that are kept of a log, of which mistakes are looked for in some hundreds
+COUNTS = 200.0
+"""Steps of the encoder over a joint's travel, below which steps and not motion make the accelerations."""
+NOISY = 0.1
+"""Part of the power of a joint's accelerations that may be noise of its positions: its inertia becomes as much too small.
+The cutoff that the data chooses keeps the median of the joints below 0.01; single ones of sound logs have 0.06."""
+COARSE = 0.1
+"""Step of the torques over their standard deviation: a tenth adds 3 % of noise."""
+TWO_RATES = 0.1
+"""Share of the rows that seem to be missing one at a time, from which the log may have two rates: a servo was read
+every 5.3 ms while it was driven, and every 3.5 ms while it was not."""
+LONGEST_DELAY = 0.05  # s, up to which delays are looked for where no longer one is supposed
+LOUD = 0.5
+"""Noise of the torques over their standard deviation. On simulated and real arms joints with small torques come to
+0.49, and are identified well."""
+DELAY_GAIN = 0.05
+"""Part of the residual that falls where a delay is taken out, at least: a KUKA KR300 whose joints stick seems to be
+late by 23 ± 7 ms, and 3 % fall. Delays of whole rows that were planted take a fifth and more."""
+BLIND_GAIN = 0.2
+"""The same without a robot, where products of sines stand in for its model: they gained up to 4 % on sound logs."""
+POORLY_EXCITED = 1200.0
+"""Condition number of the base regressor. Sound logs of arms have 140 to 530, and one that was published (TX40) 1030 to
+1100; runs of a few s that do not show an arm have 1300, 5500, 8500 and infinity."""
+CLIPPED = 0.01
+"""Share of a joint's rows at a level of saturation from which the answer is wrong, and not only worse."""
+MOST_NAMED = 6
+_LOG_KEYS = frozenset(one.name for one in fields(LogColumns))
+_PROCESSING_KEYS = frozenset(one.name for one in fields(Processing))
+_KINDS = {"missing": "missing values", "exclude_joints": "stuck torque", "velocity": "measured velocity"}
+_REST_OF_STAMPS = 1e8  # s; stamps beyond it count from 1970
+
+
+@dataclass(frozen=True, eq=False)
+class Finding:
+    """Something that is wrong with a recording.
+
+    Attributes
+    ----------
+    kind : str
+        "repeated stamps", "unit", "saturation", and so on; of what `find_mistakes` finds, its kind.
+    statement : str
+        What was found, in a sentence or several.
+    harm : {"refused", "wrong", "worse"}
+        What it leads to: the log is refused, the answer would be wrong, or it would be worse.
+    weight : float
+        By which findings of equal harm are sorted: the share of the rows or of the error that is concerned.
+    remedy : dict
+        What robot.toml must say, section by section; empty where no line of it mends the log.
+    advice : str
+        What to do where no line mends it; otherwise empty.
+    """
+
+    kind: str
+    statement: str
+    harm: Harm
+    weight: float = 0.0
+    remedy: Settings = field(default_factory=dict)
+    advice: str = ""
+
+    @property
+    def toml(self) -> str:
+        """`remedy` as TOML."""
+        return toml_text(self.remedy)
+
+    def __repr__(self) -> str:
+        return f"Finding({self.kind}: {self.statement})"
+
+
+@dataclass(frozen=True, eq=False)
+class Examination:
+    """What `examine` saw of a recording.
+
+    Attributes
+    ----------
+    source : str
+        The log.
+    findings : tuple of Finding
+        The most harmful first; empty where nothing is wrong.
+    remedies : dict
+        Those of all findings together.
+    facts : dict from str to str
+        Rate, stamps, cutoff and so on, in words.
+    joint_heads, joint_rows : tuple
+        A table of measures of each joint.
+    layout : Layout or None
+        Which columns are what; None where the log could not be read.
+    recording : Recording or None
+        As it was read with the remedies.
+    information : Information or None
+        What the log tells of the robot, with the remedies; None without a robot.
+    """
+
+    source: str
+    findings: tuple[Finding, ...]
+    remedies: Settings
+    facts: Mapping[str, str]
+    joint_heads: tuple[str, ...] = ()
+    joint_rows: tuple[tuple[str, ...], ...] = ()
+    layout: Layout | None = None
+    recording: Recording | None = None
+    information: Information | None = None
+
+    @property
+    def toml(self) -> str:
+        """The lines of robot.toml that mend what can be mended."""
+        return toml_text(self.remedies)
+
+    def to_dict(self) -> dict[str, Any]:
+        """Return everything as plain data."""
+        return {
+            "log": self.source,
+            "findings": [
+                {
+                    "kind": one.kind,
+                    "statement": one.statement,
+                    "harm": one.harm,
+                    "remedy": one.remedy,
+                    "toml": one.toml,
+                    "advice": one.advice,
+                }
+                for one in self.findings
+            ],
+            "remedies": self.remedies,
+            "facts": dict(self.facts),
+            "joints": [dict(zip(self.joint_heads, row, strict=True)) for row in self.joint_rows],
+            "columns": [] if self.layout is None else [vars(one) for one in self.layout.table],
+        }
+
+    def __repr__(self) -> str:
+        count = len(self.findings)
+        return f"Examination({self.source!r}: {f'{count} findings' if count else 'nothing is wrong'})"
+
+    def __str__(self) -> str:
+        parts = [repr(self)]
+        if self.joint_rows:
+            parts.append(text_table(self.joint_heads, self.joint_rows, range(1, len(self.joint_heads))))
+        parts += [f"{name}: {value}" for name, value in self.facts.items()]
+        for one in self.findings:
+            parts.append(f"{HARMS[one.harm]}: {one.statement}")
+            parts.append(one.toml or one.advice)
+        return "\n".join(parts)
+
+    def _repr_html_(self) -> str:
+        told = [f"{one.statement} {one.toml or one.advice}" for one in self.findings]
+        return html_table(repr(self), self.joint_heads, self.joint_rows, told)
+
+
+def merged(first: Settings, second: Settings) -> Settings:
+    """Return settings of robot.toml with others on top; lists of joints that are left out are joined.
+
+    Examples
+    --------
+    >>> merged({"log": {"rate": 100.0}}, {"log": {"time_unit": "ms"}, "processing": {"saturation": True}})
+    {'log': {'rate': 100.0, 'time_unit': 'ms'}, 'processing': {'saturation': True}}
+    """
+    result: Settings = {name: dict(table) if isinstance(table, dict) else table for name, table in first.items()}
+    for section, table in second.items():
+        if not isinstance(table, dict):
+            result[section] = table
+            continue
+        own = result.setdefault(section, {})
+        for key, value in table.items():
+            both = key == "exclude_joints" and key in own
+            own[key] = [*own[key], *(one for one in value if one not in own[key])] if both else value
+    return result
+
+
+def stated_remedy(sentence: str) -> Settings:
+    """Return the first line of TOML that a message names in backticks, by its section; empty where there is none.
+
+    Messages on logs say how they are mended, in lines of [log] or [processing]: what is tested of these lines here is
+    that they mend.
+
+    Examples
+    --------
+    >>> stated_remedy('the times are in ms: state `time_unit = "ms"` in [log].')
+    {'log': {'time_unit': 'ms'}}
+    """
+    for piece in sentence.split("`")[1::2]:
+        try:
+            table = tomllib.loads(piece)
+        except tomllib.TOMLDecodeError:
+            continue
+        for section, keys in (("log", _LOG_KEYS), ("processing", _PROCESSING_KEYS)):
+            if table and keys.issuperset(table) and "..." not in piece and "…" not in piece:
+                return {section: table}
+    return {}
+
+
+@in_one_thread
+def examine(
+    log: Source, robot: str | Path | RobotFile | None = None, *, progress: Callable[[str], None] | None = None
+) -> Examination:
+    """Look for everything that is wrong with a recording, and for what mends it.
+
+    The log is read as `identify` reads it. A fault for which it would be refused becomes a finding, its remedy is
+    applied, and the reading goes on, so that all faults are found at once. What robot.toml already deals with is no
+    finding. With a robot, its model also says whether torques and motion belong together, and what the motion shows.
+
+    Parameters
+    ----------
+    log : path, or several that were recorded side by side
+    robot : str, Path or RobotFile, optional
+        A description, or a robot.toml, whose sections [log] and [processing] count.
+    progress : callable, optional
+        Called with a few words before each step.
+
+    Returns
+    -------
+    Examination
+
+    Raises
+    ------
+    InputError
+        If the robot or the log cannot be used, and nothing that could be written into robot.toml mends that.
+
+    Examples
+    --------
+    >>> import tempfile
+    >>> t = np.arange(4000) / 1000
+    >>> torque = np.clip(8 * np.sin(5 * t), -6.0, 6.0)
+    >>> with tempfile.TemporaryDirectory() as folder:
+    ...     path = Recording(t=t, q=np.sin(2 * t)[:, None], torque=torque[:, None]).save(Path(folder) / "sine.csv")
+    ...     found = examine(path)
+    >>> [(one.kind, one.toml) for one in found.findings]
+    [('saturation', '[processing]\\nsaturation = true')]
+    """
+    patient = _Patient(log, None if robot is None else RobotFile.load(robot), progress or (lambda _: None))
+    return patient.examined()
+
+
+class _Patient:
+    """A log that is being examined: its findings so far, and the settings with which it is read."""
+
+    def __init__(self, log: Source, file: RobotFile | None, say: Callable[[str], None]) -> None:
+        self.log, self.file, self.say = log, file, say
+        self.stated = {} if file is None else {name: file.section(name) for name in ("log", "processing")}
+        self.settings: Settings = merged({}, self.stated)
+        self.findings: list[Finding] = []
+        self.facts: dict[str, str] = {}
+        self.model = None if file is None else Model.from_file(file)
+        self.joints = None if self.model is None else list(self.model.robot.joint_names)
+
+    @property
+    def columns(self) -> LogColumns:
+        """[log] with the remedies so far."""
+        return LogColumns.from_dict(self.settings.get("log", {}), "[log]")
+
+    @property
+    def processing(self) -> Processing:
+        """[processing] with the remedies so far."""
+        return Processing.from_dict(self.settings.get("processing", {}), "[processing]")
+
+    def add(self, finding: Finding, used: bool = True) -> None:
+        """Take a finding down, and use its remedy from now on."""
+        self.findings.append(finding)
+        if used:
+            self.settings = merged(self.settings, finding.remedy)
+
+    @property
+    def remedies(self) -> Settings:
+        """Those of all findings; that of a finding which is read with other columns comes last."""
+        found: Settings = {}
+        for finding in sorted(self.findings, key=lambda one: one.kind == "held joint"):
+            found = merged(found, finding.remedy)
+        return found
+
+    def examined(self) -> Examination:
+        """Examine the log."""
+        self.say("reading the log")
+        files = LogFiles(self.log, self.columns)
+        self.layout = layout = files.layout(self.joints)
+        name = files.name
+        if not self._stamps_can_be_used(files, layout):
+            return self._result(name, layout)
+        recording = self._read()
+        survey = LogSurvey.of(recording)
+        clock = self._clock(recording)
+        diagnosis = recording.diagnose()
+        self._signals(recording, survey, diagnosis)
+        suspect = self._units(survey)
+        information = None
+        if self.model is not None and self.file is not None:
+            information = self._with_model(recording, suspect)
+        else:
+            for finding in suspect:
+                self.add(finding)
+        if suspect:
+            recording = self._read()  # what follows is measured in the right units
+            clock, diagnosis = clock_statistics(recording), recording.diagnose()
+        heads, rows = self._measures(recording, diagnosis)
+        if not any(one.harm == "wrong" for one in self.findings):
+            self._delay(recording)
+        self._tell(recording, clock, layout)
+        return self._result(name, layout, heads, rows, recording, information)
+
+    def _result(
+        self,
+        name: str,
+        layout: Layout,
+        heads: tuple[str, ...] = (),
+        rows: tuple[tuple[str, ...], ...] = (),
+        recording: Recording | None = None,
+        information: Information | None = None,
+    ) -> Examination:
+        order = list(HARMS)
+        findings = sorted(self.findings, key=lambda one: (order.index(one.harm), -one.weight))
+        return Examination(
+            name, tuple(findings), self.remedies, self.facts, heads, rows, layout, recording, information
+        )
+
+    def _time(self) -> Settings:
+        """Name the column of time, without which a rate is all that is known: rows may be missing."""
+        assert self.layout is not None
+        return {key: value for key, value in self.layout.settings().items() if key in ("time", "time_unit")}
+
+    # Reading
+
+    def _stamps_can_be_used(self, files: LogFiles, layout: Layout) -> bool:
+        """Look at the stamps as they stand in the log; False where nothing in robot.toml makes them usable."""
+        if layout.time is None:
+            self.facts["stamps"] = "none; the rate is stated"
+            return True
+        t = layout.seconds(files.read(layout.stamps))
+        if len(t) < FEWEST_ROWS or not np.isfinite(t).all():
+            return True
+        if abs(t[0]) > _REST_OF_STAMPS:
+            self.facts["stamps"] = f"count from 1970 ({_day(float(t[0]))})"
+        steps = np.diff(t)
+        if self.columns.rate is not None or (steps > 0.0).all():
+            return True
+        repeated, back = np.count_nonzero(steps == 0.0), np.count_nonzero(steps < 0.0)
+        rate = _rate_behind(t)
+        if rate is None:
+            row = int(np.argmax(steps < 0.0)) + 1
+            statement = (
+                f"{files.name}, {files.where(row)}, goes back in time from {t[row - 1]:.9g} s to {t[row]:.9g} s "
+                f"({back} rows do so)."
+            )
+            advice = f"Split the log before {files.where(row)}, where a new run begins, or sort its rows."
+            self.add(Finding("stamps that go back", statement, "refused", back / len(t), advice=advice))
+            return False
+        raw = files.read(layout.names)
+        others = [raw[name] for name in layout.names if name not in layout.stamps]
+        same = np.flatnonzero(steps == 0.0)
+        copies = np.all([column[same + 1] == column[same] for column in others], axis=0) if repeated else np.zeros(1)
+        if repeated and copies.mean() > 0.5 and repeated < 0.5 * len(t):
+            statement = (
+                f"{repeated} rows of {files.name} repeat the row before, its stamp included, the first in "
+                f"{files.where(int(same[0]) + 1)}."
+            )
+            advice = "Remove the rows that repeat the time of the row before; they were written twice."
+            self.add(Finding("rows written twice", statement, "refused", repeated / len(t), advice=advice))
+            return False
+        what = [f"{repeated} repeat the one before"] if repeated else []
+        what += [f"{back} go back"] if back else []
+        statement = (
+            f"Of the {len(t)} stamps of {files.name} {' and '.join(what)}: they are rounded or unsteady, and on the "
+            f"whole the rate is {rate:.6g} Hz."
+        )
+        self.add(Finding("repeated stamps", statement, "refused", 1.0, {"log": {**self._time(), "rate": rate}}))
+        return True
+
+    def _read(self) -> Recording:
+        """Read the log; what it would be refused for becomes findings, as long as a line of robot.toml mends it."""
+        for _ in range(MOST_REMEDIES):
+            try:
+                recording = Recording.read(self.log, self.columns, self.joints)
+                self._check_against_robot(recording)
+                travel = np.ptp(recording.q, axis=0)
+                lowest, highest = recording.torque.min(axis=0), recording.torque.max(axis=0)
+                self.processing.check_torques(recording, lowest, highest, travel)
+                return recording
+            except InputError as error:
+                remedy = stated_remedy(str(error))
+                if not remedy or merged(self.settings, remedy) == self.settings:
+                    raise
+                self.add(Finding(_kind_of(remedy), str(error), "refused", 1.0, remedy))
+        return Recording.read(self.log, self.columns, self.joints)
+
+    def _check_against_robot(self, recording: Recording) -> tuple[str, ...]:
+        if self.model is None:
+            return ()
+        robot = self.model.robot
+        driving = [robot.joints[index] for index in robot.driving_joints]
+        limits = [[getattr(joint, key) for joint in driving] for key in ("lower", "upper", "velocity_limit")]
+        return recording.check_against(*limits)
+
+    # What needs nothing but the log
+
+    def _clock(self, recording: Recording) -> ClockStatistics | None:
+        """Look at the clock: uneven stamps and missing rows."""
+        if recording.count < FEWEST_ROWS or self.columns.rate is not None:
+            return None
+        clock = clock_statistics(recording)
+        rate = 1.0 / clock.period
+        jitter = next((one for one in clock.sentences() if one.startswith("Intervals")), "")
+        if clock.verdict == "even clock":
+            remedy: Settings = {"log": {**self._time(), "rate": _round_rate(rate, 1e-4)}}
+            self.add(Finding("jitter", jitter, "worse", clock.largest, remedy))
+        elif clock.verdict == "stamps" and "resample" not in self.settings.get("processing", {}):
+            remedy = {"processing": {"resample": True}}
+            statement = f"{jitter} The positions are interpolated to an even clock, which costs some of the bandwidth."
+            self.add(Finding("jitter", statement, "worse", clock.largest, remedy))
+        elif jitter:
+            self.facts["jitter"] = jitter
+        if clock.missing and "longest_gap" not in self.settings.get("processing", {}):
+            self._gaps(recording, clock)
+        return clock
+
+    def _gaps(self, recording: Recording, clock: ClockStatistics) -> None:
+        parts, _ = evened(recording, self.processing.resample or True, None, True)
+        statement = next(one for one in clock.sentences() if "rows are missing" in one)
+        share = clock.missing / (clock.count + clock.missing)
+        if share > TWO_RATES and np.median(clock.skipped) < 1.5:
+            statement = (
+                f"{len(clock.gaps)} of {clock.count - 1} intervals between stamps are about twice as long as the "
+                "others: every so often a row is missing, or the rate changes within the log."
+            )
+        if len(parts) == 1:
+            longest = float(np.ptp(clock.gaps, axis=1).max())
+            remedy: Settings = {"processing": {"longest_gap": float(f"{1.01 * longest:.3g}")}}
+            statement += " Gaps as short are filled for the filters, and their rows are not used."
+            self.add(Finding("gaps", statement, "worse", share, remedy))
+            return
+        statement += f" The log falls into {len(parts)} parts, and the filters spoil both ends of each."
+        advice = "Record again without gaps (a buffered logger, a lower rate), or use the log as it is."
+        self.add(Finding("gaps", statement, "worse", share, advice=advice))
+
+    def _signals(self, recording: Recording, survey: LogSurvey, diagnosis: Diagnosis) -> None:
+        """Look at rows that would harm a regression, at joints that do not move, and at coarse or noisy channels."""
+        handled = [option for option in DETECTORS if getattr(self.processing, option) is not False]
+        by_option: dict[str, list[str]] = {}
+        for sentence in faulty_rows(recording, handled):
+            (option,) = (name for name in DETECTORS if f"`{name} = true`" in sentence)
+            by_option.setdefault(option, []).append(sentence)
+        for option, sentences in by_option.items():
+            share = float(getattr(diagnosis, option).flags.mean(axis=0).max())
+            harm: Harm = "wrong" if option == "saturation" and share > CLIPPED else "worse"
+            self.add(Finding(option, " ".join(sentences), harm, share, {"processing": {option: True}}))
+        held = HeldJoints.of(recording)
+        if held.mask.all():
+            statement = f"{recording.source}: no joint moves by more than the noise of its position."
+            self.add(Finding("no motion", statement, "refused", 1.0, advice="Record a motion of the robot."))
+            return
+        if held.mask.any():
+            self._held(recording, held)
+        for j in np.flatnonzero(~held.mask & (diagnosis.position_resolution > 0.0)):
+            counts = float(np.ptp(recording.q[:, j]) / diagnosis.position_resolution[j])
+            if counts < COUNTS:
+                statement = (
+                    f"{_capital(recording.joint_label(int(j)))} moves over {counts:.0f} steps of its encoder "
+                    f"({diagnosis.position_resolution[j]:.3g}), too few for its accelerations."
+                )
+                advice = "Move the joint farther, or log its position with more digits."
+                self.add(Finding("resolution", statement, "worse", 1.0 / counts, advice=advice))
+        spread = recording.torque.std(axis=0)
+        for j in np.flatnonzero(spread > 0.0):
+            step, noise = diagnosis.torque_resolution[j] / spread[j], diagnosis.torque_noise[j] / spread[j]
+            label = _capital(recording.joint_label(int(j)))
+            if step > COARSE:
+                size = diagnosis.torque_resolution[j]
+                statement = f"The torque of {label} has steps of {size:.3g}, {step:.0%} of its spread."
+                advice = "Log the torque with more digits, or move so that it changes more."
+                self.add(Finding("torque resolution", statement, "worse", float(step), advice=advice))
+            elif noise > LOUD:
+                size = diagnosis.torque_noise[j]
+                statement = f"{label} has noise of {size:.3g} on its torque, {noise:.0%} of its spread."
+                advice = "Record for longer, or move the joint faster and farther."
+                self.add(Finding("torque noise", statement, "worse", float(noise), advice=advice))
+
+    def _held(self, recording: Recording, held: HeldJoints) -> None:
+        """Joints that do not move are locked where a description says what they carry."""
+        told = [sentence.partition("; record a motion")[0] + "." for sentence in held.remarks(recording)]
+        remedy = self._locked(recording, held)
+        advice = "" if remedy else "Record a motion of it, or lock it with `locked` in [description]."
+        share = float(held.mask.mean())
+        # The log is examined as it is: with the joint locked the robot would be another one.
+        self.add(Finding("held joint", " ".join(told), "worse", share, remedy, advice), used=False)
+
+    def _locked(self, recording: Recording, held: HeldJoints) -> Settings:
+        """Lock joints where they are, and read the columns of the others; empty where [log] counts joints otherwise."""
+        lists = [value for table in self.settings.values() for key, value in table.items() if isinstance(value, list)]
+        plain = all(len(value) != recording.joint_count or isinstance(value[0], str) for value in lists)
+        matrices = {"position_matrix", "torque_matrix", "position_offset"} & self.settings.get("log", {}).keys()
+        if self.file is None or self.joints is None or matrices or not plain:
+            return {}
+        before = self.file.description.get("locked", {})
+        locked = dict.fromkeys(before, 0.0) if isinstance(before, list | tuple) else dict(before)
+        places = map(int, np.flatnonzero(held.mask))
+        locked |= {self.joints[j]: float(f"{held.position[j]:.6g}") for j in places}
+        log: dict[str, Any] = {}
+        for kind in ("position", "velocity", "acceleration", "torque"):
+            names = getattr(self.layout, kind)
+            if names is not None and len(names) == len(held.mask):
+                kept = [k for k in range(len(names)) if not held.mask[k]]
+                log[kind] = [names[k] for k in kept]
+                units = self.settings.get("log", {}).get(f"{kind}_unit")
+                if isinstance(units, list):
+                    log[f"{kind}_unit"] = [units[k] for k in kept]
+        return {"description": {"locked": locked}, "log": log}
+
+    def _units(self, survey: LogSurvey) -> list[Finding]:
+        """What the sizes of positions, speeds and the rate say of units."""
+        return [
+            Finding(_kind_of(remedy), one, "wrong", 1.0, remedy, "" if remedy else "Check units and gear ratios.")
+            for one in survey.unit_remarks()
+            for remedy in [stated_remedy(one)]
+        ]
+
+    # What needs the model
+
+    def _with_model(self, recording: Recording, suspect: Sequence[Finding]) -> Information | None:
+        """Look for mistakes by the robot's model, and at what the motion shows."""
+        assert self.file is not None
+        assert self.model is not None
+        file, model = self._file(), self.model
+        self.say("does the model explain the torques?")
+        reader = LogReader(file, model, CHUNK_ROWS)
+        log = self._path()
+        if reader.columns.finds_gains:
+            self.facts["model"] = "drive gains are to be found, so that torques were not compared with the model"
+            return None
+        try:
+            reader.decide([log], self.say)
+            information, thinned = reader.reduce(log, POINTS)
+        except InputError as error:
+            advice = "Record a longer motion, or state what the message names."
+            self.add(Finding("processing", str(error), "refused", 1.0, stated_remedy(str(error)), advice), used=False)
+            return None
+        if information.count <= information.base_count:
+            statement = f"The log leaves {information.count} rows for {information.base_count} base parameters."
+            self.add(Finding("too few rows", statement, "refused", 1.0, advice="Record a longer motion."))
+            return None
+        estimate = least_squares(information, "joint")
+        constraints = constraints_from_dict(
+            file.section("constraints"), folder=file.path.parent, allow_extensions=file.allow_extensions
+        )
+        worst = float(np.nanmax(information.joint_relative_error(estimate.base), initial=estimate.relative_error))
+        samples = {log: thinned.samples}
+        found = mistakes_in_logs(reader, file, constraints, samples, {log: worst}, self.say).get(log, ())
+        for hypothesis in found[:1]:
+            others = "".join(
+                f" Or: {one.statement} ({one.evidence}): {toml_inline(one.settings)}." for one in found[1:]
+            )
+            statement = f"{hypothesis.statement}: with the line below {hypothesis.evidence}.{others}"
+            harm: Harm = "worse" if hypothesis.kind in ("delay", "term", "payload", "terms") else "wrong"
+            self.add(Finding(hypothesis.kind, statement, harm, hypothesis.error_before, hypothesis.settings))
+        if not found:
+            for finding in suspect:
+                self.add(finding)
+            self._beyond_limits(recording)
+            self._excitation(information, estimate)
+        self.facts["model"] = (
+            f"least squares leave {estimate.relative_error:.2%} of the torques; condition number "
+            f"{information.condition_number:.4g} with {information.base_count} base parameters"
+        )
+        self._noise(recording, reader.processing)
+        return information
+
+    def _beyond_limits(self, recording: Recording) -> None:
+        """Tell what goes beyond the limits of the description; find_mistakes has found no unit or order to blame."""
+        for sentence in self._check_against_robot(recording):
+            advice = "Check the limits of the description, the zero of the joint, and the order of the columns."
+            self.add(Finding("limits", sentence, "worse", 0.0, advice=advice))
+
+    def _excitation(self, information: Information, estimate: Estimate) -> None:
+        number, weak = information.condition_number, estimate.weak
+        if not number > POORLY_EXCITED:
+            return
+        unseen = information.unidentifiable or weak
+        told = ""
+        named = ", ".join(unseen[:MOST_NAMED]) + (f" and {len(unseen) - MOST_NAMED} more" * (len(unseen) > MOST_NAMED))
+        if weak:
+            told = (
+                f", and {len(weak)} of {information.base_count} base parameters are no larger than their standard "
+                f"error or not determined at all: {named}"
+            )
+        statement = (
+            f"The motion shows the robot poorly: the condition number of the base regressor is {number:.4g}{told}."
+        )
+        robot = "ROBOT" if self.file is None else self.file.path
+        advice = f"`steelyard excite {robot} --output excitation` designs a motion that shows them."
+        self.add(Finding("excitation", statement, "worse", 1.0 - POORLY_EXCITED / number, advice=advice))
+
+    def _noise(self, recording: Recording, processing: Processing) -> None:
+        """Compare the cutoff with the noise of the positions."""
+        cutoff = processing.cutoff
+        if not isinstance(cutoff, float) or not cutoff < 0.5 * recording.rate:
+            return
+        self.facts["cutoff"] = f"{cutoff:.4g} Hz{'' if self._states('cutoff') else ', chosen by the torques'}"
+        self._share_of_noise(recording, cutoff)
+
+    def _states(self, option: str) -> bool:
+        return bool(self.stated.get("processing", {}).get(option, "auto") != "auto")
+
+    def _share_of_noise(self, recording: Recording, cutoff: float) -> None:
+        share = noise_share(recording.q, recording.rate, [cutoff], self.processing.order)[0]
+        share[HeldJoints.of(recording).mask] = np.nan
+        noisy = np.flatnonzero(share > NOISY)
+        if not len(noisy):
+            return
+        worst = int(np.nanargmax(share))
+        names = ", ".join(recording.joint_label(int(j)) for j in noisy)
+        statement = (
+            f"At the cutoff of {cutoff:.4g} Hz noise of the positions makes up to {share[worst]:.0%} of the power of "
+            f"the accelerations ({names}), so that inertias become too small."
+        )
+        if self._states("cutoff"):
+            remedy: Settings = {"processing": {"cutoff": "auto"}}
+            self.add(Finding("position noise", statement, "worse", float(share[worst]), remedy))
+            return
+        advice = "Move faster and farther, or use a finer encoder."
+        self.add(Finding("position noise", statement, "worse", float(share[worst]), advice=advice))
+
+    def _delay(self, recording: Recording) -> None:
+        """Estimate the delay of the torques behind the motion."""
+        stated = self.stated.get("processing", {}).get("delay", 0.0)
+        if isinstance(stated, str) or self.columns.finds_gains:
+            return
+        self.say("are torques and motion in step?")
+        told = next((one for one in self.findings if one.kind == "delay"), None)
+        told_delay = stated if told is None else told.remedy["processing"]["delay"]
+        supposed = float(np.max(np.abs(np.asarray(told_delay) - np.asarray(stated))))
+        found = self._estimated_delay(recording, stated, max(LONGEST_DELAY, 1.5 * supposed))
+        if told is not None:
+            self.findings.remove(told)  # what the estimate does not confirm is not told
+        if found is None:
+            return
+        here, there = (int(np.argmin(np.abs(found.lags - lag))) for lag in (0.0, found.delay))
+        fallen = 1.0 - float(np.mean(found.residuals[there] / np.maximum(found.residuals[here], 1e-300)))
+        by = "the signals show" if self.model is None else "the model shows"
+        width = f"{1e3 * found.delay:.3g} ± {1e3 * found.standard_deviation:.2g} ms"
+        if not found.is_sure or fallen < (BLIND_GAIN if self.model is None else DELAY_GAIN):
+            self.facts["delay"] = f"torques are {width} behind the motion, as {by}; that is not told from none"
+            return
+        remedy: Settings = {"processing": {"delay": _significant(np.asarray(stated, dtype=float) + found.delay)}}
+        statement = (
+            f"Torques are logged {width.removeprefix('-')} {'later' if found.delay > 0 else 'earlier'} than the motion "
+            f"that they belong to, as {by}: without the delay what is unexplained falls by {fallen:.0%}."
+        )
+        self.add(Finding("delay", statement, "worse", fallen, remedy))
+
+    def _estimated_delay(self, recording: Recording, stated: Any, longest: float) -> DelayEstimate | None:
+        """Estimate the delay by the longest stretch without gaps; None where it does not tell."""
+        kept = {key: value for key, value in self.settings.get("processing", {}).items() if key in DETECTORS}
+        try:
+            part = longest_part(recording)
+            cutoff = choose_cutoff(part, self.processing.order).cutoff
+            options = {**kept, "cutoff": cutoff, "velocity_threshold": None, "delay": stated}
+            samples = part.process(Processing.from_dict(options, "[processing]"))
+            return estimate_delay(samples, self.model, longest)
+        except InputError:  # too short, or no least residual
+            return None
+
+    # Words
+
+    def _measures(
+        self, recording: Recording, diagnosis: Diagnosis
+    ) -> tuple[tuple[str, ...], tuple[tuple[str, ...], ...]]:
+        """Return a table of what was measured of each joint."""
+        size = max(1, round(0.02 * recording.rate))
+        velocity = np.gradient(recording.q[::size], axis=0) * recording.rate / size if recording.count > 2 * size else 0
+        speed = np.abs(velocity) * np.ones((1, recording.joint_count))
+        slow = np.mean(speed < 0.05 * np.sqrt(np.mean(speed**2, axis=0)), axis=0)
+        columns = (
+            np.ptp(recording.q, axis=0),
+            speed.max(axis=0),
+            diagnosis.position_resolution,
+            diagnosis.position_noise,
+            recording.torque.std(axis=0),
+            diagnosis.torque_resolution,
+            diagnosis.torque_noise,
+            100.0 * slow,
+        )
+        heads = ("joint", "travel", "speed", "step", "noise", "torque", "its step", "its noise", "near rest, %")
+        rows = tuple(
+            (name, *("–" if value == 0.0 else f"{value:.3g}" for value in values))
+            for name, values in zip(recording.column_labels, zip(*columns, strict=True), strict=True)
+        )
+        return heads, rows
+
+    def _tell(self, recording: Recording, clock: ClockStatistics | None, layout: Layout) -> None:
+        """Tell rate, gaps and the spectra where nothing else has."""
+        rate = f"{recording.rate:.6g} Hz" if clock is None else f"{1.0 / clock.period:.6g} Hz by the stamps"
+        facts = {"rows": f"{recording.count}, {recording.duration:.6g} s at {rate}"}
+        if clock is not None:
+            facts["clock"] = repr(clock).removeprefix("ClockStatistics(").removesuffix(")")
+        if "cutoff" not in self.facts:
+            try:
+                choice = choose_cutoff(longest_part(recording), self.processing.order)
+                facts["cutoff"] = f"{choice.cutoff:.4g} Hz by the spectra of the positions"
+                if self.model is None:
+                    stated = self.stated.get("processing", {}).get("cutoff", choice.cutoff)
+                    self._share_of_noise(recording, float(stated) if isinstance(stated, float) else choice.cutoff)
+            except InputError as error:
+                facts["cutoff"] = f"not known: {error}"
+        facts.update({f"guess {number}": guess for number, guess in enumerate(layout.guesses, start=1)})
+        self.facts = {**facts, **self.facts}
+
+    def _file(self) -> RobotFile:
+        """Return the robot file with the remedies so far."""
+        assert self.file is not None
+        sections = {**self.file.sections}
+        for name in ("log", "processing"):
+            sections[name] = self.settings.get(name, {})
+        return replace(self.file, sections=sections)
+
+    def _path(self) -> str:
+        if isinstance(self.log, str | os.PathLike):
+            return os.fspath(self.log)
+        return "+".join(os.fspath(path) for path in self.log)
+
+
+def longest_part(recording: Recording) -> Recording:
+    """Return the longest stretch of a recording without gaps, on an even clock."""
+    return max(evened(recording, True, None, True)[0], key=lambda part: part.count)
+
+
+def _rate_behind(t: Array) -> float | None:
+    """Return the rate in Hz of rows whose stamps repeat or go back; None where a new run begins among them."""
+    steps, span = np.diff(t), float(t[-1] - t[0])
+    if span <= 0.0:
+        return None
+    period = span / (len(t) - 1)
+    # Rounded stamps are off an even clock by their step; a clock that was set anew, or a second run, by far more.
+    step = float(np.median(steps[steps > 0.0]))
+    off = t - t[0] - period * np.arange(len(t))
+    if np.ptp(off) > 0.01 * span + 4.0 * step:
+        return None
+    return _round_rate(1.0 / period, min(step / span, 0.01))
+
+
+def _round_rate(rate: float, tolerance: float) -> float:
+    """Return the roundest number within a relative tolerance of a rate.
+
+    Examples
+    --------
+    >>> _round_rate(999.86, 1e-3), _round_rate(124.37, 1e-4)
+    (1000.0, 124.37)
+    """
+    for digits in range(1, 9):
+        rounded = float(f"{rate:.{digits}g}")
+        if abs(rounded - rate) <= tolerance * rate:
+            return rounded
+    return rate
+
+
+def _kind_of(remedy: Settings) -> str:
+    """Name a fault by what mends it."""
+    key = next((key for table in remedy.values() for key in table), "unit")
+    if key.endswith("_unit"):
+        return key.replace("_", " ")
+    return _KINDS.get(key, key)
+
+
+def _significant(values: Array) -> Any:
+    rounded = np.vectorize(lambda value: float(f"{value:.3g}"))(values)
+    return rounded.tolist() if rounded.ndim else float(rounded)
+
+
+def _capital(label: str) -> str:
+    return label[:1].upper() + label[1:]
+
+
+def _day(seconds: float) -> str:
+    from datetime import UTC, datetime
+
+    try:
+        return datetime.fromtimestamp(seconds, UTC).strftime("%Y-%m-%d %H:%M:%S UTC")
+    except (OverflowError, ValueError, OSError):
+        return f"{seconds:.10g} s"

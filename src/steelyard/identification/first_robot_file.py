@@ -1,0 +1,537 @@
+"""The first robot.toml of a robot: everything that a description and a log tell, each guess with its reason."""
+
+from __future__ import annotations
+
+import os
+import re
+import tempfile
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from steelyard.display import html_table, text_table
+from steelyard.dynamics import Model
+from steelyard.dynamics.threads import in_one_thread
+from steelyard.errors import InputError
+from steelyard.recording import LogColumns
+from steelyard.recording.formats import LogFiles, Source
+from steelyard.recording.recognition import Layout
+from steelyard.regression import Estimate, Information, least_squares
+from steelyard.regression.batch_means import BatchSums
+from steelyard.regression.reduction import empty_factors
+from steelyard.regression.time_blocks import TimeBlocks
+from steelyard.robot import Robot, RobotFile
+from steelyard.robot.description import URDF, description_format, read_description
+
+from .correction import Settings, toml_value
+from .doctor import CHUNK_ROWS, POINTS, Examination, examine, merged
+from .log_reader import LogReader
+from .logged_joints import LoggedJoints, logged_joints
+
+__all__ = ["FirstRobotFile", "Guess", "first_robot_file"]
+
+Array = NDArray[np.float64]
+SURE_ROTOR = 4.0
+"""Standard errors by which a rotor inertia must stand above zero, and farther than any other stands below it: what a
+model lacks moves them, too. Simulated arms with rotors come to 5 to 25, one without them to 1, a UR10 to -5 at the lowest."""
+ROTORS_HARM = 0.01
+"""Part by which the error on stretches that are left out may rise with rotor inertias: all six arms were below it."""
+FEWEST_STRETCHES = 3
+_REDUCTION = re.compile(rb"<mechanicalReduction>\s*([-+0-9.eE]+)\s*</mechanicalReduction>")
+_ROTOR = re.compile(r"Ia\d+")
+_TERMS = {
+    "viscous": "friction that grows with speed: every joint has grease and seals",
+    "coulomb": "friction that has the sign of the speed: every joint has bearings, and gears have more",
+    "offset": "a constant torque: few sensors and drives read exactly zero at rest",
+}
+_REASONS = {
+    "rate": "what the log is sampled at",
+    "longest_gap": "the gaps of the log are as long, and are filled",
+}
+_WIDEST = 100  # columns of a comment behind a value; longer ones stand above it
+
+
+@dataclass(frozen=True)
+class Guess:
+    """A guess that stands in the file.
+
+    Attributes
+    ----------
+    section, key : str
+        Where.
+    value : str
+        As TOML.
+    reason : str
+        Why.
+    """
+
+    section: str
+    key: str
+    value: str
+    reason: str
+
+
+@dataclass(frozen=True, eq=False)
+class FirstRobotFile:
+    """A robot.toml, with the guesses that stand in it.
+
+    Attributes
+    ----------
+    text : str
+        Of the file.
+    guesses : tuple of Guess
+    examination : Examination or None
+        Of the log, where there is one; what it found is in the text.
+    """
+
+    text: str
+    guesses: tuple[Guess, ...]
+    examination: Examination | None = None
+
+    def __str__(self) -> str:
+        rows = [
+            (f"[{one.section}]", one.key, _shortened(one.value), _shortened(one.reason, 90)) for one in self.guesses
+        ]
+        return text_table(("section", "key", "value", "reason"), rows)
+
+    def _repr_html_(self) -> str:
+        rows = [(one.section, one.key, one.value, one.reason) for one in self.guesses]
+        return html_table("robot.toml", ("section", "key", "value", "reason"), rows)
+
+
+@in_one_thread
+def first_robot_file(
+    robot: str | Path,
+    log: Source | None = None,
+    *,
+    folder: str | Path = ".",
+    progress: Callable[[str], None] | None = None,
+) -> FirstRobotFile:
+    """Write down everything that a description, and a log, tell of how a robot is to be identified.
+
+    Parameters
+    ----------
+    robot : str or Path
+        A description: URDF, SDF and so on.
+    log : path, or several that were recorded side by side, optional
+        Tells columns and units, joints that do not move, whether rotors have inertia, the filter, and what is wrong
+        with it (see `examine`): the lines that mend that stand in the file.
+    folder : str or Path
+        Where the file will be, from which the path of the description counts.
+    progress : callable, optional
+        Called with a few words before each step.
+
+    Returns
+    -------
+    FirstRobotFile
+        With a text that loads as it is.
+
+    Raises
+    ------
+    InputError
+        If the description or the log cannot be used.
+
+    Examples
+    --------
+    >>> link = '<link name="{}"><inertial><mass value="1"/>{}</inertial></link>'
+    >>> inertia = '<inertia ixx="1" ixy="0" ixz="0" iyy="1" iyz="0" izz="1"/>'
+    >>> joint = '<joint name="elbow" type="continuous"><parent link="base"/><child link="arm"/></joint>'
+    >>> with tempfile.TemporaryDirectory() as place:
+    ...     path = Path(place) / "one.urdf"
+    ...     _ = path.write_text(f'<robot name="one"><link name="base"/>{link.format("arm", inertia)}{joint}</robot>')
+    ...     made = first_robot_file(path, folder=place)
+    >>> [guess.key for guess in made.guesses]
+    ['name', 'urdf', 'gravity', 'viscous', 'coulomb', 'offset']
+    """
+    say = progress or (lambda _: None)
+    source = Path(robot)
+    if source.suffix.lower() == ".toml":
+        raise InputError(f"{source} is a robot file already; give the description that it names, such as a URDF.")
+    described = read_description(source)
+    draft = _Draft(source, described, Path(folder))
+    if log is None:
+        draft.rotors_of_description()
+    else:
+        draft.see(log, say)
+    text, guesses = draft.written()
+    return FirstRobotFile(text, guesses, draft.examination)
+
+
+@dataclass(frozen=True, eq=False)
+class _Trial:
+    """A fit to a log, and the error (geometric mean over the joints) on stretches of it that were left out in turn."""
+
+    estimate: Estimate
+    held_out: float
+
+
+class _Draft:
+    """A robot file as far as it is known."""
+
+    def __init__(self, source: Path, robot: Robot, folder: Path) -> None:
+        self.source, self.robot, self.folder = source, robot, folder
+        self.key = "urdf" if description_format(source) is URDF else "file"
+        self.settings: Settings = {}
+        self.reasons: dict[tuple[str, str], str] = {}
+        self.joints = LoggedJoints(tuple(robot.joint_names))
+        self.terms: dict[str, str] = dict(_TERMS)
+        self.left_out = ""
+        self.layout: Layout | None = None
+        self.examination: Examination | None = None
+        self.log: Source | None = None
+
+    # What is known
+
+    def rotors_of_description(self) -> None:
+        """Take rotor inertias in where the description has gears."""
+        ratios = _gear_ratios(self.source)
+        if ratios:
+            least, most = min(ratios), max(ratios)
+            between = f"{least:g} to {most:g}" if most > least else f"{most:g}"
+            self.terms["rotor_inertia"] = f"the description has gears of {between}, behind which rotors weigh much"
+        else:
+            self.left_out = "where motors drive through gears; a log would tell"
+
+    def see(self, log: Source, say: Callable[[str], None]) -> None:
+        """Take in what a log tells."""
+        self.log = log
+        files = LogFiles(log)
+        self.joints = logged_joints(files, self.robot.joint_names)
+        if self.joints.others:
+            self._state("description", "locked", list(self.joints.others), f"{self.joints.reason}; held at 0")
+        with tempfile.TemporaryDirectory() as place:
+            found = examine(log, self._loaded(Path(place)), progress=say)
+            self.examination = found
+            self._mend(found)
+            say("have the rotors an inertia that shows?")
+            self._judge_rotors(Path(place))
+            file = self._loaded(Path(place))
+            names = list(file.robot.joint_names)
+            self.layout = LogFiles(log, LogColumns.from_dict(self.settings.get("log", {}))).layout(names)
+            self._decide(file, say)
+
+    def _state(self, section: str, key: str, value: Any, reason: str) -> None:
+        self.settings = merged(self.settings, {section: {key: value}})
+        self.reasons[section, key] = reason
+
+    def _mend(self, found: Examination) -> None:
+        """Take over the lines that mend a log, each with what was found."""
+        for finding in found.findings:
+            for section, table in finding.remedy.items():
+                if section == "terms":
+                    for term in table:
+                        self.terms.setdefault(term["kind"], finding.statement)
+                elif section == "constraints":
+                    continue  # what a payload weighs is for the user to say
+                else:
+                    for key in table:
+                        self.reasons[section, key] = finding.statement
+        remedies = {name: table for name, table in found.remedies.items() if name not in ("terms", "constraints")}
+        before = self.settings.get("description", {}).get("locked")
+        self.settings = merged(self.settings, remedies)
+        after = self.settings.get("description", {}).get("locked")
+        if before is not None and after != before:
+            self.reasons["description", "locked"] += f" Of others {self.joints.reason}."
+
+    def _judge_rotors(self, place: Path) -> None:
+        """Take rotor inertias in where the log shows one, and stretches that are left out are predicted as well."""
+        if "rotor_inertia" in self.terms:
+            return
+        self.terms["rotor_inertia"] = ""
+        try:
+            shown = self._trial(place)
+            reason = "" if shown is None else self._rotor_shown(shown.estimate)
+            rise = 0.0
+            if shown is not None and reason:
+                del self.terms["rotor_inertia"]
+                without = self._trial(place)
+                rise = 0.0 if without is None else shown.held_out / without.held_out - 1.0
+        except InputError:  # more parameters than the log has rows for
+            shown, reason, rise = None, "", 0.0
+        self.terms.pop("rotor_inertia", None)
+        if reason and rise < ROTORS_HARM:
+            change = f"{'falls' if rise <= 0.0 else 'rises'} by {100.0 * abs(rise):.2g} %"
+            self.terms["rotor_inertia"] = f"{reason}; the error on stretches of the log that were left out {change}"
+        elif reason:
+            self.left_out = f"behind gears; {reason}, but the error on stretches that were left out rises by {rise:.1%}"
+        else:
+            what = "the log is too short to tell" if shown is None else "the log shows no inertia of rotors for sure"
+            self.left_out = f"where motors drive through gears; {what}"
+
+    def _rotor_shown(self, estimate: Estimate) -> str:
+        """Say which rotor inertia stands out of its error; empty where none does, or others are as surely negative."""
+        found = [
+            (value / error, name, value, error)
+            for name, value, error in zip(
+                estimate.base_expressions, estimate.base, estimate.standard_error, strict=True
+            )
+            if _ROTOR.fullmatch(name) and error > 0.0
+        ]
+        if not found:
+            return ""
+        (clearest, name, value, error), (lowest, *_) = max(found), min(found)
+        if clearest < SURE_ROTOR or -lowest >= clearest:
+            return ""
+        return f"the log shows {name} = {value:.3g} ± {error:.1g} kg·m² (standard error) behind gears"
+
+    def _trial(self, place: Path) -> _Trial | None:
+        """Fit the draft to the log, and to all but each of some stretches of it; None where it is too short."""
+        file = self._loaded(place)
+        model = Model.from_file(file)
+        reader = LogReader(file, model, CHUNK_ROWS)
+        log = self._path()
+        reader.decide([log], lambda _: None)
+        blocks, sums = TimeBlocks(empty_factors(model)), BatchSums(empty_factors(model))
+        information, _ = reader.reduce(log, POINTS, sums, blocks)
+        stretches = information.stretches(blocks, 5)
+        if len(stretches) < FEWEST_STRETCHES or information.count <= information.base_count:
+            return None
+        squares = np.zeros(model.dof)
+        for left_out in stretches:
+            others = Information.total([one for one in stretches if one is not left_out])
+            squares += [factor.residual2(least_squares(others, "joint").base) for factor in left_out.factors]
+        told = squares > 0.0
+        if not told.any():
+            return None
+        estimate = least_squares(replace(information, batch_means=sums.factors()), "joint")
+        return _Trial(estimate, float(np.exp(0.5 * np.mean(np.log(squares[told])))))
+
+    def _decide(self, file: RobotFile, say: Callable[[str], None]) -> None:
+        """Write down what the data decides of the filter and of slow rows."""
+        reader = LogReader(file, Model.from_file(file), CHUNK_ROWS)
+        if reader.columns.finds_gains:
+            return
+        try:
+            reader.decide([self._path()], say)
+        except InputError:
+            return
+        for key, value in reader.decided.items():
+            if value is None:
+                continue
+            rounded = [float(f"{one:.4g}") for one in value] if isinstance(value, tuple) else float(f"{value:.6g}")
+            reason = next((one for one in reader.remarks if _is_about(key, one)), "chosen by the data")
+            reason = re.sub(r"[;,] set `\w+` in \[processing\] to choose", "", reason)
+            self._state("processing", key, rounded, f'{reason} With "auto" every log chooses again.')
+
+    def _path(self) -> str:
+        assert self.log is not None
+        if isinstance(self.log, str | os.PathLike):
+            return os.fspath(self.log)
+        return "+".join(os.fspath(one) for one in self.log)
+
+    def _loaded(self, place: Path) -> RobotFile:
+        """Load the draft as a robot file."""
+        path = place / "robot.toml"
+        path.write_text(self._text(self.source.resolve(), commented=False)[0], encoding="utf-8")
+        return RobotFile.load(path)
+
+    # The text
+
+    def written(self) -> tuple[str, tuple[Guess, ...]]:
+        """Return the text of the file, and the guesses in it."""
+        try:
+            path = Path(os.path.relpath(self.source.resolve(), self.folder.resolve()))
+        except ValueError:  # another drive
+            path = self.source.resolve()
+        return self._text(path, commented=True)
+
+    def _text(self, description: Path, commented: bool) -> tuple[str, tuple[Guess, ...]]:
+        sheet = _Sheet(commented)
+        of = f" and {Path(self._path()).name}" if self.log is not None else ""
+        sheet.comment(
+            f"The robot {self.robot.name}, as {self.source.name}{of} tell. Everything here is a guess; behind # stands "
+            "why. Change what is wrong."
+        )
+        sheet.state("", "name", self.robot.name, "the name in the description")
+        self._description(sheet, description)
+        self._terms(sheet)
+        if self.log is not None:
+            self._log(sheet)
+        self._processing(sheet)
+        if commented:
+            self._limits(sheet)
+        return sheet.text, tuple(sheet.guesses)
+
+    def _description(self, sheet: _Sheet, description: Path) -> None:
+        sheet.section("description")
+        sheet.state("description", self.key, description.as_posix(), "given")
+        table = dict(self.settings.get("description", {}))
+        if "locked" in table:
+            sheet.state("description", "locked", table["locked"], self.reasons["description", "locked"])
+            last = self._last_link()
+            if self.joints.others and last is not None:
+                sheet.alternative(f"tip = {toml_value(last)}", "instead: nothing is mounted beyond this link")
+        gravity = table.get("gravity", [float(value) for value in self.robot.gravity])
+        reason = self.reasons.get(("description", "gravity"), "m/s², in the frame of the base: upright")
+        sheet.state("description", "gravity", gravity, reason)
+        if ("description", "gravity") not in self.reasons:
+            hung = [-float(value) + 0.0 for value in gravity]
+            sheet.alternative(f"gravity = {toml_value(hung)}", "hung from a ceiling")
+
+    def _last_link(self) -> str | None:
+        """The link that the last of the logged joints moves, where all of them are in one chain."""
+        for joint, link in zip(self.robot.joints, self.robot.links, strict=True):
+            if joint.name == self.joints.names[-1]:
+                return link.name
+        return None
+
+    def _terms(self, sheet: _Sheet) -> None:
+        for kind, reason in self.terms.items():
+            sheet.blank()
+            sheet.line("[[terms]]")
+            sheet.line(f'kind = "{kind}"', reason)
+            sheet.guesses.append(Guess("terms", kind, "true", reason))
+        if self.left_out:
+            sheet.blank()
+            sheet.alternative("[[terms]]", self.left_out)
+            sheet.alternative('kind = "rotor_inertia"')
+
+    def _log(self, sheet: _Sheet) -> None:
+        sheet.section("log")
+        table = dict(self.settings.get("log", {}))
+        if self.layout is not None:
+            found = self.layout.settings()
+            table = {**found, **{key: value for key, value in table.items() if key not in found}}
+        meanings = {} if self.layout is None else {one.column: one for one in self.layout.table}
+        for key, value in table.items():
+            reason = self.reasons.get(("log", key), _REASONS.get(key, ""))
+            if isinstance(value, list) and value and all(one in meanings for one in value) and key != "time":
+                comments = [f"{meanings[one].joint}, {meanings[one].unit}: by {meanings[one].by}" for one in value]
+                sheet.listed("log", key, value, comments, reason)
+                continue
+            if not reason and key == "time" and value in meanings:
+                reason = f"by {meanings[value].by}"
+            if not reason and key.endswith("_unit"):
+                reason = "as the columns say, or as is usual"
+            sheet.state("log", key, value, reason or "as was found")
+        if self.layout is not None:
+            for guess in self.layout.guesses:
+                sheet.comment(guess)
+        if self.examination is not None and "rows" in self.examination.facts and "rate" not in table:
+            rate = self.examination.facts["rows"]
+            sheet.comment(f"Rows: {rate}; `rate = ...` would be used in place of the stamps.")
+
+    def _processing(self, sheet: _Sheet) -> None:
+        table = self.settings.get("processing", {})
+        if not table:
+            return
+        sheet.section("processing")
+        for key, value in table.items():
+            sheet.state("processing", key, value, self.reasons.get(("processing", key), "as was found"))
+        if self.examination is not None and "delay" not in table and "delay" in self.examination.facts:
+            sheet.alternative("delay = 0.0", self.examination.facts["delay"])
+
+    def _limits(self, sheet: _Sheet) -> None:
+        """The limits of the joints that are left, as the description has them."""
+        locked = self.settings.get("description", {}).get("locked", ())
+        joints = [self.robot.joints[index] for index in self.robot.driving_joints]
+        joints = [joint for joint in joints if joint.name not in locked]
+        kinds = {
+            "lower": ([joint.lower for joint in joints], "rad or m"),
+            "upper": ([joint.upper for joint in joints], "rad or m"),
+            "velocity": ([joint.velocity_limit for joint in joints], "rad/s or m/s"),
+            "effort": ([joint.effort_limit for joint in joints], "N·m or N"),
+        }
+        told = {key: (values, unit) for key, (values, unit) in kinds.items() if np.isfinite(values).any()}
+        if not told or not all(joint.lower <= joint.upper for joint in joints):
+            return
+        sheet.section("limits")
+        names = ", ".join(joint.name for joint in joints)
+        sheet.comment(f"As the description has them, of {names}; motions that are designed keep them.")
+        for key, (values, unit) in told.items():
+            # No joint has a limit of zero: descriptions write it where they know none.
+            known = [v if v > 0.0 or key in ("lower", "upper") else np.inf for v in map(float, values)]
+            sheet.state("limits", key, known, f"{unit}, from the description")
+
+
+class _Sheet:
+    """The lines of a robot file while they are written."""
+
+    def __init__(self, commented: bool) -> None:
+        self.lines: list[str] = []
+        self.guesses: list[Guess] = []
+        self.commented = commented
+
+    @property
+    def text(self) -> str:
+        return "\n".join(self.lines) + "\n"
+
+    def blank(self) -> None:
+        self.lines.append("")
+
+    def section(self, name: str) -> None:
+        self.lines += ["", f"[{name}]"]
+
+    def comment(self, words: str) -> None:
+        """Write a comment over as many lines as it takes."""
+        if not self.commented:
+            return
+        line = "#"
+        for word in _plain(words).split():
+            if len(line) + len(word) > _WIDEST and line != "#":
+                self.lines.append(line)
+                line = "#"
+            line += f" {word}"
+        self.lines.append(line)
+
+    def line(self, content: str, reason: str = "") -> None:
+        """Write a line, with its reason behind it where there is room, or else above it."""
+        reason = _plain(reason)
+        if not self.commented or not reason:
+            self.lines.append(content)
+        elif len(content) + len(reason) + 3 <= _WIDEST:
+            self.lines.append(f"{content} # {reason}")
+        else:
+            self.comment(reason)
+            self.lines.append(content)
+
+    def state(self, section: str, key: str, value: Any, reason: str) -> None:
+        self.line(f"{key} = {toml_value(value)}", reason)
+        self.guesses.append(Guess(section or "robot", key, toml_value(value), _plain(reason)))
+
+    def listed(self, section: str, key: str, values: Sequence[str], comments: Sequence[str], reason: str) -> None:
+        """Write a list with a comment for each of its values."""
+        self.comment(reason) if reason else None
+        self.lines.append(f"{key} = [")
+        for value, comment in zip(values, comments, strict=True):
+            behind = f" # {_plain(comment)}" if self.commented else ""
+            self.lines.append(f"    {toml_value(value)},{behind}")
+            self.guesses.append(Guess(section, key, toml_value(value), _plain(comment)))
+        self.lines.append("]")
+
+    def alternative(self, content: str, reason: str = "") -> None:
+        """Write a line that does not count unless its # is removed."""
+        if self.commented:
+            self.comment(reason) if len(content) + len(reason) > _WIDEST else None
+            short = len(content) + len(reason) <= _WIDEST
+            self.lines.append(f"# {content}" + (f" # {_plain(reason)}" if reason and short else ""))
+
+
+def _plain(words: str) -> str:
+    """Return words without what would end a comment."""
+    return " ".join("".join(one if one.isprintable() else " " for one in words).split())
+
+
+def _shortened(value: str, most: int = 44) -> str:
+    return value if len(value) <= most else f"{value[: most - 1]}…"
+
+
+def _is_about(key: str, remark: str) -> bool:
+    return ("Positions were filtered" in remark) if key == "cutoff" else ("slower than" in remark)
+
+
+def _gear_ratios(source: Path) -> list[float]:
+    """Return the ratios of gears that a description states."""
+    found = []
+    for match in _REDUCTION.findall(source.read_bytes()):
+        try:
+            ratio = abs(float(match))
+        except ValueError:
+            continue
+        if ratio > 1.0:
+            found.append(ratio)
+    return found
