@@ -7,19 +7,21 @@ from typing import Annotated
 
 import typer
 
-from .choices import AllowExtensions
-from .screen import echo
-from .terminal import progress
+from .choices import AllowExtensions, Topic
+from .terminal import echo, progress
 
 __all__ = ["doctor"]
 
 
 def doctor(
-    log: Annotated[str, typer.Argument(help="A log; files recorded side by side: a.csv+b.csv.")],
+    log: Annotated[
+        str, typer.Argument(help="Such as a CSV or a bag; - is the standard input; side by side: a.csv+b.csv.")
+    ],
     robot: Annotated[
         Path | None, typer.Argument(help="Description or robot.toml; with it more is found, and columns have joints.")
     ] = None,
     as_json: Annotated[bool, typer.Option("--json", help="Print everything as one JSON document.")] = False,
+    topic: Topic = None,
     allow_extensions: AllowExtensions = False,
 ) -> None:
     """Say what is wrong with a recording and which line of robot.toml mends it: exit 1 where something is wrong."""
@@ -31,7 +33,7 @@ def doctor(
 
     file = None if robot is None else RobotFile.load(robot, allow_extensions=allow_extensions)
     with progress() as say:
-        found = examine(log, file, progress=say)
+        found = examine(log, file, topic=topic, progress=say)
     if as_json:
         echo(json.dumps(plain(found.to_dict()), indent=1, ensure_ascii=False))
     else:

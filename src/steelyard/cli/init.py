@@ -7,8 +7,8 @@ from typing import Annotated
 
 import typer
 
-from .screen import echo
-from .terminal import progress
+from .choices import Topic
+from .terminal import echo, progress
 
 __all__ = ["init"]
 
@@ -19,6 +19,7 @@ def init(
         str | None, typer.Argument(help="A log of it, by which columns, terms and filter are chosen; a.csv+b.csv.")
     ] = None,
     output: Annotated[Path, typer.Option("--output", "-o", help="The file to write.")] = Path("robot.toml"),
+    topic: Topic = None,
     force: Annotated[bool, typer.Option("--force", help="Overwrite the file where it exists.")] = False,
 ) -> None:
     """Write a robot.toml with everything that a description and a log tell, each guess with its reason."""
@@ -31,7 +32,7 @@ def init(
     if os.path.lexists(output) and not force:
         raise InputError(f"{output} exists and is not overwritten; give another place with --output, or --force.")
     with progress() as say:
-        made = first_robot_file(robot, log, folder=output.parent, progress=say)
+        made = first_robot_file(robot, log, folder=output.parent, topic=topic, progress=say)
     output.parent.mkdir(parents=True, exist_ok=True)
     write_text(made.text, output)
     for line in str(made).splitlines():

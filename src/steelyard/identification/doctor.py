@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 import tomllib
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, fields, replace
@@ -16,22 +15,33 @@ from steelyard.display import html_table, text_table
 from steelyard.dynamics import Model
 from steelyard.dynamics.threads import in_one_thread
 from steelyard.errors import InputError
-from steelyard.feasibility.constraints import constraints_from_dict
-from steelyard.recording import DelayEstimate, LogColumns, Processing, Recording, choose_cutoff, estimate_delay
+from steelyard.recording import (
+    DelayEstimate,
+    LogColumns,
+    LogFile,
+    Processing,
+    Recording,
+    Samples,
+    choose_cutoff,
+    estimate_delay,
+)
 from steelyard.recording.clock import FEWEST_ROWS, ClockStatistics, clock_statistics
 from steelyard.recording.cutoff.by_spectra import noise_share
 from steelyard.recording.diagnosis import DETECTORS, Diagnosis, faulty_rows
 from steelyard.recording.diagnosis.rest import HeldJoints
 from steelyard.recording.even import evened
-from steelyard.recording.formats import LogFiles, Source
+from steelyard.recording.formats import LogFiles
 from steelyard.recording.recognition import Layout
 from steelyard.recording.survey import LogSurvey
 from steelyard.regression import Estimate, Information, least_squares
 from steelyard.robot import RobotFile
+from steelyard.robot.description import read_description
 
 from .correction import Settings, toml_inline, toml_text
+from .given import GivenRobot, GivenSamples, One, given_constraints, given_logs, given_robot
 from .log_checks import mistakes_in_logs
 from .log_reader import LogReader
+from .logged_joints import logged_joints
 
 __all__ = ["Examination", "Finding", "examine", "merged"]
 
@@ -50,8 +60,9 @@ POINTS = 1200  # samples that are kept of a log, of which mistakes are looked fo
 COUNTS = 200.0
 """Steps of the encoder over a joint's travel, below which steps and not motion make the accelerations."""
 NOISY = 0.1
-"""Part of the power of a joint's accelerations that may be noise of its positions: its inertia becomes as much too small.
-The cutoff that the data chooses keeps the median of the joints below 0.01; single ones of sound logs have 0.06."""
+"""Part of the power of a joint's accelerations that may be noise of its positions: its inertia becomes as much too
+small. The cutoff that the data chooses keeps the median of the joints below 0.01; single joints of sound logs have
+0.06."""
 COARSE = 0.1
 """Step of the torques over their standard deviation: a tenth adds 3 % of noise."""
 TWO_RATES = 0.1
@@ -64,6 +75,8 @@ LOUD = 0.5
 DELAY_GAIN = 0.05
 """Part of the residual that falls where a delay is taken out, at least: a KUKA KR300 whose joints stick seems to be
 late by 23 ± 7 ms, and 3 % fall. Delays of whole rows that were planted take a fifth and more."""
+HALF = 0.5
+"""Part of the error of the torques that a unit may leave to be believed: the wrong one explains next to nothing."""
 BLIND_GAIN = 0.2
 """The same without a robot, where products of sines stand in for its model: they gained up to 4 % on sound logs."""
 POORLY_EXCITED = 1200.0
@@ -237,7 +250,11 @@ def stated_remedy(sentence: str) -> Settings:
 
 @in_one_thread
 def examine(
-    log: Source, robot: str | Path | RobotFile | None = None, *, progress: Callable[[str], None] | None = None
+    log: One,
+    robot: GivenRobot | None = None,
+    *,
+    topic: str | None = None,
+    progress: Callable[[str], None] | None = None,
 ) -> Examination:
     """Look for everything that is wrong with a recording, and for what mends it.
 
@@ -247,9 +264,12 @@ def examine(
 
     Parameters
     ----------
-    log : path, or several that were recorded side by side
-    robot : str, Path or RobotFile, optional
+    log : path, Recording, data frame or mapping of arrays
+        As `identify` takes it; files recorded side by side are joined by ``+``.
+    robot : str, Path, RobotFile, Robot or Model, optional
         A description, or a robot.toml, whose sections [log] and [processing] count.
+    topic : str, optional
+        Of a bag, in place of `topic` in [log].
     progress : callable, optional
         Called with a few words before each step.
 
@@ -273,20 +293,46 @@ def examine(
     >>> [(one.kind, one.toml) for one in found.findings]
     [('saturation', '[processing]\\nsaturation = true')]
     """
-    patient = _Patient(log, None if robot is None else RobotFile.load(robot), progress or (lambda _: None))
-    return patient.examined()
+    given = given_logs(log, None)[0]
+    if len(given) != 1 or isinstance(given[0], GivenSamples):
+        raise InputError(
+            "One log at a time is examined, as it was recorded; give its path, a Recording or its columns."
+        )
+    stated = {} if topic is None else {"log": {"topic": topic}}
+    return _Patient(given[0], robot, stated, progress or (lambda _: None)).examined()
+
+
+@dataclass(frozen=True, eq=False)
+class _Fit:
+    """Least squares by the model, and what they were made of."""
+
+    reader: LogReader
+    information: Information
+    estimate: Estimate
+    samples: Samples
 
 
 class _Patient:
     """A log that is being examined: its findings so far, and the settings with which it is read."""
 
-    def __init__(self, log: Source, file: RobotFile | None, say: Callable[[str], None]) -> None:
-        self.log, self.file, self.say = log, file, say
-        self.stated = {} if file is None else {name: file.section(name) for name in ("log", "processing")}
+    def __init__(
+        self,
+        log: str | Path | LogFile,
+        robot: GivenRobot | None,
+        given: Settings,
+        say: Callable[[str], None],
+    ) -> None:
+        self.file: RobotFile | None = None
+        self.model: Model | None = None
+        if robot is not None:
+            self.file, self.model = given_robot(robot)
+        file = self.file
+        self.log, self.say = log, say
+        own = {} if file is None else {name: file.section(name) for name in ("log", "processing")}
+        self.stated = merged(own, given)
         self.settings: Settings = merged({}, self.stated)
         self.findings: list[Finding] = []
         self.facts: dict[str, str] = {}
-        self.model = None if file is None else Model.from_file(file)
         self.joints = None if self.model is None else list(self.model.robot.joint_names)
 
     @property
@@ -317,7 +363,7 @@ class _Patient:
         """Examine the log."""
         self.say("reading the log")
         files = LogFiles(self.log, self.columns)
-        self.layout = layout = files.layout(self.joints)
+        self.layout = layout = self._layout(files)
         name = files.name
         if not self._stamps_can_be_used(files, layout):
             return self._result(name, layout)
@@ -341,6 +387,25 @@ class _Patient:
             self._delay(recording)
         self._tell(recording, clock, layout)
         return self._result(name, layout, heads, rows, recording, information)
+
+    def _layout(self, files: LogFiles) -> Layout:
+        """Find the columns; joints of a bare description of which the log has none are taken to be held."""
+        try:
+            return files.layout(self.joints)
+        except InputError:
+            if self.file is None or self.joints is None or not self.file.robot.source or "tip" in self.file.description:
+                raise
+            if self.file.path.suffix.lower() == ".toml" or not self.file.path.is_file():
+                raise
+            found = logged_joints(files, self.joints)
+            locked = list(found.others)
+            statement = f"The log says nothing of {', '.join(locked)}: {found.reason}."
+            remedy: Settings = {"description": {"locked": locked}}
+            self.add(Finding("joints without columns", statement, "refused", 1.0, remedy), used=False)
+            robot = read_description(self.file.path, None, locked)
+            self.file = replace(self.file, robot=robot, description={**self.file.description, "locked": locked})
+            self.model, self.joints = Model.from_file(self.file), list(robot.joint_names)
+            return files.layout(self.joints)
 
     def _result(
         self,
@@ -562,31 +627,33 @@ class _Patient:
         """Look for mistakes by the robot's model, and at what the motion shows."""
         assert self.file is not None
         assert self.model is not None
-        file, model = self._file(), self.model
         self.say("does the model explain the torques?")
-        reader = LogReader(file, model, CHUNK_ROWS)
-        log = self._path()
-        if reader.columns.finds_gains:
+        if self.columns.finds_gains:
             self.facts["model"] = "drive gains are to be found, so that torques were not compared with the model"
             return None
         try:
-            reader.decide([log], self.say)
-            information, thinned = reader.reduce(log, POINTS)
+            fit = self._fit()
         except InputError as error:
             advice = "Record a longer motion, or state what the message names."
             self.add(Finding("processing", str(error), "refused", 1.0, stated_remedy(str(error)), advice), used=False)
             return None
+        unsure = []
+        for finding in suspect:
+            better = self._better_with(finding, fit)
+            if better is None:
+                unsure.append(finding)
+            else:
+                fit = better
+                self.add(finding)
+        reader, information, estimate = fit.reader, fit.information, fit.estimate
         if information.count <= information.base_count:
             statement = f"The log leaves {information.count} rows for {information.base_count} base parameters."
             self.add(Finding("too few rows", statement, "refused", 1.0, advice="Record a longer motion."))
             return None
-        estimate = least_squares(information, "joint")
-        constraints = constraints_from_dict(
-            file.section("constraints"), folder=file.path.parent, allow_extensions=file.allow_extensions
-        )
+        name, file = str(self.log), self._file()
         worst = float(np.nanmax(information.joint_relative_error(estimate.base), initial=estimate.relative_error))
-        samples = {log: thinned.samples}
-        found = mistakes_in_logs(reader, file, constraints, samples, {log: worst}, self.say).get(log, ())
+        limits, samples = given_constraints(file, None), {name: fit.samples}
+        found = mistakes_in_logs(reader, file, limits, {name: self.log}, samples, {name: worst}, self.say).get(name, ())
         for hypothesis in found[:1]:
             others = "".join(
                 f" Or: {one.statement} ({one.evidence}): {toml_inline(one.settings)}." for one in found[1:]
@@ -595,7 +662,7 @@ class _Patient:
             harm: Harm = "worse" if hypothesis.kind in ("delay", "term", "payload", "terms") else "wrong"
             self.add(Finding(hypothesis.kind, statement, harm, hypothesis.error_before, hypothesis.settings))
         if not found:
-            for finding in suspect:
+            for finding in unsure:
                 self.add(finding)
             self._beyond_limits(recording)
             self._excitation(information, estimate)
@@ -605,6 +672,24 @@ class _Patient:
         )
         self._noise(recording, reader.processing)
         return information
+
+    def _fit(self, further: Settings | None = None) -> _Fit:
+        """Fit the model to the log with the remedies so far, and further settings."""
+        assert self.model is not None
+        reader = LogReader(self._file(further or {}), self.model, CHUNK_ROWS)
+        reader.decide([self.log], self.say)
+        information, thinned = reader.reduce(self.log, POINTS)
+        return _Fit(reader, information, least_squares(information, "joint"), thinned.samples)
+
+    def _better_with(self, finding: Finding, before: _Fit) -> _Fit | None:
+        """Fit the model with the remedy of a finding that the motion alone suggests; None where that does not help."""
+        if not finding.remedy:
+            return None
+        try:
+            fit = self._fit(finding.remedy)
+        except InputError:
+            return None
+        return fit if fit.estimate.relative_error < HALF * before.estimate.relative_error else None
 
     def _beyond_limits(self, recording: Recording) -> None:
         """Tell what goes beyond the limits of the description; find_mistakes has found no unit or order to blame."""
@@ -746,18 +831,12 @@ class _Patient:
         facts.update({f"guess {number}": guess for number, guess in enumerate(layout.guesses, start=1)})
         self.facts = {**facts, **self.facts}
 
-    def _file(self) -> RobotFile:
-        """Return the robot file with the remedies so far."""
+    def _file(self, further: Settings | None = None) -> RobotFile:
+        """Return the robot file with the remedies so far, and further settings."""
         assert self.file is not None
-        sections = {**self.file.sections}
-        for name in ("log", "processing"):
-            sections[name] = self.settings.get(name, {})
+        settings = merged(self.settings, further or {})
+        sections = {**self.file.sections, **{name: settings.get(name, {}) for name in ("log", "processing")}}
         return replace(self.file, sections=sections)
-
-    def _path(self) -> str:
-        if isinstance(self.log, str | os.PathLike):
-            return os.fspath(self.log)
-        return "+".join(os.fspath(path) for path in self.log)
 
 
 def longest_part(recording: Recording) -> Recording:

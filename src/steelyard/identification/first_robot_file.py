@@ -18,14 +18,14 @@ from steelyard.dynamics import Model
 from steelyard.dynamics.threads import in_one_thread
 from steelyard.errors import InputError
 from steelyard.recording import LogColumns
-from steelyard.recording.formats import LogFiles, Source
+from steelyard.recording.formats import LogFiles
 from steelyard.recording.recognition import Layout
 from steelyard.regression import Estimate, Information, least_squares
 from steelyard.regression.batch_means import BatchSums
 from steelyard.regression.reduction import empty_factors
 from steelyard.regression.time_blocks import TimeBlocks
-from steelyard.robot import Robot, RobotFile
-from steelyard.robot.description import URDF, description_format, read_description
+from steelyard.robot import RobotFile
+from steelyard.robot.description import URDF, description_format
 
 from .correction import Settings, toml_value
 from .doctor import CHUNK_ROWS, POINTS, Examination, examine, merged
@@ -37,7 +37,8 @@ __all__ = ["FirstRobotFile", "Guess", "first_robot_file"]
 Array = NDArray[np.float64]
 SURE_ROTOR = 4.0
 """Standard errors by which a rotor inertia must stand above zero, and farther than any other stands below it: what a
-model lacks moves them, too. Simulated arms with rotors come to 5 to 25, one without them to 1, a UR10 to -5 at the lowest."""
+model lacks moves them, too. Simulated arms with rotors come to 5 to 25, one without them to 1, and on a UR10 they go
+down to -5."""
 ROTORS_HARM = 0.01
 """Part by which the error on stretches that are left out may rise with rotor inertias: all six arms were below it."""
 FEWEST_STRETCHES = 3
@@ -47,6 +48,7 @@ _TERMS = {
     "viscous": "friction that grows with speed: every joint has grease and seals",
     "coulomb": "friction that has the sign of the speed: every joint has bearings, and gears have more",
     "offset": "a constant torque: few sensors and drives read exactly zero at rest",
+    "rotor_inertia": "the description tells inertias of rotors",
 }
 _REASONS = {
     "rate": "what the log is sampled at",
@@ -106,9 +108,10 @@ class FirstRobotFile:
 @in_one_thread
 def first_robot_file(
     robot: str | Path,
-    log: Source | None = None,
+    log: str | Path | None = None,
     *,
     folder: str | Path = ".",
+    topic: str | None = None,
     progress: Callable[[str], None] | None = None,
 ) -> FirstRobotFile:
     """Write down everything that a description, and a log, tell of how a robot is to be identified.
@@ -116,12 +119,15 @@ def first_robot_file(
     Parameters
     ----------
     robot : str or Path
-        A description: URDF, SDF and so on.
-    log : path, or several that were recorded side by side, optional
-        Tells columns and units, joints that do not move, whether rotors have inertia, the filter, and what is wrong
-        with it (see `examine`): the lines that mend that stand in the file.
+        A description: URDF, MJCF, SDF and so on; arguments of a xacro may follow its path.
+    log : str or Path, optional
+        Files recorded side by side are joined by ``+``. A log tells columns and units, joints that do not move,
+        whether rotors have inertia, the filter, and what is wrong with it (see `examine`): the lines that mend it stand
+        in the file.
     folder : str or Path
         Where the file will be, from which the path of the description counts.
+    topic : str, optional
+        Of a bag that is read.
     progress : callable, optional
         Called with a few words before each step.
 
@@ -148,14 +154,14 @@ def first_robot_file(
     ['name', 'urdf', 'gravity', 'viscous', 'coulomb', 'offset']
     """
     say = progress or (lambda _: None)
-    source = Path(robot)
-    if source.suffix.lower() == ".toml":
-        raise InputError(f"{source} is a robot file already; give the description that it names, such as a URDF.")
-    described = read_description(source)
-    draft = _Draft(source, described, Path(folder))
+    if Path(robot).suffix.lower() == ".toml":
+        raise InputError(f"{robot} is a robot file already; give the description that it names, such as a URDF.")
+    draft = _Draft(RobotFile.load(robot), Path(folder))
     if log is None:
         draft.rotors_of_description()
     else:
+        if topic is not None:
+            draft.state("log", "topic", topic, "given")
         draft.see(log, say)
     text, guesses = draft.written()
     return FirstRobotFile(text, guesses, draft.examination)
@@ -172,17 +178,19 @@ class _Trial:
 class _Draft:
     """A robot file as far as it is known."""
 
-    def __init__(self, source: Path, robot: Robot, folder: Path) -> None:
-        self.source, self.robot, self.folder = source, robot, folder
-        self.key = "urdf" if description_format(source) is URDF else "file"
+    def __init__(self, file: RobotFile, folder: Path) -> None:
+        self.source, self.robot, self.folder = file.path, file.robot, folder
+        self.key = "urdf" if description_format(file.path) is URDF else "file"
         self.settings: Settings = {}
         self.reasons: dict[tuple[str, str], str] = {}
-        self.joints = LoggedJoints(tuple(robot.joint_names))
-        self.terms: dict[str, str] = dict(_TERMS)
+        self.joints = LoggedJoints(tuple(self.robot.joint_names))
+        self.terms: dict[str, str] = {term["kind"]: _TERMS[term["kind"]] for term in file.terms}
+        if "xacro_arguments" in file.description:
+            self.state("description", "xacro_arguments", dict(file.description["xacro_arguments"]), "given")
         self.left_out = ""
         self.layout: Layout | None = None
         self.examination: Examination | None = None
-        self.log: Source | None = None
+        self.log: str | Path | None = None
 
     # What is known
 
@@ -193,16 +201,16 @@ class _Draft:
             least, most = min(ratios), max(ratios)
             between = f"{least:g} to {most:g}" if most > least else f"{most:g}"
             self.terms["rotor_inertia"] = f"the description has gears of {between}, behind which rotors weigh much"
-        else:
+        elif "rotor_inertia" not in self.terms:
             self.left_out = "where motors drive through gears; a log would tell"
 
-    def see(self, log: Source, say: Callable[[str], None]) -> None:
+    def see(self, log: str | Path, say: Callable[[str], None]) -> None:
         """Take in what a log tells."""
         self.log = log
-        files = LogFiles(log)
+        files = LogFiles(log, LogColumns.from_dict(self.settings.get("log", {})))
         self.joints = logged_joints(files, self.robot.joint_names)
         if self.joints.others:
-            self._state("description", "locked", list(self.joints.others), f"{self.joints.reason}; held at 0")
+            self.state("description", "locked", list(self.joints.others), f"{self.joints.reason}; held at 0")
         with tempfile.TemporaryDirectory() as place:
             found = examine(log, self._loaded(Path(place)), progress=say)
             self.examination = found
@@ -214,7 +222,8 @@ class _Draft:
             self.layout = LogFiles(log, LogColumns.from_dict(self.settings.get("log", {}))).layout(names)
             self._decide(file, say)
 
-    def _state(self, section: str, key: str, value: Any, reason: str) -> None:
+    def state(self, section: str, key: str, value: Any, reason: str) -> None:
+        """Write a key down, with its reason."""
         self.settings = merged(self.settings, {section: {key: value}})
         self.reasons[section, key] = reason
 
@@ -283,7 +292,7 @@ class _Draft:
         file = self._loaded(place)
         model = Model.from_file(file)
         reader = LogReader(file, model, CHUNK_ROWS)
-        log = self._path()
+        log = self._path
         reader.decide([log], lambda _: None)
         blocks, sums = TimeBlocks(empty_factors(model)), BatchSums(empty_factors(model))
         information, _ = reader.reduce(log, POINTS, sums, blocks)
@@ -306,7 +315,7 @@ class _Draft:
         if reader.columns.finds_gains:
             return
         try:
-            reader.decide([self._path()], say)
+            reader.decide([self._path], say)
         except InputError:
             return
         for key, value in reader.decided.items():
@@ -315,13 +324,13 @@ class _Draft:
             rounded = [float(f"{one:.4g}") for one in value] if isinstance(value, tuple) else float(f"{value:.6g}")
             reason = next((one for one in reader.remarks if _is_about(key, one)), "chosen by the data")
             reason = re.sub(r"[;,] set `\w+` in \[processing\] to choose", "", reason)
-            self._state("processing", key, rounded, f'{reason} With "auto" every log chooses again.')
+            self.state("processing", key, rounded, f'{reason} With "auto" every log chooses again.')
 
+    @property
     def _path(self) -> str:
+        """The path of the log, or the paths joined by +."""
         assert self.log is not None
-        if isinstance(self.log, str | os.PathLike):
-            return os.fspath(self.log)
-        return "+".join(os.fspath(one) for one in self.log)
+        return os.fspath(self.log)
 
     def _loaded(self, place: Path) -> RobotFile:
         """Load the draft as a robot file."""
@@ -341,7 +350,7 @@ class _Draft:
 
     def _text(self, description: Path, commented: bool) -> tuple[str, tuple[Guess, ...]]:
         sheet = _Sheet(commented)
-        of = f" and {Path(self._path()).name}" if self.log is not None else ""
+        of = f" and {Path(self._path).name}" if self.log is not None else ""
         sheet.comment(
             f"The robot {self.robot.name}, as {self.source.name}{of} tell. Everything here is a guess; behind # stands "
             "why. Change what is wrong."
@@ -365,6 +374,8 @@ class _Draft:
             last = self._last_link()
             if self.joints.others and last is not None:
                 sheet.alternative(f"tip = {toml_value(last)}", "instead: nothing is mounted beyond this link")
+        if "xacro_arguments" in table:
+            sheet.state("description", "xacro_arguments", table["xacro_arguments"], "given")
         gravity = table.get("gravity", [float(value) for value in self.robot.gravity])
         reason = self.reasons.get(("description", "gravity"), "m/s², in the frame of the base: upright")
         sheet.state("description", "gravity", gravity, reason)

@@ -25,6 +25,7 @@ __all__ = [
     "GivenLog",
     "GivenRobot",
     "GivenSamples",
+    "One",
     "digests",
     "given_constraints",
     "given_logs",

@@ -1,0 +1,293 @@
+"""What is wrong with a recording is found, and the lines that are told mend it."""
+
+import tomllib
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+import steelyard as sy
+from steelyard.identification import examine
+from steelyard.robot import RobotFile
+
+T = np.arange(5000) / 250
+"""The times of the sound log, s."""
+
+
+@pytest.fixture(scope="module")
+def arm(simulation, tmp_path_factory):
+    """Return the robot file of an arm without [processing], its model, and a sound log with encoder steps and noise."""
+    path = tmp_path_factory.mktemp("arm") / "robot.toml"
+    path.write_text(simulation.robot_file.partition("[processing]")[0])
+    model = sy.Model.load(path)
+    random = np.random.default_rng(3)
+    q, dq, ddq = simulation.trajectory(11).motion(T)
+    torque = model.inverse_dynamics(q, dq, ddq, simulation.true_parameters(model))
+    torque += 0.02 * torque.std(axis=0) * random.normal(size=q.shape)
+    step = 2 * np.pi / 2**17
+    return path, model, {"t": T, "q": np.round(q / step) * step, "tau": torque}
+
+
+def written(log, path):
+    """Write arrays as a CSV, as another program would."""
+    columns, heads = [], []
+    for name, values in log.items():
+        many = values.ndim == 2
+        columns += list(values.T) if many else [values]
+        heads += [f"{name}{j + 1}" for j in range(values.shape[1])] if many else [name]
+    np.savetxt(path, np.column_stack(columns), delimiter=",", header=",".join(heads), comments="", fmt="%.12g")
+    return path
+
+
+def mended(path, examination):
+    """Return the robot file with what was told."""
+    content = tomllib.loads(path.read_text())
+    told = tomllib.loads(examination.toml)
+    file = RobotFile.load(path)
+    sections = {name: {**content.get(name, {}), **told.get(name, {})} for name in ("log", "processing")}
+    return replace(file, sections={**file.sections, **sections})
+
+
+def error(robot, log):
+    """Return the relative error of the answer."""
+    return sy.identify(robot, [log], prior=None, prefer="lightest").estimate.relative_error
+
+
+def late(log, seconds):
+    """Return the log with torques that come later."""
+    torque = np.column_stack([np.interp(T - seconds, T, column) for column in log["tau"].T])
+    return {**log, "tau": torque}
+
+
+def without(log, rows):
+    """Return the log without some rows."""
+    return {name: np.delete(values, rows, axis=0) for name, values in log.items()}
+
+
+def clipped(log):
+    level = 0.7 * np.abs(log["tau"][:, 1]).max()
+    torque = log["tau"].copy()
+    torque[:, 1] = np.clip(torque[:, 1], -level, level)
+    return {**log, "tau": torque}
+
+
+def frozen(log):
+    """Return the log of a logger that writes every tenth row twice."""
+    found = {name: values.copy() for name, values in log.items()}
+    for name in ("q", "tau"):
+        found[name][10::10] = found[name][9:-1:10]
+    return found
+
+
+def with_holes(log):
+    torque = log["tau"].copy()
+    torque[1000:1010, 2] = np.nan
+    return {**log, "tau": torque}
+
+
+def with_velocities(log, factor):
+    return {**log, "dq": factor * np.gradient(log["q"], T, axis=0)}
+
+
+PLANTED = {
+    "stamps rounded to 20 ms": (
+        lambda log: {**log, "t": np.floor(T / 0.02) * 0.02},
+        "repeated stamps",
+        {"log": {"time": "t", "time_unit": "s", "rate": 250.0}},
+    ),
+    "stamps in ms": (
+        lambda log: {**log, "t": 1e3 * T},
+        "time unit",
+        {"log": {"time_unit": "ms"}},
+    ),
+    "unsteady stamps": (
+        lambda log: {**log, "t": T + 1e-3 * np.random.default_rng(2).uniform(size=T.shape)},
+        "jitter",
+        {"log": {"time": "t", "time_unit": "s", "rate": 250.0}},
+    ),
+    "missing rows": (
+        lambda log: without(log, [1000, 1001, 2500, 2501, 2502]),
+        "gaps",
+        {"processing": {"longest_gap": pytest.approx(0.0162, rel=0.02)}},
+    ),
+    "missing torques": (with_holes, "missing values", {"log": {"missing": "fill"}}),
+    "torque sensor that is stuck": (
+        lambda log: {**log, "tau": log["tau"] * [1, 1, 0]},
+        "stuck torque",
+        {"processing": {"exclude_joints": [3]}},
+    ),
+    "clipped torques": (clipped, "saturation", {"processing": {"saturation": True}}),
+    "rows written twice": (frozen, "repeated", {"processing": {"repeated": True}}),
+    "velocities in degrees": (
+        lambda log: with_velocities(log, np.degrees(1.0)),
+        "velocity unit",
+        {"log": {"velocity_unit": "deg/s"}},
+    ),
+    "velocities of the other sign": (
+        lambda log: with_velocities(log, -1.0),
+        "measured velocity",
+        {"log": {"velocity": "none"}},
+    ),
+}
+"""Faults that are found without a robot."""
+
+
+@pytest.mark.parametrize("fault", PLANTED)
+def test_a_planted_fault_is_found_without_a_robot_and_the_line_mends_it(fault, arm, tmp_path):
+    plant, kind, remedy = PLANTED[fault]
+    log = written(plant(arm[2]), tmp_path / "log.csv")
+    found = examine(log)
+    assert [one.kind for one in found.findings] == [kind]
+    assert found.findings[0].remedy == remedy
+    again = examine(log, mended(arm[0], found))
+    # Without the torques of a joint, a motion shows less.
+    assert [one.kind for one in again.findings] == (["excitation"] if "stuck" in fault else [])
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("fault", [fault for fault in PLANTED if "stuck" not in fault])
+def test_a_log_that_was_mended_is_identified_as_well_as_a_sound_one(fault, arm, tmp_path):
+    log = written(PLANTED[fault][0](arm[2]), tmp_path / "log.csv")
+    assert error(mended(arm[0], examine(log)), log) < 0.03  # there is 2 % of noise, and 2.05 % in the sound log
+
+
+BY_THE_MODEL = {
+    "degrees": (lambda log: {**log, "q": np.degrees(log["q"])}, "position_unit", "deg"),
+    "torques in mN·m": (lambda log: {**log, "tau": 1e3 * log["tau"]}, "torque_unit", "mN·m"),
+    "torque sign": (lambda log: {**log, "tau": log["tau"] * [1, -1, 1]}, "torque_sign", [1, -1, 1]),
+    "order of torques": (lambda log: {**log, "tau": log["tau"][:, [1, 0, 2]]}, "torque", ["tau2", "tau1", "tau3"]),
+    "late torques": (lambda log: late(log, 0.02), "delay", pytest.approx(0.02, abs=5e-4)),
+}
+
+
+@pytest.mark.parametrize(
+    "fault", [fault if fault == "degrees" else pytest.param(fault, marks=pytest.mark.slow) for fault in BY_THE_MODEL]
+)
+def test_a_planted_fault_is_found_by_the_model_and_the_line_mends_it(fault, arm, tmp_path):
+    plant, key, value = BY_THE_MODEL[fault]
+    log = written(plant(arm[2]), tmp_path / "log.csv")
+    found = examine(log, arm[0])
+    section = "processing" if key == "delay" else "log"
+    assert found.remedies == {section: {key: value}}
+    robot = mended(arm[0], found)
+    assert examine(log, robot).findings == ()
+    if fault != "degrees":
+        assert error(robot, log) < (0.03 if "mN" in fault else 0.7 * error(arm[0], log))
+
+
+def test_a_sound_log_has_no_finding(arm, tmp_path):
+    log = written(arm[2], tmp_path / "log.csv")
+    alone, with_robot = examine(log), examine(log, arm[0])
+    assert alone.findings == with_robot.findings == ()
+    assert alone.remedies == {}
+    assert "nothing is wrong" in repr(alone)
+    # What was measured is what was made.
+    assert alone.facts["rows"].startswith("5000, 19.996 s at 250 Hz")
+    rows = {row[0]: dict(zip(alone.joint_heads, row, strict=True)) for row in alone.joint_rows}
+    for j in range(3):
+        travel = float(rows[f"joint {j + 1}"]["travel"])
+        assert travel == pytest.approx(np.ptp(arm[2]["q"][:, j]), rel=1e-2)
+        noise = float(rows[f"joint {j + 1}"]["its noise"])
+        assert noise == pytest.approx(0.02 * arm[2]["tau"][:, j].std(), rel=0.1)
+
+
+def test_faults_are_all_found_at_once_the_most_harmful_first(arm, tmp_path):
+    log = clipped(with_holes(arm[2]))
+    path = written({**log, "t": 1e3 * T}, tmp_path / "log.csv")
+    found = examine(path)
+    assert {one.kind for one in found.findings} == {"time unit", "missing values", "saturation"}
+    assert [one.harm for one in found.findings] == ["refused", "refused", "wrong"]
+    assert examine(path, mended(arm[0], found)).findings == ()
+
+
+def test_what_the_robot_file_deals_with_is_no_finding(arm, tmp_path):
+    log = written(clipped(arm[2]), tmp_path / "log.csv")
+    own = tmp_path / "robot.toml"
+    own.write_text(arm[0].read_text() + "[processing]\nsaturation = true\n")
+    assert examine(log, own).findings == ()
+
+
+def test_a_joint_that_stands_still_is_locked(arm, simulation, tmp_path):
+    """The line changes the description, so that it is tried in a file."""
+    _, model, _ = arm
+    q, dq, ddq = simulation.trajectory(11).motion(T)
+    q[:, 2], dq[:, 2], ddq[:, 2] = 0.3, 0.0, 0.0
+    torque = model.inverse_dynamics(q, dq, ddq, simulation.true_parameters(model))
+    torque += 0.02 * torque.std(axis=0) * np.random.default_rng(1).normal(size=q.shape)
+    log = written({"t": T, "q": q, "tau": torque}, tmp_path / "log.csv")
+    found = examine(log, arm[0])
+    held = next(one for one in found.findings if one.kind == "held joint")
+    assert held.remedy == {
+        "description": {"locked": {"joint3": 0.3}},
+        "log": {"position": ["q1", "q2"], "torque": ["tau1", "tau2"]},
+    }
+    lines = held.toml.replace("[description]\n", "")
+    own = tmp_path / "robot.toml"
+    own.write_text(arm[0].read_text().replace("[description]\n", f"[description]\n{lines.partition('[log]')[0]}"))
+    own.write_text(own.read_text() + "[log]" + lines.partition("[log]")[2])
+    assert "held joint" not in [one.kind for one in examine(log, own).findings]
+    assert sy.Model.load(own).dof == 2
+    assert [one.advice != "" for one in examine(log).findings if one.kind == "held joint"] == [True]
+
+
+def test_a_second_run_in_the_same_file_is_told_to_be_split_off(arm, tmp_path):
+    log = {name: np.concatenate([values[:2000], values[:2000]]) for name, values in arm[2].items()}
+    found = examine(written(log, tmp_path / "log.csv"))
+    (one,) = found.findings
+    assert (one.kind, one.harm, one.remedy) == ("stamps that go back", "refused", {})
+    assert "line 2002" in one.statement
+    assert "Split the log" in one.advice
+
+
+def test_coarse_encoders_and_loud_torques_are_told(arm, tmp_path):
+    step = np.ptp(arm[2]["q"][:, 0]) / 100
+    coarse = {**arm[2], "q": np.round(arm[2]["q"] / step) * step}
+    assert "resolution" in [one.kind for one in examine(written(coarse, tmp_path / "coarse.csv")).findings]
+    torque = arm[2]["tau"] + 0.8 * arm[2]["tau"].std(axis=0) * np.random.default_rng(5).normal(size=(5000, 3))
+    loud = examine(written({**arm[2], "tau": torque}, tmp_path / "loud.csv"))
+    assert {one.kind for one in loud.findings} == {"torque noise"}
+
+
+def test_a_motion_that_shows_little_is_told_with_the_weak_parameters(arm, simulation, tmp_path):
+    path, model, _ = arm
+    t = T[:2500]
+    speed = np.array([0.9, 1.0, 1.1])
+    q, dq, ddq = 0.05 * np.sin(np.outer(t, speed)), 0.05 * speed * np.cos(np.outer(t, speed)), None
+    ddq = -(speed**2) * q
+    torque = model.inverse_dynamics(q, dq, ddq, simulation.true_parameters(model))
+    torque += 0.02 * torque.std(axis=0) * np.random.default_rng(1).normal(size=q.shape)
+    found = examine(written({"t": t, "q": q, "tau": torque}, tmp_path / "log.csv"), path)
+    one = next(one for one in found.findings if one.kind == "excitation")
+    assert f"steelyard excite {path}" in one.advice
+    number = found.information.condition_number
+    regressor = model.regressor(q, dq, ddq).reshape(-1, model.parameter_count)
+    base = regressor[:, model.base_parameters().independent]
+    assert number == pytest.approx(np.linalg.cond(base), rel=0.3)  # the filter takes the ends
+
+
+def test_plain_data_holds_everything(arm, tmp_path):
+    found = examine(written(clipped(arm[2]), tmp_path / "log.csv"), arm[0]).to_dict()
+    assert [one["toml"] for one in found["findings"]] == ["[processing]\nsaturation = true"]
+    assert found["remedies"] == {"processing": {"saturation": True}}
+    assert [one["column"] for one in found["columns"]] == ["t", "q1", "q2", "q3", "tau1", "tau2", "tau3"]
+    assert [one["joint"] for one in found["joints"]] == ["joint1", "joint2", "joint3"]
+
+
+def test_joints_of_a_description_that_the_log_lacks_are_locked(tmp_path):
+    """A hand is described and not logged."""
+    joint = (
+        '<joint name="j{0}" type="continuous"><parent link="l{1}"/><child link="l{0}"/><origin xyz="0.3 0 0"/>'
+        '<axis xyz="0 {2} 0"/></joint><link name="l{0}"><inertial><mass value="{0}"/>'
+        '<inertia ixx="0.1" ixy="0" ixz="0" iyy="0.1" iyz="0" izz="0.1"/></inertial></link>'
+    )
+    urdf = tmp_path / "arm.urdf"
+    urdf.write_text(
+        f'<robot name="arm"><link name="l0"/>{"".join(joint.format(k, k - 1, 1) for k in (1, 2, 3))}</robot>'
+    )
+    t = T[::2]
+    q = np.column_stack([np.sin(1.3 * t) + 0.3 * np.sin(4 * t), np.sin(2.1 * t) + 0.2 * np.cos(3.7 * t)])
+    log = {"t": t, "q": q, "tau": 5 * np.cos(q) + 0.1 * np.random.default_rng(1).normal(size=q.shape)}
+    found = examine(log, urdf)
+    one = next(one for one in found.findings if one.kind == "joints without columns")
+    assert one.remedy == {"description": {"locked": ["j3"]}}
+    assert found.information.joint_names == ("j1", "j2")
