@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import os
 import re
-import tempfile
+import tomllib
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -146,6 +146,7 @@ def first_robot_file(
     >>> link = '<link name="{}"><inertial><mass value="1"/>{}</inertial></link>'
     >>> inertia = '<inertia ixx="1" ixy="0" ixz="0" iyy="1" iyz="0" izz="1"/>'
     >>> joint = '<joint name="elbow" type="continuous"><parent link="base"/><child link="arm"/></joint>'
+    >>> import tempfile
     >>> with tempfile.TemporaryDirectory() as place:
     ...     path = Path(place) / "one.urdf"
     ...     _ = path.write_text(f'<robot name="one"><link name="base"/>{link.format("arm", inertia)}{joint}</robot>')
@@ -211,16 +212,14 @@ class _Draft:
         self.joints = logged_joints(files, self.robot.joint_names)
         if self.joints.others:
             self.state("description", "locked", list(self.joints.others), f"{self.joints.reason}; held at 0")
-        with tempfile.TemporaryDirectory() as place:
-            found = examine(log, self._loaded(Path(place)), progress=say)
-            self.examination = found
-            self._mend(found)
-            say("have the rotors an inertia that shows?")
-            self._judge_rotors(Path(place))
-            file = self._loaded(Path(place))
-            names = list(file.robot.joint_names)
-            self.layout = LogFiles(log, LogColumns.from_dict(self.settings.get("log", {}))).layout(names)
-            self._decide(file, say)
+        self.examination = examine(log, self._loaded(), progress=say)
+        self._mend(self.examination)
+        say("have the rotors an inertia that shows?")
+        self._judge_rotors()
+        file = self._loaded()
+        names = list(file.robot.joint_names)
+        self.layout = LogFiles(log, LogColumns.from_dict(self.settings.get("log", {}))).layout(names)
+        self._decide(file, say)
 
     def state(self, section: str, key: str, value: Any, reason: str) -> None:
         """Write a key down, with its reason."""
@@ -246,18 +245,18 @@ class _Draft:
         if before is not None and after != before:
             self.reasons["description", "locked"] += f" Of others {self.joints.reason}."
 
-    def _judge_rotors(self, place: Path) -> None:
+    def _judge_rotors(self) -> None:
         """Take rotor inertias in where the log shows one, and stretches that are left out are predicted as well."""
         if "rotor_inertia" in self.terms:
             return
         self.terms["rotor_inertia"] = ""
         try:
-            shown = self._trial(place)
+            shown = self._trial()
             reason = "" if shown is None else self._rotor_shown(shown.estimate)
             rise = 0.0
             if shown is not None and reason:
                 del self.terms["rotor_inertia"]
-                without = self._trial(place)
+                without = self._trial()
                 rise = 0.0 if without is None else shown.held_out / without.held_out - 1.0
         except InputError:  # more parameters than the log has rows for
             shown, reason, rise = None, "", 0.0
@@ -287,9 +286,9 @@ class _Draft:
             return ""
         return f"the log shows {name} = {value:.3g} ± {error:.1g} kg·m² (standard error) behind gears"
 
-    def _trial(self, place: Path) -> _Trial | None:
+    def _trial(self) -> _Trial | None:
         """Fit the draft to the log, and to all but each of some stretches of it; None where it is too short."""
-        file = self._loaded(place)
+        file = self._loaded()
         model = Model.from_file(file)
         reader = LogReader(file, model, CHUNK_ROWS)
         log = self._path
@@ -332,11 +331,10 @@ class _Draft:
         assert self.log is not None
         return os.fspath(self.log)
 
-    def _loaded(self, place: Path) -> RobotFile:
-        """Load the draft as a robot file."""
-        path = place / "robot.toml"
-        path.write_text(self._text(self.source.resolve(), commented=False)[0], encoding="utf-8")
-        return RobotFile.load(path)
+    def _loaded(self) -> RobotFile:
+        """Return the draft as a robot file."""
+        text, _ = self._text(self.source.resolve(), commented=False)
+        return RobotFile.from_dict(tomllib.loads(text), self.source.resolve().with_name("robot.toml"))
 
     # The text
 

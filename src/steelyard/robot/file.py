@@ -107,7 +107,8 @@ class RobotFile:
             return cls.of(path)
         path, arguments = _without_arguments(path)
         if path.suffix.lower() == ".toml":
-            return replace(cls._from_toml(path), allow_extensions=allow_extensions)
+            content = read_toml(path, remedy="give a robot file")
+            return replace(cls.from_dict(content, path), allow_extensions=allow_extensions)
         robot = read_description(path, xacro_arguments=arguments)
         kept = {"xacro_arguments": arguments} if arguments else {}
         return cls(path, robot, _default_terms(robot), description=kept)
@@ -128,8 +129,20 @@ class RobotFile:
         return cls(path, robot, () if robot.terms else _default_terms(robot))
 
     @classmethod
-    def _from_toml(cls, path: Path) -> RobotFile:
-        content = read_toml(path, remedy="give a robot file")
+    def from_dict(cls, content: dict[str, Any], path: Path) -> RobotFile:
+        """Take the content of a robot file that is, or could be, at a path; the paths in it count from its folder.
+
+        Raises
+        ------
+        InputError
+            As in `load`.
+
+        Examples
+        --------
+        >>> rows = [["pi/2", 0, 0.3, "q"], [0, 0.5, 0, "q"]]
+        >>> RobotFile.from_dict({"name": "elbow", "description": {"rows": rows}}, Path("robot.toml")).robot.dof
+        2
+        """
         TomlTable(content, str(path), TOP_LEVEL, "is no section of a robot file")
         terms = content.get("terms", [])
         if not isinstance(terms, list) or not all(isinstance(term, dict) for term in terms):
