@@ -4,7 +4,8 @@
 
 For each package, which is a folder in FOLDER (by default that of STEELYARD_MODELS), and each format: how many files are
 read, how many of them after joints of several degrees of freedom were locked, how many are refused and why, and the
-largest difference of torques from MuJoCo's, relative to the largest torque. `--list` prints each file.
+largest difference of torques from MuJoCo's, relative to the largest torque; then how many are written with random
+parameters, and that difference for what MuJoCo makes of the copies. `--list` prints each file.
 """
 
 from __future__ import annotations
@@ -32,8 +33,10 @@ class Tally:
         read = [one for one in self.outcomes if not one.reason]
         errors = [one.error for one in read if not one.unchecked]
         locked, unchecked = sum(bool(one.locked) for one in read), sum(bool(one.unchecked) for one in read)
-        worst = f"{max(errors):.1e}" if errors else "-"
-        return f"{len(self.outcomes):6d} {len(read):6d} {locked:8d} {unchecked:10d} {worst:>12s}"
+        written = [one.written_error for one in read if not one.unchecked and not one.unwritten]
+        worst, after = (f"{max(found):.1e}" if found else "-" for found in (errors, written))
+        counts = f"{len(self.outcomes):6d} {len(read):6d} {locked:8d} {unchecked:10d}"
+        return f"{counts} {worst:>12s} {len(written):8d} {after:>12s}"
 
 
 def gist(reason: str) -> str:
@@ -57,11 +60,11 @@ def main() -> None:
                 if given.list:
                     what = outcome.reason or outcome.unchecked or f"{outcome.error:.1e}"
                     print(f"{outcome.path.relative_to(folder)}: {what}", flush=True)
-    print(f"{'package':22s} {'format':6s}  files   read  locking  unchecked  worst error")
+    print(f"{'package':22s} {'format':6s}  files   read  locking  unchecked  worst error  written  worst error")
     for (package, kind), tally in tallies.items():
         print(f"{package:22s} {kind:6s} {tally.row()}")
     everything = [one for tally in tallies.values() for one in tally.outcomes]
-    for title, key in (("refused", "reason"), ("read, but not by MuJoCo", "unchecked")):
+    for title, key in (("refused", "reason"), ("read, but not by MuJoCo", "unchecked"), ("not written", "unwritten")):
         counts = Counter(gist(getattr(one, key)) for one in everything if getattr(one, key))
         print(f"\n{title}: {sum(counts.values())}")
         for text, count in counts.most_common():

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+import tempfile
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from pathlib import Path
@@ -109,9 +110,63 @@ def checked_mjcf(path: Path) -> Outcome:
     """Read an MJCF and compare it with MuJoCo."""
     robot, locked = read(path, lambda file, locked: MJCF.read(file, None, locked, None))
     try:
-        return Outcome(path, error=difference_from_mujoco(path, robot), locked=locked)
+        found = Outcome(path, error=difference_from_mujoco(path, robot), locked=locked)
     except ValueError as error:
         return Outcome(path, locked=locked, unchecked=" ".join(str(error).split()))
+    try:
+        found.written_error = difference_when_written(robot, path)
+    except sy.InputError as error:
+        found.unwritten = str(error).replace(str(path), path.name)
+    return found
+
+
+def difference_when_written(robot: Robot, source: Path, target: Path | None = None, seed: int = 1) -> float:
+    """Write random bodies and drives into a copy of an MJCF, and return the difference of MuJoCo's torques.
+
+    By default the copy is in another folder, where a copy without changes must be the same, byte for byte.
+    """
+    from steelyard.robot.mjcf_writer import write_mjcf
+
+    held = np.zeros(len(robot.parameter_names))
+    for link, start in zip(robot.links, robot.link_starts, strict=True):
+        for one in link.attachments:
+            if one.locked and one.inertia is not None:
+                held[start : start + 10] += one.inertia.moved(one.placement).parameters
+    parameters, known = random_bodies(robot, seed) + held, random_drives(robot, seed)
+    if target is not None:
+        write_mjcf(robot, parameters, known, source, target)
+        return difference_from_mujoco(target, robot, with_rotors(robot, parameters, known["rotor_inertia"]))
+    with tempfile.TemporaryDirectory() as folder:
+        same = Path(folder) / "same.xml"
+        own = {name: [getattr(joint, name) for joint in robot.felt_joints] for name in known}
+        write_mjcf(robot, robot.parameters, own, source, same)
+        assert same.read_bytes() == source.read_bytes()
+        return difference_when_written(robot, source, Path(folder) / "other.xml", seed)
+
+
+def random_bodies(robot: Robot, seed: int = 1) -> np.ndarray:
+    """Return parameters (n,) of links that are possible and differ."""
+    random = np.random.default_rng(seed)
+    parameters = []
+    for _ in robot.links:
+        points, masses = random.normal(size=(6, 3)) * 0.2, random.uniform(0.1, 1.0, 6)
+        parts = [sy.Inertia.from_com(mass, point, np.zeros((3, 3))) for mass, point in zip(masses, points, strict=True)]
+        parameters.append(sum(parts[1:], parts[0]).parameters)
+    return np.concatenate(parameters)
+
+
+def random_drives(robot: Robot, seed: int = 1) -> dict[str, np.ndarray]:
+    """Return damping, friction and rotor inertia (N,)."""
+    random = np.random.default_rng(seed)
+    return {name: random.uniform(0.1, 1.0, robot.dof) for name in ("damping", "friction", "rotor_inertia")}
+
+
+def with_rotors(robot: Robot, parameters: np.ndarray, rotors: np.ndarray) -> np.ndarray:
+    """Return the parameters of the robot with rotors (N,)."""
+    model = sy.Model(robot.with_terms(sy.RotorInertia()))
+    values = dict(zip(robot.parameter_names, parameters, strict=True))
+    numbers = {f"Ia{index + 1}": value for index, value in zip(robot.driving_joints, rotors, strict=True)}
+    return np.array([(values | numbers)[name] for name in model.parameter_names])
 
 
 CHECKS: dict[str, Callable[[Path], Outcome]] = {"mjcf": checked_mjcf}

@@ -5,14 +5,19 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-import steelyard as sy
 from steelyard.errors import InputError
 from steelyard.robot import Inertia, Robot
 from steelyard.robot.mjcf_writer import write_mjcf
 
 mujoco = pytest.importorskip("mujoco", reason="MuJoCo (extra `mjcf`) is not installed")
 
-from described_robots import difference_from_mujoco  # noqa: E402
+from described_robots import (  # noqa: E402
+    difference_from_mujoco,
+    difference_when_written,
+    random_bodies,
+    random_drives,
+    with_rotors,
+)
 from random_mjcf import random_forest  # noqa: E402
 
 ARM = """<?xml version="1.0"?>
@@ -48,39 +53,8 @@ def written(folder: Path, text: str, name: str = "robot.xml") -> Path:
     return path
 
 
-def bodies(robot: Robot, seed: int = 1) -> np.ndarray:
-    """Possible inertias for all links, which differ."""
-    random = np.random.default_rng(seed)
-    parameters = []
-    for _ in robot.links:
-        points, masses = random.normal(size=(6, 3)) * 0.2, random.uniform(0.1, 1.0, 6)
-        parts = [Inertia.from_com(mass, point, np.zeros((3, 3))) for point, mass in zip(points, masses, strict=True)]
-        parameters.append(sum(parts[1:], parts[0]).parameters)
-    return np.concatenate(parameters)
-
-
-def drives(robot: Robot, seed: int = 2) -> dict[str, np.ndarray]:
-    random = np.random.default_rng(seed)
-    return {name: random.uniform(0.1, 1.0, robot.dof) for name in ("damping", "friction", "rotor_inertia")}
-
-
-def with_rotors(robot: Robot, parameters: np.ndarray, rotors: np.ndarray) -> np.ndarray:
-    """The parameters of the robot with the term of rotor inertia."""
-    model = sy.Model(robot.with_terms(sy.RotorInertia()))
-    values = dict(zip(robot.parameter_names, parameters, strict=True))
-    numbers = {f"Ia{index + 1}": value for index, value in zip(robot.driving_joints, rotors, strict=True)}
-    return np.array([(values | numbers)[name] for name in model.parameter_names])
-
-
 def own(robot: Robot) -> dict[str, list[float]]:
     return {name: [getattr(joint, name) for joint in robot.felt_joints] for name in ("damping", "friction")}
-
-
-def difference_when_written(robot: Robot, source: Path, target: Path, seed: int = 1) -> float:
-    """Write random parameters; return the difference of what MuJoCo makes of the file."""
-    parameters, known = bodies(robot, seed), drives(robot, seed)
-    write_mjcf(robot, parameters, known, source, target)
-    return difference_from_mujoco(target, robot, with_rotors(robot, parameters, known["rotor_inertia"]))
 
 
 def test_only_what_changes_is_written(tmp_path):
@@ -120,8 +94,8 @@ def test_mujoco_computes_with_the_parameters_that_were_written(tmp_path):
     robot = Robot.from_mjcf(source)
     assert difference_when_written(robot, source, target) < 1e-9
     again = Robot.from_mjcf(target)
-    assert np.allclose(again.parameters, bodies(robot), rtol=1e-9, atol=1e-12)
-    known = drives(robot, 1)
+    assert np.allclose(again.parameters, random_bodies(robot), rtol=1e-9, atol=1e-12)
+    known = random_drives(robot, 1)
     assert {name: [getattr(one, name) for one in again.joints] for name in known} == {
         k: v.tolist() for k, v in known.items()
     }
@@ -159,7 +133,7 @@ def test_a_body_between_two_joints_is_added(tmp_path):
     assert difference_when_written(robot, source, target) < 1e-9
     assert Robot.from_mjcf(target).link_names == robot.link_names
     # A body is added where there is mass alone.
-    parameters = bodies(robot)
+    parameters = random_bodies(robot)
     parameters[:10] = 0.0
     write_mjcf(robot, parameters, own(robot), source, target)
     world = mujoco.MjModel.from_xml_path(str(target))
@@ -180,7 +154,7 @@ def test_settings_of_the_compiler_do_not_change_what_is_written(tmp_path, compil
     robot = Robot.from_mjcf(source, locked=["wrist"])
     hand = Robot.from_mjcf(source, tip="hand").links[2].inertia.parameters
     held = robot.links[1].attachments[0]
-    parameters = bodies(robot)
+    parameters = random_bodies(robot)
     parameters[10:20] += held.inertia.moved(held.placement).parameters
     write_mjcf(robot, parameters, {}, source, target)
     again = Robot.from_mjcf(target, locked=["wrist"])
@@ -244,6 +218,18 @@ def test_meshes_are_found_from_another_folder(tmp_path):
     assert difference_when_written(Robot.from_mjcf(source), source, target) < 1e-9
 
 
+def test_damping_that_the_compiler_makes_of_a_spring(tmp_path):
+    text = ARM.replace('<joint damping="0.5"/>', '<joint springdamper="0.1 1"/>')
+    source, target = written(tmp_path, text), tmp_path / "out.xml"
+    robot = Robot.from_mjcf(source)
+    before = mujoco.MjModel.from_xml_path(str(source))
+    assert before.jnt_stiffness.min() > 0.0
+    write_mjcf(robot, random_bodies(robot), {"damping": [0.1, np.nan, 0.3]}, source, target)
+    world = mujoco.MjModel.from_xml_path(str(target))
+    assert world.dof_damping[[0, 2]].tolist() == [0.1, 0.3]
+    assert world.jnt_stiffness[[0, 2]].tolist() == before.jnt_stiffness[[0, 2]].tolist()
+
+
 def test_coupled_joints_share_what_is_written(tmp_path):
     equality = '<equality><joint joint1="wrist" joint2="elbow" polycoef="0 2 0 0 0"/></equality>'
     equality = '<equality><joint joint1="wrist" joint2="elbow" polycoef="0 2 0 0 0"/></equality>'
@@ -264,7 +250,7 @@ REPLICATED = """<mujoco><worldbody><replicate count="2" offset="0 1 0">
 def test_what_cannot_be_written_is_refused(tmp_path):
     source, target = written(tmp_path, ARM), tmp_path / "out.xml"
     robot = Robot.from_mjcf(source)
-    good = bodies(robot)
+    good = random_bodies(robot)
     with pytest.raises(InputError, match=r'joint "elbow": its rotor inertia is -1'):
         write_mjcf(robot, good, {"rotor_inertia": [1, -1, 1]}, source, target)
     with pytest.raises(InputError, match="this is the MJCF that was read"):
@@ -278,7 +264,7 @@ def test_what_cannot_be_written_is_refused(tmp_path):
     robot = Robot.from_mjcf(copies)
     assert robot.dof == 2
     with pytest.raises(InputError, match=r'the body "a0" is a copy that MuJoCo makes'):
-        write_mjcf(robot, bodies(robot), {}, copies, target)
+        write_mjcf(robot, random_bodies(robot), {}, copies, target)
     assert not target.exists()
 
 

@@ -123,6 +123,8 @@ class _Writer:
     def __init__(self, read: MjcfTree, changes: DescriptionChanges) -> None:
         self.read, self.document, self.changes = read, read.document, changes
         self.rows = dict(zip(read.body_names, read.compiled.bodies, strict=True))
+        self.joint_rows = dict(zip(read.joint_names, read.compiled.joints, strict=True))
+        self.springs = any("springdamper" in one.attributes for one in self.document.root.iterate())
         self.between = {link for link in read.link_of.values() if link not in self.rows}
         allowed = {name: _allowed(inertia) for name, inertia in changes.inertias.items()}
         self.inertias = {name: inertia for name, inertia in allowed.items() if name in self.rows}
@@ -141,6 +143,9 @@ class _Writer:
         for name, values in self.changes.drives.items():
             joint = self._element(name, "joint")
             texts = {DRIVE_ATTRIBUTES[key]: _text(value) for key, value in values.items()}
+            if "damping" in values and self.springs:  # MuJoCo would replace the damping by that of the spring
+                stiffness = self.joint_rows[name]["stiffness"]
+                texts |= {"springdamper": "0 0", "stiffness": _text(stiffness)}
             joint.file.edit.set_attributes(joint.place, texts)
         joints = self.document.body_of.items()
         parted = [body for joint, body in joints if self.read.link_of.get(joint) in self.inertias_between]
