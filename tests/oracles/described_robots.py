@@ -11,7 +11,7 @@ from pathlib import Path
 import numpy as np
 
 import steelyard as sy
-from steelyard.robot import Robot
+from steelyard.robot import Drives, Robot
 from steelyard.robot.description import description_format
 from steelyard.robot.mjcf import MJCF
 
@@ -135,10 +135,12 @@ def difference_when_written(robot: Robot, source: Path, target: Path | None = No
     parameters, known = random_bodies(robot, seed) + held, random_drives(robot, seed)
     if target is not None:
         write_mjcf(robot, parameters, known, source, target)
-        return difference_from_mujoco(target, robot, with_rotors(robot, parameters, known["rotor_inertia"]))
+        return difference_from_mujoco(target, robot, with_rotors(robot, parameters, known.rotor_inertia))
     with tempfile.TemporaryDirectory() as folder:
         same = Path(folder) / "same.xml"
-        own = {name: [getattr(joint, name) for joint in robot.felt_joints] for name in known}
+        own = Drives.unknown(robot.dof).with_known(
+            **{name: [getattr(joint, name) for joint in robot.felt_joints] for name in DRIVES}
+        )
         write_mjcf(robot, robot.parameters, own, source, same)
         assert same.read_bytes() == source.read_bytes()
         return difference_when_written(robot, source, Path(folder) / "other.xml", seed)
@@ -155,10 +157,13 @@ def random_bodies(robot: Robot, seed: int = 1) -> np.ndarray:
     return np.concatenate(parameters)
 
 
-def random_drives(robot: Robot, seed: int = 1) -> dict[str, np.ndarray]:
-    """Return damping, friction and rotor inertia (N,)."""
+DRIVES = ("damping", "friction", "rotor_inertia")
+
+
+def random_drives(robot: Robot, seed: int = 1) -> Drives:
+    """Return damping, friction and rotor inertia, without offsets."""
     random = np.random.default_rng(seed)
-    return {name: random.uniform(0.1, 1.0, robot.dof) for name in ("damping", "friction", "rotor_inertia")}
+    return Drives.unknown(robot.dof).with_known(**{name: random.uniform(0.1, 1.0, robot.dof) for name in DRIVES})
 
 
 def with_rotors(robot: Robot, parameters: np.ndarray, rotors: np.ndarray) -> np.ndarray:

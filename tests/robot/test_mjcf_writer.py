@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from steelyard.errors import InputError
-from steelyard.robot import Inertia, Robot
+from steelyard.robot import Drives, Inertia, Robot
 from steelyard.robot.mjcf_writer import write_mjcf
 
 mujoco = pytest.importorskip("mujoco", reason="MuJoCo (extra `mjcf`) is not installed")
@@ -53,8 +53,13 @@ def written(folder: Path, text: str, name: str = "robot.xml") -> Path:
     return path
 
 
-def own(robot: Robot) -> dict[str, list[float]]:
-    return {name: [getattr(joint, name) for joint in robot.felt_joints] for name in ("damping", "friction")}
+def known(robot: Robot, **values) -> Drives:
+    return Drives.unknown(robot.dof).with_known(**values)
+
+
+def own(robot: Robot) -> Drives:
+    names = ("damping", "friction")
+    return known(robot, **{name: [getattr(joint, name) for joint in robot.felt_joints] for name in names})
 
 
 def test_only_what_changes_is_written(tmp_path):
@@ -62,7 +67,7 @@ def test_only_what_changes_is_written(tmp_path):
     robot = Robot.from_mjcf(source, locked=["wrist"])
     parameters = np.array(robot.parameters)
     parameters[:10] = BODY.parameters
-    write_mjcf(robot, parameters, {"damping": [0.5, 0.25], "rotor_inertia": [np.nan, 0.0]}, source, target)
+    write_mjcf(robot, parameters, known(robot, damping=[0.5, 0.25], rotor_inertia=[np.nan, 0.0]), source, target)
     old, new = ARM.splitlines(), target.read_text("utf-8").splitlines()
     changed = [(a, b) for a, b in zip(old, new, strict=True) if a != b]
     assert [a for a, _ in changed] == [old[12], old[14], old[16]]
@@ -95,10 +100,22 @@ def test_mujoco_computes_with_the_parameters_that_were_written(tmp_path):
     assert difference_when_written(robot, source, target) < 1e-9
     again = Robot.from_mjcf(target)
     assert np.allclose(again.parameters, random_bodies(robot), rtol=1e-9, atol=1e-12)
-    known = random_drives(robot, 1)
-    assert {name: [getattr(one, name) for one in again.joints] for name in known} == {
-        k: v.tolist() for k, v in known.items()
-    }
+    for name in ("damping", "friction", "rotor_inertia"):
+        assert [getattr(joint, name) for joint in again.joints] == getattr(random_drives(robot, 1), name).tolist()
+
+
+def test_offsets_stand_among_the_numbers_of_the_user(tmp_path):
+    source, target, third = written(tmp_path, ARM), tmp_path / "out.xml", tmp_path / "third.xml"
+    robot = Robot.from_mjcf(source)
+    write_mjcf(robot, robot.parameters, known(robot, offset=[0.5, np.nan, -0.25]), source, target)
+    world = mujoco.MjModel.from_xml_path(str(target))
+    assert world.numeric("steelyard:offset:shoulder").data.tolist() == [0.5]
+    assert world.numeric("steelyard:offset:wrist").data.tolist() == [-0.25]
+    again = Robot.from_mjcf(target)
+    write_mjcf(again, again.parameters, known(robot, offset=[0.5, np.nan, -0.25]), target, third)
+    assert third.read_bytes() == target.read_bytes()
+    write_mjcf(again, again.parameters, known(robot, offset=[0.75, np.nan, -0.25]), target, third)
+    assert third.read_bytes() == target.read_bytes().replace(b'"0.5"/>\n    <numeric', b'"0.75"/>\n    <numeric')
 
 
 @pytest.mark.parametrize("seed", [1, *(pytest.param(seed, marks=pytest.mark.slow) for seed in range(2, 33))])
@@ -156,7 +173,7 @@ def test_settings_of_the_compiler_do_not_change_what_is_written(tmp_path, compil
     held = robot.links[1].attachments[0]
     parameters = random_bodies(robot)
     parameters[10:20] += held.inertia.moved(held.placement).parameters
-    write_mjcf(robot, parameters, {}, source, target)
+    write_mjcf(robot, parameters, known(robot), source, target)
     again = Robot.from_mjcf(target, locked=["wrist"])
     assert np.allclose(again.parameters, parameters, rtol=1e-9, atol=1e-12)
     assert np.allclose(Robot.from_mjcf(target).links[2].inertia.parameters, hand, rtol=1e-9, atol=1e-12)
@@ -171,7 +188,7 @@ def test_an_inertia_on_the_bound_of_what_is_possible(tmp_path):
     rod = Inertia.from_com(1e-3, (0.0, 0.0, 0.3), turn @ np.diag([1e-7, 1e-7, 0.0]) @ turn.T)
     point = Inertia.from_com(1e-3, (0.0, 0.0, 0.3), np.zeros((3, 3)))
     parameters = np.concatenate([one.parameters for one in (flat, rod, point)])
-    write_mjcf(robot, parameters, {}, source, target)
+    write_mjcf(robot, parameters, known(robot), source, target)
     assert difference_from_mujoco(target, robot, with_rotors(robot, parameters, [0.0, 0.02, 0.0])) < 1e-9
 
 
@@ -224,7 +241,7 @@ def test_damping_that_the_compiler_makes_of_a_spring(tmp_path):
     robot = Robot.from_mjcf(source)
     before = mujoco.MjModel.from_xml_path(str(source))
     assert before.jnt_stiffness.min() > 0.0
-    write_mjcf(robot, random_bodies(robot), {"damping": [0.1, np.nan, 0.3]}, source, target)
+    write_mjcf(robot, random_bodies(robot), known(robot, damping=[0.1, np.nan, 0.3]), source, target)
     world = mujoco.MjModel.from_xml_path(str(target))
     assert world.dof_damping[[0, 2]].tolist() == [0.1, 0.3]
     assert world.jnt_stiffness[[0, 2]].tolist() == before.jnt_stiffness[[0, 2]].tolist()
@@ -252,19 +269,19 @@ def test_what_cannot_be_written_is_refused(tmp_path):
     robot = Robot.from_mjcf(source)
     good = random_bodies(robot)
     with pytest.raises(InputError, match=r'joint "elbow": its rotor inertia is -1'):
-        write_mjcf(robot, good, {"rotor_inertia": [1, -1, 1]}, source, target)
+        write_mjcf(robot, good, known(robot, rotor_inertia=[1, -1, 1]), source, target)
     with pytest.raises(InputError, match="this is the MJCF that was read"):
-        write_mjcf(robot, good, {}, source, source)
+        write_mjcf(robot, good, known(robot), source, source)
     with pytest.raises(InputError, match='link "upper": its mass is 0 kg'):
-        write_mjcf(robot, np.concatenate([np.zeros(10), good[10:]]), {}, source, target)
+        write_mjcf(robot, np.concatenate([np.zeros(10), good[10:]]), known(robot), source, target)
     other = written(tmp_path, ARM.replace("elbow", "knee"), "other.xml")
     with pytest.raises(InputError, match=r'other\.xml: it has no joint "elbow"'):
-        write_mjcf(robot, good, {}, other, target)
+        write_mjcf(robot, good, known(robot), other, target)
     copies = written(tmp_path, REPLICATED, "copies.xml")
     robot = Robot.from_mjcf(copies)
     assert robot.dof == 2
     with pytest.raises(InputError, match=r'the body "a0" is a copy that MuJoCo makes'):
-        write_mjcf(robot, random_bodies(robot), {}, copies, target)
+        write_mjcf(robot, random_bodies(robot), known(robot), copies, target)
     assert not target.exists()
 
 

@@ -28,7 +28,7 @@ class MjcfFormat(DescriptionFormat):
         """See `write_mjcf`."""
         from .mjcf_writer import write_mjcf  # what writes is loaded when something is written
 
-        write_mjcf(robot, parameters, drives.held_by_joints(), source, target)
+        write_mjcf(robot, parameters, drives, source, target)
 
 
 MJCF = MjcfFormat()

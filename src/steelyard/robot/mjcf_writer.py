@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
 from pathlib import Path
 from xml.sax.saxutils import escape
@@ -14,13 +15,16 @@ from steelyard.files import read_bytes, write_bytes
 
 from .description_changes import DescriptionChanges, description_changes, is_same, require_target
 from .inertia import Inertia
+from .joint import Drives
 from .mjcf_document import MjcfElement, MjcfFile
 from .mjcf_tree import MjcfTree, body_inertia, read_mjcf_tree
 from .robot import Robot
 
-__all__ = ["DRIVE_ATTRIBUTES", "write_mjcf"]
+__all__ = ["DRIVE_ATTRIBUTES", "OFFSET", "write_mjcf"]
 
 DRIVE_ATTRIBUTES = {"damping": "damping", "friction": "frictionloss", "rotor_inertia": "armature"}
+OFFSET = "steelyard:offset:"
+"""Beginning of the name of a number in ``<custom>``."""
 OTHER_INERTIA = ("diaginertia", "quat", "axisangle", "xyaxes", "zaxis", "euler")
 # MuJoCo refuses principal moments of which two are less than the third, or one below 1e-14 kg m², by whatever little.
 # An estimate may lie on that bound, where rounding decides; so much, relative to the largest one, is added to all.
@@ -33,7 +37,7 @@ FOLDERS = {"mesh": "meshdir", "hfield": "meshdir", "skin": "meshdir", "texture":
 def write_mjcf(
     robot: Robot,
     parameters: ArrayLike,
-    drives: Mapping[str, ArrayLike],
+    drives: Drives,
     source: str | Path,
     target: str | Path,
 ) -> None:
@@ -59,9 +63,10 @@ def write_mjcf(
         The robot that was read from `source`.
     parameters : (n,) array
         Values of `robot.parameter_names`.
-    drives : mapping from name to (N,) array
-        ``damping`` (N m s/rad or N s/m), ``friction`` (N m or N), ``rotor_inertia`` (kg m² or kg) of each coordinate;
-        NaN leaves a value as it was. They include what the mimic joints of the coordinate add, which get 0.
+    drives : Drives
+        Of each coordinate; NaN leaves a value as it was. They include what the mimic joints of the coordinate add,
+        which get 0. The offset, for which MJCF has no place, stands in ``<custom>`` as the number with the name
+        ``steelyard:offset:`` and that of the joint.
     source : str or Path
         The MJCF to copy.
     target : str or Path
@@ -79,6 +84,7 @@ def write_mjcf(
     Examples
     --------
     >>> import tempfile
+    >>> from steelyard.robot import Drives
     >>> text = '''<mujoco model="door"><default><joint damping="0.4"/></default>
     ... <worldbody><body name="leaf"><joint name="hinge"/><geom size="0.1"/></body></worldbody></mujoco>'''
     >>> with tempfile.TemporaryDirectory() as folder:
@@ -86,21 +92,27 @@ def write_mjcf(
     ...     _ = source.write_text(text)
     ...     robot = Robot.from_mjcf(source)
     ...     leaf = Inertia.from_com(mass=12.0, com=(0.5, 0.0, 1.0), about_com=np.diag([4.0, 4.5, 0.75]))
-    ...     write_mjcf(robot, leaf.parameters, {"damping": [0.3], "rotor_inertia": [0.02]}, source, target)
+    ...     drives = Drives.unknown(1).with_known(damping=[0.3], rotor_inertia=[0.02])
+    ...     write_mjcf(robot, leaf.parameters, drives, source, target)
     ...     print(target.read_text())
     <mujoco model="door"><default><joint damping="0.4"/></default>
     <worldbody><body name="leaf"><inertial pos="0.5 0.0 1.0" mass="12.0" fullinertia="4.0 4.5 0.75 0.0 0.0 0.0"/><joint
     name="hinge" damping="0.3" armature="0.02"/><geom size="0.1"/></body></worldbody></mujoco>
     """
     source, target = Path(source), Path(target)
-    changes = description_changes(robot, parameters, drives)
+    changes = description_changes(robot, parameters, drives.held_by_joints())
+    offsets = dict(zip(robot.joint_names, drives.offset.tolist(), strict=True))
     require_target(source, target, robot, "MJCF")
-    if not changes:
+    if not changes and all(math.isnan(value) for value in offsets.values()):
         write_bytes(read_bytes(source, remedy="give the path of an MJCF file"), target)
         return
     read = read_mjcf_tree(source)
     _require_robot(robot, read)
     writer = _Writer(read, changes)
+    writer.set_offsets({name: value for name, value in offsets.items() if not math.isnan(value)})
+    if not changes and not any(file.edit.edited for file in read.document.files):
+        write_bytes(read.document.files[0].edit.data, target)
+        return
     data = writer.edited(source.resolve().parent, target.resolve().parent)
     writer.require_read_back(read_mjcf_tree(target, data))
     write_bytes(data, target)
@@ -160,6 +172,23 @@ class _Writer:
             self._find_assets(source)
         self._join(source, target)
         return self.document.files[0].edit.result()
+
+    def set_offsets(self, offsets: Mapping[str, float]) -> None:
+        """Write constant torques, which MJCF does not have, as numbers of the user."""
+        sections = list(self.document.root.all("custom"))
+        held = {one.attributes.get("name"): one for section in sections for one in section.all("numeric")}
+        lines = []
+        for joint, value in offsets.items():
+            if math.isinf(value):
+                raise InputError(f'joint "{joint}": its offset must be finite, got {value}')
+            name, data = OFFSET + joint, _text(value)
+            if name not in held:
+                lines.append(_tag("numeric", {"name": _attribute(name), "data": data}))
+            elif held[name].attributes.get("data") != data:
+                held[name].file.edit.set_attributes(held[name].place, {"data": data})
+        if lines:
+            first = self.document.files[0].edit
+            first.insert_last(first.root, "<custom>", *(f"  {line}" for line in lines), "</custom>")
 
     def _element(self, name: str, what: str) -> MjcfElement:
         found = (self.document.bodies if what == "body" else self.document.joints).get(name)
