@@ -162,6 +162,13 @@ class TestLines:
         found = [sy.Estimate.load(place / name / "estimate.json").parameters for name in ("out", "other")]
         np.testing.assert_array_equal(*found)
 
+    def test_remarks_name_what_a_description_has(self, run, place):
+        _, out, _ = run("identify", place / "pair.urdf", place / "log.csv", "-o", place / "out")
+        assert "set `cutoff` in [processing] to choose" in " ".join(out.split())
+        assert "pair.urdf has no such sections: give such a line as --set SECTION.KEY=VALUE" in " ".join(out.split())
+        _, out, _ = run("identify", place / "robot.toml", place / "log.csv", "-o", place / "out")
+        assert "no such sections" not in out
+
     def test_a_robot_file_needs_no_other_remedy(self, run, place):
         text = (place / "log.csv").read_text()
         (place / "stamps.csv").write_text(text.replace("t,", "stamp_of_mine,", 1))

@@ -196,13 +196,18 @@ def test_columns_by_joint_name_are_found_in_any_order(files):
     np.testing.assert_array_equal(found.torque, by_matrices(log)["tau"])
 
 
-def test_dates_count_as_seconds(files):
+def test_dates_count_as_seconds(files, tmp_path):
     log = files[1]
     frame = pl.DataFrame(by_columns(log)).with_columns(
         (pl.col("t") * 1e9).round().cast(pl.Int64).cast(pl.Datetime("ns")).alias("t")
     )
-    found = sy.Recording.read(frame, joints=2)
-    np.testing.assert_allclose(found.t, by_columns(log)["t"], atol=1e-9)
+    texts = frame.with_columns(pl.col("t").dt.strftime("%Y-%m-%dT%H:%M:%S%.9f"))
+    texts.write_csv(tmp_path / "texts.csv")
+    of_file = sy.Recording.read(tmp_path / "texts.csv", joints=2)
+    for one in (frame, texts, {name: texts[name].to_list() for name in texts.columns}):
+        found = sy.Recording.read(one, joints=2)
+        np.testing.assert_allclose(found.t, by_columns(log)["t"], atol=1e-9)
+        np.testing.assert_allclose(found.t, of_file.t, atol=0 if one is not frame else 1e-9)
 
 
 def test_pandas_without_pyarrow(files, monkeypatch):

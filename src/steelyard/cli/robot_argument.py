@@ -9,13 +9,12 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
+from .terminal import SECTIONS
+
 if TYPE_CHECKING:
     from steelyard.robot import RobotFile
 
 __all__ = ["SetLines", "lines_told", "load_robot"]
-
-SECTIONS = ("log", "processing", "constraints", "payload")
-"""Sections of robot.toml that options may speak for; the others are part of the robot."""
 
 SetLines = Annotated[
     list[str] | None,

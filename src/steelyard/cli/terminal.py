@@ -24,8 +24,12 @@ if TYPE_CHECKING:
     from steelyard.excitation import ExcitationDesign
     from steelyard.identification import Identification
 
+SECTIONS = ("log", "processing", "constraints", "payload")
+"""Sections of robot.toml for which the command line may speak; the others are part of the robot."""
+
 __all__ = [
     "LONGEST_SENTENCE",
+    "SECTIONS",
     "echo",
     "guarded",
     "print_json",
@@ -355,12 +359,20 @@ def show_identification(result: Identification, *, whole_table: bool = False, ve
     others = [remark for remark in (*result.estimate.remarks, *result.remarks) if remark not in mistakes]
     for remark in gathered(others, all_logs):
         say(f"Note: {remark}")
+    file = result.robot_file
+    if file is not None and file.suffix.lower() != ".toml" and _names_sections((*others, *mistakes)):
+        say(f"{file} has no such sections: give such a line as --set SECTION.KEY=VALUE, or write it into a robot.toml.")
     for layout, of in result.columns():
         if verbose or layout.guesses:
             say(f"Columns of {of[0]}{f' and {len(of) - 1} more logs' if len(of) > 1 else ''}:")
             _bounded(console, layout.heads, layout.rows(), "run.json has all")
     if whole_table and table is not None:
         print(printable(str(table)), file=console.file)  # thousands of rows, for which the console takes seconds
+
+
+def _names_sections(sentences: Sequence[str]) -> bool:
+    """Tell whether sentences speak of lines of robot.toml that the command line may give."""
+    return any(f"in [{section}]" in sentence for sentence in sentences for section in SECTIONS)
 
 
 def _regressor_blocks(model: Model) -> int:

@@ -20,7 +20,7 @@ from steelyard.files import reading_table, shown, tell
 from ..columns import LogColumns
 from .log_file import Columns, LogFile, flattened
 
-__all__ = ["CsvFile"]
+__all__ = ["CsvFile", "seconds_of_dates"]
 
 BLANKS = " "
 """Stands for any number of spaces and tabs between columns."""
@@ -327,7 +327,7 @@ class CsvFile(LogFile):
             values = text.cast(pl.Float64, strict=False)
             unread = values.is_null() & ~text.str.to_lowercase().is_in(MISSING)
             if unread.any():
-                values = values.zip_with(~unread, _seconds_of_dates(text))
+                values = values.zip_with(~unread, seconds_of_dates(text))
             wrong = (unread & values.is_null()).to_numpy()
             if wrong.any():
                 row = int(np.argmax(wrong))
@@ -339,13 +339,13 @@ class CsvFile(LogFile):
         return columns
 
 
-def _seconds_of_dates(texts: Any) -> Any:
+def seconds_of_dates(texts: Any) -> Any:
     """Return dates and times such as 2026-11-22T14:05:07.25+01:00 in seconds since 1970; null for other texts.
 
     Examples
     --------
     >>> import polars as pl
-    >>> _seconds_of_dates(pl.Series(["1970-01-02 00:00:01.5", "1970-01-02T01:00:01,5+01:00", "soon"])).to_list()
+    >>> seconds_of_dates(pl.Series(["1970-01-02 00:00:01.5", "1970-01-02T01:00:01,5+01:00", "soon"])).to_list()
     [86401.5, 86401.5, None]
     """
     import polars as pl

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import hashlib
+import re
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
@@ -151,6 +152,8 @@ def _of_arrays(data: Mapping[Any, Any], name: str, stated: LogColumns | None = N
             raise InputError(f"{name} has a column named {shown(key)}; name columns by strings, such as t and q1.")
         array = _array(values, key, name)
         numbers = _numbers(array)
+        if numbers is None:
+            numbers = _dates(array)
         if numbers is None and array.ndim == 1:
             texts[key] = array
         elif numbers is None or array.ndim > 2:
@@ -198,6 +201,18 @@ def _array(values: object, key: str, name: str) -> NDArray[Any]:
             f"{name}: {key!r} has rows of different lengths; expected one row for each sample and one column for each "
             "joint."
         ) from None
+
+
+def _dates(array: NDArray[Any]) -> NDArray[np.float64] | None:
+    """Return texts that are dates and times, as a text file holds them, in s; None where they are something else."""
+    if array.ndim != 1 or not len(array) or not re.match(r"\s*\d{4}[-/]\d\d[-/]\d\d", str(array[0])):
+        return None
+    import polars as pl
+
+    from .csv_file import seconds_of_dates
+
+    seconds = seconds_of_dates(pl.Series([str(text) for text in array], dtype=pl.String))
+    return None if seconds.null_count() else np.asarray(seconds.cast(pl.Float64).to_numpy())
 
 
 def _numbers(array: NDArray[Any]) -> NDArray[np.float64] | None:
