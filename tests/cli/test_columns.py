@@ -62,6 +62,7 @@ def test_logs_with_the_same_columns_have_one_table(place, degrees):
     logs = [place / "log.csv", degrees, place / "copy.csv"]
     logs[2].write_bytes(logs[0].read_bytes())
     result = sy.identify(place / "robot.toml", logs)
+    assert [one["logs"] for one in result.to_dict()["columns"]] == [[str(logs[0]), str(logs[2])], [str(logs[1])]]
     assert [logs for _, logs in result.columns()] == [(str(logs[0]), str(logs[2])), (str(logs[1]),)]
     assert result.layouts[str(degrees)].units["position"] == ("deg", "deg")
 

@@ -249,6 +249,10 @@ class Identification:
                 logs.append(log)
         return [(layout, tuple(logs)) for layout, logs in found]
 
+    def columns_to_list(self) -> list[dict[str, Any]]:
+        """Return what columns were understood to be as plain data: the logs that have the same, and their table."""
+        return [{"logs": list(logs), "table": layout.to_list()} for layout, logs in self.columns()]
+
     def joint_table(self) -> tuple[tuple[str, ...], list[tuple[str, ...]]]:
         """The table of how well each joint is predicted: its heads and its rows, the last of them all the joints."""
         told, robot = self.prediction, self.model.robot
@@ -293,6 +297,7 @@ class Identification:
                 for log, found in self.mistakes.items()
                 for one in found
             ],
+            "columns": self.columns_to_list(),
             "remarks": list(dict.fromkeys((*self.estimate.remarks, *self.remarks))),
             "options": self.options,
         }

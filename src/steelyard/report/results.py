@@ -150,7 +150,7 @@ def run_record(identification: Identification) -> dict[str, Any]:
         "logs": [_log(text, identification.in_memory) for text in identification.logs],
         "validation_logs": [_log(text, identification.in_memory) for text in identification.validation_logs],
         "options": identification.options,
-        "columns": [{"logs": list(logs), "table": one.to_list()} for one, logs in identification.columns()],
+        "columns": identification.columns_to_list(),
         "prediction": identification.prediction.to_dict(),
         "price": None if price is None else price.to_dict(),
         "prior": [] if plausible is None else list(plausible.prior.sentences),
