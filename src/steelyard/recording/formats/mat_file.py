@@ -3,9 +3,6 @@
 from __future__ import annotations
 
 import json
-import os
-import subprocess
-import sys
 import tempfile
 import weakref
 from functools import partial
@@ -16,6 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from steelyard.errors import InputError
+from steelyard.files.child_process import run_child
 
 from ..columns import LogColumns
 from . import mat_child
@@ -65,21 +63,14 @@ class MatFile(ArrayLog):
 
 def _read(path: Path, folder: Path) -> dict[str, Any]:
     """Read a file in another process, and return what it says of it."""
-    environment = {**os.environ, "PYTHONPATH": os.pathsep.join(filter(None, sys.path)), "OPENBLAS_NUM_THREADS": "1"}
-    seconds = mat_child.TIME + mat_child.TIME_PER_BYTE * path.stat().st_size
+    seconds = 3.0 * (mat_child.TIME + mat_child.TIME_PER_BYTE * path.stat().st_size)
+    arguments = [str(path.absolute()), str(folder)]
+    what = f"{path}: MATLAB's files are read by another process"
+    _, code = run_child(Path(mat_child.__file__), b"", seconds, what, arguments)
+    if code is None:
+        return {"problem": f"it takes longer than {seconds:.0f} s"}
     try:
-        subprocess.run(
-            [sys.executable, "-P", str(Path(mat_child.__file__).absolute()), str(path.absolute()), str(folder)],
-            stdin=subprocess.DEVNULL,
-            stdout=subprocess.DEVNULL,
-            stderr=subprocess.DEVNULL,
-            env=environment,
-            timeout=3.0 * seconds,
-            check=False,
-        )
         found: dict[str, Any] = json.loads((folder / "index.json").read_text(encoding="utf-8"))
-    except subprocess.TimeoutExpired:
-        return {"problem": f"it takes longer than {3.0 * seconds:.0f} s"}
     except (FileNotFoundError, ValueError):  # it did not get to the index
         return {"problem": "SciPy ended without an answer, as it does for damaged files"}
     return found
