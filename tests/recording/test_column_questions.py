@@ -10,7 +10,7 @@ import pytest
 
 from steelyard.errors import InputError
 from steelyard.recording import ColumnMeaning, Layout, LogColumns, find_columns
-from steelyard.recording.column_styles import STYLES, TIME_WORDS
+from steelyard.recording.column_styles import FURTHER_TIME_WORDS, STYLES, TIME_WORDS
 
 ARM = ("shoulder", "elbow", "wrist")
 
@@ -235,6 +235,26 @@ def test_several_clocks_are_a_question_unless_they_run_alike() -> None:
     assert find(names, 1, t=[0.0, 1.0, 2.0], timestamp=[1.7e12, 1.7e12 + 1e3, 1.7e12 + 2e3]).time == "t"
 
 
+def test_further_words_for_times_are_taken_where_there_is_no_other() -> None:
+    assert find(["date", "elapsed_ms", "time", "q1", "tau1"], 1).time == "time"
+    assert find(["elapsed_ms", "q1", "tau1"], 1).time_unit == "ms"
+
+
+def test_times_that_cannot_be_read_are_no_times() -> None:
+    def values(name: str) -> list[np.ndarray]:
+        if name == "stamp":
+            raise InputError("log.csv, line 2, holds 'noon' in column 'stamp'; expected a number.")
+        return [np.array([0.0, 1.0])]
+
+    assert find_columns(["stamp", "t", "q1", "tau1"], 1, values=values).time == "t"
+
+
+def test_letters_with_numbers_are_positions_where_nothing_else_is() -> None:
+    names = ["t", *numbered("A{}", "J{}", "T{}", "q{}", "tau{}")]  # accelerations, jerks, temperatures
+    layout = find(names)
+    assert (layout.position[0], layout.torque[0], layout.guesses) == ("q1", "tau1", ())
+
+
 def test_one_joint_needs_no_number() -> None:
     layout = find(["t", "q", "dq", "tau"], ("hinge",))
     assert layout.table[1] == ColumnMeaning("q", "hinge", "position", "rad", "number")
@@ -303,5 +323,7 @@ def test_the_page_lists_all_words_and_writers() -> None:
     section = page.partition("## Columns")[2].partition("### What was understood")[0]
     words = {word for style in STYLES for word in style.words if f"actual_{word}" in style.words}
     assert len(words) > 30
-    assert [word for word in sorted(words | set(TIME_WORDS[:5])) if f"`{word}`" not in section] == []
+    assert [
+        word for word in sorted(words | set(TIME_WORDS) | set(FURTHER_TIME_WORDS)) if f"`{word}`" not in section
+    ] == []
     assert [style.writer for style in STYLES if style.writer.removeprefix("UR ") not in section] == []

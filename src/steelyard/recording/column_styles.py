@@ -26,6 +26,7 @@ from .columns import (
 __all__ = [
     "BY_SIZE",
     "COMMANDED",
+    "FURTHER_TIME_WORDS",
     "LABELS",
     "SECONDS_AND_REST",
     "STYLES",
@@ -146,25 +147,21 @@ STYLES: tuple[ColumnStyle, ...] = (
         )
     ),
     ColumnStyle("Franka", "torque", ("tau_j_{number}", "tau_j{number}", "tau_j[{number}]")),
+    ColumnStyle("KUKA", "position", ("a{number}",), unit="deg", takes_topic=False, last_resort=True, note=_DEGREES),
     ColumnStyle(
         "KUKA",
         "position",
-        ("a{number}", "$axis_act[{number}]", "$axis_act.a{number}", "axis_act_a{number}", "axisact.a{number}"),
-        unit="deg",
-        takes_topic=False,
-        note=_DEGREES,
-    ),
-    ColumnStyle(
-        "KUKA",
-        "position",
-        ("$axis_act_meas[{number}]", "$axis_act_meas.a{number}", "aipos.a{number}"),
+        (
+            *("$axis_act[{number}]", "$axis_act.a{number}", "axis_act_a{number}", "axisact.a{number}"),
+            *("$axis_act_meas[{number}]", "$axis_act_meas.a{number}", "aipos.a{number}"),
+        ),
         unit="deg",
         note=_DEGREES,
     ),
     ColumnStyle(
         "KUKA", "torque", ("$torque_axis_act[{number}]", "torque_axis_act_{number}", "torque_axis_act_a{number}")
     ),
-    ColumnStyle("ABB", "position", ("j{number}",), unit=BY_SIZE, takes_topic=False),
+    ColumnStyle("ABB", "position", ("j{number}",), unit=BY_SIZE, takes_topic=False, last_resort=True),
     ColumnStyle("ABB", "torque", ("t{number}",), takes_topic=False, last_resort=True),
     *(
         ColumnStyle("", quantity, ("{name}", *JOINT_NUMBERS), needs_unit=True, takes_topic=False)
@@ -205,11 +202,13 @@ COMMANDED = frozenset(
 )
 """Words in a topic that say that its columns were wanted, not measured."""
 
-TIME_WORDS = (
-    *("t", "time", "timestamp", "time_stamp", "stamp", "elapsed", "elapsed_time", "seconds", "secs", "%time"),
-    *("rosbagtimestamp", "zeit", "epoch", "date", "datetime", "date_time", "log_time"),
-)
+TIME_WORDS = ("t", "time", "timestamp", "time_stamp", "stamp", "%time", "zeit")
 """Words for the times of the rows; ``header/stamp`` is the word ``stamp`` in a topic."""
+FURTHER_TIME_WORDS = (
+    *("elapsed", "elapsed_time", "seconds", "secs", "rosbagtimestamp", "log_time", "epoch"),
+    *("date", "datetime", "date_time"),
+)
+"""Words for times that are taken where there is none of the above; often they are coarser."""
 SECONDS_AND_REST: Mapping[tuple[str, str], str] = {
     **dict.fromkeys((("sec", "nanosec"), ("sec", "nsec"), ("secs", "nsecs"), ("seconds", "nanoseconds")), "ns"),
     **dict.fromkeys((("sec", "nanoseconds"), ("secs", "nanosecs"), ("sec", "nanosecs")), "ns"),

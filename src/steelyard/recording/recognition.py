@@ -19,6 +19,7 @@ from steelyard.files import suggestion
 from .column_styles import (
     BY_SIZE,
     COMMANDED,
+    FURTHER_TIME_WORDS,
     LABELS,
     NAME,
     NUMBER,
@@ -638,9 +639,9 @@ class _Search:
             clock = next(iter(_clocks(names, any_word=True)))
             unit, _ = self._time_unit(replace(clock, unit=columns.time_unit or clock.unit))
             return names[0], unit, None, _STATED
-        found = _clocks(self.names)
+        found = _clocks(self.names) or _clocks(self.names, FURTHER_TIME_WORDS)
         if len(found) > 1:
-            found = [clock for clock in found if not self._stands_still(clock)] or found
+            found = [clock for clock in found if self._runs(clock)] or found
             topic = "" if position is None else position.topic
             ranks = [clock.rank(topic) for clock in found]
             found = [clock for clock, rank in zip(found, ranks, strict=True) if rank == min(ranks)]
@@ -689,9 +690,13 @@ class _Search:
             return whole[:count] + rest[:count] * TIME_UNITS[clock.rest[1]]
         return whole * TIME_UNITS[self._time_unit(clock)[0]]
 
-    def _stands_still(self, clock: _Clock) -> bool:
-        head = self._head(clock)
-        return len(head) > 1 and bool(np.all(head == head[0]))
+    def _runs(self, clock: _Clock) -> bool:
+        """Whether a clock has times, and they are not all the same."""
+        try:
+            head = self._head(clock)
+        except InputError:  # texts
+            return False
+        return len(head) < 2 or bool(np.any(head != head[0]))
 
     def _agree(self, clocks: Sequence[_Clock]) -> bool:
         """Whether clocks run alike: the same intervals, to a thousandth of the span."""
@@ -728,7 +733,7 @@ class _Clock:
         return 1 if not self.topic else 2 if owner == topic else 3
 
 
-def _clocks(names: Sequence[str], any_word: bool = False) -> list[_Clock]:
+def _clocks(names: Sequence[str], words: Sequence[str] = TIME_WORDS, any_word: bool = False) -> list[_Clock]:
     """Return the columns of times, or all as such; two that make one time come once."""
     by_text = {normalised(name): name for name in reversed(names)}
     found: list[_Clock] = []
@@ -753,7 +758,7 @@ def _clocks(names: Sequence[str], any_word: bool = False) -> list[_Clock]:
                 _Clock(name, unit, None, base[:cut])
                 for base, unit in options
                 for cut in _cuts(base, len(base))
-                if base[cut:] in TIME_WORDS and not _is_commanded(base[:cut])
+                if base[cut:] in words and not _is_commanded(base[:cut])
             ),
             None,
         )
