@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import linear_sum_assignment
 
+from steelyard.display import percent
 from steelyard.dynamics import Model
 from steelyard.files import tell
 from steelyard.recording import Samples
@@ -139,10 +140,6 @@ def sentence(hypotheses: Sequence[Hypothesis]) -> str:
     if not others:
         return f"{first}."
     return f"{first}. This log cannot tell it from another mistake: {'; or: '.join(others)}."
-
-
-def _percent(error: float) -> str:
-    return f"{100 * error:.2g} %" if error < 0.995 else f"{100 * error:.0f} %"
 
 
 @dataclass(frozen=True, eq=False)
@@ -793,7 +790,7 @@ class _Search:
                 errors, joint = of_joint, self.names[k]
         if errors[1] < FALLEN * errors[0]:
             where = "" if joint is None else f" of {joint}"
-            evidence = f"the error{where} falls from {_percent(errors[0])} to {_percent(errors[1])}"
+            evidence = f"the error{where} falls from {percent(errors[0], 2)} to {percent(errors[1], 2)}"
         else:
             other = self._mass_evidence(candidate, before, after) or self._motion_evidence(candidate)
             if other is None:
