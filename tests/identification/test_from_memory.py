@@ -32,6 +32,16 @@ BODY = sy.Inertia.from_com(2.0, (0.1, 0.02, -0.03), 0.02 * np.eye(3)).parameters
 TRUTH = np.concatenate([[*BODY, 0.8, 0.3]] * 2)
 
 
+PAIR = """<robot name="pair"><link name="base"/>
+<link name="upper"><inertial><origin xyz="0.1 0 0"/><mass value="2"/>
+<inertia ixx="0.02" ixy="0" ixz="0" iyy="0.02" iyz="0" izz="0.02"/></inertial></link>
+<link name="fore"><inertial><origin xyz="0.1 0 0"/><mass value="1"/>
+<inertia ixx="0.01" ixy="0" ixz="0" iyy="0.01" iyz="0" izz="0.01"/></inertial></link>
+<joint name="shoulder" type="continuous"><parent link="base"/><child link="upper"/><axis xyz="0 1 0"/></joint>
+<joint name="elbow" type="continuous"><parent link="upper"/><child link="fore"/><origin xyz="0.4 0 0"/>
+<axis xyz="0 1 0"/></joint></robot>"""
+
+
 def motion(seed, rate=200.0):
     """Return times, positions, velocities and accelerations of two joints over eight seconds."""
     random = np.random.default_rng(seed)
@@ -238,6 +248,23 @@ def test_what_save_writes_is_what_the_command_writes(files, tmp_path):
     written = {place.name: place.read_bytes() for place in (tmp_path / "library").iterdir()}
     assert written == {place.name: place.read_bytes() for place in (tmp_path / "command").iterdir()}
     assert {"estimate.json", "parameters.csv", "report.html", "run.json"} <= written.keys()
+
+
+@pytest.mark.parametrize("how", [{"tip": "upper"}, {"locked": {"elbow": 0.3}}, {"locked": ["elbow"]}])
+def test_a_part_of_a_description_is_written_as_it_was_read(tmp_path, how):
+    (tmp_path / "pair.urdf").write_text(PAIR)
+    robot = sy.Robot.from_urdf(tmp_path / "pair.urdf", **how)
+    model = sy.Model(robot.with_terms(sy.Viscous(), sy.Coulomb()))
+    t, q, dq, ddq = motion(4)
+    truth = [*(1.1 * robot.links[0].inertia.parameters), 0.2, 0.1]
+    torque = model.inverse_dynamics(q[:, :1], dq[:, :1], ddq[:, :1], truth)
+    torque += np.random.default_rng(1).normal(scale=0.02, size=torque.shape)
+    result = sy.identify(model, {"t": t, "q": q[:, :1], "tau": torque}, processing=SETTINGS)
+    assert tmp_path / "result" / "robot.urdf" in result.save(tmp_path / "result")
+    written = sy.Robot.from_urdf(tmp_path / "result" / "robot.urdf", **how)
+    names = list(result.parameter_names)
+    links = [names.index(name) for name in written.parameter_names]
+    np.testing.assert_allclose(written.parameters, np.asarray(result)[links], rtol=1e-9, atol=1e-12)
 
 
 def test_what_is_in_memory_is_named_and_hashed(files, tmp_path):

@@ -172,7 +172,8 @@ def robot_parts(tree: DescribedTree, tip: str | None, locked: Iterable[str] | Ma
     positions = _positions(tree, locked)
     root, children = _tree(tree)
     chain = None if tip is None else _chain(tree, tip)
-    return _Assembly(tree, positions, children, chain).parts(root)
+    parts = _Assembly(tree, positions, children, chain).parts(root)
+    return {**parts, "read_with": {key: value for key, value in (("tip", tip), ("locked", positions)) if value}}
 
 
 def _positions(tree: DescribedTree, locked: Iterable[str] | Mapping[str, float]) -> dict[str, float]:

@@ -126,7 +126,8 @@ class RobotFile:
         ('arm', ['viscous', 'coulomb', 'offset'])
         """
         path = Path(robot.name) if robot.source is None else robot.source
-        return cls(path, robot, () if robot.terms else _default_terms(robot))
+        kept = {**robot.read_with, **({"xacro_arguments": robot.xacro_arguments} if robot.xacro_arguments else {})}
+        return cls(path, robot, () if robot.terms else _default_terms(robot), description=kept)
 
     @classmethod
     def from_dict(cls, content: dict[str, Any], path: Path) -> RobotFile:

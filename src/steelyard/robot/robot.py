@@ -181,6 +181,8 @@ class Robot:
         The description that the robot was read from.
     remarks : tuple of str
         What the description holds that the robot does not, and how it was read.
+    read_with : mapping
+        What of the description was read: its `tip` and its `locked` joints, where there are any.
     xacro_arguments : mapping
         With which the description was expanded.
 
@@ -210,6 +212,7 @@ class Robot:
     base_attachments: tuple[Attachment, ...] = ()
     source: Path | None = None
     remarks: tuple[str, ...] = ()
+    read_with: Mapping[str, Any] = field(default_factory=dict)
     xacro_arguments: Mapping[str, str] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
