@@ -64,7 +64,7 @@ def identify(
     \b
     Examples:
       steelyard identify robot.toml run1.csv --validate run2.csv --output result
-      steelyard identify my_robot.urdf run1.csv run2.csv --set processing.cutoff=8 --output result
+      steelyard identify robot.toml run1.csv run2.csv --set processing.cutoff=8 --output result
       steelyard identify robot.toml run1.csv --output result --json --quiet
     """
     from steelyard.identification import identify as run
