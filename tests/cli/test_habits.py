@@ -153,7 +153,9 @@ class TestLines:
         (place / "stamps.csv").write_text(text.replace("t,", "stamp_of_mine,", 1))
         code, _, err = run("identify", place / "pair.urdf", place / "stamps.csv", "-o", place / "out", "-q")
         assert code == 2
-        assert "(pair.urdf has no such section: add --set log.time=...)" in err.replace(f"{place}/", "")
+        assert "(pair.urdf has no such section: add --set log.time=..., or write a robot.toml with: " in err.replace(
+            f"{place}/", ""
+        )
         lines = ("--set", "log.time=stamp_of_mine", "--set", "processing.cutoff=10")
         code, _, _ = run("identify", place / "pair.urdf", place / "stamps.csv", "-o", place / "out", "-q", *lines)
         assert code == 0

@@ -7,8 +7,9 @@ from typing import Annotated
 
 import typer
 
-from .choices import AllowExtensions, Topic
-from .terminal import echo, progress
+from .choices import AllowExtensions, Json, Quiet, Topic
+from .robot_argument import SetLines, load_robot
+from .terminal import echo, print_json, progress
 
 __all__ = ["doctor"]
 
@@ -20,22 +21,29 @@ def doctor(
     robot: Annotated[
         Path | None, typer.Argument(help="Description or robot.toml; with it more is found, and columns have joints.")
     ] = None,
-    as_json: Annotated[bool, typer.Option("--json", help="Print everything as one JSON document.")] = False,
     topic: Topic = None,
+    lines: SetLines = None,
+    json: Json = False,
+    quiet: Quiet = False,
     allow_extensions: AllowExtensions = False,
 ) -> None:
-    """Say what is wrong with a recording and which line of robot.toml mends it: exit 1 where something is wrong."""
-    import json
+    """Say what is wrong with a recording and which line of robot.toml mends it: exit 1 where something is wrong.
 
-    from steelyard.files.writing import plain
+    \b
+    Examples:
+      steelyard doctor run1.csv robot.toml
+      steelyard doctor run1.csv robot.toml --json --quiet
+    """
+    from steelyard.errors import InputError
     from steelyard.identification import examine
-    from steelyard.robot import RobotFile
 
-    file = None if robot is None else RobotFile.load(robot, allow_extensions=allow_extensions)
-    with progress() as say:
+    if robot is None and lines:
+        raise InputError("--set gives lines of a robot file; give ROBOT, too.")
+    file = None if robot is None else load_robot(robot, lines, allow_extensions=allow_extensions)
+    with progress(quiet=quiet) as say:
         found = examine(log, file, topic=topic, progress=say)
-    if as_json:
-        echo(json.dumps(plain(found.to_dict()), indent=1, ensure_ascii=False))
+    if json:
+        print_json(found.to_dict())
     else:
         for line in str(found).splitlines():
             echo(line)

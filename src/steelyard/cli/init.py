@@ -7,7 +7,7 @@ from typing import Annotated
 
 import typer
 
-from .choices import Topic
+from .choices import Quiet, Topic
 from .terminal import echo, progress
 
 __all__ = ["init"]
@@ -21,8 +21,15 @@ def init(
     output: Annotated[Path, typer.Option("--output", "-o", help="The file to write.")] = Path("robot.toml"),
     topic: Topic = None,
     force: Annotated[bool, typer.Option("--force", help="Overwrite the file where it exists.")] = False,
+    quiet: Quiet = False,
 ) -> None:
-    """Write a robot.toml with everything that a description and a log tell, each guess with its reason."""
+    """Write a robot.toml with everything that a description and a log tell, each guess with its reason.
+
+    \b
+    Examples:
+      steelyard init my_robot.urdf --output first.toml
+      steelyard init my_robot.urdf run1.csv --output second.toml
+    """
     import os
 
     from steelyard.errors import InputError
@@ -31,10 +38,13 @@ def init(
 
     if os.path.lexists(output) and not force:
         raise InputError(f"{output} exists and is not overwritten; give another place with --output, or --force.")
-    with progress() as say:
+    with progress(quiet=quiet) as say:
         made = first_robot_file(robot, log, folder=output.parent, topic=topic, progress=say)
     output.parent.mkdir(parents=True, exist_ok=True)
     write_text(made.text, output)
+    if quiet:
+        echo(f"Wrote {output}.")
+        return
     for line in str(made).splitlines():
         echo(line)
     if made.examination is not None:

@@ -78,17 +78,21 @@ def lines_told(message: str, arguments: Sequence[str]) -> str:
     Examples
     --------
     >>> lines_told("a.csv has no column of time; name it with `time` in [log].", ["identify", "arm.urdf", "a.csv"])
-    'a.csv has no column of time; name it with `time` in [log] (arm.urdf has no such section: add --set log.time=...).'
+    'a.csv has no column of time; name it with `time` in [log] (arm.urdf has no such section: add --set log.time=..., or
+    write a robot.toml with: steelyard init arm.urdf LOG).'
     """
     named = [section for section in SECTIONS if f"[{section}]" in message]
     robots = [one for one in arguments[1:] if one.lower().endswith((".urdf", ".xacro", ".xml", ".mjcf", ".sdf"))]
     if not named or not robots or "--set" in arguments or any(one.lower().endswith(".toml") for one in arguments[1:]):
         return message
-    if arguments[0] not in ("identify", "validate", "payload"):
+    if arguments[0] not in ("identify", "validate", "payload", "doctor"):
         return message
     section = named[0]
     key = _key(message, section)
-    hint = f"({robots[0]} has no such section: add --set {section}.{key}=...)"
+    hint = (
+        f"({robots[0]} has no such section: add --set {section}.{key}=..., or write a robot.toml with: steelyard init "
+        f"{robots[0]} LOG)"
+    )
     return f"{message.rstrip().removesuffix('.')} {hint}."
 
 

@@ -361,7 +361,10 @@ def show_identification(result: Identification, *, whole_table: bool = False, ve
         say(f"Note: {remark}")
     file = result.robot_file
     if file is not None and file.suffix.lower() != ".toml" and _names_sections((*others, *mistakes)):
-        say(f"{file} has no such sections: give such a line as --set SECTION.KEY=VALUE, or write it into a robot.toml.")
+        say(
+            f"{file} has no such sections: give such a line as --set SECTION.KEY=VALUE, or write a robot.toml with: "
+            f"steelyard init {file} LOG"
+        )
     for layout, of in result.columns():
         if verbose or layout.guesses:
             say(f"Columns of {of[0]}{f' and {len(of) - 1} more logs' if len(of) > 1 else ''}:")
