@@ -291,3 +291,20 @@ def test_joints_of_a_description_that_the_log_lacks_are_locked(tmp_path):
     one = next(one for one in found.findings if one.kind == "joints without columns")
     assert one.remedy == {"description": {"locked": ["j3"]}}
     assert found.information.joint_names == ("j1", "j2")
+
+
+def test_a_log_that_is_too_short_is_told(tmp_path):
+    t = np.arange(20) / 100
+    found = examine({"t": t, "q": np.sin(10 * t)[:, None], "tau": np.cos(10 * t)[:, None]})
+    assert [(one.kind, one.harm) for one in found.findings] == [("too little motion", "refused")]
+
+
+def test_a_torque_that_is_held_with_the_position_is_not_clipped():
+    """A servo that answers to its encoder alone asks for the same torque as long as it does not move."""
+    t = np.arange(3000) / 150
+    q = np.sin(np.interp(t, [0, 8, 14, 20], [0.0, np.pi / 2, np.pi / 2, 2.0]))
+    step = 1e-3
+    held = {"t": t, "q": np.round(q / step)[:, None] * step, "tau": 3.0 * np.round(q / step)[:, None] * step}
+    assert "saturation" not in [one.kind for one in examine(held).findings]
+    moving = {**held, "tau": np.clip(3.0 * np.cos(2 * t), -2.0, 2.0)[:, None]}
+    assert "saturation" in [one.kind for one in examine(moving).findings]

@@ -827,7 +827,10 @@ class _Patient:
                     stated = self.stated.get("processing", {}).get("cutoff", choice.cutoff)
                     self._share_of_noise(recording, float(stated) if isinstance(stated, float) else choice.cutoff)
             except InputError as error:
-                facts["cutoff"] = f"not known: {error}"
+                facts["cutoff"] = "not known"
+                if not any(one.harm == "refused" and not one.remedy for one in self.findings):
+                    advice = "Record a longer motion."
+                    self.add(Finding("too little motion", str(error), "refused", 1.0, advice=advice))
         facts.update({f"guess {number}": guess for number, guess in enumerate(layout.guesses, start=1)})
         self.facts = {**facts, **self.facts}
 

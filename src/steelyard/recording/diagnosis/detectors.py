@@ -37,6 +37,7 @@ LONGEST_LEAST = 3
 """Rows in a row among them; noise alone hardly stands at one value for so long."""
 CROWDED = 4.0
 """Rows at the level over rows just below it, in a band as wide: a smooth maximum has fewer than two and a half."""
+SMALL = 0.1  # of the largest torque: what a drive cannot exceed is more
 AT_REST = "at rest while the torque changes"
 LEAST_TIME = 0.02
 """s, the shortest rest."""
@@ -252,18 +253,28 @@ def find_saturation(recording: Measurements, levels: ArrayLike | None = None) ->
     flags[1:] |= at[:-1]
     flags[:-1] |= at[1:]
     if levels is None:
-        flags[:, _resting_throughout(recording, flags)] = False
+        flags[:, _resting_throughout(recording, at)] = False
     return Intervals("at a level where the torque is clipped", flags, recording.t, np.abs(bounds).min(axis=1))
 
 
-def _resting_throughout(recording: Measurements, flags: NDArray[np.bool_]) -> NDArray[np.bool_]:
-    """Say which joints (N,) stand still in most of their flagged rows: a torque that holds is constant, not clipped."""
+def _resting_throughout(recording: Measurements, at: NDArray[np.bool_]) -> NDArray[np.bool_]:
+    """Say which joints (N,) rest in most of the rows (S, N) where their torque is at an extreme.
+
+    While the position does not change by a single step, a controller that answers to nothing else asks for the very
+    same torque: it is constant, and need not be clipped. Nor is a small torque of a joint at rest, whatever its encoder
+    flickers.
+    """
     tolerance, _ = stiction_duration(recording)
-    found = np.zeros(flags.shape[1], dtype=bool)
-    for joint, column in enumerate(flags.T):
+    found = np.zeros(at.shape[1], dtype=bool)
+    for joint, column in enumerate(at.T):
         pieces = runs(column)
-        still = sum(b - a for a, b in pieces if np.ptp(recording.q[a:b, joint]) <= tolerance[joint])
-        found[joint] = still > 0.5 * sum(b - a for a, b in pieces)
+        small = SMALL * np.abs(recording.torque[:, joint]).max()
+        still = 0
+        for start, stop in pieces:
+            travel = np.ptp(recording.q[start:stop, joint])
+            is_small = np.abs(recording.torque[start:stop, joint]).max() < small
+            still += stop - start if travel == 0.0 or (is_small and travel <= tolerance[joint]) else 0
+        found[joint] = still > 0.5 * sum(stop - start for start, stop in pieces)
     return found
 
 

@@ -1,0 +1,116 @@
+"""What is said of real recordings is true by the README beside them, and sound simulated ones have no finding."""
+
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import steelyard as sy
+from steelyard.identification import examine
+from steelyard.identification.examples import EXAMPLES, write_example
+
+ROBOTS = Path(__file__).resolve().parents[2] / "examples"
+TERMS = "".join(f'[[terms]]\nkind = "{kind}"\n' for kind in ("viscous", "coulomb", "offset", "rotor_inertia"))
+
+
+def kinds(examination):
+    return [one.kind for one in examination.findings]
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", EXAMPLES)
+def test_the_logs_of_the_examples_are_sound(name, tmp_path):
+    pytest.importorskip("example_robot_data")
+    folder = write_example(name, tmp_path / name)
+    for log in ("train.csv", "validate.csv"):
+        assert kinds(examine(folder / log)) == []
+        found = examine(folder / log, folder / "robot.toml")
+        assert kinds(found) == []
+
+
+@pytest.mark.data
+def test_the_ur10_is_sound(shared_data):
+    log = shared_data / "ur10_unisa" / "exciting.csv"
+    assert kinds(examine(log)) == []
+    found = examine(log, ROBOTS / "ur10.toml")
+    assert kinds(found) == []
+    assert found.facts["rows"].startswith("3441, 27.52 s at 125 Hz")
+    assert found.information.condition_number == pytest.approx(133, rel=0.1)
+
+
+@pytest.mark.data
+def test_the_coupled_wrist_of_the_tx40_is_found_and_the_line_mends_it(shared_data, tmp_path):
+    """Motor 6 turns with dq5 + dq6; the sampling and the rest of the log are sound (README there)."""
+    folder = shared_data / "staubli_tx40"
+    robot = tmp_path / "robot.toml"
+    robot.write_text(f'[description]\nurdf = "{folder / "tx40_mdh_modified.urdf"}"\n{TERMS}')
+    assert kinds(examine(folder / "joint_500hz.csv")) == []
+    found = examine(folder / "joint_500hz.csv", robot)
+    (one,) = found.findings
+    assert one.statement.startswith("joint_6 looks to be coupled with joint_5")
+    before = sy.identify(robot, folder / "joint_500hz.csv").estimate.relative_error
+    robot.write_text(f"{robot.read_text()}\n{found.toml}\n")
+    again = examine(folder / "joint_500hz.csv", robot)
+    assert "joint_6" not in str(again.findings)
+    assert sy.identify(robot, folder / "joint_500hz.csv").estimate.relative_error < 0.85 * before
+    # With the right coupling from the motor side nothing is left to find.
+    motors = f"{folder / 'raw_q_motor_5khz.csv'}+{folder / 'raw_tau_motor_5khz.csv'}"
+    assert kinds(examine(motors, ROBOTS / "staubli_tx40.toml")) == []
+
+
+@pytest.mark.data
+def test_the_runs_of_the_gen3_are_short_and_one_sensor_is_dead(shared_data):
+    """Short and poorly exciting, not full rank; in RunTrajectory1 the sensor of joint 1 reads 0 throughout."""
+    folder = shared_data / "kinova_gen3"
+    found = examine(folder / "RunTrajectory1.csv")
+    assert [(one.kind, one.remedy) for one in found.findings] == [
+        ("stuck torque", {"processing": {"exclude_joints": [1]}})
+    ]
+    for name in ("opti_traj_testing1", "opti_traj_testing2"):
+        found = examine(folder / f"{name}.csv", folder / "gen3.urdf")
+        assert sorted(kinds(found)) == ["excitation", "repeated"]
+        raw = np.genfromtxt(folder / f"{name}.csv", delimiter=",", names=True)
+        heads = [f"{what}{j}" for what in ("q", "tau") for j in range(1, 8)]
+        same = np.all([raw[head][1:] == raw[head][:-1] for head in heads], axis=0)
+        (statement,) = [one.statement for one in found.findings if one.kind == "repeated"]
+        told = int(statement.split(": ")[1].split()[0])
+        assert 0 < told <= same.sum()  # those at rest are no copies
+
+
+@pytest.mark.data
+@pytest.mark.parametrize("log", ["A", "B"])
+def test_a_single_motion_of_the_kr300_shows_too_little(shared_data, tmp_path, log):
+    """One motion alone overfits badly: 49.5 % on the other (README there)."""
+    folder = shared_data / "kuka_kr300"
+    about = json.loads((folder / "robot.json").read_text())
+    rows = [[alpha, a, d, f"q{str(theta)[2:]}"] for alpha, a, d, theta in about["rows"]]
+    robot = tmp_path / "robot.toml"
+    robot.write_text(
+        f'[description]\nconvention = "standard"\nrows = {json.dumps(rows)}\ngravity = [0, 0, 9.81]\n{TERMS}'
+        f'[log]\nposition = "q{{}}"\nvelocity = "dq{{}}"\ntorque = "tau_m{{}}"\n'
+        f"gain = {json.dumps(about['gear_ratio'])}\n"
+    )
+    found = examine(folder / f"{log}.csv", robot)
+    assert kinds(found) == ["excitation"]
+    assert found.information.condition_number > 1300
+
+
+@pytest.mark.data
+def test_the_duty_of_a_servo_is_clipped_where_its_gain_is_high(shared_data, tmp_path):
+    """The duty is limited to 1, which a gain of 100 never asks for; nothing is logged late."""
+    robot = tmp_path / "robot.toml"
+    robot.write_text(
+        '[description]\nconvention = "standard"\nrows = [[0, 0.1, 0, "q"]]\ngravity = [9.81, 0, 0]\n'
+        '[log]\nposition = "q"\nvelocity = "none"\ntorque = "duty"\n'
+    )
+    for log in sorted((shared_data / "payload_xl330").glob("*.csv")):
+        found = kinds(examine(log, robot))
+        raw = np.genfromtxt(log, delimiter=",", names=True)
+        clipped = np.abs(raw["duty"]) > 0.999
+        moves = np.gradient(raw["q"]) != 0.0
+        if np.mean(clipped & moves) > 1e-3:
+            assert "saturation" in found, log
+        if not clipped.any():
+            assert "saturation" not in found, log
+        assert "delay" not in found
