@@ -116,6 +116,19 @@ def test_a_robot_file_names_an_mjcf(tmp_path):
     assert sy.Model.load(toml).robot.terms[-1].kind == "offset"
 
 
+def test_what_is_told_of_where_numbers_come_from(tmp_path):
+    robot = read(tmp_path, ARM.replace('axis="0 1 0"', 'axis="0 1 0" stiffness="3"'))
+    assert robot.remarks == (
+        "Inertias that the file gives (<inertial>): upper.",
+        "Inertias that MuJoCo computes from shapes and their densities: plate, body3.",
+        "The damping of upper_joint, elbow is that of the default class main (robot.xml, line 5).",
+        "The friction of elbow is that of the default class elbow (robot.xml, line 6).",
+        "The armature of elbow is that of the default class elbow (robot.xml, line 6).",
+        "Actuators, with the torque of a control of 1: elbow (50); a log must hold torques of joints, or [log] the gains.",
+        "Not part of the robot: springs at the joints upper_joint.",
+    )
+
+
 def test_gravity_that_is_switched_off(tmp_path):
     text = ARM.replace("<option", '<option><flag gravity="disable"/></option><option')
     assert read(tmp_path, text).gravity.tolist() == [0.0, 0.0, 0.0]

@@ -396,14 +396,18 @@ def show_model(model: Model, consistency: Literal["full", "inertia"]) -> None:
     console = Console(highlight=False)
     robot, base = model.robot, model.base_parameters()
     console.print(_text(f"{robot.name}: {robot.dof} joints, {len(robot.links)} moving links"), soft_wrap=True)
-    table = _table("joint", "kind", "moves", "mass kg", "lower", "upper", "damping", "friction")
+    rotors = any(np.isfinite(joint.rotor_inertia) for joint in robot.joints)
+    heads = ("joint", "kind", "moves", "mass kg", "lower", "upper", "damping", "friction")
+    table = _table(*heads, *(["rotor inertia"] if rotors else []))
     for joint, link in zip(robot.joints, robot.links, strict=True):
         mass = "unknown" if link.inertia is None else f"{link.inertia.mass:.5g}"
-        numbers = (joint.lower, joint.upper, joint.damping, joint.friction)
+        numbers = (joint.lower, joint.upper, joint.damping, joint.friction, *([joint.rotor_inertia] if rotors else []))
         name = joint.name if joint.mimics is None else f"{joint.name} (mimics {joint.mimics})"
         cells = [f"{x:.4g}" if np.isfinite(x) else "-" for x in numbers]
         table.add_row(_text(name), joint.kind, _text(link.name), mass, *cells)
     _show(console, table)
+    for remark in robot.remarks:
+        console.print(_text(remark), soft_wrap=True)
     console.print(_text(f"Terms: {', '.join(t.kind for t in robot.terms) or 'none'}"), soft_wrap=True)
     symbols = (*INERTIA_SYMBOLS, *(p.symbol for term in robot.terms for p in term.parameters))
     console.print(_text(f"Parameters of each link and its joint, with its number: {' '.join(symbols)}"), soft_wrap=True)

@@ -17,6 +17,7 @@ from .described_tree import DescribedJoint, DescribedLink, DescribedMimic, Descr
 from .inertia import Inertia
 from .mjcf_compiled import CompiledMjcf, compiled
 from .mjcf_document import MjcfDocument, read_mjcf_document
+from .mjcf_remarks import mjcf_remarks
 from .placement import axis_frame, inverse, motion_z, snapped, translation
 
 __all__ = ["MjcfTree", "body_inertia", "mjcf_parts", "read_mjcf_tree"]
@@ -111,7 +112,8 @@ def read_mjcf_tree(path: Path, data: bytes | None = None) -> MjcfTree:
             link_of[joints[number]] = link
             parent, frame = link, np.eye(4)
         links[name] = DescribedLink(name, line, inertia)
-    tree = DescribedTree(str(path), document.name, links, described, path)
+    remarks = mjcf_remarks(document, model, bodies, joints)
+    tree = DescribedTree(str(path), document.name, links, described, path, remarks=remarks)
     return MjcfTree(document, model, bodies, joints, link_of, tree)
 
 

@@ -1,0 +1,157 @@
+"""What to tell of an MJCF: where the numbers of the robot come from, and what it holds that a robot does not have."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping, Sequence
+from typing import Any
+
+from .mjcf_compiled import CompiledMjcf
+from .mjcf_document import JOINTS, MjcfDocument, MjcfElement
+
+__all__ = ["mjcf_remarks"]
+
+MOST = 6
+DRIVES = {"damping": "damping", "frictionloss": "friction", "armature": "armature"}
+SETTINGS = {
+    "settotalmass": "scales all masses to a total",
+    "boundmass": "raises masses to a least one",
+    "boundinertia": "raises moments of inertia to a least one",
+    "balanceinertia": "balances moments of inertia that no body has",
+}
+ON_JOINT = (0, 1)
+
+
+def mjcf_remarks(
+    document: MjcfDocument, model: CompiledMjcf, body_names: Sequence[str], joint_names: Sequence[str]
+) -> tuple[str, ...]:
+    """Return the sentences."""
+    named = [(name, row) for name, row in zip(joint_names, model.joints, strict=True) if row["type"] in (2, 3)]
+    return (
+        *_inertias(document, model, body_names),
+        *_defaults(document, named),
+        *_actuators(model, joint_names),
+        *_left_out(document, model, body_names, named),
+    )
+
+
+def _listed(names: Iterable[str]) -> str:
+    found = list(dict.fromkeys(names))
+    return ", ".join(found[:MOST]) + (f" and {len(found) - MOST} more" if len(found) > MOST else "")
+
+
+def _inertias(document: MjcfDocument, model: CompiledMjcf, names: Sequence[str]) -> list[str]:
+    """Say which inertias are written, and which MuJoCo computes."""
+    jointed = {row["bodyid"] for row in model.joints}
+    moving: set[int] = set()
+    for index, row in enumerate(model.bodies):
+        if index in jointed or row["parentid"] in moving:
+            moving.add(index)
+    mode = document.setting("compiler", "inertiafromgeom") or "auto"
+    written, computed = [], []
+    for index in sorted(moving):
+        element = document.bodies.get(names[index])
+        explicit = element is not None and any(element.all("inertial")) and mode != "true"
+        if explicit:
+            written.append(names[index])
+        elif model.bodies[index]["mass"] > 0.0:
+            computed.append(names[index])
+    said = [f"Inertias that the file gives (<inertial>): {_listed(written)}."] if written else []
+    if computed:
+        said.append(f"Inertias that MuJoCo computes from shapes and their densities: {_listed(computed)}.")
+    for key, what in SETTINGS.items():
+        value = document.setting("compiler", key)
+        if value not in (None, "false", "0", "-1"):
+            said.append(f'The compiler {what} ({key}="{value}"), which counts in these inertias.')
+    return said
+
+
+def _defaults(document: MjcfDocument, joints: Sequence[tuple[str, Mapping[str, Any]]]) -> list[str]:
+    """Say which values of joints come from classes of defaults."""
+    classes: dict[str, tuple[str | None, MjcfElement]] = {}
+
+    def collect(element: MjcfElement, parent: str | None) -> None:
+        name = element.attributes.get("class") or "main"
+        classes[name] = (parent, element)
+        for child in element.all("default"):
+            collect(child, name)
+
+    for section in document.root.all("default"):
+        collect(section, None)
+    of_joint: dict[str, str] = {}
+
+    def walk(element: MjcfElement, inherited: str) -> None:
+        for child in element.children:
+            if child.tag in JOINTS:
+                of_joint[child.attributes.get("name", "")] = child.attributes.get("class") or inherited
+            elif child.tag in ("body", "frame"):
+                walk(child, child.attributes.get("childclass") or inherited)
+
+    for world in document.root.all("worldbody"):
+        walk(world, world.attributes.get("childclass") or "main")
+    said = []
+    for key, noun in DRIVES.items():
+        found: dict[str, list[str]] = {}
+        for name, _ in joints:
+            element, current = document.joints.get(name), of_joint.get(name)
+            if element is None or key in element.attributes:
+                continue
+            while current in classes:
+                parent, default = classes[current]
+                holder = next((one for one in default.all("joint") if key in one.attributes), None)
+                if holder is not None:
+                    line = holder.file.edit.line(holder.place)
+                    found.setdefault(f"{current} ({holder.file.path.name}, line {line})", []).append(name)
+                    break
+                current = parent
+        for place, names in found.items():
+            said.append(f"The {noun} of {_listed(names)} is that of the default class {place}.")
+    return said
+
+
+def _actuators(model: CompiledMjcf, joints: Sequence[str]) -> list[str]:
+    """Say what drives the joints, since a log may hold controls and not torques."""
+    parts = []
+    for row in model.actuators:
+        if row["trntype"] in ON_JOINT:
+            factor = row["gear"][0] * row["gainprm"][0]
+            # A bias that depends on position or velocity makes a servo, whose control is no torque.
+            servo = "position servo" if row["biasprm"][1] else "velocity servo" if row["biasprm"][2] else ""
+            parts.append(f"{joints[row['trnid'][0]]} ({servo or f'{factor:g}'})")
+    other = sum(row["trntype"] not in ON_JOINT for row in model.actuators)
+    said = []
+    if parts:
+        shown = ", ".join(parts[:MOST]) + (f" and {len(parts) - MOST} more" if len(parts) > MOST else "")
+        said.append(
+            f"Actuators, with the torque of a control of 1: {shown}; a log must hold torques of joints, or [log] the gains."
+        )
+    if other:
+        verb = "do" if other > 1 else "does"
+        said.append(f"{other} actuator{'s' * (other > 1)} {verb} not act on one joint; they are no part of the robot.")
+    return said
+
+
+def _left_out(
+    document: MjcfDocument,
+    model: CompiledMjcf,
+    bodies: Sequence[str],
+    joints: Sequence[tuple[str, Mapping[str, Any]]],
+) -> list[str]:
+    """Name what acts in a simulation and is no part of the robot."""
+    parts = []
+    springs = [name for name, row in joints if row["stiffness"]]
+    if springs:
+        parts.append(f"springs at the joints {_listed(springs)}")
+    curved = [name for name, row in joints if row["poly"]]
+    if curved:
+        parts.append(f"damping beyond the linear one at {_listed(curved)}")
+    tendons = [row["name"] for row in model.tendons if any(row[k] for k in ("stiffness", "damping", "frictionloss"))]
+    if tendons:
+        parts.append(f"springs and friction of the tendons {_listed(tendons)}")
+    floating = [name for name, row in zip(bodies, model.bodies, strict=True) if row["gravcomp"]]
+    if floating:
+        parts.append(f"compensated gravity (gravcomp) of {_listed(floating)}")
+    for key in ("density", "viscosity"):
+        value = document.setting("option", key)
+        if value is not None and any(word.strip("0.") for word in value.split()):
+            parts.append(f"the {key} of the medium")
+    return [f"Not part of the robot: {'; '.join(parts)}."] if parts else []
