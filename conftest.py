@@ -51,13 +51,15 @@ def pytest_configure() -> None:
             providers.is_local_module_file = lambda path: False
 
 
-# What the examples of a file, or of the files of a folder, import.
+# What the examples of a file, of the files of a folder, or of a function import.
 NEEDS = {
     "casadi_function.py": "casadi",
     "jax_function.py": "jax",
     "symbolic_function.py": "sympy",
     "symbols.py": "sympy",
     "closed_form": "sympy",
+    "from_mjcf": "mujoco",
+    "mjcf_writer.py": "mujoco",
     "obstacles.py": "coal",
     "self_collision.py": "coal",
 }
@@ -68,7 +70,8 @@ def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
     for item in items:
         if not isinstance(item, pytest.DoctestItem):
             continue
-        extra = NEEDS.get(item.path.name, NEEDS.get(item.path.parent.name))
+        names = (item.path.name, item.path.parent.name, item.name.rpartition(".")[2])
+        extra = next((NEEDS[name] for name in names if name in NEEDS), None)
         if extra is not None and find_spec(extra) is None:
             item.add_marker(pytest.mark.skip(reason=f"{extra} is not installed"))
 

@@ -124,7 +124,8 @@ def test_what_is_told_of_where_numbers_come_from(tmp_path):
         "The damping of upper_joint, elbow is that of the default class main (robot.xml, line 5).",
         "The friction of elbow is that of the default class elbow (robot.xml, line 6).",
         "The armature of elbow is that of the default class elbow (robot.xml, line 6).",
-        "Actuators, with the torque of a control of 1: elbow (50); a log must hold torques of joints, or [log] the gains.",
+        "Actuators, with the torque of a control of 1: elbow (50); "
+        "a log must hold torques of joints, or [log] the gains.",
         "Not part of the robot: springs at the joints upper_joint.",
     )
 

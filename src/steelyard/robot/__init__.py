@@ -15,6 +15,7 @@ if TYPE_CHECKING:
     from .joint import Joint as Joint
     from .joint import JointKind as JointKind
     from .joint import Link as Link
+    from .mjcf_writer import write_mjcf as write_mjcf
     from .robot import Condition as Condition
     from .robot import Robot as Robot
     from .robot import Term as Term

@@ -122,7 +122,8 @@ def _actuators(model: CompiledMjcf, joints: Sequence[str]) -> list[str]:
     if parts:
         shown = ", ".join(parts[:MOST]) + (f" and {len(parts) - MOST} more" if len(parts) > MOST else "")
         said.append(
-            f"Actuators, with the torque of a control of 1: {shown}; a log must hold torques of joints, or [log] the gains."
+            f"Actuators, with the torque of a control of 1: {shown}; a log must hold torques of joints, or [log] the "
+            "gains."
         )
     if other:
         verb = "do" if other > 1 else "does"
