@@ -71,7 +71,9 @@ def csv(path: Path, arrays: Arrays) -> None:
 
 
 def semicolons(path: Path, arrays: Arrays) -> None:
-    pl.DataFrame(flat(arrays)).write_csv(path, separator=";", decimal_comma=True)
+    text = io.StringIO()
+    pl.DataFrame(flat(arrays)).write_csv(text, separator=";")
+    path.write_text(text.getvalue().replace(".", ","))
 
 
 def gz(path: Path, arrays: Arrays) -> None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import glob
 from typing import Any
 
 from .table_file import TableFile
@@ -19,4 +20,4 @@ class ArrowFile(TableFile):
 
         with self.path.open("rb") as file:
             is_file = file.read(6) == b"ARROW1"
-        return pl.scan_ipc(self.path, glob=False) if is_file else pl.read_ipc_stream(self.path).lazy()
+        return pl.scan_ipc(glob.escape(str(self.path))) if is_file else pl.read_ipc_stream(self.path).lazy()

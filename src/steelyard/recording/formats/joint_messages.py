@@ -5,7 +5,7 @@ from __future__ import annotations
 import tempfile
 import weakref
 from array import array
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 from typing import Any, NamedTuple
 
@@ -52,7 +52,7 @@ def joint_message(message: Any) -> JointMessage | None:
 
     Parameters
     ----------
-    message : object or mapping
+    message : object or dict
         With fields as attributes, or as keys.
 
     Examples
@@ -60,38 +60,45 @@ def joint_message(message: Any) -> JointMessage | None:
     >>> joint_message({"header": {"stamp": {"sec": 2, "nanosec": 5}}, "name": ["elbow"], "position": [0.5]})
     JointMessage(stamp=2000000005, names=('elbow',), values=([0.5], (), ()))
     """
-    measured = _field(message, "actual", "feedback")
-    joints = _field(message, "joints")
-    if measured is not None:
-        names = _field(message, "joint_names")
-        values = _quantities(measured)
-    elif joints is not None and not isinstance(joints, str) and isinstance(joints, Sequence):
-        each = list(joints)
-        names = [_field(joint, "name") for joint in each]
-        columns = [[_field(joint, quantity) for joint in each] for quantity in QUANTITIES]
+    names = _field(message, "name", "names")
+    if names is not None:
+        values = _quantities(message)
+    elif (measured := _field(message, "actual", "feedback")) is not None:
+        names, values = _field(message, "joint_names"), _quantities(measured)
+    elif isinstance(joints := _field(message, "joints"), Sequence) and not isinstance(joints, str):
+        names = [_field(joint, "name") for joint in joints]
+        columns = [[_field(joint, quantity) for joint in joints] for quantity in QUANTITIES]
         values = tuple([] if all(one is None for one in column) else column for column in columns)
     else:
-        names = _field(message, "name", "names", "joint_names")
-        values = _quantities(message)
+        names, values = _field(message, "joint_names"), _quantities(message)
     if names is None or isinstance(names, str | bytes) or not hasattr(names, "__len__"):
         return None
     named = tuple(names)
-    if not all(isinstance(name, str) for name in named) or not any(len(value) for value in values):
+    if not _are_texts(named) or not any(len(value) for value in values):
         return None
     return JointMessage(_stamp(message), named, values)
 
 
+def _are_texts(names: tuple[Any, ...]) -> bool:
+    return all(type(name) is str for name in names)
+
+
 def _field(message: Any, *names: str) -> Any:
+    """Return the first field that is there; messages come by the million, so that this is kept quick."""
+    if isinstance(message, dict):
+        for name in names:
+            if (value := message.get(name)) is not None:
+                return value
+        return None
     for name in names:
-        value = message.get(name) if isinstance(message, Mapping) else getattr(message, name, None)
-        if value is not None:
+        if (value := getattr(message, name, None)) is not None:
             return value
     return None
 
 
 def _quantities(message: Any) -> tuple[Any, ...]:
-    found = (_field(message, quantity, PLURALS[quantity]) for quantity in QUANTITIES)
-    return tuple(() if value is None or not hasattr(value, "__len__") else value for value in found)
+    found = [_field(message, quantity, plural) for quantity, plural in PLURALS.items()]
+    return tuple([() if value is None or not hasattr(value, "__len__") else value for value in found])
 
 
 def _stamp(message: Any) -> int:

@@ -96,7 +96,8 @@ def main() -> None:
                 np.save(folder / f"{len(index['arrays'])}.npy", value, allow_pickle=False)
                 index["arrays"].append(path)
     except Exception as error:  # SciPy raises whatever it meets in a damaged file
-        index = {"problem": " ".join(str(error).split())[:200].rstrip(".") or type(error).__name__}
+        said = "" if isinstance(error, MemoryError) else " ".join(str(error).split())[:200].rstrip(".")
+        index = {"problem": said or type(error).__name__}
     (folder / "index.json").write_text(json.dumps(index), encoding="utf-8")
     os._exit(0)  # without the cleanup of the library, which may crash after a damaged file
 

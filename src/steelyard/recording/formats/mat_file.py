@@ -18,7 +18,7 @@ from steelyard.files.child_process import run_child
 from ..columns import LogColumns
 from . import mat_child
 from .array_log import OBJECTS, ArrayLog, StoredArray, texts_of
-from .log_file import LogFile
+from .log_file import LogFile, reason_of
 
 __all__ = ["MatFile"]
 
@@ -50,7 +50,8 @@ class MatFile(ArrayLog):
         folder = Path(place.name)
         index = _read(path, folder)
         if "problem" in index:
-            raise InputError(f"{path} cannot be read as a file of MATLAB: {index['problem']}; save it again.")
+            problem = reason_of(MemoryError()) if index["problem"] == "MemoryError" else index["problem"]
+            raise InputError(f"{path} cannot be read as a file of MATLAB: {problem}; save it again.")
         stored = []
         for number, name in enumerate(index["arrays"]):
             array = np.load(folder / f"{number}.npy", mmap_mode="r", allow_pickle=False)
