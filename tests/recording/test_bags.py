@@ -66,6 +66,21 @@ def bag(folder: Path, messages: list[State]) -> Path:
     return write_mcap_json(folder / "run.mcap", {"/joint_states": messages})
 
 
+def test_a_bag_is_decoded_once_until_it_is_written_again(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    from steelyard.recording.formats import mcap_file
+
+    opened = []
+    decoder = mcap_file.McapFile._decoder
+    monkeypatch.setattr(mcap_file.McapFile, "_decoder", lambda *given: opened.append(1) or decoder(*given))
+    path = bag(tmp_path, STATES)
+    expect(Recording.read(path, joints=("wrist",)), ("wrist",))
+    once = len(opened)
+    expect(Recording.read(path, joints=JOINTS))  # other rows of the same messages
+    assert len(opened) == once > 0
+    bag(tmp_path, STATES[:200])
+    assert Recording.read(path, joints=JOINTS).count == 200
+
+
 def test_orders_of_joints_may_change_from_message_to_message(tmp_path: Path) -> None:
     orders = [("elbow", "wrist", "shoulder"), ("wrist", "elbow", "shoulder"), JOINTS]
     expect(Recording.read(bag(tmp_path, [part(m, *orders[k % 3]) for k, m in enumerate(STATES)]), joints=JOINTS))
@@ -347,6 +362,6 @@ def test_a_long_bag_takes_the_memory_of_a_block(tmp_path: Path) -> None:
         table.add(JointMessage(1 + k, JOINTS, tuple(value + k for value in values)), k)
     table.finish()
     assert isinstance(table._numbers, np.memmap)
-    block = table.columns(["time", "effort[wrist]"], 2 * BLOCK - 1, 2 * BLOCK + 1)
+    block = table.rows(table.names).columns(["time", "effort[wrist]"], 2 * BLOCK - 1, 2 * BLOCK + 1)
     np.testing.assert_array_equal(block["effort[wrist]"], [4.0 + 2 * BLOCK - 1, 4.0 + 2 * BLOCK])
     np.testing.assert_array_equal(block["time"], np.arange(2 * BLOCK - 1, 2 * BLOCK + 1) / 1e9)

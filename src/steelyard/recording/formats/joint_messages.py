@@ -17,7 +17,7 @@ from steelyard.files import shown
 
 from .log_file import Columns
 
-__all__ = ["QUANTITIES", "JointMessage", "JointTable", "joint_message"]
+__all__ = ["QUANTITIES", "JointMessage", "JointRows", "JointTable", "joint_message"]
 
 QUANTITIES = ("position", "velocity", "effort")
 TIME, RECORDED = "time", "recorded"
@@ -131,13 +131,39 @@ class _Order:
 
 
 @dataclass(frozen=True, eq=False)
-class _Rows:
-    """The rows that some of the messages make."""
+class JointRows:
+    """The rows that some of the messages of a table make."""
 
+    table: JointTable
     time: NDArray[np.int64]
     recorded: NDArray[np.int64]
     members: list[tuple[_Order, NDArray[np.int64], NDArray[np.int64]]]
     """The orders; and for each the numbers of its messages and of their rows, both in the order of the rows."""
+
+    @property
+    def count(self) -> int:
+        """Number of rows."""
+        return int(self.time.size)
+
+    def columns(self, names: Sequence[str], start: int, stop: int) -> Columns:
+        """Return the rows start:stop of columns."""
+        stop = min(stop, self.count)
+        found: Columns = {}
+        for name in names:
+            if name in (TIME, RECORDED):
+                found[name] = (self.time if name == TIME else self.recorded)[start:stop] / 1e9
+            else:
+                found[name] = np.full(stop - start, np.nan)
+        for order, numbers, rows in self.members:
+            places = {name: order.column(*pair) for name in names if (pair := _quantity_and_joint(name))}
+            chosen = {name: place for name, place in places.items() if place is not None}
+            first, last = np.searchsorted(rows, (start, stop))
+            values = self.table.taken(order, numbers[first:last], np.array(list(chosen.values()), dtype=np.int64))
+            for index, name in enumerate(chosen):
+                own = values[:, index]
+                there = ~np.isnan(own)
+                found[name][rows[first:last][there] - start] = own[there]
+        return found
 
 
 class JointTable:
@@ -161,7 +187,6 @@ class JointTable:
         weakref.finalize(self, self._file.close)
         self._written = self._count = 0
         self._numbers: NDArray[np.float64] = np.empty(0)
-        self._rows = _Rows(np.empty(0, np.int64), np.empty(0, np.int64), [])
 
     def add(self, message: JointMessage, recorded: int) -> None:
         """Add the next message.
@@ -237,7 +262,6 @@ class JointTable:
         self._file.flush()
         if self._written:
             self._numbers = np.memmap(self._file, np.float64, "r")
-        self.keep(self.names)
 
     @property
     def joints(self) -> tuple[str, ...]:
@@ -257,18 +281,18 @@ class JointTable:
         )
         return (TIME, RECORDED, *numbers)
 
-    def keep(self, names: Sequence[str]) -> None:
-        """Make rows of those messages alone that have one of these columns."""
+    def rows(self, names: Sequence[str]) -> JointRows:
+        """Make rows of those messages alone that have one of these columns; of all of them where none has."""
         pairs = [pair for name in names if (pair := _quantity_and_joint(name))]
         kept = [
             order
             for order in self._orders.values()
             if any(order.column(quantity, joint) is not None for quantity, joint in pairs)
         ]
-        if kept:
-            self._rows = self._arranged(kept)
+        orders = kept or list(self._orders.values())
+        return self._arranged(orders) if orders else JointRows(self, np.empty(0, np.int64), np.empty(0, np.int64), [])
 
-    def _arranged(self, orders: list[_Order]) -> _Rows:
+    def _arranged(self, orders: list[_Order]) -> JointRows:
         which = np.repeat(np.arange(len(orders)), [len(order.stamps) for order in orders])
         number = np.concatenate([np.arange(len(order.stamps)) for order in orders])
         stamps, recorded, arrivals = (
@@ -288,7 +312,7 @@ class JointTable:
         self._part_contradictions(orders, which, number, begins)
         row = np.cumsum(begins) - 1
         members = [(order, number[which == k], row[which == k]) for k, order in enumerate(orders)]
-        return _Rows(time[begins] - time[0], recorded[begins] - recorded[0], members)
+        return JointRows(self, time[begins] - time[0], recorded[begins] - recorded[0], members)
 
     def _part_contradictions(
         self, orders: list[_Order], which: NDArray[np.int64], number: NDArray[np.int64], begins: NDArray[np.bool_]
@@ -299,7 +323,7 @@ class JointTable:
             said: dict[str, float] = {}
             for index in range(first, stop):
                 order = orders[which[index]]
-                values = self._taken(order, number[index : index + 1], np.arange(order.block.shape[1]))[0]
+                values = self.taken(order, number[index : index + 1], np.arange(order.block.shape[1]))[0]
                 keys = [f"{quantity}[{joint}]" for quantity in QUANTITIES for joint in order.names]
                 own = {key: value for key, value in zip(keys, values.tolist(), strict=True) if value == value}
                 if any(said.get(key, value) != value for key, value in own.items()):
@@ -307,32 +331,8 @@ class JointTable:
                     said = {}
                 said.update(own)
 
-    @property
-    def count(self) -> int:
-        """Number of rows."""
-        return int(self._rows.time.size)
-
-    def columns(self, names: Sequence[str], start: int, stop: int) -> Columns:
-        """Return the rows start:stop of columns."""
-        stop = min(stop, self.count)
-        found: Columns = {}
-        for name in names:
-            if name in (TIME, RECORDED):
-                found[name] = (self._rows.time if name == TIME else self._rows.recorded)[start:stop] / 1e9
-            else:
-                found[name] = np.full(stop - start, np.nan)
-        for order, numbers, rows in self._rows.members:
-            places = {name: order.column(*pair) for name in names if (pair := _quantity_and_joint(name))}
-            chosen = {name: place for name, place in places.items() if place is not None}
-            first, last = np.searchsorted(rows, (start, stop))
-            values = self._taken(order, numbers[first:last], np.array(list(chosen.values()), dtype=np.int64))
-            for index, name in enumerate(chosen):
-                own = values[:, index]
-                there = ~np.isnan(own)
-                found[name][rows[first:last][there] - start] = own[there]
-        return found
-
-    def _taken(self, order: _Order, numbers: NDArray[np.int64], places: NDArray[np.int64]) -> NDArray[np.float64]:
+    def taken(self, order: _Order, numbers: NDArray[np.int64], places: NDArray[np.int64]) -> NDArray[np.float64]:
+        """Return some of the numbers of some of the messages of one order."""
         width = len(QUANTITIES) * len(order.names)
         begins = np.array(order.begins, dtype=np.int64)[numbers // BLOCK] + (numbers % BLOCK) * width
         return np.asarray(self._numbers[begins[:, None] + places])
