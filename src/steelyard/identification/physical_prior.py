@@ -15,6 +15,7 @@ from steelyard.errors import InputError, MissingExtraError
 from steelyard.feasibility import FeasibleSet
 from steelyard.feasibility.constraints import Constraint
 from steelyard.regression import Information
+from steelyard.robot import Robot
 from steelyard.robot.description import URDF, description_format
 from steelyard.robot.inertia import moment_row, parameters_of_pseudo_inertia, pseudo_inertia, transformation
 
@@ -26,7 +27,7 @@ if TYPE_CHECKING:
     from steelyard.collision.robot_geometry import GeometryElement
     from steelyard.feasibility.constraints import MeasuredMass, SymmetricLink, TotalMass
 
-__all__ = ["LinkPrior", "PhysicalPrior", "physical_prior"]
+__all__ = ["LinkPrior", "PhysicalPrior", "physical_prior", "reference_bodies"]
 
 Array = NDArray[np.float64]
 Source = Literal["description", "shape", "kinematics"]
@@ -277,6 +278,30 @@ def physical_prior(
     [0.3, 2.0]
     """
     return _Gathering(model, tuple(constraints), geometry).prior()
+
+
+def reference_bodies(robot: Robot) -> list[dict[str, tuple[Array, bool]]]:
+    """Return what the links of a robot look like, at a density of 1 kg/m³.
+
+    Returns
+    -------
+    list of dict
+        For each moving link, by the names of the links of the source that belong to it: moments (4, 4) in the frame of
+        the moving link, and whether they are those of a shape. Without a shape the moving link itself has the body that
+        spans its joints, and what is fixed to it is left out.
+    """
+    gathering = _Gathering(Model(robot), (), None)
+    found = []
+    for index, link in enumerate(robot.links):
+        bodies: dict[str, tuple[Array, bool]] = {}
+        for name in (link.name, *link.absorbed):
+            solid = gathering._solid(index, name)
+            if solid is not None:
+                bodies[name] = solid, True
+        if link.name not in bodies and gathering.reach > SHORTEST_REACH:
+            bodies[link.name] = np.asarray(gathering.bodies[index].moments), False
+        found.append(bodies)
+    return found
 
 
 class _Gathering:

@@ -1,0 +1,348 @@
+"""Whether a description can be believed, before anything moves: link by link, with the probable cause of a fault."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator
+from dataclasses import dataclass, field
+from itertools import permutations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from steelyard.robot import Robot
+from steelyard.robot.inertia import Inertia
+
+from .described_inertia import described_bodies, possible_body
+from .physical_prior import DENSITIES, reference_bodies
+
+__all__ = ["LinkReport", "Preflight", "preflight"]
+
+Array = NDArray[np.float64]
+
+IMPOSSIBLE = 40.0
+"""Added to the mismatch of a body that no mass distribution has; a body with the shape's own moments has 0."""
+
+GAIN = 9.0
+"""By how much a cause must lower the mismatch, beyond its own cost, to be named."""
+
+ALIKE = 0.2
+"""Of the logarithms of volume and size: links that differ by less are meant to be alike."""
+
+SPREAD = {True: (0.7, 0.5, 0.6), False: (1.0, 0.8, 0.9)}
+"""Standard deviations of the logarithm of the density, of the place of the centre of mass relative to the radius of
+gyration, and of the logarithms of the second moments: with a shape, and with the body that spans the joints."""
+
+CONTRADICTION = math.log(30.0)
+"""Of a density from that of the other links of the robot: masses of links differ from shapes by 2 as a rule."""
+
+SAME = 1e-9
+TINY = 1e-3  # kg; frames and sensors have masses that mean nothing
+ROUNDING = -1e-9  # of the largest second moment: what few digits do
+
+
+@dataclass(frozen=True)
+class _Body:
+    """Mass, centre of mass and inertia about it, as a description states them."""
+
+    mass: float
+    com: Array
+    tensor: Array
+
+    @property
+    def inertia(self) -> Inertia:
+        return Inertia.from_com(self.mass, self.com, self.tensor)
+
+    @property
+    def covariance(self) -> Array:
+        """Second central moments over the mass, (3, 3)."""
+        return np.asarray((0.5 * np.trace(self.tensor) * np.eye(3) - self.tensor) / self.mass)
+
+
+@dataclass(frozen=True, eq=False)
+class LinkReport:
+    """What is said of one link of the description.
+
+    Attributes
+    ----------
+    link : str
+    mass : float
+        kg.
+    margin : float
+        Least principal second moment about the centre of mass over the largest: below 0 no body has it.
+    cause : str
+        The probable cause of what is wrong, such as "unit g for kg"; empty where nothing is.
+    sentence : str
+        The finding with its evidence; empty where nothing is wrong.
+    mended : Inertia or None
+        As the link probably is, or the nearest possible body, in its own frame; None where it stays.
+    """
+
+    link: str
+    mass: float
+    margin: float
+    cause: str = ""
+    sentence: str = ""
+    mended: Inertia | None = field(default=None, repr=False)
+
+    @property
+    def possible(self) -> bool:
+        """Whether a body can have it, but for the rounding of the digits that are written."""
+        return self.mass >= 0.0 and self.margin >= ROUNDING
+
+
+@dataclass(frozen=True, eq=False)
+class Preflight:
+    """The findings on a description.
+
+    Attributes
+    ----------
+    robot : Robot
+    links : tuple of LinkReport
+        Every link of the description with an inertia, but for those fixed to the base.
+    """
+
+    robot: Robot
+    links: tuple[LinkReport, ...]
+
+    @property
+    def findings(self) -> tuple[LinkReport, ...]:
+        """Those of which something is wrong."""
+        return tuple(one for one in self.links if one.sentence)
+
+    def repaired(self) -> Array:
+        """Parameters (n,) of the robot with the mended links."""
+        mended = {one.link: one.mended for one in self.links if one.mended is not None}
+        parameters = np.array(self.robot.parameters)
+        bodies = described_bodies(self.robot)
+        for link, start, parts in zip(self.robot.links, self.robot.link_starts, bodies, strict=True):
+            if not {link.name, *link.absorbed} & mended.keys():
+                continue
+            total = np.zeros(10)
+            for part in parts:
+                inertia = mended.get(part.name, part.inertia)
+                if inertia is not None:
+                    total += inertia.moved(part.placement).parameters
+            parameters[start : start + 10] = total
+        return parameters
+
+
+def preflight(robot: Robot) -> Preflight:
+    """Look at the inertias of a description: possible or not, and the probable cause of what is wrong.
+
+    Every link is compared with its shape, or where it has none with a body that spans its joints, at the density that
+    the other links of the robot have. Causes that are tried: masses in grams, lengths in millimetres, a decimal slip,
+    the sign of products of inertia, swapped axes, inertia about the origin of the frame, inertia in the axes of another
+    frame; then copies, placeholders, and shapes that contradict the mass.
+
+    Parameters
+    ----------
+    robot : Robot
+
+    Examples
+    --------
+    >>> body = Inertia.from_com(2.0, (0.2, 0, 0), np.diag([0.002, 0.02, 0.03]))
+    >>> arm = Robot.from_dh([(0, 0.4, 0, "q"), (0, 0.4, 0, "q")], inertias={"link1": body, "link2": body})
+    >>> preflight(arm).links[0].possible, preflight(arm).links[0].sentence
+    (False, 'no body has these moments of inertia (the least second moment is -0.17 of the largest)')
+    """
+    references = reference_bodies(robot)
+    frames = _axes_of_base(robot)
+    found: list[tuple[str, _Body, str, tuple[Array, bool] | None, Array]] = []
+    reports: list[LinkReport] = []
+    for index, parts in enumerate(described_bodies(robot)):
+        for part in parts:
+            if part.inertia is None:
+                continue
+            mass = part.inertia.mass
+            if not mass > 0.0:
+                if part.problem and (mass < 0.0 or np.abs(part.inertia.parameters).max() > 0.0):
+                    reports.append(LinkReport(part.name, mass, np.nan, "placeholder", part.problem))
+                continue
+            body = _Body(mass, part.inertia.com, part.inertia.about_com)
+            reference = references[index].get(part.name)
+            if reference is not None:
+                back = np.linalg.inv(part.placement)
+                reference = back @ reference[0] @ back.T, reference[1]
+            axes = frames[index] @ part.placement[:3, :3]
+            found.append((part.name, body, part.problem, reference, axes))
+    densities = {
+        name: math.log(body.mass / reference[0][3, 3])
+        for name, body, _, reference, _ in found
+        if reference is not None and body.mass > TINY
+    }
+    for name, body, problem, reference, axes in found:
+        others = [value for other, value in densities.items() if other != name]
+        density = float(np.median(others)) if others else math.log(500.0)
+        copies = [
+            other
+            for other, twin, _, place, _ in found
+            if other != name and _is_copy(body, twin) and _differ(reference, place)
+        ]
+        reports.append(_judged(name, body, problem, reference, axes, density, copies))
+    return Preflight(robot, tuple(reports))
+
+
+def _judged(
+    name: str,
+    body: _Body,
+    problem: str,
+    reference: tuple[Array, bool] | None,
+    axes: Array,
+    density: float,
+    copies: list[str],
+) -> LinkReport:
+    values = np.linalg.eigvalsh(body.covariance)
+    margin = float(values[0] / values[-1]) if values[-1] > 0.0 else -1.0
+    possible = margin >= ROUNDING
+    stand_in = np.eye(4) if reference is None else reference[0]
+    nearest = None if possible else Inertia.from_parameters(possible_body(body.inertia.parameters, stand_in)[0])
+    wrong = "no body has these moments of inertia"
+    wrong = "" if possible else f"{wrong} (the least second moment is {margin:.2g} of the largest)"
+
+    def report(cause: str, sentence: str, mended: Inertia | None = nearest) -> LinkReport:
+        return LinkReport(name, body.mass, margin, cause, sentence, mended)
+
+    if problem:
+        return report("placeholder", problem)
+    if copies:
+        text = f"it has the inertial of {', '.join(copies[:3])}, to the last digit, and another shape"
+        return report("copied link", f"{wrong}; {text}" if wrong else text)
+    if body.mass > TINY and reference is not None:
+        before = _mismatch(body, reference, density)
+        tried = [
+            (before - _mismatch(mended, reference, density) - cost, cause, mended)
+            for cause, cost, mended in _causes(body, axes)
+        ]
+        gain, cause, mended = max(tried, key=lambda one: one[0])
+        if gain >= GAIN:
+            is_body = np.linalg.eigvalsh(mended.covariance)[0] > 0.0
+            evidence = wrong or _evidence(body, reference)
+            return report(cause, f"{evidence}; probably {cause}", mended.inertia if is_body else nearest)
+        away = math.log(body.mass / reference[0][3, 3]) - density
+        if reference[1] and abs(away) > CONTRADICTION:
+            many = "heavier" if away > 0.0 else "lighter"
+            text = f"{math.exp(abs(away)):.0f} times {many} than the other links for its size"
+            return report("shape contradicts mass", f"its shape contradicts its mass: {text}")
+        actual = body.mass / reference[0][3, 3]
+        if reference[1] and not DENSITIES[0] <= actual <= DENSITIES[1]:
+            return report("shape contradicts mass", f"its shape contradicts its mass: {actual:.3g} kg/m³")
+    return report("impossible" if wrong else "", wrong)
+
+
+def _evidence(body: _Body, reference: tuple[Array, bool]) -> str:
+    moments, has_shape = reference
+    volume = moments[3, 3]
+    place = np.linalg.norm(body.com - moments[:3, 3] / volume)
+    size = math.sqrt(np.trace(_covariance(moments)))
+    gyration = math.sqrt(max(np.trace(body.covariance), 0.0))
+    what = "its shape" if has_shape else "what spans its joints"
+    return (
+        f"it does not fit {what} (density {body.mass / volume:.3g} kg/m³, radius of gyration {gyration:.3g} m beside "
+        f"{size:.3g} m, centre of mass {place:.3g} m away)"
+    )
+
+
+def _covariance(moments: Array) -> Array:
+    center = moments[:3, 3] / moments[3, 3]
+    return np.asarray(moments[:3, :3] / moments[3, 3] - np.outer(center, center))
+
+
+def _mismatch(body: _Body, reference: tuple[Array, bool], density: float) -> float:
+    """How far a body is from its reference, in squared standard deviations."""
+    moments, has_shape = reference
+    of_density, of_place, of_moments = SPREAD[has_shape]
+    around = _covariance(moments)
+    size = math.sqrt(np.trace(around))
+    around = around + (0.02 * size) ** 2 * np.eye(3)
+    found = ((math.log(body.mass / moments[3, 3]) - density) / of_density) ** 2
+    found += float(np.sum((body.com - moments[:3, 3] / moments[3, 3]) ** 2)) / (of_place * size) ** 2
+    root = np.linalg.inv(np.linalg.cholesky(around))
+    ratios = np.linalg.eigvalsh(root @ body.covariance @ root.T)
+    largest = max(float(np.abs(ratios).max()), 1e-12)
+    found += IMPOSSIBLE if ratios[0] < ROUNDING * largest else 0.0
+    ratios = np.maximum(ratios, 1e-3 * largest)
+    found += float(np.sum(np.log(ratios) ** 2)) / of_moments**2
+    return min(found, 1e6)
+
+
+def _causes(body: _Body, axes: Array) -> Iterator[tuple[str, float, _Body]]:
+    """What the body would be without a mistake: the mistake, what it costs to assume it, and the body."""
+    mass, com, tensor = body.mass, body.com, body.tensor
+
+    def scaled(of_mass: float, of_length: float, of_tensor: float) -> _Body:
+        return _Body(mass * of_mass, com * of_length, tensor * of_tensor)
+
+    yield "unit: mass in g, not kg", 2.0, scaled(1e-3, 1.0, 1.0)
+    yield "unit: mass and inertia in g, not kg", 2.0, scaled(1e-3, 1.0, 1e-3)
+    yield "unit: lengths in mm, not m", 2.0, scaled(1.0, 1e-3, 1e-6)
+    yield "unit: centre of mass in mm, not m", 2.0, scaled(1.0, 1e-3, 1.0)
+    yield "unit: inertia in kg mm², not kg m²", 2.0, scaled(1.0, 1.0, 1e-6)
+    yield "unit: inertia in kg cm², not kg m²", 3.0, scaled(1.0, 1.0, 1e-4)
+    yield "unit: inertia in g m² or of a mass in g", 2.0, scaled(1.0, 1.0, 1e-3)
+    yield "unit: inertia in g mm², not kg m²", 2.0, scaled(1.0, 1.0, 1e-9)
+    yield "unit: g and mm, not kg and m", 2.0, scaled(1e-3, 1e-3, 1e-9)
+    yield "unit: mass in t, not kg", 4.0, scaled(1e3, 1.0, 1.0)
+    for factor in (0.1, 10.0, 0.01, 100.0):
+        cost = 4.0 if factor in (0.1, 10.0) else 6.0
+        yield "decimal slip of the mass", cost, scaled(factor, 1.0, 1.0)
+        yield "decimal slip of the inertia", cost, scaled(1.0, 1.0, factor)
+        for axis in range(3):
+            moved = com.copy()
+            moved[axis] *= factor
+            yield f"decimal slip of the centre of mass along {'xyz'[axis]}", cost + 1.0, _Body(mass, moved, tensor)
+            slipped = tensor.copy()
+            slipped[axis, axis] *= factor
+            letter = "xyz"[axis]
+            yield f"decimal slip of i{letter}{letter}", cost + 1.0, _Body(mass, com, slipped)
+    for row, column in ((0, 1), (0, 2), (1, 2)):
+        pair = "xyz"[row] + "xyz"[column]
+        flipped = tensor.copy()
+        flipped[row, column] = flipped[column, row] = -tensor[row, column]
+        yield f"sign of i{pair}", 4.0, _Body(mass, com, flipped)
+        for factor in (0.1, 0.01):
+            slipped = tensor.copy()
+            slipped[row, column] = slipped[column, row] = factor * tensor[row, column]
+            yield f"decimal slip of i{pair}", 6.0, _Body(mass, com, slipped)
+    yield "sign of all products of inertia", 3.0, _Body(mass, com, 2.0 * np.diag(np.diagonal(tensor)) - tensor)
+    for axis in range(3):
+        moved = com.copy()
+        moved[axis] = -com[axis]
+        yield f"sign of the centre of mass along {'xyz'[axis]}", 4.0, _Body(mass, moved, tensor)
+    for order in permutations(range(3)):
+        if order != (0, 1, 2):
+            turned = tensor[np.ix_(order, order)]
+            yield "swapped axes of the inertia", 4.0, _Body(mass, com, turned)
+            yield "swapped axes of centre of mass and inertia", 5.0, _Body(mass, com[list(order)], turned)
+            yield "swapped axes of the centre of mass", 5.0, _Body(mass, com[list(order)], tensor)
+    steiner = mass * (com @ com * np.eye(3) - np.outer(com, com))
+    yield "inertia about the origin of the frame, not the centre of mass", 3.0, _Body(mass, com, tensor - steiner)
+    if not np.allclose(axes, np.eye(3), rtol=0.0, atol=1e-6):
+        yield "inertia in the axes of the base", 4.0, _Body(mass, com, axes.T @ tensor @ axes)
+        yield "inertia in the axes of the base, not of the link", 4.0, _Body(mass, axes.T @ com, axes.T @ tensor @ axes)
+
+
+def _is_copy(one: _Body, other: _Body) -> bool:
+    """Whether two bodies are the same to the last digit, and not the same by symmetry."""
+    a, b = one.inertia.parameters, other.inertia.parameters
+    if one.mass <= TINY or not np.allclose(a, b, rtol=SAME, atol=0.0):
+        return False
+    return bool(np.abs(one.com).max() > 0.0)
+
+
+def _differ(one: tuple[Array, bool] | None, other: tuple[Array, bool] | None) -> bool:
+    """Whether two links look different: the legs of a quadruped are alike for a reason."""
+    if one is None or other is None:
+        return False
+    first, second = one[0], other[0]
+    sizes = [float(np.trace(_covariance(moments))) for moments in (first, second)]
+    return abs(math.log(sizes[0] / sizes[1])) > ALIKE or abs(math.log(first[3, 3] / second[3, 3])) > ALIKE
+
+
+def _axes_of_base(robot: Robot) -> list[Array]:
+    """The axes of each moving link in the frame of the base, (3, 3), at q = 0."""
+    found: list[Array] = []
+    for joint in robot.joints:
+        above = np.eye(3) if joint.parent < 0 else found[joint.parent]
+        found.append(above @ joint.placement(0.0)[:3, :3])
+    return found

@@ -1,0 +1,67 @@
+"""Defects of descriptions that are named before anything moves."""
+
+import numpy as np
+import pytest
+from planted_defects import DEFECTS, ROBOTS, installed, named, planted
+
+from steelyard.identification.preflight import preflight
+from steelyard.robot import Inertia, Robot
+
+NEEDED = pytest.mark.skipif(not (installed() / ROBOTS[0]).exists(), reason="example-robot-data is not installed")
+
+
+@NEEDED
+@pytest.mark.parametrize("name", ROBOTS)
+def test_good_arms_pass(name):
+    found = preflight(Robot.from_urdf(installed() / name))
+    assert found.findings == ()
+    assert all(one.possible and one.margin > 0.0 for one in found.links)
+
+
+@NEEDED
+@pytest.mark.parametrize(
+    "defect", ["mass in g", "inertia in kg mm²", "decimal slip of ixx", "swapped axes", "copied link", "placeholder"]
+)
+def test_the_cause_of_a_planted_defect_is_named(defect):
+    robot, link = planted(installed() / ROBOTS[1], defect)
+    found = {one.link: one for one in preflight(robot).findings}
+    assert named(found[link].cause, defect)
+
+
+@NEEDED
+@pytest.mark.slow
+def test_most_of_thirty_planted_defects_are_named():
+    right = 0
+    for name in ROBOTS:
+        for defect in DEFECTS:
+            robot, link = planted(installed() / name, defect)
+            found = {one.link: one.cause for one in preflight(robot).findings}
+            right += named(found.get(link, ""), defect)
+    assert right >= 25
+
+
+@NEEDED
+def test_a_unit_is_mended():
+    truth = Robot.from_urdf(installed() / ROBOTS[1])
+    robot, _ = planted(installed() / ROBOTS[1], "inertia in kg mm²")
+    assert np.allclose(preflight(robot).repaired(), truth.parameters, rtol=1e-9, atol=1e-12)
+
+
+def test_every_impossible_link_is_found_and_mended():
+    """Beside an independent test: a body can have moments of inertia where none is more than the two others."""
+    random = np.random.default_rng(4)
+    for _ in range(40):
+        inertias, expected = {}, []
+        for number in (1, 2, 3):
+            turn = np.linalg.qr(random.normal(size=(3, 3)))[0]
+            moments = random.uniform(0.01, 0.1, 3)
+            tensor = turn @ np.diag(moments) @ turn.T
+            inertias[f"link{number}"] = Inertia.from_com(random.uniform(1, 3), random.normal(size=3) * 0.1, tensor)
+            expected.append(bool(moments.max() <= moments.sum() - moments.max()))
+        robot = Robot.from_dh([(0, 0.3, 0, "q"), ("pi/2", 0.3, 0, "q"), (0, 0.2, 0, "q")], inertias=inertias)
+        found = preflight(robot)
+        assert [one.possible for one in found.links] == expected
+        repaired = found.repaired()
+        for start in robot.link_starts:
+            body = Inertia.from_parameters(repaired[start : start + 10])
+            assert np.linalg.eigvalsh(body.pseudo_inertia)[0] > 0.0
