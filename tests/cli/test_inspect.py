@@ -1,8 +1,10 @@
 """Inspection of robots with many joints."""
 
+import numpy as np
 import pytest
 
 from steelyard.cli.main import main
+from steelyard.robot import RobotFile
 
 
 def chain(count):
@@ -29,3 +31,45 @@ def test_regressors_of_long_chains_are_not_built(count, counted, tmp_path, capsy
     assert ("base regressor" in text) is counted
     assert (f"{count * (count + 1) // 2} blocks" in text) is not counted
     assert text.count(" + ") > 5 * count
+
+
+SLIP = """<robot name="r"><link name="a"/>
+  <link name="b"><!-- keep --><inertial><origin xyz="0.2 0 0"/><mass value="3"/>
+    <inertia ixx="0.002" ixy="0" ixz="0" iyy="0.04" iyz="0" izz="0.4"/></inertial>
+  <collision><origin xyz="0.2 0 0"/><geometry><box size="0.4 0.06 0.06"/></geometry></collision></link>
+  <joint name="j" type="revolute"><parent link="a"/><child link="b"/><axis xyz="0 1 0"/></joint></robot>"""
+SDF = """<sdf version="1.9"><model name="r"><link name="a"/><link name="b"><!-- keep -->
+  <inertial><pose>0.2 0 0 0 0 0</pose><mass>3</mass>
+  <inertia><ixx>0.002</ixx><iyy>0.04</iyy><izz>0.4</izz></inertia></inertial></link>
+  <joint name="j" type="revolute"><parent>a</parent><child>b</child><axis><xyz>0 1 0</xyz></axis></joint>
+</model></sdf>"""
+
+
+@pytest.mark.parametrize(("suffix", "text"), [("urdf", SLIP), ("sdf", SDF)])
+def test_a_description_is_repaired_in_its_own_format(suffix, text, tmp_path, capsys, monkeypatch):
+    source, target = tmp_path / f"r.{suffix}", tmp_path / f"repaired.{suffix}"
+    source.write_text(text)
+    monkeypatch.setattr("sys.argv", ["steelyard", "inspect", str(source), "--repair", "--output", str(target)])
+    with pytest.raises(SystemExit) as ended:
+        main()
+    assert ended.value.code == 0
+    said = capsys.readouterr().out
+    assert "b: no body has these moments of inertia (the least second moment is -0.82 of the largest)" in said
+    assert "b: principal moments of inertia from (0.002, 0.04, 0.4) to" in said
+    assert "<!-- keep -->" in target.read_text()
+    body = RobotFile.load(target).robot.links[0].inertia
+    moments = np.linalg.eigvalsh(body.about_com)
+    assert moments[2] <= moments[0] + moments[1]
+    if suffix == "urdf":  # its shape tells what is wrong
+        assert "probably decimal slip of izz" in said
+        assert moments == pytest.approx([0.002, 0.04, 0.04])
+    assert source.read_text() == text
+
+
+def test_repair_needs_a_file(tmp_path, capsys, monkeypatch):
+    (tmp_path / "r.urdf").write_text(SLIP)
+    monkeypatch.setattr("sys.argv", ["steelyard", "inspect", str(tmp_path / "r.urdf"), "--repair"])
+    with pytest.raises(SystemExit) as ended:
+        main()
+    assert ended.value.code == 2
+    assert "give both --repair and --output FILE" in capsys.readouterr().err

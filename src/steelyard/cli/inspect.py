@@ -7,8 +7,10 @@ from typing import Annotated
 
 import typer
 
+from steelyard.errors import InputError
+
 from .choices import AllowExtensions, ConsistencyOption, Json
-from .terminal import print_json, show_model
+from .terminal import echo, print_json, show_model, show_preflight
 
 __all__ = ["inspect"]
 
@@ -17,20 +19,40 @@ def inspect(
     robot: Annotated[Path, typer.Argument(help="URDF or robot.toml.")],
     consistency: ConsistencyOption = "full",
     json: Json = False,
+    repair: Annotated[
+        bool, typer.Option("--repair", help="Write the nearest possible description, in its own format, to --output.")
+    ] = False,
+    output: Annotated[Path | None, typer.Option("--output", "-o", help="The file that --repair writes.")] = None,
     allow_extensions: AllowExtensions = False,
 ) -> None:
     """Show joints, parameters, base parameters and operation counts, and whether the CAD is physically possible.
+
+    Every link is compared with its shape; units, decimals, signs, axes, copies and placeholders that are probably wrong
+    are named.
 
     \b
     Examples:
       steelyard inspect robot.toml
       steelyard inspect my_robot.urdf --json
+      steelyard inspect my_robot.urdf --repair --output repaired.urdf
     """
     from steelyard.dynamics import Model
     from steelyard.identification.inspection import inspection
+    from steelyard.identification.preflight import preflight
 
     model = Model.load(robot, allow_extensions=allow_extensions)
+    if repair != (output is not None):
+        raise InputError("--repair writes a file: give both --repair and --output FILE, or neither.")
     if json:
         print_json(inspection(model, consistency))
     else:
         show_model(model, consistency)
+    if json and not repair:
+        return
+    findings = preflight(model.robot)
+    if not json:
+        show_preflight(findings)
+    if output is not None:
+        changed = findings.write(output)
+        if not json:
+            echo("\n".join([*changed, f"{output}: written."]) if changed else f"{output}: written; nothing was wrong.")

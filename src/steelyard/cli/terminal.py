@@ -23,6 +23,7 @@ if TYPE_CHECKING:
     from steelyard.dynamics import Model
     from steelyard.excitation import ExcitationDesign
     from steelyard.identification import Identification
+    from steelyard.identification.preflight import Preflight
 
 SECTIONS = ("log", "processing", "constraints", "payload")
 """Sections of robot.toml for which the command line may speak; the others are part of the robot."""
@@ -40,6 +41,7 @@ __all__ = [
     "show_excitation",
     "show_identification",
     "show_model",
+    "show_preflight",
 ]
 
 
@@ -453,6 +455,24 @@ def show_model(model: Model, consistency: Literal["full", "inertia"]) -> None:
         return
     feasible_set = FeasibleSet(model, consistency, terms=False)
     console.print(_text("CAD: " + str(check(feasible_set, parameters=np.nan_to_num(parameters)))), soft_wrap=True)
+
+
+def show_preflight(found: Preflight) -> None:
+    """Print how far each link of a description is from an impossible one, and what is probably wrong."""
+    from rich.console import Console
+
+    console = Console(highlight=False)
+    if found.links:
+        rows = [
+            (one.link, f"{one.mass:.4g}", "-" if np.isnan(one.margin) else f"{one.margin:.2g}", one.cause or "-")
+            for one in found.links
+        ]
+        console.print("Links of the description (margin: least second moment over the largest, below 0 impossible):")
+        _bounded(console, ("link", "mass kg", "margin", "probable cause"), rows, "--json has all")
+    for one in found.findings[:_MOST_ROWS]:
+        console.print(_text(f"{one.link}: {one.sentence}."), soft_wrap=True)
+    if len(found.findings) > _MOST_ROWS:
+        console.print(f"  and {len(found.findings) - _MOST_ROWS} more; --json has all.")
 
 
 def show_excitation(design: ExcitationDesign) -> None:

@@ -10,6 +10,8 @@ from steelyard.dynamics import Model
 from steelyard.feasibility import FeasibleSet, check
 from steelyard.files import plain
 
+from .preflight import preflight
+
 __all__ = ["inspection"]
 
 INSPECTION_FORMAT = "steelyard-inspection-1"
@@ -60,6 +62,10 @@ def inspection(model: Model, consistency: Literal["full", "inertia"] = "full") -
             "base_parameters": base.expressions,
             "base_error": base.error,
             "verdict": None if verdict is None else verdict.to_dict(),
+            "links": [
+                {"link": one.link, "mass": one.mass, "margin": one.margin, "cause": one.cause, "finding": one.sentence}
+                for one in preflight(robot).links
+            ],
         }
     )
     return found

@@ -6,11 +6,14 @@ import math
 from collections.abc import Iterator
 from dataclasses import dataclass, field
 from itertools import permutations
+from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
 
-from steelyard.robot import Robot
+from steelyard.errors import InputError
+from steelyard.robot import Drives, Robot
+from steelyard.robot.description import URDF, description_format
 from steelyard.robot.inertia import Inertia
 
 from .described_inertia import described_bodies, possible_body
@@ -110,6 +113,30 @@ class Preflight:
         """Those of which something is wrong."""
         return tuple(one for one in self.links if one.sentence)
 
+    def write(self, target: Path) -> tuple[str, ...]:
+        """Write the description of the robot with the mended links, in its own format.
+
+        Returns
+        -------
+        tuple of str
+            What changed, a sentence for each link.
+
+        Raises
+        ------
+        InputError
+            If the robot was not read from a description, or that cannot be written.
+        """
+        robot = self.robot
+        if robot.source is None:
+            raise InputError(f"{robot.name}: it was not read from a description, so there is none to repair.")
+        kind = description_format(robot.source, robot.xacro_arguments or None) or URDF
+        if refusal := kind.refusal(robot):
+            raise InputError(refusal)
+        kind.write(robot, self.repaired(), Drives.unknown(robot.dof), robot.source, target)
+        return tuple(
+            f"{one.link}: {_told(one.link, robot, one.mended)}" for one in self.links if one.mended is not None
+        )
+
     def repaired(self) -> Array:
         """Parameters (n,) of the robot with the mended links."""
         mended = {one.link: one.mended for one in self.links if one.mended is not None}
@@ -125,6 +152,26 @@ class Preflight:
                     total += inertia.moved(part.placement).parameters
             parameters[start : start + 10] = total
         return parameters
+
+
+def _told(name: str, robot: Robot, mended: Inertia) -> str:
+    """Say what of a link changes."""
+    parts = {part.name: part.inertia for parts in described_bodies(robot) for part in parts}
+    old = parts[name]
+    assert old is not None
+    found = []
+    if not np.isclose(old.mass, mended.mass, rtol=1e-9):
+        found.append(f"mass from {old.mass:.4g} to {mended.mass:.4g} kg")
+    if not np.allclose(old.com, mended.com, rtol=1e-9, atol=1e-12):
+        found.append(f"centre of mass from {_listed(old.com)} to {_listed(mended.com)} m")
+    before, after = (np.linalg.eigvalsh(one.about_com) for one in (old, mended))
+    if not np.allclose(old.about_com, mended.about_com, rtol=1e-9, atol=0.0):
+        found.append(f"principal moments of inertia from {_listed(before)} to {_listed(after)} kg m²")
+    return (", ".join(found) or "no change") + "."
+
+
+def _listed(values: NDArray[np.floating]) -> str:
+    return f"({', '.join(f'{value:.3g}' for value in values)})"
 
 
 def preflight(robot: Robot) -> Preflight:
