@@ -204,7 +204,7 @@ def test_nothing_in_the_standard_input_is_one_sentence(folder: Path, tmp_path: P
     ]
     done = subprocess.run(command, stdin=subprocess.DEVNULL, capture_output=True, text=True, check=False)
     assert done.returncode == 2
-    assert "standard-input.csv is empty" in done.stderr
+    assert "the standard input is empty; expected a log with one row per sample" in done.stderr
 
 
 @pytest.mark.slow

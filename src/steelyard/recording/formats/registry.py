@@ -30,6 +30,8 @@ MOST_COLUMNS = 5000  # a humanoid's log has some hundreds; a file with far more 
 REMEDY = "give the path of a log, such as a CSV, a bag or an NPZ file"
 STANDARD_INPUT = "-"
 """What stands for the standard input in the place of a path."""
+_SPOOLED: set[Path] = set()
+"""Copies of the standard input."""
 COMPRESSED = ("gz", "zst", "zstd")
 """Suffixes of texts that are compressed, behind their own as in ``run.csv.gz``."""
 
@@ -205,7 +207,9 @@ def _reading(path: Path) -> Iterator[None]:
     """Say in one sentence why a file cannot be read; formats that other packages add may raise anything."""
     try:
         yield
-    except SteelyardError:
+    except SteelyardError as error:
+        if path in _SPOOLED:  # of which the user knows nothing
+            raise type(error)(str(error).replace(str(path), "the standard input")) from None
         raise
     except OSError as error:
         raise InputError(f"{path} cannot be read: {error.strerror or error}.") from None
@@ -266,6 +270,7 @@ def open_log(path: Path, columns: LogColumns | None = None) -> LogFile:
         from .standard_input import standard_input
 
         path = standard_input()
+        _SPOOLED.add(path)
     if not path.exists():
         raise InputError(f"{path} does not exist{_neighbour(path)}; {REMEDY}.")
     is_bag = path.is_dir() and (path / "metadata.yaml").is_file()
