@@ -324,7 +324,7 @@ def test_settings_are_read(page: str, place: Path, no_extensions: None) -> None:
 
 def test_every_language_of_a_block_is_known() -> None:
     """A block without a language is shown and not run: texts that are printed, and file formats."""
-    known = {"python", "console", "toml", "sh", "text", "json", ""}
+    known = {"python", "console", "toml", "sh", "text", "json", "xml", ""}
     found = {f["language"] for page in PAGES for f in FENCE.finditer((ROOT / page).read_text(encoding="utf-8"))}
     assert found <= known
     shown = [

@@ -53,7 +53,8 @@ def _told(mujoco: Any, model: Any) -> dict[str, Any]:
     def rows(prefix: str, count: int, kind: Any, names: str) -> list[dict[str, Any]]:
         found: list[dict[str, Any]] = []
         for index in range(count):
-            row = {name: getattr(model, f"{prefix}_{name}")[index].tolist() for name in names.split()}
+            arrays = {name: getattr(model, f"{prefix}_{name}", None) for name in names.split()}
+            row = {name: None if array is None else array[index].tolist() for name, array in arrays.items()}
             found.append({"name": mujoco.mj_id2name(model, kind, index) or "", **row})
         return found
 

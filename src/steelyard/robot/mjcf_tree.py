@@ -27,8 +27,7 @@ Matrix = NDArray[np.float64]
 # Numbers of MuJoCo's enumerations.
 FREE, BALL, SLIDE, HINGE = range(4)
 CONNECT, WELD, JOINT, TENDON = range(4)
-BODY, SITE = 1, 6
-ON_JOINT, ON_JOINT_IN_PARENT = 0, 1
+BODY = 1
 KINDS = {FREE: "floating", BALL: "spherical", SLIDE: "prismatic", HINGE: "revolute"}
 
 
@@ -222,7 +221,7 @@ def _refuse_loops(read: MjcfTree, parts: Mapping[str, Any]) -> None:
         if not row["active0"]:
             continue
         name = f' "{row["name"]}"' if row["name"] else ""
-        if row["type"] in (CONNECT, WELD) and row["objtype"] == BODY:
+        if row["type"] in (CONNECT, WELD) and row["objtype"] in (BODY, None):
             ends = [read.body_names[row[key]] for key in ("obj1id", "obj2id")]
             held = any(read.compiled.bodies[row[key]]["mocapid"] >= 0 for key in ("obj1id", "obj2id"))
             if not held and all(end in carrier for end in ends) and carrier[ends[0]] != carrier[ends[1]]:

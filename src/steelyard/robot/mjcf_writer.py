@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from pathlib import Path
 from xml.sax.saxutils import escape
 
 import numpy as np
 from numpy.typing import ArrayLike
+from scipy.spatial.transform import Rotation
 
 from steelyard.errors import InputError
 from steelyard.files import read_bytes, write_bytes
@@ -25,7 +26,7 @@ __all__ = ["DRIVE_ATTRIBUTES", "OFFSET", "write_mjcf"]
 DRIVE_ATTRIBUTES = {"damping": "damping", "friction": "frictionloss", "rotor_inertia": "armature"}
 OFFSET = "steelyard:offset:"
 """Beginning of the name of a number in ``<custom>``."""
-OTHER_INERTIA = ("diaginertia", "quat", "axisangle", "xyaxes", "zaxis", "euler")
+OTHER_INERTIA = ("fullinertia", "quat", "axisangle", "xyaxes", "zaxis", "euler")
 # MuJoCo refuses principal moments of which two are less than the third, or one below 1e-14 kg m², by whatever little.
 # An estimate may lie on that bound, where rounding decides; so much, relative to the largest one, is added to all.
 MARGIN, LEAST = 1e-12, 2e-14
@@ -43,8 +44,8 @@ def write_mjcf(
 ) -> None:
     """Write a copy of an MJCF with other inertias, damping, friction loss and armature; all else stays, byte for byte.
 
-    The inertia of a body is written as ``fullinertia`` of its ``<inertial>``, about the centre of mass in the axes of
-    the body, and values of a joint at the joint, also where the old ones came from geoms or defaults. Bodies that are
+    The inertia of a body is written as principal moments and axes in its ``<inertial>``, and values of a joint at the
+    joint, also where the old ones came from geoms or defaults. Bodies that are
     welded to a moving one get an ``<inertial>`` without mass, so that the total is the estimate. Bodies on *locked*
     joints keep theirs, which is taken from the estimate. Where a body has several joints, and the estimate says that
     something moves between them, a body is put there.
@@ -96,7 +97,7 @@ def write_mjcf(
     ...     write_mjcf(robot, leaf.parameters, drives, source, target)
     ...     print(target.read_text())
     <mujoco model="door"><default><joint damping="0.4"/></default>
-    <worldbody><body name="leaf"><inertial pos="0.5 0.0 1.0" mass="12.0" fullinertia="4.0 4.5 0.75 0.0 0.0 0.0"/><joint
+    <worldbody><body name="leaf"><inertial pos="0.5 0.0 1.0" mass="12.0" diaginertia="4.0 4.5 0.75"/><joint
     name="hinge" damping="0.3" armature="0.02"/><geom size="0.1"/></body></worldbody></mujoco>
     """
     source, target = Path(source), Path(target)
@@ -229,7 +230,7 @@ class _Writer:
         if inertial is None:
             edit.insert_first(body.place, _tag("inertial", values))
             return
-        stale = [key for key in (*OTHER_INERTIA, "fullinertia") if key not in values]
+        stale = [key for key in OTHER_INERTIA if key not in values]
         inertial.file.edit.remove_attributes(inertial.place, stale)
         inertial.file.edit.set_attributes(inertial.place, values)
 
@@ -340,12 +341,17 @@ def _allowed(inertia: Inertia) -> Inertia:
 
 
 def _inertial(inertia: Inertia) -> dict[str, str]:
+    # `fullinertia` would be plainer, but MuJoCo 3.2 finds its axes to 1e-6 alone.
     if inertia.mass == 0.0:
         return {"pos": "0 0 0", "mass": "0", "diaginertia": "0 0 0"}
     second = (inertia.about_com + inertia.about_com.T) / 2
-    elements = [second[row, column] for row, column in ((0, 0), (1, 1), (2, 2), (0, 1), (0, 2), (1, 2))]
-    texts = {"pos": inertia.com.tolist(), "mass": [inertia.mass], "fullinertia": elements}
-    return {key: " ".join(_text(value) for value in values) for key, values in texts.items()}
+    moments, texts = np.diagonal(second), {}
+    if np.count_nonzero(second) > np.count_nonzero(moments):
+        moments, axes = np.linalg.eigh(second)
+        axes[:, 2] *= np.sign(np.linalg.det(axes))
+        turn = Rotation.from_matrix(axes).as_quat(canonical=True, scalar_first=True)
+        texts = {"quat": _texts(turn)}
+    return {"pos": _texts(inertia.com), **texts, "mass": _text(inertia.mass), "diaginertia": _texts(moments)}
 
 
 def _as_utf8(file: MjcfFile, content: bytes) -> bytes:
@@ -363,6 +369,10 @@ def _attribute(value: str | Path) -> str:
 
 def _tag(tag: str, values: Mapping[str, str]) -> str:
     return f"<{tag}{''.join(f' {key}={chr(34)}{value}{chr(34)}' for key, value in values.items())}/>"
+
+
+def _texts(values: Iterable[float]) -> str:
+    return " ".join(_text(value) for value in values)
 
 
 def _text(value: float) -> str:
