@@ -4,8 +4,9 @@
 
 For each package, which is a folder in FOLDER (by default that of STEELYARD_MODELS), and each format: how many files are
 read, how many of them after joints of several degrees of freedom were locked, how many are refused and why, and the
-largest difference of torques from MuJoCo's, relative to the largest torque; then how many are written with random
-parameters, and that difference for what MuJoCo makes of the copies. `--list` prints each file.
+largest difference of torques from MuJoCo's (of URDF, xacro and SDF from Pinocchio's), relative to the largest torque;
+then how many are written with random parameters, and that difference for what MuJoCo or Pinocchio makes of the copies.
+`--list` prints each file.
 """
 
 from __future__ import annotations

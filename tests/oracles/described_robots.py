@@ -9,6 +9,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
+from described_trees import FORMATS, checked
 
 import steelyard as sy
 from steelyard.robot import Drives, Robot
@@ -174,11 +175,20 @@ def with_rotors(robot: Robot, parameters: np.ndarray, rotors: np.ndarray) -> np.
     return np.array([(values | numbers)[name] for name in model.parameter_names])
 
 
-CHECKS: dict[str, Callable[[Path], Outcome]] = {"mjcf": checked_mjcf}
+def checked_tree(path: Path) -> Outcome:
+    """Read a URDF, a xacro or an SDF and compare it with Pinocchio, as it is and written with other bodies."""
+    kind = FORMATS[path.suffix.lower()[1:]]
+    robot, locked = read(path, lambda file, locked: kind.read(file, None, locked, None))
+    return checked(kind, path, robot, locked, Outcome(path))
+
+
+CHECKS: dict[str, Callable[[Path], Outcome]] = {"mjcf": checked_mjcf} | dict.fromkeys(FORMATS, checked_tree)
 
 
 def kind_of(path: Path) -> str | None:
     """Return the format of a file, None where it is none."""
+    if path.suffix.lower()[1:] in FORMATS:
+        return path.suffix.lower()[1:]
     if path.suffix.lower() not in (".xml", ".mjcf"):
         return None
     found = description_format(path)

