@@ -61,8 +61,8 @@ def html_table(
     )
 
 
-def html_sentences(first: str, others: Sequence[str] = (), *, strong: bool = False) -> str:
-    """Return a sentence, strong where it is a verdict, and others below it as a list, all escaped.
+def html_sentences(first: str, below: Sequence[str] = (), *, strong: bool = False) -> str:
+    """Return a sentence, strong where it is a verdict, and those below it as a list, all escaped.
 
     Examples
     --------
@@ -70,7 +70,7 @@ def html_sentences(first: str, others: Sequence[str] = (), *, strong: bool = Fal
     '<p><strong>Feasible.</strong></p><ul><li>m1 &gt; 0</li></ul>'
     """
     text = _html_text(first)
-    return f"<p>{f'<strong>{text}</strong>' if strong else text}</p>{_html_list(others)}"
+    return f"<p>{f'<strong>{text}</strong>' if strong else text}</p>{_html_list(below)}"
 
 
 def _html_list(sentences: Sequence[str]) -> str:
