@@ -248,21 +248,23 @@ def test_coarse_encoders_and_loud_torques_are_told(arm, tmp_path):
     assert {one.kind for one in loud.findings} == {"torque noise"}
 
 
-def test_a_motion_that_shows_little_is_told_with_the_weak_parameters(arm, simulation, tmp_path):
+@pytest.mark.parametrize("rows", [1500, 5000])
+def test_a_motion_that_shows_little_is_told_with_the_weak_parameters(rows, arm, simulation, tmp_path):
+    """All joints move alike, by little: a short log is overfitted, and much is not determined by either."""
     path, model, _ = arm
-    t = T[:2500]
-    speed = np.array([0.9, 1.0, 1.1])
-    q, dq, ddq = 0.05 * np.sin(np.outer(t, speed)), 0.05 * speed * np.cos(np.outer(t, speed)), None
-    ddq = -(speed**2) * q
+    t = T[:rows]
+    q = np.outer(0.05 * np.sin(t), [1.0, 0.9, 1.1])
+    dq, ddq = np.outer(0.05 * np.cos(t), [1.0, 0.9, 1.1]), -q
     torque = model.inverse_dynamics(q, dq, ddq, simulation.true_parameters(model))
     torque += 0.02 * torque.std(axis=0) * np.random.default_rng(1).normal(size=q.shape)
     found = examine(written({"t": t, "q": q, "tau": torque}, tmp_path / "log.csv"), path)
     one = next(one for one in found.findings if one.kind == "excitation")
     assert f"steelyard excite {path}" in one.advice
-    number = found.information.condition_number
-    regressor = model.regressor(q, dq, ddq).reshape(-1, model.parameter_count)
-    base = regressor[:, model.base_parameters().independent]
-    assert number == pytest.approx(np.linalg.cond(base), rel=0.3)  # the filter takes the ends
+    # Numbers of the same regressor, made here; noise and the filter change the small singular values.
+    base = model.regressor(q, dq, ddq).reshape(-1, model.parameter_count)[:, model.base_parameters().independent]
+    values = np.linalg.svd(base / np.linalg.norm(base, axis=0), compute_uv=False)
+    assert values[-1] < 1e-4 * values[0]
+    assert found.information.condition_number > 1e4
 
 
 def test_plain_data_holds_everything(arm, tmp_path):

@@ -21,7 +21,6 @@ def kinds(examination):
 @pytest.mark.slow
 @pytest.mark.parametrize("name", EXAMPLES)
 def test_the_logs_of_the_examples_are_sound(name, tmp_path):
-    pytest.importorskip("example_robot_data")
     folder = write_example(name, tmp_path / name)
     for log in ("train.csv", "validate.csv"):
         assert kinds(examine(folder / log)) == []

@@ -321,7 +321,7 @@ class _Draft:
             if value is None:
                 continue
             rounded = [float(f"{one:.4g}") for one in value] if isinstance(value, tuple) else float(f"{value:.6g}")
-            reason = next((one for one in reader.remarks if _is_about(key, one)), "chosen by the data")
+            reason = next((one for one in reader.remarks if _is_about(key, one)), "Chosen by the data.")
             reason = re.sub(r"[;,] set `\w+` in \[processing\] to choose", "", reason)
             self.state("processing", key, rounded, f'{reason} With "auto" every log chooses again.')
 
