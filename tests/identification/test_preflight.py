@@ -65,3 +65,10 @@ def test_every_impossible_link_is_found_and_mended():
         for start in robot.link_starts:
             body = Inertia.from_parameters(repaired[start : start + 10])
             assert np.linalg.eigvalsh(body.pseudo_inertia)[0] > 0.0
+
+
+def test_robots_without_size_or_inertia():
+    body = Inertia.from_com(1.0, (0.1, 0, 0), np.diag([0.01, 0.01, 0.05]))
+    found = preflight(Robot.from_dh([(0, "a1", 0, "q")], inertias={"link1": body}))
+    assert [one.cause for one in found.findings] == ["impossible"]
+    assert preflight(Robot.from_dh([(0, 0.3, 0, "q")])).links == ()

@@ -193,7 +193,10 @@ def preflight(robot: Robot) -> Preflight:
     >>> preflight(arm).links[0].possible, preflight(arm).links[0].sentence
     (False, 'no body has these moments of inertia (the least second moment is -0.17 of the largest)')
     """
-    references = reference_bodies(robot)
+    if all(part.inertia is None for parts in described_bodies(robot) for part in parts):
+        return Preflight(robot, ())
+    # Without numbers for its lengths a robot has no size to compare with.
+    references = [{} for _ in robot.links] if robot.lengths else reference_bodies(robot)
     frames = _axes_of_base(robot)
     found: list[tuple[str, _Body, str, tuple[Array, bool] | None, Array]] = []
     reports: list[LinkReport] = []
