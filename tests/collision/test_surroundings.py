@@ -1,12 +1,14 @@
 """Self-collision is watched where nobody asked, and what is not checked is said; Pinocchio looks at the motions."""
 
 import re
+from dataclasses import replace
 
 import numpy as np
 import pytest
 
 import steelyard as sy
 from steelyard.collision import RobotGeometry, SelfCollision, surroundings
+from steelyard.collision.surroundings import _geometry
 from steelyard.excitation import SearchOptions
 
 URDF = """<robot name="arm">
@@ -199,3 +201,14 @@ def test_an_arm_with_meshes_is_looked_at_by_pinocchio():
     least = [margin for margin, links in zip(watched.margins, watched.watched, strict=True) for _ in links]
     assert np.all(found >= np.array(least) - 1e-5)
     assert len(pairs) > 12
+
+
+def test_a_description_that_is_no_urdf_is_told_as_such(tmp_path):
+    """And not as a damaged URDF."""
+    path = tmp_path / "arm.xml"
+    path.write_text("<mujoco/>")
+    robot = replace(sy.Robot.from_dh([(0, 0.5, 0, "q")], name="arm"), source=path)
+    problems: list[str] = []
+    assert _geometry(robot, problems, []) is None
+    (told,) = problems
+    assert "shapes are read from a URDF alone, and arm.xml is none; add [[collision.shapes]]" in told

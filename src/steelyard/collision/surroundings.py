@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from steelyard.errors import InputError, MissingExtraError, install_command
 from steelyard.robot import Robot
+from steelyard.robot.description import UrdfFormat, description_format
 
 from .configuration_constraint import SAMPLES_AT_ONCE
 from .configurations import place_links
@@ -151,6 +152,11 @@ def _geometry(robot: Robot, problems: list[str], skipped: list[tuple[str, str]])
         )
         return None
     try:
+        if not isinstance(description_format(robot.source), UrdfFormat):
+            raise InputError(
+                f"shapes are read from a URDF alone, and {robot.source.name} is none; add [[collision.shapes]], or "
+                "[collision] with urdf = ..., to the limits file"
+            )
         shapes, parents = shapes_from_urdf(robot, robot.source, "hull", (), skipped)
     except (InputError, MissingExtraError) as error:
         problems.append(_unchecked(str(error)))
