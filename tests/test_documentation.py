@@ -48,6 +48,7 @@ PLACEHOLDERS = {
     "ROBOT": "robot.toml",
     "ESTIMATE": "estimate.json",
     "LOG": "run1.csv",
+    "run.csv": "run1.csv",
     "UNLOADED": "unloaded.csv",
     "LOADED": "loaded.csv",
     "A": "result/estimate.json",
@@ -76,6 +77,8 @@ ELSEWHERE = {
     "python3 -m venv": "the tests run in an environment that was made so",
     ".venv/bin/pip": "the tests run in an environment that was made so",
     ".venv/bin/pre-commit": "it changes the hooks of the work tree",
+    "steelyard init arm.urdf": "tests/cli/test_init_and_doctor.py runs it on a bare URDF",
+    "steelyard doctor run.csv": "it ends with 1 where something is wrong with the log, as here",
     "pip install": "the tests run in an environment that was made so",
 }
 

@@ -230,7 +230,7 @@ def test_a_line_of_robot_toml_does_what_the_correction_does(tmp_path, stated, co
     if named:
         from steelyard.recording import find_columns
 
-        layout = find_columns(["t", *columns], 3, LogColumns.from_dict(STATED[stated]))
+        layout = find_columns(["t", *columns], LogColumns.from_dict(STATED[stated]), 3)
     settings = correction_settings(change, file, file.robot.joint_names, layout)
     written = tomllib.loads(toml_text(settings))
     after = read({**STATED[stated], **written["log"]})

@@ -25,7 +25,7 @@ def find(names: Iterable[str], joints: object = ARM, log: dict | None = None, **
     def of(name: str) -> list[np.ndarray]:
         return [np.array(values.get("".join(c if c.isalnum() else "_" for c in name), [0.0, 1.0]))]
 
-    return find_columns(list(names), joints, LogColumns.from_dict(log or {}), values=of)  # type: ignore[arg-type]
+    return find_columns(list(names), LogColumns.from_dict(log or {}), joints, values=of)  # type: ignore[arg-type]
 
 
 def question(names: Iterable[str], joints: object = ARM, log: dict | None = None, **values: list[float]) -> str:
@@ -246,7 +246,7 @@ def test_times_that_cannot_be_read_are_no_times() -> None:
             raise InputError("log.csv, line 2, holds 'noon' in column 'stamp'; expected a number.")
         return [np.array([0.0, 1.0])]
 
-    assert find_columns(["stamp", "t", "q1", "tau1"], 1, values=values).time == "t"
+    assert find_columns(["stamp", "t", "q1", "tau1"], joints=1, values=values).time == "t"
 
 
 def test_letters_with_numbers_are_positions_where_nothing_else_is() -> None:
@@ -274,7 +274,7 @@ def test_joints_that_nobody_named_are_those_of_the_log(form: str) -> None:
     forms = {word: form if word == "position" else form.removesuffix(" [rad]") for word in ("position", "effort")}
     names = ["t", *(forms[word].format(joint=joint, word=word) for word in forms for joint in joints), "temperature"]
     for count in (None, 3):
-        layout = find_columns(names, count)
+        layout = find_columns(names, joints=count)
         assert [(one.joint, one.quantity) for one in layout.table[1:4]] == [(joint, "position") for joint in joints]
         assert layout.torque == tuple(names[4:7])
         assert layout.guesses == ()
@@ -289,7 +289,7 @@ def test_lists_of_names_hold_for_what_is_below_their_topic() -> None:
         for word in ("positions", "effort")
         for k in range(3)
     ]
-    layout = find_columns(["t", *labels, *numbers], ARM, labels=("elbow", "shoulder", "wrist"))
+    layout = find_columns(["t", *labels, *numbers], joints=ARM, labels=("elbow", "shoulder", "wrist"))
     assert layout.position == tuple(f"/jtc/state/feedback/positions[{k}]" for k in (1, 0, 2))
 
 

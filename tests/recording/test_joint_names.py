@@ -49,7 +49,7 @@ def header(joints: Sequence[str], form: str, order: random.Random) -> tuple[list
 
 
 def understood(names: Sequence[str], joints: Sequence[str]) -> list[list[str]]:
-    layout = find_columns(names, joints)
+    layout = find_columns(names, joints=joints)
     assert layout.time == "time"
     assert layout.velocity is not None
     return [list(layout.position), list(layout.velocity), list(layout.torque)]

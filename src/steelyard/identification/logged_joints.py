@@ -51,7 +51,7 @@ def logged_joints(files: LogFiles, joints: Sequence[str]) -> LoggedJoints:
     labels = files.joint_labels()
 
     def layout(wanted: Sequence[str] | None) -> Layout:
-        return find_columns(files.names, wanted, files.columns, values=files.values, labels=labels, source=files.name)
+        return find_columns(files.names, files.columns, wanted, values=files.values, labels=labels, log=files.name)
 
     try:
         layout(joints)

@@ -210,12 +210,12 @@ def label_columns(names: Sequence[str]) -> tuple[str, ...]:
 
 def find_columns(
     names: Sequence[str],
-    joints: int | Sequence[str] | None = None,
     columns: LogColumns | None = None,
+    joints: int | Sequence[str] | None = None,
     *,
     values: Values | None = None,
     labels: Sequence[str] = (),
-    source: str = "the log",
+    log: str = "the log",
 ) -> Layout:
     """Find which columns of a log are what.
 
@@ -228,16 +228,16 @@ def find_columns(
     ----------
     names : sequence of str
         Of all columns.
-    joints : int or sequence of str, optional
-        How many joints the robot has, or their names.
     columns : LogColumns, optional
         What is stated.
+    joints : int or sequence of str, optional
+        How many joints the robot has, or their names.
     values : callable, optional
         ``values(name)`` returns the values of a column, in blocks; it is called where a name does not tell the unit.
     labels : sequence of str
         The joints of numbered columns, in the order of the numbers, where the log names them.
-    source : str
-        The log, for messages.
+    log : str
+        What the log is called in messages.
 
     Returns
     -------
@@ -250,13 +250,13 @@ def find_columns(
 
     Examples
     --------
-    >>> layout = find_columns(["time", "pos_elbow", "pos_wrist", "tau_elbow", "tau_wrist"], ["wrist", "elbow"])
+    >>> layout = find_columns(["time", "pos_elbow", "pos_wrist", "tau_elbow", "tau_wrist"], joints=["wrist", "elbow"])
     >>> layout.position, layout.torque
     (('pos_wrist', 'pos_elbow'), ('tau_wrist', 'tau_elbow'))
     >>> layout.table[1]
     ColumnMeaning(column='pos_wrist', joint='wrist', quantity='position', unit='rad', by='name')
     """
-    search = _Search(names, joints, LogColumns() if columns is None else columns, values, labels, source)
+    search = _Search(names, joints, LogColumns() if columns is None else columns, values, labels, log)
     return search.layout()
 
 

@@ -145,7 +145,7 @@ class LogFiles:
     def layout(self, joints: int | Sequence[str] | None) -> Layout:
         """Find the columns that hold the motion and the torques of a robot, and read no others from now on."""
         labels = self.joint_labels()
-        found = find_columns(self.names, joints, self.columns, values=self.values, labels=labels, source=self.name)
+        found = find_columns(self.names, self.columns, joints, values=self.values, labels=labels, log=self.name)
         self.keep(found.names)
         return found
 
