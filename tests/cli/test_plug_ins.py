@@ -113,5 +113,5 @@ def test_a_mistyped_command_of_a_package_is_suggested_without_importing_it(run, 
     code, out, err = run("jonts")
     assert (code, out) == (2, "")
     assert "No such command 'jonts'. Did you mean 'joints'?" in err
-    assert "Did you mean 'identify'?" in run("idenfity")[2]
+    assert "Did you mean 'identify'" in run("idenfity")[2]
     assert "No such command 'weight'.\n" in run("weight")[2]
