@@ -140,7 +140,7 @@ def test_prior_weight_from_the_corner(arm, truth):
     curve = l_curve(info, feasible, known)
     estimate = fit(info, feasible, prior=known, prior_weight="corner")
     np.testing.assert_allclose(estimate.parameters, curve.parameters[curve.corner_index], rtol=1e-5, atol=1e-6)
-    assert any(f"at a weight of {curve.corner:.4g}" in remark for remark in estimate.remarks)
+    assert any(f"with a weight of {curve.corner:.4g}" in remark for remark in estimate.remarks)
 
 
 def test_a_strong_prior_is_the_answer(arm, truth):
