@@ -319,6 +319,7 @@ def test_inspect_keeps_long_names_whole(run, tmp_path):
     assert any(f"{name} " in line and f"{name}_link" in line for line in out.splitlines())
 
 
+@pytest.mark.slow
 def test_a_designed_motion_is_simulated_and_identified(run, place):
     """What `excite` writes `simulate` follows to its end, and what `simulate` writes `identify` takes."""
     folder = place / "excitation"

@@ -76,6 +76,7 @@ def _long() -> Project:
     return project_of("long", [apart, Function("chain", (Argument("z", 3), Argument("kept", 2, True)), outputs)])
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("language", [pytest.param(n, marks=pytest.mark.slow if n == "cpp" else ()) for n in LANGUAGES])
 def test_long_functions_agree_in_parts(language: str, tmp_path: Path) -> None:
     project = _long()

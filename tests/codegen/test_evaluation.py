@@ -81,6 +81,7 @@ def test_repeated_operations_count_shared_ones_again() -> None:
     assert repeated_operations(function) == 4
 
 
+@pytest.mark.slow
 def test_deep_and_large_graphs_take_time_in_proportion() -> None:
     function = deep_chain(50_000)
     start = time.process_time()

@@ -108,6 +108,7 @@ def test_descriptions_leave_no_trace_in_the_program(language: str, tmp_path: Pat
 @pytest.mark.parametrize("language", LANGUAGES)
 @settings(max_examples=2, suppress_health_check=[HealthCheck.function_scoped_fixture, HealthCheck.too_slow])
 @given(texts=st.lists(nasty, min_size=40, max_size=40))
+@pytest.mark.slow
 def test_random_descriptions_leave_no_trace_in_the_program(
     language: str, texts: list[str], tmp_path_factory: pytest.TempPathFactory
 ) -> None:

@@ -54,6 +54,7 @@ def test_several_outputs_and_names(lowering: str, odd_function: Function, random
             assert difference(np.asarray(value), expected[name][sample]) < 1e-13
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("lowering", [pytest.param("scalars", marks=slow), "vectors"])
 def test_transformations_go_together(lowering: str, odd_function: Function, random: np.random.Generator) -> None:
     exported = jax_function(odd_function, lowering=lowering)

@@ -18,6 +18,7 @@ pytest.importorskip("jax", reason="JAX is not installed")
 LEAST = 1e-300
 
 
+@pytest.mark.slow
 def test_robot_functions_agree_at_fresh_inputs(wam_generated: Project, tmp_path: Path) -> None:
     """The inverse dynamics as single numbers, the regressor as vectors."""
     assert [prefers_vectors(function) for function in wam_generated.functions] == [False, True]
@@ -28,6 +29,7 @@ def test_odd_functions_agree_at_fresh_inputs(odd_generated: Project, tmp_path: P
     run_python("jax", odd_generated, tmp_path, least=LEAST)
 
 
+@pytest.mark.slow
 def test_several_outputs_and_arguments_called_like_functions(tmp_path: Path) -> None:
     run_python("jax", several_functions(), tmp_path)
 

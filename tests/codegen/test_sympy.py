@@ -330,6 +330,7 @@ def test_closed_forms_that_would_explode_are_refused() -> None:
     assert model.symbolic("gravity").assignments == ()
 
 
+@pytest.mark.slow
 def test_deep_functions_need_no_recursion() -> None:
     graph = Graph()
     x, y = graph.inputs("x", 2)

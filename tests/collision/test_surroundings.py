@@ -70,6 +70,7 @@ def pinocchio_clearance(path, q):
     return least
 
 
+@pytest.mark.slow
 def test_links_keep_clear_where_nothing_is_said(path):
     # A motion that folds the forearm into the base, if it is let to.
     limits = LIMITS | {"lower": [0.6, 0.9], "upper": [1.9, 2.8]}
@@ -101,6 +102,7 @@ def test_what_was_given_is_not_watched_twice(path):
     assert sum(margin.name == "self-collision" for margin in design.margins) == len(own.labels)
 
 
+@pytest.mark.slow
 def test_without_a_table_the_lowest_point_is_told_with_the_remedy(path):
     need_coal()
     design = design_of(path)

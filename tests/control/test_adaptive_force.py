@@ -217,6 +217,7 @@ def test_a_steady_force_is_reached_despite_a_wrong_model(wam):
     assert np.abs(result.force[-500:, 2] - 8.0).max() < 0.2
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("stiffness", [100.0, 3000.0, *(pytest.param(k, marks=pytest.mark.slow) for k in (1e4, 5e4))])
 def test_a_noisy_sensor_on_pinocchios_plant(redundant, random, bent, stiffness):
     """With half a newton of noise, of which it is told, it finds the stiffness and presses as it is to."""

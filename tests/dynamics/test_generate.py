@@ -63,6 +63,7 @@ def test_an_estimate_in_the_code_leaves_no_argument_and_fewer_operations(arm):
         arm.function("gravity", parameters=[1.0])
 
 
+@pytest.mark.slow
 def test_every_function_stands_in_every_language(arm, tmp_path):
     from steelyard.codegen import languages
 

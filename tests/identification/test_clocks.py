@@ -74,6 +74,7 @@ def test_the_answer_is_that_of_the_perfect_log(kind, arm, perfect, simulation, t
     assert not any("set `" in remark or "use `" in remark or "state `" in remark for remark in clock)
 
 
+@pytest.mark.slow
 def test_what_a_refusal_advises_is_accepted_and_helps(arm, simulation, tmp_path):
     model, path, error = arm
     log = record(simulation, model, "late, gaps", tmp_path)

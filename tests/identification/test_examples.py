@@ -50,6 +50,7 @@ def test_folder_is_complete_and_honest(short, tmp_path):
     assert 0.01 < missed < 0.08
 
 
+@pytest.mark.slow
 def test_the_same_bytes_again(short, tmp_path):
     one, two = (write_example("z1", tmp_path / name) for name in "ab")
     assert all((two / path.name).read_bytes() == path.read_bytes() for path in one.iterdir())

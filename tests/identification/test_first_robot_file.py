@@ -119,6 +119,7 @@ def test_rotors_are_taken_in_where_the_log_shows_them(tmp_path):
     assert "rotor_inertia" in kinds(content)
 
 
+@pytest.mark.slow
 def test_joints_without_columns_are_locked(tmp_path):
     urdf = description(tmp_path, fingers=True)
     q, torque = motion()[0], torques(urdf)

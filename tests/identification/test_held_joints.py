@@ -143,6 +143,7 @@ def test_a_joint_that_moves_in_one_log_of_two_is_known(tmp_path):
     assert error_on(model, result.estimate.parameters) < 0.005
 
 
+@pytest.mark.slow
 def test_one_moving_joint_and_prismatic_ones(tmp_path):
     path = robot_file(tmp_path, SLIDING)
     model = sy.Model.load(path)

@@ -49,6 +49,7 @@ def test_every_answer_is_physically_possible(elbow, simulation):
     assert held_out.trace.feasible.shape == held_out.trace.measured.shape == (len(held_out.trace.t), 3)
 
 
+@pytest.mark.slow
 def test_chunks_change_nothing(elbow, simulation):
     path, model, folder = elbow
     log = simulation.record(model, folder / "log.csv", seed=4, rate=500.0, periods=2.0)
@@ -63,6 +64,7 @@ def test_chunks_change_nothing(elbow, simulation):
     assert chunked.remarks == whole.remarks
 
 
+@pytest.mark.slow
 def test_two_logs_are_one_regression(elbow, simulation):
     path, model, folder = elbow
     logs = [simulation.record(model, folder / f"log{k}.csv", seed=k) for k in (5, 6)]
@@ -72,6 +74,7 @@ def test_two_logs_are_one_regression(elbow, simulation):
     np.testing.assert_allclose(both.unconstrained.base, joined.base, rtol=1e-9, atol=1e-10)
 
 
+@pytest.mark.slow
 def test_swapped_torque_columns_are_found(elbow, simulation):
     path, model, folder = elbow
     simulation.record(model, folder / "good.csv", seed=7)
@@ -83,6 +86,7 @@ def test_swapped_torque_columns_are_found(elbow, simulation):
     assert any("The torque columns of joint2 and joint3 look swapped" in remark for remark in remarks)
 
 
+@pytest.mark.slow
 def test_swapped_position_columns_are_found(elbow, simulation):
     path, model, folder = elbow
     simulation.record(model, folder / "good.csv", seed=7)
@@ -93,6 +97,7 @@ def test_swapped_position_columns_are_found(elbow, simulation):
     assert any("The position columns of joint1 and joint2 look swapped" in remark for remark in remarks)
 
 
+@pytest.mark.slow
 def test_torques_of_the_wrong_sign_are_said(elbow, simulation):
     """The negative of a robot fits as well as the robot, and cannot exist."""
     path, model, folder = elbow
@@ -129,6 +134,7 @@ def test_a_saved_estimate_is_judged(elbow, simulation):
     assert any("link1" in violation.block for violation in verdict.violations)
 
 
+@pytest.mark.slow
 def test_same_inputs_same_answer(elbow, simulation):
     path, model, folder = elbow
     log = simulation.record(model, folder / "log.csv", seed=10, noise=1.0)

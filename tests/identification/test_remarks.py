@@ -90,6 +90,7 @@ def test_limits_are_those_of_the_whole_log(arm, tmp_path, chunk_rows):
     assert any("Joint 1 (joint1) moves at" in remark for remark in found)
 
 
+@pytest.mark.slow
 def test_swapped_columns_are_looked_for_in_every_log(arm, tmp_path):
     path, _, log = arm
     swapped = replace(log, torque=log.torque[:, [1, 0, 2]], velocity=None)

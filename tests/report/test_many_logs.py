@@ -71,6 +71,7 @@ def test_few_logs_are_shown_whole(identification):
     assert gathered(["b: x", "a: y", "b: x", "z: x"], ["a", "b"]) == ("b: x", "a: y", "z: x")
 
 
+@pytest.mark.slow
 def test_many_logs_keep_little_and_give_what_each_gives(folder):
     """Per log neither block factors nor long traces are kept; the intervals are those of the sum."""
     robot, names = folder / "stated.toml", sorted(path for path in folder.glob("*.csv"))

@@ -158,6 +158,7 @@ def test_a_body_between_two_joints_is_added(tmp_path):
     assert difference_from_mujoco(target, robot, with_rotors(robot, parameters, np.zeros(4))) < 1e-9
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     "compiler",
     ['settotalmass="9"', 'inertiafromgeom="true"', 'boundmass="5" boundinertia="1"', 'balanceinertia="true"'],
@@ -218,6 +219,7 @@ def test_included_files(tmp_path, elsewhere):
     assert same.read_bytes() == source.read_bytes()
 
 
+@pytest.mark.slow
 def test_meshes_are_found_from_another_folder(tmp_path):
     (tmp_path / "arm" / "meshes").mkdir(parents=True)
     text = ARM.replace("  <default>", '  <asset><mesh file="a.obj"/></asset>\n  <default>', 1)

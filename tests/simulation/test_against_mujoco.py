@@ -73,6 +73,7 @@ def fall_in_mujoco(world, order, q0, t):
     return solve_ivp(slope, (0.0, t[-1]), start, method="DOP853", t_eval=t, rtol=1e-12, atol=1e-12).y[:n].T
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("method", ["dormand_prince", "dop853"])
 def test_two_seconds_of_free_fall(case, method):
     model, world, order = case

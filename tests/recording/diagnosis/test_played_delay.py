@@ -49,6 +49,7 @@ def test_unsure_delay_is_not_applied(played, model):
     )
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     "cutoff", [pytest.param(2.2, marks=pytest.mark.slow), 4.8, pytest.param(10.0, marks=pytest.mark.slow)]
 )

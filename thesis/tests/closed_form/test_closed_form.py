@@ -106,6 +106,7 @@ SLIDING = {
 
 
 @needs_qepcad
+@pytest.mark.slow
 @pytest.mark.parametrize(
     "rows",
     [

@@ -45,6 +45,7 @@ def run(wam):
     return play
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     "column",
     ["WLS_feasible", *(pytest.param(c, marks=pytest.mark.slow) for c in ("WLS_feasible_extra", "WLS_corrected"))],
