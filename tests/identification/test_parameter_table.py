@@ -4,6 +4,7 @@ import csv
 import importlib
 import io
 import json
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -14,7 +15,7 @@ from steelyard.errors import InputError
 from steelyard.estimators import EntropicPrior
 from steelyard.estimators.cross_validation import cross_validation, term_deviations
 from steelyard.feasibility import DensityInBox, FeasibleSet, TotalMass
-from steelyard.identification.parameter_table import ParameterTable, parameter_table
+from steelyard.identification.parameter_table import LinkRows, ParameterRow, ParameterTable, parameter_table
 
 
 def table_of(arm: SimulatedArm, seed: int) -> tuple[ParameterTable, FeasibleSet]:
@@ -149,3 +150,12 @@ def test_large_robots_have_the_intervals_of_least_squares(found, monkeypatch) ->
     assert large["m1"].basis == "assumed"
     assert "of the data alone" in large.sentences[0]
     assert large["Fvj1"].basis == table["Fvj1"].basis == "measured"
+
+
+def test_rows_and_links_are_printed_in_a_line():
+    row = ParameterRow("m3", "mass of link3", "kg", 1.10197, 0.0482226, 2.652368, 0.84, "bounded")
+    assert repr(row) == "ParameterRow(m3 = 1.102 kg, 0.048 to 2.653, bounded)"
+    assert repr(replace(row, lower=0.0, upper=np.inf)) == "ParameterRow(m3 = 1.102 kg, 0 to ∞, bounded)"
+    assert repr(replace(row, lower=np.nan, upper=np.nan)) == "ParameterRow(m3 = 1.102 kg, ? to ?, bounded)"
+    link = LinkRows("link3", row, (row, replace(row, value=-0.25), row), ())
+    assert repr(link) == "LinkRows('link3': 1.102 kg at (1.1, -0.25, 1.1) m)"

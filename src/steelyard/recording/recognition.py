@@ -512,9 +512,12 @@ class _Search:
             line = "`position`"
             if plain and self.joint_count and count > self.joint_count:
                 line = f"`position` (the first ones: `position = {_toml(position.columns[: self.joint_count])}`)"
+            held = ""
+            if self.joint_count is not None and count < self.joint_count:
+                held = ", or hold joints that were not logged still with `locked = [...]` in [description]"
             raise InputError(
                 f"{self.source} has positions of {count} joints {how} but the robot has {self.joint_count}; "
-                f"name the right columns with {line} in [log] or use the robot that was logged."
+                f"name the right columns with {line} in [log]{held}, or use the robot that was logged."
             )
         for kind, group in found.items():
             if group is None:
