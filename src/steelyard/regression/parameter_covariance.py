@@ -139,7 +139,7 @@ class ParameterCovariance:
     @property
     def error_correlation(self) -> Array:
         """(n_b (n_b - 1) / 2,) of the errors with one another, the lower triangle row by row; zero where unknown."""
-        sizes = np.where(self.unknown, np.inf, column_lengths(self.root.T))
+        sizes = self.standard_error
         rows = self.root / np.where(sizes > 0.0, sizes, 1.0)[:, None]
         return np.asarray(np.clip((rows @ rows.T)[np.tril_indices(len(rows), -1)], -1.0, 1.0))
 
