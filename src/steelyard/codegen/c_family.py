@@ -98,7 +98,7 @@ class CFamily(ABC):
             return [head, "{", *body, *self._statements(named, cut.parts[0], ""), "}", ""]
         kept = named.scope.inner().take("kept")
         variable, parameter = self.kept(kept, cut.places)
-        outputs = [named.names[output.name] for output in named.function.outputs]
+        outputs = named.output_names
         lines = []
         body += [f"    {variable};"] if cut.places else []
         for k, part in enumerate(cut.parts):

@@ -139,7 +139,7 @@ class _CasadiProject(PythonProject):
             lines += [f"    {name} = _shaped(", "        ["]
             lines += [f"            {text}," for text in elements.elements]
             lines += ["        ],", f"        {output.size // columns},", f"        {columns},", "    )"]
-        groups = [[names[a.name] for a in function.arguments], [names[o.name] for o in function.outputs]]
+        groups = [named.argument_names, named.output_names]
         parts = [f'"{_function_name(named.name)}"', *(f"[{', '.join(group)}]" for group in groups)]
         parts += ["[" + ", ".join(f'"{name}"' for name in group) + "]" for group in groups]
         return [*lines, "    return casadi.Function(", *(f"        {part}," for part in parts), "    )"]

@@ -300,7 +300,7 @@ class _JaxProject(PythonProject):
 
     def definition(self, index: int, named: NamedFunction) -> list[str]:
         names = named.names
-        results = [names[output.name] for output in named.function.outputs]
+        results = named.output_names
         kind = f"tuple[{', '.join(['jax.Array'] * len(results))}]" if len(results) > 1 else "jax.Array"
         lines = ["@jax.jit", *self.signature(named, "ArrayLike", kind), *self.documentation(named, "jax.Array")]
         lines.append("    _require_double_precision()")
@@ -327,7 +327,7 @@ class _JaxProject(PythonProject):
     @staticmethod
     def _vectors(index: int, named: NamedFunction, leading: str, plan: Schedule) -> list[str]:
         function, names = named.function, named.names
-        arguments = ", ".join(names[argument.name] for argument in function.arguments)
+        arguments = ", ".join(named.argument_names)
         values = named.scope.inner().take("values")
         lines = [f"    {values} = _computed([{arguments}], {leading}, _CONSTANTS_{index + 1}, _STEPS_{index + 1})"]
         for output, places in zip(function.outputs, plan.outputs, strict=True):
@@ -352,8 +352,8 @@ class _JaxProject(PythonProject):
 
     def use(self) -> list[str]:
         named = self.functions[0]
-        outputs = ", ".join(named.names[output.name] for output in named.function.outputs)
-        arguments = ", ".join(named.names[argument.name] for argument in named.function.arguments)
+        outputs = ", ".join(named.output_names)
+        arguments = ", ".join(named.argument_names)
         return [
             "```python",
             "import jax",

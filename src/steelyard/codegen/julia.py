@@ -135,7 +135,7 @@ class _Source:
         for argument in function.arguments:
             name, size = names[argument.name], self.sizes.of[function.name, argument.name]
             lines.append(_check(f"length({name}) == {size}", f"{name} must have {argument.width} elements"))
-        arrays = [names[o.name] for o in function.outputs if o.shape] + [names[a.name] for a in function.arguments]
+        arrays = [names[o.name] for o in function.outputs if o.shape] + named.argument_names
         lines += [f"    Base.require_one_based_indexing({', '.join(arrays)})"] if arrays else []
         lines.append("    @inbounds begin")
         lines += [f"        {a.name} = {a.expression}" for a in found.assignments]
@@ -149,8 +149,7 @@ class _Source:
 
     @staticmethod
     def _arguments(named: NamedFunction) -> list[str]:
-        function, names = named.function, named.names
-        return [names[o.name] for o in function.outputs] + [names[a.name] for a in function.arguments]
+        return [*named.output_names, *named.argument_names]
 
     def _test(self) -> str:
         lines = [

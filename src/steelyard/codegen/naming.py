@@ -88,6 +88,16 @@ class NamedFunction:
     names: dict[str, str]
     scope: Names
 
+    @property
+    def argument_names(self) -> list[str]:
+        """The arguments in the language, in order."""
+        return [self.names[argument.name] for argument in self.function.arguments]
+
+    @property
+    def output_names(self) -> list[str]:
+        """The outputs in the language, in order."""
+        return [self.names[output.name] for output in self.function.outputs]
+
 
 def project_name(project: Project, reserved: frozenset[str]) -> str:
     """Return the name of a project in lower case, as the prefix, namespace or package that holds all the others.

@@ -97,8 +97,8 @@ class _Source:
     def _function(self, named: NamedFunction) -> str:
         function, names = named.function, named.names
         found = listing(function, self.syntax, names, named.scope)
-        arguments = ", ".join(names[argument.name] for argument in function.arguments)
-        results = ", ".join(names[output.name] for output in function.outputs)
+        arguments = ", ".join(named.argument_names)
+        results = ", ".join(named.output_names)
         text = function_lines(function, names, self.syntax.element, row_major=False)
         lines = self._head(named.name, f"[{results}] = {named.name}({arguments}) %#codegen", text)
         for argument in function.arguments:
@@ -157,8 +157,8 @@ class _Source:
 
     def _use(self) -> list[str]:
         named = self.functions[0]
-        arguments = ", ".join(named.names[argument.name] for argument in named.function.arguments)
-        results = ", ".join(named.names[output.name] for output in named.function.outputs)
+        arguments = ", ".join(named.argument_names)
+        results = ", ".join(named.output_names)
         return [
             "Add the folder to the path. The self-test:",
             "",

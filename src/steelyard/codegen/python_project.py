@@ -346,7 +346,7 @@ class _NumPyProject(PythonProject):
     def definition(self, index: int, named: NamedFunction) -> list[str]:
         function, names = named.function, named.names
         found = self.listing(named)
-        results = [names[output.name] for output in function.outputs]
+        results = named.output_names
         kind = f"tuple[{', '.join(['Array'] * len(results))}]" if len(results) > 1 else "Array"
         lines = [*self.signature(named, "ArrayLike", kind), *self.documentation(named, "ndarray")]
         leading = named.scope.inner().take("leading")
@@ -378,8 +378,8 @@ class _NumPyProject(PythonProject):
 
     def use(self) -> list[str]:
         named = self.functions[0]
-        outputs = ", ".join(named.names[output.name] for output in named.function.outputs)
-        arguments = ", ".join(named.names[argument.name] for argument in named.function.arguments)
+        outputs = ", ".join(named.output_names)
+        arguments = ", ".join(named.argument_names)
         return [
             "```python",
             f"import {self.name}",

@@ -261,7 +261,7 @@ class _Source:
             parameters[named.names[output.name]] = f"&mut {self._output_type(named, output)}"
         unused = [a.name for a in function.arguments if a.name not in found.used_arguments]
         body = [f"    let _ = {named.names[name]};" for name in unused]
-        outputs = [named.names[output.name] for output in function.outputs]
+        outputs = named.output_names
         for name, elements in zip(outputs, found.outputs, strict=True):
             body += [f"    *{name} = [0.0; {len(elements.elements)}];"] if elements.mostly_zero else []
         head = [*documentation, *_head(f"pub fn {named.name}", parameters)]
