@@ -1,12 +1,15 @@
 """The report says what the data says, and nothing in it comes from elsewhere or goes elsewhere."""
 
+import base64
 import json
+import zlib
 from dataclasses import replace
 from pathlib import Path
 
 import lxml.html
 import numpy as np
 import pytest
+from plotly.offline import get_plotlyjs
 
 from steelyard.errors import InputError
 from steelyard.identification import Identification
@@ -152,12 +155,18 @@ def test_curves_of_absolute_stamps_are_drawn_from_the_first(identification: Iden
 
 def test_names_stay_text(page: lxml.html.HtmlElement, text: str) -> None:
     scripts = list(page.iter("script"))
-    assert [script.get("type") for script in scripts] == ["application/json"] * 2 + [None] * 3
+    assert [script.get("type") for script in scripts] == ["application/json"] * 2 + ["text/plain"] * 3 + [None]
     assert not any("alert(" in (script.text or "") for script in scripts[3:])
     assert "<script>alert" not in text
     assert not list(page.iter("img", "b", "i"))
     assert not [name for element in page.iter() for name, _ in element.items() if name.startswith("on")]
     assert page.find(".//h1").text == "arm <script>alert(3)</script>"
+
+
+def test_plotly_is_in_the_page_compressed(page: lxml.html.HtmlElement, text: str) -> None:
+    (script,) = page.xpath("//script[@id='plotly']")
+    assert zlib.decompress(base64.b64decode(script.text)).decode() == get_plotlyjs()
+    assert len(text.encode()) < 3e6
 
 
 def test_nothing_is_loaded_from_elsewhere(page: lxml.html.HtmlElement) -> None:

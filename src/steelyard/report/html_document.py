@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
+import base64
 import html
 import json
 import math
+import zlib
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
+from functools import lru_cache
 from importlib import resources
 
 __all__ = ["Markup", "Section", "escape", "html_document", "number", "percent", "script_data", "table"]
@@ -178,9 +181,9 @@ def html_document(
     )
     code = ""
     if scripts:
-        from plotly.offline import get_plotlyjs
-
-        code = "".join(f"<script>\n{text}</script>\n" for text in (get_plotlyjs(), *map(_text, scripts)))
+        code = f'<script id="plotly" type="text/plain">{_compressed_plotly()}</script>\n'
+        code += "".join(f'<script class="uses-plotly" type="text/plain">\n{_text(name)}</script>\n' for name in scripts)
+        code += f"<script>\n{_text('plotly_loader.js')}</script>\n"
     return f"""\
 <!DOCTYPE html>
 <html lang="en">
@@ -206,6 +209,14 @@ def html_document(
 {code}</body>
 </html>
 """
+
+
+@lru_cache(maxsize=1)
+def _compressed_plotly() -> str:
+    """Return Plotly's script, deflated and in base 64: 1.9 MB in place of 4.8."""
+    from plotly.offline import get_plotlyjs
+
+    return base64.b64encode(zlib.compress(get_plotlyjs().encode(), 6)).decode("ascii")
 
 
 def _text(name: str) -> str:
