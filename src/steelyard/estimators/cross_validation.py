@@ -190,7 +190,7 @@ def cross_validation(
     regression = ReducedRegression.of(info.reduced(used), feasible_set)
     grid = _grid(prior_weights, info.count, feasible_set.parameter_count)
     chosen, folds = len(grid), len(stretches)
-    training = [Information.total([s for k, s in enumerate(stretches) if k != fold]) for fold in range(folds)]
+    training = list(Information.without_each(stretches))
     problems = [(R.R, R.rho) for R in (data.reduced(used) for data in (info, *training))]
     function = _Fits(problems, regression.variance, feasible_set, [prior.prepare(feasible_set, w) for w in grid], grid)
     start = _inside(info, used, feasible_set, prior, function)

@@ -323,11 +323,7 @@ class _Fit:
         if len(self.stretches) < STRETCHES:
             return None
         within = np.array([factor.residual2(self.estimate.base) for factor in self.information.factors])
-        beyond = np.zeros(len(within))
-        for left_out in self.stretches:
-            others = Information.total([one for one in self.stretches if one is not left_out])
-            base = least_squares(others, "joint").base
-            beyond += [factor.residual2(base) for factor in left_out.factors]
+        beyond = Information.held_out_squares(self.stretches, lambda others: least_squares(others, "joint").base)
         told = (within > 0.0) & (beyond > 0.0)
         return float(np.exp(0.5 * np.mean(np.log(beyond[told] / within[told])))) if told.any() else None
 

@@ -298,10 +298,7 @@ class _Draft:
         stretches = information.stretches(blocks, 5)
         if len(stretches) < FEWEST_STRETCHES or information.count <= information.base_count:
             return None
-        squares = np.zeros(model.dof)
-        for left_out in stretches:
-            others = Information.total([one for one in stretches if one is not left_out])
-            squares += [factor.residual2(least_squares(others, "joint").base) for factor in left_out.factors]
+        squares = Information.held_out_squares(stretches, lambda others: least_squares(others, "joint").base)
         told = squares > 0.0
         if not told.any():
             return None

@@ -286,13 +286,10 @@ def _held_out(stretches: Sequence[Information], estimate: Callable[[Information]
     """
     if len(stretches) < FEWEST_FOLDS:
         return None
-    squares = np.zeros(len(stretches[0].measured))
-    for left_out in stretches:
-        try:
-            base = estimate(Information.total([one for one in stretches if one is not left_out])).base
-        except SolverError:
-            return None
-        squares += [factor.residual2(base) for factor in left_out.measured]
+    try:
+        squares = Information.held_out_squares(stretches, lambda others: estimate(others).base)
+    except SolverError:
+        return None
     counts = np.sum([[factor.count for factor in one.measured] for one in stretches], axis=0)
     return np.asarray(np.sqrt(squares / np.maximum(counts, 1)))
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import itertools
-from collections.abc import Iterable, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property, reduce
 from operator import add
@@ -324,6 +324,34 @@ class Information:
     def total(cls, parts: Sequence[Information]) -> Information:
         """Return the Information of all parts together, of which there is at least one."""
         return reduce(add, parts)
+
+    @classmethod
+    def without_each(cls, parts: Sequence[Information]) -> Iterator[Information]:
+        """Yield for each of the parts the Information of all the others together."""
+        for left_out in parts:
+            yield cls.total([one for one in parts if one is not left_out])
+
+    @classmethod
+    def held_out_squares(cls, parts: Sequence[Information], base_of: Callable[[Information], Array]) -> Array:
+        """Return the squared residuals of each joint on parts of which each is predicted from all the others.
+
+        Parameters
+        ----------
+        parts : sequence of Information
+            At least two, such as `stretches` returns.
+        base_of : callable
+            Base parameters by an Information.
+
+        Returns
+        -------
+        ndarray
+            (N,) sums over the rows of all parts.
+        """
+        squares = np.zeros(len(parts[0].measured))
+        for left_out, others in zip(parts, cls.without_each(parts), strict=True):
+            base = base_of(others)
+            squares += [factor.residual2(base) for factor in left_out.measured]
+        return squares
 
     @property
     def by_joint(self) -> bool:
