@@ -25,9 +25,9 @@ from steelyard.recording import (
     choose_cutoff,
     estimate_delay,
 )
-from steelyard.recording.clock import FEWEST_ROWS, ClockStatistics, clock_statistics
+from steelyard.recording.clock import FEWEST_ROWS, ClockStatistics
 from steelyard.recording.cutoff.by_spectra import noise_share
-from steelyard.recording.diagnosis import DETECTORS, Diagnosis, faulty_rows
+from steelyard.recording.diagnosis import DETECTORS, Diagnosis
 from steelyard.recording.diagnosis.rest import HeldJoints
 from steelyard.recording.even import evened
 from steelyard.recording.formats import LogFiles
@@ -385,8 +385,8 @@ class _Patient:
             return self._result(name, layout)
         recording = self._read()
         survey = LogSurvey.of(recording)
-        clock = self._clock(recording)
         diagnosis = recording.diagnose()
+        clock = self._clock(recording, diagnosis.clock)
         self._signals(recording, survey, diagnosis)
         suspect = self._units(survey)
         information = None
@@ -397,7 +397,8 @@ class _Patient:
                 self.add(finding)
         if suspect:
             recording = self._read()  # what follows is measured in the right units
-            clock, diagnosis = clock_statistics(recording), recording.diagnose()
+            diagnosis = recording.diagnose()
+            clock = diagnosis.clock
         heads, rows = self._measures(recording, diagnosis)
         if not any(one.harm == "wrong" for one in self.findings):
             self._delay(recording)
@@ -517,11 +518,10 @@ class _Patient:
 
     # What needs nothing but the log
 
-    def _clock(self, recording: Recording) -> ClockStatistics | None:
+    def _clock(self, recording: Recording, clock: ClockStatistics) -> ClockStatistics | None:
         """Look at the clock: uneven stamps and missing rows."""
-        if recording.count < FEWEST_ROWS or self.columns.rate is not None:
+        if self.columns.rate is not None:
             return None
-        clock = clock_statistics(recording)
         rate = 1.0 / clock.period
         jitter = next((one for one in clock.sentences() if one.startswith("Intervals")), "")
         if clock.verdict == "even clock":
@@ -559,11 +559,7 @@ class _Patient:
     def _signals(self, recording: Recording, survey: LogSurvey, diagnosis: Diagnosis) -> None:
         """Look at rows that would harm a regression, at joints that do not move, and at coarse or noisy channels."""
         handled = [option for option in DETECTORS if getattr(self.processing, option) is not False]
-        by_option: dict[str, list[str]] = {}
-        for sentence in faulty_rows(recording, handled):
-            (option,) = (name for name in DETECTORS if f"`{name} = true`" in sentence)
-            by_option.setdefault(option, []).append(sentence)
-        for option, sentences in by_option.items():
+        for option, sentences in diagnosis.faults(handled).items():
             share = float(getattr(diagnosis, option).flags.mean(axis=0).max())
             harm: Harm = "wrong" if option == "saturation" and share > CLIPPED else "worse"
             self.add(Finding(option, " ".join(sentences), harm, share, {"processing": {option: True}}))

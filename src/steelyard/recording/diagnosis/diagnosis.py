@@ -68,6 +68,14 @@ class Diagnosis:
             found += list(self.missing.sentences())
         return tuple(found)
 
+    def faults(self, handled: Collection[str] = ()) -> dict[str, tuple[str, ...]]:
+        """Return the sentences on rows that would harm a regression, by the option of [processing] that handles them.
+
+        Options that are `handled` already, and those of which there is nothing to say, are left out.
+        """
+        found = {option: _fault(getattr(self, option), option) for option in DETECTORS if option not in handled}
+        return {option: sentences for option, sentences in found.items() if sentences}
+
     def __repr__(self) -> str:
         found = len(self.sentences())
         return f"Diagnosis({self.source!r}: {f'{found} findings' if found else 'nothing found'})"
@@ -110,13 +118,13 @@ def faulty_rows(recording: Measurements, handled: Collection[str] = ()) -> tuple
     >>> len(faulty_rows(log)), len(faulty_rows(log, ["saturation"]))
     (1, 0)
     """
-    found: list[str] = []
-    for option, detector in DETECTORS.items():
-        if option not in handled:
-            rows = detector(recording)
-            flags = rows.flags & (rows.flags.mean(axis=0) >= FEW[option])
-            found += _with_remedy(replace(rows, flags=flags), option)
-    return tuple(found)
+    searched = {option: detector for option, detector in DETECTORS.items() if option not in handled}
+    return tuple(text for option, detector in searched.items() for text in _fault(detector(recording), option))
+
+
+def _fault(rows: Intervals, option: str) -> tuple[str, ...]:
+    flags = rows.flags & (rows.flags.mean(axis=0) >= FEW[option])
+    return tuple(_with_remedy(replace(rows, flags=flags), option))
 
 
 def _with_remedy(found: Intervals, option: str) -> list[str]:
