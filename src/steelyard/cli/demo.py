@@ -36,7 +36,6 @@ def demo(
     assert result.parameters is not None
     table, sentence = beside_truth(result.parameters)
     echo("The truth of this simulated arm, CAD that is wrong by tens of percent, and the answer:")
-    for line in table.splitlines():
-        echo(line)
+    echo(table)
     echo(sentence)
     echo(f"Look at {output / 'result' / 'report.html'}")

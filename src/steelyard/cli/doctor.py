@@ -45,7 +45,6 @@ def doctor(
     if json:
         print_json(found.to_dict())
     else:
-        for line in str(found).splitlines():
-            echo(line)
+        echo(found)
     if found.findings:
         raise typer.Exit(1)

@@ -28,8 +28,7 @@ def example(
     from steelyard.identification.examples import list_examples, write_example
 
     if name is None:
-        for line in list_examples().splitlines():
-            echo(line)
+        echo(list_examples())
         return
     with progress() as say:
         folder = write_example(name, output or Path(f"steelyard-{name}"), progress=say)

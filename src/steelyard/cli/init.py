@@ -45,8 +45,7 @@ def init(
     if quiet:
         echo(f"Wrote {output}.")
         return
-    for line in str(made).splitlines():
-        echo(line)
+    echo(made)
     if made.examination is not None:
         for finding in made.examination.findings:
             echo(f"Of the log: {finding.statement}{f' {finding.advice}' if finding.advice else ''}")

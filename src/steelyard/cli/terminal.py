@@ -80,7 +80,7 @@ def sentence(text: object) -> str:
 
 
 def echo(text: object) -> None:
-    """Print a line on standard output."""
+    """Print a text on standard output."""
     print(printable(str(text)))
 
 
