@@ -198,7 +198,7 @@ def test_no_two_files_have_one_name() -> None:
 
 WRITERS = {"write_text", "write_bytes", "replace", "rename", "mkstemp", "mkdtemp", "NamedTemporaryFile"}
 # These write into a temporary folder that one program reads, the copy of what is piped in, and the trace of a fault.
-SCRATCH = {"external_solver.py", "mat_child.py", "standard_input.py", "cli/main.py"}
+SCRATCH = {"external_solver.py", "standard_input.py", "cli/main.py"}
 
 
 def written_without_care(source: str) -> list[str]:

@@ -4,7 +4,9 @@ Every message is one sentence that names the file, line or joint, what was found
 """
 
 import importlib
+import importlib.util
 import re
+import sys
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
@@ -17,6 +19,7 @@ __all__ = [
     "SteelyardError",
     "faults_told",
     "install_command",
+    "is_installed",
     "missing_extra",
     "require_package",
 ]
@@ -94,6 +97,19 @@ def require_package(module: str, need: str, extra: str) -> Any:
         return importlib.import_module(module)
     except ImportError as error:
         raise missing_extra(f"{need} {module}, which is not installed", extra) from error
+
+
+def is_installed(module: str) -> bool:
+    """Tell whether a package is installed, without importing it.
+
+    Examples
+    --------
+    >>> is_installed("numpy"), is_installed("no_such_package")
+    (True, False)
+    """
+    if module in sys.modules:
+        return sys.modules[module] is not None
+    return importlib.util.find_spec(module) is not None
 
 
 def install_command(extra: str) -> str:

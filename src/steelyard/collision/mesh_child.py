@@ -1,28 +1,20 @@
 """A program that reads meshes for another process, because damaged files may crash the libraries or exhaust the memory.
 
 It is started with the names of the libraries as arguments, and reads a list of paths as JSON from standard input. For
-each path it writes a line of JSON to standard output, followed by the bytes of vertices and triangles where the file
+each path it writes a line of JSON, followed by the bytes of vertices and triangles where the file
 could be read.
 """
 
 from __future__ import annotations
 
-import contextlib
 import json
-import os
 import sys
-from typing import Any
+from typing import Any, BinaryIO
 
 import numpy as np
 
 __all__ = ["answer", "main", "reason"]
 
-# Limit of the address space, bytes: a constant, and a multiple of the largest file. coal needs 13 bytes for each byte
-# of a file of 60 MB.
-MEMORY, MEMORY_PER_BYTE = 2**30, 50
-# Limit of the processor time, s, three times that after which the other process stops waiting. It ends this program
-# where the other process has been killed.
-TIME, TIME_PER_BYTE = 60, 6e-6
 # Beginnings of the lines of a message of coal that say where in the library an error was raised.
 PLACES = ("From file", "in function", "at line", "Hint", "message: Could not load")
 
@@ -68,27 +60,10 @@ def _by_trimesh(path: str) -> tuple[Any, Any]:
     return vertices, np.ascontiguousarray(mesh.faces, dtype=np.int64).reshape(-1, 3)
 
 
-def main() -> None:
+def main(answers: BinaryIO) -> None:
     """Answer for every path on standard input."""
     paths = json.load(sys.stdin)
-    # Text that the libraries print must not mix with the answers.
-    answers = os.fdopen(os.dup(1), "wb")
-    os.dup2(2, 1)
-    with contextlib.suppress(ImportError, ValueError, OSError):
-        import resource
-
-        sizes = [os.path.getsize(path) for path in paths]
-        memory = MEMORY + MEMORY_PER_BYTE * max(sizes, default=0)
-        seconds = int(TIME + TIME_PER_BYTE * sum(sizes))
-        resource.setrlimit(resource.RLIMIT_CPU, (seconds, seconds))
-        resource.setrlimit(resource.RLIMIT_CORE, (0, 0))
-        resource.setrlimit(resource.RLIMIT_AS, (memory, memory))
     for path in paths:
         said, arrays = answer(path, sys.argv[1:])
         answers.write(json.dumps(said).encode() + b"\n" + arrays)
         answers.flush()
-    os._exit(0)  # without the cleanup of the libraries, which may crash after a damaged file
-
-
-if __name__ == "__main__":
-    main()

@@ -2,11 +2,9 @@
 
 from __future__ import annotations
 
-import importlib.util
 import json
 import os
 import signal
-import sys
 from collections.abc import Iterable, Sequence
 from io import BytesIO
 from pathlib import Path
@@ -14,9 +12,9 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from steelyard.errors import InputError, missing_extra
+from steelyard.errors import InputError, is_installed, missing_extra
 from steelyard.files import require_file
-from steelyard.files.child_process import run_child
+from steelyard.files.child_process import ChildLimits, run_child
 from steelyard.robot.references import find_reference
 
 from .shapes import coal_or_none
@@ -28,6 +26,9 @@ MeshArrays = tuple[Array, NDArray[np.intp]]
 
 LARGEST = 500_000_000  # bytes of a file
 TIME, TIME_PER_BYTE = 20.0, 2e-6  # s that reading may take; a file of 60 MB takes 6 s
+# Limit of the address space, bytes: a constant, and a multiple of the largest file. coal needs 13 bytes for each byte
+# of a file of 60 MB.
+MEMORY, MEMORY_PER_BYTE = 2**30, 50
 REMEDY = "export it again, as STL or OBJ"
 
 
@@ -116,24 +117,20 @@ def read_meshes(paths: Iterable[Path], largest: int | None = None) -> dict[Path,
 
 
 def _libraries() -> list[str]:
-    names = [*(["coal"] if coal_or_none() is not None else []), *(["trimesh"] if _is_installed("trimesh") else [])]
+    names = [*(["coal"] if coal_or_none() is not None else []), *(["trimesh"] if is_installed("trimesh") else [])]
     if not names:
         raise missing_extra("Meshes need the package coal or trimesh, and neither is installed", "collision")
     return names
 
 
-def _is_installed(name: str) -> bool:
-    if name in sys.modules:
-        return sys.modules[name] is not None
-    return importlib.util.find_spec(name) is not None
-
-
 def _asked(paths: Sequence[Path], libraries: Sequence[str]) -> tuple[BytesIO, str]:
     """Read meshes in another process; return its answers, and how it ended."""
-    seconds = TIME + TIME_PER_BYTE * sum(path.stat().st_size for path in paths)
+    sizes = [path.stat().st_size for path in paths]
+    seconds = TIME + TIME_PER_BYTE * sum(sizes)
+    limits = ChildLimits(seconds, int(3 * seconds), MEMORY + MEMORY_PER_BYTE * max(sizes))
     request = json.dumps([os.path.abspath(path) for path in paths]).encode()
     program = Path(__file__).with_name("mesh_child.py")
-    answers, code = run_child(program, request, seconds, "Meshes are read by another process", libraries)
+    answers, code = run_child(program, request, limits, "Meshes are read by another process", libraries)
     if code is None:
         return BytesIO(answers), f"reading it takes longer than {seconds:.0f} s"
     return BytesIO(answers), f"the library that reads it crashed, {_ending(code)}"

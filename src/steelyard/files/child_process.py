@@ -7,16 +7,35 @@ import subprocess
 import sys
 from collections.abc import Sequence
 from pathlib import Path
+from typing import NamedTuple
 
 from steelyard.errors import InputError
 
-__all__ = ["run_child"]
+__all__ = ["ChildLimits", "run_child"]
+
+
+class ChildLimits(NamedTuple):
+    """What another process may take.
+
+    Parameters
+    ----------
+    wait : float
+        Time to wait for it, s.
+    processor : int
+        Processor time, s; it ends the process also where this one was killed.
+    memory : int
+        Bytes of the address space.
+    """
+
+    wait: float
+    processor: int
+    memory: int
 
 
 def run_child(
     program: Path,
     request: bytes,
-    seconds: float,
+    limits: ChildLimits,
     what: str,
     arguments: Sequence[str] = (),
     folder: str | None = None,
@@ -26,11 +45,10 @@ def run_child(
     Parameters
     ----------
     program : Path
-        The file. It limits its own memory and time, so that it ends also where this process was killed.
+        The file. Its function ``main`` gets a file into which it writes its answers as bytes; what is printed is lost.
     request : bytes
         Its standard input.
-    seconds : float
-        Time to wait for it, s.
+    limits : ChildLimits
     what : str
         What begins the message where it cannot be started: ``"Meshes are read by another process"``.
     arguments : sequence of str
@@ -40,7 +58,7 @@ def run_child(
     Returns
     -------
     bytes, int or None
-        What it wrote to standard output, and its exit code; None where the time ran out.
+        Its answers, and its exit code; None where the time ran out.
 
     Raises
     ------
@@ -52,21 +70,23 @@ def run_child(
     >>> import tempfile
     >>> with tempfile.TemporaryDirectory() as folder:
     ...     program = Path(folder, "program.py")
-    ...     _ = program.write_text("import sys; print(sys.stdin.read()[::-1], end=''); sys.exit(3)")
-    ...     run_child(program, b"drab", 60.0, "Words are turned round by another process")
-    (b'bard', 3)
+    ...     _ = program.write_text("import sys\\ndef main(answers): answers.write(sys.stdin.buffer.read()[::-1])")
+    ...     run_child(program, b"drab", ChildLimits(60.0, 60, 2**30), "Words are turned round by another process")
+    (b'bard', 0)
     """
     paths = os.pathsep.join(os.path.abspath(path) for path in sys.path if path)
     environment = {**os.environ, "PYTHONPATH": paths, "OPENBLAS_NUM_THREADS": "1"}
+    launcher = str(Path(__file__).with_name("child_launcher.py").absolute())
+    bounds = (str(limits.memory), str(limits.processor))
     try:
         done = subprocess.run(
-            [sys.executable, "-P", str(program.absolute()), *arguments],
+            [sys.executable, "-P", launcher, *bounds, str(program.absolute()), *arguments],
             input=request,
             stdout=subprocess.PIPE,
             stderr=subprocess.DEVNULL,
             env=environment,
             cwd=folder,
-            timeout=seconds,
+            timeout=limits.wait,
         )
     except subprocess.TimeoutExpired as error:
         return error.stdout or b"", None

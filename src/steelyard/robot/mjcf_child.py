@@ -1,29 +1,16 @@
 """A program that compiles MJCF with MuJoCo for another process.
 
-It reads a request as JSON from standard input, and writes the answer as JSON to standard output.
+It reads a request as JSON from standard input, and writes the answer as JSON.
 """
 
 from __future__ import annotations
 
-import contextlib
-import importlib.util
 import json
-import os
 import re
 import sys
-from typing import Any
+from typing import Any, BinaryIO
 
-__all__ = ["answer", "is_installed", "main"]
-
-MEMORY, MEMORY_PER_BYTE = 2**31, 50  # bytes of the address space
-SECONDS = 300  # of processor time
-
-
-def is_installed() -> bool:
-    """Tell whether MuJoCo is installed."""
-    if "mujoco" in sys.modules:
-        return sys.modules["mujoco"] is not None
-    return importlib.util.find_spec("mujoco") is not None
+__all__ = ["answer", "main"]
 
 
 def answer(request: dict[str, Any]) -> dict[str, Any]:
@@ -89,23 +76,6 @@ def _told(mujoco: Any, model: Any) -> dict[str, Any]:
     }
 
 
-def main() -> None:
+def main(answers: BinaryIO) -> None:
     """Answer the request on standard input."""
-    request = json.load(sys.stdin)
-    # What MuJoCo prints must not mix with the answer, and what it logs must not stay in the user's folder.
-    output = os.fdopen(os.dup(1), "w", encoding="ascii")
-    os.dup2(2, 1)
-    with contextlib.suppress(ImportError, ValueError, OSError):
-        import resource
-
-        memory = MEMORY + MEMORY_PER_BYTE * sum(os.path.getsize(path) for path in request["files"].values())
-        resource.setrlimit(resource.RLIMIT_CPU, (SECONDS, SECONDS))
-        resource.setrlimit(resource.RLIMIT_CORE, (0, 0))
-        resource.setrlimit(resource.RLIMIT_AS, (memory, memory))
-    json.dump(answer(request), output)
-    output.flush()
-    os._exit(0)  # without the cleanup of libraries, which may crash after a damaged file
-
-
-if __name__ == "__main__":
-    main()
+    answers.write(json.dumps(answer(json.load(sys.stdin))).encode("ascii"))

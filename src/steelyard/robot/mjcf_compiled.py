@@ -14,11 +14,10 @@ from pathlib import Path
 from typing import Any
 from xml.sax.saxutils import quoteattr
 
-from steelyard.errors import InputError, missing_extra
+from steelyard.errors import InputError, is_installed, missing_extra
 from steelyard.files import shown
-from steelyard.files.child_process import run_child
+from steelyard.files.child_process import ChildLimits, run_child
 
-from . import mjcf_child
 from .mjcf_document import JOINTS, MjcfDocument, MjcfElement, in_body
 from .references import find_reference
 
@@ -47,7 +46,9 @@ COMPILER = frozenset(
     ("meshdir", "texturedir", "assetdir", "strippath", "fusestatic", "discardvisual", "alignfree", "convexhull")
 )
 LARGEST_MESH = 500_000_000  # bytes
-TIME, TIME_PER_BYTE = 60.0, 2e-6  # s
+TIME, TIME_PER_BYTE = 60.0, 2e-6  # s to wait for the other process
+PROCESSOR = 300  # s of its processor time
+MEMORY, MEMORY_PER_BYTE = 2**31, 50  # bytes of its address space
 
 
 @dataclass(frozen=True)
@@ -82,7 +83,7 @@ def compiled(document: MjcfDocument) -> CompiledMjcf:
     MissingExtraError
         If MuJoCo is not installed (extra ``mjcf``).
     """
-    if not mjcf_child.is_installed():
+    if not is_installed("mujoco"):
         raise missing_extra(f"{document.path}: MJCF is read with the package mujoco, which is not installed", "mjcf")
     excerpt = _Excerpt(document)
     found = _asked({"xml": excerpt.text(), "files": {name: str(path) for name, path in excerpt.files.items()}})
@@ -93,12 +94,13 @@ def compiled(document: MjcfDocument) -> CompiledMjcf:
 
 def _asked(request: dict[str, Any]) -> dict[str, Any]:
     """Return the answer of the other process."""
-    seconds = TIME + TIME_PER_BYTE * sum(os.path.getsize(path) for path in request["files"].values())
-    what = "MuJoCo runs in another process"
-    with tempfile.TemporaryDirectory(prefix="steelyard-") as folder:
-        written, code = run_child(Path(mjcf_child.__file__), json.dumps(request).encode(), seconds, what, folder=folder)
+    size = sum(os.path.getsize(path) for path in request["files"].values())
+    limits = ChildLimits(TIME + TIME_PER_BYTE * size, PROCESSOR, MEMORY + MEMORY_PER_BYTE * size)
+    program, what = Path(__file__).with_name("mjcf_child.py"), "MuJoCo runs in another process"
+    with tempfile.TemporaryDirectory(prefix="steelyard-") as folder:  # in which MuJoCo keeps a log
+        written, code = run_child(program, json.dumps(request).encode(), limits, what, folder=folder)
     if code is None:
-        return {"problem": f"it takes longer than {seconds:.0f} s"}
+        return {"problem": f"it takes longer than {limits.wait:.0f} s"}
     try:
         found: dict[str, Any] = json.loads(written)
     except ValueError:

@@ -9,11 +9,12 @@ from functools import lru_cache
 from pathlib import Path
 
 from steelyard.errors import InputError, missing_extra
-from steelyard.files.child_process import run_child
+from steelyard.files.child_process import ChildLimits, run_child
 
 __all__ = ["expand_xacro"]
 
-TIME = 60.0  # s to wait for the other process
+# The largest xacro that was tried takes 0.8 s and 80 MB.
+LIMITS = ChildLimits(wait=60.0, processor=30, memory=2**30)
 
 
 def expand_xacro(path: Path, arguments: Mapping[str, str] | None = None, packages: Iterable[str | Path] = ()) -> bytes:
@@ -57,9 +58,9 @@ def _expanded(
 ) -> bytes:
     request = json.dumps({"path": path, "arguments": dict(arguments), "packages": packages}).encode()
     program = Path(__file__).with_name("xacro_child.py")
-    written, code = run_child(program, request, TIME, f"{shown}: xacro is expanded by another process")
+    written, code = run_child(program, request, LIMITS, f"{shown}: xacro is expanded by another process")
     if code is None:
-        answer = {"problem": f"it takes longer than {TIME:.0f} s"}
+        answer = {"problem": f"it takes longer than {LIMITS.wait:.0f} s"}
     else:
         answer = json.loads(written) if written else {"problem": "it takes too much time or memory"}
     if "missing" in answer:

@@ -1,29 +1,22 @@
 """A program that reads a file of MATLAB for another process, because damaged files crash SciPy's reader.
 
 Of 250 files with some bits changed three ended the process that read them. It is started with the path of the file and
-a folder, into which it writes the arrays as ``0.npy``, ``1.npy`` and so on, and at last ``index.json``.
+a folder, into which it writes the arrays as ``0.npy``, ``1.npy`` and so on; it answers with an index as JSON.
 """
 
 from __future__ import annotations
 
-import contextlib
 import json
-import os
 import sys
 import warnings
 from collections.abc import Iterator
 from pathlib import Path
-from typing import Any
+from typing import Any, BinaryIO
 
 import numpy as np
 
 __all__ = ["main"]
 
-MEMORY, MEMORY_PER_BYTE = 2**31, 100
-"""Limit of the address space, bytes: a constant, and a multiple of the file. Compressed logs grow by a factor of two to
-ten, and SciPy holds what it reads twice."""
-TIME, TIME_PER_BYTE = 60, 1e-6
-"""Limit of the processor time, s; a compressed file of 100 MB takes 2 s."""
 DEEPEST = 20
 MOST_ELEMENTS = 1000
 """Of an array of structs, such as the signals of a block of Simulink."""
@@ -74,17 +67,9 @@ def _texts(values: Any) -> list[str]:
     return texts if sum(map(len, texts)) <= LONGEST else []
 
 
-def main() -> None:
+def main(answers: BinaryIO) -> None:
     """Read the file that is named first into the folder that is named second."""
     source, folder = sys.argv[1], Path(sys.argv[2])
-    with contextlib.suppress(ImportError, ValueError, OSError):
-        import resource
-
-        size = os.path.getsize(source)
-        memory, seconds = MEMORY + MEMORY_PER_BYTE * size, int(TIME + TIME_PER_BYTE * size)
-        resource.setrlimit(resource.RLIMIT_CPU, (seconds, seconds))
-        resource.setrlimit(resource.RLIMIT_CORE, (0, 0))
-        resource.setrlimit(resource.RLIMIT_AS, (memory, memory))
     index: dict[str, Any] = {"arrays": [], "texts": [], "objects": []}
     try:
         for path, value in variables(source):
@@ -98,9 +83,4 @@ def main() -> None:
     except Exception as error:  # SciPy raises whatever it meets in a damaged file
         said = "" if isinstance(error, MemoryError) else " ".join(str(error).split())[:200].rstrip(".")
         index = {"problem": said or type(error).__name__}
-    (folder / "index.json").write_text(json.dumps(index), encoding="utf-8")
-    os._exit(0)  # without the cleanup of the library, which may crash after a damaged file
-
-
-if __name__ == "__main__":
-    main()
+    answers.write(json.dumps(index).encode("ascii"))

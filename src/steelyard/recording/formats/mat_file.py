@@ -13,14 +13,19 @@ import numpy as np
 from numpy.typing import NDArray
 
 from steelyard.errors import InputError
-from steelyard.files.child_process import run_child
+from steelyard.files.child_process import ChildLimits, run_child
 
 from ..columns import LogColumns
-from . import mat_child
 from .array_log import OBJECTS, ArrayLog, StoredArray, texts_of
 from .log_file import LogFile, reason_of
 
 __all__ = ["MatFile"]
+
+MEMORY, MEMORY_PER_BYTE = 2**31, 100
+"""Limit of the address space, bytes: a constant, and a multiple of the file. Compressed logs grow by a factor of two to
+ten, and SciPy holds what it reads twice."""
+TIME, TIME_PER_BYTE = 60, 1e-6
+"""Limit of the processor time, s; a compressed file of 100 MB takes 2 s."""
 
 
 class MatFile(ArrayLog):
@@ -64,15 +69,18 @@ class MatFile(ArrayLog):
 
 def _read(path: Path, folder: Path) -> dict[str, Any]:
     """Read a file in another process, and return what it says of it."""
-    seconds = 3.0 * (mat_child.TIME + mat_child.TIME_PER_BYTE * path.stat().st_size)
+    size = path.stat().st_size
+    seconds = TIME + TIME_PER_BYTE * size
+    limits = ChildLimits(3.0 * seconds, int(seconds), MEMORY + MEMORY_PER_BYTE * size)
+    program = Path(__file__).with_name("mat_child.py")
     arguments = [str(path.absolute()), str(folder)]
     what = f"{path}: MATLAB's files are read by another process"
-    _, code = run_child(Path(mat_child.__file__), b"", seconds, what, arguments)
+    written, code = run_child(program, b"", limits, what, arguments)
     if code is None:
-        return {"problem": f"it takes longer than {seconds:.0f} s"}
+        return {"problem": f"it takes longer than {limits.wait:.0f} s"}
     try:
-        found: dict[str, Any] = json.loads((folder / "index.json").read_text(encoding="utf-8"))
-    except (FileNotFoundError, ValueError):  # it did not get to the index
+        found: dict[str, Any] = json.loads(written)
+    except ValueError:  # it did not get to the index
         return {"problem": "SciPy ended without an answer, as it does for damaged files"}
     return found
 
