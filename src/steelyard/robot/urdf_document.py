@@ -30,10 +30,10 @@ Matrix = NDArray[np.float64]
 def read_document(path: str | Path, xacro_arguments: Mapping[str, str] | None = None) -> DescribedTree:
     """Read a URDF file, or a xacro, which is expanded; raise InputError, with the line, where it is not one."""
     path = Path(path)
-    content = urdf_content(path, xacro_arguments)
+    content, is_expanded = _content(path, xacro_arguments)
     reader = UrdfReader(path)
     remarks: tuple[str, ...] = ()
-    if is_xacro(path, read_bytes(path)):
+    if is_expanded:
         reader.place = f"{path}, expanded"
         reader.no_link = "it may hold macros alone; give the file that uses them"
         given = ", ".join(f"{key} = {value}" for key, value in (xacro_arguments or {}).items())
@@ -52,14 +52,19 @@ def urdf_content(path: Path, xacro_arguments: Mapping[str, str] | None = None) -
 
     A file is a xacro by its suffix, or by elements with the prefix ``xacro:``.
     """
+    return _content(path, xacro_arguments)[0]
+
+
+def _content(path: Path, xacro_arguments: Mapping[str, str] | None) -> tuple[bytes, bool]:
+    """Return the bytes of a URDF, and whether they were expanded from a xacro."""
     content = read_bytes(path, remedy="give the path of a URDF")
     if is_xacro(path, content):
         from .xacro import expand_xacro  # what expands is loaded when it is needed
 
-        return expand_xacro(path, xacro_arguments)
+        return expand_xacro(path, xacro_arguments), True
     if xacro_arguments:
         raise InputError(f"{path}: it is no xacro, so it takes no arguments; remove xacro_arguments")
-    return content
+    return content, False
 
 
 def is_xacro(path: Path, content: bytes) -> bool:
