@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Container, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -14,8 +14,9 @@ from steelyard.errors import InputError
 from .inertia import Inertia, pseudo_inertia
 from .joint import Link
 from .robot import Robot
+from .xml_edit import number_text
 
-__all__ = ["DescriptionChanges", "description_changes", "is_same", "require_target"]
+__all__ = ["DescriptionChanges", "description_changes", "is_same", "moment_texts", "require_robot", "require_target"]
 
 Matrix = NDArray[np.float64]
 
@@ -101,6 +102,32 @@ def require_target(source: Path, target: Path, robot: Robot, kind: str) -> None:
         raise InputError(f"{target}: this is a folder; give the name of a file")
     if not target.parent.is_dir():
         raise InputError(f"{target}: the folder {target.parent} does not exist; make it first")
+
+
+def require_robot(
+    source: Path, robot: Robot, kind: str, links: Container[str], joints: Container[str], noun: str = "link"
+) -> None:
+    """Refuse a description (`kind`, such as "URDF") without a link (`noun`) or a joint of the robot."""
+    for what, names, known in (
+        (noun, [name for link in robot.links for name in (link.name, *link.absorbed)], links),
+        ("joint", [joint.name for joint in robot.joints], joints),
+    ):
+        absent = next((name for name in names if name not in known), None)
+        if absent is not None:
+            raise InputError(
+                f'{source}: it has no {what} "{absent}" of robot "{robot.name}"; give the {kind} that the robot was '
+                "read from"
+            )
+
+
+def moment_texts(inertia: Inertia) -> dict[str, str]:
+    """Return the moments about the center of mass as they are written, by the names of URDF and SDF."""
+    second = inertia.about_com
+    return {
+        f"i{'xyz'[row]}{'xyz'[column]}": number_text((second[row, column] + second[column, row]) / 2)
+        for row in range(3)
+        for column in range(row, 3)
+    }
 
 
 def _vector(values: ArrayLike, size: int, name: str) -> Matrix:

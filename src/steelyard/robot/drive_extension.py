@@ -13,7 +13,7 @@ from steelyard.errors import InputError
 from .joint import Drives
 from .robot import Robot
 from .xml_document import DRIVES_NAMESPACE
-from .xml_edit import XmlEdit, XmlElement
+from .xml_edit import XmlEdit, XmlElement, attribute_text, number_text, tag_text
 
 __all__ = ["write_extension"]
 
@@ -52,19 +52,14 @@ def write_extension(
         if not math.isnan(offset):
             told["offset"] = offset
         if told:
-            texts = {key: repr(float(value) + 0.0) for key, value in told.items()}
+            texts = {key: number_text(value) for key, value in told.items()}
             held[name] = {"name": name, **held.get(name, {}), **texts}
     if held == before:
         return
     if earlier is not None:
         edit.remove(earlier)
     lines = [
-        f"  <{JOINT}" + "".join(f' {key}="{_quoted(value)}"' for key, value in attributes.items()) + "/>"
+        "  " + tag_text(JOINT, {key: attribute_text(value) for key, value in attributes.items()})
         for attributes in held.values()
     ]
     edit.insert_last(parent, f'<{ELEMENT} xmlns:steelyard="{DRIVES_NAMESPACE}">', *lines, f"</{ELEMENT}>")
-
-
-def _quoted(text: str) -> str:
-    marks = {"&": "&amp;", "<": "&lt;", ">": "&gt;", '"': "&quot;"}
-    return "".join(marks.get(one) or (one if one.isascii() else f"&#{ord(one)};") for one in text)

@@ -5,7 +5,6 @@ from __future__ import annotations
 import math
 from collections.abc import Iterable, Mapping
 from pathlib import Path
-from xml.sax.saxutils import escape
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -14,12 +13,13 @@ from scipy.spatial.transform import Rotation
 from steelyard.errors import InputError
 from steelyard.files import read_bytes, write_bytes
 
-from .description_changes import DescriptionChanges, description_changes, is_same, require_target
+from .description_changes import DescriptionChanges, description_changes, is_same, require_robot, require_target
 from .inertia import Inertia
 from .joint import Drives
 from .mjcf_document import MjcfElement, MjcfFile
 from .mjcf_tree import MjcfTree, body_inertia, read_mjcf_tree
 from .robot import Robot
+from .xml_edit import attribute_text, number_text, tag_text
 
 __all__ = ["DRIVE_ATTRIBUTES", "OFFSET", "write_mjcf"]
 
@@ -108,7 +108,7 @@ def write_mjcf(
         write_bytes(read_bytes(source, remedy="give the path of an MJCF file"), target)
         return
     read = read_mjcf_tree(source)
-    _require_robot(robot, read)
+    require_robot(source, robot, "MJCF", read.tree.links, read.tree.joints, "body")
     writer = _Writer(read, changes)
     writer.set_offsets({name: value for name, value in offsets.items() if not math.isnan(value)})
     if not changes and not any(file.edit.edited for file in read.document.files):
@@ -117,19 +117,6 @@ def write_mjcf(
     data = writer.edited(source.resolve().parent, target.resolve().parent)
     writer.require_read_back(read_mjcf_tree(target, data))
     write_bytes(data, target)
-
-
-def _require_robot(robot: Robot, read: MjcfTree) -> None:
-    for what, names, known in (
-        ("body", [name for link in robot.links for name in (link.name, *link.absorbed)], read.tree.links),
-        ("joint", [joint.name for joint in robot.joints], read.tree.joints),
-    ):
-        absent = next((name for name in names if name not in known), None)
-        if absent is not None:
-            raise InputError(
-                f'{read.document.path}: it has no {what} "{absent}" of robot "{robot.name}"; give the MJCF that the '
-                "robot was read from"
-            )
 
 
 class _Writer:
@@ -155,10 +142,10 @@ class _Writer:
             self._set_inertial(self._element(name, "body"), inertia)
         for name, values in self.changes.drives.items():
             joint = self._element(name, "joint")
-            texts = {DRIVE_ATTRIBUTES[key]: _text(value) for key, value in values.items()}
+            texts = {DRIVE_ATTRIBUTES[key]: number_text(value) for key, value in values.items()}
             if "damping" in values and self.springs:  # MuJoCo would replace the damping by that of the spring
                 stiffness = self.joint_rows[name]["stiffness"]
-                texts |= {"springdamper": "0 0", "stiffness": _text(stiffness)}
+                texts |= {"springdamper": "0 0", "stiffness": number_text(stiffness)}
             joint.file.edit.set_attributes(joint.place, texts)
         joints = self.document.body_of.items()
         parted = [body for joint, body in joints if self.read.link_of.get(joint) in self.inertias_between]
@@ -182,9 +169,9 @@ class _Writer:
         for joint, value in offsets.items():
             if math.isinf(value):
                 raise InputError(f'joint "{joint}": its offset must be finite, got {value}')
-            name, data = OFFSET + joint, _text(value)
+            name, data = OFFSET + joint, number_text(value)
             if name not in held:
-                lines.append(_tag("numeric", {"name": _attribute(name), "data": data}))
+                lines.append(tag_text("numeric", {"name": _attribute(name), "data": data}))
             elif held[name].attributes.get("data") != data:
                 held[name].file.edit.set_attributes(held[name].place, {"data": data})
         if lines:
@@ -228,7 +215,7 @@ class _Writer:
         edit, values = body.file.edit, _inertial(inertia)
         inertial = next(body.all("inertial"), None)
         if inertial is None:
-            edit.insert_first(body.place, _tag("inertial", values))
+            edit.insert_first(body.place, tag_text("inertial", values))
             return
         stale = [key for key in OTHER_INERTIA if key not in values]
         inertial.file.edit.remove_attributes(inertial.place, stale)
@@ -256,7 +243,7 @@ class _Writer:
             waiting.append(edit.take(joint.place))
             if link in self.inertias_between:
                 text = b"".join(waiting).decode("utf-8")
-                inner = _tag("inertial", _inertial(self.inertias_between[link])) + text
+                inner = tag_text("inertial", _inertial(self.inertias_between[link])) + text
                 pieces.append(inner if not opened else f'<body name="{_attribute(link)}">{inner}')
                 first = first or link
                 opened, waiting = opened + 1, []
@@ -288,7 +275,7 @@ class _Writer:
             compilers[-1].file.edit.set_attributes(compilers[-1].place, missing)
         elif missing:
             first = self.document.files[0].edit
-            first.insert_first(first.root, _tag("compiler", missing))
+            first.insert_first(first.root, tag_text("compiler", missing))
 
     def _join(self, source: Path, target: Path) -> None:
         """Put included files that changed in the places of their includes; name the others where they are."""
@@ -351,7 +338,7 @@ def _inertial(inertia: Inertia) -> dict[str, str]:
         axes[:, 2] *= np.sign(np.linalg.det(axes))
         turn = Rotation.from_matrix(axes).as_quat(canonical=True, scalar_first=True)
         texts = {"quat": _texts(turn)}
-    return {"pos": _texts(inertia.com), **texts, "mass": _text(inertia.mass), "diaginertia": _texts(moments)}
+    return {"pos": _texts(inertia.com), **texts, "mass": number_text(inertia.mass), "diaginertia": _texts(moments)}
 
 
 def _as_utf8(file: MjcfFile, content: bytes) -> bytes:
@@ -363,17 +350,8 @@ def _as_utf8(file: MjcfFile, content: bytes) -> bytes:
 
 
 def _attribute(value: str | Path) -> str:
-    text = value.as_posix() if isinstance(value, Path) else value
-    return escape(text, {'"': "&quot;", "'": "&apos;"})
-
-
-def _tag(tag: str, values: Mapping[str, str]) -> str:
-    return f"<{tag}{''.join(f' {key}={chr(34)}{value}{chr(34)}' for key, value in values.items())}/>"
+    return attribute_text(value.as_posix() if isinstance(value, Path) else value)
 
 
 def _texts(values: Iterable[float]) -> str:
-    return " ".join(_text(value) for value in values)
-
-
-def _text(value: float) -> str:
-    return repr(float(value) + 0.0)
+    return " ".join(number_text(value) for value in values)

@@ -11,13 +11,13 @@ from numpy.typing import ArrayLike
 from steelyard.errors import InputError
 from steelyard.files import read_bytes, write_bytes
 
-from .description_changes import SAME, description_changes, require_target
+from .description_changes import SAME, description_changes, moment_texts, require_target
 from .drive_extension import write_extension
 from .inertia import Inertia
 from .joint import Drives, Link
 from .placement import inverse
 from .robot import Robot
-from .xml_edit import XmlEdit, XmlElement
+from .xml_edit import XmlEdit, XmlElement, number_text
 
 __all__ = ["write_sdf"]
 
@@ -78,7 +78,7 @@ def write_sdf(robot: Robot, parameters: ArrayLike, drives: Drives, source: str |
             for name, inertia in _shared(link, changes.inertias[link.name]).items():
                 _set_inertial(edit, links[name], inertia)
     for name, known in changes.drives.items():
-        _set_dynamics(edit, joints[name], {key: _text(known[key]) for key in FRICTION if key in known})
+        _set_dynamics(edit, joints[name], {key: number_text(known[key]) for key in FRICTION if key in known})
     write_extension(edit, model, robot, drives, changes.drives)
     write_bytes(edit.result(), target)
 
@@ -103,11 +103,6 @@ def _shared(link: Link, body: Inertia) -> dict[str, Inertia]:
     places = [(link.name, np.eye(4)), *((one.name, inverse(one.placement)) for one, _ in fixed)]
     parts = [Inertia.from_parameters(share * body.parameters) for share in shares]
     return {name: part.moved(place) for (name, place), part in zip(places, parts, strict=True)}
-
-
-def _text(value: float) -> str:
-    """A number as it is written, so that it is read again as the same."""
-    return repr(float(value) + 0.0)
 
 
 def _robot_model(
@@ -139,16 +134,11 @@ def _named(model: XmlElement, tag: str, prefix: str) -> Iterator[tuple[str, XmlE
 
 
 def _set_inertial(edit: XmlEdit, link: XmlElement, inertia: Inertia) -> None:
-    second = inertia.about_com
-    center = " ".join(_text(value) for value in inertia.com)
-    moments = {
-        f"i{'xyz'[row]}{'xyz'[column]}": _text((second[row, column] + second[column, row]) / 2)
-        for row in range(3)
-        for column in range(row, 3)
-    }
+    center = " ".join(number_text(value) for value in inertia.com)
+    moments = moment_texts(inertia)
     inertial = link.find("inertial")
     inner = [f"  <{key}>{value}</{key}>" for key, value in moments.items()]
-    whole = {"pose": [f"<pose>{center} 0 0 0</pose>"], "mass": [f"<mass>{_text(inertia.mass)}</mass>"]}
+    whole = {"pose": [f"<pose>{center} 0 0 0</pose>"], "mass": [f"<mass>{number_text(inertia.mass)}</mass>"]}
     whole["inertia"] = ["<inertia>", *inner, "</inertia>"]
     if inertial is None:
         lines = [f"  {line}" for lines in whole.values() for line in lines]
@@ -164,7 +154,7 @@ def _set_inertial(edit: XmlEdit, link: XmlElement, inertia: Inertia) -> None:
         still = "0 0 0 1" if pose.attributes.get("rotation_format") == "quat_xyzw" else "0 0 0"
         edit.set_text(pose, f"{center} {still}")
     if mass is not None:
-        edit.set_text(mass, _text(inertia.mass))
+        edit.set_text(mass, number_text(inertia.mass))
     if tensor is not None:
         _set_children(edit, tensor, moments)
 

@@ -9,13 +9,13 @@ from numpy.typing import ArrayLike
 from steelyard.errors import InputError
 from steelyard.files import write_bytes
 
-from .description_changes import description_changes, require_target
+from .description_changes import description_changes, moment_texts, require_robot, require_target
 from .drive_extension import write_extension
 from .inertia import Inertia
 from .joint import Drives
 from .robot import Robot
 from .urdf_document import read_document, urdf_content
-from .xml_edit import XmlEdit, XmlElement
+from .xml_edit import XmlEdit, XmlElement, number_text, tag_text
 
 __all__ = ["write_urdf"]
 
@@ -111,37 +111,23 @@ def write_urdf(
 
 def _check_files(robot: Robot, source: Path, target: Path) -> None:
     document = read_document(source, robot.xacro_arguments)
-    for what, names, known in (
-        ("link", [name for link in robot.links for name in (link.name, *link.absorbed)], document.links),
-        ("joint", [joint.name for joint in robot.joints], document.joints),
-    ):
-        absent = next((name for name in names if name not in known), None)
-        if absent is not None:
-            raise InputError(
-                f'{source}: it has no {what} "{absent}" of robot "{robot.name}"; '
-                "give the URDF that the robot was read from"
-            )
+    require_robot(source, robot, "URDF", document.links, document.joints)
     require_target(source, target, robot, "URDF")
 
 
 def _set_inertial(edit: XmlEdit, link: XmlElement, inertia: Inertia) -> None:
-    second = inertia.about_com
-    origin = {"xyz": " ".join(_text(value) for value in inertia.com), "rpy": "0 0 0"}
-    mass = {"value": _text(inertia.mass)}
-    moments = {
-        f"i{'xyz'[row]}{'xyz'[column]}": _text((second[row, column] + second[column, row]) / 2)
-        for row in range(3)
-        for column in range(row, 3)
-    }
+    origin = {"xyz": " ".join(number_text(value) for value in inertia.com), "rpy": "0 0 0"}
+    mass = {"value": number_text(inertia.mass)}
+    moments = moment_texts(inertia)
     inertial = link.find("inertial")
     if inertial is None:
-        lines = (_tag("origin", origin), _tag("mass", mass), _tag("inertia", moments))
+        lines = (tag_text("origin", origin), tag_text("mass", mass), tag_text("inertia", moments))
         edit.insert_first(link, "<inertial>", *(f"  {line}" for line in lines), "</inertial>")
         return
     for tag, values in (("origin", origin), ("mass", mass), ("inertia", moments)):
         element = inertial.find(tag)
         if element is None:
-            edit.insert_first(inertial, _tag(tag, values))
+            edit.insert_first(inertial, tag_text(tag, values))
         else:
             edit.set_attributes(element, values)
 
@@ -150,9 +136,9 @@ def _set_dynamics(edit: XmlEdit, joint: XmlElement, known: dict[str, float]) -> 
     element = joint.find("dynamics")
     if not known:
         return
-    values = {key: _text(value) for key, value in known.items()}
+    values = {key: number_text(value) for key, value in known.items()}
     if element is None:
-        edit.insert_last(joint, _tag("dynamics", values))
+        edit.insert_last(joint, tag_text("dynamics", values))
     else:
         edit.set_attributes(element, values)
 
@@ -173,13 +159,4 @@ def _set_elsewhere(edit: XmlEdit, joint: str, known: dict[str, float]) -> None:
                 found += [(child.attributes.get("name", ""), child) for child in element.all("param")]
     for name, element in found:
         if name in FRICTION and name in known and not element.children:
-            edit.set_text(element, _text(known[name]))
-
-
-def _tag(tag: str, values: dict[str, str]) -> str:
-    attributes = "".join(f' {key}="{value}"' for key, value in values.items())
-    return f"<{tag}{attributes}/>"
-
-
-def _text(value: float) -> str:
-    return repr(float(value) + 0.0)
+            edit.set_text(element, number_text(known[name]))

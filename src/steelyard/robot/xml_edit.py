@@ -12,11 +12,12 @@ from steelyard.errors import InputError
 
 from .xml_document import with_known_version
 
-__all__ = ["XmlEdit", "XmlElement"]
+__all__ = ["XmlEdit", "XmlElement", "attribute_text", "number_text", "tag_text"]
 
 # A start tag: quoted values may hold ">".
 START_TAG = re.compile(rb"""<(?:[^"'>]|"[^"]*"|'[^']*')*>""")
 ATTRIBUTE = re.compile(rb"""([^\s=/>"'<]+)\s*=\s*("[^"]*"|'[^']*')""")
+_MARKS = str.maketrans({"&": "&amp;", "<": "&lt;", ">": "&gt;", '"': "&quot;", "'": "&apos;"})
 
 
 @dataclass(eq=False)
@@ -154,7 +155,7 @@ class XmlEdit:
 
     def insert_at_end(self, parent: XmlElement, text: str) -> None:
         """Put a text before the end tag of an element that is not empty."""
-        place = self.data.rindex(b"</", parent.start_tag_end, parent.end)
+        place = self._closing(parent)
         self._edits.append((place, place, text.encode("ascii", "xmlcharrefreplace")))
 
     def set_text(self, element: XmlElement, text: str) -> None:
@@ -228,7 +229,7 @@ class XmlEdit:
         """What is inside the root element, with all edits made."""
         if self.root.empty:
             return b""
-        return self._edited(self.root.start_tag_end, self.data.rindex(b"</", 0, self.root.end))
+        return self._edited(self.root.start_tag_end, self._closing(self.root))
 
     def _edited(self, position: int, last: int) -> bytes:
         pieces = []
@@ -237,3 +238,30 @@ class XmlEdit:
                 pieces += [self.data[position:start], text]
                 position = end
         return b"".join([*pieces, self.data[position:last]])
+
+
+def number_text(value: float) -> str:
+    """Return a number as it is written, so that it is read again as the same.
+
+    Examples
+    --------
+    >>> number_text(0.1), number_text(-0.0)
+    ('0.1', '0.0')
+    """
+    return repr(float(value) + 0.0)
+
+
+def attribute_text(text: str) -> str:
+    """Return a text as it stands between quotes of either kind."""
+    return text.translate(_MARKS)
+
+
+def tag_text(tag: str, values: Mapping[str, str]) -> str:
+    """Return an element without content; the values are texts as they stand between quotes.
+
+    Examples
+    --------
+    >>> tag_text("mass", {"value": number_text(2)})
+    '<mass value="2.0"/>'
+    """
+    return f"<{tag}{''.join(f' {key}={chr(34)}{value}{chr(34)}' for key, value in values.items())}/>"
