@@ -18,7 +18,7 @@ from .inertia import Inertia
 from .mjcf_compiled import CompiledMjcf, compiled
 from .mjcf_document import MjcfDocument, read_mjcf_document
 from .mjcf_remarks import mjcf_remarks
-from .placement import axis_frame, inverse, motion_z, snapped, translation
+from .placement import axis_frame, inverse, motion_z, quaternion_rotation, snapped, translation
 
 __all__ = ["MjcfTree", "body_inertia", "mjcf_parts", "read_mjcf_tree"]
 
@@ -146,15 +146,8 @@ def body_inertia(body: Mapping[str, Any]) -> Inertia:
 
 
 def _placement(position: Sequence[float], quaternion: Sequence[float]) -> Matrix:
-    w, x, y, z = np.array(quaternion) / np.linalg.norm(quaternion)
     placement = np.eye(4)
-    placement[:3, :3] = snapped(
-        [
-            [1 - 2 * (y * y + z * z), 2 * (x * y - w * z), 2 * (x * z + w * y)],
-            [2 * (x * y + w * z), 1 - 2 * (x * x + z * z), 2 * (y * z - w * x)],
-            [2 * (x * z - w * y), 2 * (y * z + w * x), 1 - 2 * (x * x + y * y)],
-        ]
-    )
+    placement[:3, :3] = snapped(quaternion_rotation(*np.array(quaternion) / np.linalg.norm(quaternion)))
     placement[:3, 3] = position
     return placement
 

@@ -16,6 +16,7 @@ __all__ = [
     "frozen",
     "inverse",
     "motion_z",
+    "quaternion_rotation",
     "rotation_x",
     "rotation_y",
     "rotation_z",
@@ -59,7 +60,8 @@ def snapped(values: ArrayLike) -> Matrix:
     """The same numbers, with 0 and ±1 in the places of those that miss them by rounding alone."""
     given = np.asarray(values, dtype=float)
     nearest = np.round(given)
-    return np.where(np.abs(given - nearest) < SNAP, nearest, given) + 0.0
+    exact = (np.abs(given - nearest) < SNAP) & (np.abs(nearest) <= 1.0)
+    return np.where(exact, nearest, given) + 0.0
 
 
 def rotation_x(angle: float) -> Matrix:
@@ -99,6 +101,24 @@ def rpy_rotation(roll: float, pitch: float, yaw: float) -> Matrix:
     return rotation_z(yaw) @ rotation_y(pitch) @ rotation_x(roll) + 0.0
 
 
+def quaternion_rotation(w: float, x: float, y: float, z: float) -> Matrix:
+    """The rotation (3, 3) of a unit quaternion.
+
+    Examples
+    --------
+    >>> quaternion_rotation(0.0, 0.0, 0.0, 1.0).tolist()
+    [[-1.0, 0.0, 0.0], [0.0, -1.0, 0.0], [0.0, 0.0, 1.0]]
+    """
+    return np.array(
+        [
+            [1 - 2 * (y * y + z * z), 2 * (x * y - w * z), 2 * (x * z + w * y)],
+            [2 * (x * y + w * z), 1 - 2 * (x * x + z * z), 2 * (y * z - w * x)],
+            [2 * (x * z - w * y), 2 * (y * z + w * x), 1 - 2 * (x * x + y * y)],
+        ],
+        dtype=float,
+    )
+
+
 def motion_z(value: float, rotates: bool) -> Matrix:
     """Placement (4, 4) of a joint's motion: a turn (rad) about z, or a shift (m) along z."""
     return rotation_z(value) if rotates else translation(0.0, 0.0, value)
@@ -134,7 +154,7 @@ def axis_frame(axis: Sequence[float]) -> Matrix:
     # Dividing by the largest entry first keeps tiny and huge axes from under- and overflowing.
     vector /= largest
     vector /= np.linalg.norm(vector)
-    vector = np.array([_snap(entry) for entry in vector])
+    vector = snapped(vector)
     result = np.eye(4)
     direction = int(np.argmax(np.abs(vector)))
     if np.count_nonzero(vector) == 1:

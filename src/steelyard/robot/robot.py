@@ -423,9 +423,7 @@ class Robot:
 
         reader = SdfReader(Path(path))
         parts = robot_parts(reader.tree(), tip, locked)
-        if gravity is None:
-            gravity = (0.0, 0.0, -9.81) if reader.gravity is None else reader.gravity
-        return cls(**parts, gravity=np.asarray(gravity, dtype=object))
+        return cls(**parts, gravity=np.asarray(reader.gravity if gravity is None else gravity, dtype=object))
 
     @classmethod
     def from_mjcf(

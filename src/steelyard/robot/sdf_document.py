@@ -15,7 +15,7 @@ from steelyard.files import suggestion
 
 from .described_tree import ONE_DOF, DescribedJoint, DescribedLink, DescribedMimic, DescribedTree, with_rotors
 from .inertia import Inertia, inertia_tensor
-from .placement import inverse, rpy_rotation
+from .placement import inverse, quaternion_rotation, rpy_rotation, snapped
 from .references import find_reference
 from .xml_document import SHORTEST_AXIS, XmlReader, line_of, parse_xml
 
@@ -33,9 +33,6 @@ ENDLESS = 1e16
 
 MOST_INCLUDES = 200
 """Files that include each other twice would be exponentially many."""
-
-ROUNDING = 1e-15
-"""Placements relative to one model differ from those relative to the parent link by rounding, which must not stay."""
 
 TENSOR = {"ixx": 1.0, "ixy": 0.0, "ixz": 0.0, "iyy": 1.0, "iyz": 0.0, "izz": 1.0}
 """What the format gives to elements that are not written; the mass is 1 kg."""
@@ -143,8 +140,8 @@ class SdfReader(XmlReader):
         What the file holds that a robot does not.
     included : set of str
         Names of links and joints that stand in other files.
-    gravity : tuple of float or None
-        Of the world, where it is written.
+    gravity : tuple of float
+        That of the world, or 9.81 m/s² against z where it is not written; after `tree` in the frame of the root link.
     """
 
     def __init__(self, path: Path, packages: Iterable[str | Path] = ()) -> None:
@@ -152,7 +149,7 @@ class SdfReader(XmlReader):
         self.packages = tuple(packages)
         self.remarks: list[str] = []
         self.included: set[str] = set()
-        self.gravity: tuple[float, ...] | None = None
+        self.gravity: tuple[float, ...] = (0.0, 0.0, -9.81)
         self.world = _Scope(self, "", None).origin
         self.files = [path]
         self.origins: dict[etree._Element, Path] = {}
@@ -360,7 +357,9 @@ class SdfReader(XmlReader):
             for one in reversed(way[: way.index(common)]):
                 placement = placement @ one.placement()
             placements.append(placement)
-        return _without_rounding(inverse(placements[0]) @ placements[1])
+        # Placements relative to one model differ from those relative to the parent link by rounding, which must not
+        # stay: the expression graph folds what is exactly 0 or ±1.
+        return snapped(inverse(placements[0]) @ placements[1])
 
     # Links and joints
 
@@ -377,16 +376,13 @@ class SdfReader(XmlReader):
             remarks=tuple(self.remarks),
         )  # fmt: skip
 
-    def _gravity_in(self, robot: _Frame, joints: dict[str, DescribedJoint]) -> tuple[float, ...] | None:
-        """The gravity of the world in the frame of the root link; None where it is not written and the link upright."""
+    def _gravity_in(self, robot: _Frame, joints: dict[str, DescribedJoint]) -> tuple[float, ...]:
+        """The gravity of the world in the frame of the root link."""
         ends = {joint.child for joint in joints.values()}
         placement = np.eye(4)
         if not any(joint.parent == WORLD for joint in joints.values()) or any(one.name == WORLD for one in self.links):
             placement = self.between(self.world, next((one for one in self.links if one.name not in ends), robot))
-        if self.gravity is None and np.allclose(placement[:3, :3], np.eye(3), rtol=0.0, atol=ROUNDING):
-            return None
-        gravity = np.array((0.0, 0.0, -9.81) if self.gravity is None else self.gravity)
-        return tuple((placement[:3, :3].T @ gravity + 0.0).tolist())
+        return tuple((placement[:3, :3].T @ np.array(self.gravity) + 0.0).tolist())
 
     def _link(self, frame: _Frame) -> DescribedLink:
         element, owner = frame.element, f'link "{frame.name}"'
@@ -529,7 +525,7 @@ class SdfReader(XmlReader):
             if norm < SHORTEST_AXIS:
                 raise self.error(pose, f"{owner}: the quaternion of its pose is zero; give a rotation")
             placement = np.eye(4)
-            placement[:3, :3] = _rotation(x / norm, y / norm, z / norm, w / norm)
+            placement[:3, :3] = quaternion_rotation(w / norm, x / norm, y / norm, z / norm)
         elif form == "euler_rpy":
             *shift, roll, pitch, yaw = self.words(pose, owner, 6)
             unit = math.pi / 180.0 if pose.get("degrees") in ("1", "true") else 1.0
@@ -565,21 +561,3 @@ class SdfReader(XmlReader):
         """Return an error that names the file, which may be an included one, and the line."""
         path = self.origins.get(element.getroottree().getroot(), self.path)
         return InputError(f"{path}, line {line_of(element)}: {message}")
-
-
-def _rotation(x: float, y: float, z: float, w: float) -> Matrix:
-    """The rotation (3, 3) of a unit quaternion."""
-    return np.array(
-        [
-            [1 - 2 * (y * y + z * z), 2 * (x * y - w * z), 2 * (x * z + w * y)],
-            [2 * (x * y + w * z), 1 - 2 * (x * x + z * z), 2 * (y * z - w * x)],
-            [2 * (x * z - w * y), 2 * (y * z + w * x), 1 - 2 * (x * x + y * y)],
-        ]
-    )
-
-
-def _without_rounding(placement: Matrix) -> Matrix:
-    """Entries that miss 0 and ±1 by rounding alone, made exact: the expression graph folds them."""
-    nearest = np.round(placement)
-    exact = (np.abs(placement - nearest) < ROUNDING) & (np.abs(nearest) <= 1.0)
-    return np.where(exact, nearest, placement) + 0.0

@@ -15,7 +15,7 @@ from steelyard.errors import InputError
 from steelyard.files import read_bytes, suggestion
 
 from .described_tree import ONE_DOF, DescribedJoint, DescribedLink, DescribedMimic, DescribedTree, with_rotors
-from .inertia import Inertia
+from .inertia import Inertia, inertia_tensor
 from .placement import rpy_rotation
 from .xml_document import SHORTEST_AXIS, XmlReader, line_of, parse_xml
 
@@ -130,12 +130,10 @@ class UrdfReader(XmlReader):
         if inertia_element is None:
             raise self.error(element, f"{owner}: its <inertial> has no <inertia>; add one or remove the <inertial>")
         mass = self.number(mass_element, "value", owner)
-        xx, xy, xz, yy, yz, zz = (
-            self.number(inertia_element, key, owner) for key in ("ixx", "ixy", "ixz", "iyy", "iyz", "izz")
-        )
+        elements = [self.number(inertia_element, key, owner) for key in ("ixx", "ixy", "ixz", "iyy", "iyz", "izz")]
         origin = self.origin(element, owner)
         rotation = origin[:3, :3]
-        about_com = rotation @ np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]]) @ rotation.T
+        about_com = rotation @ inertia_tensor(elements) @ rotation.T
         return Inertia.from_com(mass, origin[:3, 3], (about_com + about_com.T) / 2)
 
     def joint(self, element: etree._Element, links: dict[str, DescribedLink]) -> DescribedJoint:
