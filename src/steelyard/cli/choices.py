@@ -1,13 +1,38 @@
-"""Options that several commands share."""
+"""Arguments and options that several commands share."""
 
 from __future__ import annotations
 
+from pathlib import Path
 from typing import Annotated, Literal
 
 import typer
 
-__all__ = ["AllowExtensions", "ConsistencyOption", "Json", "Quiet", "Topic", "WeightsOption"]
+__all__ = [
+    "LOG",
+    "AllowExtensions",
+    "ChunkRows",
+    "ConsistencyOption",
+    "EstimateArgument",
+    "Json",
+    "JsonFile",
+    "Logs",
+    "Quiet",
+    "RobotArgument",
+    "Topic",
+    "WeightsOption",
+]
 
+LOG = "Such as a CSV or a bag; - is the standard input; side by side: a.csv+b.csv."
+
+RobotArgument = Annotated[Path, typer.Argument(help="URDF or robot.toml.")]
+
+Logs = Annotated[list[str], typer.Argument(metavar="LOG...", help=LOG)]
+
+EstimateArgument = Annotated[Path, typer.Argument(help="The estimate.json that identify saved.")]
+
+ChunkRows = Annotated[int, typer.Option(help="Rows of a log that stand in memory together.", min=1000)]
+
+JsonFile = Annotated[Path | None, typer.Option("--output", "-o", help="File for the same as JSON.")]
 
 AllowExtensions = Annotated[
     bool,

@@ -7,7 +7,7 @@ from typing import Annotated
 
 import typer
 
-from .choices import AllowExtensions, Json, Quiet
+from .choices import AllowExtensions, Json, JsonFile, Quiet
 from .terminal import progress, show
 
 __all__ = ["compare"]
@@ -24,7 +24,7 @@ def compare(
         list[str] | None, typer.Option("--log", help="Log on which predictions are compared; may be repeated.")
     ] = None,
     seed: Annotated[int, typer.Option(help="Of the random motion, where there is no log.", min=0)] = 0,
-    output: Annotated[Path | None, typer.Option("--output", "-o", help="File for the same as JSON.")] = None,
+    output: JsonFile = None,
     json: Json = False,
     quiet: Quiet = False,
     allow_extensions: AllowExtensions = False,

@@ -7,15 +7,15 @@ from typing import Annotated, Literal
 
 import typer
 
-from .choices import AllowExtensions, ConsistencyOption
+from .choices import AllowExtensions, ConsistencyOption, EstimateArgument, RobotArgument
 from .terminal import echo
 
 __all__ = ["correct"]
 
 
 def correct(
-    robot: Annotated[Path, typer.Argument(help="URDF or robot.toml.")],
-    estimate: Annotated[Path, typer.Argument(help="The estimate.json that identify saved.")],
+    robot: RobotArgument,
+    estimate: EstimateArgument,
     output: Annotated[Path, typer.Option("--output", "-o", help="File for the corrected estimate (JSON).")],
     consistency: ConsistencyOption = "full",
     metric: Annotated[

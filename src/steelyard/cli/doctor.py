@@ -7,7 +7,7 @@ from typing import Annotated
 
 import typer
 
-from .choices import AllowExtensions, Json, Quiet, Topic
+from .choices import LOG, AllowExtensions, Json, Quiet, Topic
 from .robot_argument import SetLines, load_robot
 from .terminal import echo, print_json, progress
 
@@ -15,9 +15,7 @@ __all__ = ["doctor"]
 
 
 def doctor(
-    log: Annotated[
-        str, typer.Argument(help="Such as a CSV or a bag; - is the standard input; side by side: a.csv+b.csv.")
-    ],
+    log: Annotated[str, typer.Argument(help=LOG)],
     robot: Annotated[
         Path | None, typer.Argument(help="Description or robot.toml; with it more is found, and columns have joints.")
     ] = None,

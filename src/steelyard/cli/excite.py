@@ -7,14 +7,14 @@ from typing import Annotated, Literal
 
 import typer
 
-from .choices import AllowExtensions
+from .choices import AllowExtensions, RobotArgument
 from .terminal import echo, progress, show_excitation
 
 __all__ = ["excite"]
 
 
 def excite(
-    robot: Annotated[Path, typer.Argument(help="URDF or robot.toml.")],
+    robot: RobotArgument,
     output: Annotated[Path, typer.Option("--output", "-o", help="Folder for the trajectory.")],
     limits: Annotated[
         Path | None, typer.Option(help="Limits file (TOML); what it does not name is taken from the robot.")

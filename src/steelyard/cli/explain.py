@@ -2,21 +2,18 @@
 
 from __future__ import annotations
 
-from pathlib import Path
-from typing import Annotated
-
 import typer
 
-from .choices import AllowExtensions, ConsistencyOption
+from .choices import AllowExtensions, ConsistencyOption, EstimateArgument, JsonFile, RobotArgument
 from .terminal import echo
 
 __all__ = ["explain"]
 
 
 def explain(
-    robot: Annotated[Path, typer.Argument(help="URDF or robot.toml.")],
-    estimate: Annotated[Path, typer.Argument(help="The estimate.json that identify saved.")],
-    output: Annotated[Path | None, typer.Option("--output", "-o", help="File for the same as JSON.")] = None,
+    robot: RobotArgument,
+    estimate: EstimateArgument,
+    output: JsonFile = None,
     consistency: ConsistencyOption = "full",
     allow_extensions: AllowExtensions = False,
 ) -> None:

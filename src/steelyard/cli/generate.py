@@ -9,14 +9,14 @@ import typer
 
 from steelyard.errors import InputError
 
-from .choices import AllowExtensions
+from .choices import AllowExtensions, RobotArgument
 from .terminal import echo
 
 __all__ = ["generate"]
 
 
 def generate(
-    robot: Annotated[Path, typer.Argument(help="URDF or robot.toml.")],
+    robot: RobotArgument,
     language: Annotated[
         str | None,
         typer.Option(

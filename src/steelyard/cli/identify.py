@@ -7,7 +7,17 @@ from typing import Annotated, Literal
 
 import typer
 
-from .choices import AllowExtensions, ConsistencyOption, Json, Quiet, Topic, WeightsOption
+from .choices import (
+    AllowExtensions,
+    ChunkRows,
+    ConsistencyOption,
+    Json,
+    Logs,
+    Quiet,
+    RobotArgument,
+    Topic,
+    WeightsOption,
+)
 from .robot_argument import SetLines, load_robot
 from .terminal import echo, print_json, progress, show_identification
 
@@ -15,13 +25,8 @@ __all__ = ["identify"]
 
 
 def identify(
-    robot: Annotated[Path, typer.Argument(help="URDF or robot.toml.")],
-    logs: Annotated[
-        list[str],
-        typer.Argument(
-            metavar="LOG...", help="Such as a CSV or a bag; - is the standard input; side by side: a.csv+b.csv."
-        ),
-    ],
+    robot: RobotArgument,
+    logs: Logs,
     output: Annotated[Path, typer.Option("--output", "-o", help="Folder for the results.")],
     validate: Annotated[
         list[str] | None, typer.Option("--validate", help="Log that is predicted without refitting; may be repeated.")
@@ -48,7 +53,7 @@ def identify(
     estimator: Annotated[
         str, typer.Option(help="What estimates the parameters: fit, or one that a package adds.")
     ] = "fit",
-    chunk_rows: Annotated[int, typer.Option(help="Rows of a log that stand in memory together.", min=1000)] = 200_000,
+    chunk_rows: ChunkRows = 200_000,
     table: Annotated[bool, typer.Option("--table", help="Print all the parameters, as in parameters.csv.")] = False,
     verbose: Annotated[
         bool, typer.Option("--verbose", "-v", help="Print what each column of the logs was understood to be.")
@@ -71,7 +76,7 @@ def identify(
     from steelyard.report import require_apart, require_folder
 
     require_folder(output)
-    file = load_robot(robot, lines, allow_extensions=allow_extensions).with_settings("log", topic=topic)
+    file = load_robot(robot, lines, topic=topic, allow_extensions=allow_extensions)
     require_apart(output, (file.path, file.robot.source))
     with progress(quiet=quiet) as say:
         result = run(

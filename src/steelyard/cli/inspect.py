@@ -9,14 +9,14 @@ import typer
 
 from steelyard.errors import InputError
 
-from .choices import AllowExtensions, ConsistencyOption, Json
+from .choices import AllowExtensions, ConsistencyOption, Json, RobotArgument
 from .terminal import echo, print_json, show_model, show_preflight
 
 __all__ = ["inspect"]
 
 
 def inspect(
-    robot: Annotated[Path, typer.Argument(help="URDF or robot.toml.")],
+    robot: RobotArgument,
     consistency: ConsistencyOption = "full",
     json: Json = False,
     repair: Annotated[

@@ -7,7 +7,17 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 import typer
 
-from .choices import AllowExtensions, ConsistencyOption, Json, Quiet, Topic, WeightsOption
+from .choices import (
+    AllowExtensions,
+    ChunkRows,
+    ConsistencyOption,
+    Json,
+    JsonFile,
+    Quiet,
+    RobotArgument,
+    Topic,
+    WeightsOption,
+)
 from .robot_argument import SetLines, load_robot
 from .terminal import progress, show
 
@@ -18,7 +28,7 @@ __all__ = ["payload"]
 
 
 def payload(
-    robot: Annotated[Path, typer.Argument(help="URDF or robot.toml.")],
+    robot: RobotArgument,
     logs: Annotated[
         list[str],
         typer.Argument(metavar="[UNLOADED] LOADED", help="The log without the payload, and the one with it."),
@@ -37,10 +47,10 @@ def payload(
         float | None,
         typer.Option(help="kg, of a known payload, by which drive gains are found where robot.toml asks for them."),
     ] = None,
-    output: Annotated[Path | None, typer.Option("--output", "-o", help="File for the same as JSON.")] = None,
+    output: JsonFile = None,
     consistency: ConsistencyOption = "full",
     weights: WeightsOption = "joint",
-    chunk_rows: Annotated[int, typer.Option(help="Rows of a log that stand in memory together.", min=1000)] = 200_000,
+    chunk_rows: ChunkRows = 200_000,
     topic: Topic = None,
     lines: SetLines = None,
     json: Json = False,
@@ -67,7 +77,7 @@ def payload(
         )
     if output is not None and output.is_dir():
         raise InputError(f"{output}: is a folder; give the path of a file.")
-    file = load_robot(robot, lines, allow_extensions=allow_extensions).with_settings("log", topic=topic)
+    file = load_robot(robot, lines, topic=topic, allow_extensions=allow_extensions)
     gains = LogColumns.from_dict(file.section("log"), f"{file.path}, [log]").finds_gains
     if mass is not None and not gains:
         raise InputError(

@@ -26,8 +26,14 @@ SetLines = Annotated[
 ]
 
 
-def load_robot(robot: str | Path, lines: Sequence[str] | None = None, *, allow_extensions: bool = False) -> RobotFile:
-    """Return a robot file with the lines that ``--set`` gives.
+def load_robot(
+    robot: str | Path,
+    lines: Sequence[str] | None = None,
+    *,
+    topic: str | None = None,
+    allow_extensions: bool = False,
+) -> RobotFile:
+    """Return a robot file with the lines that ``--set`` gives, and the topic that ``--topic`` names.
 
     Raises
     ------
@@ -39,7 +45,7 @@ def load_robot(robot: str | Path, lines: Sequence[str] | None = None, *, allow_e
     file = RobotFile.load(robot, allow_extensions=allow_extensions)
     for section, keys in _sections(lines or ()).items():
         file = file.with_settings(section, **keys)
-    return file
+    return file.with_settings("log", topic=topic)
 
 
 def _sections(lines: Sequence[str]) -> dict[str, dict[str, Any]]:

@@ -7,14 +7,14 @@ from typing import Annotated, Literal
 
 import typer
 
-from .choices import AllowExtensions
+from .choices import AllowExtensions, RobotArgument
 from .terminal import echo, progress
 
 __all__ = ["simulate"]
 
 
 def simulate(
-    robot: Annotated[Path, typer.Argument(help="URDF or robot.toml.")],
+    robot: RobotArgument,
     estimate: Annotated[
         Path | None, typer.Argument(help="estimate.json; without it the values of the description (CAD).")
     ] = None,

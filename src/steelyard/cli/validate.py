@@ -7,7 +7,7 @@ from typing import Annotated
 
 import typer
 
-from .choices import AllowExtensions, Json, Quiet, Topic
+from .choices import AllowExtensions, ChunkRows, Json, JsonFile, Logs, Quiet, RobotArgument, Topic
 from .robot_argument import SetLines, load_robot
 from .terminal import progress, show
 
@@ -15,16 +15,11 @@ __all__ = ["validate"]
 
 
 def validate(
-    robot: Annotated[Path, typer.Argument(help="URDF or robot.toml.")],
+    robot: RobotArgument,
     estimate: Annotated[Path, typer.Argument(help="Folder of results, or estimate.json.")],
-    logs: Annotated[
-        list[str],
-        typer.Argument(
-            metavar="LOG...", help="Such as a CSV or a bag; - is the standard input; side by side: a.csv+b.csv."
-        ),
-    ],
-    output: Annotated[Path | None, typer.Option("--output", "-o", help="File for the same as JSON.")] = None,
-    chunk_rows: Annotated[int, typer.Option(help="Rows of a log that stand in memory together.", min=1000)] = 200_000,
+    logs: Logs,
+    output: JsonFile = None,
+    chunk_rows: ChunkRows = 200_000,
     topic: Topic = None,
     lines: SetLines = None,
     json: Json = False,
@@ -42,7 +37,7 @@ def validate(
     """
     from steelyard.identification import validate_estimate
 
-    file = load_robot(robot, lines, allow_extensions=allow_extensions).with_settings("log", topic=topic)
+    file = load_robot(robot, lines, topic=topic, allow_extensions=allow_extensions)
     with progress(quiet=quiet) as say:
         found = validate_estimate(file, estimate, logs, chunk_rows=chunk_rows, progress=say)
     show(found, output, json=json, quiet=quiet)
