@@ -69,6 +69,15 @@ class CompiledMjcf:
     actuators: list[dict[str, Any]]
     tendons: list[dict[str, Any]]
 
+    def moving(self) -> set[int]:
+        """Return the indices of the bodies that a joint moves."""
+        jointed = {row["bodyid"] for row in self.joints}
+        found: set[int] = set()
+        for index, row in enumerate(self.bodies):  # parents come first
+            if index in jointed or row["parentid"] in found:
+                found.add(index)
+        return found
+
 
 def compiled(document: MjcfDocument) -> CompiledMjcf:
     """Compile a description.

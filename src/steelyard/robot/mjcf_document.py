@@ -16,7 +16,7 @@ from steelyard.files.arguments import LARGEST
 from .references import find_reference
 from .xml_edit import XmlEdit, XmlElement
 
-__all__ = ["JOINTS", "MjcfDocument", "MjcfElement", "MjcfFile", "in_body", "read_mjcf_document"]
+__all__ = ["JOINTS", "MjcfDocument", "MjcfElement", "MjcfFile", "in_body", "new_name", "read_mjcf_document"]
 
 # MuJoCo refuses what is nested more than 500 times; nothing that moves is nested a tenth of that.
 DEEPEST = 250
@@ -250,12 +250,20 @@ def _names(root: MjcfElement, tags: Collection[str]) -> set[str]:
 def _given(element: MjcfElement, taken: set[str], proposal: str) -> str:
     name = element.attributes.get("name")
     if not name:
-        # A name that another element has is avoided by a number at its end.
-        name = next(one for one in itertools.chain([proposal], _numbered(proposal)) if one not in taken)
-        element.attributes["name"] = name
+        name = element.attributes["name"] = new_name(proposal, taken)
     taken.add(name)
     return name
 
 
-def _numbered(proposal: str) -> Iterator[str]:
-    return (f"{proposal}_{number}" for number in itertools.count(2))
+def new_name(proposal: str, taken: set[str]) -> str:
+    """Return a name that is not taken yet, with a number at its end where the proposal is; it is taken then.
+
+    Examples
+    --------
+    >>> new_name("arm", {"arm", "arm_2"})
+    'arm_3'
+    """
+    numbered = (f"{proposal}_{number}" for number in itertools.count(2))
+    name = next(one for one in itertools.chain([proposal], numbered) if one not in taken)
+    taken.add(name)
+    return name

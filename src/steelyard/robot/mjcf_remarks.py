@@ -41,14 +41,9 @@ def _listed(names: Iterable[str]) -> str:
 
 def _inertias(document: MjcfDocument, model: CompiledMjcf, names: Sequence[str]) -> list[str]:
     """Say which inertias are written, and which MuJoCo computes."""
-    jointed = {row["bodyid"] for row in model.joints}
-    moving: set[int] = set()
-    for index, row in enumerate(model.bodies):
-        if index in jointed or row["parentid"] in moving:
-            moving.add(index)
     mode = document.setting("compiler", "inertiafromgeom") or "auto"
     written, computed = [], []
-    for index in sorted(moving):
+    for index in sorted(model.moving()):
         element = document.bodies.get(names[index])
         explicit = element is not None and any(element.all("inertial")) and mode != "true"
         if explicit:

@@ -16,7 +16,7 @@ from steelyard.errors import InputError
 from .described_tree import DescribedJoint, DescribedLink, DescribedMimic, DescribedTree, robot_parts
 from .inertia import Inertia
 from .mjcf_compiled import CompiledMjcf, compiled
-from .mjcf_document import MjcfDocument, read_mjcf_document
+from .mjcf_document import MjcfDocument, new_name, read_mjcf_document
 from .mjcf_remarks import mjcf_remarks
 from .placement import axis_frame, inverse, motion_z, quaternion_rotation, snapped, translation
 
@@ -87,7 +87,7 @@ def read_mjcf_tree(path: Path, data: bytes | None = None) -> MjcfTree:
     link_of: dict[str, str] = {}
     mimics = _mimics(model, joints)
     taken = {*bodies}
-    fixed_names = _Unique(set(joints))
+    taken_joints = {*joints}
     for index, (name, body) in enumerate(zip(bodies, model.bodies, strict=True)):
         element = document.bodies.get(name)
         line = 1 if element is None else document.line(element)
@@ -98,11 +98,11 @@ def read_mjcf_tree(path: Path, data: bytes | None = None) -> MjcfTree:
         parent, frame = bodies[body["parentid"]], _placement(body["pos"], body["quat"])
         own = of_body.get(index, [])
         if not own:
-            fixed = fixed_names.made(f"{name}_weld")
+            fixed = new_name(f"{name}_weld", taken_joints)
             described[fixed] = DescribedJoint(fixed, line, "fixed", parent, name, frame)
         for place, number in enumerate(own):
             last = place == len(own) - 1
-            link = name if last else _Unique(taken).made(f"{name}_{joints[number]}")
+            link = name if last else new_name(f"{name}_{joints[number]}", taken)
             if not last:
                 links[link] = DescribedLink(link, line, None)
             described[joints[number]] = _joint(
@@ -116,25 +116,10 @@ def read_mjcf_tree(path: Path, data: bytes | None = None) -> MjcfTree:
     return MjcfTree(document, model, bodies, joints, link_of, tree)
 
 
-class _Unique:
-    """Names that differ from those that are taken."""
-
-    def __init__(self, taken: set[str]) -> None:
-        self.taken = taken
-
-    def made(self, proposal: str) -> str:
-        name, number = proposal, 1
-        while name in self.taken:
-            number += 1
-            name = f"{proposal}_{number}"
-        self.taken.add(name)
-        return name
-
-
 def _named(rows: Sequence[Mapping[str, Any]], noun: str) -> tuple[str, ...]:
     """Return the names of rows; copies that MuJoCo made may have none."""
-    unique = _Unique({row["name"] for row in rows})
-    return tuple(row["name"] or unique.made(f"{noun}{index}") for index, row in enumerate(rows))
+    taken = {row["name"] for row in rows}
+    return tuple(row["name"] or new_name(f"{noun}{index}", taken) for index, row in enumerate(rows))
 
 
 def body_inertia(body: Mapping[str, Any]) -> Inertia:

@@ -203,12 +203,9 @@ class _Writer:
             return
         for element in self.document.root.all("compiler"):
             element.file.edit.remove_attributes(element.place, taken)
-        moving = {"world": False}
-        jointed = {row["bodyid"] for row in self.read.compiled.joints}
+        moving = self.read.compiled.moving()
         for index, (name, row) in enumerate(self.rows.items()):
-            parent = self.read.body_names[row["parentid"]]
-            moving[name] = index in jointed or moving.get(parent, False)
-            if name not in self.inertias and self._weighs(name) and (moving[name] or "settotalmass" in taken):
+            if name not in self.inertias and self._weighs(name) and (index in moving or "settotalmass" in taken):
                 self.inertias[name] = body_inertia(row)
 
     def _set_inertial(self, body: MjcfElement, inertia: Inertia) -> None:
