@@ -140,7 +140,7 @@ def package_folders(name: str, description: Path, packages: Iterable[str | Path]
     return existing or folders
 
 
-def search_folders(packages: Iterable[str | Path]) -> list[Path]:
+def search_folders(packages: Iterable[str | Path] = ()) -> list[Path]:
     """Return the folders of packages, or of folders of packages, that are given or that the environment names."""
     roots = [Path(folder) for folder in packages]
     for variable in PATHS:

@@ -131,8 +131,6 @@ class SdfReader(XmlReader):
     Parameters
     ----------
     path : Path
-    packages : iterable of path
-        Where models are that the file includes, see `find_package`.
 
     Attributes
     ----------
@@ -144,9 +142,8 @@ class SdfReader(XmlReader):
         That of the world, or 9.81 m/s² against z where it is not written; after `tree` in the frame of the root link.
     """
 
-    def __init__(self, path: Path, packages: Iterable[str | Path] = ()) -> None:
+    def __init__(self, path: Path) -> None:
         super().__init__(path)
-        self.packages = tuple(packages)
         self.remarks: list[str] = []
         self.included: set[str] = set()
         self.gravity: tuple[float, ...] = (0.0, 0.0, -9.81)
@@ -290,7 +287,7 @@ class SdfReader(XmlReader):
         if not text:
             raise self.error(element, "an <include> has no <uri>; name the model")
         try:
-            path = find_reference(text, self.files[-1], self.packages, "model", folder=True)
+            path = find_reference(text, self.files[-1], what="model", folder=True)
             path = self._model_file(path) if path.is_dir() else path
         except InputError as error:
             raise self.error(element, str(error)) from None

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 import os
-from collections.abc import Iterable, Mapping
+from collections.abc import Mapping
 from functools import lru_cache
 from pathlib import Path
 
@@ -17,7 +17,7 @@ __all__ = ["expand_xacro"]
 LIMITS = ChildLimits(wait=60.0, processor=30, memory=2**30)
 
 
-def expand_xacro(path: Path, arguments: Mapping[str, str] | None = None, packages: Iterable[str | Path] = ()) -> bytes:
+def expand_xacro(path: Path, arguments: Mapping[str, str] | None = None) -> bytes:
     """Return the URDF that a xacro describes.
 
     The package xacro does it, in another process with limits of time and memory. Packages after ``$(find ...)`` are
@@ -29,8 +29,6 @@ def expand_xacro(path: Path, arguments: Mapping[str, str] | None = None, package
     path : Path
     arguments : mapping, optional
         Values of ``<xacro:arg>``.
-    packages : iterable of path
-        Folders of packages, or folders that contain packages.
 
     Raises
     ------
@@ -40,7 +38,7 @@ def expand_xacro(path: Path, arguments: Mapping[str, str] | None = None, package
         If xacro is not installed (extra ``xacro``).
     """
     given = tuple(sorted((str(key), str(value)) for key, value in (arguments or {}).items()))
-    return _expanded(os.path.abspath(path), str(path), given, tuple(map(str, packages)), _state(path))
+    return _expanded(os.path.abspath(path), str(path), given, _state(path))
 
 
 def _state(path: Path) -> tuple[int, str]:
@@ -53,10 +51,8 @@ def _state(path: Path) -> tuple[int, str]:
 
 
 @lru_cache(maxsize=16)
-def _expanded(
-    path: str, shown: str, arguments: tuple[tuple[str, str], ...], packages: tuple[str, ...], _: tuple[int, str]
-) -> bytes:
-    request = json.dumps({"path": path, "arguments": dict(arguments), "packages": packages}).encode()
+def _expanded(path: str, shown: str, arguments: tuple[tuple[str, str], ...], _: tuple[int, str]) -> bytes:
+    request = json.dumps({"path": path, "arguments": dict(arguments)}).encode()
     program = Path(__file__).with_name("xacro_child.py")
     written, code = run_child(program, request, LIMITS, f"{shown}: xacro is expanded by another process")
     if code is None:

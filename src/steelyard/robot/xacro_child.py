@@ -1,7 +1,7 @@
 """A program that expands a xacro for another process, because its expressions may take all the time and memory.
 
-It reads one request as JSON from standard input: the path, the arguments, and the folders of packages. It writes one
-answer as JSON: the text of the URDF, or the problem.
+It reads one request as JSON from standard input: the path and the arguments. It writes one answer as JSON: the text of
+the URDF, or the problem.
 """
 
 from __future__ import annotations
@@ -42,17 +42,17 @@ def require_harmless(expression: str) -> None:
             raise Refused(f"the expression {expression[:100]!r} uses {name}, which no description needs")
 
 
-def expanded(path: str, arguments: dict[str, str], packages: list[str]) -> str:
+def expanded(path: str, arguments: dict[str, str]) -> str:
     """Return the URDF of a xacro."""
     import xacro
     from xacro import substitution_args
 
     top = Path(path)
-    allowed = {package_root(top), *search_folders(packages)}
+    allowed = {package_root(top), *search_folders()}
     safe_eval, parse = xacro.safe_eval, xacro.parse
 
     def find(name: str) -> str:
-        folder = find_package(name, Path(xacro.filestack[-1] or path), packages)
+        folder = find_package(name, Path(xacro.filestack[-1] or path))
         allowed.add(folder)
         return str(folder)
 
@@ -119,7 +119,7 @@ def main(answers: BinaryIO) -> None:
     """Answer the request on standard input."""
     request = json.load(sys.stdin)
     try:
-        answer = {"text": expanded(request["path"], request["arguments"], request["packages"])}
+        answer = {"text": expanded(request["path"], request["arguments"])}
     except ImportError as error:
         answer = {"missing": error.name or "xacro"}
     except (Refused, InputError) as error:
