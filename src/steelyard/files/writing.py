@@ -70,16 +70,10 @@ def replaced_file(path: str | os.PathLike[str], *, durable: bool = True) -> Iter
     [('numbers.txt', '1 2 3')]
     """
     target = Path(path)
-    try:
+    with _refusals_told(target):
         mode = _mode_of_regular(target)
         remove_leftovers(target)
         part, file = _created(target)
-    except OSError as error:
-        raise refusal(target, error) from None
-    except InputError:
-        raise
-    except ValueError:  # the path holds a NUL, or half of a surrogate pair
-        raise InputError(f"{str(target)!r}: is no path that can exist; give another place.") from None
     try:
         with file:
             yield file
@@ -148,24 +142,44 @@ def refusal(target: Path, error: OSError) -> InputError:
     return InputError(f"{target}: cannot be written ({error.strerror or error}); give another place.")
 
 
+@contextlib.contextmanager
+def _refusals_told(target: Path) -> Iterator[None]:
+    """Say that a file or a folder cannot be written, or that there can be no such path."""
+    try:
+        yield
+    except OSError as error:
+        raise refusal(target, error) from None
+    except InputError:
+        raise
+    except ValueError:  # the path holds a NUL, or half of a surrogate pair
+        raise InputError(f"{str(target)!r}: is no path that can exist; give another place.") from None
+
+
 def beside(target: Path) -> Path:
     """Return a path in the folder of another one, with a random part that no other process has."""
     # A name may have at most 255 bytes; the part of the target's name only helps people who list the folder.
     return target.with_name(f".{target.name.encode()[:80].decode(errors='ignore')}.{secrets.token_hex(8)}{SUFFIX}")
 
 
-def remove_leftovers(target: Path) -> None:
-    """Remove files beside a target that writers have left which were killed: those that no process holds locked."""
+def remove_leftovers(target: Path, *, folders: bool = False) -> None:
+    """Remove files, or folders, beside a target that killed writers have left: those that no process holds locked."""
     for leftover in leftovers(target):
         with contextlib.suppress(OSError):
-            if not stat.S_ISREG(leftover.lstat().st_mode):
+            mode = leftover.lstat().st_mode
+            if not (stat.S_ISDIR(mode) if folders else stat.S_ISREG(mode)):
                 continue
             if os.name != "posix":
-                leftover.unlink()  # which fails while it is open
+                if not folders:  # of which nobody knows whether they are still written
+                    leftover.unlink()  # which fails while it is open
                 continue
-            handle = os.open(leftover, os.O_RDONLY | os.O_NOFOLLOW | os.O_NONBLOCK | os.O_CLOEXEC)
+            flags = os.O_RDONLY | os.O_NOFOLLOW | os.O_CLOEXEC
+            handle = os.open(leftover, flags | (os.O_DIRECTORY if folders else os.O_NONBLOCK))
             try:
-                if locked(handle):
+                if not locked(handle):
+                    continue
+                if folders:
+                    shutil.rmtree(leftover, ignore_errors=True)
+                else:
                     leftover.unlink()
             finally:
                 os.close(handle)
@@ -277,22 +291,16 @@ def replaced_folder(
     ...     sorted(path.name for path in Path(place).iterdir())
     ['notes.txt', 'result.json']
     """
-    try:
+    with _refusals_told(Path(folder)):
         target = Path(os.path.realpath(folder))
         target.parent.mkdir(parents=True, exist_ok=True)
         inside = target / "results"  # what is made inside the folder gets a name that begins with this
-        _remove_leftovers(target)
-        _remove_leftovers(inside)
+        remove_leftovers(target, folders=True)
+        remove_leftovers(inside, folders=True)
         exchanged = _may_be_exchanged(target)
         if not exchanged:
             target.mkdir(exist_ok=True)
         part, handle = _created_folder(target if exchanged else inside)
-    except OSError as error:
-        raise refusal(Path(folder), error) from None
-    except InputError:
-        raise
-    except ValueError:  # the path holds a NUL, or half of a surrogate pair
-        raise InputError(f"{str(folder)!r}: is no path that can exist; give another place.") from None
     try:
         yield part
         _require_folders(part, target)
@@ -413,21 +421,6 @@ def _created_folder(target: Path) -> tuple[Path, int | None]:
             if part.stat().st_ino == os.fstat(handle).st_ino:
                 return part, handle
         os.close(handle)
-
-
-def _remove_leftovers(target: Path) -> None:
-    for leftover in leftovers(target):
-        with contextlib.suppress(OSError):
-            if not stat.S_ISDIR(leftover.lstat().st_mode):
-                continue
-            if os.name != "posix":
-                continue  # nobody knows whether it is still written
-            handle = os.open(leftover, os.O_RDONLY | os.O_DIRECTORY | os.O_NOFOLLOW | os.O_CLOEXEC)
-            try:
-                if locked(handle):
-                    shutil.rmtree(leftover, ignore_errors=True)
-            finally:
-                os.close(handle)
 
 
 def _synchronise_all(folder: Path) -> None:

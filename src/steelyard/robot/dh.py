@@ -15,7 +15,7 @@ from steelyard.files import TomlTable, shown, suggestion
 from steelyard.files.arguments import LARGEST
 
 from .described_tree import DescribedJoint, DescribedLink, DescribedTree
-from .inertia import Inertia
+from .inertia import Inertia, inertia_tensor
 from .joint import Joint, JointKind
 from .placement import rotation_x, rotation_z, translation
 
@@ -117,8 +117,7 @@ def dh_inertias(table: TomlTable) -> dict[str, Inertia]:
         elements = one.numbers(
             "inertia", 6, expected="six numbers in kg m², xx xy xz yy yz zz about the centre of mass"
         )
-        xx, xy, xz, yy, yz, zz = elements
-        found[name] = Inertia.from_com(mass, center, [[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]])
+        found[name] = Inertia.from_com(mass, center, inertia_tensor(elements))
     return found
 
 
