@@ -6,7 +6,7 @@ import difflib
 import math
 import numbers
 from collections.abc import Iterable
-from typing import Any
+from typing import Any, TypeGuard
 
 import numpy as np
 from numpy.typing import NDArray
@@ -32,14 +32,14 @@ LARGEST = 1e15
 """In SI units; no robot has anything larger, and squares of larger numbers lose digits that others need."""
 
 
-def is_real(value: object) -> bool:
+def is_real(value: object) -> TypeGuard[float]:
     """Tell whether a value is a real number, of Python or NumPy; a truth value is none."""
     return isinstance(value, numbers.Real) and not isinstance(value, bool)
 
 
-def is_number(value: object) -> bool:
+def is_number(value: object) -> TypeGuard[float]:
     """Tell whether a value is a real number of a size that things have."""
-    return is_real(value) and abs(value) <= LARGEST  # type: ignore[arg-type]
+    return is_real(value) and abs(value) <= LARGEST
 
 
 def read_number(

@@ -20,23 +20,16 @@ import numpy as np
 from steelyard.errors import InputError
 
 __all__ = [
-    "beside",
-    "locked",
     "plain",
-    "refusal",
-    "remove_leftovers",
     "replaced_file",
     "replaced_folder",
-    "synchronise",
     "write_bytes",
     "write_json",
     "write_text",
 ]
 
-
 if os.name == "posix":
     import fcntl
-
 
 SUFFIX = ".part"
 

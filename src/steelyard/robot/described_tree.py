@@ -5,7 +5,6 @@ from __future__ import annotations
 import math
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field, replace
-from numbers import Real
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -13,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from steelyard.errors import InputError
-from steelyard.files import suggestion
+from steelyard.files import is_real, suggestion
 
 from .inertia import Inertia
 from .joint import Attachment, Joint, JointKind, Link
@@ -186,7 +185,7 @@ def _positions(tree: DescribedTree, locked: Iterable[str] | Mapping[str, float])
     for name, value in items:
         if name not in tree.joints:
             raise InputError(f'{tree.where}: there is no joint "{name}" to lock; {suggestion(str(name), tree.joints)}')
-        if isinstance(value, bool) or not isinstance(value, Real) or not math.isfinite(value):
+        if not is_real(value) or not math.isfinite(value):
             raise InputError(f'locked joint "{name}": its position must be a finite number (rad or m), got {value!r}')
         kind = tree.joints[name].kind
         if kind not in ONE_DOF and value != 0:
