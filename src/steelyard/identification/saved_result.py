@@ -88,9 +88,8 @@ class SavedResult:
         if self.record is None:
             return False
         used = {entry["sha256"] for log in self.record["logs"] for entry in log}
-        if digests([log]):
-            return not used.isdisjoint(digests([log]).values())
-        return any(entry["sha256"] in used for entry in hashed_log(str(log)))
+        hashes = digests([log]).values() or [entry["sha256"] for entry in hashed_log(str(log))]
+        return not used.isdisjoint(hashes)
 
 
 def _digest(path: Path) -> str:
