@@ -43,14 +43,12 @@ def inspect(
     model = Model.load(robot, allow_extensions=allow_extensions)
     if repair != (output is not None):
         raise InputError("--repair writes a file: give both --repair and --output FILE, or neither.")
-    if json:
-        print_json(inspection(model, consistency))
-    else:
-        show_model(model, consistency)
-    if json and not repair:
-        return
-    findings = preflight(model.robot)
     if not json:
+        show_model(model, consistency)
+    findings = preflight(model.robot)
+    if json:
+        print_json(inspection(model, consistency, findings))
+    else:
         show_preflight(findings)
     if output is not None:
         changed = findings.write(output)

@@ -10,14 +10,16 @@ from steelyard.dynamics import Model
 from steelyard.feasibility import FeasibleSet, check
 from steelyard.files import plain
 
-from .preflight import preflight
+from .preflight import Preflight, preflight
 
 __all__ = ["inspection"]
 
 INSPECTION_FORMAT = "steelyard-inspection-1"
 
 
-def inspection(model: Model, consistency: Literal["full", "inertia"] = "full") -> dict[str, Any]:
+def inspection(
+    model: Model, consistency: Literal["full", "inertia"] = "full", findings: Preflight | None = None
+) -> dict[str, Any]:
     """Return what is known of a robot before it moves, as plain data for JSON; what is not finite is None.
 
     Parameters
@@ -25,6 +27,8 @@ def inspection(model: Model, consistency: Literal["full", "inertia"] = "full") -
     model : Model
     consistency : {"full", "inertia"}
         In which sense the inertias of the description are judged, see :class:`steelyard.FeasibleSet`.
+    findings : Preflight, optional
+        Those on the description of this robot; looked for by default.
 
     Examples
     --------
@@ -64,7 +68,7 @@ def inspection(model: Model, consistency: Literal["full", "inertia"] = "full") -
             "verdict": None if verdict is None else verdict.to_dict(),
             "links": [
                 {"link": one.link, "mass": one.mass, "margin": one.margin, "cause": one.cause, "finding": one.sentence}
-                for one in preflight(robot).links
+                for one in (findings or preflight(robot)).links
             ],
         }
     )

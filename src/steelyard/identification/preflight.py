@@ -16,7 +16,7 @@ from steelyard.robot import Drives, Robot
 from steelyard.robot.description import URDF, description_format
 from steelyard.robot.inertia import Inertia
 
-from .described_inertia import described_bodies, possible_body
+from .described_inertia import DescribedBody, described_bodies, possible_body
 from .physical_prior import DENSITIES, reference_bodies
 
 __all__ = ["LinkReport", "Preflight", "preflight"]
@@ -69,8 +69,8 @@ class LinkReport:
     Attributes
     ----------
     link : str
-    mass : float
-        kg.
+    described : Inertia
+        As the description has it, in the frame of the link.
     margin : float
         Least principal second moment about the centre of mass over the largest: below 0 no body has it.
     cause : str
@@ -82,16 +82,37 @@ class LinkReport:
     """
 
     link: str
-    mass: float
+    described: Inertia
     margin: float
     cause: str = ""
     sentence: str = ""
     mended: Inertia | None = field(default=None, repr=False)
 
     @property
+    def mass(self) -> float:
+        """As the description has it, kg."""
+        return self.described.mass
+
+    @property
     def possible(self) -> bool:
         """Whether a body can have it, but for the rounding of the digits that are written."""
         return self.mass >= 0.0 and self.margin >= ROUNDING
+
+    @property
+    def change(self) -> str:
+        """What `mended` has otherwise than the description, in words; empty where it stays."""
+        old, mended = self.described, self.mended
+        if mended is None:
+            return ""
+        found = []
+        if not np.isclose(old.mass, mended.mass, rtol=1e-9):
+            found.append(f"mass from {old.mass:.4g} to {mended.mass:.4g} kg")
+        if not np.allclose(old.com, mended.com, rtol=1e-9, atol=1e-12):
+            found.append(f"centre of mass from {_listed(old.com)} to {_listed(mended.com)} m")
+        before, after = (np.linalg.eigvalsh(one.about_com) for one in (old, mended))
+        if not np.allclose(old.about_com, mended.about_com, rtol=1e-9, atol=0.0):
+            found.append(f"principal moments of inertia from {_listed(before)} to {_listed(after)} kg m²")
+        return (", ".join(found) or "no change") + "."
 
 
 @dataclass(frozen=True, eq=False)
@@ -133,9 +154,7 @@ class Preflight:
         if refusal := kind.refusal(robot):
             raise InputError(refusal)
         kind.write(robot, self.repaired(), Drives.unknown(robot.dof), robot.source, target)
-        return tuple(
-            f"{one.link}: {_told(one.link, robot, one.mended)}" for one in self.links if one.mended is not None
-        )
+        return tuple(f"{one.link}: {one.change}" for one in self.links if one.mended is not None)
 
     def repaired(self) -> Array:
         """Parameters (n,) of the robot with the mended links."""
@@ -152,22 +171,6 @@ class Preflight:
                     total += inertia.moved(part.placement).parameters
             parameters[start : start + 10] = total
         return parameters
-
-
-def _told(name: str, robot: Robot, mended: Inertia) -> str:
-    """Say what of a link changes."""
-    parts = {part.name: part.inertia for parts in described_bodies(robot) for part in parts}
-    old = parts[name]
-    assert old is not None
-    found = []
-    if not np.isclose(old.mass, mended.mass, rtol=1e-9):
-        found.append(f"mass from {old.mass:.4g} to {mended.mass:.4g} kg")
-    if not np.allclose(old.com, mended.com, rtol=1e-9, atol=1e-12):
-        found.append(f"centre of mass from {_listed(old.com)} to {_listed(mended.com)} m")
-    before, after = (np.linalg.eigvalsh(one.about_com) for one in (old, mended))
-    if not np.allclose(old.about_com, mended.about_com, rtol=1e-9, atol=0.0):
-        found.append(f"principal moments of inertia from {_listed(before)} to {_listed(after)} kg m²")
-    return (", ".join(found) or "no change") + "."
 
 
 def _listed(values: NDArray[np.floating]) -> str:
@@ -194,21 +197,22 @@ def preflight(robot: Robot) -> Preflight:
     >>> preflight(arm).links[0].possible, preflight(arm).links[0].sentence.partition("; ")[2]
     (False, 'probably decimal slip of ixx')
     """
-    if all(part.inertia is None for parts in described_bodies(robot) for part in parts):
+    bodies = described_bodies(robot)
+    if all(part.inertia is None for parts in bodies for part in parts):
         return Preflight(robot, ())
     # Without numbers for its lengths a robot has no size to compare with.
     references = [{} for _ in robot.links] if robot.lengths else reference_bodies(robot)
     frames = _axes_of_base(robot)
-    found: list[tuple[str, _Body, str, tuple[Array, bool] | None, Array]] = []
+    found: list[tuple[DescribedBody, _Body, tuple[Array, bool] | None, Array]] = []
     reports: list[LinkReport] = []
-    for index, parts in enumerate(described_bodies(robot)):
+    for index, parts in enumerate(bodies):
         for part in parts:
             if part.inertia is None:
                 continue
             mass = part.inertia.mass
             if not mass > 0.0:
                 if part.problem and (mass < 0.0 or np.abs(part.inertia.parameters).max() > 0.0):
-                    reports.append(LinkReport(part.name, mass, np.nan, "placeholder", part.problem))
+                    reports.append(LinkReport(part.name, part.inertia, np.nan, "placeholder", part.problem))
                 continue
             body = _Body(mass, part.inertia.com, part.inertia.about_com)
             reference = references[index].get(part.name)
@@ -216,28 +220,27 @@ def preflight(robot: Robot) -> Preflight:
                 back = np.linalg.inv(part.placement)
                 reference = back @ reference[0] @ back.T, reference[1]
             axes = frames[index] @ part.placement[:3, :3]
-            found.append((part.name, body, part.problem, reference, axes))
+            found.append((part, body, reference, axes))
     densities = {
-        name: math.log(body.mass / reference[0][3, 3])
-        for name, body, _, reference, _ in found
+        part.name: math.log(body.mass / reference[0][3, 3])
+        for part, body, reference, _ in found
         if reference is not None and body.mass > TINY
     }
-    for name, body, problem, reference, axes in found:
-        others = [value for other, value in densities.items() if other != name]
+    for part, body, reference, axes in found:
+        others = [value for other, value in densities.items() if other != part.name]
         density = float(np.median(others)) if others else math.log(500.0)
         copies = [
-            other
-            for other, twin, _, place, _ in found
-            if other != name and _is_copy(body, twin) and _differ(reference, place)
+            other.name
+            for other, twin, place, _ in found
+            if other.name != part.name and _is_copy(body, twin) and _differ(reference, place)
         ]
-        reports.append(_judged(name, body, problem, reference, axes, density, copies))
+        reports.append(_judged(part, body, reference, axes, density, copies))
     return Preflight(robot, tuple(reports))
 
 
 def _judged(
-    name: str,
+    part: DescribedBody,
     body: _Body,
-    problem: str,
     reference: tuple[Array, bool] | None,
     axes: Array,
     density: float,
@@ -252,10 +255,11 @@ def _judged(
     wrong = "" if possible else f"{wrong} (the least second moment is {margin:.2g} of the largest)"
 
     def report(cause: str, sentence: str, mended: Inertia | None = nearest) -> LinkReport:
-        return LinkReport(name, body.mass, margin, cause, sentence, mended)
+        assert part.inertia is not None
+        return LinkReport(part.name, part.inertia, margin, cause, sentence, mended)
 
-    if problem:
-        return report("placeholder", problem)
+    if part.problem:
+        return report("placeholder", part.problem)
     if copies:
         text = f"it has the inertial of {', '.join(copies[:3])}, to the last digit, and another shape"
         return report("copied link", f"{wrong}; {text}" if wrong else text)
