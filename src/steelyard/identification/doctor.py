@@ -42,7 +42,7 @@ from steelyard.robot.description import read_description
 from .correction import Settings, toml_inline, toml_text
 from .given import GivenRobot, GivenSamples, One, given_constraints, given_logs, given_robot
 from .log_checks import mistakes_in_logs
-from .log_reader import LogReader
+from .log_reader import LogReader, against_limits
 from .logged_joints import logged_joints
 
 __all__ = ["Examination", "Finding", "examine", "merged"]
@@ -391,7 +391,7 @@ class _Patient:
         suspect = self._units(survey)
         information = None
         if self.model is not None and self.file is not None:
-            information = self._with_model(recording, suspect)
+            information = self._with_model(recording, survey, suspect)
         else:
             for finding in suspect:
                 self.add(finding)
@@ -496,7 +496,8 @@ class _Patient:
         for _ in range(MOST_REMEDIES):
             try:
                 recording = Recording.read(self.log, self.columns, self.joints)
-                self._check_against_robot(recording)
+                if self.model is not None:
+                    against_limits(LogSurvey.of(recording), self.model.robot)
                 travel = np.ptp(recording.q, axis=0)
                 lowest, highest = recording.torque.min(axis=0), recording.torque.max(axis=0)
                 self.processing.check_torques(recording, lowest, highest, travel)
@@ -507,14 +508,6 @@ class _Patient:
                     raise
                 self.add(Finding(_kind_of(remedy), str(error), "refused", 1.0, remedy))
         return Recording.read(self.log, self.columns, self.joints)
-
-    def _check_against_robot(self, recording: Recording) -> tuple[str, ...]:
-        if self.model is None:
-            return ()
-        robot = self.model.robot
-        driving = [robot.joints[index] for index in robot.driving_joints]
-        limits = [[getattr(joint, key) for joint in driving] for key in ("lower", "upper", "velocity_limit")]
-        return recording.check_against(*limits)
 
     # What needs nothing but the log
 
@@ -635,7 +628,7 @@ class _Patient:
 
     # What needs the model
 
-    def _with_model(self, recording: Recording, suspect: Sequence[Finding]) -> Information | None:
+    def _with_model(self, recording: Recording, survey: LogSurvey, suspect: Sequence[Finding]) -> Information | None:
         """Look for mistakes by the robot's model, and at what the motion shows."""
         assert self.file is not None
         assert self.model is not None
@@ -676,7 +669,7 @@ class _Patient:
         if not found:
             for finding in unsure:
                 self.add(finding)
-            self._beyond_limits(recording)
+            self._beyond_limits(survey)
             self._excitation(fit)
         self.facts["model"] = (
             f"least squares leave {estimate.relative_error:.2%} of the torques; condition number "
@@ -688,7 +681,7 @@ class _Patient:
     def _fit(self, further: Settings | None = None) -> _Fit:
         """Fit the model to the log with the remedies so far, and further settings."""
         assert self.model is not None
-        reader = LogReader(self._file(further or {}), self.model, CHUNK_ROWS)
+        reader = LogReader(self._file(further), self.model, CHUNK_ROWS)
         reader.decide([self.log], self.say)
         blocks = TimeBlocks(empty_factors(self.model))
         information, thinned = reader.reduce(self.log, POINTS, None, blocks)
@@ -705,9 +698,10 @@ class _Patient:
             return None
         return fit if fit.estimate.relative_error < HALF * before.estimate.relative_error else None
 
-    def _beyond_limits(self, recording: Recording) -> None:
+    def _beyond_limits(self, survey: LogSurvey) -> None:
         """Tell what goes beyond the limits of the description; find_mistakes has found no unit or order to blame."""
-        for sentence in self._check_against_robot(recording):
+        assert self.model is not None
+        for sentence in against_limits(survey, self.model.robot):
             advice = "Check the limits of the description, the zero of the joint, and the order of the columns."
             self.add(Finding("limits", sentence, "worse", 0.0, advice=advice))
 

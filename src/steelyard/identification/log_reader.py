@@ -32,11 +32,11 @@ from steelyard.regression import Information
 from steelyard.regression.batch_means import BatchSums
 from steelyard.regression.reduction import empty_factors
 from steelyard.regression.time_blocks import MOST, TimeBlocks
-from steelyard.robot import RobotFile
+from steelyard.robot import Robot, RobotFile
 
 from .given import GivenLog, GivenSamples
 
-__all__ = ["LogReader", "Progress", "ThinnedSamples"]
+__all__ = ["LogReader", "Progress", "ThinnedSamples", "against_limits"]
 
 Array = NDArray[np.float64]
 Progress = Callable[[str], None]
@@ -128,7 +128,7 @@ class LogReader:
             self.remarks.extend(f"{log}: {remark}" for remark in samples.remarks)
             thinned.add(samples)
             yield samples
-        self.remarks.extend(f"{log}: {remark}" for remark in self._against_robot(survey))
+        self.remarks.extend(f"{log}: {remark}" for remark in against_limits(survey, self.model.robot))
         self.units_are_suspect |= bool(survey.unit_remarks())
 
     def _require_joints(self, given: GivenSamples) -> None:
@@ -166,13 +166,6 @@ class LogReader:
                     )
             self.layouts[log] = layout
 
-    def _against_robot(self, survey: LogSurvey) -> tuple[str, ...]:
-        """Compare a log with what the joints can do."""
-        robot = self.model.robot
-        driving = [robot.joints[i] for i in robot.driving_joints]
-        limits = [[getattr(joint, key) for joint in driving] for key in ("lower", "upper", "velocity_limit")]
-        return survey.limit_remarks(*limits)
-
     def _samples(self, log: str | Path | LogFile, survey: LogSurvey) -> Iterator[Samples]:
         joints = list(self.model.robot.joint_names)
 
@@ -181,7 +174,7 @@ class LogReader:
             handled = [option for option in DETECTORS if getattr(self.processing, option) is not False]
             part = f" (Seen in the first {recording.count} rows.)" if recording.count == chunks.CHOICE_ROWS else ""
             self.remarks.extend(f"{log}: {sentence}{part}" for sentence in faulty_rows(recording, handled))
-            self._against_robot(LogSurvey.of(recording))  # what is sure to be wrong is refused at once
+            against_limits(LogSurvey.of(recording), self.model.robot)  # what is sure to be wrong is refused at once
 
         if self.processing.needs_whole_log:
             recording = Recording.read(log, self.columns, joints)
@@ -192,6 +185,13 @@ class LogReader:
             yield from process_chunks(
                 log, self.columns, self.processing, self.chunk_rows, joints, self.model, look, survey
             )
+
+
+def against_limits(survey: LogSurvey, robot: Robot) -> tuple[str, ...]:
+    """Compare a log with what the joints of a robot can do; see `steelyard.Recording.check_against`."""
+    driving = [robot.joints[i] for i in robot.driving_joints]
+    limits = [[getattr(joint, key) for joint in driving] for key in ("lower", "upper", "velocity_limit")]
+    return survey.limit_remarks(*limits)
 
 
 class ThinnedSamples:
