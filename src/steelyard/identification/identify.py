@@ -193,7 +193,7 @@ def identify(
         estimate = estimate_with(estimator, information, feasible_set, **options)
         say("how well it predicts stretches that are left out")
         held_out = _held_out(stretches, lambda data: estimate_with(estimator, data, feasible_set, **options))
-    estimate = replace(estimate, description=reader.description, unconstrained_base=unconstrained.base)
+    estimate = replace(estimate, description=dict(file.description), unconstrained_base=unconstrained.base)
     say("what the numbers rest on")
     prediction = prediction_verdict(
         information,

@@ -58,7 +58,6 @@ class LogReader:
         self.remarks: list[str] = []
         self.units_are_suspect = False
         self.cutoff_choices: list[tuple[str, CutoffChoice]] = []
-        self.description = dict(file.description)
         self.layouts: dict[str, Layout] = {}
 
     def decide(self, given: Sequence[GivenLog], say: Progress) -> None:
