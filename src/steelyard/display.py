@@ -7,7 +7,7 @@ from collections.abc import Iterable, Sequence
 from decimal import ROUND_CEILING, ROUND_FLOOR, Decimal
 from html import escape
 
-__all__ = ["combination", "html_sentences", "html_table", "outward", "percent", "plain", "text_table"]
+__all__ = ["combination", "few_digits", "html_sentences", "html_table", "outward", "percent", "text_table"]
 
 
 def text_table(heads: Sequence[str], rows: Sequence[Sequence[str]], numbers: Sequence[int] = ()) -> str:
@@ -90,12 +90,12 @@ def _html_text(value: object, longest: int = LONGEST) -> str:
     return escape(text if len(text) <= longest else f"{text[:longest]}…")
 
 
-def plain(value: float, digits: int = 4) -> str:
+def few_digits(value: float, digits: int = 4) -> str:
     """A number with a few digits; infinity as ∞.
 
     Examples
     --------
-    >>> plain(0.000123456), plain(float("-inf"))
+    >>> few_digits(0.000123456), few_digits(float("-inf"))
     ('0.0001235', '-∞')
     """
     if math.isinf(value):
@@ -113,7 +113,7 @@ def percent(share: float, digits: int = 3) -> str:
     """
     value = 100.0 * share + 0.0
     if not math.isfinite(value):
-        return f"{plain(value)} %"
+        return f"{few_digits(value)} %"
     decimals = max(0, digits - 1 - math.floor(math.log10(abs(value)))) if abs(value) >= 1e-4 else 0
     text = f"{value:.{decimals}f}"
     return f"{text.rstrip('0').rstrip('.') if '.' in text else text} %"
@@ -135,14 +135,14 @@ def outward(lower: float, upper: float) -> tuple[str, str]:
     unit = width if math.isfinite(width) else size
     unit = max(unit, 1e-9 * size)
     if unit <= 0:
-        return plain(lower), plain(upper)
+        return few_digits(lower), few_digits(upper)
     step = Decimal(1).scaleb(math.floor(math.log10(unit)) - 3)
     return _rounded(lower, step, ROUND_FLOOR), _rounded(upper, step, ROUND_CEILING)
 
 
 def _rounded(value: float, step: Decimal, direction: str) -> str:
     if math.isinf(value):
-        return plain(value)
+        return few_digits(value)
     # Values may be off by a thousandth of the last digit, which must not change that digit.
     inward = Decimal("0.001") if direction == ROUND_FLOOR else Decimal("-0.001")
     number = (Decimal(value) / step + inward).to_integral_value(rounding=direction) * step
@@ -168,7 +168,7 @@ def combination(weights: Iterable[float], names: Sequence[str], most: int | None
             continue
         if most is not None and shown == most:
             return text + " ..."
-        size = plain(abs(float(weight)), digits)
+        size = few_digits(abs(float(weight)), digits)
         single = f"({name})" if " " in name and (size != "1" or weight < 0) else name
         term = single if size == "1" else f"{size} {single}"
         text += f"{'-' if weight < 0 else ''}{term}" if not text else f" {'-' if weight < 0 else '+'} {term}"

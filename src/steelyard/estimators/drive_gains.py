@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from steelyard.display import html_table, outward, plain, text_table
+from steelyard.display import few_digits, html_table, outward, text_table
 from steelyard.dynamics.threads import one_thread
 from steelyard.errors import InputError
 from steelyard.feasibility import FeasibleSet
@@ -154,7 +154,7 @@ class DriveGains:
             self.joint_names, self.gains, self.lower, self.upper, self.found, strict=True
         ):
             ends = outward(float(low), float(high)) if asked else ("", "")
-            rows.append((name, plain(float(gain)) if asked else "given", *ends))
+            rows.append((name, few_digits(float(gain)) if asked else "given", *ends))
         return rows
 
     def __str__(self) -> str:

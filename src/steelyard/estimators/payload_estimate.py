@@ -10,7 +10,7 @@ from typing import Any, Literal
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from steelyard.display import html_table, outward, plain, text_table
+from steelyard.display import few_digits, html_table, outward, text_table
 from steelyard.dynamics import BaseParameters
 from steelyard.dynamics.threads import one_thread
 from steelyard.errors import InputError
@@ -82,7 +82,7 @@ class PayloadQuantity:
 
     def __str__(self) -> str:
         low, high = outward(self.lower, self.upper)
-        value = "not shown" if np.isnan(self.value) else f"{plain(self.value)} {self.unit}"
+        value = "not shown" if np.isnan(self.value) else f"{few_digits(self.value)} {self.unit}"
         return f"{self.meaning}: {value} ({low} to {high} {self.unit}), {self.standing}"
 
 
@@ -165,7 +165,7 @@ class PayloadEstimate:
         rows: list[tuple[str, ...]] = []
         for one in self.quantities:
             low, high = outward(one.lower, one.upper)
-            value = "not shown" if np.isnan(one.value) else plain(one.value)
+            value = "not shown" if np.isnan(one.value) else few_digits(one.value)
             rows.append((one.meaning, value, low, high, one.unit, one.standing))
         return rows
 

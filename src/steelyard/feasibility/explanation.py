@@ -8,7 +8,7 @@ import numpy as np
 import numpy.typing as npt
 
 from steelyard.conic import ConicProblem, solve
-from steelyard.display import combination, html_sentences, html_table, percent, plain, text_table
+from steelyard.display import combination, few_digits, html_sentences, html_table, percent, text_table
 from steelyard.dynamics.threads import one_thread
 from steelyard.errors import InputError
 from steelyard.regression import ParameterCovariance
@@ -223,11 +223,11 @@ class InfeasibilityExplanation:
         for number, subsystem in enumerate(self.subsystems, start=1):
             found.append(f"{number}. {subsystem}: {_in_words(subsystem, self.base, names)}.")
         if self.region is None:
-            found.append(f"The nearest feasible base parameters lie {plain(self.distance)} away.")
+            found.append(f"The nearest feasible base parameters lie {few_digits(self.distance)} away.")
         else:
             found.append(
-                f"The nearest feasible base parameters lie {plain(self.distance)} standard deviations away; the 95 % "
-                f"region ends at {plain(self.region)}."
+                f"The nearest feasible base parameters lie {few_digits(self.distance)} standard deviations away; the "
+                f"95 % region ends at {few_digits(self.region)}."
             )
         largest = [f"{name} ({percent(share, 2)})" for name, share in self.shares[:5] if share >= 0.005]
         if largest:
@@ -235,7 +235,7 @@ class InfeasibilityExplanation:
         cured = [degree for degree in self.degrees if math.isfinite(degree.alone)]
         if cured:
             best = min(cured, key=lambda degree: abs(degree.alone))
-            found.append(f"{best.name} alone would mend it, with a change of {plain(best.alone)}.")
+            found.append(f"{best.name} alone would mend it, with a change of {few_digits(best.alone)}.")
         else:
             found.append("No base parameter alone can mend it.")
         if self.correlation is not None and not math.isnan(self.correlation):
@@ -249,14 +249,14 @@ class InfeasibilityExplanation:
         order = sorted(self.degrees, key=lambda degree: -abs(degree.share))[:SHOWN]
         found: list[tuple[str, ...]] = []
         for degree in order:
-            deviations = plain(degree.change_in_deviations, 3) if not math.isnan(degree.deviation) else "-"
-            alone = plain(degree.alone, 3) if math.isfinite(degree.alone) else "-"
+            deviations = few_digits(degree.change_in_deviations, 3) if not math.isnan(degree.deviation) else "-"
+            alone = few_digits(degree.alone, 3) if math.isfinite(degree.alone) else "-"
             share = percent(degree.share)
             found.append(
                 (
                     degree.name,
-                    plain(degree.value, 5),
-                    plain(degree.change, 3),
+                    few_digits(degree.value, 5),
+                    few_digits(degree.change, 3),
                     deviations,
                     share,
                     alone,
@@ -326,8 +326,8 @@ def _in_words(subsystem: IrreducibleInfeasibleSubsystem, base: Vector, names: li
     order = np.argsort(-parts, kind="stable")
     kept = [i for i in order if parts[i] > 1e-3 * parts.max(initial=0.0)]
     text = combination(subsystem.direction[kept], [names[i] for i in kept], most=4)
-    least = "negative" if abs(subsystem.threshold) < 1e-12 else f"below {plain(subsystem.threshold)}"
-    return f"{text} is {plain(subsystem.value)}, and in no robot {least}"
+    least = "negative" if abs(subsystem.threshold) < 1e-12 else f"below {few_digits(subsystem.threshold)}"
+    return f"{text} is {few_digits(subsystem.value)}, and in no robot {least}"
 
 
 def explain_infeasibility(

@@ -12,8 +12,7 @@ from typing import Any, Literal
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from steelyard.display import html_table, outward, text_table
-from steelyard.display import plain as plain_number
+from steelyard.display import few_digits, html_table, outward, text_table
 from steelyard.errors import InputError, MissingExtraError
 from steelyard.estimators.cross_validation import MANY_PARAMETERS
 from steelyard.feasibility import FeasibleSet
@@ -83,7 +82,7 @@ class ParameterRow:
 
     def __repr__(self) -> str:
         lower, upper = outward(self.lower, self.upper) if np.isfinite(self.lower) else ("?", "?")
-        return f"ParameterRow({self.name} = {plain_number(self.value)} {self.unit}, {lower} to {upper}, {self.basis})"
+        return f"ParameterRow({self.name} = {few_digits(self.value)} {self.unit}, {lower} to {upper}, {self.basis})"
 
 
 @dataclass(frozen=True, eq=False)
@@ -106,8 +105,8 @@ class LinkRows:
     moments: tuple[ParameterRow, ...]
 
     def __repr__(self) -> str:
-        center = ", ".join(plain_number(row.value, 3) for row in self.center)
-        return f"LinkRows({self.name!r}: {plain_number(self.mass.value)} kg at ({center}) m)"
+        center = ", ".join(few_digits(row.value, 3) for row in self.center)
+        return f"LinkRows({self.name!r}: {few_digits(self.mass.value)} kg at ({center}) m)"
 
 
 @dataclass(frozen=True, eq=False)

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from steelyard.display import html_table, outward, percent, plain, text_table
+from steelyard.display import few_digits, html_table, outward, percent, text_table
 from steelyard.dynamics.threads import one_thread
 from steelyard.errors import InputError
 from steelyard.regression import ParameterCovariance
@@ -86,7 +86,7 @@ class ParameterInterval:
         name = self.meaning if self.meaning == self.name else f"{self.meaning} ({self.name})"
         subject = f"The {name}" if self.meaning != self.name else name
         if self.identifiable:
-            return f"{subject} is {plain(self.attained_lower, 6)}{unit}: it is identifiable."
+            return f"{subject} is {few_digits(self.attained_lower, 6)}{unit}: it is identifiable."
         low, high = outward(self.lower, self.upper)
         if self.bounded:
             return f"{subject} lies between {low} and {high}{unit}."
@@ -164,7 +164,7 @@ class ParameterIntervals:
     def _rows(self) -> list[tuple[str, ...]]:
         found: list[tuple[str, ...]] = []
         for i in self.intervals:
-            low, high = outward(i.lower, i.upper) if not i.identifiable else (plain(i.attained_lower, 6),) * 2
+            low, high = outward(i.lower, i.upper) if not i.identifiable else (few_digits(i.attained_lower, 6),) * 2
             width = "open" if not i.bounded else percent(i.relative_width, 2)
             found.append((i.name, low, high, i.unit, "identifiable" if i.identifiable else width, i.meaning))
         return found

@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from steelyard.display import html_table, plain, text_table
+from steelyard.display import few_digits, html_table, text_table
 from steelyard.dynamics.threads import one_thread
 from steelyard.regression import ParameterCovariance
 
@@ -47,7 +47,7 @@ class LeastMass:
     parameters: Vector = field(repr=False)
 
     def __str__(self) -> str:
-        return f"The {self.meaning} is at least {plain(self.attained)} kg."
+        return f"The {self.meaning} is at least {few_digits(self.attained)} kg."
 
 
 @dataclass(frozen=True, eq=False)
@@ -85,12 +85,12 @@ class LightestRobot:
             else f"base parameters in the {100 * self.confidence:g} % region"
         )
         return (
-            f"The lightest robot with {given} weighs {plain(self.total.attained)} kg, under "
+            f"The lightest robot with {given} weighs {few_digits(self.total.attained)} kg, under "
             f'"{self.consistency}" consistency.',
         )
 
     def _rows(self) -> list[tuple[str, ...]]:
-        return [(least.name, plain(least.attained), least.meaning) for least in self.links]
+        return [(least.name, few_digits(least.attained), least.meaning) for least in self.links]
 
     def __str__(self) -> str:
         return "\n".join(
