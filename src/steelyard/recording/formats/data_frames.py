@@ -46,15 +46,13 @@ def frame_arrays(frame: Any, name: str) -> dict[str, NDArray[Any]]:
     """
     if _is_lazy(frame):
         frame = frame.collect()
-    listed = [
-        ".".join(str(part) for part in key if part != "") if isinstance(key, tuple) else str(key)
-        for key in _labels(frame)
-    ]
+    labels = _labels(frame)
+    listed = [_name(label) for label in labels]
     twice = [key for key, count in Counter(listed).items() if count > 1]
     if twice:
         raise InputError(f"{name} has several columns named {twice[0]!r}; give each its own name.")
     try:
-        of_tuples = any(isinstance(key, tuple) for key in _labels(frame))
+        of_tuples = any(isinstance(label, tuple) for label in labels)
         found = _by_pandas(frame, listed) if of_tuples else _by_arrow(frame)
     except Exception as error:  # whatever the library of the data frame raises
         if not hasattr(frame, "index") or not hasattr(frame, "columns"):
