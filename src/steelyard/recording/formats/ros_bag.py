@@ -5,7 +5,7 @@ from __future__ import annotations
 import contextlib
 from collections.abc import Iterator
 from functools import partial
-from typing import Any
+from typing import Any, ClassVar
 
 from steelyard.errors import require_package
 
@@ -15,28 +15,32 @@ from .ros_messages import BAGS, ros_decoder
 __all__ = ["Ros1Bag", "Ros2Bag"]
 
 
-class Ros1Bag(MessageLog):
+class _Bag(MessageLog):
+    """A bag of either version of ROS."""
+
+    version: ClassVar[int]
+
+    @contextlib.contextmanager
+    def _opened(self) -> Iterator[list[Topic]]:
+        library = require_package(f"rosbags.rosbag{self.version}", "Bags are read with the module", BAGS)
+        with library.Reader(self.path) as reader:
+            yield _topics(reader, ros1=self.version == 1)
+
+
+class Ros1Bag(_Bag):
     """A bag of ROS 1, version 2.0, with or without compression."""
 
+    version = 1
     kind = "a bag of ROS 1"
     remedy = "mend it with `rosbag reindex`, or record it again"
 
-    @contextlib.contextmanager
-    def _opened(self) -> Iterator[list[Topic]]:
-        with require_package("rosbags.rosbag1", "Bags are read with the module", BAGS).Reader(self.path) as reader:
-            yield _topics(reader, ros1=True)
 
-
-class Ros2Bag(MessageLog):
+class Ros2Bag(_Bag):
     """A bag of ROS 2: its folder, with files of SQLite or MCAP, or one file of SQLite."""
 
+    version = 2
     kind = "a bag of ROS 2"
     remedy = "mend it with `ros2 bag reindex`, or record it again"
-
-    @contextlib.contextmanager
-    def _opened(self) -> Iterator[list[Topic]]:
-        with require_package("rosbags.rosbag2", "Bags are read with the module", BAGS).Reader(self.path) as reader:
-            yield _topics(reader, ros1=False)
 
 
 def _topics(reader: Any, *, ros1: bool) -> list[Topic]:
