@@ -129,12 +129,21 @@ class _Order:
         kind = QUANTITIES.index(quantity)
         return kind * len(self.names) + self.names.index(joint) if self.present[kind] and joint in self.names else None
 
+    def taken(
+        self, table: NDArray[np.float64], messages: NDArray[np.int64], places: NDArray[np.int64]
+    ) -> NDArray[np.float64]:
+        """Return some of the numbers of some of these messages from all numbers of a table."""
+        width = len(QUANTITIES) * len(self.names)
+        begins = np.array(self.begins, dtype=np.int64)[messages // BLOCK] + (messages % BLOCK) * width
+        return np.asarray(table[begins[:, None] + places])
+
 
 @dataclass(frozen=True, eq=False)
 class JointRows:
     """The rows that some of the messages of a table make."""
 
-    table: JointTable
+    numbers: NDArray[np.float64]
+    """All numbers of the table."""
     time: NDArray[np.int64]
     recorded: NDArray[np.int64]
     members: list[tuple[_Order, NDArray[np.int64], NDArray[np.int64]]]
@@ -158,7 +167,8 @@ class JointRows:
             places = {name: order.column(*pair) for name in names if (pair := _quantity_and_joint(name))}
             chosen = {name: place for name, place in places.items() if place is not None}
             first, last = np.searchsorted(rows, (start, stop))
-            values = self.table.taken(order, numbers[first:last], np.array(list(chosen.values()), dtype=np.int64))
+            columns = np.array(list(chosen.values()), dtype=np.int64)
+            values = order.taken(self.numbers, numbers[first:last], columns)
             for index, name in enumerate(chosen):
                 own = values[:, index]
                 there = ~np.isnan(own)
@@ -183,6 +193,7 @@ class JointTable:
     def __init__(self, source: str) -> None:
         self.source = source
         self._orders: dict[tuple[str, ...], _Order] = {}
+        self._rows: dict[tuple[_Order, ...], JointRows] = {}
         self._file = tempfile.TemporaryFile()  # noqa: SIM115, it lives as long as the table
         weakref.finalize(self, self._file.close)
         self._written = self._count = 0
@@ -289,10 +300,12 @@ class JointTable:
             for order in self._orders.values()
             if any(order.column(quantity, joint) is not None for quantity, joint in pairs)
         ]
-        orders = kept or list(self._orders.values())
-        return self._arranged(orders) if orders else JointRows(self, np.empty(0, np.int64), np.empty(0, np.int64), [])
+        orders = tuple(kept or self._orders.values())
+        if orders not in self._rows:  # a log is opened several times, and asked for a few choices of columns
+            self._rows[orders] = self._arranged(orders)
+        return self._rows[orders]
 
-    def _arranged(self, orders: list[_Order]) -> JointRows:
+    def _arranged(self, orders: Sequence[_Order]) -> JointRows:
         which = np.repeat(np.arange(len(orders)), [len(order.stamps) for order in orders])
         number = np.concatenate([np.arange(len(order.stamps)) for order in orders])
         stamps, recorded, arrivals = (
@@ -312,10 +325,10 @@ class JointTable:
         self._part_contradictions(orders, which, number, begins)
         row = np.cumsum(begins) - 1
         members = [(order, number[which == k], row[which == k]) for k, order in enumerate(orders)]
-        return JointRows(self, time[begins] - time[0], recorded[begins] - recorded[0], members)
+        return JointRows(self._numbers, time[begins] - time[0], recorded[begins] - recorded[0], members)
 
     def _part_contradictions(
-        self, orders: list[_Order], which: NDArray[np.int64], number: NDArray[np.int64], begins: NDArray[np.bool_]
+        self, orders: Sequence[_Order], which: NDArray[np.int64], number: NDArray[np.int64], begins: NDArray[np.bool_]
     ) -> None:
         """Begin a new row where a message contradicts another one of its stamp, for a message that stamps repeat."""
         edges = np.r_[np.flatnonzero(begins), begins.size]
@@ -323,19 +336,13 @@ class JointTable:
             said: dict[str, float] = {}
             for index in range(first, stop):
                 order = orders[which[index]]
-                values = self.taken(order, number[index : index + 1], np.arange(order.block.shape[1]))[0]
+                values = order.taken(self._numbers, number[index : index + 1], np.arange(order.block.shape[1]))[0]
                 keys = [f"{quantity}[{joint}]" for quantity in QUANTITIES for joint in order.names]
                 own = {key: value for key, value in zip(keys, values.tolist(), strict=True) if value == value}
                 if any(said.get(key, value) != value for key, value in own.items()):
                     begins[index] = True
                     said = {}
                 said.update(own)
-
-    def taken(self, order: _Order, numbers: NDArray[np.int64], places: NDArray[np.int64]) -> NDArray[np.float64]:
-        """Return some of the numbers of some of the messages of one order."""
-        width = len(QUANTITIES) * len(order.names)
-        begins = np.array(order.begins, dtype=np.int64)[numbers // BLOCK] + (numbers % BLOCK) * width
-        return np.asarray(self._numbers[begins[:, None] + places])
 
 
 def _quantity_and_joint(name: str) -> tuple[str, str] | None:

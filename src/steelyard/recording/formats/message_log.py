@@ -13,7 +13,7 @@ from steelyard.errors import InputError, SteelyardError
 from steelyard.files import shown, suggestion
 
 from ..columns import LogColumns
-from .joint_messages import QUANTITIES, JointMessage, JointTable, joint_message
+from .joint_messages import QUANTITIES, JointMessage, JointRows, JointTable, joint_message
 from .log_file import Columns, LogFile, reason_of
 
 __all__ = ["JOINT_TYPES", "MessageLog", "Topic"]
@@ -89,7 +89,6 @@ class MessageLog(LogFile):
             _DECODED[key] = table
         self._table = _DECODED[key]
         self.names = self._table.names
-        self._rows = self._table.rows(self.names)
 
     def _decoded(self, topic: str | None) -> JointTable:
         with self._reading(), self._opened() as topics:
@@ -162,10 +161,10 @@ class MessageLog(LogFile):
         """Return the joints by their names in the messages."""
         return self._table.joints
 
-    def keep(self, names: Sequence[str]) -> None:
-        """Leave out the rows that are made by messages of other joints alone."""
-        super().keep(names)
-        self._rows = self._table.rows(names)
+    @property
+    def _rows(self) -> JointRows:
+        """The rows; those that are made by messages of other joints alone are left out."""
+        return self._table.rows(self.names if self.kept is None else self.kept)
 
     def count(self) -> int:
         """Return the number of rows."""
@@ -173,12 +172,14 @@ class MessageLog(LogFile):
 
     def read(self, names: Sequence[str]) -> Columns:
         """Return whole columns."""
-        return self._rows.columns(names, 0, self._rows.count)
+        rows = self._rows
+        return rows.columns(names, 0, rows.count)
 
     def blocks(self, names: Sequence[str], rows: int) -> Iterator[Columns]:
         """Return columns in blocks of rows; memory is that of a block, since the numbers stand in a file."""
-        for start in range(0, self._rows.count, rows):
-            yield self._rows.columns(names, start, start + rows)
+        table = self._rows
+        for start in range(0, table.count, rows):
+            yield table.columns(names, start, start + rows)
 
 
 def _state(path: Path) -> Hashable:
