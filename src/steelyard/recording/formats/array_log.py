@@ -16,7 +16,7 @@ from steelyard.errors import InputError, SteelyardError
 from ..recognition import LABELS
 from .log_file import Columns, LogFile, reason_of
 
-__all__ = ["OBJECTS", "ArrayLog", "StoredArray", "texts_of"]
+__all__ = ["ArrayLog", "StoredArray", "part_of", "texts_of"]
 
 MOST_JOINTS = 1000
 """Columns of an array; one with more is a picture, or has its rows and columns exchanged."""
@@ -84,8 +84,10 @@ class ArrayLog(LogFile):
         self._labels: tuple[str, ...] = ()
         self._columns: dict[str, tuple[_Matrix, int]] = {}
 
-    def _store(self, arrays: Sequence[StoredArray], texts: Mapping[tuple[str, ...], Sequence[str]]) -> None:
-        """Take note of all arrays of numbers, and of the lists of texts."""
+    def _store(
+        self, arrays: Sequence[StoredArray], texts: Mapping[tuple[str, ...], Sequence[str]], has_objects: bool
+    ) -> None:
+        """Take note of all arrays of numbers, of the lists of texts, and of whether there are objects of MATLAB."""
         self._labels = next((tuple(found) for path, found in texts.items() if path[-1].lower() in LABELS), ())
         matrices = [matrix for matrix in _matrices(arrays) if matrix.width <= MOST_JOINTS]
         common = _common_groups([matrix.stored.path for matrix in matrices])
@@ -99,6 +101,9 @@ class ArrayLog(LogFile):
                 label = f"{name}[{self._labels[index]}]" if named else f"{name}_{index}"
                 self._columns[label] = matrix, index
         self.names = tuple(self._columns)
+        if not self.names:
+            hint = OBJECTS if has_objects else "; expected a time, positions and torques"
+            raise InputError(f"{self.path} holds no arrays of numbers with one row per sample{hint}.")
 
     def joint_labels(self) -> tuple[str, ...]:
         """Return the joints, where an array of texts names them."""
@@ -115,14 +120,12 @@ class ArrayLog(LogFile):
     def blocks(self, names: Sequence[str], rows: int) -> Iterator[Columns]:
         """Read columns in blocks of rows; an array is read once for all of its columns."""
         total = self._rows(names)
-        matrices = {id(matrix): matrix for matrix, _ in (self._columns[name] for name in names)}
+        places = {name: self._columns[name] for name in names}
+        matrices = dict.fromkeys(matrix for matrix, _ in places.values())
         for start in range(0, total, rows):
             stop = min(start + rows, total)
-            taken = {key: self._taken(matrix, start, stop) for key, matrix in matrices.items()}
-            yield {
-                name: np.ascontiguousarray(taken[id(matrix)][:, index])
-                for name, (matrix, index) in ((name, self._columns[name]) for name in names)
-            }
+            taken = {matrix: self._taken(matrix, start, stop) for matrix in matrices}
+            yield {name: np.ascontiguousarray(taken[matrix][:, index]) for name, (matrix, index) in places.items()}
 
     def _taken(self, matrix: _Matrix, start: int, stop: int) -> NDArray[np.float64]:
         try:
@@ -159,6 +162,12 @@ def _common_groups(paths: Sequence[tuple[str, ...]]) -> int:
     while all(len(path) > count + 1 for path in paths) and len({path[count] for path in paths}) == 1:
         count += 1
     return count
+
+
+def part_of(array: Any, start: int, stop: int, axis: int) -> NDArray[np.float64]:
+    """Return the part start:stop along one axis of an array, or of what is sliced like one, as float64."""
+    part = tuple(slice(start, stop) if k == axis else slice(None) for k in range(len(array.shape)))
+    return np.asarray(array[part], dtype=np.float64)
 
 
 def texts_of(values: Any) -> tuple[str, ...]:

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from steelyard.errors import InputError, SteelyardError, require_package
 
-from .array_log import OBJECTS, ArrayLog, StoredArray, texts_of
+from .array_log import ArrayLog, StoredArray, part_of, texts_of
 from .log_file import reason_of
 
 __all__ = ["Hdf5File"]
@@ -55,10 +55,7 @@ class Hdf5File(ArrayLog):
             raise InputError(f"{path} cannot be read as HDF5: {reason_of(error)}; save it again.") from None
         if self._is_matlab:
             self.joiner = "."  # type: ignore[misc]
-        self._store(self._arrays, self._texts)
-        if not self.names:
-            hint = OBJECTS if self._has_objects else "; expected a time, positions and torques"
-            raise InputError(f"{path} holds no arrays of numbers with one row per sample{hint}.")
+        self._store(self._arrays, self._texts, self._has_objects)
 
     def _collect(self, group: Any, path: tuple[str, ...]) -> None:
         """List what stands in a group; links into other files and circles of links are not followed."""
@@ -112,7 +109,7 @@ class Hdf5File(ArrayLog):
                     self._arrays.append(StoredArray((*path, field), (*dataset.shape, *shape), of_field))
         elif kind.kind in "fiu":
             self._require_room(dataset, path)
-            take: Callable[[int, int, int], NDArray[np.float64]] = partial(_take, dataset)
+            take: Callable[[int, int, int], NDArray[np.float64]] = partial(part_of, dataset)
             shape = dataset.shape
             if self._is_matlab:
                 take, shape = partial(_take_reversed, dataset), shape[::-1]
@@ -143,20 +140,11 @@ class Hdf5File(ArrayLog):
         return texts_of(found)
 
 
-def _part(shape: tuple[int, ...], start: int, stop: int, axis: int) -> tuple[slice, ...]:
-    return tuple(slice(start, stop) if k == axis else slice(None) for k in range(len(shape)))
-
-
-def _take(dataset: Any, start: int, stop: int, axis: int) -> NDArray[np.float64]:
-    return np.asarray(dataset[_part(dataset.shape, start, stop, axis)], dtype=np.float64)
-
-
 def _take_reversed(dataset: Any, start: int, stop: int, axis: int) -> NDArray[np.float64]:
-    return _take(dataset, start, stop, len(dataset.shape) - 1 - axis).T
+    return part_of(dataset, start, stop, len(dataset.shape) - 1 - axis).T
 
 
 def _take_field(dataset: Any, field: str, start: int, stop: int, axis: int) -> NDArray[np.float64]:
     if axis == 0:
         return np.asarray(dataset[start:stop][field], dtype=np.float64)
-    whole = np.asarray(dataset[field], dtype=np.float64)
-    return whole[_part(whole.shape, start, stop, axis)]
+    return part_of(dataset[field], start, stop, axis)

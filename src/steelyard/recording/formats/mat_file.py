@@ -10,13 +10,12 @@ from pathlib import Path
 from typing import Any, Self
 
 import numpy as np
-from numpy.typing import NDArray
 
 from steelyard.errors import InputError
 from steelyard.files.child_process import ChildLimits, run_child
 
 from ..columns import LogColumns
-from .array_log import OBJECTS, ArrayLog, StoredArray, texts_of
+from .array_log import ArrayLog, StoredArray, part_of, texts_of
 from .log_file import LogFile, reason_of
 
 __all__ = ["MatFile"]
@@ -60,11 +59,9 @@ class MatFile(ArrayLog):
         stored = []
         for number, name in enumerate(index["arrays"]):
             array = np.load(folder / f"{number}.npy", mmap_mode="r", allow_pickle=False)
-            stored.append(StoredArray(tuple(name), array.shape, partial(_take, array)))
-        self._store(stored, {tuple(name): texts_of(texts) for name, texts in index["texts"]})
-        if not self.names:
-            hint = OBJECTS if index["objects"] else "; expected a time, positions and torques"
-            raise InputError(f"{path} holds no arrays of numbers with one row per sample{hint}.")
+            stored.append(StoredArray(tuple(name), array.shape, partial(part_of, array)))
+        texts = {tuple(name): texts_of(found) for name, found in index["texts"]}
+        self._store(stored, texts, has_objects=bool(index["objects"]))
 
 
 def _read(path: Path, folder: Path) -> dict[str, Any]:
@@ -83,8 +80,3 @@ def _read(path: Path, folder: Path) -> dict[str, Any]:
     except ValueError:  # it did not get to the index
         return {"problem": "SciPy ended without an answer, as it does for damaged files"}
     return found
-
-
-def _take(array: NDArray[Any], start: int, stop: int, axis: int) -> NDArray[np.float64]:
-    rows = tuple(slice(start, stop) if k == axis else slice(None) for k in range(array.ndim))
-    return np.asarray(array[rows], dtype=np.float64)
