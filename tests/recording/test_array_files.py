@@ -52,6 +52,22 @@ def test_mat_version_4(tmp_path: Path) -> None:
     expect(path)
 
 
+def test_a_mat_is_decoded_once_until_it_is_written_again(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """A log is opened several times, and each time it would take another process."""
+    from steelyard.recording.formats import mat_file
+
+    started = []
+    run = mat_file.run_child
+    monkeypatch.setattr(mat_file, "run_child", lambda *given: started.append(1) or run(*given))
+    path = tmp_path / "run.mat"
+    savemat(path, {"t": T, "q": Q, "tau": TORQUE})
+    expect(path)
+    assert len(started) == 1
+    savemat(path, {"t": T[:200], "q": Q[:200], "tau": TORQUE[:200]})
+    assert Recording.read(path, joints=3).count == 200
+    assert len(started) == 2
+
+
 def test_joints_that_a_mat_names(tmp_path: Path) -> None:
     path = tmp_path / "run.mat"
     content = {"t": T, "position": Q, "effort": TORQUE, "joint_names": np.array(JOINTS, dtype=object)}

@@ -16,6 +16,7 @@ from steelyard.files.child_process import ChildLimits, run_child
 
 from ..columns import LogColumns
 from .array_log import ArrayLog, StoredArray, part_of, texts_of
+from .decoded import decoded_once
 from .log_file import LogFile, reason_of
 
 __all__ = ["MatFile"]
@@ -49,6 +50,14 @@ class MatFile(ArrayLog):
 
     def __init__(self, path: Path) -> None:
         super().__init__(path)
+        self._content = content = decoded_once(path, MatFile, lambda: _Content(path))
+        self._store(content.arrays, content.texts, content.has_objects)
+
+
+class _Content:
+    """What a file holds; the arrays stand in a temporary folder that goes with this object."""
+
+    def __init__(self, path: Path) -> None:
         place = tempfile.TemporaryDirectory(prefix="steelyard-", ignore_cleanup_errors=True)
         weakref.finalize(self, place.cleanup)
         folder = Path(place.name)
@@ -56,12 +65,12 @@ class MatFile(ArrayLog):
         if "problem" in index:
             problem = reason_of(MemoryError()) if index["problem"] == "MemoryError" else index["problem"]
             raise InputError(f"{path} cannot be read as a file of MATLAB: {problem}; save it again.")
-        stored = []
+        self.arrays = []
         for number, name in enumerate(index["arrays"]):
             array = np.load(folder / f"{number}.npy", mmap_mode="r", allow_pickle=False)
-            stored.append(StoredArray(tuple(name), array.shape, partial(part_of, array)))
-        texts = {tuple(name): texts_of(found) for name, found in index["texts"]}
-        self._store(stored, texts, has_objects=bool(index["objects"]))
+            self.arrays.append(StoredArray(tuple(name), array.shape, partial(part_of, array)))
+        self.texts = {tuple(name): texts_of(texts) for name, texts in index["texts"]}
+        self.has_objects = bool(index["objects"])
 
 
 def _read(path: Path, folder: Path) -> dict[str, Any]:

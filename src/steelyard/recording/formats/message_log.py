@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import contextlib
 from abc import abstractmethod
-from collections.abc import Callable, Hashable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, ClassVar, Self
@@ -13,6 +13,7 @@ from steelyard.errors import InputError, SteelyardError
 from steelyard.files import shown, suggestion
 
 from ..columns import LogColumns
+from .decoded import decoded_once
 from .joint_messages import QUANTITIES, JointMessage, JointRows, JointTable, joint_message
 from .log_file import Columns, LogFile, reason_of
 
@@ -23,10 +24,6 @@ JOINT_TYPES = ("JointState", "JointStates", "JointTrajectoryControllerState")
 LOOKED_AT = 20
 """First messages of a topic that are looked at: controllers may begin with an empty one."""
 LISTED = 12
-MOST_DECODED = 4
-"""Logs whose messages stay decoded, in temporary files: an identification opens its log three times or more, and
-decoding takes 30 to 90 µs a message."""
-_DECODED: dict[Hashable, JointTable] = {}
 
 
 @dataclass(frozen=True, eq=False)
@@ -81,13 +78,7 @@ class MessageLog(LogFile):
 
     def __init__(self, path: Path, topic: str | None = None) -> None:
         super().__init__(path)
-        key = (type(self), str(path), topic, _state(path))
-        if key not in _DECODED:
-            table = self._decoded(topic)
-            while len(_DECODED) >= MOST_DECODED:
-                del _DECODED[next(iter(_DECODED))]
-            _DECODED[key] = table
-        self._table = _DECODED[key]
+        self._table = decoded_once(path, (type(self), topic), lambda: self._decoded(topic))
         self.names = self._table.names
 
     def _decoded(self, topic: str | None) -> JointTable:
@@ -180,12 +171,6 @@ class MessageLog(LogFile):
         table = self._rows
         for start in range(0, table.count, rows):
             yield table.columns(names, start, start + rows)
-
-
-def _state(path: Path) -> Hashable:
-    """Return what changes when a file, or one in a folder, is written again."""
-    files = sorted(path.iterdir()) if path.is_dir() else [path]
-    return tuple((file.name, status.st_size, status.st_mtime_ns) for file in files for status in [file.stat()])
 
 
 def _quantities(topic: Topic) -> set[str]:
