@@ -657,7 +657,7 @@ class _Patient:
             return None
         name, file = str(self.log), self._file()
         worst = float(np.nanmax(information.joint_relative_error(estimate.base), initial=estimate.relative_error))
-        limits, samples = given_constraints(file, None), {name: fit.samples}
+        limits, samples = given_constraints(file), {name: fit.samples}
         found = mistakes_in_logs(reader, file, limits, {name: self.log}, samples, {name: worst}, self.say).get(name, ())
         for hypothesis in found[:1]:
             others = "".join(

@@ -98,7 +98,7 @@ def given_settings(
     return file
 
 
-def given_constraints(file: RobotFile, further: Sequence[Constraint] | None) -> list[Constraint]:
+def given_constraints(file: RobotFile, further: Sequence[Constraint] | None = None) -> list[Constraint]:
     """Return the constraints of a robot file and those that were given beside it."""
     own = constraints_from_dict(
         file.section("constraints"), folder=file.path.parent, allow_extensions=file.allow_extensions

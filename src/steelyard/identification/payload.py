@@ -16,7 +16,6 @@ from steelyard.errors import InputError
 from steelyard.estimators.carried_body import CarriedBody, Changes, mounting
 from steelyard.estimators.drive_gains import DriveGains, KnownPayload, estimate_drive_gains
 from steelyard.estimators.payload_estimate import KnownRobot, PayloadEstimate, estimate_payload
-from steelyard.feasibility.constraints import constraints_from_dict
 from steelyard.feasibility.constraints.toml_section import read_placement
 from steelyard.files import TomlTable, suggestion, write_json
 from steelyard.regression import Estimate, Information
@@ -25,6 +24,7 @@ from steelyard.regression.reduction import empty_factors
 from steelyard.robot import RobotFile
 from steelyard.robot.inertia import inertia_tensor
 
+from .given import given_constraints
 from .log_reader import LogReader
 from .saved import matching_estimate
 
@@ -454,7 +454,7 @@ class _Logs:
         progress: Callable[[str], None] | None,
     ) -> None:
         self.say = progress or (lambda _: None)
-        self.file = robot if isinstance(robot, RobotFile) else RobotFile.load(robot)
+        self.file = RobotFile.load(robot)
         self.model = Model.from_file(self.file)
         self.section = _section(self.file)
         self.changes = changes or self.section.text("changes") or "friction"
@@ -472,11 +472,7 @@ class _Logs:
             )
         self.reader = LogReader(self.file, self.model, chunk_rows)
         self.find = self.reader.columns.gains_to_find(self.model.dof)
-        self.constraints = constraints_from_dict(
-            self.file.section("constraints"),
-            folder=self.file.path.parent,
-            allow_extensions=self.file.allow_extensions,
-        )
+        self.constraints = given_constraints(self.file)
 
     def read(self) -> None:
         """Reduce the logs."""

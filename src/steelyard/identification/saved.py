@@ -32,10 +32,11 @@ from steelyard.feasibility import (
 from steelyard.feasibility.certificates import speaks_of
 from steelyard.feasibility.certificates.certificate import LAST_DIGITS
 from steelyard.feasibility.certificates.rational import nearest_double, parse_number
-from steelyard.feasibility.constraints import constraints_from_dict
 from steelyard.files import write_json
 from steelyard.regression import Estimate
 from steelyard.robot import RobotFile
+
+from .given import given_constraints
 
 __all__ = [
     "EstimateExplanation",
@@ -244,10 +245,7 @@ def correct_estimate(
 
 
 def _feasible_set(file: RobotFile, model: Model, consistency: Literal["full", "inertia"]) -> FeasibleSet:
-    constraints = constraints_from_dict(
-        file.section("constraints"), folder=file.path.parent, allow_extensions=file.allow_extensions
-    )
-    return FeasibleSet(model, consistency, list(constraints))
+    return FeasibleSet(model, consistency, given_constraints(file))
 
 
 def set_and_estimate(

@@ -14,7 +14,6 @@ from steelyard.display import html_table, text_table
 from steelyard.dynamics import Model
 from steelyard.dynamics.threads import in_one_thread
 from steelyard.errors import InputError
-from steelyard.feasibility.constraints import constraints_from_dict
 from steelyard.files import write_json
 from steelyard.recording import Samples
 from steelyard.regression import Information
@@ -22,7 +21,7 @@ from steelyard.regression.batch_means import BATCH_LENGTHS, BatchSums
 from steelyard.regression.reduction import empty_factors
 from steelyard.robot import RobotFile
 
-from .given import Data, GivenLog, GivenRobot, given_logs, given_robot
+from .given import Data, GivenLog, GivenRobot, given_constraints, given_logs, given_robot
 from .log_checks import mistakes_in_logs
 from .log_reader import LogReader, Progress
 from .mistakes import sentence
@@ -220,9 +219,7 @@ def validate_estimate(
             )
         )
     if verdict.word in ("poor", "wrong"):
-        constraints = constraints_from_dict(
-            file.section("constraints"), folder=file.path.parent, allow_extensions=file.allow_extensions
-        )
+        constraints = given_constraints(file)
         errors = {log.name: float(np.max(log.joint_relative_error, initial=log.relative_error)) for log in each}
         say = progress or (lambda _: None)
         by_name = {str(log): log for log in given}
