@@ -6,6 +6,8 @@ import pytest
 import steelyard as sy
 from steelyard.errors import InputError
 from steelyard.robot import Robot, RobotFile
+from steelyard.robot.description import DESCRIPTION_FORMATS, description_format
+from steelyard.robot.references import find_package
 
 URDF = """<robot name="r"><link name="a"/><link name="b"/><link name="c"/><link name="d"/>
 <joint name="j" type="revolute"><parent link="a"/><child link="b"/></joint>
@@ -220,3 +222,31 @@ def test_joints_of_rows_are_locked(tmp_path):
     path.write_text(text + "locked = 2\n")
     with pytest.raises(InputError, match="locked must be a list of joint names or a table of positions"):
         RobotFile.load(path)
+
+
+@pytest.mark.parametrize(
+    ("text", "suffix"),
+    [
+        ('<?xml version="1.0"?><!-- <mujoco> -->\n<sdf>', "sdf"),
+        ('<!DOCTYPE robot [<!ENTITY a "b">]><mujoco>', "mujoco"),
+        ("<!-- > --><robot>", "robot"),
+        ("<!-- <sdf>", "robot"),
+        ("no element", "robot"),
+        # With a search for the end of a comment at each beginning, these took hours.
+        ("<!--" * 1_000_000, "robot"),
+        ("<!-- >" * 1_000_000, "robot"),
+        ("<?" * 1_000_000, "robot"),
+    ],
+)
+def test_the_first_element_tells_the_format(tmp_path, text, suffix):
+    path = tmp_path / "robot.xml"
+    path.write_text(text)
+    assert description_format(path) is DESCRIPTION_FORMATS.get(suffix)
+
+
+def test_a_package_whose_mark_has_nothing_but_beginnings_of_names(tmp_path):
+    (tmp_path / "package.xml").write_text("<name" * 200_000)  # at each of which the end was looked for, for hours
+    with pytest.raises(InputError, match='the package "arm" is not found'):
+        find_package("arm", tmp_path / "robot.urdf")
+    (tmp_path / "package.xml").write_text('<package><name a="b">arm</name></package>')
+    assert find_package("arm", tmp_path / "robot.urdf") == tmp_path

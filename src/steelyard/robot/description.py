@@ -27,7 +27,7 @@ SUFFIXES = ("xml", "urdf", "sdf", "world")
 """Those of files that may hold another format than the suffix says; the root element tells."""
 ROOTS = ("robot", "world", "mujoco")
 """Names of formats that are no suffixes of their own."""
-_BEFORE_ROOT = re.compile(rb"<!--.*?-->|<\?.*?\?>|<![^>]*>", re.DOTALL)
+_BEFORE_ROOT = re.compile(rb"<!--.*?-->|<\?.*?\?>|<!(?!--)[^>]*>", re.DOTALL)
 _ROOT = re.compile(rb"<([A-Za-z_][\w.-]*)")
 
 
@@ -169,9 +169,19 @@ def _chosen_format(path: Path) -> DescriptionFormat | None:
     suffix = path.suffix.lower().removeprefix(".")
     if suffix not in SUFFIXES:
         return DESCRIPTION_FORMATS.get(suffix) if suffix else None
-    root = _ROOT.search(_BEFORE_ROOT.sub(b"", read_bytes(path, remedy="give a robot description")))
-    named = DESCRIPTION_FORMATS.get(root[1].decode("ascii", "replace")) if root else None
+    root = _root(read_bytes(path, remedy="give a robot description"))
+    named = DESCRIPTION_FORMATS.get(root) if root else None
     return named or (URDF if suffix == "xml" else DESCRIPTION_FORMATS.get(suffix))
+
+
+def _root(content: bytes) -> str:
+    """Return the name of the first element; empty where something else stands in its place."""
+    place = content.find(b"<")
+    # Each piece is looked at once, so that a file of nothing but beginnings of comments takes no time.
+    while place >= 0 and (passed := _BEFORE_ROOT.match(content, place)):
+        place = content.find(b"<", passed.end())
+    root = _ROOT.match(content, place) if place >= 0 else None
+    return root[1].decode("ascii") if root else ""
 
 
 def read_description(

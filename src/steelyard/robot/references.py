@@ -23,7 +23,7 @@ ENDINGS = ("_description", "_support")
 """Of packages of robots; collections of robots leave them out or exchange them."""
 
 LARGEST_MARK = 1_000_000  # bytes of a package.xml
-_NAME = re.compile(rb"<name[^>]*>\s*([^<\s]+)\s*</name>")
+_NAME = re.compile(rb"<name[^<>]*>\s*([^<\s]+)\s*</name>")
 
 
 def find_reference(
