@@ -13,6 +13,7 @@ if TYPE_CHECKING:
     from .arguments import suggestion as suggestion
     from .reading import LARGEST_JSON as LARGEST_JSON
     from .reading import LARGEST_TEXT as LARGEST_TEXT
+    from .reading import file_hash as file_hash
     from .reading import parse_json as parse_json
     from .reading import read_bytes as read_bytes
     from .reading import read_json as read_json

@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 import contextlib
+import hashlib
 import json
 import math
 import os
 import stat
 import tomllib
 from collections.abc import Iterator, Mapping
+from pathlib import Path
 from typing import Any
 
 from steelyard.errors import InputError
@@ -16,6 +18,7 @@ from steelyard.errors import InputError
 __all__ = [
     "LARGEST_JSON",
     "LARGEST_TEXT",
+    "file_hash",
     "parse_json",
     "read_bytes",
     "read_json",
@@ -74,6 +77,12 @@ def require_file(path: str | os.PathLike[str], remedy: str = "give the path of a
     except ValueError:
         raise InputError(f"{shown(os.fspath(path))}: is no path that can exist; {remedy}.") from None
     _require_regular(mode, path, remedy)
+
+
+def file_hash(path: Path) -> str:
+    """Return the SHA-256 hash of the content of a file, by which one can tell whether it is the same."""
+    with path.open("rb") as file:
+        return hashlib.file_digest(file, "sha256").hexdigest()
 
 
 def read_bytes(

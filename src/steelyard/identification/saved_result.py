@@ -2,14 +2,13 @@
 
 from __future__ import annotations
 
-import hashlib
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
 from steelyard.errors import InputError
-from steelyard.files import read_json, shown
+from steelyard.files import file_hash, read_json, shown
 from steelyard.recording import Processing
 from steelyard.recording.formats import hashed_log
 from steelyard.regression import Estimate
@@ -79,7 +78,7 @@ class SavedResult:
         """The robot file of the record, where it is still there and the same."""
         for entry in [] if self.record is None else self.record["robot"][:1]:
             path = Path(entry["path"])
-            if path.is_file() and _digest(path) == entry["sha256"]:
+            if path.is_file() and file_hash(path) == entry["sha256"]:
                 return path
         return None
 
@@ -90,11 +89,6 @@ class SavedResult:
         used = {entry["sha256"] for log in self.record["logs"] for entry in log}
         hashes = digests([log]).values() or [entry["sha256"] for entry in hashed_log(str(log))]
         return not used.isdisjoint(hashes)
-
-
-def _digest(path: Path) -> str:
-    with path.open("rb") as file:
-        return hashlib.file_digest(file, "sha256").hexdigest()
 
 
 def _record(path: Path) -> Mapping[str, Any]:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import hashlib
 from collections.abc import Sequence
 from importlib import metadata
 from pathlib import Path
@@ -12,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from steelyard import __version__
+from steelyard.files import file_hash
 from steelyard.identification import Identification, Prediction
 
 from .charts import POINTS, rounded
@@ -297,8 +297,7 @@ def versions(libraries: Sequence[str] = _LIBRARIES) -> dict[str, str]:
 
 def hashed_file(path: Path) -> dict[str, str]:
     """Return the path of a file and the SHA-256 hash of its content."""
-    with path.open("rb") as file:
-        return {"path": str(path), "sha256": hashlib.file_digest(file, "sha256").hexdigest()}
+    return {"path": str(path), "sha256": file_hash(path)}
 
 
 def _flat(prefix: str, options: dict[str, object]) -> list[tuple[str, str]]:

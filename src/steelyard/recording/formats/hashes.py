@@ -5,6 +5,8 @@ from __future__ import annotations
 import hashlib
 from pathlib import Path
 
+from steelyard.files import file_hash
+
 from .registry import STANDARD_INPUT, split_source
 from .standard_input import standard_input
 
@@ -36,5 +38,4 @@ def _hash(path: Path) -> str:
             if one.is_file():
                 digest.update(f"{one.name}\0{_hash(one)}\0".encode())
         return digest.hexdigest()
-    with path.open("rb") as file:
-        return hashlib.file_digest(file, "sha256").hexdigest()
+    return file_hash(path)
