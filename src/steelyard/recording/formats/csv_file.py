@@ -9,7 +9,7 @@ import re
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import IO, Any, Self
+from typing import IO, Any, NamedTuple, Self
 
 import numpy as np
 from numpy.typing import NDArray
@@ -60,6 +60,14 @@ class Dialect:
         else:
             fields = [field.strip() for field in next(csv.reader([line], delimiter=self.separator), [])]
         return fields[:-1] if self.ends_with_separator and fields and not fields[-1] else fields
+
+
+class Line(NamedTuple):
+    """A line, and the bytes at which it and the next one begin."""
+
+    begin: int
+    end: int
+    text: str
 
 
 @dataclass(frozen=True)
@@ -114,9 +122,9 @@ class CsvFile(LogFile):
         file.seek(start)
         return file
 
-    def _first_lines(self) -> list[tuple[int, str]]:
-        """Return the first lines that are not blank, and where each of them begins."""
-        lines: list[tuple[int, str]] = []
+    def _first_lines(self) -> list[Line]:
+        """Return the first lines that are not blank."""
+        lines: list[Line] = []
         with self._open() as file:
             place = 0
             while len(lines) < HEAD_LINES:
@@ -130,59 +138,45 @@ class CsvFile(LogFile):
                 if b"\x00" in raw:
                     raise InputError(f"{self.path} is not a text file; expected a CSV with a line of column names.")
                 line = raw.decode("utf-8-sig" if place == 0 else "utf-8", errors="replace").strip("\r\n")
+                begin, place = place, place + len(raw)
                 if line.strip():
-                    lines.append((place, line))
-                place += len(raw)
+                    lines.append(Line(begin, place, line))
         return lines
 
     def _read_head(self, header: tuple[str, ...] | None) -> Head:
         lines = self._first_lines()
-        marks = [mark for _, line in lines for mark in COMMENTS if line.lstrip().startswith(mark)]
+        marks = [mark for line in lines for mark in COMMENTS if line.text.lstrip().startswith(mark)]
         comment = marks[0] if marks else COMMENTS[0]
-        table = [(place, line) for place, line in lines if not line.startswith(comment)]
+        table = [line for line in lines if not line.text.startswith(comment)]
         if not table:
             raise InputError(f"{self.path} holds no rows; expected a line of column names and one row per sample.")
-        dialect = _dialect([line for _, line in table])
-        rows = [(place, dialect.split(line)) for place, line in table]
-        data = next((k for k, (_, fields) in enumerate(rows) if _is_data(fields, dialect.width)), len(rows))
-        texts = [k for k in range(data) if not _is_data(rows[k][1])]
-        wide = [k for k in texts if len(rows[k][1]) == dialect.width] or texts
+        dialect = _dialect([line.text for line in table])
+        rows = [dialect.split(line.text) for line in table]
+        data = next((k for k, fields in enumerate(rows) if _is_data(fields, dialect.width)), len(rows))
+        texts = [k for k in range(data) if not _is_data(rows[k])]
+        wide = [k for k in texts if len(rows[k]) == dialect.width] or texts
         if data == len(rows):  # names, and no row of numbers near them
             wide = wide[:1]
-        start = self._after(rows[wide[-1]][0]) if wide else rows[0][0]
+        start = table[wide[-1]].end if wide else table[0].begin
         if header is not None:
-            count = len(rows[data][1]) if data < len(rows) else len(header)
+            count = len(rows[data]) if data < len(rows) else len(header)
             if len(header) != count:
                 raise InputError(
                     f"{self.path} has {count} columns but `header` in [log] names {len(header)}; name all of them."
                 )
             return Head(header, start, dialect, comment)
         if wide:
-            return Head(_with_units([rows[k][1] for k in wide]), start, dialect, comment)
-        first = rows[0][1]
-        names: Sequence[str] | None = self._names_in_comment(lines, start, dialect, comment, len(first))
-        names = names or _ros_names(first)
+            return Head(_with_units([rows[k] for k in wide]), start, dialect, comment)
+        first = rows[0]
+        above = [line.text for line in lines if line.begin < start]
+        names = _names_in_comment(above, dialect, comment, len(first)) or _ros_names(first)
         if names is None:
             raise InputError(
-                f"{self.path} has no line of column names (it begins with {table[0][1][:40]!r}); name its {len(first)} "
-                'columns with `header = ["t", "q1", …, "tau1", …]` in [log], or add a first line such as '
+                f"{self.path} has no line of column names (it begins with {table[0].text[:40]!r}); name its "
+                f'{len(first)} columns with `header = ["t", "q1", …, "tau1", …]` in [log], or add a first line such as '
                 "t,q1,q2,tau1,tau2."
             )
         return Head(tuple(names), start, dialect, comment)
-
-    def _after(self, place: int) -> int:
-        """Return where the line behind the one that begins at `place` begins."""
-        with self._open(place) as file:
-            return place + len(file.readline())
-
-    def _names_in_comment(
-        self, lines: Sequence[tuple[int, str]], begin: int, dialect: Dialect, comment: str, count: int
-    ) -> list[str] | None:
-        above = [line for place, line in lines if place < begin]
-        if not above:
-            return None
-        names = dialect.split(above[-1].lstrip().removeprefix(comment).lstrip(comment[0]).strip())
-        return names if len(names) == count and not _is_data(names) else None
 
     @classmethod
     def write(cls, file: IO[bytes], arrays: Mapping[str, NDArray[np.float64]]) -> None:
@@ -396,6 +390,14 @@ def _with_units(above: Sequence[Sequence[str]]) -> tuple[str, ...]:
         pairs = zip(above[-2], names, strict=True)
         return tuple(f"{name} [{unit.strip('[]()')}]" if unit.strip("[]()-1") else name for name, unit in pairs)
     return tuple(names)
+
+
+def _names_in_comment(above: Sequence[str], dialect: Dialect, comment: str, count: int) -> list[str] | None:
+    """Return the names in the comment right above the data; None where there are none."""
+    if not above:
+        return None
+    names = dialect.split(above[-1].lstrip().removeprefix(comment).lstrip(comment[0]).strip())
+    return names if len(names) == count and not _is_data(names) else None
 
 
 def _ros_names(fields: Sequence[str]) -> list[str] | None:
