@@ -12,10 +12,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from steelyard.errors import InputError, SteelyardError, require_package
+from steelyard.errors import InputError, require_package
 
 from .array_log import ArrayLog, StoredArray, part_of, texts_of
-from .log_file import reason_of
+from .log_file import reading_as
 
 __all__ = ["Hdf5File"]
 
@@ -38,7 +38,7 @@ class Hdf5File(ArrayLog):
         library = require_package(
             "h5py", "HDF5 files, and MATLAB's files of version 7.3, are read with the module", "hdf5"
         )
-        try:
+        with reading_as(path, "HDF5"):
             # Without a lock, files can be read on all file systems, and while a recorder still has them open.
             self._file = library.File(path, "r", locking=False)
             weakref.finalize(self, self._file.close)
@@ -49,10 +49,6 @@ class Hdf5File(ArrayLog):
             self._texts: dict[tuple[str, ...], tuple[str, ...]] = {}
             self._has_objects = False
             self._collect(self._file, ())
-        except SteelyardError:
-            raise
-        except Exception as error:  # the library raises whatever it meets in a damaged file
-            raise InputError(f"{path} cannot be read as HDF5: {reason_of(error)}; save it again.") from None
         if self._is_matlab:
             self.joiner = "."  # type: ignore[misc]
         self._store(self._arrays, self._texts, self._has_objects)

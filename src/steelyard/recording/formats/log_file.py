@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 from abc import ABC, abstractmethod
 from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
@@ -10,12 +11,12 @@ from typing import IO, ClassVar, Protocol, Self
 import numpy as np
 from numpy.typing import NDArray
 
-from steelyard.errors import InputError
+from steelyard.errors import InputError, SteelyardError
 
 from ..columns import LogColumns
 from ..recognition import label_columns
 
-__all__ = ["BLOCK_ROWS", "Columns", "DataFrame", "LogFile", "column_length", "flattened", "reason_of"]
+__all__ = ["BLOCK_ROWS", "Columns", "DataFrame", "LogFile", "column_length", "flattened", "reading_as", "reason_of"]
 
 Columns = dict[str, NDArray[np.float64]]
 BLOCK_ROWS = 50_000
@@ -150,6 +151,25 @@ def reason_of(error: BaseException) -> str:
         return "a size that stands in it is larger than the memory"
     said = getattr(error, "strerror", None) or str(error)
     return " ".join(str(said).split())[:200].rstrip(".") or type(error).__name__
+
+
+@contextlib.contextmanager
+def reading_as(path: Path, kind: str, remedy: str = "save it again") -> Iterator[None]:
+    """Say in one sentence why a library cannot read a file; in damaged ones they raise whatever they meet.
+
+    Examples
+    --------
+    >>> with reading_as(Path("run.npz"), "NPZ"):
+    ...     raise ValueError("the header is missing")
+    Traceback (most recent call last):
+    steelyard.errors.InputError: run.npz cannot be read as NPZ: the header is missing; save it again.
+    """
+    try:
+        yield
+    except SteelyardError:
+        raise
+    except Exception as error:
+        raise InputError(f"{path} cannot be read as {kind}: {reason_of(error)}; {remedy}.") from None
 
 
 def flattened(arrays: Mapping[str, NDArray[np.float64]]) -> Columns:

@@ -9,13 +9,13 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, ClassVar, Self
 
-from steelyard.errors import InputError, SteelyardError
+from steelyard.errors import InputError
 from steelyard.files import shown, suggestion
 
 from ..columns import LogColumns
 from .decoded import decoded_once
 from .joint_messages import QUANTITIES, JointMessage, JointRows, JointTable, joint_message
-from .log_file import Columns, LogFile, reason_of
+from .log_file import Columns, LogFile, reading_as
 
 __all__ = ["JOINT_TYPES", "MessageLog", "Topic"]
 
@@ -82,7 +82,7 @@ class MessageLog(LogFile):
         self.names = self._table.names
 
     def _decoded(self, topic: str | None) -> JointTable:
-        with self._reading(), self._opened() as topics:
+        with reading_as(self.path, self.kind, self.remedy), self._opened() as topics:
             chosen = self._named(topics, topic) if topic is not None else self._found(topics)
             table = JointTable(f"{self.path}, topic {chosen.name}")
             for recorded, decoded in chosen.messages():
@@ -105,16 +105,6 @@ class MessageLog(LogFile):
     @abstractmethod
     def _opened(self) -> contextlib.AbstractContextManager[list[Topic]]:
         """Open the file, and list its topics; their messages are read while it is open."""
-
-    @contextlib.contextmanager
-    def _reading(self) -> Iterator[None]:
-        """Say in one sentence why a library cannot read a file; those of bags raise whatever they meet."""
-        try:
-            yield
-        except SteelyardError:
-            raise
-        except (Exception, RecursionError) as error:
-            raise InputError(f"{self.path} cannot be read as {self.kind}: {reason_of(error)}; {self.remedy}.") from None
 
     def _named(self, topics: Sequence[Topic], name: str) -> Topic:
         for topic in topics:

@@ -18,7 +18,7 @@ from steelyard.files import shown
 from steelyard.files.arrays import read_array_header
 
 from ..recognition import LABELS
-from .log_file import Columns, LogFile, reason_of
+from .log_file import Columns, LogFile, reading_as
 
 __all__ = ["NpzFile"]
 
@@ -66,13 +66,8 @@ class NpzFile(LogFile):
     @contextlib.contextmanager
     def _archive(self) -> Iterator[zipfile.ZipFile]:
         """Open the archive; what is wrong with it is said in one sentence."""
-        try:
-            with zipfile.ZipFile(self.path) as archive:
-                yield archive
-        except (InputError, GeneratorExit):
-            raise
-        except Exception as error:  # the libraries of the compressions raise whatever they meet
-            raise InputError(f"{self.path} cannot be read as NPZ: {reason_of(error)}; save it again.") from None
+        with reading_as(self.path, "NPZ"), zipfile.ZipFile(self.path) as archive:
+            yield archive
 
     def _check(self, member: Member, entry: zipfile.ZipInfo) -> None:
         """Refuse an array that claims more than the file can hold, before anything is done for each of its columns."""
