@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from steelyard.errors import InputError, SteelyardError
 
 from ..recognition import LABELS
-from .log_file import Columns, LogFile, reason_of
+from .log_file import Columns, LogFile, common_length, reason_of
 
 __all__ = ["ArrayLog", "StoredArray", "part_of", "texts_of"]
 
@@ -138,11 +138,8 @@ class ArrayLog(LogFile):
             raise InputError(f"{self.path}: its array {name} cannot be read ({reason}); save it again.") from None
 
     def _rows(self, names: Sequence[str]) -> int:
-        lengths = {self.joiner.join(m.stored.path): m.rows for m, _ in (self._columns[name] for name in names)}
-        if len(set(lengths.values())) > 1:
-            listed = ", ".join(f"{name}: {rows}" for name, rows in lengths.items())
-            raise InputError(f"{self.path} has arrays of different lengths ({listed}); each needs one row per sample.")
-        return next(iter(lengths.values()), 0)
+        matrices = (self._columns[name][0] for name in names)
+        return common_length(self.path, {self.joiner.join(matrix.stored.path): matrix.rows for matrix in matrices})
 
 
 def _matrices(arrays: Sequence[StoredArray]) -> list[_Matrix]:

@@ -16,7 +16,17 @@ from steelyard.errors import InputError, SteelyardError
 from ..columns import LogColumns
 from ..recognition import label_columns
 
-__all__ = ["BLOCK_ROWS", "Columns", "DataFrame", "LogFile", "column_length", "flattened", "reading_as", "reason_of"]
+__all__ = [
+    "BLOCK_ROWS",
+    "Columns",
+    "DataFrame",
+    "LogFile",
+    "column_length",
+    "common_length",
+    "flattened",
+    "reading_as",
+    "reason_of",
+]
 
 Columns = dict[str, NDArray[np.float64]]
 BLOCK_ROWS = 50_000
@@ -137,6 +147,20 @@ class LogFile(ABC):
 def column_length(columns: Columns) -> int:
     """Return the number of rows of columns, 0 where there are none."""
     return len(next(iter(columns.values()))) if columns else 0
+
+
+def common_length(path: Path, lengths: Mapping[str, int]) -> int:
+    """Return the number of rows of arrays, 0 where there are none.
+
+    Raises
+    ------
+    InputError
+        Where they differ.
+    """
+    if len(set(lengths.values())) > 1:
+        listed = ", ".join(f"{name}: {rows}" for name, rows in lengths.items())
+        raise InputError(f"{path} has arrays of different lengths ({listed}); each needs one row per sample.")
+    return next(iter(lengths.values()), 0)
 
 
 def reason_of(error: BaseException) -> str:

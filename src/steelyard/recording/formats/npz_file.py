@@ -18,7 +18,7 @@ from steelyard.files import shown
 from steelyard.files.arrays import read_array_header
 
 from ..recognition import LABELS
-from .log_file import Columns, LogFile, reading_as
+from .log_file import Columns, LogFile, common_length, reading_as
 
 __all__ = ["NpzFile"]
 
@@ -142,13 +142,8 @@ class NpzFile(LogFile):
                 yield {name: self._column(block, name) for name in names}
 
     def _rows(self, names: Sequence[str]) -> int:
-        lengths = {key: self._members[key].shape[0] for key in dict.fromkeys(self._columns[name][0] for name in names)}
-        if len(set(lengths.values())) > 1:
-            raise InputError(
-                f"{self.path} has arrays of different lengths ({', '.join(f'{k}: {n}' for k, n in lengths.items())}); "
-                "each needs one row per sample."
-            )
-        return next(iter(lengths.values()), 0)
+        keys = (self._columns[name][0] for name in names)
+        return common_length(self.path, {key: self._members[key].shape[0] for key in keys})
 
     def _take(self, stream: IO[bytes], member: Member, count: int) -> NDArray[np.float64]:
         wanted = count * member.kind.itemsize
