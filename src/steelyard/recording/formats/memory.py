@@ -71,10 +71,6 @@ class MemoryLog(LogFile):
                 raise InputError(f"{self} holds {shown(found)} in column {name!r}; expected numbers.")
         return {name: self._columns[name] for name in names}
 
-    def count(self) -> int:
-        """Return the number of rows."""
-        return len(next(iter(self._columns.values())))
-
     def joint_labels(self) -> tuple[str, ...]:
         """Return the joints of numbered columns, where a list or columns of their names tell."""
         return self._labels or super().joint_labels()
