@@ -8,6 +8,7 @@ import pytest
 
 from steelyard.errors import InputError, MissingExtraError
 from steelyard.robot import Robot, RobotFile, write_urdf
+from steelyard.robot.xacro import expand_xacro
 
 pytest.importorskip("xacro", reason="xacro (pip install 'steelyard[xacro]') is not installed")
 
@@ -104,6 +105,17 @@ def test_what_is_identified_is_written_as_plain_urdf(arm, tmp_path):
     assert weighed.joints[1].damping == 0.2
 
 
+def test_a_file_that_is_included_may_change(arm, tmp_path, monkeypatch):
+    part = tmp_path / "parts" / "urdf" / "link.xacro"
+    before = expand_xacro(arm)
+    part.write_text(PART.replace("<link ", "<!-- another --><link ", 1))
+    assert b"another" not in before
+    after = expand_xacro(arm)
+    assert b"another" in after
+    monkeypatch.setattr("steelyard.robot.xacro.run_child", None)  # nothing is expanded twice
+    assert expand_xacro(arm) == after
+
+
 def test_packages_are_found_without_ros(arm, tmp_path, monkeypatch):
     elsewhere = tmp_path / "elsewhere" / "share"
     elsewhere.mkdir(parents=True)
@@ -176,8 +188,6 @@ def test_the_message_without_the_package(arm, monkeypatch, tmp_path):
 def test_expansion_agrees_with_xacrodoc(arm):
     xacrodoc = pytest.importorskip("xacrodoc", reason="xacrodoc is not installed")
     from xml.etree import ElementTree
-
-    from steelyard.robot.xacro import expand_xacro
 
     xacrodoc.packages.look_in([str(arm.parents[2])])
     (arm.parents[2] / "parts" / "package.xml").write_text("<package><name>parts</name></package>")

@@ -2,19 +2,23 @@
 
 from __future__ import annotations
 
+import contextlib
 import json
 import os
-from collections.abc import Mapping
-from functools import lru_cache
+from collections.abc import Iterable, Mapping
 from pathlib import Path
+from typing import NamedTuple
 
 from steelyard.errors import InputError, missing_extra
 from steelyard.files.child_process import ChildLimits, run_child
+
+from .references import search_folders
 
 __all__ = ["expand_xacro"]
 
 # The largest xacro that was tried takes 0.8 s and 80 MB.
 LIMITS = ChildLimits(wait=60.0, processor=30, memory=2**30)
+MOST_KEPT = 16
 
 
 def expand_xacro(path: Path, arguments: Mapping[str, str] | None = None) -> bytes:
@@ -38,29 +42,45 @@ def expand_xacro(path: Path, arguments: Mapping[str, str] | None = None) -> byte
         If xacro is not installed (extra ``xacro``).
     """
     given = tuple(sorted((str(key), str(value)) for key, value in (arguments or {}).items()))
-    return _expanded(os.path.abspath(path), str(path), given, _state(path))
+    key = (os.path.abspath(path), given, tuple(map(str, search_folders())))
+    known = _EXPANDED.pop(key, None)
+    if known is None or known.times != _times(known.times):
+        known = _expanded(path, dict(given))
+    _EXPANDED[key] = known  # at the end, since the first ones are forgotten first
+    while len(_EXPANDED) > MOST_KEPT:
+        del _EXPANDED[next(iter(_EXPANDED))]
+    return known.content
 
 
-def _state(path: Path) -> tuple[int, str]:
-    """What must be the same for an expansion to be used again."""
-    try:
-        changed = path.stat().st_mtime_ns
-    except (OSError, ValueError):
-        changed = 0
-    return changed, os.environ.get("ROS_PACKAGE_PATH", "")
+class _Expansion(NamedTuple):
+    """A URDF, and when the files were changed that it was made of."""
+
+    content: bytes
+    times: dict[str, int]
 
 
-@lru_cache(maxsize=16)
-def _expanded(path: str, shown: str, arguments: tuple[tuple[str, str], ...], _: tuple[int, str]) -> bytes:
-    request = json.dumps({"path": path, "arguments": dict(arguments)}).encode()
+_EXPANDED: dict[tuple[object, ...], _Expansion] = {}
+"""By path, arguments and environment; one identification needs the same expansion several times."""
+
+
+def _times(files: Iterable[str]) -> dict[str, int]:
+    found = {}
+    for file in files:
+        with contextlib.suppress(OSError):
+            found[file] = os.stat(file).st_mtime_ns
+    return found
+
+
+def _expanded(path: Path, arguments: Mapping[str, str]) -> _Expansion:
+    request = json.dumps({"path": os.path.abspath(path), "arguments": arguments}).encode()
     program = Path(__file__).with_name("xacro_child.py")
-    written, code = run_child(program, request, LIMITS, f"{shown}: xacro is expanded by another process")
+    written, code = run_child(program, request, LIMITS, f"{path}: xacro is expanded by another process")
     if code is None:
         answer = {"problem": f"it takes longer than {LIMITS.wait:.0f} s"}
     else:
         answer = json.loads(written) if written else {"problem": "it takes too much time or memory"}
     if "missing" in answer:
-        raise missing_extra(f"{shown}: xacro needs the package {answer['missing']}, which is not installed", "xacro")
+        raise missing_extra(f"{path}: xacro needs the package {answer['missing']}, which is not installed", "xacro")
     if "problem" in answer:
-        raise InputError(f"{shown}: the xacro cannot be expanded ({answer['problem']}); mend it or give its arguments.")
-    return str(answer["text"]).encode()
+        raise InputError(f"{path}: the xacro cannot be expanded ({answer['problem']}); mend it or give its arguments.")
+    return _Expansion(str(answer["text"]).encode(), _times(answer["files"]))

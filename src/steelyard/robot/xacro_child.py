@@ -1,7 +1,7 @@
 """A program that expands a xacro for another process, because its expressions may take all the time and memory.
 
 It reads one request as JSON from standard input: the path and the arguments. It writes one answer as JSON: the text of
-the URDF, or the problem.
+the URDF and the files that it was made of, or the problem.
 """
 
 from __future__ import annotations
@@ -42,14 +42,15 @@ def require_harmless(expression: str) -> None:
             raise Refused(f"the expression {expression[:100]!r} uses {name}, which no description needs")
 
 
-def expanded(path: str, arguments: dict[str, str]) -> str:
-    """Return the URDF of a xacro."""
+def expanded(path: str, arguments: dict[str, str]) -> tuple[str, list[str]]:
+    """Return the URDF of a xacro, and the files that were read for it."""
     import xacro
     from xacro import substitution_args
 
     top = Path(path)
     allowed = {package_root(top), *search_folders()}
     safe_eval, parse = xacro.safe_eval, xacro.parse
+    files: list[str] = []
 
     def find(name: str) -> str:
         folder = find_package(name, Path(xacro.filestack[-1] or path))
@@ -69,6 +70,7 @@ def expanded(path: str, arguments: dict[str, str]) -> str:
             )
         try:
             content = read_bytes(place)
+            files.append(str(place))
         except InputError as error:
             raise OSError(0, str(error).removeprefix(f"{place}: ").rstrip("."), str(place)) from None
         if b"<!DOCTYPE" in content or b"<!ENTITY" in content:
@@ -95,7 +97,7 @@ def expanded(path: str, arguments: dict[str, str]) -> str:
     xacro.init_stacks(path)
     document = xacro.parse(None, path)
     xacro.process_doc(document, mappings=dict(arguments))
-    return str(document.toprettyxml(indent="  "))
+    return str(document.toprettyxml(indent="  ")), files
 
 
 def reason(error: BaseException) -> str:
@@ -119,7 +121,8 @@ def main(answers: BinaryIO) -> None:
     """Answer the request on standard input."""
     request = json.load(sys.stdin)
     try:
-        answer = {"text": expanded(request["path"], request["arguments"])}
+        text, files = expanded(request["path"], request["arguments"])
+        answer: dict[str, Any] = {"text": text, "files": files}
     except ImportError as error:
         answer = {"missing": error.name or "xacro"}
     except (Refused, InputError) as error:
