@@ -13,7 +13,8 @@ JOINTS = ("shoulder_joint", "elbow_joint", "wrist_1_joint")
 """In the order of the robot, which is not that of the alphabet."""
 ALPHABETICAL = tuple(sorted(JOINTS))
 EPOCH = 1_700_000_000
-Rows = Sequence[Sequence[object]]
+JOINT_STATE = (("position", "position", "rad"), ("velocity", "velocity", "rad/s"), ("effort", "torque", "N·m"))
+"""The words of ROS's JointState, what they are, and in which unit."""
 
 
 @dataclass(frozen=True)
@@ -99,11 +100,10 @@ def joint_state_pairs(log: Motion) -> Export:
     for k, joint in enumerate(ALPHABETICAL):
         names.append(f"name[{k}]")
         columns.append([joint] * len(log.t))
-    for word, quantity, unit in (("position", "q", "rad"), ("velocity", "dq", "rad/s"), ("effort", "torque", "N·m")):
+    for (word, kind, unit), quantity in zip(JOINT_STATE, ("q", "dq", "torque"), strict=True):
         for k, joint in enumerate(ALPHABETICAL):
             names.append(f"{word}[{k}]")
             columns.append(_listed(log.of(quantity, joint)))
-        kind = "torque" if word == "effort" else word
         table += [(f"{word}[{ALPHABETICAL.index(joint)}]", joint, kind, unit) for joint in JOINTS]
     return Export(names, columns, table)
 
@@ -116,11 +116,7 @@ def _plotjuggler(form: str) -> Callable[[Motion], Export]:
                 names.append(form.format(joint=joint, word=word))
                 columns.append(_listed(log.of(quantity, joint)))
         table = [("__time", "", "time", "s")]
-        for word, kind, unit in (
-            ("position", "position", "rad"),
-            ("velocity", "velocity", "rad/s"),
-            ("effort", "torque", "N·m"),
-        ):
+        for word, kind, unit in JOINT_STATE:
             table += [(form.format(joint=joint, word=word), joint, kind, unit) for joint in JOINTS]
         return Export(names, columns, table, start=EPOCH)
 
@@ -138,11 +134,7 @@ def topic_echo(log: Motion) -> Export:
     ]
     columns += [_listed(log.of(kind, joint)) for kind in ("q", "dq", "torque") for joint in ALPHABETICAL]
     table = [("header.stamp.sec", "", "time", "s"), ("header.stamp.nanosec", "", "time", "ns")]
-    for word, kind, unit in (
-        ("position", "position", "rad"),
-        ("velocity", "velocity", "rad/s"),
-        ("effort", "torque", "N·m"),
-    ):
+    for word, kind, unit in JOINT_STATE:
         table += [(f"{word}[{ALPHABETICAL.index(joint)}]", joint, kind, unit) for joint in JOINTS]
     return Export([], columns, table, header=False, start=EPOCH)
 
@@ -161,11 +153,7 @@ def rostopic_echo(log: Motion) -> Export:
             names.append(f"field.{word}{k}")
             columns.append(_listed(log.of(quantity, joint)))
     table = [("field.header.stamp", "", "time", "ns")]
-    for word, kind, unit in (
-        ("position", "position", "rad"),
-        ("velocity", "velocity", "rad/s"),
-        ("effort", "torque", "N·m"),
-    ):
+    for word, kind, unit in JOINT_STATE:
         table += [(f"field.{word}{ALPHABETICAL.index(joint)}", joint, kind, unit) for joint in JOINTS]
     return Export(names, columns, table, start=EPOCH)
 
