@@ -20,7 +20,6 @@ from .column_styles import (
     BY_SIZE,
     COMMANDED,
     FURTHER_TIME_WORDS,
-    LABELS,
     NAME,
     NUMBER,
     SECONDS_AND_REST,
@@ -35,7 +34,7 @@ from .column_styles import (
 )
 from .columns import CURRENT_UNITS, PER_SECOND, TIME_UNITS, LogColumns
 
-__all__ = ["LABELS", "ColumnMeaning", "Layout", "find_columns", "label_columns"]
+__all__ = ["ColumnMeaning", "Layout", "find_columns", "label_columns"]
 
 Values = Callable[[str], Iterable[NDArray[np.float64]]]
 _OF_SLIDES = {"rad": "m", "rad/s": "m/s", "rad/s²": "m/s²", "N·m": "N"}

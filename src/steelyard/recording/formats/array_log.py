@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from steelyard.errors import InputError, SteelyardError
 
-from ..recognition import LABELS
+from ..column_styles import LABELS
 from .log_file import Columns, LogFile, common_length, reason_of
 
 __all__ = ["ArrayLog", "StoredArray", "part_of", "texts_of"]

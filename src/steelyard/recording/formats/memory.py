@@ -14,9 +14,9 @@ from numpy.typing import NDArray
 from steelyard.errors import InputError
 from steelyard.files import shown
 
+from ..column_styles import LABELS
 from ..columns import TIME_UNITS, LogColumns
 from ..measurements import Measurements
-from ..recognition import LABELS
 from .data_frames import frame_arrays, is_frame
 from .log_file import Columns, LogFile, flattened
 

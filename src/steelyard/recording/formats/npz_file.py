@@ -17,7 +17,7 @@ from steelyard.errors import InputError
 from steelyard.files import shown
 from steelyard.files.arrays import read_array_header
 
-from ..recognition import LABELS
+from ..column_styles import LABELS
 from .log_file import Columns, LogFile, common_length, reading_as
 
 __all__ = ["NpzFile"]
