@@ -7,6 +7,7 @@ import pytest
 
 import steelyard as sy
 from steelyard.identification import first_robot_file
+from steelyard.recording import LogColumns
 from steelyard.robot import RobotFile
 
 LINK = """<link name="{name}"><inertial><origin xyz="{x} 0 0.05"/><mass value="{mass}"/>
@@ -175,3 +176,29 @@ def test_a_robot_file_is_refused(tmp_path):
     (tmp_path / "robot.toml").write_text("")
     with pytest.raises(sy.InputError, match="is a robot file already; give the description"):
         first_robot_file(tmp_path / "robot.toml")
+
+
+@pytest.mark.parametrize("heads", [("actual_current_0", "actual_current_1"), ("tau1 [mA]", "tau2 [mA]")])
+def test_a_log_of_currents_alone_leaves_one_line_to_complete(tmp_path, heads):
+    urdf = description(tmp_path)
+    gains, torque = np.array([12.0, 5.0]), torques(urdf)
+    scale = 1e3 if "mA" in heads[0] else 1.0
+    log = written(tmp_path / "log.csv", ["t", "q1", "q2", *heads], [T, motion()[0], torque / gains * scale])
+    made = first_robot_file(urdf, log, folder=tmp_path)
+    assert made.to_complete.startswith("log.csv has currents and no torques: state the drive gains, N·m per A")
+    assert "# gain = […, …] # shoulder, elbow" in made.text
+    file, content = loaded(made, tmp_path)
+    assert content["log"]["gain"] == "find"
+    with pytest.raises(sy.errors.InputError, match=r"state `gain = \[...\]`, N·m per A of each joint"):
+        sy.identify(file, log)
+    read = sy.Recording.read(log, LogColumns.from_dict({**content["log"], "gain": gains}))
+    np.testing.assert_allclose(read.torque, torque, rtol=1e-7)
+
+
+def test_times_in_two_columns_are_stated_as_such(tmp_path):
+    urdf = description(tmp_path)
+    seconds = np.floor(T)
+    heads = ["sec", "nanosec", "q1", "q2", "tau1", "tau2"]
+    log = written(tmp_path / "log.csv", heads, [seconds, np.round(1e9 * (T - seconds)), motion()[0], torques(urdf)])
+    _, content = loaded(first_robot_file(urdf, log, folder=tmp_path), tmp_path)
+    assert content["log"]["time"] == ["sec", "nanosec"]

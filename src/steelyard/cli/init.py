@@ -42,11 +42,13 @@ def init(
         made = first_robot_file(robot, log, folder=output.parent, topic=topic, progress=say)
     output.parent.mkdir(parents=True, exist_ok=True)
     write_text(made.text, output)
+    incomplete = f" {made.to_complete}" if made.to_complete else ""
     if quiet:
-        echo(f"Wrote {output}.")
+        echo(f"Wrote {output}.{incomplete}")
         return
     echo(made)
     if made.examination is not None:
         for finding in made.examination.findings:
             echo(f"Of the log: {finding.statement}{f' {finding.advice}' if finding.advice else ''}")
-    echo(f"Wrote {output}. Go on with: steelyard identify {output} {log or 'LOG'} --output result")
+    next_step = "Then go on" if incomplete else "Go on"
+    echo(f"Wrote {output}.{incomplete} {next_step} with: steelyard identify {output} {log or 'LOG'} --output result")

@@ -18,6 +18,7 @@ from steelyard.dynamics import Model
 from steelyard.dynamics.threads import in_one_thread
 from steelyard.errors import InputError
 from steelyard.recording import LogColumns
+from steelyard.recording.columns import FIND
 from steelyard.recording.formats import LogFiles
 from steelyard.recording.recognition import Layout
 from steelyard.regression import Estimate, Information, least_squares
@@ -88,11 +89,14 @@ class FirstRobotFile:
     guesses : tuple of Guess
     examination : Examination or None
         Of the log, where there is one; what it found is in the text.
+    to_complete : str
+        What is to be written into the file before it can be used, in a sentence; empty where nothing is.
     """
 
     text: str
     guesses: tuple[Guess, ...]
     examination: Examination | None = None
+    to_complete: str = ""
 
     def __str__(self) -> str:
         rows = [
@@ -165,7 +169,7 @@ def first_robot_file(
             draft.state("log", "topic", topic, "given")
         draft.see(log, say)
     text, guesses = draft.written()
-    return FirstRobotFile(text, guesses, draft.examination)
+    return FirstRobotFile(text, guesses, draft.examination, draft.to_complete)
 
 
 @dataclass(frozen=True, eq=False)
@@ -189,6 +193,7 @@ class _Draft:
         if "xacro_arguments" in file.description:
             self.state("description", "xacro_arguments", dict(file.description["xacro_arguments"]), "given")
         self.left_out = ""
+        self.to_complete = ""
         self.layout: Layout | None = None
         self.examination: Examination | None = None
         self.log: str | Path | None = None
@@ -208,18 +213,35 @@ class _Draft:
     def see(self, log: str | Path, say: Callable[[str], None]) -> None:
         """Take in what a log tells."""
         self.log = log
-        files = LogFiles(log, LogColumns.from_dict(self.settings.get("log", {})))
-        self.joints = logged_joints(files, self.robot.joint_names)
+        self.joints = self._logged_joints(LogFiles(log, LogColumns.from_dict(self.settings.get("log", {}))))
         if self.joints.others:
             self.state("description", "locked", list(self.joints.others), f"{self.joints.reason}; held at 0")
         self.examination = examine(log, self._loaded(), progress=say)
         self._mend(self.examination)
-        say("have the rotors an inertia that shows?")
-        self._judge_rotors()
+        if self.to_complete:  # currents of several drives are on as many scales, and fit no model
+            self.left_out = "where motors drive through gears; currents do not tell before the drive gains are known"
+        else:
+            say("have the rotors an inertia that shows?")
+            self._judge_rotors()
         file = self._loaded()
         names = list(file.robot.joint_names)
         self.layout = LogFiles(log, LogColumns.from_dict(self.settings.get("log", {}))).layout(names)
         self._decide(file, say)
+
+    def _logged_joints(self, files: LogFiles) -> LoggedJoints:
+        """Find the joints of which a log speaks; of one that has currents and no torques the gains are to be stated."""
+        try:
+            return logged_joints(files, self.robot.joint_names)
+        except InputError:
+            files.columns = replace(files.columns, gain=FIND)
+            found = logged_joints(files, self.robot.joint_names)
+        self.state("log", "gain", FIND, "as long as no gains are stated")
+        self.to_complete = (
+            f"{files.name} has currents and no torques: state the drive gains, N·m per A at each joint (the torque "
+            "constant of the motor times the ratio of its gears), in the line `gain` of [log], or let `steelyard "
+            "payload ROBOT UNLOADED LOADED` find them with a payload of known mass."
+        )
+        return found
 
     def state(self, section: str, key: str, value: Any, reason: str) -> None:
         """Write a key down, with its reason."""
@@ -409,10 +431,14 @@ class _Draft:
                 comments = [f"{meanings[one].joint}, {meanings[one].unit}: by {meanings[one].by}" for one in value]
                 sheet.listed("log", key, value, comments, reason)
                 continue
-            if not reason and key == "time" and value in meanings:
-                reason = f"by {meanings[value].by}"
+            if not reason and key == "time":
+                first = value if isinstance(value, str) else value[0]
+                reason = f"by {meanings[first].by}" if first in meanings else ""
             if not reason and key.endswith("_unit"):
                 reason = "as the columns say, or as is usual"
+            if key == "gain" and self.to_complete:
+                sheet.comment(self.to_complete)
+                sheet.alternative(f"gain = [{', '.join('…' for _ in self.joints.names)}]", ", ".join(self.joints.names))
             sheet.state("log", key, value, reason or "as was found")
         if self.layout is not None:
             for guess in self.layout.guesses:

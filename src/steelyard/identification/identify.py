@@ -144,8 +144,9 @@ def identify(
     reader = LogReader(file, model, chunk_rows)
     if reader.columns.finds_gains:
         raise InputError(
-            f"{file.path}, [log]: drive gains are to be found, and currents alone tell no torques; find them with "
-            "`steelyard payload ROBOT UNLOADED LOADED` and a payload of known mass, and write them as `gain`."
+            f"{file.path}, [log]: drive gains are to be found, and currents alone tell no torques; state "
+            "`gain = [...]`, N·m per A of each joint, or find them with `steelyard payload ROBOT UNLOADED LOADED` and "
+            "a payload of known mass."
         )
     limits = given_constraints(file, constraints)
     feasible_set = FeasibleSet(model, consistency, limits)

@@ -249,7 +249,7 @@ def _vector(value: Any, where: str) -> Vector:
 
 
 def _gains(value: Any, where: str) -> str | tuple[float | str, ...]:
-    if value == FIND:
+    if isinstance(value, str) and value == FIND:
         return FIND
     if isinstance(value, str) or not hasattr(value, "__iter__"):
         raise InputError(f'{where} is {value!r}; it must be a list of numbers, or "{FIND}".')
