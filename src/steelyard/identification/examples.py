@@ -100,6 +100,11 @@ EXAMPLES = {
     "z1": Example("Unitree Z1", "z1_description/urdf/z1.urdf", "link06", True),
     "j2s6s200": Example("Kinova Jaco 2, 6 joints", "kinova_description/robots/kinova.urdf", "j2s6s200_link_6", True),
     "so101": Example("SO-101, a hobby arm", "so_arm_description/urdf/so101.urdf", None, True),
+    "ur3": Example("Universal Robots UR3", "ur_description/urdf/ur3_robot.urdf", "ee_link", True),
+    "ur10": Example("Universal Robots UR10", "ur_description/urdf/ur10_robot.urdf", "ee_link", True),
+    "talos": Example("PAL Talos, left arm", "talos_data/robots/talos_left_arm.urdf", "arm_left_7_link", True),
+    "tiago": Example("PAL Tiago, lift and arm", "tiago_description/robots/tiago.urdf", "arm_7_link", True),
+    "go2": Example("Unitree Go2, one leg", "go2_description/urdf/go2.urdf", "FL_foot", True),
 }
 """By the name that `steelyard example` takes."""
 
