@@ -89,7 +89,7 @@ def _words_of_pages() -> dict[Path, frozenset[str]]:
 
 @cache
 def _used_by() -> dict[str, frozenset[str]]:
-    """Return the words of each described object that has an example: those of the example and of the types it handles."""
+    """Return the words of each described object that has an example: of the example and of the types"""
     found = {}
     for name in entries():
         value = described(name)
