@@ -1,5 +1,7 @@
 """Inspection of robots with many joints."""
 
+import json
+
 import numpy as np
 import pytest
 
@@ -73,3 +75,20 @@ def test_repair_needs_a_file(tmp_path, capsys, monkeypatch):
         main()
     assert ended.value.code == 2
     assert "give both --repair and --output FILE" in capsys.readouterr().err
+
+
+def test_findings_and_repairs_are_told_as_json(tmp_path, capsys, monkeypatch):
+    source, target = tmp_path / "r.urdf", tmp_path / "repaired.urdf"
+    source.write_text(SLIP)
+    arguments = ["steelyard", "inspect", str(source), "--json", "--repair", "--output", str(target)]
+    monkeypatch.setattr("sys.argv", arguments)
+    with pytest.raises(SystemExit):
+        main()
+    told = json.loads(capsys.readouterr().out)
+    (link,) = told["links"]
+    assert (link["link"], link["possible"], link["cause"]) == ("b", False, "decimal slip of izz")
+    assert link["evidence"].startswith("no body has these moments of inertia")
+    assert link["finding"] == f"{link['evidence']}; probably {link['cause']}"
+    assert link["remedy"] == f"Let --repair change its {told['repaired']['changes']['b']}"
+    assert told["repaired"]["file"] == str(target)
+    assert target.exists()

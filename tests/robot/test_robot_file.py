@@ -15,6 +15,12 @@ URDF = """<robot name="r"><link name="a"/><link name="b"/><link name="c"/><link 
 <joint name="l" type="revolute"><parent link="a"/><child link="d"/></joint></robot>"""
 ROWS = '[description]\nrows = [["pi/2", 0, 0.1273, "q"], [0, -0.612, 0, "q2"]]\n'
 
+URDF_DOOR = """<robot name="door"><link name="frame"/><link name="leaf"/><joint name="hinge" type="continuous">
+<parent link="frame"/><child link="leaf"/></joint></robot>"""
+SDF_DOOR = """<sdf version="1.9"><world name="moon"><gravity>0 0 -1.6</gravity><model name="door"><link name="frame"/>
+<link name="leaf"/><joint name="hinge" type="continuous"><parent>frame</parent><child>leaf</child><axis/></joint>
+</model></world></sdf>"""
+
 
 @pytest.fixture
 def write(tmp_path):
@@ -250,3 +256,27 @@ def test_a_package_whose_mark_has_nothing_but_beginnings_of_names(tmp_path):
         find_package("arm", tmp_path / "robot.urdf")
     (tmp_path / "package.xml").write_text('<package><name a="b">arm</name></package>')
     assert find_package("arm", tmp_path / "robot.urdf") == tmp_path
+
+
+@pytest.mark.parametrize("key", ["urdf", "file"])
+@pytest.mark.parametrize(
+    ("name", "text", "gravity"),
+    [
+        ("door.urdf", URDF_DOOR, (0.0, 0.0, -9.81)),
+        ("door.txt", URDF_DOOR, (0.0, 0.0, -9.81)),
+        ("door.xml", URDF_DOOR, (0.0, 0.0, -9.81)),
+        ("door.xml", SDF_DOOR, (0.0, 0.0, -1.6)),
+        ("door.sdf", SDF_DOOR, (0.0, 0.0, -1.6)),
+    ],
+)
+def test_the_key_of_a_description_does_not_say_its_format(key, name, text, gravity, tmp_path):
+    (tmp_path / name).write_text(text)
+    path = tmp_path / "robot.toml"
+    path.write_text(f'[description]\n{key} = "{name}"\n')
+    if (key, name) == ("file", "door.txt"):
+        with pytest.raises(InputError, match=r"got the suffix '.txt'"):
+            RobotFile.load(path)
+        return
+    robot = RobotFile.load(path).robot
+    assert robot.joint_names == ("hinge",)
+    assert tuple(robot.gravity) == gravity

@@ -46,11 +46,14 @@ def inspect(
     if not json:
         show_model(model, consistency)
     findings = preflight(model.robot)
-    if json:
-        print_json(inspection(model, consistency, findings))
-    else:
+    told = inspection(model, consistency, findings) if json else {}
+    if not json:
         show_preflight(findings)
     if output is not None:
-        changed = findings.write(output)
+        changes = findings.write(output)
+        told["repaired"] = {"file": str(output), "changes": dict(changes)}
         if not json:
-            echo("\n".join([*changed, f"{output}: written."]) if changed else f"{output}: written; nothing was wrong.")
+            lines = [f"{link}: {change}" for link, change in changes]
+            echo("\n".join([*lines, f"{output}: written."]) if lines else f"{output}: written; nothing was wrong.")
+    if json:
+        print_json(told)

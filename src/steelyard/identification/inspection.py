@@ -10,7 +10,7 @@ from steelyard.dynamics import Model
 from steelyard.feasibility import FeasibleSet, check
 from steelyard.files import plain
 
-from .preflight import Preflight, preflight
+from .preflight import LinkReport, Preflight, preflight
 
 __all__ = ["inspection"]
 
@@ -28,7 +28,8 @@ def inspection(
     consistency : {"full", "inertia"}
         In which sense the inertias of the description are judged, see :class:`steelyard.FeasibleSet`.
     findings : Preflight, optional
-        Those on the description of this robot; looked for by default.
+        Those on the description of this robot; looked for by default. Each link has what is wrong with it: ``cause``,
+        ``evidence``, ``finding`` (both as a sentence) and ``remedy``, which are empty where nothing is.
 
     Examples
     --------
@@ -66,10 +67,20 @@ def inspection(
             "base_parameters": base.expressions,
             "base_error": base.error,
             "verdict": None if verdict is None else verdict.to_dict(),
-            "links": [
-                {"link": one.link, "mass": one.mass, "margin": one.margin, "cause": one.cause, "finding": one.sentence}
-                for one in (findings or preflight(robot)).links
-            ],
+            "links": [_link(one) for one in (findings or preflight(robot)).links],
         }
     )
     return found
+
+
+def _link(one: LinkReport) -> dict[str, Any]:
+    return {
+        "link": one.link,
+        "mass": one.mass,
+        "margin": one.margin,
+        "possible": one.possible,
+        "cause": one.cause,
+        "evidence": one.evidence,
+        "finding": one.sentence,
+        "remedy": one.remedy,
+    }

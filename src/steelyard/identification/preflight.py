@@ -39,6 +39,14 @@ gyration, and of the logarithms of the second moments: with a shape, and with th
 CONTRADICTION = math.log(30.0)
 """Of a density from that of the other links of the robot: masses of links differ from shapes by 2 as a rule."""
 
+REMEDIES = {
+    "placeholder": "Weigh the link, or take its inertial from CAD; until then leave the inertial out.",
+    "copied link": "Give the link an inertial of its own, from CAD or from a scale.",
+    "shape contradicts mass": "Mend the mass, or the unit or scale of the mesh, whichever is wrong.",
+    "impossible": "The nearest possible body is a stand-in; take the inertial from CAD where there is one.",
+}
+"""What to do about causes that no other numbers of the link explain."""
+
 SAME = 1e-9
 TINY = 1e-3  # kg; frames and sensors have masses that mean nothing
 ROUNDING = -1e-9  # of the largest second moment: what few digits do
@@ -75,8 +83,10 @@ class LinkReport:
         Least principal second moment about the centre of mass over the largest: below 0 no body has it.
     cause : str
         The probable cause of what is wrong, such as "unit g for kg"; empty where nothing is.
-    sentence : str
-        The finding with its evidence; empty where nothing is wrong.
+    evidence : str
+        What shows that something is wrong; empty where nothing is.
+    is_guess : bool
+        Whether the cause is the most probable one of several, which the evidence alone does not say.
     mended : Inertia or None
         As the link probably is, or the nearest possible body, in its own frame; None where it stays.
     """
@@ -85,7 +95,8 @@ class LinkReport:
     described: Inertia
     margin: float
     cause: str = ""
-    sentence: str = ""
+    evidence: str = ""
+    is_guess: bool = False
     mended: Inertia | None = field(default=None, repr=False)
 
     @property
@@ -97,6 +108,21 @@ class LinkReport:
     def possible(self) -> bool:
         """Whether a body can have it, but for the rounding of the digits that are written."""
         return self.mass >= 0.0 and self.margin >= ROUNDING
+
+    @property
+    def sentence(self) -> str:
+        """The finding: the evidence and the cause; empty where nothing is wrong."""
+        return f"{self.evidence}; probably {self.cause}" if self.is_guess else self.evidence
+
+    @property
+    def remedy(self) -> str:
+        """What would mend the description, as a sentence; empty where nothing is wrong."""
+        if not self.evidence:
+            return ""
+        if self.mended is None:
+            return REMEDIES.get(self.cause, "Weigh the link, or take its inertial from CAD.")
+        repaired = f"Let --repair change its {self.change}"
+        return f"{repaired} {REMEDIES[self.cause]}" if self.cause in REMEDIES else repaired
 
     @property
     def change(self) -> str:
@@ -134,13 +160,13 @@ class Preflight:
         """Those of which something is wrong."""
         return tuple(one for one in self.links if one.sentence)
 
-    def write(self, target: Path) -> tuple[str, ...]:
+    def write(self, target: Path) -> tuple[tuple[str, str], ...]:
         """Write the description of the robot with the mended links, in its own format.
 
         Returns
         -------
-        tuple of str
-            What changed, a sentence for each link.
+        tuple of pairs of str
+            Each link that is mended, and what changed.
 
         Raises
         ------
@@ -154,7 +180,7 @@ class Preflight:
         if refusal := kind.refusal(robot):
             raise InputError(refusal)
         kind.write(robot, self.repaired(), Drives.unknown(robot.dof), robot.source, target)
-        return tuple(f"{one.link}: {one.change}" for one in self.links if one.mended is not None)
+        return tuple((one.link, one.change) for one in self.links if one.mended is not None)
 
     def repaired(self) -> Array:
         """Parameters (n,) of the robot with the mended links."""
@@ -254,9 +280,9 @@ def _judged(
     wrong = "no body has these moments of inertia"
     wrong = "" if possible else f"{wrong} (the least second moment is {margin:.2g} of the largest)"
 
-    def report(cause: str, sentence: str, mended: Inertia | None = nearest) -> LinkReport:
+    def report(cause: str, evidence: str, mended: Inertia | None = nearest, is_guess: bool = False) -> LinkReport:
         assert part.inertia is not None
-        return LinkReport(part.name, part.inertia, margin, cause, sentence, mended)
+        return LinkReport(part.name, part.inertia, margin, cause, evidence, is_guess, mended)
 
     if part.problem:
         return report("placeholder", part.problem)
@@ -273,7 +299,7 @@ def _judged(
         if gain >= GAIN:
             is_body = np.linalg.eigvalsh(mended.covariance)[0] > 0.0
             evidence = wrong or _evidence(body, reference)
-            return report(cause, f"{evidence}; probably {cause}", mended.inertia if is_body else nearest)
+            return report(cause, evidence, mended.inertia if is_body else nearest, is_guess=True)
         away = math.log(body.mass / reference[0][3, 3]) - density
         if reference[1] and abs(away) > CONTRADICTION:
             many = "heavier" if away > 0.0 else "lighter"
