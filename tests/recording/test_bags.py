@@ -94,14 +94,16 @@ def test_messages_of_one_stamp_make_one_row(tmp_path: Path) -> None:
 
 
 def test_joints_of_others_leave_no_rows(tmp_path: Path) -> None:
-    """A gripper has stamps of its own, that come first; where it is asked for, its numbers are missing elsewhere."""
+    """A gripper has stamps of its own; where it is asked for, it is interpolated to those of the arm."""
     hand = [part(state, "wrist", stamp=state.stamp - 1_000_000) for state in STATES]
     path = bag(tmp_path, [part(state, "shoulder", "elbow") for state in STATES] + hand)
     expect(Recording.read(path, joints=("elbow", "shoulder")), ("elbow", "shoulder"))
     expect(Recording.read(path, joints=("wrist",)), ("wrist",))
-    with pytest.raises(InputError, match=r"no finite number .* in 600 of 600 rows"):
-        Recording.read(path, joints=JOINTS)
-    assert Recording.read(path, {"missing": "fill"}, JOINTS).count == 2 * S
+    found = Recording.read(path, joints=JOINTS)
+    np.testing.assert_array_equal(found.q[:, :2], Q[:-1, :2])  # the gripper ends before the arm
+    np.testing.assert_allclose(found.q[:, 2], 0.75 * Q[:-1, 2] + 0.25 * Q[1:, 2], rtol=1e-12)  # 1 ms of 4
+    assert found.layout is not None
+    assert any("wrist" in guess and "interpolated" in guess for guess in found.layout.guesses)
 
 
 def test_stamps_are_those_of_the_recording_where_headers_have_none(tmp_path: Path) -> None:

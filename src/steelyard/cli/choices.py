@@ -40,8 +40,10 @@ AllowExtensions = Annotated[
 ]
 
 Topic = Annotated[
-    str | None,
-    typer.Option("--topic", help="Topic of a bag that is read, as `topic` in [log] of robot.toml."),
+    list[str] | None,
+    typer.Option(
+        "--topic", help="Topic of a bag that is read, as `topic` in [log]; repeated where several belong together."
+    ),
 ]
 Json = Annotated[
     bool, typer.Option("--json", help="Print one JSON document on standard output, and nothing else there.")

@@ -30,10 +30,10 @@ def load_robot(
     robot: str | Path,
     lines: Sequence[str] | None = None,
     *,
-    topic: str | None = None,
+    topic: Sequence[str] | None = None,
     allow_extensions: bool = False,
 ) -> RobotFile:
-    """Return a robot file with the lines that ``--set`` gives, and the topic that ``--topic`` names.
+    """Return a robot file with the lines that ``--set`` gives, and the topics that ``--topic`` names.
 
     Raises
     ------
@@ -45,7 +45,7 @@ def load_robot(
     file = RobotFile.load(robot, allow_extensions=allow_extensions)
     for section, keys in _sections(lines or ()).items():
         file = file.with_settings(section, **keys)
-    return file.with_settings("log", topic=topic)
+    return file.with_settings("log", topic=topic or None)
 
 
 def _sections(lines: Sequence[str]) -> dict[str, dict[str, Any]]:

@@ -259,7 +259,7 @@ def examine(
     log: One,
     robot: GivenRobot | None = None,
     *,
-    topic: str | None = None,
+    topic: str | Sequence[str] | None = None,
     progress: Callable[[str], None] | None = None,
 ) -> Examination:
     """Look for everything that is wrong with a recording, and for what mends it.
@@ -274,7 +274,7 @@ def examine(
         As `identify` takes it; files recorded side by side are joined by ``+``.
     robot : str, Path, RobotFile, Robot or Model, optional
         A description, or a robot.toml, whose sections [log] and [processing] count.
-    topic : str, optional
+    topic : str or sequence of str, optional
         Of a bag, in place of `topic` in [log].
     progress : callable, optional
         Called with a few words before each step.
@@ -304,7 +304,7 @@ def examine(
         raise InputError(
             "One log at a time is examined, as it was recorded; give its path, a Recording or its columns."
         )
-    stated = {} if topic is None else {"log": {"topic": topic}}
+    stated: Settings = {"log": {"topic": topic if isinstance(topic, str) else list(topic)}} if topic else {}
     return _Patient(given[0], robot, stated, progress or (lambda _: None)).examined()
 
 

@@ -115,7 +115,7 @@ def first_robot_file(
     log: str | Path | None = None,
     *,
     folder: str | Path = ".",
-    topic: str | None = None,
+    topic: str | Sequence[str] | None = None,
     progress: Callable[[str], None] | None = None,
 ) -> FirstRobotFile:
     """Write down everything that a description, and a log, tell of how a robot is to be identified.
@@ -130,8 +130,8 @@ def first_robot_file(
         in the file.
     folder : str or Path
         Where the file will be, from which the path of the description counts.
-    topic : str, optional
-        Of a bag that is read.
+    topic : str or sequence of str, optional
+        Of a bag that is read; several that belong together.
     progress : callable, optional
         Called with a few words before each step.
 
@@ -165,8 +165,8 @@ def first_robot_file(
     if log is None:
         draft.rotors_of_description()
     else:
-        if topic is not None:
-            draft.state("log", "topic", topic, "given")
+        if topic:
+            draft.state("log", "topic", topic if isinstance(topic, str) else list(topic), "given")
         draft.see(log, say)
     text, guesses = draft.written()
     return FirstRobotFile(text, guesses, draft.examination, draft.to_complete)

@@ -84,7 +84,8 @@ class LogColumns(TomlSection):
     header
         The names of all columns of a text file that has no line of names.
     topic
-        Topic of a bag that is read, where several hold joint states.
+        Topic of a bag that is read, where several hold joint states; a list of those that belong together, each of
+        which holds what those before it lack.
     missing
         What to do where positions or torques are missing, NaN or infinite: "refuse" the log, or "fill" them by
         interpolation and leave their rows out of the samples.
@@ -113,7 +114,7 @@ class LogColumns(TomlSection):
     gain: str | tuple[float | str, ...] | None = None
     torque_sign: float | Vector | None = None
     header: tuple[str, ...] | None = None
-    topic: str | None = None
+    topic: str | tuple[str, ...] | None = None
     missing: str = "refuse"
 
     def _clean(self, where: str) -> None:
@@ -125,7 +126,7 @@ class LogColumns(TomlSection):
                 object.__setattr__(self, name, parse(value, f"{where}, key {name!r},"))
 
         store("time", _clock)
-        store("topic", _text)
+        store("topic", _topics)
         store("header", _header)
         store("rate", _positive)
         store("time_unit", _one_of(TIME_UNITS))
@@ -153,6 +154,11 @@ class LogColumns(TomlSection):
             )
         if self.rate is not None and self.time is None and self.time_unit is not None:
             raise InputError(f"{where} gives time_unit and rate but no time; time_unit belongs to a time column.")
+
+    @property
+    def topics(self) -> tuple[str, ...]:
+        """The topics that are read; none where that is left open."""
+        return (self.topic,) if isinstance(self.topic, str) else self.topic or ()
 
     @property
     def finds_gains(self) -> bool:
@@ -210,6 +216,17 @@ def _clock(value: Any, where: str) -> str | tuple[str, ...]:
     if isinstance(value, str) or not isinstance(value, Sequence) or len(value) != 2:
         return _text(value, where)
     return tuple(_text(name, where) for name in value)
+
+
+def _topics(value: Any, where: str) -> str | tuple[str, ...]:
+    if isinstance(value, str) and value:
+        return value
+    listed = isinstance(value, (list, tuple)) and bool(value)
+    if not listed or not all(isinstance(item, str) and item for item in value) or len(set(value)) != len(value):
+        raise InputError(
+            f"{where} is {value!r}; it must be the name of a topic in quotes, or a list of several, each once."
+        )
+    return tuple(value) if len(value) > 1 else str(value[0])
 
 
 def _header(value: Any, where: str) -> tuple[str, ...]:

@@ -17,7 +17,16 @@ from steelyard.files import shown
 
 from .log_file import Columns
 
-__all__ = ["QUANTITIES", "JointMessage", "JointRows", "JointTable", "joint_message"]
+__all__ = [
+    "QUANTITIES",
+    "RECORDED",
+    "TIME",
+    "JointMessage",
+    "JointRows",
+    "JointTable",
+    "joint_message",
+    "quantity_and_joint",
+]
 
 QUANTITIES = ("position", "velocity", "effort")
 TIME, RECORDED = "time", "recorded"
@@ -148,6 +157,8 @@ class JointRows:
     recorded: NDArray[np.int64]
     members: list[tuple[_Order, NDArray[np.int64], NDArray[np.int64]]]
     """The orders; and for each the numbers of its messages and of their rows, both in the order of the rows."""
+    begin: int
+    """ns since 1970 of the first row."""
 
     @property
     def count(self) -> int:
@@ -164,7 +175,7 @@ class JointRows:
             else:
                 found[name] = np.full(stop - start, np.nan)
         for order, numbers, rows in self.members:
-            places = {name: order.column(*pair) for name in names if (pair := _quantity_and_joint(name))}
+            places = {name: order.column(*pair) for name in names if (pair := quantity_and_joint(name))}
             chosen = {name: place for name, place in places.items() if place is not None}
             first, last = np.searchsorted(rows, (start, stop))
             columns = np.array(list(chosen.values()), dtype=np.int64)
@@ -193,7 +204,7 @@ class JointTable:
     def __init__(self, source: str) -> None:
         self.source = source
         self._orders: dict[tuple[str, ...], _Order] = {}
-        self._rows: dict[tuple[_Order, ...], JointRows] = {}
+        self._rows: dict[tuple[tuple[_Order, ...], bool], JointRows] = {}
         self._file = tempfile.TemporaryFile()  # noqa: SIM115, it lives as long as the table
         weakref.finalize(self, self._file.close)
         self._written = self._count = 0
@@ -292,27 +303,56 @@ class JointTable:
         )
         return (TIME, RECORDED, *numbers)
 
-    def rows(self, names: Sequence[str]) -> JointRows:
-        """Make rows of those messages alone that have one of these columns; of all of them where none has."""
-        pairs = [pair for name in names if (pair := _quantity_and_joint(name))]
+    def parted(self) -> list[tuple[str, ...]]:
+        """Return the joints in groups, none of which is ever in one message with joints of another group."""
+        groups: list[dict[str, None]] = []
+        for order in self._orders.values():
+            own = dict.fromkeys(order.names)
+            met = [group for group in groups if not group.keys().isdisjoint(own)]
+            groups = [group for group in groups if all(group is not one for one in met)]
+            groups.append({name: None for group in (*met, own) for name in group})
+        return [tuple(group) for group in groups]
+
+    def _orders_of(self, names: Sequence[str]) -> tuple[_Order, ...]:
+        pairs = [pair for name in names if (pair := quantity_and_joint(name))]
         kept = [
             order
             for order in self._orders.values()
             if any(order.column(quantity, joint) is not None for quantity, joint in pairs)
         ]
-        orders = tuple(kept or self._orders.values())
-        if orders not in self._rows:  # a log is opened several times, and asked for a few choices of columns
-            self._rows[orders] = self._arranged(orders)
-        return self._rows[orders]
+        return tuple(kept or self._orders.values())
 
-    def _arranged(self, orders: Sequence[_Order]) -> JointRows:
+    def has_stamps(self, names: Sequence[str]) -> bool:
+        """Whether the messages that have one of these columns have stamps in their headers, which are not all alike."""
+        stamps = np.concatenate([np.frombuffer(order.stamps, np.int64) for order in self._orders_of(names)])
+        return bool((stamps != 0).all()) and bool(stamps.size == 1 or (stamps != stamps[0]).any())
+
+    def rows(self, names: Sequence[str], *, by_header: bool | None = None) -> JointRows:
+        """Make rows of those messages alone that have one of these columns; of all of them where none has.
+
+        Parameters
+        ----------
+        names : sequence of str
+        by_header : bool, optional
+            Whether the stamps of headers count; by default where all messages have one.
+        """
+        orders = self._orders_of(names)
+        if by_header is None:
+            by_header = self.has_stamps(names)
+        if (
+            orders,
+            by_header,
+        ) not in self._rows:  # a log is opened several times, and asked for a few choices of columns
+            self._rows[orders, by_header] = self._arranged(orders, by_header)
+        return self._rows[orders, by_header]
+
+    def _arranged(self, orders: Sequence[_Order], by_header: bool) -> JointRows:
         which = np.repeat(np.arange(len(orders)), [len(order.stamps) for order in orders])
         number = np.concatenate([np.arange(len(order.stamps)) for order in orders])
         stamps, recorded, arrivals = (
             np.concatenate([np.frombuffer(getattr(order, name), np.int64) for order in orders])
             for name in ("stamps", "recorded", "arrivals")
         )
-        by_header = bool((stamps != 0).all()) and bool(stamps.size == 1 or (stamps != stamps[0]).any())
         time = stamps if by_header else recorded
         arrived = np.argsort(arrivals, kind="stable")
         late = np.max(np.maximum.accumulate(time[arrived]) - time[arrived], initial=0)
@@ -325,7 +365,7 @@ class JointTable:
         self._part_contradictions(orders, which, number, begins)
         row = np.cumsum(begins) - 1
         members = [(order, number[which == k], row[which == k]) for k, order in enumerate(orders)]
-        return JointRows(self._numbers, time[begins] - time[0], recorded[begins] - recorded[0], members)
+        return JointRows(self._numbers, time[begins] - time[0], recorded[begins] - recorded[0], members, int(time[0]))
 
     def _part_contradictions(
         self, orders: Sequence[_Order], which: NDArray[np.int64], number: NDArray[np.int64], begins: NDArray[np.bool_]
@@ -345,6 +385,7 @@ class JointTable:
                 said.update(own)
 
 
-def _quantity_and_joint(name: str) -> tuple[str, str] | None:
+def quantity_and_joint(name: str) -> tuple[str, str] | None:
+    """Split the name of a column such as ``position[elbow]``; None for those of times."""
     quantity, bracket, joint = name.partition("[")
     return (quantity, joint.removesuffix("]")) if bracket and quantity in QUANTITIES else None

@@ -139,6 +139,10 @@ class LogFile(ABC):
             labels += texts
         return tuple(labels) if len(labels) == len(columns) else ()
 
+    def notes(self) -> tuple[str, ...]:
+        """Say what was assumed when the columns that are kept were put together, a sentence each."""
+        return ()
+
     def where(self, row: int) -> str:
         """Say where row `row` (from 0) stands, for messages."""
         return f"row {row + 1}"

@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 import contextlib
+import itertools
+import json
 from abc import abstractmethod
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, ClassVar, Self
@@ -14,6 +16,7 @@ from steelyard.files import shown, suggestion
 
 from ..columns import LogColumns
 from .decoded import decoded_once
+from .joined_topics import JoinedRows, JoinedTopics
 from .joint_messages import QUANTITIES, JointMessage, JointRows, JointTable, joint_message
 from .log_file import Columns, LogFile, reading_as
 
@@ -24,6 +27,8 @@ JOINT_TYPES = ("JointState", "JointStates", "JointTrajectoryControllerState")
 LOOKED_AT = 20
 """First messages of a topic that are looked at: controllers may begin with an empty one."""
 LISTED = 12
+NEEDED = {"position", "effort"}
+"""What topics must hold to be of use."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -58,41 +63,52 @@ class Topic:
 
 
 class MessageLog(LogFile):
-    """A log of messages: the joint states of one topic, see `JointTable`.
+    """A log of messages: the joint states of one topic, see `JointTable`, or of several, see `JoinedTopics`.
 
     Parameters
     ----------
     path : Path
-    topic : str, optional
-        By default the one that holds joint states; of several the one that holds torques, too.
+    topics : sequence of str
+        By default the one that holds positions and torques, or those that do together.
 
     Raises
     ------
     InputError
-        Where the file cannot be read, the topic is not there, or several would do.
+        Where the file cannot be read, a topic is not there, or several would do.
     """
 
     kind: ClassVar[str]
     """What such a file is called in messages."""
     remedy: ClassVar[str] = "record it again"
 
-    def __init__(self, path: Path, topic: str | None = None) -> None:
+    def __init__(self, path: Path, topics: Sequence[str] = ()) -> None:
         super().__init__(path)
-        self._table = decoded_once(path, (type(self), topic), lambda: self._decoded(topic))
+        self._table = decoded_once(path, (type(self), tuple(topics)), lambda: self._decoded(topics))
         self.names = self._table.names
 
-    def _decoded(self, topic: str | None) -> JointTable:
+    def _decoded(self, named: Sequence[str]) -> JoinedTopics:
         with reading_as(self.path, self.kind, self.remedy), self._opened() as topics:
-            chosen = self._named(topics, topic) if topic is not None else self._found(topics)
-            table = JointTable(f"{self.path}, topic {chosen.name}")
-            for recorded, decoded in chosen.messages():
-                message = joint_message(decoded)
-                if message is not None:
-                    table.add(message, recorded)
-            table.finish()
+            chosen = [self._named(topics, name) for name in dict.fromkeys(named)] or self._found(topics)
+            tables = {topic.name: self._table_of(topic) for topic in chosen}
+        joined = JoinedTopics(str(self.path), tables)
+        idle = joined.adds_nothing()
+        if idle is not None:
+            raise InputError(
+                f"{self.path}: the topic {idle} holds nothing of its joints that the topics named before it do not "
+                "hold; leave it out of `topic` in [log], or name it first."
+            )
+        return joined
+
+    def _table_of(self, topic: Topic) -> JointTable:
+        table = JointTable(f"{self.path}, topic {topic.name}")
+        for recorded, decoded in topic.messages():
+            message = joint_message(decoded)
+            if message is not None:
+                table.add(message, recorded)
+        table.finish()
         if not table.joints:
             raise InputError(
-                f"{self.path}: the topic {chosen} holds no numbers of joints; expected sensor_msgs/JointState or "
+                f"{self.path}: the topic {topic} holds no numbers of joints; expected sensor_msgs/JointState or "
                 "control_msgs/JointTrajectoryControllerState with names and positions: name another `topic` in [log]."
             )
         return table
@@ -100,7 +116,7 @@ class MessageLog(LogFile):
     @classmethod
     def opened(cls, path: Path, columns: LogColumns) -> Self:
         """Open a file; `topic` says what of it is read."""
-        return cls(path, columns.topic)
+        return cls(path, columns.topics)
 
     @abstractmethod
     def _opened(self) -> contextlib.AbstractContextManager[list[Topic]]:
@@ -113,20 +129,23 @@ class MessageLog(LogFile):
         found = suggestion(name, [topic.name for topic in topics])
         raise InputError(f"{self.path} has no topic {shown(name)}, which `topic` in [log] names; {found}")
 
-    def _found(self, topics: Sequence[Topic]) -> Topic:
-        """Return the topic of joint states, or ask which of several is meant."""
+    def _found(self, topics: Sequence[Topic]) -> list[Topic]:
+        """Return the topics of joint states, or ask which of several are meant."""
         known = [topic for topic in topics if topic.is_of_joints and topic.count]
         others = [topic for topic in topics if topic.may_hold_joints and topic.count and not topic.is_of_joints]
         for candidates in (known, others):
-            looks = [(topic, said) for topic in candidates if (said := _quantities(topic))]
-            useful = [topic for topic, said in looks if {"position", "effort"} <= said]
-            choice = useful or [topic for topic, _ in looks]
-            if len(choice) == 1:
-                return choice[0]
+            held = {topic: said for topic in candidates if (said := _held(topic))}
+            useful = {topic: said for topic, said in held.items() if {quantity for quantity, _ in said} >= NEEDED}
+            choice = useful or held
+            if choice and (len(choice) == 1 or _are_apart(choice.values())):
+                return list(choice)
             if choice:
+                first, *further = choice
+                several = json.dumps([first.name, further[0].name], ensure_ascii=False)
                 raise InputError(
-                    f"{self.path} holds joint states in several topics, {_listed(choice)}; choose with "
-                    f'`topic = "{choice[0].name}"` in [log], or with --topic {choice[0].name}.'
+                    f"{self.path} holds joint states in several topics, {_listed(list(choice))}; choose with "
+                    f'`topic = "{first.name}"` in [log], or with --topic {first.name}; of several that belong '
+                    f"together, such as `topic = {several}`, each holds what those before it lack."
                 )
         if known:
             raise InputError(
@@ -143,9 +162,14 @@ class MessageLog(LogFile):
         return self._table.joints
 
     @property
-    def _rows(self) -> JointRows:
+    def _rows(self) -> JoinedRows | JointRows:
         """The rows; those that are made by messages of other joints alone are left out."""
-        return self._table.rows(self.names if self.kept is None else self.kept)
+        return self._table.rows(self.names if self.kept is None else self.kept, kept=self.kept is not None)
+
+    def notes(self) -> tuple[str, ...]:
+        """Say which numbers come from which messages, where they were put together."""
+        rows = self._rows
+        return rows.notes() if isinstance(rows, JoinedRows) else ()
 
     def count(self) -> int:
         """Return the number of rows."""
@@ -163,16 +187,22 @@ class MessageLog(LogFile):
             yield table.columns(names, start, start + rows)
 
 
-def _quantities(topic: Topic) -> set[str]:
-    """Return what the first messages of a topic say of joints; nothing where they are no joint states."""
-    found: set[str] = set()
-    for index, (_, decoded) in enumerate(topic.messages()):
+def _held(topic: Topic) -> set[tuple[str, str]]:
+    """Return of which joints the first messages of a topic say what; nothing where they are no joint states."""
+    found: set[tuple[str, str]] = set()
+    for _, decoded in itertools.islice(topic.messages(), LOOKED_AT):
         message: JointMessage | None = joint_message(decoded)
         if message is not None:
-            found |= {quantity for quantity, values in zip(QUANTITIES, message.values, strict=True) if len(values)}
-        if found or index == LOOKED_AT:
-            break
+            held = (quantity for quantity, values in zip(QUANTITIES, message.values, strict=True) if len(values))
+            found.update(itertools.product(held, message.names))
     return found
+
+
+def _are_apart(held: Iterable[set[tuple[str, str]]]) -> bool:
+    """Whether no number of a joint stands in two topics, and together they hold positions and torques."""
+    sets = list(held)
+    together = set().union(*sets)
+    return sum(map(len, sets)) == len(together) and {quantity for quantity, _ in together} >= NEEDED
 
 
 def _listed(topics: Sequence[Topic]) -> str:

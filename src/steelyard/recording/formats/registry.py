@@ -5,6 +5,7 @@ from __future__ import annotations
 import contextlib
 import os
 from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -147,7 +148,11 @@ class LogFiles:
         labels = self.joint_labels()
         found = find_columns(self.names, self.columns, joints, values=self.values, labels=labels, log=self.name)
         self.keep(found.names)
-        return found
+        notes: list[str] = []
+        for file in self.files:
+            with _reading(file.path):
+                notes += file.notes()
+        return replace(found, guesses=(*found.guesses, *notes)) if notes else found
 
     def values(self, name: str) -> Iterator[NDArray[np.float64]]:
         """Return the values of a column, in blocks."""
