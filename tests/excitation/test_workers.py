@@ -8,9 +8,12 @@ import time
 
 import pytest
 
+# A program that was started by nohup does not hear of a hang-up, and would run to its end.
 PROGRAM = """
-import os, time
+import os, signal, time
 from steelyard.excitation.workers import pool_of
+
+signal.signal(signal.SIGHUP, signal.SIG_DFL)
 
 def work(seconds):
     os.write(1, f"{{os.getpid()}}\\n".encode())  # in one piece, so that two processes do not mix their lines

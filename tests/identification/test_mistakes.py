@@ -127,7 +127,15 @@ def case(planted, arms, mistake, seed=3):
     return SimpleNamespace(arm=arm, log=log, robot=robot, model=sy.Model(robot.with_terms(*log.terms)))
 
 
-@pytest.mark.parametrize("mistake", MISTAKES)
+# One of each kind; the others take a second each.
+QUICK = ("sign of a torque", "two joints swapped", "mN·m at a joint", "gear ratio", "gravity", "missing rotors", "payload")
+
+
+def slow_but(quick, mistakes=MISTAKES):
+    return [mistake if mistake in quick else pytest.param(mistake, marks=pytest.mark.slow) for mistake in mistakes]
+
+
+@pytest.mark.parametrize("mistake", slow_but(QUICK))
 def test_a_mistake_is_found(planted, arms, mistake):
     given = case(planted, arms, mistake)
     found = find_mistakes(given.model, given.log.samples)
@@ -136,7 +144,7 @@ def test_a_mistake_is_found(planted, arms, mistake):
     assert found[0].gain > 10.0
 
 
-@pytest.mark.parametrize("motion", ["weak", "ordinary", "rich"])
+@pytest.mark.parametrize("motion", slow_but(("rich",), ["weak", "ordinary", "rich"]))
 @pytest.mark.parametrize("cad", [True, False])
 def test_a_sound_log_is_not_accused(planted, arms, motion, cad):
     arm = arms[False]
@@ -294,12 +302,7 @@ REFUSED = {
 
 
 @pytest.mark.parametrize(
-    "mistake",
-    [
-        mistake if mistake in ("sign of a torque", "missing offsets") else pytest.param(mistake, marks=pytest.mark.slow)
-        for mistake in MISTAKES
-        if mistake != "ms"
-    ],
+    "mistake", slow_but(("sign of a torque",), [mistake for mistake in MISTAKES if mistake != "ms"])
 )
 def test_the_line_that_is_told_mends_the_identification(planted, arms, mistake, tmp_path):
     given = case(planted, arms, mistake)

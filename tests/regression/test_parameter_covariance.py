@@ -120,6 +120,7 @@ def test_inflation_is_that_of_the_noise(arm):
     assert "<table>" in found._repr_html_()
 
 
+@pytest.mark.slow
 def test_intervals_cover_the_truth(arm):
     truth = arm.base_parameters().values(np.linspace(0.5, 1.5, arm.parameter_count))
     inside, plain = [], []
