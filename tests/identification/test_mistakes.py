@@ -128,7 +128,7 @@ def case(planted, arms, mistake, seed=3):
 
 
 # One of each kind; the others take a second each.
-QUICK = ("sign of a torque", "two joints swapped", "mN·m at a joint", "gear ratio", "gravity", "missing rotors", "payload")
+QUICK = ("sign of a torque", "two joints swapped", "mN·m at a joint", "gear ratio", "missing rotors", "payload")
 
 
 def slow_but(quick, mistakes=MISTAKES):
