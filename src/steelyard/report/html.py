@@ -11,6 +11,7 @@ from steelyard.identification import Identification
 from . import answer_sections as answer
 from . import sections
 from .html_document import Markup, Section, html_document
+from .proof import PROOF_SCRIPTS, proof
 
 __all__ = ["report_html", "write_report"]
 
@@ -21,6 +22,7 @@ _SECTIONS: tuple[tuple[str, str, Callable[[Identification], Markup]], ...] = (
     ("price", "The price of plausibility", answer.price),
     ("errors", "Errors of each log", sections.errors),
     ("impossible", "What was impossible", sections.violations),
+    ("proof", "The proof, verified here", proof),
     ("torques", "Measured and predicted torques", sections.torque_figures),
     ("base", "Base parameters", sections.base_parameters),
     ("joint-parameters", "Joint friction", sections.joints),
@@ -73,6 +75,8 @@ def report_html(identification: Identification) -> str:
         name,
         sections.summary(identification),
         parts,
+        plain_scripts=PROOF_SCRIPTS,
+        styles=("charts.css",),
         scripts=("figures.js", *(["charts.js"] if answer.has_price(identification) else [])),
     )
 

@@ -12,7 +12,18 @@ from dataclasses import dataclass
 from functools import lru_cache
 from importlib import resources
 
-__all__ = ["Markup", "Section", "escape", "html_document", "number", "percent", "script_data", "table"]
+__all__ = [
+    "Markup",
+    "Section",
+    "compressed",
+    "escape",
+    "html_document",
+    "number",
+    "package_text",
+    "percent",
+    "script_data",
+    "table",
+]
 
 
 class Markup(str):
@@ -147,7 +158,15 @@ class Section:
 
 
 def html_document(
-    title: str, kind: str, heading: str, lead: Markup, sections: Sequence[Section], *, scripts: Sequence[str] = ()
+    title: str,
+    kind: str,
+    heading: str,
+    lead: Markup,
+    sections: Sequence[Section],
+    *,
+    scripts: Sequence[str] = (),
+    plain_scripts: Sequence[str] = (),
+    styles: Sequence[str] = (),
 ) -> str:
     """Return a document without references to anything outside.
 
@@ -163,6 +182,10 @@ def html_document(
     sections : sequence of Section
     scripts : sequence of str
         Names of scripts of this package, which may use Plotly.
+    plain_scripts : sequence of str
+        Names of scripts of this package that run at once, without Plotly.
+    styles : sequence of str
+        Names of styles of this package beside those of every page.
 
     Returns
     -------
@@ -179,11 +202,11 @@ def html_document(
         f'<section aria-labelledby="{part.key}"><h2 id="{part.key}">{escape(part.title)}</h2>\n{part.content}</section>'
         for part in sections
     )
-    code = ""
+    code = "".join(f"<script>\n{package_text(name)}</script>\n" for name in plain_scripts)
     if scripts:
-        code = f'<script id="plotly" type="text/plain">{_compressed_plotly()}</script>\n'
-        code += "".join(f'<script class="uses-plotly" type="text/plain">\n{_text(name)}</script>\n' for name in scripts)
-        code += f"<script>\n{_text('plotly_loader.js')}</script>\n"
+        code += f'<script id="plotly" type="text/plain">{_compressed_plotly()}</script>\n'
+        code += "".join(f'<script class="uses-plotly" type="text/plain">\n{package_text(name)}</script>\n' for name in scripts)
+        code += f"<script>\n{package_text('plotly_loader.js')}</script>\n"
     return f"""\
 <!DOCTYPE html>
 <html lang="en">
@@ -194,7 +217,7 @@ def html_document(
 <title>{escape(title)}</title>
 <link rel="icon" href="data:,">
 <style>
-{_text("page.css")}</style>
+{"".join(package_text(name) for name in ("page.css", *styles))}</style>
 </head>
 <body>
 <header>
@@ -216,8 +239,21 @@ def _compressed_plotly() -> str:
     """Return Plotly's script, deflated and in base 64: 1.9 MB in place of 4.8."""
     from plotly.offline import get_plotlyjs
 
-    return base64.b64encode(zlib.compress(get_plotlyjs().encode(), 6)).decode("ascii")
+    return compressed(get_plotlyjs())
 
 
-def _text(name: str) -> str:
+def compressed(text: str) -> Markup:
+    """Return a text as it may stand in a script element, deflated and in base 64, which browsers undo.
+
+    Examples
+    --------
+    >>> import base64, zlib
+    >>> zlib.decompress(base64.b64decode(compressed("</script>"))).decode()
+    '</script>'
+    """
+    return Markup(base64.b64encode(zlib.compress(text.encode(), 9)).decode("ascii"))
+
+
+def package_text(name: str) -> str:
+    """Return a style or a script of this package."""
     return resources.files(__package__).joinpath(name).read_text(encoding="utf-8")
