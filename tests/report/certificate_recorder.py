@@ -1,4 +1,4 @@
-"""A plugin of pytest that writes down every certificate which the tests verify, and what our own verifier said of it."""
+"""A plugin of pytest that writes down each certificate that the tests verify, and what our own verifier said of it."""
 
 import functools
 import json
@@ -43,8 +43,9 @@ def _content(path: object) -> str | None:
         return None
 
 
-# Before any test module has imported them by name.
-documents.verify_certificate = _recording(documents.verify_certificate, _content)
-documents.verify_document = _recording(documents.verify_document, _text_of)
-for kind in (certificates.FeasibilityCertificate, certificates.InfeasibilityCertificate):
-    kind.verify = _recording(kind.verify, lambda one: _text_of(one.to_dict()))
+def pytest_configure() -> None:
+    """Watch the verifiers, before any test module has imported them by name."""
+    documents.verify_certificate = _recording(documents.verify_certificate, _content)
+    documents.verify_document = _recording(documents.verify_document, _text_of)
+    for kind in (certificates.FeasibilityCertificate, certificates.InfeasibilityCertificate):
+        kind.verify = _recording(kind.verify, lambda one: _text_of(one.to_dict()))

@@ -50,8 +50,8 @@ def test_every_certificate_and_every_forgery_of_the_tests_is_judged_as_ours_judg
     assert done.returncode == 0, done.stdout[-2000:]
     lines = [json.loads(line) for line in recorded.read_text(encoding="utf-8").splitlines()]
     ours = [valid for _, valid in lines]
-    assert sum(ours) > 300
-    assert ours.count(False) > 300
+    assert sum(ours) > 200
+    assert ours.count(False) > 200
     different = [text for (text, valid), theirs in zip(lines, verdicts(recorded), strict=True) if valid != theirs]
     assert different == []
 

@@ -205,7 +205,9 @@ def html_document(
     code = "".join(f"<script>\n{package_text(name)}</script>\n" for name in plain_scripts)
     if scripts:
         code += f'<script id="plotly" type="text/plain">{_compressed_plotly()}</script>\n'
-        code += "".join(f'<script class="uses-plotly" type="text/plain">\n{package_text(name)}</script>\n' for name in scripts)
+        code += "".join(
+            f'<script class="uses-plotly" type="text/plain">\n{package_text(name)}</script>\n' for name in scripts
+        )
         code += f"<script>\n{package_text('plotly_loader.js')}</script>\n"
     return f"""\
 <!DOCTYPE html>
