@@ -137,7 +137,7 @@ def test_what_is_told_of_where_numbers_come_from(tmp_path):
     robot = read(tmp_path, ARM.replace('axis="0 1 0"', 'axis="0 1 0" stiffness="3"'))
     assert robot.remarks == (
         "Inertias that the file gives (<inertial>): upper.",
-        "Inertias that MuJoCo computes from shapes and their densities: plate, body3.",
+        "Inertias that follow from shapes and their densities: plate, body3.",
         "The damping of upper_joint, elbow is that of the default class main (robot.xml, line 5).",
         "The friction of elbow is that of the default class elbow (robot.xml, line 6).",
         "The armature of elbow is that of the default class elbow (robot.xml, line 6).",
@@ -288,7 +288,7 @@ ENTITIES = '<!DOCTYPE mujoco [<!ENTITY a "aaaa"><!ENTITY b "&a;&a;">]>\n<mujoco 
         ),
         (ARM.replace('pos="0 0 1"', 'pos="0 0 1e300"'), "line 11: pos of <body> is '0 0 1e300'"),
         (ARM.replace('damping="0.5"', 'damping="-inf"'), "line 5: damping of <joint> is '-inf'"),
-        (ARM.replace('mass="2"', 'mass="2kg"'), "MuJoCo cannot compile it .*mass"),
+        (ARM.replace('mass="2"', 'mass="2kg"'), "line 12: mass of <inertial> must be 1 number, got '2kg'"),
         (ARM.replace("fullinertia", "halfinertia"), "MuJoCo cannot compile it .*halfinertia"),
         (ARM[:400], "cannot be read as XML"),
         ("<mujoco>" + "<body>" * 400 + "</body>" * 400 + "</mujoco>", "nested more than 250 times"),
@@ -302,9 +302,3 @@ def test_hostile_and_broken_files_are_refused_in_one_sentence(tmp_path, text, me
         read(tmp_path, text)
     assert "\n" not in str(told.value)
     assert len(str(told.value)) < 1000
-
-
-def test_without_mujoco_the_extra_is_named(tmp_path, monkeypatch):
-    monkeypatch.setitem(__import__("sys").modules, "mujoco", None)
-    with pytest.raises(sy.MissingExtraError, match=r"pip install 'mujoco>="):
-        read(tmp_path, ARM)

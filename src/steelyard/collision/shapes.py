@@ -14,6 +14,7 @@ from numpy.typing import ArrayLike, NDArray
 from steelyard.errors import InputError, missing_extra
 from steelyard.robot import Robot
 from steelyard.robot.placement import frozen
+from steelyard.robot.solids import box_moments, capsule_moments, cylinder_moments, ellipsoid_moments
 
 __all__ = [
     "Box",
@@ -200,11 +201,6 @@ class Shape(ABC):
         """Return the shape as a geometry of the package coal."""
 
 
-def _centred_moments(volume: float, *mean_squares: float) -> Array:
-    """Moments of a solid whose centre and principal axes are those of its frame, from the means of x², y² and z²."""
-    return volume * np.diag([*mean_squares, 1.0])
-
-
 def _positive(owner: str, name: str, value: object) -> float:
     if isinstance(value, bool) or not isinstance(value, int | float | np.integer | np.floating):
         raise InputError(f"{owner}: {name} must be a number in m, got {value!r}")
@@ -251,7 +247,7 @@ class Sphere(Shape):
     @property
     def moments(self) -> Array:
         """See `Shape`."""
-        return _centred_moments(4.0 / 3.0 * np.pi * self.radius**3, *[self.radius**2 / 5.0] * 3)
+        return ellipsoid_moments(*[self.radius] * 3)
 
     def collision_object(self, coal: Any) -> Any:
         """See `Shape`."""
@@ -293,12 +289,7 @@ class Capsule(Shape):
     @property
     def moments(self) -> Array:
         """See `Shape`."""
-        r, length = self.radius, self.length
-        # The centroid of a half ball lies 3 r / 8 from its flat side.
-        balls = _centred_moments(
-            4.0 / 3.0 * np.pi * r**3, r**2 / 5.0, r**2 / 5.0, r**2 / 5.0 + 3.0 * length * r / 8.0 + length**2 / 4.0
-        )
-        return balls + Cylinder(r, length).moments
+        return capsule_moments(self.radius, self.length)
 
     def collision_object(self, coal: Any) -> Any:
         """See `Shape`."""
@@ -339,8 +330,7 @@ class Cylinder(Shape):
     @property
     def moments(self) -> Array:
         """See `Shape`."""
-        volume = np.pi * self.radius**2 * self.length
-        return _centred_moments(volume, self.radius**2 / 4.0, self.radius**2 / 4.0, self.length**2 / 12.0)
+        return cylinder_moments(self.radius, self.length)
 
     def collision_object(self, coal: Any) -> Any:
         """See `Shape`."""
@@ -388,7 +378,7 @@ class Box(Shape):
     @property
     def moments(self) -> Array:
         """See `Shape`."""
-        return _centred_moments(float(np.prod(self.size)), *(np.array(self.size) ** 2 / 12.0))
+        return box_moments(self.size)
 
     def collision_object(self, coal: Any) -> Any:
         """See `Shape`."""

@@ -2,6 +2,7 @@
 
 What moves and weighs is handed on; pictures, lights, sensors, contacts and meshes that only show or collide are not.
 So a description can be read without its textures, quickly, and by other versions of MuJoCo than it was written for.
+It is asked for what our own reading does not cover, see `mjcf_reading`.
 """
 
 from __future__ import annotations
@@ -9,16 +10,22 @@ from __future__ import annotations
 import json
 import os
 import tempfile
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 from xml.sax.saxutils import quoteattr
 
+import numpy as np
+from numpy.typing import NDArray
+
 from steelyard.errors import InputError, is_installed, missing_extra
 from steelyard.files import shown
 from steelyard.files.child_process import ChildLimits, run_child
 
+from .inertia import Inertia
 from .mjcf_document import JOINTS, MjcfDocument, MjcfElement, in_body
+from .placement import quaternion_rotation, snapped
 from .references import find_reference
 
 __all__ = ["CompiledMjcf", "compiled"]
@@ -53,13 +60,14 @@ MEMORY, MEMORY_PER_BYTE = 2**31, 50  # bytes of its address space
 
 @dataclass(frozen=True)
 class CompiledMjcf:
-    """What MuJoCo makes of a description.
+    """What a description comes to, with defaults, frames and settings of the compiler resolved.
 
     Parameters
     ----------
     gravity : list of 3 floats
     bodies, joints, equalities, actuators, tendons : list of dict
-        In MuJoCo's order, with its names of their fields; the first body is the world.
+        In MuJoCo's order, with its names of their fields; the first body is the world. Bodies have a ``placement``
+        (4, 4) in their parent, and an ``inertia`` in their frame.
     """
 
     gravity: list[float]
@@ -79,11 +87,17 @@ class CompiledMjcf:
         return found
 
 
-def compiled(document: MjcfDocument) -> CompiledMjcf:
-    """Compile a description.
+def compiled(document: MjcfDocument, reason: str = "MJCF") -> CompiledMjcf:
+    """Compile a description with MuJoCo.
 
     Another process does so, because a damaged mesh may end the process that reads it, and because MuJoCo prints
     warnings and keeps a log in the current folder.
+
+    Parameters
+    ----------
+    document : MjcfDocument
+    reason : str
+        What MuJoCo is needed for, as the subject of a sentence.
 
     Raises
     ------
@@ -93,12 +107,26 @@ def compiled(document: MjcfDocument) -> CompiledMjcf:
         If MuJoCo is not installed (extra ``mjcf``).
     """
     if not is_installed("mujoco"):
-        raise missing_extra(f"{document.path}: MJCF is read with the package mujoco, which is not installed", "mjcf")
+        raise missing_extra(f"{reason} is read with the package mujoco, which is not installed", "mjcf")
     excerpt = _Excerpt(document)
     found = _asked({"xml": excerpt.text(), "files": {name: str(path) for name, path in excerpt.files.items()}})
     if "problem" in found:
         raise InputError(f"{document.path}: MuJoCo cannot compile it ({found['problem']}); mend the file.")
+    for row in found["bodies"]:
+        placement, principal = (
+            _placement(row.pop(pos), row.pop(quat)) for pos, quat in (("pos", "quat"), ("ipos", "iquat"))
+        )
+        second = principal[:3, :3] @ np.diag(row["inertia"]) @ principal[:3, :3].T
+        row["placement"] = placement
+        row["inertia"] = Inertia.from_com(row.pop("mass"), principal[:3, 3], (second + second.T) / 2)
     return CompiledMjcf(**found)
+
+
+def _placement(position: Sequence[float], quaternion: Sequence[float]) -> NDArray[np.float64]:
+    placement = np.eye(4)
+    placement[:3, :3] = snapped(quaternion_rotation(*np.array(quaternion) / np.linalg.norm(quaternion)))
+    placement[:3, 3] = position
+    return placement
 
 
 def _asked(request: dict[str, Any]) -> dict[str, Any]:

@@ -5,8 +5,9 @@ from __future__ import annotations
 from collections.abc import Iterable, Mapping, Sequence
 from typing import Any
 
+from .mjcf_classes import DefaultClasses
 from .mjcf_compiled import CompiledMjcf
-from .mjcf_document import JOINTS, MjcfDocument, MjcfElement
+from .mjcf_document import MjcfDocument
 
 __all__ = ["mjcf_remarks"]
 
@@ -40,7 +41,7 @@ def _listed(names: Iterable[str]) -> str:
 
 
 def _inertias(document: MjcfDocument, model: CompiledMjcf, names: Sequence[str]) -> list[str]:
-    """Say which inertias are written, and which MuJoCo computes."""
+    """Say which inertias are written, and which follow from shapes."""
     mode = document.setting("compiler", "inertiafromgeom") or "auto"
     written, computed = [], []
     for index in sorted(model.moving()):
@@ -48,11 +49,11 @@ def _inertias(document: MjcfDocument, model: CompiledMjcf, names: Sequence[str])
         explicit = element is not None and any(element.all("inertial")) and mode != "true"
         if explicit:
             written.append(names[index])
-        elif model.bodies[index]["mass"] > 0.0:
+        elif model.bodies[index]["inertia"].mass > 0.0:
             computed.append(names[index])
     said = [f"Inertias that the file gives (<inertial>): {_listed(written)}."] if written else []
     if computed:
-        said.append(f"Inertias that MuJoCo computes from shapes and their densities: {_listed(computed)}.")
+        said.append(f"Inertias that follow from shapes and their densities: {_listed(computed)}.")
     for key, what in SETTINGS.items():
         value = document.setting("compiler", key)
         if value not in (None, "false", "0", "-1"):
@@ -62,42 +63,20 @@ def _inertias(document: MjcfDocument, model: CompiledMjcf, names: Sequence[str])
 
 def _defaults(document: MjcfDocument, joints: Sequence[tuple[str, Mapping[str, Any]]]) -> list[str]:
     """Say which values of joints come from classes of defaults."""
-    classes: dict[str, tuple[str | None, MjcfElement]] = {}
-
-    def collect(element: MjcfElement, parent: str | None) -> None:
-        name = element.attributes.get("class") or "main"
-        classes[name] = (parent, element)
-        for child in element.all("default"):
-            collect(child, name)
-
-    for section in document.root.all("default"):
-        collect(section, None)
-    of_joint: dict[str, str] = {}
-
-    def walk(element: MjcfElement, inherited: str) -> None:
-        for child in element.children:
-            if child.tag in JOINTS:
-                of_joint[child.attributes.get("name", "")] = child.attributes.get("class") or inherited
-            elif child.tag in ("body", "frame"):
-                walk(child, child.attributes.get("childclass") or inherited)
-
-    for world in document.root.all("worldbody"):
-        walk(world, world.attributes.get("childclass") or "main")
+    classes = DefaultClasses(document)
+    of_joint = dict(classes.of_joints(document))
     said = []
     for key, noun in DRIVES.items():
         found: dict[str, list[str]] = {}
         for name, _ in joints:
-            element, current = document.joints.get(name), of_joint.get(name)
-            if element is None or key in element.attributes:
+            element = document.joints.get(name)
+            if element is None or element.tag == "freejoint" or key in element.attributes:
                 continue
-            while current in classes:
-                parent, default = classes[current]
-                holder = next((one for one in default.all("joint") if key in one.attributes), None)
-                if holder is not None:
-                    line = holder.file.edit.line(holder.place)
-                    found.setdefault(f"{current} ({holder.file.path.name}, line {line})", []).append(name)
-                    break
-                current = parent
+            holder = classes.holder(of_joint[name], "joint", key)
+            if holder is not None:
+                file = holder[1].file
+                line = file.edit.line(holder[1].place)
+                found.setdefault(f"{holder[0]} ({file.path.name}, line {line})", []).append(name)
         for place, names in found.items():
             said.append(f"The {noun} of {_listed(names)} is that of the default class {place}.")
     return said

@@ -1,4 +1,4 @@
-"""From a compiled MJCF to the links and joints of a robot, and what it holds that a robot does not have."""
+"""From a resolved MJCF to the links and joints of a robot, and what it holds that a robot does not have."""
 
 from __future__ import annotations
 
@@ -14,13 +14,13 @@ from numpy.typing import NDArray
 from steelyard.errors import InputError
 
 from .described_tree import DescribedJoint, DescribedLink, DescribedMimic, DescribedTree, robot_parts
-from .inertia import Inertia
 from .mjcf_compiled import CompiledMjcf, compiled
 from .mjcf_document import MjcfDocument, new_name, read_mjcf_document
+from .mjcf_reading import BeyondReadingError, read_compiled
 from .mjcf_remarks import mjcf_remarks
-from .placement import axis_frame, inverse, motion_z, quaternion_rotation, snapped, translation
+from .placement import axis_frame, inverse, motion_z, translation
 
-__all__ = ["MjcfTree", "body_inertia", "mjcf_parts", "read_mjcf_tree"]
+__all__ = ["MjcfTree", "mjcf_parts", "read_mjcf_tree"]
 
 Matrix = NDArray[np.float64]
 
@@ -70,12 +70,15 @@ def read_mjcf_tree(path: Path, data: bytes | None = None) -> MjcfTree:
     Raises
     ------
     InputError
-        If the file cannot be read, or MuJoCo cannot compile it.
+        If the file cannot be read, or what takes MuJoCo cannot be compiled.
     MissingExtraError
-        If MuJoCo is not installed.
+        If it takes MuJoCo to read it, which is not installed.
     """
     document = read_mjcf_document(path, data)
-    model = compiled(document)
+    try:
+        model = read_compiled(document)
+    except BeyondReadingError as reason:
+        model = compiled(document, str(reason))
     bodies = _named(model.bodies, "body")
     joints = _named(model.joints, "joint")
     of_body: dict[int, list[int]] = {}
@@ -91,11 +94,10 @@ def read_mjcf_tree(path: Path, data: bytes | None = None) -> MjcfTree:
     for index, (name, body) in enumerate(zip(bodies, model.bodies, strict=True)):
         element = document.bodies.get(name)
         line = 1 if element is None else document.line(element)
-        inertia = body_inertia(body)
         if index == 0:
             links[name] = DescribedLink(name, line, None)
             continue
-        parent, frame = bodies[body["parentid"]], _placement(body["pos"], body["quat"])
+        parent, frame = bodies[body["parentid"]], body["placement"]
         own = of_body.get(index, [])
         if not own:
             fixed = new_name(f"{name}_weld", taken_joints)
@@ -110,7 +112,7 @@ def read_mjcf_tree(path: Path, data: bytes | None = None) -> MjcfTree:
             )
             link_of[joints[number]] = link
             parent, frame = link, np.eye(4)
-        links[name] = DescribedLink(name, line, inertia)
+        links[name] = DescribedLink(name, line, body["inertia"])
     remarks = mjcf_remarks(document, model, bodies, joints)
     tree = DescribedTree(str(path), document.name, links, described, path, remarks=remarks)
     return MjcfTree(document, model, bodies, joints, link_of, tree)
@@ -120,21 +122,6 @@ def _named(rows: Sequence[Mapping[str, Any]], noun: str) -> tuple[str, ...]:
     """Return the names of rows; copies that MuJoCo made may have none."""
     taken = {row["name"] for row in rows}
     return tuple(row["name"] or new_name(f"{noun}{index}", taken) for index, row in enumerate(rows))
-
-
-def body_inertia(body: Mapping[str, Any]) -> Inertia:
-    """Return the inertia of a compiled body in its frame."""
-    principal = _placement(body["ipos"], body["iquat"])
-    rotation = principal[:3, :3]
-    second = rotation @ np.diag(body["inertia"]) @ rotation.T
-    return Inertia.from_com(body["mass"], principal[:3, 3], (second + second.T) / 2)
-
-
-def _placement(position: Sequence[float], quaternion: Sequence[float]) -> Matrix:
-    placement = np.eye(4)
-    placement[:3, :3] = snapped(quaternion_rotation(*np.array(quaternion) / np.linalg.norm(quaternion)))
-    placement[:3, 3] = position
-    return placement
 
 
 def _joint(

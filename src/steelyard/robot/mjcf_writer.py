@@ -17,7 +17,7 @@ from .description_changes import DescriptionChanges, description_changes, is_sam
 from .inertia import Inertia
 from .joint import Drives
 from .mjcf_document import MjcfElement, MjcfFile
-from .mjcf_tree import MjcfTree, body_inertia, read_mjcf_tree
+from .mjcf_tree import MjcfTree, read_mjcf_tree
 from .robot import Robot
 from .xml_edit import attribute_text, number_text, tag_text
 
@@ -56,7 +56,7 @@ def write_mjcf(
     target is in another folder, the paths to other files are made absolute. A copy of a description of which nothing
     changes is the same, byte for byte.
 
-    What is written is compiled and compared before the target appears, which is whole or not there.
+    What is written is read again and compared before the target appears, which is whole or not there.
 
     Parameters
     ----------
@@ -80,7 +80,7 @@ def write_mjcf(
         copy that MuJoCo makes (``<replicate>``, ``<attach>``), `source` is not the robot's MJCF, or `target` is
         `source`.
     MissingExtraError
-        When MuJoCo is not installed.
+        When it takes MuJoCo to read the source, which is not installed.
 
     Examples
     --------
@@ -132,7 +132,7 @@ class _Writer:
         self.inertias |= {name: Inertia.zero() for name in changes.emptied if self._weighs(name)}
 
     def _weighs(self, name: str) -> bool:
-        return name in self.rows and (self.rows[name]["mass"] > 0.0 or any(self.rows[name]["inertia"]))
+        return name in self.rows and bool(self.rows[name]["inertia"].parameters.any())
 
     def edited(self, source: Path, target: Path) -> bytes:
         """Return the file with all edits; `source` and `target` are folders."""
@@ -206,7 +206,7 @@ class _Writer:
         moving = self.read.compiled.moving()
         for index, (name, row) in enumerate(self.rows.items()):
             if name not in self.inertias and self._weighs(name) and (index in moving or "settotalmass" in taken):
-                self.inertias[name] = body_inertia(row)
+                self.inertias[name] = row["inertia"]
 
     def _set_inertial(self, body: MjcfElement, inertia: Inertia) -> None:
         edit, values = body.file.edit, _inertial(inertia)
@@ -288,13 +288,13 @@ class _Writer:
                 outer.edit.set_attributes(place, {"file": _attribute(file.path.resolve())})
 
     def require_read_back(self, again: MjcfTree) -> None:
-        """Refuse to write what MuJoCo reads as something else."""
+        """Refuse to write what is read as something else."""
         rows = dict(zip(again.body_names, again.compiled.bodies, strict=True))
         for name, inertia in {**self.inertias, **self.inertias_between}.items():
-            found = body_inertia(rows[name]) if name in rows else Inertia.zero()
+            found = rows[name]["inertia"] if name in rows else Inertia.zero()
             if not is_same(inertia.parameters, found.parameters, READ_BACK):
                 raise InputError(
-                    f'{self.document.path}: MuJoCo reads another inertia of the body "{name}" than was written, '
+                    f'{self.document.path}: another inertia is read of the body "{name}" than was written, '
                     f"{found} for {inertia}; give it an <inertial> in the file"
                 )
         joints = dict(zip(again.joint_names, again.compiled.joints, strict=True))
@@ -303,7 +303,7 @@ class _Writer:
                 row_key = "armature" if key == "rotor_inertia" else key
                 if abs(joints[name][row_key] - value) > READ_BACK * abs(value):
                     raise InputError(
-                        f"{self.document.path}: MuJoCo reads {joints[name][row_key]:g} as the {row_key} of the joint "
+                        f"{self.document.path}: {joints[name][row_key]:g} is read as the {row_key} of the joint "
                         f'"{name}", for which {value:g} was written; give it the attribute in the file'
                     )
 

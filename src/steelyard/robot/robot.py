@@ -433,7 +433,7 @@ class Robot:
         locked: Iterable[str] | Mapping[str, float] = (),
         gravity: ArrayLike | None = None,
     ) -> Robot:
-        """A robot from an MJCF file, which MuJoCo compiles (extra ``mjcf``).
+        """A robot from an MJCF file; MuJoCo reads inertias of meshes, and copies (extra ``mjcf``).
 
         The world is the base; bodies without joints are merged into what carries them. A body with several joints is a
         link after as many joints, with links of no mass between them. Couplings of one joint to another
@@ -455,7 +455,7 @@ class Robot:
         InputError
             When the file cannot be read, or does not describe a tree of joints with one degree of freedom.
         MissingExtraError
-            When MuJoCo is not installed.
+            When it takes MuJoCo to read the file, which is not installed.
 
         Examples
         --------

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+from bisect import bisect_left
 from collections.abc import Collection, Iterator, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -69,6 +70,7 @@ class XmlEdit:
         self.data = data
         self.newline = "\r\n" if b"\r\n" in data else "\n"
         self._edits: list[tuple[int, int, bytes]] = []
+        self._line_ends = [match.start() for match in re.finditer(b"\n", data)]
         if data[:2] in (b"\xff\xfe", b"\xfe\xff") or b"\0" in data[:4]:
             raise InputError(f"{path}: UTF-16 and UTF-32 files cannot be edited in place; save the file as UTF-8")
         stack: list[XmlElement] = []
@@ -110,7 +112,7 @@ class XmlEdit:
 
     def line(self, element: XmlElement) -> int:
         """The line on which an element begins, from 1."""
-        return self.data.count(b"\n", 0, element.start) + 1
+        return bisect_left(self._line_ends, element.start) + 1
 
     def set_attributes(self, element: XmlElement, values: Mapping[str, str]) -> None:
         """Give attributes these (ASCII) values; new ones come after the old ones."""
