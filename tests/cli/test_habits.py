@@ -244,6 +244,58 @@ def test_short_steps_tell_nothing(capsys):
     assert capsys.readouterr().err == ""
 
 
+def test_steps_and_the_line_below_them_do_not_disturb_each_other(monkeypatch):
+    """A search says what each start found, while the line goes on counting the starts."""
+    now = [0.0]
+    monkeypatch.setattr("steelyard.cli.terminal.time.perf_counter", lambda: now[0])
+    screen = Screen()
+    monkeypatch.setattr(sys, "stderr", _Guarded(screen))
+    with progress() as say:
+        for half in range(16):
+            tell("searching", half / 2, 8, "starts")
+            now[0] += 2.0
+            if half % 2:
+                say(f"start {half // 2}")
+        tell("searching", 0, 8, "starts")  # once more from the beginning
+        now[0] += 4.0
+        tell("searching", 1, 8, "starts")
+    assert "searching: 75 %, 0.25 starts/s, 8 s left" in screen.getvalue()
+    assert "searching: 12 %, 0.25 starts/s, 28 s left" in screen.getvalue()
+
+
+@pytest.mark.slow
+def test_long_commands_tell_how_far_they_have_come(run, identified, monkeypatch):
+    monkeypatch.setattr("steelyard.cli.terminal._UNSEEN", 0.0)
+    monkeypatch.setattr("steelyard.cli.terminal._AGAIN", (0.0, 0.0))
+    robot, estimate = identified / "robot.toml", identified / "result" / "estimate.json"
+    text = json.loads(estimate.read_text())
+    text["base"][0] = -0.05
+    text["parameters"] = text["consistency"] = text["certificate"] = None
+    (identified / "wrong.json").write_text(json.dumps(text))
+    short = ("--period", 5, "--starts", 1, "--harmonics", 3)
+    for words, code, told in (
+        (
+            ("generate", robot, "--language", "c", "-o", identified / "c"),
+            0,
+            r"recording the functions .*: \d+ %, .*left",
+        ),
+        (
+            ("explain", robot, identified / "wrong.json"),
+            1,
+            r"changing one base parameter after the other: \d+ %, .*left",
+        ),
+        (("explain", robot, estimate), 0, r"ends of the interval of each parameter: \d+ %, .*left"),
+        (("simulate", robot, "-o", identified / "fall"), 0, r"simulating: \d+ %, .*left"),
+        (("excite", robot, "-o", identified / "motion", *short), 0, r"searching: \d+ %, .*left"),
+    ):
+        found = run(*words)
+        assert found[0] == code, found
+        assert re.search(told, found[2]), found[2]
+        quiet = run(*words, "--quiet")
+        assert quiet[::2] == (code, ""), quiet
+        assert quiet[1].count("\n") < found[1].count("\n") or words[0] == "generate"
+
+
 def test_the_pace_is_told_in_words():
     assert how_far("simulating", 5.0, 60.0, "s", 2.0, 4.0) == "simulating: 8 %, 2 s/s, 28 s left"
     assert how_far("trying", 30.0, None, "mistakes", 2.0, 30.0) == "trying: 30 mistakes, 15 mistakes/s"

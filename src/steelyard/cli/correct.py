@@ -7,8 +7,8 @@ from typing import Annotated, Literal
 
 import typer
 
-from .choices import AllowExtensions, ConsistencyOption, EstimateArgument, RobotArgument
-from .terminal import echo
+from .choices import AllowExtensions, ConsistencyOption, EstimateArgument, Quiet, RobotArgument
+from .terminal import echo, progress
 
 __all__ = ["correct"]
 
@@ -22,6 +22,7 @@ def correct(
         Literal["deviation", "euclidean"],
         typer.Option(help="Base parameters count in units of their standard deviations, or all in SI units."),
     ] = "deviation",
+    quiet: Quiet = False,
     allow_extensions: AllowExtensions = False,
 ) -> None:
     """Write the physically possible estimate that is nearest to another one.
@@ -37,7 +38,9 @@ def correct(
     if output.resolve() == estimate.resolve():
         raise InputError(f"{output}: is the estimate itself, which stays as it is; give another file.")
     file = RobotFile.load(robot, allow_extensions=allow_extensions)
-    corrected = correct_estimate(file, estimate, consistency, metric)
+    with progress(quiet=quiet):
+        corrected = correct_estimate(file, estimate, consistency, metric)
     corrected.save(output)
     echo(corrected.remarks[-1])
-    echo(f"Written to {output}")
+    if not quiet:
+        echo(f"Written to {output}")

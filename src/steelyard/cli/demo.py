@@ -7,6 +7,7 @@ from typing import Annotated
 
 import typer
 
+from .choices import Quiet
 from .terminal import echo, progress, show_identification
 
 __all__ = ["demo"]
@@ -15,6 +16,7 @@ __all__ = ["demo"]
 def demo(
     output: Annotated[Path, typer.Option("--output", "-o", help="Folder for everything.")] = Path("steelyard-demo"),
     seed: Annotated[int, typer.Option(help="Seed of the simulated noise.", min=0)] = 2014,
+    quiet: Quiet = False,
 ) -> None:
     """Simulate the seven-joint WAM arm with wrong CAD, identify it, and show the answer beside the truth.
 
@@ -28,10 +30,13 @@ def demo(
     from steelyard.report import require_folder, save_results
 
     require_folder(output)
-    with progress() as say:
+    with progress(quiet=quiet) as say:
         result = demonstrate(output, seed=seed, progress=say)
         say("writing the report")
         save_results(result, output / "result")
+    if quiet:
+        echo(result.headline)
+        return
     show_identification(result)
     assert result.parameters is not None
     table, sentence = beside_truth(result.parameters)

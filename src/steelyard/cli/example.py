@@ -7,6 +7,7 @@ from typing import Annotated
 
 import typer
 
+from .choices import Quiet
 from .terminal import echo, progress
 
 __all__ = ["example"]
@@ -17,6 +18,7 @@ def example(
     output: Annotated[
         Path | None, typer.Option("--output", "-o", help="Folder for the example; steelyard-NAME where not given.")
     ] = None,
+    quiet: Quiet = False,
 ) -> None:
     """Write a complete folder to try things on: a robot, two logs, a robot.toml, and what must come out.
 
@@ -30,8 +32,11 @@ def example(
     if name is None:
         echo(list_examples())
         return
-    with progress() as say:
+    with progress(quiet=quiet) as say:
         folder = write_example(name, output or Path(f"steelyard-{name}"), progress=say)
+    if quiet:
+        echo(folder)
+        return
     echo(f"Wrote {folder}: robot.urdf, robot.toml, train.csv, validate.csv, truth.json and README.md.")
     echo(
         f"Go on with: steelyard identify {folder / 'robot.toml'} {folder / 'train.csv'} "

@@ -7,7 +7,7 @@ from typing import Annotated, Literal
 
 import typer
 
-from .choices import AllowExtensions, RobotArgument
+from .choices import AllowExtensions, Quiet, RobotArgument
 from .terminal import echo, progress, show_excitation
 
 __all__ = ["excite"]
@@ -44,6 +44,7 @@ def excite(
     time_limit: Annotated[
         float | None, typer.Option(help="s, after which the best motion so far is taken; so does Ctrl-C.")
     ] = None,
+    quiet: Quiet = False,
     allow_extensions: AllowExtensions = False,
 ) -> None:
     """Design a motion that shows a robot's parameters, within all its limits: exit 3 where it cannot identify them.
@@ -59,7 +60,7 @@ def excite(
     from steelyard.robot import RobotFile
 
     require_folder(output)
-    with progress() as say:
+    with progress(quiet=quiet) as say:
         design = run(
             RobotFile.load(robot, allow_extensions=allow_extensions),
             limits,
@@ -78,7 +79,10 @@ def excite(
             progress=say,
         )
         written = design.save_all(output)
-    show_excitation(design)
-    echo(f"Look at {', '.join(path.name for path in written)} in {output}")
+    if quiet:
+        echo(repr(design))
+    else:
+        show_excitation(design)
+        echo(f"Look at {', '.join(path.name for path in written)} in {output}")
     if not design.identifies:
         raise typer.Exit(3)

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import typer
 
-from .choices import AllowExtensions, ConsistencyOption, EstimateArgument, JsonFile, RobotArgument
-from .terminal import echo
+from .choices import AllowExtensions, ConsistencyOption, EstimateArgument, Json, JsonFile, Quiet, RobotArgument
+from .terminal import progress, show
 
 __all__ = ["explain"]
 
@@ -15,6 +15,8 @@ def explain(
     estimate: EstimateArgument,
     output: JsonFile = None,
     consistency: ConsistencyOption = "full",
+    json: Json = False,
+    quiet: Quiet = False,
     allow_extensions: AllowExtensions = False,
 ) -> None:
     """Tell why an estimate is impossible, or which values of each parameter are possible: exit 0 feasible, 1 not.
@@ -22,15 +24,14 @@ def explain(
     \b
     Examples:
       steelyard explain robot.toml estimate.json
+      steelyard explain robot.toml estimate.json --json --quiet
     """
     from steelyard.identification import explain_estimate
     from steelyard.robot import RobotFile
 
     file = RobotFile.load(robot, allow_extensions=allow_extensions)
-    explanation = explain_estimate(file, estimate, consistency)
-    echo(str(explanation))
-    if output is not None:
-        explanation.save(output)
-        echo(f"Written to {output}")
+    with progress(quiet=quiet):
+        explanation = explain_estimate(file, estimate, consistency)
+    show(explanation, output, json=json, quiet=quiet)
     if not explanation.feasible:
         raise typer.Exit(1)

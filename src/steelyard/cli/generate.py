@@ -9,8 +9,8 @@ import typer
 
 from steelyard.errors import InputError
 
-from .choices import AllowExtensions, RobotArgument
-from .terminal import echo
+from .choices import AllowExtensions, Quiet, RobotArgument
+from .terminal import echo, progress
 
 __all__ = ["generate"]
 
@@ -42,6 +42,7 @@ def generate(
         Path | None, typer.Option(help="estimate.json, whose parameters stand in the source as numbers.")
     ] = None,
     cad: Annotated[bool, typer.Option("--cad", help="The description's own values stand in the source.")] = False,
+    quiet: Quiet = False,
     allow_extensions: AllowExtensions = False,
 ) -> None:
     """Write the model of a robot as source code: functions with documentation, sizes and a self-test.
@@ -61,14 +62,16 @@ def generate(
         return
     if language is None or output is None:
         raise InputError("Give --language and --output: what to write, and the folder for it.")
-    written = model.generate(
-        language,
-        function or DEFAULT_FUNCTIONS,
-        directory=output,
-        base=base,
-        gravity=gravity,
-        sign=sign,
-        parameters=parameters_for_source(model, estimate, cad=cad, base=base),
-    )
+    parameters = parameters_for_source(model, estimate, cad=cad, base=base)
+    with progress(quiet=quiet):
+        written = model.generate(
+            language,
+            function or DEFAULT_FUNCTIONS,
+            directory=output,
+            base=base,
+            gravity=gravity,
+            sign=sign,
+            parameters=parameters,
+        )
     for path in written:
         echo(path)

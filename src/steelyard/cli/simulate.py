@@ -7,7 +7,7 @@ from typing import Annotated, Literal
 
 import typer
 
-from .choices import AllowExtensions, RobotArgument
+from .choices import AllowExtensions, Quiet, RobotArgument
 from .terminal import echo, progress
 
 __all__ = ["simulate"]
@@ -52,6 +52,7 @@ def simulate(
             "--stop-at-limits", help="End where a joint passes a limit of the description, or starts beyond it."
         ),
     ] = False,
+    quiet: Quiet = False,
     allow_extensions: AllowExtensions = False,
 ) -> None:
     """Simulate a robot: exit 0 when it ran to its end or to an event, 1 when it diverged, 2 bad input.
@@ -76,7 +77,7 @@ def simulate(
                 f"--initial must be numbers with commas between, such as 0,0.5,-1, got {initial!r}."
             ) from None
     require_folder(output)
-    with progress() as say:
+    with progress(quiet=quiet) as say:
         say(f"simulating {robot}")
         simulation = simulate_files(
             RobotFile.load(robot, allow_extensions=allow_extensions),
@@ -94,9 +95,10 @@ def simulate(
         save_simulation(simulation, output)
     result = simulation.result
     ending = f"{result.status} at {result.end_time:.6g} s"
-    for note in simulation.notes:
+    for note in () if quiet else simulation.notes:
         echo(f"Note: {note}.")
     echo(f"{ending}: {result.message}" if result.message else ending)
-    echo(f"Look at {output / 'simulation.html'}")
+    if not quiet:
+        echo(f"Look at {output / 'simulation.html'}")
     if result.status in ("diverged", "stopped"):
         raise typer.Exit(1)

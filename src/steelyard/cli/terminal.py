@@ -198,17 +198,19 @@ class _Steps:
         self._console = Console(stderr=True, highlight=False)
         self._begin = time.perf_counter()
         self._what, self._since, self._first, self._next, self._width = "", 0.0, 0.0, 0.0, 0
+        self._done = 0.0
         self._overwrites = isinstance(sys.stderr, _Guarded) and sys.stderr.isatty()
 
     def say(self, text: str) -> None:
         self.clear()
-        self._what = ""
         self._console.print(f"[dim]{time.perf_counter() - self._begin:6.2f} s[/dim]  ", end="")
         self._console.print(_text(text), soft_wrap=True)
 
     def watch(self, what: str, done: float, total: float | None, unit: str) -> None:
         now = time.perf_counter()
-        if what != self._what:
+        again = done < self._done  # the same once more
+        self._done = done
+        if what != self._what or again:
             self._what, self._since, self._first, self._next = what, now, done, now + _UNSEEN
         if now < self._next:
             return

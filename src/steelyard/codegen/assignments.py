@@ -13,6 +13,7 @@ from dataclasses import dataclass, field
 from functools import cached_property
 
 from steelyard.errors import InputError
+from steelyard.files import tell
 from steelyard.graph import Function, Node
 from steelyard.graph.expression import reachable
 
@@ -36,6 +37,7 @@ CALLS = ("sin", "cos", "sign", "sqrt")
 _SUM, _PRODUCT, _ATOM = 1, 2, 3
 _PRECEDENCE = {"add": _SUM, "sub": _SUM, "mul": _PRODUCT, "div": _PRODUCT, "neg": _SUM}
 _SIGN = {"add": "+", "sub": "-", "mul": "*", "div": "/"}
+_TOLD = 5000  # operations after which it is told how far the writing has come
 _WIDTH = 44  # characters of an expression beyond which it gets a variable, so that lines stay within 100 columns
 
 
@@ -185,7 +187,9 @@ class _Writer:
 
     def listing(self) -> Listing:
         present = {(node.operation, node.arguments[0].index): node for node in self.nodes if len(node.arguments) == 1}
-        for node in self.nodes:
+        for done, node in enumerate(self.nodes):
+            if done % _TOLD == 0:
+                tell(f"writing {self.function.name}", done, len(self.nodes), "operations")
             if node.index in self.text:
                 continue
             if node.operation in ("sin", "cos"):

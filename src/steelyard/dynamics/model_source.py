@@ -10,6 +10,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from steelyard import __version__, codegen
 from steelyard.errors import InputError
+from steelyard.files import tell
 from steelyard.graph import Function
 from steelyard.robot import Inertia, Robot
 
@@ -88,10 +89,11 @@ def model_project(
     if len(set(names)) < len(names):
         twice = next(name for name in names if list(names).count(name) > 1)
         raise InputError(f"functions names {twice!r} twice; name each function once.")
-    recorded = (
-        functions.function(name, base=base, gravity=gravity, sign=sign, parameters=parameters) for name in names
-    )
-    built = _told_apart(list(recorded))
+    recorded = []
+    for number, name in enumerate(names):
+        tell("recording the functions of the model", number, len(names), "functions")
+        recorded.append(functions.function(name, base=base, gravity=gravity, sign=sign, parameters=parameters))
+    built = _told_apart(recorded)
     used = {argument.name for function in built for argument in function.arguments}
     return codegen.Project(
         robot.name,

@@ -8,7 +8,8 @@ next.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+import itertools
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Any
@@ -197,6 +198,7 @@ def minimise(
     start: Iterate,
     rounds: Sequence[tuple[float, int]],
     stop: Callable[[], bool],
+    advance: Callable[[float], None] = lambda share: None,
 ) -> Iterate:
     """Minimise the criterion under all constraints by rounds of the augmented Lagrangian.
 
@@ -209,6 +211,8 @@ def minimise(
         Sharpness and largest number of iterations.
     stop : callable
         Called before every evaluation; where it returns True, the minimisation ends with the present iterate.
+    advance : callable
+        Called with the share of all iterations, from 0 to 1, that are done or were not needed.
 
     Returns
     -------
@@ -219,15 +223,18 @@ def minimise(
     if not now.multipliers:
         now.multipliers = [np.zeros((0, len(c.labels))) for c in problem.constraints]
     now.multipliers = [_padded(m, len(w)) for m, w in zip(now.multipliers, problem.checked_instants, strict=True)]
+    whole, before = sum(iterations for _, iterations in rounds), 0
     for sharpness, iterations in rounds:
+        done = itertools.count(before + 1)
 
         def evaluate(x: Array, sharpness: float = sharpness) -> tuple[float, Array]:
             if stop():
                 raise Stopped
             return _augmented(problem, x, now.multipliers, sharpness)
 
-        def keep(x: Array) -> None:
+        def keep(x: Array, done: Iterator[int] = done) -> None:
             now.x = np.array(x)
+            advance(next(done) / whole)
 
         try:
             found = minimize(
@@ -241,6 +248,8 @@ def minimise(
         except Stopped:
             return now
         now.x = np.asarray(found.x)
+        before += iterations
+        advance(before / whole)
         clearances = problem.clearances(problem.motion(now.x))
         now.multipliers = [
             np.maximum(0.0, m + _PENALTY * (problem.tightening - c))

@@ -7,17 +7,19 @@ import time
 from collections.abc import Callable, Mapping, Sequence
 from concurrent.futures import FIRST_COMPLETED, BrokenExecutor, Future, wait
 from dataclasses import dataclass, field
+from functools import partial
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from steelyard.errors import InputError, SolverError
+from steelyard.files import tell
 
 from .design_problem import COARSE, FINE, DesignProblem, Iterate, minimise
 from .limit_margins import Margin, Verifier, keeps_all
 from .motion_limits import MotionLimits
-from .workers import Flag, Pool, pool_of
+from .workers import Flag, Pool, Shares, pool_of
 
 __all__ = ["Candidate", "Minimiser", "Search", "SearchOptions", "SearchResult", "resting_configurations"]
 
@@ -142,6 +144,7 @@ class Search:
     _halt: Flag = field(default_factory=Flag)
     _deadline: float = float("inf")
     _stage: str = ""
+    _shares: Shares = field(default_factory=lambda: Shares(0))
 
     def run(self, configurations: Sequence[Array]) -> SearchResult:
         """Run the search.
@@ -164,12 +167,15 @@ class Search:
         status = "finished"
         workers = min(self.options.workers or _processors(), self.options.starts)
         self._compile()
+        self._shares = Shares(self.options.starts)
         with pool_of(self._work, workers) as pool:
             try:
                 tasks = {k: (k, configurations[k % len(configurations)], None) for k in range(self.options.starts)}
                 self._collect(pool, tasks, found)
                 if self.options.minimiser is None and not self._stopped():
                     self._stage = "refining the best, "
+                    for candidate in found.values():
+                        self._shares.put(candidate.index, 0.0)
                     chosen = sorted(found.values(), key=self._rank)[: -(-self.options.starts // _REFINED)]
                     self._collect(pool, {c.index: (c.index, configurations[0], c) for c in chosen}, found)
             except KeyboardInterrupt:
@@ -201,6 +207,8 @@ class Search:
         try:
             while waiting:
                 done, _ = wait(waiting, timeout=0.2, return_when=FIRST_COMPLETED)
+                under_way = len(tasks) - len(waiting) + sum(self._shares.get(k) for k in waiting.values())
+                tell(f"{self._stage}searching", under_way, len(tasks), "starts")
                 for future in sorted(done, key=lambda f: waiting[f]):
                     self._keep(future, waiting.pop(future), found, len(tasks) - len(waiting), len(tasks))
         except KeyboardInterrupt:
@@ -255,14 +263,15 @@ class Search:
         x = self._random_start(np.random.default_rng([self.options.seed, k]), configuration)
         if self.options.minimiser is not None:
             return self._judged(k, Iterate(self.options.minimiser(self.problem, x, self._stopped), []))
-        return self._judged(k, minimise(self.problem, Iterate(x, []), COARSE, self._stopped))
+        advance = partial(self._shares.put, k)
+        return self._judged(k, minimise(self.problem, Iterate(x, []), COARSE, self._stopped, advance))
 
     def _refined(self, candidate: Candidate) -> Candidate:
         problem, iterate = self.problem, candidate.iterate
         best = candidate
         rounds = FINE
         for _ in range(_ROUNDS):
-            iterate = minimise(problem, iterate, rounds, self._stopped)
+            iterate = minimise(problem, iterate, rounds, self._stopped, partial(self._shares.put, candidate.index))
             found = self._judged(candidate.index, iterate)
             if self._rank(found) < self._rank(best):
                 best = found

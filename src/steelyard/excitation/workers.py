@@ -18,7 +18,7 @@ from contextlib import contextmanager
 from itertools import count
 from typing import Any
 
-__all__ = ["Flag", "Pool", "pool_of"]
+__all__ = ["Flag", "Pool", "Shares", "pool_of"]
 
 Task = Callable[..., Any]
 _TASKS: dict[int, Task] = {}
@@ -38,6 +38,21 @@ class Flag:
     def is_set(self) -> bool:
         """Return whether the flag is set."""
         return bool(self._value.value)
+
+
+class Shares:
+    """How much of each task is done, from 0 to 1; processes share it, and each task is of one of them."""
+
+    def __init__(self, count: int) -> None:
+        self._values = multiprocessing.RawArray("d", count)
+
+    def put(self, task: int, share: float) -> None:
+        """Write down how much of a task is done."""
+        self._values[task] = share
+
+    def get(self, task: int) -> float:
+        """Return how much of a task is done."""
+        return float(self._values[task])
 
 
 def _run(number: int, arguments: tuple[Any, ...]) -> Any:

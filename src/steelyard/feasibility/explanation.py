@@ -11,6 +11,7 @@ from steelyard.conic import ConicProblem, solve
 from steelyard.display import combination, few_digits, html_sentences, html_table, percent, text_table
 from steelyard.dynamics.threads import one_thread
 from steelyard.errors import InputError
+from steelyard.files import tell
 from steelyard.regression import ParameterCovariance
 
 from .bounds.confidence_region import region_of
@@ -421,9 +422,10 @@ def explain_infeasibility(
         squared = float(change @ pulled)
         shares = change * pulled / squared if squared > 0 else np.zeros(count)
         subsystems = irreducible_infeasible_subsystems(feasible_set, beta)
-        alone = [
-            change_alone(feasible_set, beta, i, subsystems, solver) if subsystems else math.inf for i in range(count)
-        ]
+        alone = []
+        for i in range(count):
+            tell("changing one base parameter after the other", i, count, "parameters")
+            alone.append(change_alone(feasible_set, beta, i, subsystems, solver) if subsystems else math.inf)
     kept = [i for i in np.argsort(-nearest.shares) if nearest.shares[i] > SMALLEST_SHARE]
     degrees = tuple(
         BaseParameterDegree(*name, *(float(value) for value in values))

@@ -6,6 +6,7 @@ import numpy as np
 import numpy.typing as npt
 
 from steelyard.conic import Cone, ConicProblem, Rows, solve
+from steelyard.files import tell
 from steelyard.lmi import AffineStack, symmetric_to_vector
 
 from .feasible_set import FeasibleSet
@@ -161,6 +162,7 @@ def _smallest(feasible_set: FeasibleSet, base: Vector, reason: Separation) -> Se
         order = sorted(reason.matrices, key=lambda i: float(np.trace(reason.matrices[i])))
         candidates = [("equation", i) for i in reason.multipliers] + [("block", i) for i in order]
         left = [candidate for candidate in candidates if candidate not in tried]
+        tell("leaving out one condition after the other", len(tried), len(tried) + len(left), "conditions")
         if not left:
             return reason
         kind, index = left[0]

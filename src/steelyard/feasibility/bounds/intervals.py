@@ -11,6 +11,7 @@ import numpy.typing as npt
 from steelyard.display import few_digits, html_table, outward, percent, text_table
 from steelyard.dynamics.threads import one_thread
 from steelyard.errors import InputError
+from steelyard.files import tell
 from steelyard.regression import ParameterCovariance
 
 from ..feasible_set import FeasibleSet
@@ -273,9 +274,12 @@ def parameter_intervals(
     chosen = quantities(feasible_set, names, combinations)
     with one_thread():
         given = given_by(feasible_set, base, info, covariance, weights, confidence, solver)
-        found = tuple(interval_of(given.finder, quantity) for quantity in chosen)
+        found = []
+        for number, quantity in enumerate(chosen):
+            tell("ends of the interval of each parameter", number, len(chosen), "intervals")
+            found.append(interval_of(given.finder, quantity))
     return ParameterIntervals(
-        found, given.base, feasible_set.consistency, given.confidence, given.distance, given.finder.trace_bound
+        tuple(found), given.base, feasible_set.consistency, given.confidence, given.distance, given.finder.trace_bound
     )
 
 
