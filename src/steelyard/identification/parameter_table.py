@@ -5,7 +5,7 @@ from __future__ import annotations
 import csv
 import importlib
 import io
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass, field, replace
 from typing import Any, Literal
 
@@ -23,7 +23,7 @@ from steelyard.regression import Estimate, Information, ParameterCovariance
 from steelyard.robot import Inertia
 from steelyard.robot.inertia import moment_row
 
-__all__ = ["Basis", "LinkRows", "ParameterRow", "ParameterTable", "parameter_table"]
+__all__ = ["Basis", "LinkRows", "ParameterRow", "ParameterTable", "parameter_table", "weakest"]
 
 Array = NDArray[np.float64]
 Basis = Literal["measured", "bounded", "assumed", "unknown"]
@@ -109,6 +109,11 @@ class LinkRows:
         return f"LinkRows({self.name!r}: {few_digits(self.mass.value)} kg at ({center}) m)"
 
 
+def weakest(rows: Iterable[ParameterRow]) -> Basis:
+    """What the least sure of some numbers rests on."""
+    return max((row.basis for row in rows), key=_BASES.index)
+
+
 @dataclass(frozen=True, eq=False)
 class ParameterTable:
     """All numbers of an answer; ``table["m3"]`` is one of them.
@@ -180,8 +185,7 @@ class ParameterTable:
             center = ", ".join(
                 "-" if np.isnan(row.value) else f"{round(row.value, 3) + 0.0:.3f}" for row in link.center
             )
-            weakest = max((row.basis for row in link.center), key=_BASES.index)
-            rows.append((link.name, value, lower, upper, cad, basis, center, weakest))
+            rows.append((link.name, value, lower, upper, cad, basis, center, weakest(link.center)))
 
         def chosen(cells: tuple[str, ...]) -> tuple[str, ...]:
             return tuple(cell for cell, is_shown in zip(cells, shown, strict=True) if is_shown)

@@ -45,6 +45,9 @@ MOST_NAMED = 4
 FEWEST_BATCHES = 20
 """Of a joint: fewer tell nothing of what is white."""
 
+UNTESTED = "the data of the fit itself"
+"""What was predicted where nothing could be held out."""
+
 UNITS = ("torque unit", "position unit", "time unit")
 """Kinds of mistakes after which all numbers of the answer have another unit, though it predicts its own logs well."""
 
@@ -269,7 +272,7 @@ def prediction_verdict(
         source = f"{fold_count} stretches of the logs, each left out in turn"
     else:
         error, tested = training, False
-        source = "the data of the fit itself"
+        source = UNTESTED
     own_noise = np.minimum(np.nan_to_num(floor), training)
     whole = float(np.linalg.norm(error) / np.linalg.norm(torque))
     own = float(np.linalg.norm(training) / np.linalg.norm(own_torque))

@@ -304,6 +304,7 @@ class Identification:
 
     def _repr_html_(self) -> str:
         parts = [html_sentences(self.headline, self.mistake_sentences[:3], strong=True)]
+        parts.append(_report_room().robot_svg(self))
         heads, rows = self.joint_table()
         parts.append(html_table(f"Prediction of {self.prediction.source}", heads, rows, self.prediction.sentences[1:]))
         if self.parameters is not None:

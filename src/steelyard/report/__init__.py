@@ -18,5 +18,7 @@ if TYPE_CHECKING:
     from .results import require_apart as require_apart
     from .results import require_folder as require_folder
     from .results import save_results as save_results
+    from .robot_picture import robot_picture as robot_picture
+    from .robot_picture import robot_svg as robot_svg
 
 __all__ = import_at_first_use(__name__, __file__)

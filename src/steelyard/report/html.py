@@ -10,12 +10,16 @@ from steelyard.identification import Identification
 
 from . import answer_sections as answer
 from . import sections
+from .head import head, remarks
 from .html_document import Markup, Section, html_document
 from .proof import PROOF_SCRIPTS, proof
+from .robot_section import robot
 
 __all__ = ["report_html", "write_report"]
 
 _SECTIONS: tuple[tuple[str, str, Callable[[Identification], Markup]], ...] = (
+    ("remarks", "Remarks", remarks),
+    ("robot", "The robot", robot),
     ("prediction", "Does it predict?", answer.prediction),
     ("rests-on", "What each number rests on", answer.parameters),
     ("beforehand", "What is known beforehand", answer.prior),
@@ -73,10 +77,10 @@ def report_html(identification: Identification) -> str:
         f"{name}: identified parameters",
         "Steelyard identification report",
         name,
-        sections.summary(identification),
+        head(identification),
         parts,
-        plain_scripts=PROOF_SCRIPTS,
-        styles=("charts.css",),
+        plain_scripts=("drawing.js", *PROOF_SCRIPTS),
+        styles=("drawing.css", "charts.css"),
         scripts=("figures.js", *(["charts.js"] if answer.has_price(identification) else [])),
     )
 

@@ -15,11 +15,10 @@ from steelyard.files import file_hash
 from steelyard.identification import Identification, Prediction
 
 from .charts import POINTS, rounded
-from .extent import MOST_LOGS, gathered, shared_words, short_names, shown_logs
+from .extent import MOST_LOGS, shared_words, short_names, shown_logs
 from .html_document import Markup, escape, number, percent, script_data, table
 
 __all__ = [
-    "NOTIONS",
     "base_parameters",
     "default_log",
     "errors",
@@ -27,7 +26,6 @@ __all__ = [
     "joints",
     "processing",
     "provenance",
-    "summary",
     "torque_data",
     "torque_figures",
     "versions",
@@ -37,127 +35,6 @@ __all__ = [
 Array = NDArray[np.float64]
 MOST_ROWS = 500  # of the table of all logs, which a browser still shows at once
 _LIBRARIES = ("numpy", "scipy", "clarabel", "llvmlite", "polars", "lxml", "plotly")
-NOTIONS = {
-    "full": "every link has positive mass, and a distribution of mass with its moments exists",
-    "inertia": "every link has positive mass and positive moments of inertia about its centre of mass",
-}
-_MARKS = {"good": "✓", "bad": "✕", "open": "!"}
-
-
-# The first screen: whether the answer can exist, whether it predicts, and what is uncertain.
-
-
-def summary(identification: Identification) -> Markup:
-    """Return both verdicts, the figures that matter and the remarks."""
-    remarks = [*identification.estimate.remarks, *identification.unconstrained.remarks, *identification.remarks]
-    logs = (*identification.logs, *identification.validation_logs)
-    mistakes = identification.mistake_sentences
-    probable = "".join(f"<p><strong>{escape(text)}</strong></p>" for text in gathered(mistakes, logs))
-    others = [remark for remark in remarks if remark not in mistakes]
-    items = "".join(f"<li>{escape(remark)}</li>" for remark in gathered(others, logs))
-    notes = (
-        f'<section aria-labelledby="remarks"><h2 id="remarks">Remarks</h2><ul>{items}</ul></section>' if items else ""
-    )
-    cards = (_verdict_of_answer, _verdict_of_prediction, _verdict_of_least_squares)
-    return Markup(
-        f'<p class="lead">{escape(identification.headline)}</p>{probable}\n'
-        f'<div class="verdicts">{"".join(card(identification) for card in cards)}</div>\n'
-        f'<dl class="figures" aria-label="Key figures">{_figures(identification)}</dl>\n{notes}'
-    )
-
-
-def _card(title: str, kind: str, word: str, lines: Sequence[str]) -> str:
-    mark = f'<span aria-hidden="true">{_MARKS[kind]}</span> ' if kind in _MARKS else ""
-    body = "".join(f"<p>{escape(line)}</p>" for line in lines)
-    verdict = f'<p class="verdict">{mark}{escape(word)}</p>'
-    return f'<section class="card {kind}"><h2>{escape(title)}</h2>{verdict}{body}</section>'
-
-
-def _verdict_of_answer(identification: Identification) -> str:
-    title, feasible_set = "Can the answer exist?", identification.feasible_set
-    lines = [f"Under “{feasible_set.consistency}” consistency: {NOTIONS[feasible_set.consistency]}."]
-    match identification.possible:
-        case None:
-            return _card(title, "open", "Undecided", ["It has base parameters alone, so that no link can be checked."])
-        case False:
-            lines.append("Checked again for this report: not all conditions hold strictly.")
-            return _card(title, "open", "Undecided", lines)
-        case _:
-            count = len(feasible_set.blocks)
-            lines.append(f"Checked again for this report: all {count} conditions on links, joints and limits hold.")
-            # A tick beside a model that does not predict would be taken for a model that can be used.
-            return _card(title, "good" if _predicts(identification) else "plain", "Feasible", lines)
-
-
-def _predicts(identification: Identification) -> bool:
-    return identification.prediction.word in ("good", "usable")
-
-
-def _verdict_of_prediction(identification: Identification) -> str:
-    told = identification.prediction
-    kind = {"good": "good", "usable": "good", "poor": "open", "wrong": "bad"}[told.word]
-    return _card("Does it predict?", kind, told.word.capitalize(), told.sentences)
-
-
-def _verdict_of_least_squares(identification: Identification) -> str:
-    verdict = identification.verdict
-    first = {
-        True: "A real robot can have the base parameters of plain least squares.",
-        False: "No real robot has the base parameters of plain least squares.",
-        None: "Too close to the boundary for floating point to tell.",
-    }[verdict.feasible]
-    lines = [first]
-    if verdict.violations:
-        names = [violation.block for violation in verdict.violations]
-        more = f" and {len(names) - 4} more" if len(names) > 4 else ""
-        lines.append(f"Impossible: {', '.join(names[:4])}{more}.")
-    if verdict.feasible is False and verdict.certificate is not None:
-        lines.append("Proved, and the proof verified in exact arithmetic.")
-    word = {True: "Feasible", False: "Infeasible", None: "Undecided"}[verdict.feasible]
-    return _card("For comparison: plain least squares", "plain", word, lines)
-
-
-def _figures(identification: Identification) -> str:
-    unconstrained, estimate, told = identification.unconstrained, identification.estimate, identification.prediction
-    noise = "white noise could not be told apart"
-    if not np.isnan(told.relative_noise):
-        noise = f"noise floor {percent(told.relative_noise)} %; on {told.source}"
-    error = Markup(f"{percent(told.relative_error)} <small>%</small>")
-    figures = [("Error of the prediction", error, noise)]
-    figures.append(("Relative error, identification", *_change(unconstrained.relative_error, estimate.relative_error)))
-    names = short_names(identification)
-    for index in shown_logs(identification):
-        name, prediction = names[index], identification.predictions[index]
-        if prediction.role == "validation":
-            change = _change(prediction.unconstrained_error, prediction.feasible_error)
-            figures.append((f"Relative error, validation on {name}", *change))
-    table = identification.parameters
-    if table is not None:
-        total = table["total mass"]
-        note = "of all moving links"
-        if table.confidence is not None:
-            note = f"{total.basis}; {total.lower:.4g} to {total.upper:.4g} kg at 95 %"
-        figures.append(("Total mass", Markup(f"{total.value:.4g} <small>kg</small>"), note))
-        if table.confidence is not None:
-            note = f"of {len(table)} numbers; {table.count('bounded')} bounded, {table.count('assumed')} assumed"
-            figures.append(("Measured", Markup(str(table.count("measured"))), note))
-    condition = identification.information.condition_number
-    text = f"{condition:.4g}" if np.isfinite(condition) else "∞"
-    count = len(unconstrained.base)
-    figures.append(("Condition number", Markup(text), f"how evenly the motion shows the {count} base parameters"))
-    return "".join(
-        f"<div><dt>{escape(term)}</dt><dd>{value}<span>{escape(note)}</span></dd></div>"
-        for term, value, note in figures
-    )
-
-
-def _change(before: float, after: float) -> tuple[Markup, str]:
-    arrow = '<span aria-hidden="true"> → </span><span class="hidden"> to </span>'
-    text = f'<span class="change">{percent(before)}{arrow}{percent(after)} <small>%</small></span>'
-    return Markup(text), "from least squares to feasible"
-
-
-# The sections below it.
 
 
 def errors(identification: Identification) -> Markup:

@@ -1,0 +1,294 @@
+"""What an identification found, in a sentence or two, and what is most worth doing next."""
+
+from __future__ import annotations
+
+import shlex
+from collections.abc import Iterable, Iterator
+from dataclasses import dataclass
+from typing import Literal
+
+import numpy as np
+
+from steelyard.excitation.motion_limits import MotionLimits
+from steelyard.feasibility.constraints import MeasuredMass, TotalMass
+
+from .prediction_verdict import UNTESTED
+from .result import Identification
+
+__all__ = ["NextStep", "found", "next_steps"]
+
+MOST_STEPS = 3
+MOST_NAMED = 3
+LONGEST_NAME = 30  # characters of a sum of parameters
+PATTERN = 0.5
+"""Part of the mean square of the residuals that is white, below which most of what is left follows a pattern."""
+LARGE = 0.08
+"""Relative error of a joint, noise aside, above which its pattern is worth a term: as much as counts as good."""
+DEFAULTS = {
+    "viscous": "viscous friction",
+    "coulomb": "Coulomb friction",
+    "offset": "a constant offset",
+    "rotor_inertia": "the inertia of its rotor",
+}
+
+
+@dataclass(frozen=True)
+class NextStep:
+    """Something that is worth doing.
+
+    Attributes
+    ----------
+    action : str
+        What to do, a sentence.
+    reason : str
+        What was found that speaks for it, a sentence or more.
+    code : str
+        The command, or the lines of ``robot.toml``, that do it; words in capitals are to be filled in.
+    language : {"console", "toml"}
+        What `code` is.
+
+    Examples
+    --------
+    >>> step = NextStep("Weigh it.", "Its mass is assumed.", "[constraints]", "toml")
+    >>> print(step)
+    Weigh it. Its mass is assumed.
+      [constraints]
+    """
+
+    action: str
+    reason: str
+    code: str
+    language: Literal["console", "toml"]
+
+    def __str__(self) -> str:
+        lines = self.code.splitlines()
+        return "\n".join([f"{self.action} {self.reason}", *(f"  {line}" if line else "" for line in lines)])
+
+
+def found(identification: Identification) -> tuple[str, ...]:
+    """Return what was found about the robot, one sentence or two.
+
+    Parameters
+    ----------
+    identification : Identification
+    """
+    prediction, told = identification.prediction, identification.parameters
+    if prediction.word == "wrong":
+        return (
+            "The numbers are of no robot that moves like this one, though a robot with them can exist: do not use them "
+            "before the cause is found.",
+        )
+    sentences = []
+    if told is not None:
+        total = told["total mass"]
+        mass = f"The moving links weigh {total.value:.4g} kg in all"
+        if told.confidence is None:
+            sentences.append(f"{mass}; no number has an interval, because the torques were filtered.")
+        else:
+            sentences.append(
+                f"{mass} ({total.basis}, {total.lower:.3g} to {total.upper:.3g} kg): of {len(told)} numbers the data "
+                f"alone tells {told.count('measured')}, with physics it bounds {told.count('bounded')}, and "
+                f"{told.count('assumed')} are assumed."
+            )
+    verdict = identification.verdict
+    before, after = identification.unconstrained.relative_error, identification.estimate.relative_error
+    if verdict.feasible is False:
+        names = [violation.block for violation in verdict.violations]
+        more = f" and {len(names) - MOST_NAMED} more" if len(names) > MOST_NAMED else ""
+        which = f" ({', '.join(names[:MOST_NAMED])}{more})" if names else ""
+        sentences.append(
+            f"Plain least squares found a robot that cannot exist{which}; one that can leaves {after:.2%} of the "
+            f"torques of its own data unexplained instead of {before:.2%}."
+        )
+    return tuple(sentences)
+
+
+def next_steps(identification: Identification) -> tuple[NextStep, ...]:
+    """Return what is most worth doing next, at most three things, the most valuable first.
+
+    A mistake comes first, since nothing else counts before it is mended; then what makes the prediction better; then
+    what makes more numbers known; then what shows that the answer holds elsewhere, and what it is good for.
+
+    Parameters
+    ----------
+    identification : Identification
+
+    Returns
+    -------
+    tuple of NextStep
+        With the command or the lines of ``robot.toml`` that do it.
+    """
+    steps: list[NextStep] = []
+    for step in _steps(identification):
+        if step.code not in [other.code for other in steps]:
+            steps.append(step)
+        if len(steps) == MOST_STEPS:
+            break
+    return tuple(steps)
+
+
+def _steps(identification: Identification) -> Iterator[NextStep]:
+    yield from _mistakes(identification)
+    if identification.prediction.word == "wrong":
+        if not identification.mistakes:
+            yield _doctor(identification)
+        return  # what the motion shows, and what is assumed, means nothing of a wrong model
+    weak = list(_weak(identification))
+    yield from _unseen(identification, weak)
+    yield from _missing_terms(identification)
+    yield from _intervals(identification)
+    yield from _weighing(identification)
+    yield from _excitation(identification, weak)
+    yield from _confirmation(identification)
+
+
+def _robot(identification: Identification) -> str:
+    file = identification.robot_file or identification.model.robot.source
+    return "ROBOT" if file is None else shlex.quote(str(file))
+
+
+def _logs(identification: Identification) -> list[str]:
+    return [shlex.quote(log) for log in identification.logs if log not in identification.in_memory]
+
+
+def _mistakes(identification: Identification) -> Iterator[NextStep]:
+    for log, hypotheses in identification.mistakes.items():
+        first, *others = hypotheses
+        if not first.toml:
+            continue
+        reason = f"{first.statement}, in {log}: mended, {first.evidence}."
+        if others:
+            reason += f" The log cannot tell it from: {'; '.join(other.statement for other in others[:MOST_NAMED])}."
+        yield NextStep("Mend robot.toml, and identify again.", reason, first.toml.strip(), "toml")
+
+
+def _doctor(identification: Identification) -> NextStep:
+    logs = _logs(identification)
+    return NextStep(
+        "Look for what is wrong with the log.",
+        f"{identification.prediction.relative_error:.0%} of the torques are left unexplained, and no single mistake "
+        "that was tried explains it.",
+        f"steelyard doctor {logs[0] if logs else 'LOG'} {_robot(identification)}",
+        "console",
+    )
+
+
+def _weak(identification: Identification) -> Iterator[str]:
+    """What the motion hides, a clause each."""
+    hidden = identification.information.unidentifiable
+    weak = [name for name in identification.weak if name not in hidden]
+    count = len(identification.unconstrained.base)
+    if hidden:
+        yield f"the logs do not show {len(hidden)} of {count} base parameters at all, {_named(hidden)}"
+    if weak:
+        are = "are smaller than their standard errors" if len(weak) > 1 else "is smaller than its standard error"
+        yield f"{len(weak)} of {count} base parameters {are}, {_named(weak)}"
+
+
+def _unseen(identification: Identification, weak: list[str]) -> Iterator[NextStep]:
+    """A better motion, where the model knows its own data alone."""
+    told, own = identification.prediction, identification.estimate.relative_error
+    if told.source != UNTESTED and told.word == "poor" and own <= 0.5 * told.model_error:
+        first = (
+            f"The model explains its own data to {own:.1%}, but {told.source} to {told.model_error:.1%} only: the "
+            "motion shows too little for others"
+        )
+        yield _motion(identification, "; ".join([first, *weak]))
+
+
+def _excitation(identification: Identification, weak: list[str]) -> Iterator[NextStep]:
+    if weak:
+        yield _motion(identification, "; ".join(weak))
+
+
+def _motion(identification: Identification, reason: str) -> NextStep:
+    known = MotionLimits.from_robot(identification.model.robot)
+    limits = "" if np.isfinite([known.lower, known.upper, known.velocity]).all() else " --limits LIMITS.toml"
+    return NextStep(
+        "Record a motion that shows more.",
+        f"{reason[:1].upper()}{reason[1:]}.",
+        f"steelyard excite {_robot(identification)}{limits} --output motion",
+        "console",
+    )
+
+
+def _missing_terms(identification: Identification) -> Iterator[NextStep]:
+    """Terms that the model lacks, where what is left at a joint follows a pattern."""
+    told = identification.prediction
+    lacking = [kind for kind in DEFAULTS if kind not in {term.kind for term in identification.model.robot.terms}]
+    if any(term.kind == "motor_side" for term in identification.model.robot.terms) or not lacking:
+        return
+    errors = np.where(np.nan_to_num(told.whiteness, nan=1.0) < PATTERN, told.joint_model_error, 0.0)
+    worst = int(np.argmax(errors))
+    if errors[worst] > LARGE:
+        words = ", ".join(DEFAULTS[kind] for kind in lacking)
+        yield NextStep(
+            "Let the model have more terms.",
+            f"What is left at {told.joint_names[worst]} is {errors[worst]:.0%} of its torques and follows a pattern "
+            f"({told.whiteness[worst]:.0%} of it is white), and the model lacks {words}.",
+            "\n".join(f'[[terms]]\nkind = "{kind}"' for kind in lacking),
+            "toml",
+        )
+
+
+def _weighing(identification: Identification) -> Iterator[NextStep]:
+    table = identification.parameters
+    if table is None or table.confidence is None:
+        return
+    total = table["total mass"]
+    constraints = identification.feasible_set.constraints
+    stated = any(isinstance(one, (TotalMass, MeasuredMass)) and one.links is None for one in constraints)
+    if total.basis == "assumed" and not stated:
+        names = [link.name for link in table.links]
+        yield NextStep(
+            "State what the moving links weigh.",
+            f"Their mass, {total.value:.3g} kg, is assumed: the data and physics leave {total.lower:.3g} to "
+            f"{total.upper:.3g} kg. A data sheet or a scale tells it (all from {names[0]} on, without the base).",
+            "[constraints]\ntotal_mass = { equal = MASS }",
+            "toml",
+        )
+
+
+def _intervals(identification: Identification) -> Iterator[NextStep]:
+    processing = identification.options.get("processing")
+    given = processing if isinstance(processing, dict) else {}
+    keys = [key for key in ("torque_cutoff", "decimate") if given.get(key) not in (None, 1)]
+    if identification.parameters is not None and identification.parameters.confidence is None and keys:
+        yield NextStep(
+            "Identify without filtered torques, to see what each number rests on.",
+            "Torques that are filtered or decimated are biased by more than noise explains, so that no interval holds.",
+            "[processing]\n" + "\n".join(f"# without {key} = {given[key]}" for key in keys),
+            "toml",
+        )
+
+
+def _confirmation(identification: Identification) -> Iterator[NextStep]:
+    robot, logs = _robot(identification), " ".join(_logs(identification)) or "LOG..."
+    if identification.prediction.source == UNTESTED:
+        yield NextStep(
+            "Try the model on a motion that it has not seen.",
+            "Nothing was held out, because the logs are too short.",
+            f"steelyard identify {robot} {logs} --validate OTHER_LOG --output DIR",
+            "console",
+        )
+    elif not identification.validation_logs:
+        yield NextStep(
+            "Try the model on another motion.",
+            f"It was judged on {identification.prediction.source}; a log of its own tells whether it holds elsewhere.",
+            f"steelyard validate {robot} DIR OTHER_LOG",
+            "console",
+        )
+    if identification.prediction.word in ("good", "usable") and identification.estimate.parameters is not None:
+        yield NextStep(
+            "Use it.",
+            "A simulation shows what the robot does with these numbers; DIR is the folder of this report.",
+            f"steelyard simulate {robot} DIR/estimate.json --output simulation",
+            "console",
+        )
+
+
+def _named(names: Iterable[str]) -> str:
+    """The shortest of some names; sums of ten terms say nothing in a sentence."""
+    listed = list(names)
+    shown = [name for name in listed if len(name) <= LONGEST_NAME][:MOST_NAMED] or sorted(listed, key=len)[:1]
+    return f"{'such as ' if len(shown) < len(listed) else 'namely '}{', '.join(shown)}"

@@ -1,0 +1,74 @@
+"""The part of the report that shows the robot: its drawing, which can be turned, and its links beside it."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from steelyard.identification import Identification
+
+from .html_document import Markup, escape
+from .robot_picture import KEY, DrawnLink, drawn_links, remarks_on_drawing, robot_drawing
+from .robot_scene import robot_scene
+
+__all__ = ["robot"]
+
+
+def robot(identification: Identification) -> Markup:
+    """Return the robot with all joints at zero, and what each link weighs."""
+    links, scene = drawn_links(identification), robot_scene(identification.model.robot)
+    has_cad = any(not np.isnan(link.cad_mass) for link in links)
+    has_answer = any(link.body is not None for link in links)
+    told = identification.parameters
+    text = "All joints are at zero; discs are joints that turn, squares joints that slide."
+    if has_answer:
+        text += (
+            " Each ellipsoid is the solid one of uniform density with the mass, centre of mass and moments of inertia "
+            "of the answer, which need not look like the link."
+        )
+    if has_cad:
+        text += " Thin black ellipses and crosses are those of the description (CAD)."
+    key = ""
+    if told is not None and told.confidence is not None:
+        text += (
+            " The area is coloured by what the mass rests on, the outline by the weakest of the moments of inertia, "
+            "the dot by the weakest coordinate of the centre of mass; lines through it are intervals of coordinates "
+            "that are measured or bounded."
+        )
+        key = f'<p class="key">{"".join(KEY.format(basis) for basis in ("measured", "bounded", "assumed"))}</p>'
+    remarks = "".join(f"<li>{escape(one)}</li>" for one in remarks_on_drawing(links, scene))
+    shows = [("answer", "Answer", has_answer), ("cad", "CAD", has_cad), ("numbers", "Numbers", True)]
+    boxes = "".join(
+        f'<label><input type="checkbox" checked autocomplete="off" data-shows="{name}">{label}</label>'
+        for name, label, is_there in shows
+        if is_there
+    )
+    looks = (("front", "Front"), ("side", "Side"), ("top", "Top"), ("Home", "Reset"))
+    buttons = "".join(f'<button type="button" data-look="{name}">{label}</button>' for name, label in looks)
+    zoom = "".join(
+        f'<button type="button" data-look="{name}" aria-label="{label}">{sign}</button>'
+        for name, label, sign in (("+", "Larger", "+"), ("-", "Smaller", "−"))
+    )
+    items = "".join(f"<li>{_item(link)}</li>" for link in links)
+    return Markup(
+        f"<p>{escape(text)}</p>{key}{f'<ul>{remarks}</ul>' if remarks else ''}"
+        '<div class="drawing"><div><div class="ground-of-drawing" tabindex="0" role="application" '
+        'aria-label="Drawing of the robot: arrow keys turn it, plus and minus change its size, Home puts it back">'
+        f"{robot_drawing(identification)}</div>"
+        f'<div class="controls-of-drawing" hidden>{boxes}{buttons}{zoom}</div></div>'
+        f'<ol class="links-of-drawing" tabindex="0" aria-label="Links">{items}</ol></div>'
+    )
+
+
+def _item(link: DrawnLink) -> str:
+    found = []
+    if link.body is not None:
+        basis = "" if link.rows is None or link.rows.mass.basis == "unknown" else link.rows.mass.basis
+        badge = f' <span class="basis {basis}">{basis}</span>' if basis else ""
+        found.append(f"{link.body.mass:.4g} kg{badge}")
+    if not np.isnan(link.cad_mass):
+        found.append(f"CAD {link.cad_mass:.4g} kg{', impossible' if link.cad_is_impossible else ''}")
+    return (
+        f'<button type="button" data-number="{link.number}" aria-pressed="false">'
+        f'<span class="number-of-link">{link.number}</span><span>{escape(link.name)}</span>'
+        f'<span class="what">{"; ".join(found) or "no mass"}</span></button>'
+    )

@@ -1,0 +1,137 @@
+"""What was found and what to do next follow from what was checked, and their commands and lines can be used."""
+
+import shlex
+import tomllib
+from dataclasses import replace
+
+import lxml.html
+import numpy as np
+import pytest
+import typer.main
+
+import steelyard as sy
+from steelyard.cli.main import app
+from steelyard.identification import Identification
+from steelyard.identification.correction import Correction
+from steelyard.identification.mistakes import Hypothesis
+from steelyard.identification.next_steps import NextStep, found, next_steps
+from steelyard.report import report_html
+
+SIGN = Hypothesis(
+    kind="torque sign",
+    statement="The sign of the torque of elbow looks wrong",
+    correction=Correction(torques=np.diag([1.0, -1.0])),
+    gain=50.0,
+    error_before=0.8,
+    error_after=0.06,
+    joint="elbow",
+    evidence="the error falls from 80 % to 6 %",
+    settings={"log": {"torque_sign": [1, -1]}},
+)
+
+
+def judged(identification: Identification, word: str, **changes: object) -> Identification:
+    return replace(identification, prediction=replace(identification.prediction, word=word, **changes))
+
+
+def usable(step: NextStep) -> bool:
+    """Whether a command and its options exist, or lines are TOML, words in capitals filled in."""
+    if step.language == "toml":
+        return bool(tomllib.loads(step.code.replace("MASS", "2.0"))) or "# without" in step.code
+    program, name, *words = shlex.split(step.code)
+    command = typer.main.get_command(app).get_command(None, name)
+    known = {option for parameter in command.params for option in parameter.opts}
+    return program == "steelyard" and {word for word in words if word.startswith("-")} <= known
+
+
+def test_a_mistake_comes_first_and_alone_where_the_model_is_wrong(identification: Identification) -> None:
+    changed = replace(judged(identification, "wrong"), mistakes={"a.csv": (SIGN,)})
+    (step,) = next_steps(changed)
+    assert tomllib.loads(step.code) == {"log": {"torque_sign": [1, -1]}}
+    assert step.reason == f"{SIGN.statement}, in a.csv: mended, {SIGN.evidence}."
+    (said,) = found(changed)
+    assert "of no robot that moves like this one" in said
+
+
+def test_other_mistakes_that_explain_as_much_are_named(identification: Identification) -> None:
+    other = replace(SIGN, statement="The positions of elbow look turned", settings={"log": {"position_sign": [1, -1]}})
+    step = next_steps(replace(identification, mistakes={"a.csv": (SIGN, other)}))[0]
+    assert step.reason.endswith("The log cannot tell it from: The positions of elbow look turned.")
+
+
+def test_a_wrong_model_without_a_mistake_is_for_the_doctor(identification: Identification) -> None:
+    (step,) = next_steps(judged(identification, "wrong"))
+    assert step.code.startswith("steelyard doctor ")
+    assert shlex.split(step.code)[2:] == [identification.logs[0], str(identification.robot_file)]
+    assert usable(step)
+
+
+def test_a_model_that_knows_its_own_data_alone_needs_another_motion(identification: Identification) -> None:
+    step = next_steps(judged(identification, "poor", model_error=0.3, source="the validation log"))[0]
+    assert step.code.startswith("steelyard excite ")
+    assert "--limits" in step.code  # the description of the arm has none
+    assert "but the validation log to 30.0% only" in step.reason
+    assert usable(step)
+
+
+def test_terms_are_named_where_something_is_left_that_follows_a_pattern(identification: Identification) -> None:
+    told = identification.prediction
+    errors = told.joint_relative_error * [1.0, 0.3 / told.joint_model_error[1] if told.joint_model_error[1] else 1.0]
+    changed = judged(
+        identification,
+        "usable",
+        joint_relative_error=np.array([errors[0], 0.3]),
+        noise_floor=np.zeros(2),
+        whiteness=np.array([1.0, 0.05]),
+    )
+    (step,) = (step for step in next_steps(changed) if "[[terms]]" in step.code)
+    assert [term["kind"] for term in tomllib.loads(step.code)["terms"]] == ["offset", "rotor_inertia"]
+    assert "(5% of it is white)" in step.reason
+    robot = identification.model.robot.with_terms(sy.Viscous(), sy.Coulomb(), sy.Offset(), sy.RotorInertia())
+    assert not [one for one in next_steps(replace(changed, model=sy.Model(robot))) if "[[terms]]" in one.code]
+
+
+def test_a_mass_that_is_assumed_is_to_be_stated_once(identification: Identification) -> None:
+    assert identification.parameters is not None
+    assert identification.parameters["total mass"].basis == "assumed"
+    (step,) = (step for step in next_steps(identification) if "total_mass" in step.code)
+    assert usable(step)
+    stated = sy.FeasibleSet(identification.model, constraints=[sy.TotalMass(maximum=3.0)])
+    steps = next_steps(replace(identification, feasible_set=stated))
+    assert not [step for step in steps if "total_mass" in step.code]
+
+
+def test_weak_parameters_are_counted_and_long_sums_not_written_out(identification: Identification) -> None:
+    weak = ("Lxx1 + 0.25*m2 + 0.3*lx2 + 0.4*ly2 + 0.5*lz2", "ly1")
+    steps = next_steps(replace(identification, weak=weak))
+    (step,) = (step for step in steps if "excite" in step.code)
+    assert "2 of 10 base parameters are smaller than their standard errors, such as ly1." in step.reason
+
+
+def test_at_most_three_steps_that_can_be_done(identification: Identification) -> None:
+    steps = next_steps(replace(identification, weak=("ly1",), validation_logs=()))
+    assert 1 <= len(steps) <= 3
+    assert all(usable(step) for step in steps)
+
+
+def test_what_was_found_has_the_numbers_of_the_result(identification: Identification) -> None:
+    first, second = found(identification)
+    assert identification.parameters is not None
+    assert f"weigh {identification.total_mass:.4g} kg in all (assumed, " in first
+    assert f"tells {identification.parameters.count('measured')}, " in first
+    assert second.endswith(f"instead of {identification.unconstrained.relative_error:.2%}.")
+
+
+def test_the_report_says_so_above_its_sections(identification: Identification) -> None:
+    page = lxml.html.fromstring(report_html(identification))
+    (listed,) = page.find_class("steps")
+    steps = next_steps(identification)
+    assert [item.find("pre").text_content() for item in listed] == [step.code for step in steps]
+    text = page.text_content()
+    assert text.index("Does it predict?") < text.index("What was found") < text.index("What to do next")
+    assert text.index("What to do next") < text.index("Condition number")
+
+
+@pytest.mark.parametrize("language", ["console", "toml"])
+def test_a_step_prints_itself(language) -> None:
+    assert str(NextStep("Do it.", "It is worth it.", "a\nb", language)) == "Do it. It is worth it.\n  a\n  b"
