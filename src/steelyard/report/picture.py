@@ -164,7 +164,7 @@ def _panel(identification: Identification, prediction: Prediction, joint: int, l
     parts = [f'<text x="{start:g}" y="{_TOP - 8}" font-size="14" font-weight="600" fill="{_TEXT}">']
     name = escape(identification.estimate.joint_names[joint])
     parts.append(f'{name} <tspan font-weight="400" fill="{_SOFT}">{unit}</tspan></text>')
-    for tick in _ticks(low, high):
+    for tick in round_ticks(low, high):
         y = height(tick)
         parts.append(f'<path d="M{start:g} {y:.1f}H{start + inner:g}" stroke="{_LINE}"/>')
         parts.append(
@@ -172,14 +172,14 @@ def _panel(identification: Identification, prediction: Prediction, joint: int, l
         )
     x = start + (t - t[0]) / span * inner
     for kind, _, color, thickness in _CURVES:
-        path = _path(x, np.asarray(height(curves[kind])))
+        path = line_path(x, np.asarray(height(curves[kind])))
         parts.append(
             f'<path d="{path}" fill="none" stroke="{color}" stroke-width="{thickness:g}" stroke-linejoin="round"/>'
         )
     return "".join(parts)
 
 
-def _path(x: Array, y: Array) -> str:
+def line_path(x: Array, y: Array) -> str:
     """Line through the points, broken where a value is missing."""
     words, pen = [], "M"
     for a, b in zip(x.tolist(), y.tolist(), strict=True):
@@ -191,7 +191,7 @@ def _path(x: Array, y: Array) -> str:
     return "".join(words)
 
 
-def _ticks(low: float, high: float) -> list[float]:
+def round_ticks(low: float, high: float) -> list[float]:
     """Return two to five round numbers between two values."""
     raw = (high - low) / 4.0
     power = 10.0 ** math.floor(math.log10(raw))
