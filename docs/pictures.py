@@ -1095,6 +1095,40 @@ def rooms(runs: Runs) -> Drawing:
     return drawing
 
 
+@picture
+def badges(runs: Runs) -> Drawing:
+    """What holds of the project, as its settings and its folders say."""
+    import tomllib
+
+    root = IMAGES.parent.parent
+    settings = tomllib.loads((root / "pyproject.toml").read_text(encoding="utf-8"))
+    project = settings["project"]
+    assert settings["tool"]["mypy"]["strict"] is True
+    assert settings["tool"]["pytest"]["ini_options"]["filterwarnings"] == ["error"]
+    sources = {path.suffix for path in (root / "src").rglob("*.*")}
+    assert not sources & {".c", ".cpp", ".pyx", ".rs"}, "the package would need a compiler"
+    found = {
+        "Python": project["requires-python"].replace(">=", "") + " or later",
+        "licence": project["license"],
+        "types": "mypy strict",
+        "warnings in tests": "errors",
+        "compiler": "not needed",
+    }
+    drawing = Drawing("; ".join(f"{name}: {value}" for name, value in found.items()), 880, 26)
+    drawing.parts.clear()
+    left = 3.0
+    for name, value in found.items():
+        widths = [6.5 * len(words) + 14 for words in (name, value)]
+        drawing.add(f'<path d="M{left:g} 3h{widths[0]:g}v20h-{widths[0]:g}Z" fill="#4b545c"/>')
+        drawing.add(f'<path d="M{left + widths[0]:g} 3h{widths[1]:g}v20h-{widths[1]:g}Z" fill="{GREEN}"/>')
+        drawing.text(left + widths[0] / 2, 17, name, 11, "#ffffff", "middle")
+        drawing.text(left + widths[0] + widths[1] / 2, 17, value, 11, "#ffffff", "middle")
+        left += sum(widths) + 6
+    drawing.width = left
+    drawing.figures.update(found)
+    return drawing
+
+
 GALLERY_POSES = {
     "panda": PANDA_POSE,
     "ur5": (0.4, -1.2, 1.4, -0.6, 0.8, 0.0),

@@ -133,9 +133,9 @@ def test_links_of_the_published_readme_lead_somewhere(repository: str) -> None:
     text = publication().published_readme((ROOT / "README.md").read_text(encoding="utf-8"), repository, "main")
     targets = re.findall(r"\]\(([^)\s]+)\)", text)
     assert all(target.startswith(("https://", "http://", "#")) for target in targets), targets
-    assert ("docs/images/torques.svg" in text) == bool(repository)
-    assert ("[Start here](" in text) == bool(repository)
-    assert "Start here" in text
+    assert ("docs/images/story.svg" in text) == bool(repository)
+    assert ("[Start in five minutes](" in text) == bool(repository)
+    assert "Start in five minutes" in text
 
 
 def test_the_address_of_the_project_stands_in_one_place() -> None:
