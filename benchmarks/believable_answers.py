@@ -23,6 +23,7 @@ from steelyard.estimators import fit_reduced
 from steelyard.identification.parameter_table import parameter_table
 from steelyard.identification.physical_prior import physical_prior
 from steelyard.identification.plausible_fit import plausible_fit
+from steelyard.recording import Processing
 from steelyard.regression.reduction import empty_factors
 from steelyard.regression.time_blocks import TimeBlocks
 
@@ -114,8 +115,8 @@ def noise_sizes(torque):
     return NOISE * (np.sqrt((torque**2).mean(axis=0)) + 0.05 * np.sqrt((torque**2).mean()))
 
 
-def recorded(model, truth, moved, random, memory=MEMORY):
-    """An Information of a motion, and its stretches."""
+def recorded(model, truth, moved, random, memory=MEMORY, processing=None):
+    """An Information of a motion, and its stretches; with options of processing, that of a log of its positions."""
     t, q, dq, ddq = moved
     torque = model.inverse_dynamics(q, dq, ddq, truth)
     size = noise_sizes(torque)
@@ -124,6 +125,9 @@ def recorded(model, truth, moved, random, memory=MEMORY):
     torque += 0.3 * size * np.sign(dq) * np.exp(-((dq / 0.1) ** 2))
     blocks = TimeBlocks(empty_factors(model))
     samples = sy.Samples(q=q, dq=dq, ddq=ddq, torque=torque, t=t)
+    if processing is not None:
+        options = {"cutoff": 0.2 * RATE, "velocity_threshold": "none", **processing}
+        samples = sy.Recording(t=t, q=q, torque=torque).process(Processing.from_dict(options, "processing"), model)
     info = sy.Information.from_chunks(model, [samples], blocks=blocks)
     return info, info.stretches(blocks)
 
@@ -131,7 +135,7 @@ def recorded(model, truth, moved, random, memory=MEMORY):
 class Experiment:
     """An arm, what is told of it, what is true, and a log of a motion."""
 
-    def __init__(self, name, kind, knowledge, seed, memory=MEMORY):
+    def __init__(self, name, kind, knowledge, seed, memory=MEMORY, processing=None):
         key = {"rich": 0, "ordinary": 1, "weak": 2}[kind]
         self.random = random = np.random.default_rng([seed, zlib.crc32(name.encode()), key])
         robot = described(name)
@@ -146,7 +150,7 @@ class Experiment:
         bodies = np.nan_to_num(np.asarray(true_model.robot.parameters))
         sizes = np.sqrt((true_model.inverse_dynamics(*self.moved[1:], bodies) ** 2).mean(axis=0)) + 1e-3
         self.truth = truth_of(robot, self.model, sizes, random)
-        self.info, self.stretches = recorded(self.model, self.truth, self.moved, random, memory)
+        self.info, self.stretches = recorded(self.model, self.truth, self.moved, random, memory, processing)
 
 
 def case(name, kind, knowledge, seed):

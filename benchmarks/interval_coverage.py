@@ -11,11 +11,13 @@ is no step.
 
     python benchmarks/interval_coverage.py                                # four arms, 18 experiments each
     python benchmarks/interval_coverage.py --arms ur5,z1 --experiments 200
+    python benchmarks/interval_coverage.py --processing 'torque_cutoff = 10.0'    # or 'decimate = [5]'
 """
 
 import argparse
 import sys
 import time
+import tomllib
 from collections import Counter
 from functools import cache
 from pathlib import Path
@@ -65,9 +67,9 @@ def inverted(matrix):
     return np.linalg.pinv(matrix / np.outer(scale, scale), rcond=1e-13, hermitian=True) / np.outer(scale, scale)
 
 
-def experiment_of(name, kind, knowledge, seed, memory):
+def experiment_of(name, kind, knowledge, seed, memory, processing):
     """For each number with a known truth: its name, basis, whether the interval holds it, its half-width over both."""
-    experiment = Experiment(name, kind, knowledge, seed, memory)
+    experiment = Experiment(name, kind, knowledge, seed, memory, processing)
     model, info, truth = experiment.model, experiment.info, experiment.truth
     feasible_set = sy.FeasibleSet(model)
     unconstrained = sy.least_squares(info)
@@ -90,6 +92,7 @@ def main():
     parser.add_argument("--knowledge", choices=("cad", "kinematics"), default="cad")
     parser.add_argument("--motions", default=",".join(MOTIONS))
     parser.add_argument("--memory", type=float, default=MEMORY, help="correlation of the noise with the sample before")
+    parser.add_argument("--processing", help="options of a log that is processed, such as 'torque_cutoff = 10.0'")
     parser.add_argument("--experiments", type=int, default=18)
     parser.add_argument("--first", type=int, default=0, help="number of the first experiment")
     parser.add_argument("--verbose", action="store_true", help="print the numbers that are held least often")
@@ -98,6 +101,7 @@ def main():
     if unknown:
         parser.error(f"unknown arms: {', '.join(sorted(unknown))}")
     motions = options.motions.split(",")
+    processing = None if options.processing is None else tomllib.loads(options.processing)
     print("inside: share of true values in their 95 % intervals, of all numbers and of those that rest on each basis")
     print(
         "width: of intervals of measured numbers over that of the bound of Cramér and Rao, and over that of the exact"
@@ -107,7 +111,8 @@ def main():
         begun, counted = time.process_time(), []
         for number in range(options.first, options.first + options.experiments):
             kind = motions[number % len(motions)]
-            counted += [(kind, *row) for row in experiment_of(name, kind, options.knowledge, number, options.memory)]
+            found = experiment_of(name, kind, options.knowledge, number, options.memory, processing)
+            counted += [(kind, *row) for row in found]
         inside = np.array([row[3] for row in counted])
         widths = np.array([row[4:] for row in counted])
 

@@ -3,12 +3,14 @@
 import subprocess
 import sys
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
 
+import steelyard as sy
 from steelyard.errors import InputError
 from steelyard.recording import Processing, Recording, Samples, process_chunks, read_chunks
 
@@ -59,6 +61,38 @@ def test_chunks_equal_the_whole(case: str, path: Path) -> None:
         assert (joined.mask is None) == (whole.mask is None)
         if whole.mask is not None:
             np.testing.assert_array_equal(joined.mask, whole.mask)
+
+
+@pytest.mark.parametrize("options", [{"torque_cutoff": 60.0}, {"torque_cutoff": 90.0, "decimate": 3}], ids=str)
+def test_the_regressor_goes_through_the_filters_of_the_torques(
+    options: dict[str, Any], recording: Recording, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Torques that are the regressor times parameters stay so: both sides went through the same filters."""
+    robot = sy.Robot.from_dh([("pi/2", 0, 0.3, "q"), (0, 0.4, 0, "q")]).with_terms(sy.Coulomb())
+    model = sy.Model(robot)
+    processing = Processing.from_dict({"cutoff": 50.0, "trim": 0.2, "velocity_threshold": None, **options})
+    motion = recording.process(Processing(cutoff=50.0, trim=0.0, velocity_threshold=None))
+    parameters = np.linspace(0.5, 1.5, model.parameter_count)
+    torque = model.inverse_dynamics(motion.q, motion.dq, motion.ddq, parameters)
+    exact = replace(recording, torque=torque, velocity=None)
+    samples = exact.process(processing, model)
+    assert samples.regressor is not None
+    columns, base = model.base_columns, model.base_parameters().values(parameters)
+    predicted = np.column_stack(
+        [own @ base[used] for own, used in zip(columns.by_joint(samples.regressor), columns.joints, strict=True)]
+    )
+    np.testing.assert_allclose(samples.torque, predicted, rtol=0, atol=1e-9 * np.abs(torque).max())
+    plain = model.inverse_dynamics(samples.q, samples.dq, samples.ddq, parameters)
+    assert np.abs(samples.torque - plain).max() > 0.5  # N·m, of friction that jumps by 2
+    # And so they are piece by piece.
+    monkeypatch.setattr("steelyard.recording.chunks.PIECE_ROWS", 300)
+    saved = exact.save(tmp_path / "exact.npz")
+    joined = Samples.joined(list(process_chunks(saved, processing=processing, rows=500, model=model)))
+    assert joined.regressor is not None
+    assert joined.regressor_model is model
+    scale = np.abs(samples.regressor).max()
+    np.testing.assert_allclose(joined.regressor, samples.regressor, rtol=0, atol=1e-9 * scale)
+    np.testing.assert_allclose(joined.torque, samples.torque, rtol=0, atol=1e-9 * np.abs(torque).max())
 
 
 def test_raw_chunks_tile_the_log(path: Path, recording: Recording) -> None:

@@ -1,11 +1,14 @@
 """Uncertainty under correlated residuals: exact covariances, an independent Newey-West estimate, repetition."""
 
 import itertools
+from dataclasses import replace
 
 import numpy as np
 import pytest
 from scipy.linalg import toeplitz
 from scipy.signal import lfilter
+from scipy.stats import norm
+from scipy.stats import t as student
 
 import steelyard as sy
 from steelyard.regression import ParameterCovariance
@@ -124,7 +127,7 @@ def test_inflation_is_that_of_the_noise(arm):
 def test_intervals_cover_the_truth(arm):
     truth = arm.base_parameters().values(np.linspace(0.5, 1.5, arm.parameter_count))
     inside, plain = [], []
-    for seed in range(120):
+    for seed in range(50):
         information = sy.Information.from_samples(arm, samples_of(arm, 5000, 0.95, seed))
         estimate = sy.least_squares(information, "joint")
         low, high = estimate.confidence_interval(0.95).T
@@ -236,15 +239,75 @@ def test_estimates_keep_it_and_files_of_another_format_are_refused(arm, tmp_path
         sy.Information.load(tmp_path / "information.json")
 
 
-@pytest.mark.parametrize("options", [{"torque_cutoff": 5.0}, {"decimate": [10]}], ids=str)
-def test_no_interval_is_told_of_filtered_torques(options, tmp_path):
-    """The model's friction jumps, the torques no longer do: estimates are off by many of their deviations."""
-    model = sy.Model(sy.Robot.from_dh([(0, 1.0, 0, "q")], gravity=(0, -9.81, 0)).with_terms(sy.Coulomb()))
+SWING_TRUTH = np.array([*[0.0] * 5, 0.5, 0.3, 0.0, 0.0, 1.0, 3.0])
+
+
+@pytest.fixture(scope="module")
+def swing():
+    """A joint with friction that changes its direction ten times."""
+    return sy.Model(sy.Robot.from_dh([(0, 1.0, 0, "q")], gravity=(0, -9.81, 0)).with_terms(sy.Coulomb()))
+
+
+def swung(model, seed=1):
     t = np.arange(8000)[:, None] / RATE
     q, dq, ddq = np.sin(2 * t), 2 * np.cos(2 * t), -4 * np.sin(2 * t)
-    truth = np.array([*[0.0] * 5, 0.5, 0.3, 0.0, 0.0, 1.0, 3.0])
-    torque = model.inverse_dynamics(q, dq, ddq, truth) + 0.02 * np.random.default_rng(1).normal(size=q.shape)
-    recording = sy.Recording(t=t[:, 0], q=q, torque=torque)
+    torque = model.inverse_dynamics(q, dq, ddq, SWING_TRUTH)
+    torque = torque + 0.02 * np.random.default_rng(seed).normal(size=q.shape)
+    return sy.Recording(t=t[:, 0], q=q, torque=torque)
+
+
+FILTERS = pytest.mark.parametrize("options", [{"torque_cutoff": 5.0}, {"decimate": [10]}], ids=str)
+
+
+@FILTERS
+def test_intervals_hold_where_the_regressor_is_filtered_as_the_torques_are(swing, options):
+    """Without the regressor's filter, errors are 3 to 17 standard errors."""
+    truth, processing = swing.base_parameters().values(SWING_TRUTH), sy.recording.Processing(cutoff=5.0, **options)
+    off = []
+    for seed in range(12):
+        samples = swung(swing, seed).process(processing, swing)
+        information = sy.Information.from_samples(swing, samples)
+        assert not information.filtered_torque
+        estimate = sy.least_squares(information)
+        off.append((estimate.base - truth) / estimate.standard_error)
+        assert np.all(np.isfinite(estimate.confidence_interval()))
+    assert np.abs(off).max() < 3.5
+    assert np.sqrt(np.mean(np.square(off))) < 1.4
+    # Of another model, though its robot is the same, the regressor was not filtered.
+    other = sy.Model(swing.robot)
+    biased = sy.Information.from_samples(other, samples)
+    assert biased.filtered_torque
+    assert np.all(np.isinf(sy.least_squares(biased).confidence_interval()))
+    mixed = [samples.rows(0, 100), replace(samples, regressor_model=other)]
+    assert sy.Information.from_chunks(swing, mixed).filtered_torque
+
+
+@pytest.mark.slow
+def test_intervals_of_short_logs_are_those_of_few_batches(arm):
+    """With the normal quantile and no more, 91 % of the truth would be held."""
+    truth = arm.base_parameters().values(np.linspace(0.5, 1.5, arm.parameter_count))
+    inside = []
+    for seed in range(60):
+        information = sy.Information.from_samples(arm, samples_of(arm, 1500, 0.95, seed))
+        low, high = sy.least_squares(information, "joint").confidence_interval(0.95).T
+        inside.append((low <= truth) & (truth <= high))
+    assert 0.93 <= np.mean(inside) <= 0.99
+
+
+def test_few_batches_widen_intervals_as_student_does(swing):
+    samples = swung(swing).process(cutoff=5.0).rows(0, 1500)
+    covariance = ParameterCovariance.of(sy.Information.from_samples(swing, samples), weights=None)
+    found, [W] = covariance.correlation, regressors(swing, samples)
+    [degrees], [length] = found.degrees_of_freedom, found.batch_length
+    assert degrees <= -(-1500 // length)  # one for each batch, less what the parameters take
+    of_normal = np.sqrt(found.long_run_variance * np.diagonal(np.linalg.inv(W.T @ W)))
+    np.testing.assert_allclose(covariance.standard_error * norm.ppf(0.975), of_normal * student.ppf(0.975, degrees))
+
+
+@FILTERS
+def test_no_interval_is_told_of_filtered_torques(swing, options, tmp_path):
+    """The model's friction jumps, the torques no longer do: estimates are off by many of their deviations."""
+    model, truth, recording = swing, SWING_TRUTH, swung(swing)
     information = sy.Information.from_samples(model, recording.process(cutoff=5.0, trim=0.5, **options))
     estimate = sy.least_squares(information)
     off = np.abs(estimate.base - model.base_parameters().values(truth)) / estimate.standard_error

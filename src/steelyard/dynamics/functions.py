@@ -68,6 +68,11 @@ class SmoothSign:
 
 GRAVITIES = ("fixed", "argument")
 SIGNS = ("exact", "smooth")
+RESIDUE_VELOCITY, RESIDUE_ACCELERATION = 1e-9, 1e-6
+"""rad/s and rad/s² (m/s, m/s²): less is what rounding leaves of a joint at rest once its positions were filtered and
+differentiated (5e-12 and 7e-10 at 1 kHz, a hundred times that at 10 kHz), and no motion that a torque shows. Its sign
+would pass for Coulomb friction, and columns of such numbers would be taken for information, however small, since
+columns are compared in units of their own lengths."""
 _LARGEST_DENSE = 20_000
 """Elements of a regressor beyond which its kernel leaves the zeros out, which are then added by NumPy. Measured,
 microseconds a sample with the zeros in the kernel and without: 0.8 and 3.4 for a chain of 12 joints (1728 elements),
@@ -88,6 +93,15 @@ class BaseColumns:
 
     kernel: Kernel
     joints: tuple[NDArray[np.intp], ...]
+
+    def entries(self, q: NDArray[np.float64], dq: NDArray[np.float64], ddq: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Return what the kernel writes, (S, C); what rounding leaves of a joint at rest counts as no motion."""
+        dq = np.where(np.abs(dq) < RESIDUE_VELOCITY, 0.0, dq)
+        return self.kernel(q, dq, np.where(np.abs(ddq) < RESIDUE_ACCELERATION, 0.0, ddq))
+
+    def by_joint(self, entries: NDArray[np.float64]) -> list[NDArray[np.float64]]:
+        """Split them into the columns of each joint."""
+        return np.split(entries, np.cumsum([len(own) for own in self.joints])[:-1], axis=1)
 
 
 class ModelFunctions:

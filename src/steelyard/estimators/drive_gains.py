@@ -19,10 +19,10 @@ from steelyard.feasibility.nearest_point import nearest_in_region
 from steelyard.files import read_number
 from steelyard.lmi import AffineBlock
 from steelyard.regression import Information, ParameterCovariance
+from steelyard.regression.parameter_covariance import NORMAL
 from steelyard.robot import INERTIA_SYMBOLS, Inertia
 
 from .carried_body import CarriedBody, CarryingModel, OfTheRobot
-from .payload_estimate import quantile
 from .pooling import Share, pooled
 
 __all__ = ["DriveGains", "KnownPayload", "estimate_drive_gains", "gains_from_equations"]
@@ -437,7 +437,7 @@ class _Search:
             )
         lower, upper = np.full(len(h), np.nan), np.full(len(h), np.nan)
         for k, error in zip(columns, errors, strict=True):
-            lower[k], upper[k] = _inverted(float(h[k]), quantile(covariance) * float(error))
+            lower[k], upper[k] = _inverted(float(h[k]), NORMAL * float(error))
         nearest = nearest_in_region(
             self.feasible_set,
             x,

@@ -26,6 +26,7 @@ from steelyard.feasibility.nearest_point import nearest_in_region
 from steelyard.lmi import AffineBlock
 from steelyard.regression import Information, ParameterCovariance, Reduced
 from steelyard.regression.least_squares import least_squares
+from steelyard.regression.parameter_covariance import NORMAL
 from steelyard.robot import INERTIA_SYMBOLS, Inertia
 from steelyard.robot.inertia import transformation
 from steelyard.robot.placement import translation
@@ -447,30 +448,6 @@ def _with_more(covariance: ParameterCovariance, further: Array) -> ParameterCova
     )
 
 
-def quantile(covariance: ParameterCovariance) -> float:
-    """Half-width of a 95 % interval in standard errors: Student's t, with a degree of freedom for each batch.
-
-    The variance of noise that lasts is known from few batches of samples: from two logs of 20 s at 250 Hz from 78 of a
-    joint, less its share of the parameters. *Measured* on 300 such pairs, the normal quantile covered 94.3 % of truth.
-    """
-    from scipy.special import stdtrit
-
-    correlation = covariance.correlation
-    if correlation is None:
-        return NORMAL
-    used = correlation.count > 0
-    batches = correlation.count[used] / correlation.batch_length[used]
-    share = covariance.root.shape[1] / max(int(used.sum()), 1)
-    return float(stdtrit(max(float(batches.min(initial=np.inf)) - share, FEWEST_DEGREES), 0.975))
-
-
-NORMAL = 1.959963984540054
-"""The same quantile of the normal distribution."""
-
-FEWEST_DEGREES = 5.0
-"""Of freedom: with fewer, intervals say nothing."""
-
-
 def _estimated(problem: _Problem, solver: str) -> PayloadEstimate:
     """The nearest possible point, the intervals around it, and what is to be said."""
     feasible_set, covariance, body = problem.feasible_set, problem.covariance, problem.body
@@ -541,7 +518,7 @@ def _ends(problem: _Problem, asked: list[Quantity], found: Array, distance: floa
     from scipy.special import ndtr
 
     feasible_set, covariance = problem.feasible_set, problem.covariance
-    reach = quantile(covariance)
+    reach = NORMAL
     errors = standard_errors(feasible_set, covariance, [one.slope(found) for one in asked])
     # Where nothing else can be told: what the data say, without physics.
     middle = np.array([one.value(found) for one in asked])
@@ -660,7 +637,7 @@ def _quantity(
     error = float(standard_errors(problem.feasible_set, problem.covariance, asked.slope(found)[None])[0])
     lower, upper = min(lower, value), max(upper, value)
     standing: Literal["measured", "bounded", "open"] = "open"
-    if quantile(problem.covariance) * error <= PRECISE * max(abs(value), size):
+    if NORMAL * error <= PRECISE * max(abs(value), size):
         standing = "measured"
     elif np.isfinite(lower) and np.isfinite(upper):
         standing = "bounded"

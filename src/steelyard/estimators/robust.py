@@ -175,7 +175,7 @@ def robust_information(
             record = replace(record, converged=True)
             break
     assert record is not None
-    filtered = any(chunk.filtered_torque for chunk in chunks)
+    filtered = any(chunk.is_biased_for(model) for chunk in chunks)
     remarks = (*((FILTERED,) if filtered else ()), str(record))
     return RobustInformation(
         plain.base_names,

@@ -79,7 +79,7 @@ class Correction:
             dq, ddq = dq / self.time, ddq / self.time**2
         if self.torques is not None:
             torque = torque @ self.torques.T
-        return replace(samples, q=q, dq=dq, ddq=ddq, torque=torque, mask=mask)
+        return replace(samples, q=q, dq=dq, ddq=ddq, torque=torque, mask=mask, regressor=None, regressor_model=None)
 
 
 def _earlier(samples: Samples, delay: float) -> tuple[Array, Array, Array]:

@@ -20,7 +20,7 @@ from steelyard.feasibility.constraints import Constraint
 from steelyard.recording import LogColumns, Processing
 from steelyard.regression import Estimate, Information, least_squares
 from steelyard.regression.batch_means import BatchSums
-from steelyard.regression.reduction import empty_factors
+from steelyard.regression.reduction import empty_factors, residuals
 from steelyard.regression.time_blocks import TimeBlocks
 
 from .given import Data, GivenRobot, digests, given_constraints, given_logs, given_robot, given_settings
@@ -331,14 +331,12 @@ def _predict(
     thinned: ThinnedSamples,
 ) -> Prediction:
     samples = thinned.samples
-    motion = (samples.q, samples.dq, samples.ddq)
-    pick = model.base_parameters().Pb  # parameters Pb beta move the robot as beta does
-    trace = Trace(
-        thinned.t,
-        samples.torque,
-        model.inverse_dynamics(*motion, pick @ unconstrained.base),
-        model.inverse_dynamics(*motion, pick @ estimate.base),
-    )
+    # By the rows of the regression: where torques are filtered, what is predicted is, too.
+    predicted = [
+        samples.torque - np.vstack([errors for _, errors in residuals(model, samples, one.base)])
+        for one in (unconstrained, estimate)
+    ]
+    trace = Trace(thinned.t, samples.torque, *predicted)
     return Prediction(
         name=name,
         role=role,

@@ -199,6 +199,7 @@ class ThinnedSamples:
     def __init__(self, points: int) -> None:
         self.points = points
         self.every, self.seen = 1, 0
+        self.model: Model | None = None
         self.parts: list[tuple[NDArray[Any], ...]] = []
 
     def add(self, samples: Samples) -> None:
@@ -208,7 +209,10 @@ class ThinnedSamples:
         rows = slice(start, count, self.every)
         t = np.arange(self.seen, self.seen + count, dtype=float) if samples.t is None else samples.t
         mask = np.ones(samples.q.shape, dtype=bool) if samples.mask is None else samples.mask
-        part = (t[rows], samples.q[rows], samples.dq[rows], samples.ddq[rows], samples.torque[rows], mask[rows])
+        part = [t[rows], samples.q[rows], samples.dq[rows], samples.ddq[rows], samples.torque[rows], mask[rows]]
+        if samples.regressor is not None:  # of all the samples of a log, or of none
+            part.append(samples.regressor[rows])
+        self.model = samples.regressor_model
         self.parts.append(tuple(a.copy() for a in part))
         self.seen += count
         while sum(len(p[0]) for p in self.parts) > 2 * self.points:
@@ -228,5 +232,14 @@ class ThinnedSamples:
     @property
     def samples(self) -> Samples:
         """What was kept."""
-        t, q, dq, ddq, torque, mask = (np.concatenate(columns) for columns in zip(*self.parts, strict=True))
-        return Samples(q=q, dq=dq, ddq=ddq, torque=torque, mask=None if mask.all() else mask, t=t)
+        t, q, dq, ddq, torque, mask, *rest = (np.concatenate(columns) for columns in zip(*self.parts, strict=True))
+        return Samples(
+            q=q,
+            dq=dq,
+            ddq=ddq,
+            torque=torque,
+            mask=None if mask.all() else mask,
+            t=t,
+            regressor=rest[0] if rest else None,
+            regressor_model=self.model,
+        )

@@ -837,9 +837,7 @@ def _is_dense(samples: Samples) -> bool:
     if samples.t is None or samples.count < 50:
         return False
     rows = slice(0, samples.count - 1 + samples.count % 2, 2)
-    every_other = replace(
-        samples, **{name: getattr(samples, name)[rows] for name in ("q", "dq", "ddq", "torque", "t")}, mask=None
-    )
+    every_other = Samples(**{name: getattr(samples, name)[rows] for name in ("q", "dq", "ddq", "torque", "t")})
     steps = np.diff(samples.t)
     if np.ptp(steps) > 0.01 * steps.mean():
         return False

@@ -67,8 +67,8 @@ class ParameterRow:
         What the description says; NaN where it says nothing.
     basis : {"measured", "bounded", "assumed", "unknown"}
         ``"measured"``: the data alone tells it, to a fifth of its scale. ``"bounded"``: data and physics confine it to
-        its scale. ``"assumed"``: neither does; the prior chose it. ``"unknown"``: torques were filtered, so that no
-        interval holds.
+        its scale. ``"assumed"``: neither does; the prior chose it. ``"unknown"``: torques were filtered where the
+        regressor was not, so that no interval holds.
     """
 
     name: str
@@ -152,8 +152,8 @@ class ParameterTable:
         """How many numbers rest on what, in words."""
         if self.confidence is None:
             return (
-                f"None of the {len(self)} numbers has an interval: torques that are filtered or decimated are biased "
-                "by more than noise explains."
+                f"None of the {len(self)} numbers has an interval: torques were filtered or decimated where the "
+                "regressor was not, so that errors are larger than noise explains."
             )
         told = ", ".join(f"{self.count(basis)} are {basis}" for basis in ("measured", "bounded", "assumed"))
         return f"Of {len(self)} numbers {told}."
@@ -293,7 +293,7 @@ def parameter_table(
     Returns
     -------
     ParameterTable
-        Without intervals, and every number "unknown", where torques were filtered.
+        Without intervals, and every number "unknown", where torques were filtered and the regressor was not.
     """
     parameters = estimate.parameters
     if parameters is None:

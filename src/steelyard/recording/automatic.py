@@ -151,7 +151,7 @@ def settle(decision: Decision, recording: Measurements, model: Model | None = No
     held = HeldJoints.of(recording)
     choice, remarks = decision.cutoff_choice, decision.remarks
     plan = Plan(processing, chosen, np.zeros(joints), stiction, levels, choice, remarks, held)
-    return _with_delay(plan, recording, model)
+    return replace(_with_delay(plan, recording, model), model=model)
 
 
 def _with_delay(plan: Plan, recording: Measurements, model: Model | None) -> Plan:

@@ -303,6 +303,8 @@ def process_chunks(
     """
     rows = _positive_rows(rows)
     processing = Processing() if processing is None else processing
+    if model is not None and processing.filters_torque:
+        rows = min(rows, PIECE_ROWS)  # samples with their regressors take ten times the memory
     ending: list[str] = []
     pieces = _processed(source, columns, processing, joints, model, look, survey, ending)
     last: Samples | None = None
@@ -369,7 +371,8 @@ def _processed(
         survey.add(raw)
         recording = even.placed(raw, span[0], piece.part, piece.first, piece.last)
         begin, end = piece.kept
-        samples, flags = plan.rows(recording, begin - piece.first, end - piece.first)
+        trimmed = max(0, piece.begin - piece.first), min(piece.end - piece.first, recording.count)
+        samples, flags = plan.rows(recording, begin - piece.first, end - piece.first, trimmed)
         first = (piece.start - begin) // step
         own = samples.rows(first, first - (piece.start - piece.stop) // step, with_remarks=number == 0)
         for name, flagged in flags.items():

@@ -73,13 +73,14 @@ class Processing(TomlSection):
         "derive" differentiates the positions twice; "measured" filters the measured velocities like the positions and
         differentiates them once (filter "butterworth" alone).
     torque_cutoff
-        Cutoff of the same filter on the torques; None leaves them as they are.
+        Cutoff of the same filter on the torques, and on the regressor of the model where there is one; None leaves
+        them as they are.
     trim
         Seconds cut off at both ends, or (start, end). "auto" takes the time over which the filters ring, where they do
         not know what came before or after: until a thousandth is left, but no more than 15 % of the log at either end.
     decimate
-        Keep every n-th row, with an anti-alias filter on positions, derivatives and torques; a list of factors is
-        applied one after the other (two steps of 10 rather than one of 100).
+        Keep every n-th row, with an anti-alias filter on positions, derivatives, torques and the regressor of the model
+        where there is one; a list of factors is applied one after the other (two steps of 10 rather than one of 100).
     velocity_threshold
         Rows of a joint slower than this (rad/s or m/s) are masked; one number or one per joint. "auto" chooses them
         from the noise of the velocities and, with a model, from evidence of stiction in the torques (see
@@ -194,6 +195,11 @@ class Processing(TomlSection):
     def step(self) -> int:
         """Number of rows of the log that make one sample."""
         return prod(self.decimate)
+
+    @property
+    def filters_torque(self) -> bool:
+        """Whether the torques go through a filter."""
+        return self.torque_cutoff is not None or bool(self.decimate)
 
     @property
     def needs_whole_log(self) -> bool:

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from math import ceil
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
@@ -28,6 +29,9 @@ from .filters.zero_phase import (
 from .measurements import Measurements
 from .options import Processing
 from .samples import Samples
+
+if TYPE_CHECKING:
+    from steelyard.dynamics import Model
 
 __all__ = ["Plan", "masking_remarks"]
 
@@ -58,6 +62,8 @@ class Plan:
         What was chosen.
     held : HeldJoints
         Joints that do not move.
+    model : Model or None
+        Whose regressor goes through the filters of the torques, where there are any.
     """
 
     processing: Processing
@@ -68,13 +74,17 @@ class Plan:
     choice: CutoffChoice | None
     remarks: tuple[str, ...]
     held: HeldJoints
+    model: Model | None = None
 
     def padding(self, rate: float) -> int:
         """Return the number of rows on either side that filters, derivatives, delays and detectors need."""
-        rows = [self.filter.padding(rate)]
+        of_motion = self.filter.padding(rate)
+        rows = [of_motion]
         cutoff = self.processing.torque_cutoff
         if cutoff is not None and cutoff < rate / 2.0:
-            rows.append(filter_padding(rate, cutoff, self.processing.order) + 4)
+            of_torque = filter_padding(rate, cutoff, self.processing.order) + 4
+            # The regressor follows from the filtered motion, and goes through the filter of the torques then.
+            rows.append(of_torque if self.model is None else of_motion + of_torque)
         if self.stiction is not None:
             finite = self.stiction[1][np.isfinite(self.stiction[1])]
             rows.append(2 * int(np.ceil(finite.max(initial=0.0) * rate)) + 4)
@@ -83,6 +93,8 @@ class Plan:
     def settling(self, rate: float) -> float:
         """Return the time in s at either end of a log that the filters spoil."""
         times = [self.filter.settling(rate)]
+        if self.model is not None:  # its regressor goes through the filters of the torques, ends included
+            return times[0]
         cutoff = self.processing.torque_cutoff
         if cutoff is not None and cutoff < rate / 2.0:
             times.append(filter_settling(rate, cutoff, self.processing.order))
@@ -204,20 +216,26 @@ class Plan:
         ringing = [2.0 * rate / cutoff for cutoff in cutoffs if cutoff]
         return int(max([30.0 * self.processing.step, *ringing]))
 
-    def rows(self, recording: Measurements, start: int, stop: int) -> tuple[Samples, Flags]:
+    def rows(
+        self, recording: Measurements, start: int, stop: int, trimmed: tuple[int, int] | None = None
+    ) -> tuple[Samples, Flags]:
         """Process a recording and keep rows start:stop before decimation; also tell why rows are masked.
 
-        Rows outside start:stop only feed the filters.
+        Rows outside start:stop only feed the filters. `trimmed` are the rows that trimming leaves of the log where the
+        recording is a piece of it.
         """
         processing, rate, source = self.processing, recording.rate, recording.source
         if recording.count < 3:
             raise InputError(f"{source} has {recording.count} rows; derivatives need three at least.")
         flags = self.flags(recording)
         q, dq, ddq = self.held.without_motion(*self._motion(recording, flags))
-        torque, late = self._torque(recording)
+        # A regressor that goes through the same filter takes nothing from rows where the motion is spoiled.
+        inside = slice(None) if self.model is None else slice(*((start, stop) if trimmed is None else trimmed))
+        torque, late = self._torque(recording, inside)
         if late.any():
             flags[LATE] = late
         width, step = recording.joint_count, processing.step
+        regressor = self._regressor((q, dq, ddq), start, stop, inside, rate, source)
         stacked = np.hstack([array[start:stop] for array in (q, dq, ddq, torque)])
         stacked = decimate(stacked, processing.decimate, source)
         q, dq, ddq, torque = (stacked[:, k * width : (k + 1) * width] for k in range(4))
@@ -236,9 +254,41 @@ class Plan:
             t=t,
             cutoff_choice=self.choice,
             cutoff=getattr(self.filter, "cutoff", None),
-            filtered_torque=processing.torque_cutoff is not None or bool(processing.decimate),
+            filtered_torque=processing.filters_torque,
+            regressor=regressor,
+            regressor_model=None if regressor is None else self.model,
         )
         return samples, thinned
+
+    def _regressor(
+        self,
+        motion: tuple[Array, Array, Array],
+        start: int,
+        stop: int,
+        inside: slice,
+        rate: float,
+        source: str,
+    ) -> Array | None:
+        """Return rows start:stop of the model's base regressor, through the filters of the torques.
+
+        A filter on both sides of the dynamics biases nothing: the filtered torques are linear in the same parameters.
+        On the torques alone it rounds the jumps of friction, which the regressor of the motion keeps.
+        """
+        if self.model is None or not self.processing.filters_torque:
+            return None
+        columns, processing = self.model.base_columns, self.processing
+        if processing.torque_cutoff is None:  # decimation reads no other rows
+            inside = slice(start, stop)
+        rows = slice(start - inside.start, stop - inside.start)
+        q, dq, ddq = (np.ascontiguousarray(array[inside]) for array in motion)
+        filtered = []
+        for own in columns.by_joint(columns.entries(q, dq, ddq)):  # one after the other, for the sake of memory
+            if own.size:
+                smooth = own
+                if processing.torque_cutoff is not None:
+                    smooth = low_pass(own, rate, processing.torque_cutoff, processing.order, source)
+                filtered.append(decimate(smooth[rows], processing.decimate, source))
+        return np.hstack(filtered)
 
     def _motion(self, recording: Measurements, flags: Flags) -> tuple[Array, Array, Array]:
         rate, source = recording.rate, recording.source
@@ -261,17 +311,16 @@ class Plan:
                 q = np.where(absent, np.nan, q)
         return self.filter.motion(recording.t, q, rate, source)
 
-    def _torque(self, recording: Measurements) -> tuple[Array, NDArray[np.bool_]]:
-        """Return the torques in step with the motion, filtered, and where there are none."""
-        torque, rate = recording.torque, recording.rate
-        if self.processing.torque_cutoff is not None:
-            torque = low_pass(torque, rate, self.processing.torque_cutoff, self.processing.order, recording.source)
+    def _torque(self, recording: Measurements, inside: slice = slice(None)) -> tuple[Array, NDArray[np.bool_]]:
+        """Return the torques in step with the motion, filtered inside of these rows, and where there are none."""
+        torque, rate = recording.torque.copy(), recording.rate
         late = np.zeros(torque.shape, dtype=bool)
-        if np.any(self.delay != 0.0):
-            torque = torque.copy()
-            for j in np.flatnonzero(self.delay):
-                torque[:, j], known = diagnosis.advanced(torque[:, j], self.delay[j] * rate)
-                late[:, j] = ~known
+        for j in np.flatnonzero(self.delay):
+            torque[:, j], known = diagnosis.advanced(torque[:, j], self.delay[j] * rate)
+            late[:, j] = ~known
+        cutoff, order = self.processing.torque_cutoff, self.processing.order
+        if cutoff is not None:
+            torque[inside] = low_pass(torque[inside], rate, cutoff, order, recording.source)
         return torque, late
 
     def flags(self, recording: Measurements) -> Flags:
@@ -302,7 +351,7 @@ class Plan:
     def _thinned(self, name: str, flags: NDArray[np.bool_], rate: float) -> NDArray[np.bool_]:
         """Flag also the rows into which a filter on the torques, or the decimation, spreads wrong torques."""
         reach = self.processing.step if self.processing.step > 1 else 0
-        if self.processing.torque_cutoff is not None and name not in (LATE, AT_REST):
+        if self.processing.torque_cutoff is not None and name != AT_REST:
             reach = max(reach, int(np.ceil(0.5 * rate / self.processing.torque_cutoff)))
         if reach == 0:
             return flags
@@ -346,7 +395,12 @@ class Plan:
         if samples.mask is not None:
             mask &= samples.mask
         counts = masking_remarks({name: f.sum(axis=0) for name, f in flags.items()}, "before averaging")
-        return replace(samples, mask=None if mask.all() else mask, remarks=(*notes, *samples.remarks, *counts))
+        return replace(
+            samples,
+            mask=None if mask.all() else mask,
+            remarks=(*notes, *samples.remarks, *counts),
+            filtered_torque=self.processing.filters_torque,
+        )
 
 
 def masking_remarks(counts: dict[str, NDArray[np.intp]], when: str = "") -> tuple[str, ...]:

@@ -181,7 +181,8 @@ class Recording(Measurements):
             What to do.
         model
             By which the cutoff, the velocity thresholds and `delay = "automatic"` are chosen where they are left open;
-            without it the motion alone decides.
+            without it the motion alone decides. Its regressor goes through the filters of the torques
+            (`torque_cutoff`, `decimate`), without which estimates are biased.
         options
             The fields of `Processing`, in place of `processing`.
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
-from typing import Self, TypeVar
+from typing import TYPE_CHECKING, Self, TypeVar
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -13,6 +13,9 @@ from steelyard.display import html_table
 from steelyard.errors import InputError
 
 from .cutoff.evidence import CutoffChoice
+
+if TYPE_CHECKING:
+    from steelyard.dynamics import Model
 
 __all__ = ["Samples", "regrouped"]
 
@@ -40,8 +43,11 @@ class Samples:
     cutoff
         Hz, of the position filter; None where there was none or it is unknown.
     filtered_torque
-        Whether the torques went through a filter, or an anti-alias filter, that the dynamics of the filtered motion did
-        not: estimates are then biased by more than their intervals.
+        Whether the torques went through a filter, or an anti-alias filter. Unless the regressor did so, too, estimates
+        are biased by more than their intervals: a filter rounds the jumps of friction.
+    regressor, regressor_model
+        (S, C) the entries of the base regressor of this model, as its `base_columns` order them, which went through the
+        same filters at the rate of the log; None where they did not.
 
     The arrays are kept as read-only float64 in C order; an array that is so already is not copied.
 
@@ -67,6 +73,8 @@ class Samples:
     cutoff_choice: CutoffChoice | None = None
     cutoff: float | None = None
     filtered_torque: bool = False
+    regressor: NDArray[np.float64] | None = None
+    regressor_model: Model | None = None
 
     def __post_init__(self) -> None:
         shape: tuple[int, ...] | None = None
@@ -95,7 +103,16 @@ class Samples:
                 raise InputError(f"`t` of Samples has shape {t.shape}; it must have one time per row, {shape[:1]}.")
             require_finite(t, "`t` of Samples")
             object.__setattr__(self, "t", _read_only(t))
+        if self.regressor is not None:
+            regressor = read_only_matrix(self.regressor, "`regressor` of Samples")
+            if len(regressor) != shape[0]:
+                raise InputError(f"`regressor` of Samples has {len(regressor)} rows where q has {shape[0]}.")
+            object.__setattr__(self, "regressor", regressor)
         object.__setattr__(self, "remarks", tuple(self.remarks))
+
+    def is_biased_for(self, model: Model) -> bool:
+        """Whether torques went through a filter that the regressor of a model did not."""
+        return self.filtered_torque and self.regressor_model is not model
 
     @property
     def count(self) -> int:
@@ -135,6 +152,9 @@ class Samples:
         if any(part.mask is not None for part in parts):
             mask = np.vstack([np.ones(part.q.shape, bool) if part.mask is None else part.mask for part in parts])
         times = [part.t for part in parts if part.t is not None]
+        model, regressor = parts[0].regressor_model, None
+        if model is not None and all(part.regressor_model is model for part in parts):
+            regressor = np.vstack([part.regressor for part in parts if part.regressor is not None])
         return cls(
             q=np.vstack([part.q for part in parts]),
             dq=np.vstack([part.dq for part in parts]),
@@ -146,6 +166,8 @@ class Samples:
             cutoff_choice=next((part.cutoff_choice for part in parts if part.cutoff_choice is not None), None),
             filtered_torque=any(part.filtered_torque for part in parts),
             cutoff=parts[0].cutoff if len({part.cutoff for part in parts}) == 1 else None,
+            regressor=regressor,
+            regressor_model=None if regressor is None else model,
         )
 
     def rows(self, start: int, stop: int, with_remarks: bool = True) -> Samples:
@@ -160,6 +182,7 @@ class Samples:
             t=None if self.t is None else self.t[start:stop],
             remarks=self.remarks if with_remarks else (),
             cutoff_choice=self.cutoff_choice if with_remarks else None,
+            regressor=None if self.regressor is None else self.regressor[start:stop],
         )
 
     def __repr__(self) -> str:

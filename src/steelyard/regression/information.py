@@ -35,9 +35,9 @@ FORMAT = "steelyard-information-2"
 
 
 FILTERED = (
-    "Torques were filtered or decimated, which rounds the jumps of friction that the model keeps: estimates are biased "
-    "by more than noise explains, and no interval of a base parameter is given; leave out `torque_cutoff` and "
-    "`decimate` in [processing] to have them."
+    "Torques were filtered or decimated, and the regressor of this model was not, which keeps the jumps of friction "
+    "that the filter rounds: estimates are biased by more than noise explains, and no interval of a base parameter is "
+    "given. Give the model to Recording.process, which filters both, or leave out `torque_cutoff` and `decimate`."
 )
 
 
@@ -205,7 +205,7 @@ class Information:
         # Blocks of rows are the same, and are added in the same order, wherever the chunks end.
         for samples in regrouped(chunks, BLOCK):
             require_joints(model, samples)
-            filtered, any_rows = filtered or samples.filtered_torque, True
+            filtered, any_rows = filtered or samples.is_biased_for(model), True
             by_joint.add(samples)
             if whole is not None:
                 whole.add(samples)

@@ -21,6 +21,12 @@ Array = NDArray[np.float64]
 FEWEST_BATCHES = 12
 """Batches of a joint without which their variance is not trusted: that of 12 has a relative standard error of 40 %."""
 
+FEWEST_DEGREES = 5.0
+"""Of freedom that Student's distribution has at least; with fewer, intervals say nothing."""
+
+NORMAL = 1.959963984540054
+"""The 0.975 quantile of the normal distribution."""
+
 
 @dataclass(frozen=True, eq=False)
 class ResidualCorrelation:
@@ -41,6 +47,10 @@ class ResidualCorrelation:
     settled : ndarray of bool
         (N,) false where the log is too short to show how far the correlation reaches; the intervals are too narrow
         then.
+    degrees_of_freedom : ndarray
+        (N,) of the long-run variance: the number of batches less what the parameters took out of them; infinite where
+        there are no rows. Covariances are raised by the square of Student's over the normal quantile of 95 %, so that
+        normal intervals are as wide as few batches ask for.
     """
 
     joint_names: tuple[str, ...]
@@ -49,6 +59,7 @@ class ResidualCorrelation:
     batch_length: NDArray[np.intp]
     count: NDArray[np.intp]
     settled: NDArray[np.bool_]
+    degrees_of_freedom: Array
 
     @property
     def inflation(self) -> Array:
@@ -155,10 +166,12 @@ class ParameterCovariance:
         What the fitted parameters took out of the sums is given back: their expected squares are linear in the long-run
         variances of all joints, and the equations are solved. The length of the batches L is the least with
         ``L³ >= 2 S u² / sigma⁴``, S samples, where what correlation beyond the batch costs and what the small number of
-        batches costs are about even (Lee et al.). Without `batch_means` every u_k is the residual variance of the
+        batches costs are about even (Lee et al.). The variance of few batches is itself uncertain; each is raised, so
+        that intervals have the width of Student's. Without `batch_means` every u_k is the residual variance of the
         weighted rows, which is thesis eq. 4.27.
 
         It tells nothing of torques that were filtered, or decimated, where the dynamics were not: these bias estimates.
+        Where both were, filtered noise is noise that lasts.
         It holds where the motion changes little within the correlation of the noise, and for noise that is independent
         between joints. It is no remedy for errors of the model that return in each period.
 
@@ -281,6 +294,8 @@ def _residual_variance(problem: Reduced, base: Array) -> float:
 
 def _long_run(info: Information, beta: Array, used: Array, inverse: Array) -> tuple[Array, ResidualCorrelation]:
     """Return the middle of the sandwich in the coordinates of `inverse`, (r, r), and the correlation it comes from."""
+    from scipy.special import stdtrit
+
     factors = info.factors
 
     def seen(factor: Factor, weight: float) -> Array:
@@ -294,18 +309,19 @@ def _long_run(info: Information, beta: Array, used: Array, inverse: Array) -> tu
     squares = np.array([f.residual2(beta) for f in factors]) * used**2
     variance = squares / np.maximum(freedom, 1.0)
     levels = [_Level(level, beta, used, seen) for level in info.batch_means]
-    chosen, settled = _choose(levels, shares, variance, counts)
+    chosen, settled, freedom = _choose(levels, shares, variance, counts)
     matrix = np.array(
         [[float(np.sum(share * levels[c].shares[k])) for share in shares] for k, c in enumerate(chosen)]
     ).reshape(len(factors), len(factors))
     matrix += np.diag([counts[k] - 2.0 * np.trace(levels[c].shares[k]) for k, c in enumerate(chosen)])
     target = np.array([levels[c].squares[k] for k, c in enumerate(chosen)])
     long_run = _positive(matrix, target, counts)
-    middle = np.sum([u * share for u, share in zip(long_run, shares, strict=True)], axis=0)
+    widening = (stdtrit(freedom, 0.975) / NORMAL) ** 2
+    middle = np.sum([u * share for u, share in zip(widening * long_run, shares, strict=True)], axis=0)
     names = info.joint_names if len(info.joint_names) == len(factors) else ("all",) * len(factors)
     lengths = np.array([BATCH_LENGTHS[c] for c in chosen])
     return np.asarray(middle), ResidualCorrelation(
-        names, variance / used**2, long_run / used**2, lengths, counts, settled
+        names, variance / used**2, long_run / used**2, lengths, counts, settled, freedom
     )
 
 
@@ -320,22 +336,27 @@ class _Level:
 
 def _choose(
     levels: list[_Level], shares: list[Array], variance: Array, counts: NDArray[np.intp]
-) -> tuple[list[int], NDArray[np.bool_]]:
-    """Choose the batches of each joint, and tell whether they are long enough."""
-    chosen, settled = [], []
+) -> tuple[list[int], NDArray[np.bool_], Array]:
+    """Choose the batches of each joint; tell whether they are long enough, and how many of them are left to choose by.
+
+    What is left are the degrees of freedom of their variance: their number less what the parameters took out.
+    """
+    chosen, settled, freedom = [], [], []
     for k, count in enumerate(counts):
-        best, enough = 0, count == 0 or variance[k] == 0.0
+        best, enough, degrees = 0, count == 0 or variance[k] == 0.0, np.inf
         for index, length in enumerate(BATCH_LENGTHS):
             if enough or (index and levels[index].counts[k] < FEWEST_BATCHES):
                 break
             best = index
             own = levels[index].shares[k]
             free = count - 2.0 * np.trace(own) + np.sum(shares[k] * own)
+            degrees = max(levels[index].counts[k] * free / count, FEWEST_DEGREES)
             long_run = levels[index].squares[k] / max(free, 0.1 * count)
             enough = length**3 >= 2.0 * count * (long_run / variance[k]) ** 2
         chosen.append(best)
         settled.append(bool(enough))
-    return chosen, np.array(settled, dtype=bool)
+        freedom.append(degrees)
+    return chosen, np.array(settled, dtype=bool), np.array(freedom)
 
 
 def _positive(matrix: Array, target: Array, counts: NDArray[np.intp]) -> Array:

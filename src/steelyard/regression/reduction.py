@@ -37,12 +37,6 @@ Array = NDArray[np.float64]
 BLOCK = 2048
 """Samples that are factored at a time: their regressor stays in the processor's cache."""
 
-RESIDUE_VELOCITY, RESIDUE_ACCELERATION = 1e-9, 1e-6
-"""rad/s and rad/s² (m/s, m/s²): less is what rounding leaves of a joint at rest once its positions were filtered and
-differentiated (5e-12 and 7e-10 at 1 kHz, a hundred times that at 10 kHz), and no motion that a torque shows. Its sign
-would pass for Coulomb friction, and columns of such numbers would be taken for information, however small, since
-columns are compared in units of their own lengths."""
-
 WHOLE_BLOCK = 1024
 """Samples that are factored at a time where the rows of all joints stand side by side."""
 
@@ -71,21 +65,18 @@ def empty_whole(model: Model) -> Factor:
     return Factor(None, np.arange(width), np.zeros((width + 1, width + 1)), 0)
 
 
-def _at_rest(values: Array, limit: float) -> Array:
-    """Return the values with zeros in the columns that hold nothing but rounding."""
-    return np.where(np.abs(values) < limit, 0.0, values)
-
-
 def joint_rows(model: Model, samples: Samples, block: int = BLOCK) -> Iterator[tuple[slice, list[Array]]]:
     """For some samples at a time, the rows ``[W omega]`` of each joint, (samples, c + 1), also where masked."""
     columns = model.base_columns
-    splits = np.cumsum([len(c) for c in columns.joints])[:-1]
+    filtered = samples.regressor if samples.regressor_model is model else None
     for start in range(0, samples.count, block):
         part = slice(start, min(start + block, samples.count))
-        dq, ddq = _at_rest(samples.dq[part], RESIDUE_VELOCITY), _at_rest(samples.ddq[part], RESIDUE_ACCELERATION)
-        values = columns.kernel(samples.q[part], dq, ddq)
-        entries = np.split(values, splits, axis=1)
-        yield part, [np.column_stack([w, samples.torque[part, k]]) for k, w in enumerate(entries)]
+        if filtered is None:
+            entries = columns.entries(samples.q[part], samples.dq[part], samples.ddq[part])
+        else:
+            entries = filtered[part]
+        torque = samples.torque[part]
+        yield part, [np.column_stack([w, torque[:, k]]) for k, w in enumerate(columns.by_joint(entries))]
 
 
 class JointReduction:

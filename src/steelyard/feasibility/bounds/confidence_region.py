@@ -105,7 +105,8 @@ def region_of(
         return None
     if found.filtered_torque:
         raise InputError(
-            "the torques of this data were filtered, so that the estimate is off by more than noise explains and no "
-            "confidence region holds; leave out `torque_cutoff` and `decimate` in [processing], or give base= alone."
+            "the torques of this data were filtered and the regressor was not, so that the estimate is off by more "
+            "than noise explains and no confidence region holds; process the log with the model, which filters both, "
+            "leave out `torque_cutoff` and `decimate`, or give base= alone."
         )
     return ConfidenceRegion(beta, found, confidence)

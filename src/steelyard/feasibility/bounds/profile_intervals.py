@@ -114,14 +114,15 @@ def profile_intervals(
     Raises
     ------
     InputError
-        If torques were filtered, so that no interval holds, or `inside` is not inside.
+        If torques were filtered and the regressor was not, so that no interval holds, or `inside` is not inside.
     """
     from scipy.special import gammaincinv
 
     if covariance.filtered_torque:
         raise InputError(
-            "the torques of this data were filtered, so that the estimate is off by more than noise explains and no "
-            "interval holds; leave out `torque_cutoff` and `decimate` in [processing]."
+            "the torques of this data were filtered and the regressor was not, so that the estimate is off by more "
+            "than noise explains and no interval holds; process the log with the model, which filters both, or leave "
+            "out `torque_cutoff` and `decimate`."
         )
     region = ConfidenceRegion(np.asarray(base, dtype=float), covariance, confidence)
     start = feasible_set.as_parameters(inside)
