@@ -310,3 +310,59 @@ def test_a_torque_that_is_held_with_the_position_is_not_clipped():
     assert "saturation" not in [one.kind for one in examine(held).findings]
     moving = {**held, "tau": np.clip(3.0 * np.cos(2 * t), -2.0, 2.0)[:, None]}
     assert "saturation" in [one.kind for one in examine(moving).findings]
+
+
+class TestLongLogs:
+    """A long log is looked at in part, and what is found elsewhere is told with its rows."""
+
+    @pytest.fixture(autouse=True)
+    def few_rows_are_long(self, monkeypatch):
+        from steelyard.identification import log_sample
+
+        for name, rows in (("LONGEST_EXAMINED", 4000), ("IN_THE_MIDDLE", 2000), ("IN_A_STRETCH", 500)):
+            monkeypatch.setattr(log_sample, name, rows)
+
+    def examined(self, log, tmp_path, **changes):
+        found = examine(written({**log, **changes}, tmp_path / "long.csv"))
+        assert "looked at" in found.facts
+        return found, {one.kind: one for one in found.findings}
+
+    def test_nothing_is_wrong_with_a_sound_one(self, arm, tmp_path):
+        found, kinds = self.examined(arm[2], tmp_path)
+        assert not kinds
+        assert found.facts["rows"].startswith("5000, 19.996 s at 250 Hz")
+        assert found.facts["looked at"].startswith("rows 1501 to 3500 of 5000; ")
+        assert found.recording.count == 2000
+
+    def test_with_a_robot_the_model_is_fitted_to_the_part(self, arm, tmp_path):
+        path, _, log = arm
+        found = examine(written(log, tmp_path / "long.csv"), path)
+        assert not found.findings
+        assert 5400 < found.information.count <= 6000  # of three joints
+
+    def test_faulty_rows_elsewhere_are_told_with_their_place(self, arm, tmp_path):
+        torque = arm[2]["tau"].copy()
+        peak = np.abs(torque[:500, 1]).max()
+        torque[:500, 1] = np.clip(torque[:500, 1], -0.6 * peak, 0.6 * peak)
+        _, kinds = self.examined(arm[2], tmp_path, tau=torque)
+        assert list(kinds) == ["saturation"]
+        assert kinds["saturation"].statement.endswith("(Seen in rows 1 to 500.)")
+        assert kinds["saturation"].toml == "[processing]\nsaturation = true"
+
+    def test_missing_numbers_and_stamps_of_all_rows_are_seen(self, arm, tmp_path):
+        torque = arm[2]["tau"].copy()
+        torque[4990, 0] = np.nan
+        _, kinds = self.examined(arm[2], tmp_path, tau=torque)
+        assert kinds["missing values"].statement.startswith("In 1 of the 5000 rows")
+        assert kinds["missing values"].remedy == {"log": {"missing": "fill"}}
+        _, kinds = self.examined(without(arm[2], slice(900, 905)), tmp_path)
+        assert "5 rows are missing in 1 gaps" in kinds["gaps"].statement
+        t = T.copy()
+        t[4000:] -= 10.0
+        _, kinds = self.examined(arm[2], tmp_path, t=t)
+        assert "line 4002, goes back in time" in kinds["stamps that go back"].statement
+
+    def test_units_of_time_count_for_all_stamps(self, arm, tmp_path):
+        found, kinds = self.examined(arm[2], tmp_path, t=1e3 * T)
+        assert kinds["time unit"].remedy == {"log": {"time_unit": "ms"}}
+        assert found.facts["rows"].startswith("5000, 19.996 s at 250 Hz")

@@ -25,11 +25,12 @@ from steelyard.recording import (
     choose_cutoff,
     estimate_delay,
 )
-from steelyard.recording.clock import FEWEST_ROWS, ClockStatistics
+from steelyard.recording.clock import FEWEST_ROWS, ClockStatistics, clock_of
+from steelyard.recording.columns import TIME_UNITS
 from steelyard.recording.cutoff.by_spectra import noise_share
 from steelyard.recording.diagnosis import DETECTORS, Diagnosis
 from steelyard.recording.diagnosis.rest import HeldJoints
-from steelyard.recording.even import evened
+from steelyard.recording.even import EvenClock, evened
 from steelyard.recording.formats import LogFiles
 from steelyard.recording.recognition import Layout
 from steelyard.recording.survey import LogSurvey
@@ -43,6 +44,7 @@ from .correction import Settings, toml_inline, toml_text
 from .given import GivenRobot, GivenSamples, One, given_constraints, given_logs, given_robot
 from .log_checks import mistakes_in_logs
 from .log_reader import LogReader, against_limits
+from .log_sample import LogSample, sample_of
 from .logged_joints import logged_joints
 
 __all__ = ["Examination", "Finding", "examine", "merged"]
@@ -350,6 +352,7 @@ class _Patient:
         self.findings: list[Finding] = []
         self.facts: dict[str, str] = {}
         self.joints = None if self.model is None else list(self.model.robot.joint_names)
+        self.sample: LogSample | None = None
 
     @property
     def columns(self) -> LogColumns:
@@ -381,12 +384,18 @@ class _Patient:
         files = LogFiles(self.log, self.columns)
         self.layout = layout = self._layout(files)
         name = files.name
+        self.sample = sample_of(files, layout)
+        if self.sample is not None:
+            self.facts["looked at"] = str(self.sample)
         if not self._stamps_can_be_used(files, layout):
             return self._result(name, layout)
+        if self.sample is not None:
+            self.log = self.sample.middle
+            self._elsewhere(self.sample)
         recording = self._read()
         survey = LogSurvey.of(recording)
         diagnosis = recording.diagnose()
-        clock = self._clock(recording, diagnosis.clock)
+        clock = self._clock(recording, self._whole_clock(diagnosis.clock))
         self._signals(recording, survey, diagnosis)
         suspect = self._units(survey)
         information = None
@@ -398,7 +407,7 @@ class _Patient:
         if suspect:
             recording = self._read()  # what follows is measured in the right units
             diagnosis = recording.diagnose()
-            clock = diagnosis.clock
+            clock = self._whole_clock(diagnosis.clock)
         heads, rows = self._measures(recording, diagnosis)
         if not any(one.harm == "wrong" for one in self.findings):
             self._delay(recording)
@@ -451,7 +460,8 @@ class _Patient:
         if layout.time is None:
             self.facts["stamps"] = "none; the rate is stated"
             return True
-        t = layout.seconds(files.read(layout.stamps))
+        sample = self.sample
+        t = layout.seconds(files.read(layout.stamps)) if sample is None or sample.t is None else sample.t
         if len(t) < FEWEST_ROWS or not np.isfinite(t).all():
             return True
         if abs(t[0]) > _REST_OF_STAMPS:
@@ -470,14 +480,14 @@ class _Patient:
             advice = f"Split the log before {files.where(row)}, where a new run begins, or sort its rows."
             self.add(Finding("stamps that go back", statement, "refused", back / len(t), advice=advice))
             return False
-        raw = files.read(layout.names)
+        raw = files.read(layout.names) if sample is None else sample.middle.read(layout.names)
         others = [raw[name] for name in layout.names if name not in layout.stamps]
-        same = np.flatnonzero(steps == 0.0)
-        copies = np.all([column[same + 1] == column[same] for column in others], axis=0) if repeated else np.zeros(1)
+        same = np.flatnonzero(np.diff(layout.seconds(raw)) == 0.0)
+        copies = np.all([column[same + 1] == column[same] for column in others], axis=0) if len(same) else np.zeros(1)
         if repeated and copies.mean() > 0.5 and repeated < 0.5 * len(t):
             statement = (
                 f"{repeated} rows of {files.name} repeat the row before, its stamp included, the first in "
-                f"{files.where(int(same[0]) + 1)}."
+                f"{files.where(int(np.argmax(steps == 0.0)) + 1)}."
             )
             advice = "Remove the rows that repeat the time of the row before; they were written twice."
             self.add(Finding("rows written twice", statement, "refused", repeated / len(t), advice=advice))
@@ -530,8 +540,26 @@ class _Patient:
             self._gaps(recording, clock)
         return clock
 
+    def _whole_clock(self, clock: ClockStatistics) -> ClockStatistics:
+        """Return the clock of the whole log, by that of what was looked at."""
+        t = self._whole_time()
+        if t is None or self.columns.rate is not None or not np.isfinite(t).all():
+            return clock
+        return replace(clock_of([t]), share=clock.share, share_deviation=clock.share_deviation)
+
+    def _whole_time(self) -> Array | None:
+        """Return the stamps of all rows of a long log, s from the first, in the unit that is known by now."""
+        assert self.layout is not None
+        if self.sample is None or self.sample.t is None:
+            return None
+        unit = self.columns.time_unit
+        known = self.layout.time_rest is not None or unit is None
+        t: Array = self.sample.t - self.sample.t[0]
+        return t if known else t * (TIME_UNITS[str(unit)] / TIME_UNITS[self.layout.time_unit])
+
     def _gaps(self, recording: Recording, clock: ClockStatistics) -> None:
-        parts, _ = evened(recording, self.processing.resample or True, None, True)
+        even = EvenClock(clock, self.processing.resample or True, None, True, recording.source)
+        parts = 1 if even.as_is else len(even.parts)
         statement = next(one for one in clock.sentences() if "rows are missing" in one)
         share = clock.missing / (clock.count + clock.missing)
         if share > TWO_RATES and np.median(clock.skipped) < 1.5:
@@ -539,23 +567,45 @@ class _Patient:
                 f"{len(clock.gaps)} of {clock.count - 1} intervals between stamps are about twice as long as the "
                 "others: every so often a row is missing, or the rate changes within the log."
             )
-        if len(parts) == 1:
+        if parts == 1:
             longest = float(np.ptp(clock.gaps, axis=1).max())
             remedy: Settings = {"processing": {"longest_gap": float(f"{1.01 * longest:.3g}")}}
             statement += " Gaps as short are filled for the filters, and their rows are not used."
             self.add(Finding("gaps", statement, "worse", share, remedy))
             return
-        statement += f" The log falls into {len(parts)} parts, and the filters spoil both ends of each."
+        statement += f" The log falls into {parts} parts, and the filters spoil both ends of each."
         advice = "Record again without gaps (a buffered logger, a lower rate), or use the log as it is."
         self.add(Finding("gaps", statement, "worse", share, advice=advice))
+
+    def _elsewhere(self, sample: LogSample) -> None:
+        """Look for faulty rows in the stretches of a long log that are not examined otherwise."""
+        if sample.incomplete and self.columns.missing != "fill":
+            statement = (
+                f"In {sample.incomplete} of the {sample.count} rows a position or a torque is no finite number; "
+                '`missing = "fill"` in [log] fills them for the filters, and their rows are not used.'
+            )
+            share = sample.incomplete / sample.count
+            self.add(Finding("missing values", statement, "refused", share, {"log": {"missing": "fill"}}))
+        handled = [option for option in DETECTORS if getattr(self.processing, option) is not False]
+        for stretch in sample.others:
+            try:
+                recording = Recording.read(stretch, self.columns, self.joints)
+            except InputError:  # what the middle shows, too, is found there
+                continue
+            found = recording.diagnose()
+            for option, sentences in found.faults(handled).items():
+                share = float(getattr(found, option).flags.mean(axis=0).max())
+                statement = f"{' '.join(sentences)} (Seen in rows {stretch.rows}.)"
+                self.add(Finding(option, statement, _harm_of(option, share), share, {"processing": {option: True}}))
+                handled.append(option)
 
     def _signals(self, recording: Recording, survey: LogSurvey, diagnosis: Diagnosis) -> None:
         """Look at rows that would harm a regression, at joints that do not move, and at coarse or noisy channels."""
         handled = [option for option in DETECTORS if getattr(self.processing, option) is not False]
         for option, sentences in diagnosis.faults(handled).items():
             share = float(getattr(diagnosis, option).flags.mean(axis=0).max())
-            harm: Harm = "wrong" if option == "saturation" and share > CLIPPED else "worse"
-            self.add(Finding(option, " ".join(sentences), harm, share, {"processing": {option: True}}))
+            remedy: Settings = {"processing": {option: True}}
+            self.add(Finding(option, " ".join(sentences), _harm_of(option, share), share, remedy))
         held = HeldJoints.of(recording)
         if held.mask.all():
             statement = f"{recording.source}: no joint moves by more than the noise of its position."
@@ -832,7 +882,12 @@ class _Patient:
     def _tell(self, recording: Recording, clock: ClockStatistics | None, layout: Layout) -> None:
         """Tell rate, gaps and the spectra where nothing else has."""
         rate = f"{recording.rate:.6g} Hz" if clock is None else f"{1.0 / clock.period:.6g} Hz by the stamps"
-        facts = {"rows": f"{recording.count}, {recording.duration:.6g} s at {rate}"}
+        count, duration = recording.count, recording.duration
+        if self.sample is not None:
+            count = self.sample.count
+            t = self._whole_time()
+            duration = (count - 1) / recording.rate if t is None or self.columns.rate is not None else float(t[-1])
+        facts = {"rows": f"{count}, {duration:.6g} s at {rate}"}
         if clock is not None:
             facts["clock"] = repr(clock).removeprefix("ClockStatistics(").removesuffix(")")
         if "cutoff" not in self.facts:
@@ -856,6 +911,11 @@ class _Patient:
         settings = merged(self.settings, further or {})
         sections = {**self.file.sections, **{name: settings.get(name, {}) for name in ("log", "processing")}}
         return replace(self.file, sections=sections)
+
+
+def _harm_of(option: str, share: float) -> Harm:
+    """Return what faulty rows of a share lead to."""
+    return "wrong" if option == "saturation" and share > CLIPPED else "worse"
 
 
 def longest_part(recording: Recording) -> Recording:
