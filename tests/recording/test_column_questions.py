@@ -327,3 +327,13 @@ def test_the_page_lists_all_words_and_writers() -> None:
         word for word in sorted(words | set(TIME_WORDS) | set(FURTHER_TIME_WORDS)) if f"`{word}`" not in section
     ] == []
     assert [style.writer for style in STYLES if style.writer.removeprefix("UR ") not in section] == []
+
+
+def test_only_a_matrix_keeps_the_units_of_sliding_joints_open() -> None:
+    """Not a joint whose name has the word in it."""
+    names = ["t", "matrix_gantry_position", "arm_position", "matrix_gantry_effort", "arm_effort"]
+    plain = find(names, ("matrix_gantry", "arm")).with_sliding([True, False])
+    assert [one.unit for one in plain.table] == ["s", "m", "rad", "N", "N·m"]
+    coupled = find(["t", "q1", "q2", "tau1", "tau2"], 2, {"position_matrix": [[1, 0], [1, 1]]})
+    assert coupled.has_matrix
+    assert coupled.with_sliding([True, False]) == coupled

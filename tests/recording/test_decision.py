@@ -154,6 +154,12 @@ def test_noise_that_a_controller_answers_is_not_taken_for_motion(arm):
     recording = Recording(t=played.t[::4], q=played.q[::4], torque=played.torque[::4])
     choice = decide(Processing(cutoff="auto"), [recording], model).cutoff_choice
     assert "noise of the positions" in choice.remark
+    decision = decide(Processing(cutoff="auto", velocity_threshold="auto"), [recording], model)
+    # What is said of a key is found by the key, not by its words.
+    assert decision.reasons["cutoff"] == choice.reason
+    assert decision.remarks[0] == f"{choice.reason}; set `cutoff` in [processing] to choose."
+    assert decision.reasons.keys() == {"cutoff", "velocity_threshold"}
+    assert decision.remarks[1].startswith(decision.reasons["velocity_threshold"])
     base = model.base_parameters()
     inertias = [k for k, name in enumerate(base.names) if name.startswith("Lzz")]
 

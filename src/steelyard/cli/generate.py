@@ -53,10 +53,11 @@ def generate(
       steelyard generate robot.toml --language rust --function gravity --estimate estimate.json --output crate
       steelyard generate robot.toml --function list
     """
-    from steelyard.dynamics import DEFAULT_FUNCTIONS, Model
-    from steelyard.identification import parameters_for_source
+    from steelyard.dynamics import DEFAULT_FUNCTIONS
+    from steelyard.identification import model_of_estimate, parameters_for_source
+    from steelyard.robot import RobotFile
 
-    model = Model.load(robot, allow_extensions=allow_extensions)
+    model = model_of_estimate(estimate, RobotFile.load(robot, allow_extensions=allow_extensions))
     if function == ["list"]:
         echo("\n".join(model.functions))
         return

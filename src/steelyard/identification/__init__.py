@@ -8,6 +8,7 @@ if TYPE_CHECKING:
     from .comparison import Comparison as Comparison
     from .comparison import compare_estimates as compare_estimates
     from .correction import Correction as Correction
+    from .default_terms import model_of_estimate as model_of_estimate
     from .doctor import Examination as Examination
     from .doctor import Finding as Finding
     from .doctor import examine as examine

@@ -19,6 +19,7 @@ from steelyard.files import write_json
 from steelyard.regression import Estimate
 from steelyard.robot import RobotFile
 
+from .default_terms import model_of_estimate
 from .log_reader import Progress
 from .prediction_difference import PredictionDifference, difference_on_logs, difference_on_random_motion, labels
 from .saved import matching_estimate
@@ -358,7 +359,7 @@ def _require_same(first: SavedResult, other: SavedResult) -> None:
         told = f"only {alone[0][0].name} has the {what} {alone[0][1]}" if alone else f"the order of the {what}s differs"
         raise InputError(
             f"{other.name}: is of another robot, or of other terms, than {first.name}: {told}; compare estimates that "
-            "were made with the same robot file."
+            "were made with the same robot file, which states its [[terms]]."
         )
 
 
@@ -373,7 +374,7 @@ def _model(
             )
         return None, None
     file = RobotFile.load(given)
-    return Model.from_file(file), file
+    return model_of_estimate(first.estimate, file), file
 
 
 def _not_shown(loaded: Sequence[SavedResult]) -> list[str]:

@@ -12,6 +12,7 @@ from steelyard.excitation import ExcitationDesign, ExcitationObjective, Trajecto
 from steelyard.regression import Information
 from steelyard.robot import RobotFile
 
+from .default_terms import model_of_estimate
 from .payload import payload_mounting
 from .saved import parameters_of_estimate
 
@@ -59,7 +60,7 @@ def excite(
         If no motion keeps every limit.
     """
     file = RobotFile.load(robot)
-    model = Model.from_file(file)
+    model = model_of_estimate(estimate, file)
     parameters = None if estimate is None else parameters_of_estimate(model, estimate)
     asked = _about_the_carrier(file, model, ExcitationObjective() if objective is None else objective)
     if prior_information is not None:

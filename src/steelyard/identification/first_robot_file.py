@@ -11,17 +11,16 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from steelyard.display import html_table, text_table
 from steelyard.dynamics import Model
 from steelyard.dynamics.threads import in_one_thread
 from steelyard.errors import InputError
+from steelyard.feasibility import FeasibleSet
 from steelyard.recording import LogColumns
 from steelyard.recording.columns import FIND
 from steelyard.recording.formats import LogFiles
 from steelyard.recording.recognition import Layout
-from steelyard.regression import Estimate, Information, least_squares
 from steelyard.regression.batch_means import BatchSums
 from steelyard.regression.reduction import empty_factors
 from steelyard.regression.time_blocks import TimeBlocks
@@ -29,22 +28,14 @@ from steelyard.robot import RobotFile
 from steelyard.robot.description import URDF, description_format
 
 from .correction import Settings, toml_value
+from .default_terms import decide_rotors, with_rotors
 from .doctor import CHUNK_ROWS, POINTS, Examination, examine, merged
 from .log_reader import LogReader
 from .logged_joints import LoggedJoints, logged_joints
 
 __all__ = ["FirstRobotFile", "Guess", "first_robot_file"]
 
-Array = NDArray[np.float64]
-SURE_ROTOR = 4.0
-"""Standard errors by which a rotor inertia must stand above zero, and farther than any other stands below it: what a
-model lacks moves them, too. Simulated arms with rotors come to 5 to 25, one without them to 1, and on a UR10 they go
-down to -5."""
-ROTORS_HARM = 0.01
-"""Part by which the error on stretches that are left out may rise with rotor inertias: all six arms were below it."""
-FEWEST_STRETCHES = 3
 _REDUCTION = re.compile(rb"<mechanicalReduction>\s*([-+0-9.eE]+)\s*</mechanicalReduction>")
-_ROTOR = re.compile(r"Ia\d+")
 _TERMS = {
     "viscous": "friction that grows with speed: every joint has grease and seals",
     "coulomb": "friction that has the sign of the speed: every joint has bearings, and gears have more",
@@ -172,14 +163,6 @@ def first_robot_file(
     return FirstRobotFile(text, guesses, draft.examination, draft.to_complete)
 
 
-@dataclass(frozen=True, eq=False)
-class _Trial:
-    """A fit to a log, and the error (geometric mean over the joints) on stretches of it that were left out in turn."""
-
-    estimate: Estimate
-    held_out: float
-
-
 class _Draft:
     """A robot file as far as it is known."""
 
@@ -268,64 +251,26 @@ class _Draft:
             self.reasons["description", "locked"] += f" Of others {self.joints.reason}."
 
     def _judge_rotors(self) -> None:
-        """Take rotor inertias in where the log shows one, and stretches that are left out are predicted as well."""
+        """Take rotor inertias in where the log shows them, as `steelyard.identify` does where nobody states terms."""
         if "rotor_inertia" in self.terms:
             return
-        self.terms["rotor_inertia"] = ""
-        try:
-            shown = self._trial()
-            reason = "" if shown is None else self._rotor_shown(shown.estimate)
-            rise = 0.0
-            if shown is not None and reason:
-                del self.terms["rotor_inertia"]
-                without = self._trial()
-                rise = 0.0 if without is None else shown.held_out / without.held_out - 1.0
-        except InputError:  # more parameters than the log has rows for
-            shown, reason, rise = None, "", 0.0
-        self.terms.pop("rotor_inertia", None)
-        if reason and rise < ROTORS_HARM:
-            change = f"{'falls' if rise <= 0.0 else 'rises'} by {100.0 * abs(rise):.2g} %"
-            self.terms["rotor_inertia"] = f"{reason}; the error on stretches of the log that were left out {change}"
-        elif reason:
-            self.left_out = f"behind gears; {reason}, but the error on stretches that were left out rises by {rise:.1%}"
-        else:
-            what = "the log is too short to tell" if shown is None else "the log shows no inertia of rotors for sure"
-            self.left_out = f"where motors drive through gears; {what}"
-
-    def _rotor_shown(self, estimate: Estimate) -> str:
-        """Say which rotor inertia stands out of its error; empty where none does, or others are as surely negative."""
-        found = [
-            (value / error, name, value, error)
-            for name, value, error in zip(
-                estimate.base_expressions, estimate.base, estimate.standard_error, strict=True
-            )
-            if _ROTOR.fullmatch(name) and error > 0.0
-        ]
-        if not found:
-            return ""
-        (clearest, name, value, error), (lowest, *_) = max(found), min(found)
-        if clearest < SURE_ROTOR or -lowest >= clearest:
-            return ""
-        return f"the log shows {name} = {value:.3g} ± {error:.1g} kg·m² (standard error) behind gears"
-
-    def _trial(self) -> _Trial | None:
-        """Fit the draft to the log, and to all but each of some stretches of it; None where it is too short."""
         file = self._loaded()
         model = Model.from_file(file)
+        wider = with_rotors(model)
         reader = LogReader(file, model, CHUNK_ROWS)
-        log = self._path
-        reader.decide([log], lambda _: None)
-        blocks, sums = TimeBlocks(empty_factors(model)), BatchSums(empty_factors(model))
-        information, _ = reader.reduce(log, POINTS, sums, blocks)
-        stretches = information.stretches(blocks, 5)
-        if len(stretches) < FEWEST_STRETCHES or information.count <= information.base_count:
-            return None
-        squares = Information.held_out_squares(stretches, lambda others: least_squares(others, "joint").base)
-        told = squares > 0.0
-        if not told.any():
-            return None
-        estimate = least_squares(replace(information, batch_means=sums.factors()), "joint")
-        return _Trial(estimate, float(np.exp(0.5 * np.mean(np.log(squares[told])))))
+        blocks, sums = TimeBlocks(empty_factors(wider)), BatchSums(empty_factors(wider))
+        try:
+            reader.decide([self._path], lambda _: None)
+            information, _ = reader.reduce(self._path, POINTS, sums, blocks, model=wider)
+        except InputError:  # a log that cannot be used has its findings already
+            self.left_out = "where motors drive through gears; the log does not tell"
+            return
+        information = replace(information, batch_means=sums.factors())
+        decision = decide_rotors(FeasibleSet(model), wider, information, information.stretches(blocks))
+        if decision.taken:
+            self.terms["rotor_inertia"] = decision.reason
+        else:
+            self.left_out = f"where motors drive through gears; {decision.reason}"
 
     def _decide(self, file: RobotFile, say: Callable[[str], None]) -> None:
         """Write down what the data decides of the filter and of slow rows."""
@@ -340,9 +285,8 @@ class _Draft:
             if value is None:
                 continue
             rounded = [float(f"{one:.4g}") for one in value] if isinstance(value, tuple) else float(f"{value:.6g}")
-            reason = next((one for one in reader.remarks if _is_about(key, one)), "Chosen by the data.")
-            reason = re.sub(r"[;,] set `\w+` in \[processing\] to choose", "", reason)
-            self.state("processing", key, rounded, f'{reason} With "auto" every log chooses again.')
+            reason = reader.reasons.get(key, "Chosen by the data")
+            self.state("processing", key, rounded, f'{reason}. With "auto" every log chooses again.')
 
     @property
     def _path(self) -> str:
@@ -550,10 +494,6 @@ def _plain(words: str) -> str:
 
 def _shortened(value: str, most: int = 44) -> str:
     return value if len(value) <= most else f"{value[: most - 1]}…"
-
-
-def _is_about(key: str, remark: str) -> bool:
-    return ("Positions were filtered" in remark) if key == "cutoff" else ("slower than" in remark)
 
 
 def _gear_ratios(source: Path) -> list[float]:

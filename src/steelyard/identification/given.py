@@ -6,7 +6,7 @@ import hashlib
 import os
 from collections import Counter
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -74,7 +74,7 @@ def given_robot(robot: GivenRobot, *, allow_extensions: bool = False) -> tuple[R
         If it is none of these, or cannot be used.
     """
     if isinstance(robot, Model):
-        return RobotFile.of(robot.robot), robot
+        return replace(RobotFile.of(robot.robot), terms_are_default=False), robot
     if isinstance(robot, RobotFile | Robot | str | os.PathLike):
         file = RobotFile.load(robot, allow_extensions=allow_extensions)
         return file, Model.from_file(file)

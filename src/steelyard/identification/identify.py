@@ -23,6 +23,7 @@ from steelyard.regression.batch_means import BatchSums
 from steelyard.regression.reduction import empty_factors, residuals
 from steelyard.regression.time_blocks import TimeBlocks
 
+from .default_terms import RotorDecision, decide_rotors, wider_model
 from .given import Data, GivenRobot, digests, given_constraints, given_logs, given_robot, given_settings
 from .log_checks import implausible_mass, mistakes_in_logs
 from .log_reader import LogReader, Progress, ThinnedSamples
@@ -72,8 +73,8 @@ def identify(
     ----------
     robot : str, Path, RobotFile, Robot or Model
         A URDF, or a robot.toml with terms, log columns, processing and constraints; or a robot in memory. A Robot
-        without terms gets those of a URDF, viscous friction, Coulomb friction and an offset at each joint; a Model is
-        taken as it is.
+        without terms gets those of a URDF, viscous friction, Coulomb friction and an offset at each joint, and rotor
+        inertia where the logs show it; a Model is taken as it is.
     data : path, Recording, Samples, data frame, mapping of arrays, structured array, or sequence of these
         Each is one log. Paths: files recorded side by side are joined by ``+``. Columns of data frames (pandas, Polars,
         PyArrow) and of arrays are found by their names as those of a file are; an array (S, N) stands for N columns.
@@ -154,7 +155,9 @@ def identify(
     say(f"{model.robot.name}: {model.dof} joints, {model.base_parameters().count} base parameters")
     reader.decide(logs, say)
     parts: list[tuple[str, str, Information, ThinnedSamples]] = []
-    sums, blocks = BatchSums(empty_factors(model)), TimeBlocks(empty_factors(model))
+    wider = wider_model(file, model)
+    reduced_by = wider or model
+    sums, blocks = BatchSums(empty_factors(reduced_by)), TimeBlocks(empty_factors(reduced_by))
     for role, group in (("identification", logs), ("validation", validation)):
         for number, log in enumerate(group):
             # One line for each of thousands of logs would push everything else off the screen.
@@ -162,27 +165,39 @@ def identify(
                 say(f"reading {log}{f' ({number + 1} of {len(group)})' if len(group) > 1 else ''}")
             points = _TRACE_POINTS if number == 0 else min(max(_ALL_POINTS // len(group), 100), _TRACE_POINTS)
             if group is logs:
-                reduced = reader.reduce(log, points, sums, blocks, len(logs))
+                reduced = reader.reduce(log, points, sums, blocks, len(logs), reduced_by)
             else:
-                reduced = reader.reduce(log, points)
+                reduced = reader.reduce(log, points, model=reduced_by)
             parts.append((str(log), role, *reduced))
     information = Information.total([p[2] for p in parts if p[1] == "identification"])
     information = replace(information, batch_means=sums.factors())
+    folds = FEWEST_FOLDS if model.parameter_count > MANY_PARAMETERS else 5
+    stretches, held_out = information.stretches(blocks, folds), None
+    rotors: RotorDecision | None = None
+    if wider is not None:
+        say("have the rotors an inertia that shows?")
+        rotors = decide_rotors(feasible_set, wider, information, stretches, weights)
+        feasible_set, information, stretches = rotors.feasible_set, rotors.information, rotors.stretches
+        if rotors.taken:
+            model = reader.model = wider
+            reader.remarks.append(rotors.sentence(file.path.name))
+        else:
+            parts = [(name, role, one.narrowed(wider, model), thinned) for name, role, one, thinned in parts]
     _require_excitation(information, model)
 
     say("least squares")
-    unconstrained = least_squares(information, weights)
+    unconstrained = rotors.unconstrained if rotors is not None else None
+    unconstrained = unconstrained or least_squares(information, weights)
     say("is it physically possible?")
     verdict = check(feasible_set, base=unconstrained.base)
     say("feasible fit")
     plausible: PlausibleFit | None = None
     known: PhysicalPrior | None = None
-    folds = FEWEST_FOLDS if model.parameter_count > MANY_PARAMETERS else 5
-    stretches, held_out = information.stretches(blocks, folds), None
     if prior == "auto" and prefer == "auto" and estimator == "fit":
-        known = physical_prior(model, feasible_set.constraints)
+        tried = rotors.tried if rotors is not None and prior_weight == "auto" else None
+        known = physical_prior(model, feasible_set.constraints) if tried is None else tried.known
         plausible = plausible_fit(
-            information, stretches, feasible_set, unconstrained, prior=known, prior_weight=prior_weight
+            information, stretches, feasible_set, unconstrained, prior=known, prior_weight=prior_weight, tried=tried
         )
         estimate = plausible.estimate
         if plausible.validation is not None:
@@ -259,6 +274,7 @@ def identify(
             "residual_slack": residual_slack,
             "estimator": estimator if isinstance(estimator, str) else getattr(estimator, "__name__", repr(estimator)),
             "margin": feasible_set.margin,
+            "terms": [term.kind for term in model.robot.terms],
             "chunk_rows": chunk_rows,
             "log": reader.columns.to_dict(),
             "processing": reader.stated.to_dict(),

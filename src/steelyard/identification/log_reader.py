@@ -55,6 +55,7 @@ class LogReader:
         self.stated = Processing.from_dict(file.section("processing"), f"{file.path}, [processing]")
         self.processing = self.stated
         self.decided: dict[str, object] = {}
+        self.reasons: dict[str, str] = {}
         self.remarks: list[str] = []
         self.units_are_suspect = False
         self.cutoff_choices: list[tuple[str, CutoffChoice]] = []
@@ -77,6 +78,7 @@ class LogReader:
         self.processing = decision.processing
         names = [name for name in ("cutoff", "velocity_threshold") if getattr(self.stated, name) == "auto"]
         self.decided = {name: getattr(decision.processing, name) for name in names}
+        self.reasons = decision.reasons
         others = f" ({count} of {len(logs)} logs were looked at.)" if count < len(logs) else ""
         self.remarks.extend(f"{remark}{others}" for remark in decision.remarks)
         if decision.cutoff_choice is not None:
@@ -89,6 +91,7 @@ class LogReader:
         sums: BatchSums | None = None,
         blocks: TimeBlocks | None = None,
         logs: int = 1,
+        model: Model | None = None,
     ) -> tuple[Information, ThinnedSamples]:
         """Reduce one log, and keep a copy of its samples, thinned to so many or twice as many points.
 
@@ -103,11 +106,14 @@ class LogReader:
             Receives the stretches of the log.
         logs : int
             How many logs there are: each of many logs is one stretch.
+        model : Model, optional
+            In whose base parameters the log is reduced, in place of the model by which it is processed.
         """
+        model = self.model if model is None else model
         thinned = ThinnedSamples(points)
-        own = None if blocks is None else TimeBlocks(empty_factors(self.model), -(-MOST // logs))
+        own = None if blocks is None else TimeBlocks(empty_factors(model), -(-MOST // logs))
         information = Information.from_chunks(
-            self.model, self._watched(log, thinned), batch_means=False, sums=sums, blocks=own
+            model, self._watched(log, thinned), batch_means=False, sums=sums, blocks=own
         )
         if blocks is not None and own is not None:
             blocks.append(own)

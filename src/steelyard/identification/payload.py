@@ -24,6 +24,7 @@ from steelyard.regression.reduction import empty_factors
 from steelyard.robot import RobotFile
 from steelyard.robot.inertia import inertia_tensor
 
+from .default_terms import model_of_estimate
 from .given import given_constraints
 from .log_reader import LogReader
 from .saved import matching_estimate
@@ -228,7 +229,7 @@ def identify_payload(
             "A payload is found from a log without and a log with it, or from the latter and an estimate of the robot: "
             "give UNLOADED and LOADED, or LOADED and --estimate."
         )
-    logs = _Logs(robot, loaded, unloaded, frame, placement, changes, chunk_rows, progress)
+    logs = _Logs(robot, loaded, unloaded, frame, placement, changes, chunk_rows, progress, estimate)
     if any(logs.find):
         raise InputError(
             f"{logs.file.path}, [log]: drive gains are to be found, and currents alone tell no mass; find the gains "
@@ -452,10 +453,11 @@ class _Logs:
         changes: Changes | None,
         chunk_rows: int,
         progress: Callable[[str], None] | None,
+        estimate: str | Path | Estimate | None = None,
     ) -> None:
         self.say = progress or (lambda _: None)
         self.file = RobotFile.load(robot)
-        self.model = Model.from_file(self.file)
+        self.model = model_of_estimate(estimate, self.file)
         self.section = _section(self.file)
         self.changes = changes or self.section.text("changes") or "friction"
         if self.changes not in get_args(Changes):

@@ -27,7 +27,7 @@ from steelyard.regression import Estimate, Information
 
 from .physical_prior import PhysicalPrior, physical_prior
 
-__all__ = ["PlausibleFit", "PriceOfPlausibility", "plausible_fit"]
+__all__ = ["PlausibleFit", "PriceOfPlausibility", "TriedPrior", "plausible_fit", "tried_prior"]
 
 Array = NDArray[np.float64]
 
@@ -124,6 +124,58 @@ class PlausibleFit:
     price: PriceOfPlausibility | None = field(default=None, repr=False)
 
 
+@dataclass(frozen=True, eq=False)
+class TriedPrior:
+    """What is known of a robot, and how well fits near it predict data that they have not seen.
+
+    Attributes
+    ----------
+    known : PhysicalPrior
+    scaled : PhysicalPrior
+        The same with masses that the data scaled, where they were not known.
+    plausible_set : FeasibleSet
+        The conditions of the user, and those of the prior.
+    distance : Prior
+    term_deviations : (n,)
+    validation : CrossValidation or None
+        None where the logs are too short for it.
+    """
+
+    known: PhysicalPrior
+    scaled: PhysicalPrior
+    plausible_set: FeasibleSet
+    distance: EntropicPrior | ConstantPullbackPrior
+    term_deviations: Array
+    validation: CrossValidation | None
+
+
+def tried_prior(
+    info: Information,
+    stretches: Sequence[Information],
+    feasible_set: FeasibleSet,
+    unconstrained: Estimate,
+    *,
+    prior: PhysicalPrior | None = None,
+    prior_weight: float | Literal["auto"] = "auto",
+) -> TriedPrior:
+    """Try weights of what is known of a robot; see `plausible_fit` for the arguments."""
+    model = feasible_set.model
+    assert isinstance(model, Model)
+    known = physical_prior(model, feasible_set.constraints) if prior is None else prior
+    scaled = known.scaled_to(info, feasible_set)
+    constraints: list[Constraint] = [*feasible_set.constraints, *scaled.constraints]
+    plausible_set = FeasibleSet(model, feasible_set.consistency, constraints, feasible_set.margin)
+    scales = term_deviations(info, feasible_set)
+    kind = EntropicPrior if feasible_set.consistency == "full" else ConstantPullbackPrior
+    distance = kind(scaled.parameters, term_deviations=scales)
+    given = None if prior_weight == "auto" else [float(prior_weight)]
+    validation = None
+    if len(stretches) >= FEWEST_FOLDS:
+        used = unconstrained.weights
+        validation = cross_validation(info, stretches, plausible_set, distance, weights=used, prior_weights=given)
+    return TriedPrior(known, scaled, plausible_set, distance, scales, validation)
+
+
 def plausible_fit(
     info: Information,
     stretches: Sequence[Information],
@@ -132,6 +184,7 @@ def plausible_fit(
     *,
     prior: PhysicalPrior | None = None,
     prior_weight: float | Literal["auto"] = "auto",
+    tried: TriedPrior | None = None,
 ) -> PlausibleFit:
     """Fit within the feasible set, near what is known of the robot.
 
@@ -150,6 +203,8 @@ def plausible_fit(
     prior : PhysicalPrior, optional
         What is known; gathered from the robot by default.
     prior_weight : float or "auto"
+    tried : TriedPrior, optional
+        What `tried_prior` made of the same arguments.
 
     Returns
     -------
@@ -160,30 +215,22 @@ def plausible_fit(
     SolverError
         If no parameters satisfy the constraints of the user.
     """
-    model = feasible_set.model
-    assert isinstance(model, Model)
-    weights = unconstrained.weights
-    known = physical_prior(model, feasible_set.constraints) if prior is None else prior
-    known = known.scaled_to(info, feasible_set)
-    constraints: list[Constraint] = [*feasible_set.constraints, *known.constraints]
-    plausible_set = FeasibleSet(model, feasible_set.consistency, constraints, feasible_set.margin)
-    scales = term_deviations(info, feasible_set)
-    kind = EntropicPrior if feasible_set.consistency == "full" else ConstantPullbackPrior
-    distance = kind(known.parameters, term_deviations=scales)
-    given = None if prior_weight == "auto" else [float(prior_weight)]
-    validation = None
-    if len(stretches) >= FEWEST_FOLDS:
-        validation = cross_validation(info, stretches, plausible_set, distance, weights=weights, prior_weights=given)
+    if tried is None:
+        tried = tried_prior(info, stretches, feasible_set, unconstrained, prior=prior, prior_weight=prior_weight)
+    plausible_set, validation = tried.plausible_set, tried.validation
+    if validation is not None:
         weight = validation.weight
+    elif prior_weight == "auto":
+        weight = UNTESTED_WEIGHT * max(info.count / TYPICAL_COUNT, 1.0)
     else:
-        weight = UNTESTED_WEIGHT * max(info.count / TYPICAL_COUNT, 1.0) if given is None else given[0]
-    estimate = fit(info, plausible_set, weights=weights, prior=distance, prior_weight=weight)
+        weight = float(prior_weight)
+    estimate = fit(info, plausible_set, weights=unconstrained.weights, prior=tried.distance, prior_weight=weight)
     assert estimate.parameters is not None
     # What is proved is what the user asked for: the conditions of the prior are habits of robots, not laws.
     certificate = FeasibilityCertificate.of_parameters(feasible_set, estimate.parameters)
     estimate = replace(estimate, certificate=certificate.document(), base=certificate.base)
     price = None if validation is None else _price(info, feasible_set, unconstrained, validation, plausible_set)
-    return PlausibleFit(estimate, plausible_set, known, weight, scales, validation, price)
+    return PlausibleFit(estimate, plausible_set, tried.scaled, weight, tried.term_deviations, validation, price)
 
 
 def _price(

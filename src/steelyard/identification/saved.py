@@ -36,6 +36,7 @@ from steelyard.files import write_json
 from steelyard.regression import Estimate
 from steelyard.robot import RobotFile
 
+from .default_terms import model_of_estimate, model_with
 from .given import given_constraints
 
 __all__ = [
@@ -81,7 +82,7 @@ def check_estimate(
         If a file cannot be used, or the estimate belongs to another robot.
     """
     file = RobotFile.load(robot)
-    model = Model.from_file(file)
+    model = model_of_estimate(estimate, file)
     feasible_set = _feasible_set(file, model, consistency)
     loaded = _estimate_of(model, estimate, certified=False)
     if loaded.parameters is None:
@@ -128,7 +129,8 @@ def check_certificate(
     file = RobotFile.load(robot)
     base = None
     if estimate is None:
-        feasible_set = _feasible_set(file, Model.from_file(file), consistency)
+        model = model_with(document["statement"]["parameter_names"], file)
+        feasible_set = _feasible_set(file, model, consistency)
     else:
         _, feasible_set, loaded = set_and_estimate(file, estimate, consistency)
         base = loaded.base
@@ -253,7 +255,7 @@ def set_and_estimate(
 ) -> tuple[Model, FeasibleSet, Estimate]:
     """The model of a robot file, its feasible set with the constraints of the file, and an estimate of this robot."""
     file = RobotFile.load(robot)
-    model = Model.from_file(file)
+    model = model_of_estimate(estimate, file)
     loaded = matching_estimate(model, estimate)
     return model, _feasible_set(file, model, consistency), loaded
 

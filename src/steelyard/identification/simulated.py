@@ -17,6 +17,7 @@ from steelyard.regression import Estimate
 from steelyard.robot import RobotFile
 from steelyard.simulation import Event, Measurement, SimulationResult, joint_limits, simulate
 
+from .default_terms import model_of_estimate
 from .saved import matching_estimate, parameters_of_description
 
 __all__ = ["FileSimulation", "simulate_files"]
@@ -102,7 +103,7 @@ def simulate_files(
         If a file or an option cannot be used.
     """
     file = RobotFile.load(robot)
-    model = Model.from_file(file)
+    model = model_of_estimate(estimate, file)
     inputs = [file.path, *([model.robot.source] if model.robot.source is not None else [])]
     parameters, base, whose = _parameters(model, estimate)
     if torque is not None and follow is not None:

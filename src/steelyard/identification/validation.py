@@ -21,6 +21,7 @@ from steelyard.regression.batch_means import BATCH_LENGTHS, BatchSums
 from steelyard.regression.reduction import empty_factors
 from steelyard.robot import RobotFile
 
+from .default_terms import model_of_estimate
 from .given import Data, GivenLog, GivenRobot, given_constraints, given_logs, given_robot
 from .log_checks import mistakes_in_logs
 from .log_reader import LogReader, Progress
@@ -186,8 +187,9 @@ def validate_estimate(
         raise InputError(
             "At least one log is needed to validate an estimate; give the path of one, such as a CSV or a bag."
         )
-    file, model = given_robot(robot)
     result = SavedResult.load(estimate)
+    file, model = given_robot(robot)
+    model = model_of_estimate(result.estimate, file, model)
     loaded = matching_estimate(model, result.path)
     read = read_as_fitted(file, model, result, given, chunk_rows, progress)
     parts, remarks = read.parts, [*read.remarks]

@@ -54,6 +54,14 @@ class Decision:
     thresholds: VelocityThresholds | None = None
     remarks: tuple[str, ...] = ()
 
+    @property
+    def reasons(self) -> dict[str, str]:
+        """Why, by the key of ``[processing]``, without a full stop; thresholds that leave nothing out have none."""
+        found = {} if self.cutoff_choice is None else {"cutoff": self.cutoff_choice.reason}
+        if self.thresholds is not None and self.thresholds.share.any():
+            found["velocity_threshold"] = self.thresholds.reason
+        return found
+
 
 def decide(processing: Processing, recordings: Sequence[Measurements], model: Model | None) -> Decision:
     """Choose the cutoff and the velocity thresholds by recordings of one robot, where the options leave them open.
@@ -105,7 +113,7 @@ def decide(processing: Processing, recordings: Sequence[Measurements], model: Mo
         noise = np.max([velocity_noise(one, plan.filter, measured) for plan, one in pairs], axis=0)
         found = velocity_thresholds(moved, noise, model)
         decided = replace(decision.processing, velocity_threshold=tuple(found.thresholds.tolist()))
-        said = (found.remark(),) if found.share.any() else ()
+        said = (found.remark,) if found.share.any() else ()
         decision = Decision(decided, decision.cutoff_choice, found, (*decision.remarks, *said))
     return decision
 

@@ -95,6 +95,8 @@ class Layout:
         All the above, a column a line.
     guesses : tuple of str
         What was assumed, a sentence each.
+    has_matrix : bool
+        Whether a matrix makes joints of the columns, so that a column belongs to no single one.
     """
 
     time: str | None
@@ -107,6 +109,7 @@ class Layout:
     units: Mapping[str, tuple[str, ...]] = field(default_factory=dict)
     table: tuple[ColumnMeaning, ...] = ()
     guesses: tuple[str, ...] = ()
+    has_matrix: bool = False
 
     @property
     def stamps(self) -> tuple[str, ...]:
@@ -147,7 +150,7 @@ class Layout:
 
     def with_sliding(self, slides: Sequence[bool]) -> Layout:
         """Return the same with the units of joints that slide, where they are those of joints that turn."""
-        if len(slides) != len(self.position) or any("matrix" in one.joint for one in self.table):
+        if len(slides) != len(self.position) or self.has_matrix:
             return self
         places = {column: k for kind in KINDS for k, column in enumerate(getattr(self, kind) or ())}
         sliding = {column for column, k in places.items() if slides[k]}
@@ -308,7 +311,8 @@ class _Search:
                     ColumnMeaning(column, self._joint(kind, i), kind, unit, group.told())
                     for i, (column, unit) in enumerate(told)
                 ]
-        return replace(layout, table=tuple(table), guesses=tuple(self.guesses))
+        has_matrix = any(self._matrix(kind) is not None for kind, group in found.items() if group is not None)
+        return replace(layout, table=tuple(table), guesses=tuple(self.guesses), has_matrix=has_matrix)
 
     def _matrix(self, kind: str) -> tuple[tuple[float, ...], ...] | None:
         return self.columns.torque_matrix if kind == "torque" else self.columns.position_matrix

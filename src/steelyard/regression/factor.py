@@ -67,6 +67,18 @@ class Factor:
             self.joint, self.columns, triangular(np.vstack([self.triangle, other.triangle])), self.count + other.count
         )
 
+    def changed(self, change: Array, columns: NDArray[np.intp]) -> Factor:
+        """Return the factor for base parameters (n_c,) by which these are ``change @ others``, (n_b, n_c).
+
+        Parameters
+        ----------
+        change : ndarray
+        columns : ndarray of int
+            Those of the others on which the rows depend.
+        """
+        rows = self.triangle[:, :-1] @ change[np.ix_(self.columns, columns)]
+        return Factor(self.joint, columns, triangular(np.column_stack([rows, self.triangle[:, -1]])), self.count)
+
     @property
     def norm2(self) -> float:
         """Squared norm of the regressand."""

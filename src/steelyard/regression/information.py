@@ -320,6 +320,35 @@ class Information:
             for factors in blocks.folds(count)
         )
 
+    def narrowed(self, wider: Model, model: Model) -> Information:
+        """Return the Information of the same data for a model that lacks some terms of that of this one.
+
+        It is exact: the parameters of the terms are zero.
+
+        Parameters
+        ----------
+        wider : Model
+            Of this Information.
+        model : Model
+            The same robot with fewer terms.
+        """
+        whole, base = wider.base_parameters(), model.base_parameters()
+        places = {str(name): index for index, name in enumerate(whole.parameter_names)}
+        # A column of the regressor is the base regressor times the column of its parameter in K.
+        change = whole.K[:, [places[str(name)] for name in base.names]]
+
+        def without(factors: Sequence[Factor]) -> tuple[Factor, ...]:
+            return tuple(f.changed(change, _columns_of(model, f.joint)) for f in factors)
+
+        return replace(
+            self,
+            base_names=base.names,
+            base_expressions=base.expressions,
+            factors=without(self.factors),
+            torque_factors=without(self.torque_factors),
+            batch_means=tuple(map(without, self.batch_means)),
+        )
+
     @classmethod
     def total(cls, parts: Sequence[Information]) -> Information:
         """Return the Information of all parts together, of which there is at least one."""
@@ -546,6 +575,11 @@ class Information:
                 f"{path}: is not an Information that was saved by steelyard ({shown(str(error))})."
             ) from None
         return cls(**values)
+
+
+def _columns_of(model: Model, joint: int | None) -> NDArray[np.intp]:
+    """The base parameters on which the torque of a joint depends; all of them where the joints stand together."""
+    return np.arange(model.base_parameters().count) if joint is None else model.base_columns.joints[joint]
 
 
 def _factor(entry: dict[str, Any], width: int) -> Factor:

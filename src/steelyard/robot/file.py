@@ -52,6 +52,9 @@ class RobotFile:
         How a URDF was read: its `tip` and its `locked` joints, where there are any.
     allow_extensions : bool
         Whether code may be run that the file names by import path.
+    terms_are_default : bool
+        Whether nothing states the terms: `steelyard.identify` then takes rotor inertias in, too, where its logs show
+        them.
     """
 
     path: Path
@@ -60,6 +63,7 @@ class RobotFile:
     sections: Mapping[str, dict[str, Any]] = field(default_factory=dict)
     description: Mapping[str, Any] = field(default_factory=dict)
     allow_extensions: bool = False
+    terms_are_default: bool = False
 
     @classmethod
     def load(cls, path: str | os.PathLike[str] | RobotFile | Robot, *, allow_extensions: bool = False) -> RobotFile:
@@ -67,7 +71,8 @@ class RobotFile:
 
         The robot of a description, or of a robot file that names no terms, gets viscous friction, Coulomb friction and
         an offset at every joint, and rotor inertia where the description tells of any (``armature`` in MJCF). The line
-        ``terms = []``, above the first table, says that there are no terms.
+        ``terms = []``, above the first table, says that there are no terms. `steelyard.identify` adds rotor inertia to
+        terms that nobody stated, where its logs show it.
 
         Parameters
         ----------
@@ -111,7 +116,7 @@ class RobotFile:
             return replace(cls.from_dict(content, path), allow_extensions=allow_extensions)
         robot = read_description(path, xacro_arguments=arguments)
         kept = {"xacro_arguments": arguments} if arguments else {}
-        return cls(path, robot, _default_terms(robot), description=kept)
+        return cls(path, robot, _default_terms(robot), description=kept, terms_are_default=True)
 
     @classmethod
     def of(cls, robot: Robot) -> RobotFile:
@@ -127,7 +132,8 @@ class RobotFile:
         """
         path = Path(robot.name) if robot.source is None else robot.source
         kept = {**robot.read_with, **({"xacro_arguments": robot.xacro_arguments} if robot.xacro_arguments else {})}
-        return cls(path, robot, () if robot.terms else _default_terms(robot), description=kept)
+        terms = () if robot.terms else _default_terms(robot)
+        return cls(path, robot, terms, description=kept, terms_are_default=not robot.terms)
 
     @classmethod
     def from_dict(cls, content: dict[str, Any], path: Path) -> RobotFile:
@@ -167,7 +173,9 @@ class RobotFile:
         kept = {key: description[key] for key in ("tip", "locked") if key in description}
         if robot.xacro_arguments:
             kept["xacro_arguments"] = dict(robot.xacro_arguments)
-        return cls(path, robot, tuple(terms) if "terms" in content else _default_terms(robot), sections, kept)
+        stated = "terms" in content
+        chosen = tuple(terms) if stated else _default_terms(robot)
+        return cls(path, robot, chosen, sections, kept, terms_are_default=not stated)
 
     def with_settings(self, name: str, **settings: Any) -> RobotFile:
         """Return a copy in which keys of the table `[name]` have other values; those that are None stay as they are."""

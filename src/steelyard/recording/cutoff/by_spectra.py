@@ -297,11 +297,11 @@ def choose_cutoff(recording: Measurements, order: int = 3) -> CutoffChoice:
         joint_errors=joint_errors,
         error=error,
         rule=rule,
-        remark=(
+        reason=(
             f"Positions were filtered at {cutoff:.4g} Hz, chosen from the data: noise exceeds the motion above "
             f"{crossover.min():.3g} to {crossover.max():.3g} Hz, and the expected error of the accelerations is least, "
             f"{100.0 * least:.2g} %; residual analysis says {np.median(opinion[moving]):.3g} Hz, ten times the "
-            f"motion's frequency is {rule:.3g} Hz."
+            f"motion's frequency is {rule:.3g} Hz"
         ),
         explanation=(
             "The cutoff of the position filter was chosen from the data. Left, the spectrum of each joint's "

@@ -238,17 +238,16 @@ def _choice(
         joint_errors=residuals,
         error=error,
         rule=min(10.0 * frequency, HIGHEST * min(recording.rate for recording in recordings)),
-        remark=(
+        reason=(
             f"Positions were filtered at {cutoff:.4g} Hz, chosen by the torques of {source}: the error of "
             f"the model, {100.0 * error[best]:.3g} %, is least at {tried[best]:.3g} Hz and stays within "
-            f"{100.0 * TOLERANCE:g} % of that up to the choice; "
+            f"{100.0 * TOLERANCE:g} % of that up to the choice"
             + (
-                f"beyond it, more than {100.0 * NOISE:g} % of the accelerations' power would be noise of the "
-                "positions, which makes inertias too small; "
+                f"; beyond it, more than {100.0 * NOISE:g} % of the accelerations' power would be noise of the "
+                "positions, which makes inertias too small"
                 if limited
                 else ""
             )
-            + "set `cutoff` in [processing] to choose."
         ),
         explanation=(
             "The cutoff of the position filter was chosen by the torques: for every candidate, the motion was filtered "

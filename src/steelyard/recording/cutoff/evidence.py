@@ -59,8 +59,8 @@ class CutoffChoice:
         (C,) the same for all joints together.
     rule : float
         Hz, for comparison: ten times the frequency of the motion (Gautier 1997).
-    remark : str
-        One sentence that says what was chosen and why.
+    reason : str
+        What was chosen and why, without a full stop.
     explanation : str
         What the table and the pictures show.
     titles : tuple of str
@@ -78,11 +78,16 @@ class CutoffChoice:
     joint_errors: Array
     error: Array
     rule: float
-    remark: str
+    reason: str
     explanation: str
     titles: tuple[str, ...]
     table: list[tuple[str, ...]]
     plots: tuple[Plot, ...]
+
+    @property
+    def remark(self) -> str:
+        """One sentence that says what was chosen and why, and how to choose."""
+        return f"{self.reason}; set `cutoff` in [processing] to choose."
 
     @property
     def joint_cutoffs(self) -> Array:

@@ -152,8 +152,14 @@ class VelocityThresholds:
     sticking: NDArray[np.bool_]
     share: Array
 
+    @property
     def remark(self) -> str:
-        """Return one sentence that says what is left out, and why."""
+        """One sentence that says what is left out and why, and how to choose."""
+        return f"{self.reason}; set `velocity_threshold` in [processing] to choose."
+
+    @property
+    def reason(self) -> str:
+        """What is left out and why, without a full stop."""
         values = ", ".join(f"{value:.3g}" for value in self.thresholds)
         reason = "below three standard deviations of its noise, the sign of a velocity is not certain"
         if self.sticking.any():
@@ -164,8 +170,7 @@ class VelocityThresholds:
                 reason += ", and of the others the sign of the velocity is not certain"
         return (
             f"Rows of a joint slower than {values} (rad/s or m/s, joint by joint) were left out, up to "
-            f"{100.0 * self.share.max():.2g} % of its rows: {reason}; set "
-            "`velocity_threshold` in [processing] to choose."
+            f"{100.0 * self.share.max():.2g} % of its rows: {reason}"
         )
 
 
