@@ -57,7 +57,7 @@ def generate(
     from steelyard.identification import model_of_estimate, parameters_for_source
     from steelyard.robot import RobotFile
 
-    model = model_of_estimate(estimate, RobotFile.load(robot, allow_extensions=allow_extensions))
+    model = model_of_estimate(None if cad else estimate, RobotFile.load(robot, allow_extensions=allow_extensions))
     if function == ["list"]:
         echo("\n".join(model.functions))
         return
