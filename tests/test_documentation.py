@@ -90,6 +90,7 @@ ELSEWHERE = {
     ".venv/bin/pre-commit": "it changes the hooks of the work tree",
     "steelyard init arm.urdf": "tests/cli/test_init_and_doctor.py runs it on a bare URDF",
     "steelyard doctor run.csv": "it ends with 1 where something is wrong with the log, as here",
+    "steelyard view": "tests/report/test_view.py serves it to a browser; it runs until it is stopped",
     "steelyard example": "tests/identification/test_examples.py makes and runs every example",
     "steelyard identify ur5/": "tests/identification/test_examples.py makes and runs every example",
     "pip install": "the tests run in an environment that was made so",

@@ -33,6 +33,7 @@ from .robot_argument import lines_told
 from .simulate import simulate
 from .terminal import echo, guarded, print_json, sentence
 from .validate import validate
+from .view import view
 
 __all__ = ["COMMANDS", "SETTINGS", "Commands", "app", "author", "main"]
 
@@ -133,6 +134,7 @@ app.command()(check)
 app.command()(correct)
 app.command()(explain)
 app.command()(simulate)
+app.command()(view)
 app.command()(example)
 
 

@@ -12,6 +12,7 @@ if TYPE_CHECKING:
     from .mesh_files import read_meshes as read_meshes
     from .robot_geometry import RobotGeometry as RobotGeometry
     from .robot_geometry import shapes_of_moving_links as shapes_of_moving_links
+    from .robot_geometry import visual_shapes as visual_shapes
     from .self_collision import LeftOut as LeftOut
     from .self_collision import SelfCollision as SelfCollision
     from .shapes import Box as Box

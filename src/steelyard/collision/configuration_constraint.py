@@ -11,7 +11,7 @@ from steelyard.errors import InputError
 from steelyard.robot import Robot
 
 from .configurations import LinkPlacements, place_links, random_configurations
-from .distances import PairDistances
+from .distances import Nearest, PairDistances
 from .robot_geometry import RobotGeometry
 
 __all__ = ["ConfigurationConstraint", "DistanceConstraint", "check_possible", "checked_margin", "nonnegative"]
@@ -196,6 +196,18 @@ class DistanceConstraint(ConfigurationConstraint):
         result = self._pairs.distances(self._places(configurations), np.inf)
         result[~np.isfinite(configurations).all(axis=1)] = np.nan
         return result
+
+    def nearest(self, q: ArrayLike, wanted: NDArray[np.bool_]) -> list[Nearest]:
+        """Return the nearest points of each pair within the horizon.
+
+        Parameters
+        ----------
+        q : array_like
+            (S, N) configurations, rad or m.
+        wanted : ndarray
+            (S, m) flags: the configurations and pairs that are asked for.
+        """
+        return self._pairs.nearest(self._places(q), wanted, self.horizon)
 
     def _values(self, places: LinkPlacements) -> Array:
         return self._pairs.distances(places, self.horizon) - self.margins

@@ -24,7 +24,14 @@ if TYPE_CHECKING:
 
     from .mesh_files import MeshArrays
 
-__all__ = ["GeometryElement", "MeshKind", "RobotGeometry", "shapes_from_urdf", "shapes_of_moving_links"]
+__all__ = [
+    "GeometryElement",
+    "MeshKind",
+    "RobotGeometry",
+    "shapes_from_urdf",
+    "shapes_of_moving_links",
+    "visual_shapes",
+]
 
 Array = NDArray[np.float64]
 MeshKind = Literal["hull", "exact"]
@@ -207,6 +214,23 @@ def shapes_of_moving_links(
     reader = _ShapeReader(path, "hull", (), largest)
     reader.document(root)
     return reader.shapes(root, robot, ("visual", "collision"), skipped, moving=True)
+
+
+def visual_shapes(robot: Robot, path: Path, skipped: list[tuple[str, str]], largest: int) -> list[PlacedShape]:
+    """Return the shapes that a URDF shows, meshes as surfaces: its visual elements, or else its collision elements.
+
+    Elements that cannot be read are left out and appended to `skipped` as pairs of link and reason, and so are meshes
+    of more than `largest` bytes.
+    """
+    root = parse_urdf(path, robot.xacro_arguments if path == robot.source else None)
+    reader = _ShapeReader(path, "exact", (), largest)
+    reader.document(root)
+    kinds: tuple[GeometryElement, ...] = ("visual", "collision")
+    for kind in kinds:
+        found = reader.shapes(root, robot, (kind,), skipped)[kind]
+        if found:
+            return found
+    return []
 
 
 class _ShapeReader(UrdfReader):

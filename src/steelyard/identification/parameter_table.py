@@ -7,6 +7,7 @@ import importlib
 import io
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass, field, replace
+from pathlib import Path
 from typing import Any, Literal
 
 import numpy as np
@@ -18,7 +19,7 @@ from steelyard.estimators.cross_validation import MANY_PARAMETERS
 from steelyard.feasibility import FeasibleSet
 from steelyard.feasibility.bounds.profile_intervals import profile_intervals
 from steelyard.feasibility.bounds.quantities import Quantity, quantities, standard_errors
-from steelyard.files import plain, suggestion
+from steelyard.files import plain, read_bytes, suggestion
 from steelyard.regression import Estimate, Information, ParameterCovariance
 from steelyard.robot import Inertia
 from steelyard.robot.inertia import moment_row
@@ -207,6 +208,36 @@ class ParameterTable:
             numbers = ("" if np.isnan(v) else repr(float(v)) for v in (row.value, row.lower, row.upper, row.cad))
             writer.writerow((row.name, row.meaning, row.unit, *numbers, row.basis))
         return out.getvalue()
+
+    @classmethod
+    def load(cls, path: str | Path, confidence: float = 0.95) -> ParameterTable:
+        """Read a table that `to_csv` wrote, as ``parameters.csv`` of a folder of results holds it.
+
+        Parameters
+        ----------
+        path : str or Path
+        confidence : float
+            Of its intervals, which the file does not name.
+
+        Raises
+        ------
+        InputError
+            If the file is missing or is no such table.
+        """
+        lines = read_bytes(Path(path)).decode("utf-8", "replace").splitlines()
+        reader = csv.reader(lines)
+        if tuple(next(reader, ())) != COLUMNS:
+            raise InputError(f"{path}: is no table of parameters, whose first line is {','.join(COLUMNS)}.")
+        rows = []
+        for number, cells in enumerate(reader, start=2):
+            try:
+                name, meaning, unit, *numbers, basis = cells
+                value, lower, upper, cad = (float(cell) if cell else np.nan for cell in numbers)
+                rows.append(ParameterRow(name, meaning, unit, value, lower, upper, cad, _BASES[_BASES.index(basis)]))
+            except ValueError:
+                raise InputError(f"{path}, line {number}: is no row of a table of parameters; identify anew.") from None
+        told = any(not np.isnan(row.lower) for row in rows)
+        return cls(tuple(rows), confidence if told else None)
 
     def to_frame(self, library: Literal["polars", "pandas"] = "polars") -> Any:
         """The table as a data frame, a row for each number, with NaN where there is none.
