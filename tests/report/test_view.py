@@ -246,7 +246,7 @@ def test_rotations_and_addresses() -> None:
 
 def test_without_viser_the_extra_is_named(viewed: ViewedRobot, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setitem(sys.modules, "viser", None)
-    with pytest.raises(sy.errors.MissingExtraError, match="needs the package viser, .* pip install 'viser"):
+    with pytest.raises(sy.errors.MissingExtraError, match=r"needs the package viser, .* pip install 'viser"):
         view_robot(viewed)
 
 
