@@ -165,7 +165,7 @@ class TestLines:
         np.testing.assert_array_equal(*found)
 
     def test_remarks_name_what_a_description_has(self, run, place):
-        _, out, _ = run("identify", place / "pair.urdf", place / "log.csv", "-o", place / "out")
+        _, out, _ = run("identify", place / "pair.urdf", place / "log.csv", "-o", place / "out", "--verbose")
         assert "set `cutoff` in [processing] to choose" in " ".join(out.split())
         assert "pair.urdf has no such sections: give such a line as --set SECTION.KEY=VALUE" in " ".join(out.split())
         _, out, _ = run("identify", place / "robot.toml", place / "log.csv", "-o", place / "out")

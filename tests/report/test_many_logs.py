@@ -45,8 +45,10 @@ def test_the_report_is_bounded(many, identification):
 
 def test_the_terminal_is_bounded(many, capsys):
     terminal.show_identification(many[0])
+    assert len(capsys.readouterr().out.splitlines()) < 40
+    terminal.show_identification(many[0], verbose=True)
     lines = capsys.readouterr().out.splitlines()
-    assert len(lines) < 120
+    assert len(lines) < 140
     assert (
         sum(bool(re.search(r"  (identification|validation) +[\d.]+% +[\d.]+%", line)) for line in lines)
         == MOST_LOGS + 1

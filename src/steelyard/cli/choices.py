@@ -19,6 +19,7 @@ __all__ = [
     "Quiet",
     "RobotArgument",
     "Topic",
+    "Verbose",
     "WeightsOption",
 ]
 
@@ -49,6 +50,8 @@ Json = Annotated[
     bool, typer.Option("--json", help="Print one JSON document on standard output, and nothing else there.")
 ]
 Quiet = Annotated[bool, typer.Option("--quiet", "-q", help="Show no progress, and of results the answer alone.")]
+
+Verbose = Annotated[bool, typer.Option("--verbose", "-v", help="Print links, logs, columns and all remarks as well.")]
 
 ConsistencyOption = Annotated[
     Literal["full", "inertia"],

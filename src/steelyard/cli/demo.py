@@ -7,7 +7,7 @@ from typing import Annotated
 
 import typer
 
-from .choices import Quiet
+from .choices import Quiet, Verbose
 from .terminal import echo, progress, show_identification
 
 __all__ = ["demo"]
@@ -16,6 +16,7 @@ __all__ = ["demo"]
 def demo(
     output: Annotated[Path, typer.Option("--output", "-o", help="Folder for everything.")] = Path("steelyard-demo"),
     seed: Annotated[int, typer.Option(help="Seed of the simulated noise.", min=0)] = 2014,
+    verbose: Verbose = False,
     quiet: Quiet = False,
 ) -> None:
     """Simulate the seven-joint WAM arm with wrong CAD, identify it, and show the answer beside the truth.
@@ -37,9 +38,9 @@ def demo(
     if quiet:
         echo(result.headline)
         return
-    show_identification(result)
+    show_identification(result, verbose=verbose)
     assert result.parameters is not None
-    table, sentence = beside_truth(result.parameters)
+    table, sentence = beside_truth(result.parameters, symbols="mtcFI" if verbose else "mt")
     echo("The truth of this simulated arm, CAD that is wrong by tens of percent, and the answer:")
     echo(table)
     echo(sentence)

@@ -16,6 +16,7 @@ from .choices import (
     Quiet,
     RobotArgument,
     Topic,
+    Verbose,
     WeightsOption,
 )
 from .robot_argument import SetLines, load_robot
@@ -55,9 +56,7 @@ def identify(
     ] = "fit",
     chunk_rows: ChunkRows = 200_000,
     table: Annotated[bool, typer.Option("--table", help="Print all the parameters, as in parameters.csv.")] = False,
-    verbose: Annotated[
-        bool, typer.Option("--verbose", "-v", help="Print what each column of the logs was understood to be.")
-    ] = False,
+    verbose: Verbose = False,
     topic: Topic = None,
     lines: SetLines = None,
     json: Json = False,

@@ -305,7 +305,7 @@ def _bounded(console: Console, heads: Sequence[str], rows: Sequence[Sequence[str
 
 
 def show_identification(result: Identification, *, whole_table: bool = False, verbose: bool = False) -> None:
-    """Print both verdicts, how well joints and logs are predicted, what the numbers rest on, and remarks.
+    """Print both verdicts, how well joints are predicted, what was found and what to do next: one screen.
 
     Parameters
     ----------
@@ -313,11 +313,12 @@ def show_identification(result: Identification, *, whole_table: bool = False, ve
     whole_table : bool
         Print the table of all the parameters as well.
     verbose : bool
-        Print what the columns of the logs were understood to be, also where nothing was guessed.
+        Print errors of logs, masses and what they rest on, what was known beforehand, columns and all remarks as well.
     """
     from rich.console import Console
 
-    from steelyard.report.extent import gathered, shared_words, short_names, shown_logs
+    from steelyard.identification.next_steps import found, next_steps
+    from steelyard.report.extent import gathered
 
     console = Console(highlight=False)
 
@@ -325,15 +326,56 @@ def show_identification(result: Identification, *, whole_table: bool = False, ve
         console.print(_text(words), soft_wrap=True)
 
     say(f"{result.model.robot.name}: {result.headline}")
-    all_logs, mistakes = (*result.logs, *result.validation_logs), result.mistake_sentences
-    for sentence in (*gathered(mistakes, all_logs), *result.prediction.sentences[1:]):
-        say(sentence)
     heads, (*rows, whole) = result.joint_table()
     if len(rows) > _MOST_ROWS - 1:  # those of the largest error are what matters
         order = np.argsort(-np.nan_to_num(result.prediction.joint_error), kind="stable")[: _MOST_ROWS - 1]
         say(f"The {len(order)} of {len(rows)} joints whose error is largest (report.html has all):")
         rows = [rows[index] for index in sorted(order)]
     _bounded(console, heads, [*rows, whole], "report.html has all")
+    for sentence in found(result):
+        say(sentence)
+    steps = next_steps(result)
+    for number, step in enumerate(steps, 1):
+        say(f"{number}. {step}")
+    told = (remark for remark in (*result.estimate.remarks, *result.remarks) if remark not in result.mistake_sentences)
+    remarks = gathered(told, _all_logs(result))
+    if verbose:
+        _show_more(result, console, say, remarks)
+    else:
+        for layout, of in result.columns():
+            if layout.guesses:
+                say(f"Columns of {_and_more(of)}, as they were understood:")
+                _bounded(console, *layout.brief(), "run.json has all")
+                for guess in layout.guesses:
+                    say(guess)
+    file = result.robot_file
+    said = [*(remarks if verbose else ()), *(f"{step.reason} {step.code}" for step in steps)]
+    if file is not None and file.suffix.lower() != ".toml" and _names_sections(said):
+        say(
+            f"{file} has no such sections: give such a line as --set SECTION.KEY=VALUE, or write a robot.toml with: "
+            f"steelyard init {file} LOG"
+        )
+    if not verbose:
+        count = f"{len(remarks)} remarks" if len(remarks) != 1 else "a remark"
+        say(f"--verbose prints the links, the logs, the columns and {count}; report.html shows all.")
+    if whole_table and result.parameters is not None:
+        print(printable(str(result.parameters)), file=console.file)  # thousands of rows: the console takes seconds
+
+
+def _all_logs(result: Identification) -> tuple[str, ...]:
+    return (*result.logs, *result.validation_logs)
+
+
+def _and_more(names: Sequence[str]) -> str:
+    return names[0] if len(names) == 1 else f"{names[0]} and {len(names) - 1} more logs"
+
+
+def _show_more(result: Identification, console: Console, say: Callable[[str], None], remarks: Sequence[str]) -> None:
+    """Print what the first screen leaves out."""
+    from steelyard.report.extent import gathered, shared_words, short_names, shown_logs
+
+    for sentence in (*gathered(result.mistake_sentences, _all_logs(result)), *result.prediction.sentences[1:]):
+        say(sentence)
     console.print("Relative errors of the torques of each log:")
     shown, names = shown_logs(result), short_names(result)
     logs = [(names[index], result.predictions[index]) for index in shown]
@@ -360,21 +402,11 @@ def show_identification(result: Identification, *, whole_table: bool = False, ve
             say(f"Known beforehand: {sentence}")
         if result.plausible.price is not None:
             say(result.plausible.price.sentence)
-    others = [remark for remark in (*result.estimate.remarks, *result.remarks) if remark not in mistakes]
-    for remark in gathered(others, all_logs):
+    for remark in remarks:
         say(f"Note: {remark}")
-    file = result.robot_file
-    if file is not None and file.suffix.lower() != ".toml" and _names_sections((*others, *mistakes)):
-        say(
-            f"{file} has no such sections: give such a line as --set SECTION.KEY=VALUE, or write a robot.toml with: "
-            f"steelyard init {file} LOG"
-        )
     for layout, of in result.columns():
-        if verbose or layout.guesses:
-            say(f"Columns of {of[0]}{f' and {len(of) - 1} more logs' if len(of) > 1 else ''}:")
-            _bounded(console, layout.heads, layout.rows(), "run.json has all")
-    if whole_table and table is not None:
-        print(printable(str(table)), file=console.file)  # thousands of rows, for which the console takes seconds
+        say(f"Columns of {_and_more(of)}:")
+        _bounded(console, layout.heads, layout.rows(), "run.json has all")
 
 
 def _names_sections(sentences: Sequence[str]) -> bool:

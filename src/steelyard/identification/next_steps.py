@@ -154,12 +154,15 @@ def _logs(identification: Identification) -> list[str]:
 def _mistakes(identification: Identification) -> Iterator[NextStep]:
     for log, hypotheses in identification.mistakes.items():
         first, *others = hypotheses
-        if not first.toml:
-            continue
         reason = f"{first.statement}, in {log}: mended, {first.evidence}."
         if others:
             reason += f" The log cannot tell it from: {'; '.join(other.statement for other in others[:MOST_NAMED])}."
-        yield NextStep("Mend robot.toml, and identify again.", reason, first.toml.strip(), "toml")
+        if first.toml:
+            yield NextStep("Mend robot.toml, and identify again.", reason, first.toml.strip(), "toml")
+        else:
+            known = shlex.quote(log) if log not in identification.in_memory else "LOG"
+            command = f"steelyard doctor {known} {_robot(identification)}"
+            yield NextStep("See whether it is so, and identify again.", reason, command, "console")
 
 
 def _doctor(identification: Identification) -> NextStep:

@@ -288,19 +288,21 @@ HEAVY = 0.05
 """Part of the whole mass from which the centre of mass of a link is shown: lighter ones change torques little."""
 
 
-def beside_truth(table: ParameterTable) -> tuple[str, str]:
+def beside_truth(table: ParameterTable, symbols: str = "mtcFI") -> tuple[str, str]:
     """Compare an answer for the simulated arm with the parameters that it was simulated with.
 
     Parameters
     ----------
     table : ParameterTable
         Of `demonstrate`.
+    symbols : str
+        First letters of the names that the table shows, in this order: masses and their total ("m", "t"), centres of
+        mass of links that are more than a twentieth of the arm ("c"), friction ("F") and rotor inertias ("I").
 
     Returns
     -------
     str
-        A table: truth, CAD, answer, interval and what it rests on, of masses, centres of mass of links that are more
-        than a twentieth of the arm, friction and rotor inertias.
+        A table: truth, CAD, answer, interval and what it rests on.
     str
         How many of all the intervals hold the truth, in a sentence.
     """
@@ -313,14 +315,14 @@ def beside_truth(table: ParameterTable) -> tuple[str, str]:
         if not holds:
             outside.append(row.name)
         mass = truth.get(f"m{row.name[2:]}", 0.0) if row.name[0] == "c" else np.inf
-        if row.name[0] in "mtcFI" and row.name[:2] != "Fo" and mass >= HEAVY * truth["total mass"]:
+        if row.name[0] in symbols and row.name[:2] != "Fo" and mass >= HEAVY * truth["total mass"]:
             numbers = (true, row.cad, row.value, row.lower, row.upper)
             cells = ("" if np.isnan(v) else "open" if np.isinf(v) else f"{v:.3g}" for v in numbers)
             shown.append((row.name, *cells, row.unit, row.basis, "" if holds else "missed"))
     heads = ("name", "truth", "CAD", "identified", "from", "to", "unit", "rests on", "")
     sentence = f"The truth lies in {len(told) - len(outside)} of {len(told)} intervals"
     missed = f", not in those of {', '.join(outside)}" if outside else ""
-    shown.sort(key=lambda cells: "mtcFI".index(cells[0][0]))
+    shown.sort(key=lambda cells: symbols.index(cells[0][0]))
     return text_table(heads, shown, numbers=(1, 2, 3, 4, 5)), f"{sentence} of 95 %{missed}."
 
 

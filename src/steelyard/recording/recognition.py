@@ -138,6 +138,15 @@ class Layout:
         """Return the rows of the table."""
         return [(one.column, one.joint, one.quantity, one.unit, one.by) for one in self.table]
 
+    def brief(self) -> tuple[tuple[str, ...], list[tuple[str, ...]]]:
+        """Return heads and rows of the table in short: a row for all the columns of a quantity, a unit and a reason."""
+        groups: dict[tuple[str, str, str], list[str]] = {}
+        for one in self.table:
+            name = one.column if one.joint in (one.column, "") else f"{one.joint} = {one.column}"
+            groups.setdefault((one.quantity, one.unit, one.by), []).append(name)
+        heads = ("quantity", "unit", "told by", "joint = column")
+        return heads, [(*what, ", ".join(columns)) for what, columns in groups.items()]
+
     def to_list(self) -> list[dict[str, str]]:
         """Return the table as plain data."""
         return [asdict(one) for one in self.table]

@@ -46,10 +46,13 @@ def _step(step: NextStep) -> str:
 
 def remarks(identification: Identification) -> Markup:
     """Return what is to be known about data and fit, without repetition; nothing where there is nothing."""
+    told = set(identification.mistake_sentences)  # which stand among what to do next
     said = [*identification.estimate.remarks, *identification.unconstrained.remarks, *identification.remarks]
     items = "".join(
         f"<li>{escape(remark)}</li>"
-        for remark in gathered(said, (*identification.logs, *identification.validation_logs))
+        for remark in gathered(
+            [one for one in said if one not in told], (*identification.logs, *identification.validation_logs)
+        )
     )
     return Markup(f"<ul>{items}</ul>" if items else "")
 
