@@ -27,7 +27,6 @@ from .default_terms import RotorDecision, decide_rotors, wider_model
 from .given import Data, GivenRobot, digests, given_constraints, given_logs, given_robot, given_settings
 from .log_checks import implausible_mass, mistakes_in_logs
 from .log_reader import LogReader, Progress, ThinnedSamples
-from .missed_terms import missed_terms
 from .mistakes import POOR, sentence
 from .parameter_table import parameter_table
 from .physical_prior import PhysicalPrior, physical_prior
@@ -246,7 +245,11 @@ def identify(
         if plausible is not None and prediction.word == "wrong":
             free = fit(information, feasible_set, weights=weights)
         remarks.update(dict.fromkeys(implausible_mass(model, free, parts[0][3].samples)))
-    remarks.update(dict.fromkeys((*model.robot.remarks, *missed_terms(model, estimate, samples.values()))))
+    remarks.update(dict.fromkeys(model.robot.remarks))
+    if model.robot.source is not None:
+        from .missed_terms import missed_terms  # there is no description otherwise
+
+        remarks.update(dict.fromkeys(missed_terms(model, estimate, samples.values())))
     return Identification(
         model=model,
         information=information,
