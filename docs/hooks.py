@@ -88,22 +88,37 @@ def _words_of_pages() -> dict[Path, frozenset[str]]:
 
 
 @cache
-def _used_by() -> dict[str, frozenset[str]]:
-    """Return the words of each described object that has an example: of the example and of the types"""
-    found = {}
-    for name in entries():
-        value = described(name)
-        if not own_example(value) and not _pages_with(name):
-            continue
-        members = [value, *(vars(value).values() if inspect.isclass(value) else ())]
-        lines = [line for one in members for line in (inspect.getdoc(one) or "").splitlines()]
-        words = [line for line in lines if line.startswith((">>>", "..."))]
-        for one in members:
-            function = one.fget if isinstance(one, property) else getattr(one, "__func__", one)
-            words += [str(annotation) for annotation in getattr(function, "__annotations__", {}).values()]
-        words += [base.__name__ for base in getattr(value, "__mro__", ())]
-        found[name] = frozenset(re.findall(r"\w+", "\n".join(words)))
-    return found
+def _words_of(name: str) -> tuple[frozenset[str], frozenset[str]]:
+    """Return the words in the examples of a described object, and those in the types that it takes, returns and is."""
+    value = described(name)
+    members = [value, *(vars(value).values() if inspect.isclass(value) else ())]
+    lines = [line for one in members for line in (inspect.getdoc(one) or "").splitlines()]
+    example = "\n".join(line for line in lines if line.startswith((">>>", "...")))
+    types = [base.__name__ for base in getattr(value, "__mro__", ())]
+    for one in members:
+        function = one.fget if isinstance(one, property) else getattr(one, "__func__", one)
+        types += [str(annotation) for annotation in getattr(function, "__annotations__", {}).values()]
+    return frozenset(re.findall(r"\w+", example)), frozenset(re.findall(r"\w+", " ".join(types)))
+
+
+@cache
+def _shown() -> dict[str, int]:
+    """Return the described objects that are seen in use, and over how many others.
+
+    0: in an example of its own or on a page; 1: by an object of the level 0, and so on.
+    """
+    left = set(entries())
+    found = {name: 0 for name in left if own_example(described(name)) or _pages_with(name)}
+    level = 0
+    while True:
+        left -= found.keys()
+        seen = [name for name, at in found.items() if at == level]
+        words = frozenset().union(*(_words_of(name)[0] | _words_of(name)[1] for name in seen))
+        more = {name for name in left if name.rpartition(".")[2] in words}
+        if not more:
+            return found
+        level += 1
+        found |= dict.fromkeys(more, level)
 
 
 def _pages_with(name: str) -> list[Path]:
@@ -111,13 +126,19 @@ def _pages_with(name: str) -> list[Path]:
 
 
 def uses(name: str) -> tuple[list[Path], list[str]]:
-    """Return the pages whose Python uses an object, and the described objects that have an example and use it.
+    """Return the pages whose Python uses an object, and the described objects that are nearer to an example and use it.
 
     An object uses another one where its example names it, where it takes or returns it, holds it as an attribute, or
     is a subclass of it.
     """
-    short = name.rpartition(".")[2]
-    return _pages_with(name), [other for other, words in _used_by().items() if short in words and other != name]
+    short, shown = name.rpartition(".")[2], _shown()
+    level = shown.get(name, 0)
+    others = [
+        other
+        for other in sorted(shown, key=lambda other: (shown[other], other))
+        if other != name and shown[other] < max(level, 1) and short in _words_of(other)[0] | _words_of(other)[1]
+    ]
+    return _pages_with(name), others
 
 
 def on_page_markdown(markdown: str, page: Any, **_: Any) -> str:
