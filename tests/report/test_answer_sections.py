@@ -49,11 +49,13 @@ def test_no_tick_where_the_prediction_is_poor_or_wrong(identification: Identific
 def test_numbers_stand_with_interval_and_basis(page: lxml.html.HtmlElement, identification: Identification) -> None:
     table = identification.parameters
     assert table is not None
+    heads = [cell.text_content() for cell in page.get_element_by_id("terms-Fcj").iter("th")][:5]
     for joint, row in enumerate(rows(page, "terms-Fcj"), start=1):
+        cells = dict(zip(heads, row, strict=True))
         expected = table[f"Fcj{joint}"]
-        low, high = row[2].split(" … ")
+        low, high = cells["95 % interval"].split(" … ")
         assert (float(low), float(high)) == pytest.approx((expected.lower, expected.upper), rel=6e-3)
-        assert row[-2] == expected.basis
+        assert cells["Rests on"] == expected.basis
     everything = rows(page, "all-parameters")
     assert [row[0] for row in everything] == [row.name for row in table]
 

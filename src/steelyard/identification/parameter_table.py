@@ -28,7 +28,7 @@ __all__ = ["Basis", "LinkRows", "ParameterRow", "ParameterTable", "parameter_tab
 
 Array = NDArray[np.float64]
 Basis = Literal["measured", "bounded", "assumed", "unknown"]
-_BASES: tuple[Basis, ...] = ("measured", "bounded", "assumed", "unknown")  # the surest first
+BASES: tuple[Basis, ...] = ("measured", "bounded", "assumed", "unknown")  # the surest first
 
 MEASURED, BOUNDED = 0.2, 1.0
 """Largest half-width of the interval of a parameter that counts as measured, and as bounded, in units of its scale. A
@@ -112,7 +112,7 @@ class LinkRows:
 
 def weakest(rows: Iterable[ParameterRow]) -> Basis:
     """What the least sure of some numbers rests on."""
-    return max((row.basis for row in rows), key=_BASES.index)
+    return max((row.basis for row in rows), key=BASES.index)
 
 
 @dataclass(frozen=True, eq=False)

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from steelyard.identification import Identification
-from steelyard.identification.parameter_table import HEADS, ParameterRow
+from steelyard.identification.parameter_table import BASES, HEADS, ParameterRow
 
 from .charts import Chart, Curve, charts_markup
 from .html_document import Markup, escape, percent, table
@@ -89,6 +89,16 @@ def parameters(identification: Identification) -> Markup:
             "their scale, but for that of all links together.</p>"
         )
     parts = [text, *(f"<p>{escape(sentence)}</p>" for sentence in told.sentences)]
+    if has_intervals:
+        boxes = "".join(
+            f'<label><input type="checkbox" checked autocomplete="off" value="{basis}">{basis} '
+            f"({told.count(basis)})</label>"
+            for basis in BASES
+            if told.count(basis)
+        )
+        parts.append(
+            f'<div class="controls basis-filter" role="group" aria-label="Numbers that are shown" hidden>{boxes}</div>'
+        )
     links = told.links
     masses = [link.mass for link in links]
     scale = _scale(masses, at_zero=True)
@@ -118,7 +128,7 @@ def parameters(identification: Identification) -> Markup:
                 row.name,
                 *(_short_value(v) for v in (row.value, row.lower, row.upper, row.cad)),
                 row.unit,
-                row.basis,
+                _badge(row),
                 row.meaning,
             )
             for row in told
@@ -164,19 +174,24 @@ def _group(
     written: Callable[[float], str] = _short,
 ) -> Markup:
     described = any(not np.isnan(line.row.cad) for line in lines)
-    shown = (True, True, described, has_intervals, has_intervals, has_intervals)
-    heads = (head, "Value", "CAD", "95 % interval", "Rests on", _DRAWN)
+    # What matters most stands first, so that a narrow screen shows it without scrolling.
+    shown = (True, True, has_intervals, has_intervals, has_intervals, described)
+    heads = (head, "Value", _DRAWN, "Rests on", "95 % interval", "CAD")
     rows, muted = [], []
     for place, line in enumerate(lines):
         row = line.row
-        basis = Markup(f'<span class="basis {row.basis}">{row.basis}</span>')
         interval = f"{written(row.lower)} … {written(row.upper)}"
-        rows.append(_chosen((line.name, written(row.value), written(row.cad), interval, basis, _bar(line)), shown))
+        cells = (line.name, written(row.value), _bar(line), _badge(row), interval, written(row.cad))
+        rows.append(_chosen(cells, shown))
         if row.basis == "assumed":
             muted.append(place)
     columns = _chosen(heads, shown)
     texts = [index for index, name in enumerate(columns) if name in (_DRAWN, "Rests on")]
     return table(caption, columns, rows, identifier=identifier, texts=texts, muted=muted)
+
+
+def _badge(row: ParameterRow) -> Markup:
+    return Markup(f'<span class="basis {row.basis}">{row.basis}</span>')
 
 
 def _chosen(cells: Sequence[str], shown: Sequence[bool]) -> tuple[str, ...]:

@@ -79,7 +79,7 @@ def report_html(identification: Identification) -> str:
         name,
         head(identification),
         parts,
-        plain_scripts=("drawing.js", *PROOF_SCRIPTS),
+        plain_scripts=("page.js", "drawing.js", *PROOF_SCRIPTS),
         styles=("drawing.css", "charts.css"),
         scripts=("figures.js", *(["charts.js"] if answer.has_price(identification) else [])),
     )

@@ -139,7 +139,7 @@ def joints(identification: Identification) -> Markup:
     text = (
         "<p>Viscous damping and Coulomb friction of each joint moving alone, all terms together; – is not modelled.</p>"
     )
-    return Markup(text + table("Joint friction", heads, rows, identifier="friction", texts=[2, 4]))
+    return Markup(text + table("Friction of each joint", heads, rows, identifier="friction", texts=[2, 4]))
 
 
 def provenance(identification: Identification) -> Markup:
