@@ -18,6 +18,8 @@ if TYPE_CHECKING:
     from .identify import identify as identify
     from .mistakes import Hypothesis as Hypothesis
     from .mistakes import find_mistakes as find_mistakes
+    from .next_steps import NextStep as NextStep
+    from .next_steps import next_steps as next_steps
     from .payload import DriveGainIdentification as DriveGainIdentification
     from .payload import PayloadIdentification as PayloadIdentification
     from .payload import identify_drive_gains as identify_drive_gains

@@ -233,7 +233,7 @@ class ParameterTable:
             try:
                 name, meaning, unit, *numbers, basis = cells
                 value, lower, upper, cad = (float(cell) if cell else np.nan for cell in numbers)
-                rows.append(ParameterRow(name, meaning, unit, value, lower, upper, cad, _BASES[_BASES.index(basis)]))
+                rows.append(ParameterRow(name, meaning, unit, value, lower, upper, cad, BASES[BASES.index(basis)]))
             except ValueError:
                 raise InputError(f"{path}, line {number}: is no row of a table of parameters; identify anew.") from None
         told = any(not np.isnan(row.lower) for row in rows)
