@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections import Counter
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 from typing import Any, ClassVar
 
@@ -14,9 +15,10 @@ from numpy.typing import NDArray
 from steelyard.errors import InputError, SteelyardError
 
 from ..column_styles import LABELS
+from .dates import seconds_of_texts
 from .log_file import Columns, LogFile, common_length, reason_of
 
-__all__ = ["ArrayLog", "StoredArray", "part_of", "texts_of"]
+__all__ = ["MOST_JOINTS", "ArrayLog", "StoredArray", "dates_stored", "part_of", "texts_of"]
 
 MOST_JOINTS = 1000
 """Columns of an array; one with more is a picture, or has its rows and columns exchanged."""
@@ -89,6 +91,7 @@ class ArrayLog(LogFile):
     ) -> None:
         """Take note of all arrays of numbers, of the lists of texts, and of whether there are objects of MATLAB."""
         self._labels = next((tuple(found) for path, found in texts.items() if path[-1].lower() in LABELS), ())
+        arrays = [*arrays, *(one for path, found in texts.items() if (one := dates_stored(path, found)) is not None)]
         matrices = [matrix for matrix in _matrices(arrays) if matrix.width <= MOST_JOINTS]
         common = _common_groups([matrix.stored.path for matrix in matrices])
         for matrix in matrices:
@@ -140,6 +143,20 @@ class ArrayLog(LogFile):
     def _rows(self, names: Sequence[str]) -> int:
         matrices = (self._columns[name][0] for name in names)
         return common_length(self.path, {self.joiner.join(matrix.stored.path): matrix.rows for matrix in matrices})
+
+
+def dates_stored(path: tuple[str, ...], texts: Any) -> StoredArray | None:
+    """Return texts that are dates as an array of times, s; None where they are something else.
+
+    Examples
+    --------
+    >>> dates_stored(("log", "t"), ["2026-11-22 14:05:07", "2026-11-22 14:05:08"]).shape
+    (2,)
+    """
+    array = np.ravel(np.asarray(texts))
+    seconds = seconds_of_texts(array[:1])
+    seconds = None if seconds is None else seconds_of_texts(array)
+    return None if seconds is None else StoredArray(path, seconds.shape, partial(part_of, seconds))
 
 
 def _matrices(arrays: Sequence[StoredArray]) -> list[_Matrix]:

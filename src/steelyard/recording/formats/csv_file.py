@@ -20,7 +20,7 @@ from steelyard.files import reading_table, shown, tell
 from ..columns import LogColumns
 from .log_file import Columns, LogFile, flattened
 
-__all__ = ["CsvFile", "seconds_of_dates"]
+__all__ = ["CsvFile"]
 
 BLANKS = " "
 """Stands for any number of spaces and tabs between columns."""
@@ -32,10 +32,6 @@ LONGEST_LINE = 1_000_000  # of the header and what stands above it
 HEAD_LINES = 100
 """First lines by which the dialect is told."""
 MISSING = ("", "na", "null", "none", "nan", "-nan", "+nan")
-DATE = (
-    r"^(?<date>\d{4}[-/]\d\d[-/]\d\d)[T ](?<time>\d\d:\d\d:\d\d)(?<fraction>[.,]\d+)?\s*"
-    r"(?:Z|(?<sign>[-+])(?<hours>\d\d):?(?<minutes>\d\d))?$"
-)
 UNIT = re.compile(
     r"[\[(]?(s|ms|us|µs|ns|rad|deg|°|m|mm|m?n[ ·*]?m|n|m?a|rpm|-|1|(rad|deg|°|m|mm)/s(²|\^?2)?)?[\])]?", re.IGNORECASE
 )
@@ -321,6 +317,8 @@ class CsvFile(LogFile):
             values = text.cast(pl.Float64, strict=False)
             unread = values.is_null() & ~text.str.to_lowercase().is_in(MISSING)
             if unread.any():
+                from .dates import seconds_of_dates
+
                 values = values.zip_with(~unread, seconds_of_dates(text))
             wrong = (unread & values.is_null()).to_numpy()
             if wrong.any():
@@ -331,27 +329,6 @@ class CsvFile(LogFile):
                 )
             columns[name] = values.fill_null(float("nan")).to_numpy()
         return columns
-
-
-def seconds_of_dates(texts: Any) -> Any:
-    """Return dates and times such as 2026-11-22T14:05:07.25+01:00 in seconds since 1970; null for other texts.
-
-    Examples
-    --------
-    >>> import polars as pl
-    >>> seconds_of_dates(pl.Series(["1970-01-02 00:00:01.5", "1970-01-02T01:00:01,5+01:00", "soon"])).to_list()
-    [86401.5, 86401.5, None]
-    """
-    import polars as pl
-
-    parts = texts.str.extract_groups(DATE).struct.unnest()
-    offset = parts["hours"].cast(pl.Float64) * 3600.0 + parts["minutes"].cast(pl.Float64) * 60.0
-    whole = (parts["date"].str.replace_all("/", "-") + " " + parts["time"]).str.to_datetime(
-        "%Y-%m-%d %H:%M:%S", strict=False
-    )
-    fraction = ("0" + parts["fraction"].fill_null(".0").str.replace(",", ".", literal=True)).cast(pl.Float64)
-    sign = pl.Series(np.where(parts["sign"].fill_null("+") == "-", -1.0, 1.0))
-    return whole.dt.epoch("s").cast(pl.Float64) + fraction - sign * offset.fill_null(0.0)
 
 
 def _is_data(fields: Sequence[str], width: int | None = None) -> bool:

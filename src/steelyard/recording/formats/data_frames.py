@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from steelyard.errors import InputError
 
-__all__ = ["frame_arrays", "is_frame"]
+__all__ = ["INDEX", "frame_arrays", "is_frame"]
 
 INDEX = "__index_level_0__"  # what pandas calls an index without a name in an Arrow stream
 

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from steelyard.errors import InputError, require_package
 
-from .array_log import ArrayLog, StoredArray, part_of, texts_of
+from .array_log import MOST_JOINTS, ArrayLog, StoredArray, dates_stored, part_of, texts_of
 from .log_file import reading_as
 
 __all__ = ["Hdf5File"]
@@ -24,6 +24,8 @@ MOST_COMPRESSED = 1100  # gzip makes at most 1032 bytes of one
 DEEPEST = 20
 LARGEST_TEXTS = 1_000_000
 """Bytes of an array of texts, and of the structures of MATLAB that point to them."""
+LARGEST_DATES = 200_000_000
+"""The same of an array with a date in each row."""
 
 
 class Hdf5File(ArrayLog):
@@ -94,8 +96,12 @@ class Hdf5File(ArrayLog):
             if texts:
                 self._texts[path] = texts
         elif self._h5py.check_string_dtype(kind) is not None:
-            if dataset.nbytes <= LARGEST_TEXTS:
+            if dataset.nbytes <= LARGEST_TEXTS and dataset.size <= MOST_JOINTS:
                 self._texts[path] = texts_of(dataset[()])
+            elif dataset.ndim == 1 and dataset.nbytes <= LARGEST_DATES and dates_stored(path, dataset[:1]) is not None:
+                self._require_room(dataset, path)
+                dates = dates_stored(path, dataset[()])
+                self._arrays += [] if dates is None else [dates]
         elif kind.names is not None and len(dataset.shape) == 1:
             for field in kind.names:
                 base, shape = (kind[field].base, kind[field].shape)

@@ -1,7 +1,8 @@
 """A program that reads a file of MATLAB for another process, because damaged files crash SciPy's reader.
 
 Of 250 files with some bits changed three ended the process that read them. It is started with the path of the file and
-a folder, into which it writes the arrays as ``0.npy``, ``1.npy`` and so on; it answers with an index as JSON.
+a folder, into which it writes the arrays as ``0.npy``, ``1.npy`` and so on, and columns of texts as ``text0.npy``; it
+answers with an index as JSON.
 """
 
 from __future__ import annotations
@@ -20,6 +21,8 @@ __all__ = ["main"]
 DEEPEST = 20
 MOST_ELEMENTS = 1000
 """Of an array of structs, such as the signals of a block of Simulink."""
+LONGEST_DATE = 240
+"""Bytes of a text of which there is one in each row, for it may be a date; larger ones are something else."""
 LONGEST = 1_000_000
 """Characters of an array of texts."""
 
@@ -52,7 +55,10 @@ def _arrays(path: tuple[str, ...], value: Any) -> Iterator[tuple[tuple[str, ...]
     elif value.dtype.kind in "fiub":
         yield path, value
     elif value.dtype.kind == "U":
-        yield path, _texts(value.ravel())
+        yield path, _texts(value.ravel()) if value.size <= MOST_ELEMENTS else value.ravel()
+    elif value.dtype.kind == "O" and value.size > MOST_ELEMENTS and _is_text(value.flat[0]):
+        if all(_is_text(item) for item in value.flat):
+            yield path, np.array(["".join(item.ravel().tolist()) for item in value.flat])
     elif value.dtype.kind == "O" and value.size <= MOST_ELEMENTS:
         items = list(value.ravel())
         if all(isinstance(item, np.ndarray) and item.dtype.kind == "U" for item in items):
@@ -60,6 +66,10 @@ def _arrays(path: tuple[str, ...], value: Any) -> Iterator[tuple[tuple[str, ...]
             return
         for number, item in enumerate(items, start=1):
             yield from _arrays((*path[:-1], path[-1] if len(items) == 1 else f"{path[-1]}({number})"), item)
+
+
+def _is_text(item: Any) -> bool:
+    return isinstance(item, np.ndarray) and item.dtype.kind == "U" and item.size <= 1
 
 
 def _texts(values: Any) -> list[str]:
@@ -70,13 +80,17 @@ def _texts(values: Any) -> list[str]:
 def main(answers: BinaryIO) -> None:
     """Read the file that is named first into the folder that is named second."""
     source, folder = sys.argv[1], Path(sys.argv[2])
-    index: dict[str, Any] = {"arrays": [], "texts": [], "objects": []}
+    index: dict[str, Any] = {"arrays": [], "columns": [], "texts": [], "objects": []}
     try:
         for path, value in variables(source):
             if value is None:
                 index["objects"].append(path)
             elif isinstance(value, list):
                 index["texts"].append((path, value))
+            elif value.dtype.kind == "U":
+                if value.dtype.itemsize <= LONGEST_DATE:
+                    np.save(folder / f"text{len(index['columns'])}.npy", value, allow_pickle=False)
+                    index["columns"].append(path)
             else:
                 np.save(folder / f"{len(index['arrays'])}.npy", value, allow_pickle=False)
                 index["arrays"].append(path)

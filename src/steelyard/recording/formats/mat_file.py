@@ -15,7 +15,7 @@ from steelyard.errors import InputError
 from steelyard.files.child_process import ChildLimits, run_child
 
 from ..columns import LogColumns
-from .array_log import ArrayLog, StoredArray, part_of, texts_of
+from .array_log import ArrayLog, StoredArray, dates_stored, part_of, texts_of
 from .decoded import decoded_once
 from .log_file import LogFile, reason_of
 
@@ -69,6 +69,10 @@ class _Content:
         for number, name in enumerate(index["arrays"]):
             array = np.load(folder / f"{number}.npy", mmap_mode="r", allow_pickle=False)
             self.arrays.append(StoredArray(tuple(name), array.shape, partial(part_of, array)))
+        for number, name in enumerate(index["columns"]):
+            texts = np.load(folder / f"text{number}.npy", mmap_mode="r", allow_pickle=False)
+            dates = dates_stored(tuple(name), texts)
+            self.arrays += [] if dates is None else [dates]
         self.texts = {tuple(name): texts_of(texts) for name, texts in index["texts"]}
         self.has_objects = bool(index["objects"])
 

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import hashlib
-import re
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
@@ -15,9 +14,10 @@ from steelyard.errors import InputError
 from steelyard.files import shown
 
 from ..column_styles import LABELS
-from ..columns import TIME_UNITS, LogColumns
+from ..columns import LogColumns
 from ..measurements import Measurements
 from .data_frames import frame_arrays, is_frame
+from .dates import seconds_of_texts, seconds_of_times
 from .log_file import Columns, LogFile, flattened
 
 __all__ = ["MemoryLog", "is_table", "memory_log"]
@@ -148,8 +148,8 @@ def _of_arrays(data: Mapping[Any, Any], name: str, stated: LogColumns | None = N
             raise InputError(f"{name} has a column named {shown(key)}; name columns by strings, such as t and q1.")
         array = _array(values, key, name)
         numbers = _numbers(array)
-        if numbers is None:
-            numbers = _dates(array)
+        if numbers is None and array.dtype.kind in "OUS":
+            numbers = seconds_of_texts(array)
         if numbers is None and array.ndim == 1:
             texts[key] = array
         elif numbers is None or array.ndim > 2:
@@ -199,26 +199,10 @@ def _array(values: object, key: str, name: str) -> NDArray[Any]:
         ) from None
 
 
-def _dates(array: NDArray[Any]) -> NDArray[np.float64] | None:
-    """Return texts that are dates and times, as a text file holds them, in s; None where they are something else."""
-    if array.ndim != 1 or not len(array) or not re.match(r"\s*\d{4}[-/]\d\d[-/]\d\d", str(array[0])):
-        return None
-    import polars as pl
-
-    from .csv_file import seconds_of_dates
-
-    seconds = seconds_of_dates(pl.Series([str(text) for text in array], dtype=pl.String))
-    return None if seconds.null_count() else np.asarray(seconds.cast(pl.Float64).to_numpy())
-
-
 def _numbers(array: NDArray[Any]) -> NDArray[np.float64] | None:
     """Return an array as numbers, dates and durations in s; None where it holds something else."""
     if array.dtype.kind in "mM":
-        unit = np.datetime_data(array.dtype)[0]
-        if unit not in TIME_UNITS:
-            unit, array = "ns", array.astype(f"{array.dtype.kind}8[ns]")
-        seconds = array.astype(np.int64).astype(np.float64) * TIME_UNITS[unit]
-        return np.asarray(np.where(np.isnat(array), np.nan, seconds))
+        return seconds_of_times(array)
     if array.dtype.kind == "O":
         try:  # numbers with None among them
             return array.astype(np.float64)

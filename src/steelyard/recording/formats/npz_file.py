@@ -6,7 +6,7 @@ import contextlib
 import math
 import zipfile
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import IO, Any
 
@@ -18,6 +18,7 @@ from steelyard.files import shown
 from steelyard.files.arrays import read_array_header
 
 from ..column_styles import LABELS
+from .dates import LONGEST_DATE, seconds_of_texts, seconds_of_times
 from .log_file import Columns, LogFile, common_length, reading_as
 
 __all__ = ["NpzFile"]
@@ -34,6 +35,8 @@ class Member:
     shape: tuple[int, ...]
     column_major: bool
     kind: np.dtype[Any]
+    holds_dates: bool = False
+    """Whether the first of its texts is a date."""
 
 
 class NpzFile(LogFile):
@@ -54,6 +57,8 @@ class NpzFile(LogFile):
             for entry in entries:
                 with archive.open(entry.filename) as stream:
                     member = Member(entry.filename, *read_array_header(stream))
+                    if member.kind.kind in "US":
+                        member = replace(member, holds_dates=_begins_with_a_date(stream, member))
                 self._check(member, entry)
                 self._members[entry.filename.removesuffix(".npy")] = member
         self._columns = {
@@ -152,7 +157,20 @@ class NpzFile(LogFile):
             raise InputError(
                 f"{self.path} is damaged: the array {member.file} ends before its last row; save it again."
             )
-        return np.frombuffer(data, dtype=member.kind).astype(np.float64)
+        return self._numbers(np.frombuffer(data, dtype=member.kind), member)
+
+    def _numbers(self, values: NDArray[Any], member: Member) -> NDArray[np.float64]:
+        if member.kind.kind in "mM":
+            return seconds_of_times(values)
+        if not member.holds_dates:
+            return values.astype(np.float64)
+        seconds = seconds_of_texts(values)
+        if seconds is None:
+            raise InputError(
+                f"{self.path}: the texts of its array {member.file} are not all dates of one form; save times as "
+                "numbers."
+            )
+        return seconds
 
     def _column(self, block: Columns, name: str) -> NDArray[np.float64]:
         key, index = self._columns[name]
@@ -160,8 +178,16 @@ class NpzFile(LogFile):
         return array if array.ndim == 1 else np.ascontiguousarray(array[:, index])
 
 
+def _begins_with_a_date(stream: IO[bytes], member: Member) -> bool:
+    if len(member.shape) != 1 or 0 in member.shape or member.kind.itemsize > 4 * LONGEST_DATE:
+        return False
+    data = stream.read(member.kind.itemsize)
+    return len(data) == member.kind.itemsize and seconds_of_texts(np.frombuffer(data, dtype=member.kind)) is not None
+
+
 def _column_names(key: str, member: Member, most: int = LARGEST_COUNT) -> list[tuple[str, tuple[str, int]]]:
-    if member.kind.kind not in "fiu" or 0 in member.shape:
+    is_time = len(member.shape) == 1 and (member.kind.kind in "mM" or member.holds_dates)
+    if (member.kind.kind not in "fiu" and not is_time) or 0 in member.shape:
         return []
     if len(member.shape) == 1:
         return [(key, (key, 0))]

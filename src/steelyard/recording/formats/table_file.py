@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 from steelyard.errors import InputError
 from steelyard.files import reading_table, shown
 
+from .data_frames import INDEX
 from .log_file import Columns, LogFile
 
 __all__ = ["TableFile"]
@@ -41,6 +42,9 @@ class TableFile(LogFile):
         with self._reading():
             self._scan = self._scanned()
             self._schema = dict(self._scan.collect_schema())
+            if self._schema.get(INDEX) is not None and self._schema[INDEX].is_temporal() and "time" not in self._schema:
+                self._scan = self._scan.rename({INDEX: "time"})
+                self._schema = dict(self._scan.collect_schema())
         self._elements: dict[str, tuple[str, int]] = {}
         self._widths: dict[str, int] = {}
         names: list[str] = []
@@ -125,7 +129,7 @@ class TableFile(LogFile):
 
         if not names:
             return {}
-        chosen, per_second = [], {}
+        chosen, per_second, texts = [], {}, []
         for name in names:
             if name in self._elements:
                 chosen.append(self._element(name))
@@ -138,6 +142,9 @@ class TableFile(LogFile):
                 per_second[name] = {"ms": 1e3, "us": 1e6, "ns": 1e9}[getattr(kind, "time_unit", "ns")]
             elif kind.is_numeric():
                 chosen.append(pl.col(name).cast(pl.Float64))
+            elif isinstance(kind, pl.String | pl.Categorical | pl.Enum):
+                chosen.append(pl.col(name).cast(pl.String))
+                texts.append(name)
             else:
                 raise InputError(f"{self.path} has values of type {kind} in column {name!r}; expected numbers.")
         lists = {self._elements[name][0] for name in names if name in self._elements}
@@ -147,8 +154,19 @@ class TableFile(LogFile):
         for name in lists:
             if not self._is_fixed(name):
                 self._require_width(name, frame[f"{name} length"].drop_nulls().to_numpy())
-        columns = {name: frame[name].fill_null(float("nan")).to_numpy() for name in names}
+        read = {name: self._dates(frame[name]) if name in texts else frame[name] for name in names}
+        columns = {name: read[name].fill_null(float("nan")).to_numpy() for name in names}
         return columns | {name: columns[name] / scale for name, scale in per_second.items()}
+
+    def _dates(self, texts: Any) -> Any:
+        """Return a column of texts as times in s; only dates can be used as numbers."""
+        from .dates import seconds_of_dates
+
+        seconds = seconds_of_dates(texts)
+        unread = texts.filter(seconds.is_null() & texts.is_not_null())
+        if len(unread):
+            raise InputError(f"{self.path} holds {shown(unread[0])} in column {texts.name!r}; expected numbers.")
+        return seconds
 
     def _is_fixed(self, name: str) -> bool:
         import polars as pl
