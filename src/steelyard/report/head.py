@@ -37,11 +37,7 @@ def head(identification: Identification) -> Markup:
 
 
 def _step(step: NextStep) -> str:
-    what = {"console": "Command", "toml": "Lines of robot.toml"}[step.language]
-    return (
-        f"<strong>{escape(step.action)}</strong> {escape(step.reason)}"
-        f'<pre tabindex="0" aria-label="{what}"><code>{escape(step.code)}</code></pre>'
-    )
+    return f"<strong>{escape(step.action)}</strong> {escape(step.reason)}<pre><code>{escape(step.code)}</code></pre>"
 
 
 def remarks(identification: Identification) -> Markup:

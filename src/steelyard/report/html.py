@@ -18,9 +18,9 @@ from .robot_section import robot
 __all__ = ["report_html", "write_report"]
 
 _SECTIONS: tuple[tuple[str, str, Callable[[Identification], Markup]], ...] = (
-    ("remarks", "Remarks", remarks),
     ("robot", "The robot", robot),
     ("prediction", "Does it predict?", answer.prediction),
+    ("remarks", "Remarks", remarks),
     ("rests-on", "What each number rests on", answer.parameters),
     ("beforehand", "What is known beforehand", answer.prior),
     ("price", "The price of plausibility", answer.price),

@@ -16,7 +16,7 @@ from steelyard.collision.robot_geometry import visual_shapes
 from steelyard.collision.shapes import PlacedShape
 from steelyard.dynamics import Model
 from steelyard.errors import InputError, MissingExtraError
-from steelyard.identification.parameter_table import Basis, LinkRows, ParameterTable
+from steelyard.identification.parameter_table import Basis, LinkRows, ParameterTable, weakest
 from steelyard.identification.saved import matching_estimate
 from steelyard.identification.saved_result import SavedResult
 from steelyard.robot import RobotFile
@@ -30,7 +30,6 @@ __all__ = ["KNOWN_OF", "TOO_LARGE", "KnownOf", "LinkKnowledge", "ViewedRobot", "
 Array = NDArray[np.float64]
 KnownOf = Literal["mass", "centre of mass", "inertia", "all of these"]
 KNOWN_OF: tuple[KnownOf, ...] = ("mass", "centre of mass", "inertia", "all of these")
-_BASES: tuple[Basis, ...] = ("measured", "bounded", "assumed", "unknown")  # the surest first
 
 # Bytes of a mesh above which it is left out: a browser gets all of them.
 LARGEST_MESH = 60_000_000
@@ -46,8 +45,7 @@ class LinkKnowledge:
     def basis(self, of: KnownOf) -> Basis:
         """On what the least known of these numbers rests."""
         groups = {"mass": (self.rows.mass,), "centre of mass": self.rows.center, "inertia": self.rows.moments}
-        rows = [row for key, group in groups.items() if of in (key, "all of these") for row in group]
-        return max((row.basis for row in rows), key=_BASES.index)
+        return weakest(row for key, group in groups.items() if of in (key, "all of these") for row in group)
 
 
 @dataclass(frozen=True, eq=False)
