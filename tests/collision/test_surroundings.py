@@ -205,12 +205,15 @@ def test_an_arm_with_meshes_is_looked_at_by_pinocchio():
     assert len(pairs) > 12
 
 
-def test_a_description_that_is_no_urdf_is_told_as_such(tmp_path):
+def test_a_description_without_shapes_is_told_as_such(tmp_path, monkeypatch):
     """And not as a damaged URDF."""
-    path = tmp_path / "arm.xml"
+    path = tmp_path / "arm.table"
     path.write_text("<mujoco/>")
+    monkeypatch.setattr("steelyard.collision.robot_geometry.description_format", lambda path: object())
     robot = replace(sy.Robot.from_dh([(0, 0.5, 0, "q")], name="arm"), source=path)
     problems: list[str] = []
     assert _geometry(robot, problems, []) is None
     (told,) = problems
-    assert "shapes are read from a URDF alone, and arm.xml is none; add [[collision.shapes]]" in told
+    assert (
+        "shapes are read from a URDF, an SDF or an MJCF alone, and arm.table is none; add [[collision.shapes]]" in told
+    )

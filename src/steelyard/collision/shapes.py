@@ -13,8 +13,8 @@ from numpy.typing import ArrayLike, NDArray
 
 from steelyard.errors import InputError, missing_extra
 from steelyard.robot import Robot
+from steelyard.robot.inertia import box_moments, capsule_moments, cylinder_moments, ellipsoid_moments
 from steelyard.robot.placement import frozen
-from steelyard.robot.solids import box_moments, capsule_moments, cylinder_moments, ellipsoid_moments
 
 __all__ = [
     "Box",

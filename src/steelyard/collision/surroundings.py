@@ -11,11 +11,10 @@ from numpy.typing import NDArray
 
 from steelyard.errors import InputError, MissingExtraError, install_command
 from steelyard.robot import Robot
-from steelyard.robot.description import UrdfFormat, description_format
 
 from .configuration_constraint import SAMPLES_AT_ONCE
 from .configurations import place_links
-from .robot_geometry import RobotGeometry, shapes_from_urdf
+from .robot_geometry import RobotGeometry, described_shapes
 from .self_collision import SelfCollision
 from .shapes import coal_or_none
 from .workspace import TablePlane
@@ -152,12 +151,7 @@ def _geometry(robot: Robot, problems: list[str], skipped: list[tuple[str, str]])
         )
         return None
     try:
-        if not isinstance(description_format(robot.source), UrdfFormat):
-            raise InputError(
-                f"shapes are read from a URDF alone, and {robot.source.name} is none; add [[collision.shapes]], or "
-                "[collision] with urdf = ..., to the limits file"
-            )
-        shapes, parents = shapes_from_urdf(robot, robot.source, "hull", (), skipped)
+        shapes, parents = described_shapes(robot, robot.source, "hull", (), skipped)
     except (InputError, MissingExtraError) as error:
         problems.append(_unchecked(str(error)))
         return None
@@ -168,7 +162,7 @@ def _geometry(robot: Robot, problems: list[str], skipped: list[tuple[str, str]])
         if not skipped:
             problems.append(
                 _unchecked(
-                    "the description has no collision geometry; add <collision> elements to the URDF, or "
+                    "the description has no collision geometry; add <collision> elements or geoms to it, or "
                     "[[collision.shapes]] to the limits file"
                 )
             )

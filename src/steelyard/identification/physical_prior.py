@@ -16,7 +16,6 @@ from steelyard.feasibility import FeasibleSet
 from steelyard.feasibility.constraints import Constraint
 from steelyard.regression import Information
 from steelyard.robot import Robot
-from steelyard.robot.description import URDF, description_format
 from steelyard.robot.inertia import moment_row, parameters_of_pseudo_inertia, pseudo_inertia, transformation
 
 from .described_inertia import DescribedBody, described_bodies, possible_body
@@ -24,7 +23,7 @@ from .kinematic_bodies import SHORTEST_REACH, kinematic_bodies, lengths_beyond, 
 
 if TYPE_CHECKING:
     from steelyard.collision import PlacedShape, RobotGeometry
-    from steelyard.collision.robot_geometry import GeometryElement
+    from steelyard.collision.described_shapes import GeometryElement
     from steelyard.feasibility.constraints import MeasuredMass, SymmetricLink, TotalMass
 
 __all__ = ["LinkPrior", "PhysicalPrior", "physical_prior", "reference_bodies"]
@@ -333,8 +332,7 @@ class _Gathering:
         elif self.robot.source is not None:
             skipped: list[tuple[str, str]] = []
             try:
-                if description_format(self.robot.source) is URDF:
-                    found = collision.shapes_of_moving_links(self.robot, self.robot.source, skipped, LARGEST_MESH)
+                found = collision.shapes_of_moving_links(self.robot, self.robot.source, skipped, LARGEST_MESH)
             except MissingExtraError as error:
                 self.sentences.append(f"The shapes of the links are not used: {error}")
             except InputError:  # the file has changed since the robot was read

@@ -20,7 +20,6 @@ from steelyard.identification.parameter_table import Basis, LinkRows, ParameterT
 from steelyard.identification.saved import matching_estimate
 from steelyard.identification.saved_result import SavedResult
 from steelyard.robot import RobotFile
-from steelyard.robot.description import UrdfFormat, description_format
 
 from .link_bodies import LinkBody, link_body
 from .results import TABLE
@@ -215,10 +214,8 @@ def _knowledge(result: SavedResult, model: Model, identified: Array, remarks: li
 def _shapes(model: Model, largest: int, remarks: list[str]) -> tuple[PlacedShape, ...]:
     """Return what the description shows; what cannot be read is told in the remarks."""
     robot = model.robot
-    if robot.source is None or not isinstance(description_format(robot.source), UrdfFormat):
-        kind = "was not read from a URDF" if robot.source is None else "is no URDF"
-        what = robot.name if robot.source is None else robot.source.name
-        remarks.append(f"{what} {kind}, and shapes are read from a URDF alone; links are drawn as rods.")
+    if robot.source is None:
+        remarks.append(f"{robot.name} was not read from a description with shapes; links are drawn as rods.")
         return ()
     skipped: list[tuple[str, str]] = []
     try:

@@ -17,12 +17,19 @@ from numpy.typing import NDArray
 from steelyard.errors import InputError
 from steelyard.files import shown, suggestion
 
-from .inertia import Inertia, inertia_tensor, parameters_of_pseudo_inertia
+from .inertia import (
+    Inertia,
+    box_moments,
+    capsule_moments,
+    cylinder_moments,
+    ellipsoid_moments,
+    inertia_tensor,
+    parameters_of_pseudo_inertia,
+)
 from .mjcf_classes import ACTUATORS, ORIENTATIONS, DefaultClasses
 from .mjcf_compiled import IDLE, CompiledMjcf
 from .mjcf_document import JOINTS, MjcfDocument, MjcfElement
 from .placement import quaternion_rotation, rotation_x, rotation_y, rotation_z, snapped
-from .solids import box_moments, capsule_moments, cylinder_moments, ellipsoid_moments
 from .xml_document import SHORTEST_AXIS
 
 __all__ = ["BeyondReadingError", "MjcfReader", "read_compiled"]
@@ -303,6 +310,28 @@ class MjcfReader:
         placement = np.eye(4)
         placement[:3, :3], placement[:3, 3] = _z_to(along / length), ends.mean(axis=0)
         return tuple(size), placement
+
+    def geoms(self) -> Iterator[tuple[str, MjcfElement, dict[str, str], Matrix]]:
+        """Yield the geoms: the name of the body, the element, its attributes, and the frame (4, 4) around it."""
+        waiting = [
+            ("world", one, self.classes.name(one, key="childclass")) for one in self.document.root.all("worldbody")
+        ]
+        while waiting:
+            name, body, inherited = waiting.pop()
+            for one, own, frame in self.inside(body, inherited, np.eye(4)):
+                if one.tag == "geom":
+                    yield name, one, self.classes.attributes(one, own), frame
+                elif one.tag == "body":
+                    waiting.append((one.attributes["name"], one, own))
+
+    def numbers(
+        self, element: MjcfElement, attributes: Attributes, key: str, default: tuple[float, ...], step: int = 0
+    ) -> tuple[float, ...]:
+        """Return the numbers of an attribute, as many as the default has, or a multiple of `step`."""
+        if key not in attributes:
+            return default
+        count = len(default) if not step else len(attributes[key].split()) // step * step
+        return _floats(attributes[key], element.where, element.tag, key, count)
 
     # Joints
 

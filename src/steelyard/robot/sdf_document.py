@@ -22,7 +22,7 @@ from .xml_document import SHORTEST_AXIS, XmlReader, line_of, parse_xml
 if TYPE_CHECKING:
     from lxml import etree
 
-__all__ = ["WORLD", "SdfReader"]
+__all__ = ["WORLD", "SdfFrame", "SdfReader"]
 
 Matrix = NDArray[np.float64]
 
@@ -38,7 +38,7 @@ TENSOR = {"ixx": 1.0, "ixy": 0.0, "ixz": 0.0, "iyy": 1.0, "iyz": 0.0, "izz": 1.0
 """What the format gives to elements that are not written; the mass is 1 kg."""
 
 
-class _Frame:
+class SdfFrame:
     """A frame with a name: of a link, a joint, a model, the world, or a `<frame>`."""
 
     def __init__(
@@ -49,7 +49,7 @@ class _Frame:
         self.inner: _Scope | None = None  # of a model
         self.placement_frame: str | None = None
 
-    def base(self) -> _Frame | None:
+    def base(self) -> SdfFrame | None:
         """The frame in which the placement is given; None of the world."""
         if self.kind == "world":
             return None
@@ -67,7 +67,7 @@ class _Frame:
         held = self.inner.find(self.placement_frame, self.element)
         return self.raw @ inverse(self.scope.reader.between(self, held))
 
-    def body(self, followed: tuple[_Frame, ...] = ()) -> _Frame:
+    def body(self, followed: tuple[SdfFrame, ...] = ()) -> SdfFrame:
         """The link to which it is fixed, or the world."""
         if self.kind in ("link", "world"):
             return self
@@ -89,12 +89,12 @@ class _Scope:
 
     def __init__(self, reader: SdfReader, prefix: str, outer: _Scope | None) -> None:
         self.reader, self.prefix, self.outer = reader, prefix, outer
-        self.names: dict[str, _Frame] = {}
-        self.first_link: _Frame | None = None
+        self.names: dict[str, SdfFrame] = {}
+        self.first_link: SdfFrame | None = None
         self.element: etree._Element | None = None
-        self.origin = _Frame("world", WORLD, self, None, np.eye(4), None)
+        self.origin = SdfFrame("world", WORLD, self, None, np.eye(4), None)
 
-    def find(self, name: str, element: etree._Element | None) -> _Frame:
+    def find(self, name: str, element: etree._Element | None) -> SdfFrame:
         """Return what has a name; `element` is where it stands, for messages."""
         if name == "__model__":
             return self.origin
@@ -108,11 +108,11 @@ class _Scope:
             return self.reader.world
         raise self.reader.said(element, f'there is no link, joint or frame "{name}"; {suggestion(name, self.names)}')
 
-    def is_within(self, model: _Frame) -> bool:
+    def is_within(self, model: SdfFrame) -> bool:
         """Whether the names are those of a model, or of one in it."""
         return self.origin is model or (self.outer is not None and self.outer.is_within(model))
 
-    def canonical(self, element: etree._Element | None) -> _Frame:
+    def canonical(self, element: etree._Element | None) -> SdfFrame:
         """The link to which the frame of the model is fixed."""
         named = None if self.element is None else self.element.get("canonical_link")
         if named:
@@ -152,8 +152,8 @@ class SdfReader(XmlReader):
         self.origins: dict[etree._Element, Path] = {}
         self.include_count = 0
         self.version = NEWEST
-        self.links: list[_Frame] = []
-        self.joints: list[_Frame] = []
+        self.links: list[SdfFrame] = []
+        self.joints: list[SdfFrame] = []
 
     # The file
 
@@ -213,7 +213,7 @@ class SdfReader(XmlReader):
         scope = self.world.scope
         self._read_entities(scope, element)
 
-    def _moves(self, model: _Frame) -> bool:
+    def _moves(self, model: SdfFrame) -> bool:
         within = [one for one in self.joints if one.scope.is_within(model)]
         return any(one.element is not None and one.element.get("type") != "fixed" for one in within)
 
@@ -229,7 +229,7 @@ class SdfReader(XmlReader):
         pose, relative = self.pose(element, f'model "{name}"')
         if include is not None and self.children(include, "pose"):
             pose, relative = self.pose(include, f'model "{name}"')
-        frame = _Frame("model", outer.prefix + name, outer, given, pose, relative)
+        frame = SdfFrame("model", outer.prefix + name, outer, given, pose, relative)
         held = self.only(given, "placement_frame", f'model "{name}"')
         frame.placement_frame = element.get("placement_frame") if held is None else (held.text or "").strip()
         inner = _Scope(self, outer.prefix if merged else f"{outer.prefix}{name}::", outer)
@@ -257,7 +257,7 @@ class SdfReader(XmlReader):
             elif tag in ("link", "joint", "frame") and (scope is not self.world.scope or tag == "frame"):
                 name = self.text(child, "name", f"a {tag}")
                 pose, relative = self.pose(child, f'{tag} "{name}"')
-                frame = _Frame(tag, scope.prefix + name, scope, child, pose, relative)
+                frame = SdfFrame(tag, scope.prefix + name, scope, child, pose, relative)
                 self._take(scope, name, frame)
                 if tag == "link":
                     scope.first_link = scope.first_link or frame
@@ -266,7 +266,7 @@ class SdfReader(XmlReader):
                 if not static and tag != "frame":
                     (self.links if tag == "link" else self.joints).append(frame)
 
-    def _take(self, scope: _Scope, name: str, frame: _Frame) -> None:
+    def _take(self, scope: _Scope, name: str, frame: SdfFrame) -> None:
         other = scope.names.get(name)
         if other is None:
             scope.names[name] = frame
@@ -326,7 +326,7 @@ class SdfReader(XmlReader):
 
     # Frames
 
-    def chain(self, frame: _Frame) -> list[_Frame]:
+    def chain(self, frame: SdfFrame) -> list[SdfFrame]:
         """The frames from this one to the world, each placed in the next."""
         found = {frame: None}
         while (base := next(reversed(found)).base()) is not None:
@@ -336,14 +336,14 @@ class SdfReader(XmlReader):
             found[base] = None
         return list(found)
 
-    def circle(self, frames: Iterable[_Frame]) -> InputError:
+    def circle(self, frames: Iterable[SdfFrame]) -> InputError:
         """Return an error that names frames which are placed relative to each other in a circle."""
         names = [one.name for one in frames]
         return self.said(
             None, f"the frames {' -> '.join([*names[:6], names[0]])} are placed in each other; place one in the model"
         )
 
-    def between(self, first: _Frame, second: _Frame) -> Matrix:
+    def between(self, first: SdfFrame, second: SdfFrame) -> Matrix:
         """Return the placement (4, 4) of the second frame in the first, without what both share."""
         ways = [self.chain(first), self.chain(second)]
         other = set(ways[1])
@@ -360,7 +360,7 @@ class SdfReader(XmlReader):
 
     # Links and joints
 
-    def _described(self, robot: _Frame) -> DescribedTree:
+    def _described(self, robot: SdfFrame) -> DescribedTree:
         joints = {frame.name: self._joint(frame) for frame in self.joints}
         if robot.inner is not None and robot.inner.element is not None:
             joints = with_rotors(joints, self.rotor_inertias(robot.inner.element))
@@ -373,7 +373,7 @@ class SdfReader(XmlReader):
             remarks=tuple(self.remarks),
         )  # fmt: skip
 
-    def _gravity_in(self, robot: _Frame, joints: dict[str, DescribedJoint]) -> tuple[float, ...]:
+    def _gravity_in(self, robot: SdfFrame, joints: dict[str, DescribedJoint]) -> tuple[float, ...]:
         """The gravity of the world in the frame of the root link."""
         ends = {joint.child for joint in joints.values()}
         placement = np.eye(4)
@@ -381,7 +381,7 @@ class SdfReader(XmlReader):
             placement = self.between(self.world, next((one for one in self.links if one.name not in ends), robot))
         return tuple((placement[:3, :3].T @ np.array(self.gravity) + 0.0).tolist())
 
-    def _link(self, frame: _Frame) -> DescribedLink:
+    def _link(self, frame: SdfFrame) -> DescribedLink:
         element, owner = frame.element, f'link "{frame.name}"'
         assert element is not None
         inertial = self.only(element, "inertial", owner)
@@ -407,7 +407,7 @@ class SdfReader(XmlReader):
         about_com = rotation @ inertia_tensor(elements) @ rotation.T
         return Inertia.from_com(mass, placement[:3, 3], (about_com + about_com.T) / 2)
 
-    def _joint(self, frame: _Frame) -> DescribedJoint:
+    def _joint(self, frame: SdfFrame) -> DescribedJoint:
         element, owner = frame.element, f'joint "{frame.name}"'
         assert element is not None
         kind = self.text(element, "type", owner)
@@ -451,7 +451,7 @@ class SdfReader(XmlReader):
             lower, upper, velocity, effort, damping, friction,
         )  # fmt: skip
 
-    def _axis(self, frame: _Frame, element: etree._Element, owner: str) -> tuple[float, ...]:
+    def _axis(self, frame: SdfFrame, element: etree._Element, owner: str) -> tuple[float, ...]:
         """The axis in the frame of the joint."""
         xyz = self.only(element, "xyz", owner)
         axis = (0.0, 0.0, 1.0) if xyz is None else self.words(xyz, owner, 3)
@@ -477,7 +477,7 @@ class SdfReader(XmlReader):
         value = self.value(limit, key, owner, math.inf, infinite=True)
         return math.inf if value < 0.0 or value >= ENDLESS else value
 
-    def _mimic(self, frame: _Frame, element: etree._Element, owner: str) -> DescribedMimic | None:
+    def _mimic(self, frame: SdfFrame, element: etree._Element, owner: str) -> DescribedMimic | None:
         mimic = self.only(element, "mimic", owner)
         if mimic is None:
             return None

@@ -1,0 +1,120 @@
+"""The shapes of an MJCF: its geoms."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Mapping
+from functools import partial
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from steelyard.errors import InputError
+from steelyard.robot.mjcf_document import MjcfElement, read_mjcf_document
+from steelyard.robot.mjcf_reading import BeyondReadingError, MjcfReader
+from steelyard.robot.mjcf_tree import read_mjcf_tree
+from steelyard.robot.placement import inverse
+
+from .described_shapes import MeshShapes, ShapeElement, ellipsoid
+from .shapes import Box, Capsule, Cylinder, Mesh, Shape, Sphere
+
+__all__ = ["mjcf_shapes"]
+
+Array = NDArray[np.float64]
+Attributes = Mapping[str, str]
+WITHOUT_BODY = ("plane", "hfield")
+
+
+def mjcf_shapes(path: Path, read: MeshShapes) -> tuple[list[ShapeElement], dict[str, str]]:
+    """Return the geoms of an MJCF, and the parent of each link.
+
+    A geom collides where its ``contype`` or ``conaffinity`` says that it can; others are seen alone.
+    """
+    tree = read_mjcf_tree(path).tree
+    try:
+        elements = _Geoms(path, read).elements()
+    except BeyondReadingError as reason:
+        raise InputError(f"{reason} hides which shapes the links have; save the model as MuJoCo compiles it") from None
+    return elements, {joint.child: joint.parent for joint in tree.joints.values()}
+
+
+class _Geoms:
+    def __init__(self, path: Path, read: MeshShapes) -> None:
+        self.document = read_mjcf_document(path)
+        self.reader, self.read = MjcfReader(self.document), read
+        self.assets: dict[str, tuple[MjcfElement, Attributes]] = {}
+        for one in (mesh for section in self.document.root.all("asset") for mesh in section.all("mesh")):
+            attributes = self.reader.classes.attributes(one)
+            file = attributes.get("file", "").replace("\\", "/")
+            self.assets[attributes.get("name") or Path(file).stem] = one, attributes
+
+    def elements(self) -> list[ShapeElement]:
+        found = []
+        for link, geom, attributes, frame in self.reader.geoms():
+            if attributes.get("type", "sphere") in WITHOUT_BODY:
+                continue
+            collides = any(attributes.get(key, "1") != "0" for key in ("contype", "conaffinity"))
+            make = partial(self.placed, geom, attributes, frame)
+            found.append(ShapeElement("collision" if collides else "visual", link, make, self.named(attributes)))
+        return found
+
+    def named(self, attributes: Attributes) -> tuple[str, Path] | None:
+        """Return the file of the mesh of a geom."""
+        _, mesh = self.assets.get(attributes.get("mesh", ""), (None, {}))
+        if "file" not in mesh:
+            return None
+        setting = self.document.setting
+        file = mesh["file"].replace("\\", "/")
+        if setting("compiler", "strippath") == "true":
+            file = Path(file).name
+        return os.path.join(
+            setting("compiler", "meshdir") or setting("compiler", "assetdir") or "", file
+        ), self.read.path
+
+    def placed(self, geom: MjcfElement, attributes: Attributes, frame: Array) -> tuple[Shape, Array]:
+        """Return the shape of a geom, and its placement (4, 4) in the frame of the link."""
+        kind = attributes.get("type", "sphere")
+        try:
+            if kind == "mesh":
+                return self.mesh(geom, attributes), frame @ self.reader.placement(geom, attributes)
+            if "mesh" in attributes:
+                raise InputError(f"a {kind} that is fitted to a mesh is no shape that is read")
+            (x, y, z), placement = self.reader.sized(geom, attributes)
+            return self.shape(kind, x, y, z), frame @ placement
+        except BeyondReadingError as reason:
+            raise InputError(f"{reason} is no shape that is read") from None
+        except InputError as error:
+            text = str(error)
+            raise (error if text.startswith(str(geom.file.path)) else InputError(f"{geom.where}: {text}")) from None
+
+    def shape(self, kind: str, x: float, y: float, z: float) -> Shape:
+        match kind:
+            case "sphere":
+                return Sphere(x)
+            case "capsule":
+                return Capsule(x, 2.0 * y)
+            case "cylinder":
+                return Cylinder(x, 2.0 * y)
+            case "box":
+                return Box((2.0 * x, 2.0 * y, 2.0 * z))
+            case "ellipsoid":
+                return ellipsoid(x, y, z)
+        raise InputError(f"a geom of the type {kind} is no shape that is read")
+
+    def mesh(self, geom: MjcfElement, attributes: Attributes) -> Mesh:
+        """Return a mesh in the frame of its geom, where its file puts it."""
+        name = attributes.get("mesh", "")
+        if name not in self.assets:
+            raise InputError(f'the mesh "{name}" is not among the assets')
+        element, mesh = self.assets[name]
+        affine = np.diag([*self.reader.numbers(element, mesh, "scale", (1.0, 1.0, 1.0)), 1.0])
+        before = {key.removeprefix("ref"): mesh[key] for key in ("refpos", "refquat") if key in mesh}
+        affine = affine @ inverse(self.reader.placement(element, before))
+        if "vertex" in mesh:
+            vertices = np.array(self.reader.numbers(element, mesh, "vertex", (), 3)).reshape(-1, 3)
+            return Mesh(vertices @ affine[:3, :3].T + affine[:3, 3])
+        named = self.named(attributes)
+        if named is None:
+            raise InputError(f'the mesh "{name}" has no file')
+        return self.read.mesh(named[0], affine, named[1])
