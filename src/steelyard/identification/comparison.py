@@ -100,6 +100,10 @@ class Comparison:
         None where the robot is not known.
     remarks : tuple of str
         What the user should know, a sentence each.
+    results : tuple of SavedResult
+        What was compared.
+    model : Model or None
+        Of the robot, where it is known.
     """
 
     names: tuple[str, ...]
@@ -109,6 +113,8 @@ class Comparison:
     explanations: tuple[tuple[str, str, tuple[str, ...]], ...] = field(default=(), repr=False)
     prediction: PredictionDifference | None = field(default=None, repr=False)
     remarks: tuple[str, ...] = field(default=(), repr=False)
+    results: tuple[SavedResult, ...] = field(default=(), repr=False)
+    model: Model | None = field(default=None, repr=False)
 
     @property
     def differs(self) -> bool:
@@ -243,7 +249,7 @@ def compare_estimates(
     ----------
     results : sequence of path
         Two or more folders that ``steelyard identify`` wrote, or ``estimate.json`` files; each is compared with the
-        first.
+        first. A description among them, such as a URDF, stands for its inertials (CAD), which are taken as exact.
     robot : str, Path or RobotFile, optional
         URDF or robot.toml; the one with which the first estimate was made, where it is still there.
     logs : sequence of path
@@ -285,7 +291,7 @@ def compare_estimates(
         raise InputError(f"Two or more results are compared, got {len(results)}; give their folders or estimates.")
     if not 0.0 < confidence < 1.0:
         raise InputError(f"confidence must lie between 0 and 1, such as 0.95, got {confidence!r}.")
-    loaded = [SavedResult.load(one) for one in results]
+    loaded, model, file = _loaded(results, robot, bool(logs))
     for other in loaded[1:]:
         _require_same(loaded[0], other)
     pairs = [(loaded[0], other) for other in loaded[1:]]
@@ -307,9 +313,14 @@ def compare_estimates(
         for one in loaded
         if one.estimate.unconstrained_base is None and one.estimate.consistency is not None
     ]
+    remarks += [
+        f"{one.name} is a description: its inertials are taken as exact; friction and rotors, of which it says nothing, "
+        "are those of the estimate in what it predicts."
+        for one in loaded
+        if one.is_description
+    ]
     remarks += _not_shown(loaded)
     remarks += _filtered_differently(loaded)
-    model, file = _model(loaded[0], robot, bool(logs))
     explanations, prediction = [], None
     if file is None or model is None:
         remarks.append(
@@ -318,10 +329,11 @@ def compare_estimates(
         )
     else:
         for one in loaded:
-            matching_estimate(model, one.path)
+            if not one.is_description:
+                matching_estimate(model, one.path)
         names, bases = [one.name for one in loaded], [one.estimate.base for one in loaded]
         if logs:
-            read = read_as_fitted(file, model, loaded[0], logs, progress=progress)
+            read = read_as_fitted(file, model, _first_estimate(loaded), logs, progress=progress)
             remarks += read.remarks
             source = str(logs[0]) if len(logs) == 1 else f"{len(logs)} logs"
             prediction = difference_on_logs(total(read.parts), names, bases, source)
@@ -340,7 +352,34 @@ def compare_estimates(
         tuple(explanations),
         prediction,
         tuple(dict.fromkeys(remarks)),
+        tuple(loaded),
+        model,
     )
+
+
+def _first_estimate(loaded: Sequence[SavedResult]) -> SavedResult:
+    return next(one for one in loaded if not one.is_description)
+
+
+def _loaded(
+    results: Sequence[str | Path], robot: str | Path | RobotFile | None, needs_robot: bool
+) -> tuple[list[SavedResult], Model | None, RobotFile | None]:
+    """Read estimates and descriptions, and the robot that they are of, where it is known."""
+    described = {k for k, one in enumerate(results) if Path(one).is_file() and Path(one).suffix.lower() != ".json"}
+    if len(described) == len(results):
+        raise InputError(
+            f"{results[0]} and {results[1]} are descriptions, of which no errors are known; compare a description with "
+            "a folder of results."
+        )
+    read = {k: SavedResult.load(one) for k, one in enumerate(results) if k not in described}
+    first = next(iter(read.values()))
+    if robot is None and first.robot_file is None and described:
+        robot = results[min(described)]
+    model, file = _model(first, robot, needs_robot)
+    for k in described:
+        assert model is not None  # of the description itself, where of no other
+        read[k] = SavedResult.of_description(results[k], first, model)
+    return [read[k] for k in range(len(results))], model, file
 
 
 def _require_same(first: SavedResult, other: SavedResult) -> None:
@@ -387,7 +426,7 @@ def _not_shown(loaded: Sequence[SavedResult]) -> list[str]:
         ]
         if estimate.filtered_torque:
             found.append(f"The torques of {one.name} were filtered, so that its base parameters could not be compared.")
-        elif names:
+        elif names and not one.is_description:
             found.append(
                 f"The data of {one.name} does not show {len(names)} base parameter{'s' * (len(names) > 1)}, which "
                 f"could not be compared: {_listed(names)}."

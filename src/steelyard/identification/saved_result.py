@@ -3,15 +3,22 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+
+from steelyard.dynamics import Model
 from steelyard.errors import InputError
+from steelyard.feasibility import FeasibleSet
+from steelyard.feasibility.bounds.quantities import quantities
 from steelyard.files import file_hash, read_json, shown
 from steelyard.recording import Processing
 from steelyard.recording.formats import hashed_log
 from steelyard.regression import Estimate
+from steelyard.robot import RobotFile
+from steelyard.robot.description import description_format
 
 from .given import digests
 
@@ -34,12 +41,15 @@ class SavedResult:
     estimate : Estimate
     record : mapping or None
         What stands in ``run.json`` beside the estimate; None where there is no such file.
+    is_description : bool
+        Whether the numbers are those of a description (CAD), and not an estimate.
     """
 
     name: str
     path: Path
     estimate: Estimate = field(repr=False)
     record: Mapping[str, Any] | None = field(default=None, repr=False)
+    is_description: bool = False
 
     @classmethod
     def load(cls, given: str | Path) -> SavedResult:
@@ -63,6 +73,79 @@ class SavedResult:
         # An estimate under another name was saved by hand, and the record beside it may be about another one.
         record = _record(beside) if path.name == ESTIMATE and beside.exists() else None
         return cls(str(given), path, estimate, record)
+
+    @classmethod
+    def of_description(cls, given: str | Path, beside: SavedResult, model: Model) -> SavedResult:
+        """Take the inertials of a description for exact numbers, in the form of an estimate.
+
+        Parameters
+        ----------
+        given : str or Path
+            Such as a URDF.
+        beside : SavedResult
+            An estimate of the robot, which tells what its parameters are.
+        model : Model
+            Of the robot.
+
+        Raises
+        ------
+        InputError
+            If the file cannot be used, is of another robot, or says nothing of any link.
+        """
+        path, estimate = Path(given), beside.estimate
+        if model.robot.source is not None and model.robot.source.resolve() == path.resolve():
+            robot = model.robot  # with the tip and the joints held still of its robot file
+        else:
+            robot = RobotFile.load(path).robot
+            known = {joint.name for joint in model.robot.joints}
+            others = [joint.name for joint in robot.joints if joint.name not in known]
+            if others and path.suffix.lower() != ".toml":
+                robot = description_format(path).read(path, None, others, None)
+        described = Model(robot.with_terms(*model.robot.terms))
+        base = described.base_parameters()
+        if base.expressions != estimate.base_expressions:
+            raise InputError(
+                f"{given}: is of another robot than {beside.name}, since its base parameters are others; give the "
+                "description with which that was identified, with other inertials at most."
+            )
+        values = np.full(described.parameter_count, np.nan)
+        for columns in described.link_columns:
+            values[columns] = np.asarray(described.robot.parameters)[columns]
+        unknown = np.isnan(values)
+        if unknown[[column for columns in described.link_columns for column in columns]].all():
+            raise InputError(f"{given}: says nothing of the inertia of any link, so that nothing can be compared.")
+        is_open = np.any(base.K[:, unknown] != 0.0, axis=1)
+        # What the description does not say is taken from the estimate, so that predictions differ by inertials alone.
+        filled = np.where(unknown, 0.0 if estimate.parameters is None else estimate.parameters, values)
+        known = {
+            quantity.name: float(quantity.value(filled))
+            for quantity in quantities(FeasibleSet(described, terms=False))
+            if not quantity.slope(filled)[unknown].any()
+        }
+        rows = []
+        for one in estimate.parameter_table:
+            value = known.get(one["name"], np.nan)
+            if np.isfinite(value):
+                rows.append({**one, "value": value, "lower": value, "upper": value, "basis": "described"})
+        return cls(
+            str(given),
+            path,
+            replace(
+                estimate,
+                method="description",
+                base=base.values(filled),
+                standard_error=np.where(is_open, np.inf, 0.0),
+                parameters=filled,
+                unconstrained_base=None,
+                error_correlation=None,
+                consistency=None,
+                certificate=None,
+                filtered_torque=False,
+                parameter_table=tuple(rows),
+                remarks=(),
+            ),
+            is_description=True,
+        )
 
     @property
     def processing(self) -> Processing | None:
