@@ -3,6 +3,8 @@
 import json
 from dataclasses import replace
 
+import lxml.etree
+import lxml.html
 import numpy as np
 import pytest
 from payload_logs import Payload, SimulatedArm
@@ -251,6 +253,51 @@ def test_holm_rejects_a_true_hypothesis_in_one_of_twenty():
         wrong += rejected[:30].any()
         assert np.all(false_discovery_control(probabilities)[rejected] <= 0.05)
     assert 0.03 < wrong / 2000 < 0.065
+
+
+def test_a_description_is_compared_as_exact_numbers(ur5, tmp_path):
+    """Pinocchio simulated the arm of this very description: it differs in nothing, one link in a copy does."""
+    folder, arm = ur5
+    found = compare_estimates([arm.path, folder / "one.json"])
+    assert not found.differs
+    assert 30 < len(found.differences) < 54  # friction stands in the others, of which the description says nothing
+    assert found.prediction.relative_difference[0] < 0.02
+    assert any("is a description: its inertials are taken as exact" in remark for remark in found.remarks)
+    tree = lxml.etree.parse(arm.path)
+    (mass,) = tree.xpath("//link[@name='forearm_link']/inertial/mass")
+    mass.set("value", str(2.0 * float(mass.get("value"))))
+    heavy = tmp_path / "heavy.urdf"
+    tree.write(heavy)
+    found = compare_estimates([heavy, folder / "one.json"])
+    assert found.differs
+    assert found.explanations[0][2][0] == "the link forearm_link"
+    moved = tmp_path / "moved.urdf"
+    (origin,) = tree.xpath("//joint[@name='elbow_joint']/origin")
+    origin.set("xyz", "0 -0.1 0.5")
+    tree.write(moved)
+    with pytest.raises(InputError, match=r"moved\.urdf: is of another robot than .*one\.json"):
+        compare_estimates([moved, folder / "one.json"])
+    with pytest.raises(InputError, match="are descriptions, of which no errors are known"):
+        compare_estimates([heavy, arm.path])
+
+
+def test_the_page_shows_what_differs(ur5, run, tmp_path):
+    folder, arm = ur5
+    page = tmp_path / "page.html"
+    code, out, _ = run("compare", arm.path, folder / "one.json", folder / "loaded.json", "--page", page)
+    assert code == 1
+    assert out.strip().endswith(f"Look at {page}")
+    document = lxml.html.parse(page).getroot()
+    assert document.find_class("lead")[0].text_content() in out
+    rows = [[cell.text_content() for cell in row] for row in document.xpath("//table[@id='base-differences']/tbody/tr")]
+    found = compare_estimates([arm.path, folder / "one.json", folder / "loaded.json"])
+    assert len(rows) == len(found.differences)
+    names = dict(zip(found.names, "ABC", strict=True))
+    for row, one in zip(rows, found.differences, strict=True):
+        assert row[:4] == [one.name, names[one.second], f"{one.first_value:.4g}", f"{one.second_value:.4g}"]
+        assert row[-1] == ("yes" if one.differs else "")
+    assert len(document.xpath("//table[@id='predicted']/tbody/tr")) == 6
+    assert not document.xpath("//*[@src]")
 
 
 @pytest.mark.slow

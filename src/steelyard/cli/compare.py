@@ -8,14 +8,18 @@ from typing import Annotated
 import typer
 
 from .choices import AllowExtensions, Json, JsonFile, Quiet
-from .terminal import progress, show
+from .terminal import echo, progress, show
 
 __all__ = ["compare"]
 
 
 def compare(
     results: Annotated[
-        list[Path], typer.Argument(metavar="A B...", help="Folders of results, or estimate.json files, of one robot.")
+        list[Path],
+        typer.Argument(
+            metavar="A B...",
+            help="Results or estimate.json files of one robot; a description is its CAD.",
+        ),
     ],
     robot: Annotated[
         Path | None, typer.Option(help="URDF or robot.toml; that of A's record where it is still there.")
@@ -24,6 +28,9 @@ def compare(
         list[str] | None, typer.Option("--log", help="Log on which predictions are compared; may be repeated.")
     ] = None,
     seed: Annotated[int, typer.Option(help="Of the random motion, where there is no log.", min=0)] = 0,
+    page: Annotated[
+        Path | None, typer.Option("--page", help="HTML file that shows the results beside each other.")
+    ] = None,
     output: JsonFile = None,
     json: Json = False,
     quiet: Quiet = False,
@@ -37,6 +44,7 @@ def compare(
     Examples:
       steelyard compare result estimate.json
       steelyard compare result estimate.json --log run2.csv --output differences.json
+      steelyard compare robot.urdf result --page comparison.html
     """
     from steelyard.identification import compare_estimates
     from steelyard.robot import RobotFile
@@ -44,6 +52,12 @@ def compare(
     file = None if robot is None else RobotFile.load(robot, allow_extensions=allow_extensions)
     with progress(quiet=quiet) as say:
         found = compare_estimates(results, robot=file, logs=log or [], seed=seed, progress=say)
+    if page is not None:
+        from steelyard.report import write_comparison
+
+        write_comparison(found, page)
     show(found, output, json=json, quiet=quiet)
+    if page is not None and not json and not quiet:
+        echo(f"Look at {page}")
     if found.differs:
         raise typer.Exit(1)

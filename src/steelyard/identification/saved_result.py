@@ -97,10 +97,11 @@ class SavedResult:
             robot = model.robot  # with the tip and the joints held still of its robot file
         else:
             robot = RobotFile.load(path).robot
-            known = {joint.name for joint in model.robot.joints}
-            others = [joint.name for joint in robot.joints if joint.name not in known]
-            if others and path.suffix.lower() != ".toml":
-                robot = description_format(path).read(path, None, others, None)
+            own = {joint.name for joint in model.robot.joints}
+            others = [joint.name for joint in robot.joints if joint.name not in own]
+            reader = description_format(path)
+            if others and reader is not None:
+                robot = reader.read(path, None, others, None)
         described = Model(robot.with_terms(*model.robot.terms))
         base = described.base_parameters()
         if base.expressions != estimate.base_expressions:
@@ -114,9 +115,12 @@ class SavedResult:
         unknown = np.isnan(values)
         if unknown[[column for columns in described.link_columns for column in columns]].all():
             raise InputError(f"{given}: says nothing of the inertia of any link, so that nothing can be compared.")
-        is_open = np.any(base.K[:, unknown] != 0.0, axis=1)
         # What the description does not say is taken from the estimate, so that predictions differ by inertials alone.
         filled = np.where(unknown, 0.0 if estimate.parameters is None else estimate.parameters, values)
+        is_open = np.any(base.K[:, unknown] != 0.0, axis=1)
+        of_base = base.values(filled)
+        if estimate.parameters is None:
+            of_base = np.where(is_open, estimate.base, of_base)
         known = {
             quantity.name: float(quantity.value(filled))
             for quantity in quantities(FeasibleSet(described, terms=False))
@@ -133,7 +137,7 @@ class SavedResult:
             replace(
                 estimate,
                 method="description",
-                base=base.values(filled),
+                base=of_base,
                 standard_error=np.where(is_open, np.inf, 0.0),
                 parameters=filled,
                 unconstrained_base=None,

@@ -8,6 +8,8 @@ if TYPE_CHECKING:
     from .charts import Chart as Chart
     from .charts import Curve as Curve
     from .charts import charts_markup as charts_markup
+    from .comparison_page import comparison_html as comparison_html
+    from .comparison_page import write_comparison as write_comparison
     from .html import report_html as report_html
     from .html import write_report as write_report
     from .html_document import Section as Section

@@ -13,13 +13,14 @@ from steelyard.errors import InputError
 from steelyard.files import write_text
 from steelyard.identification import Identification
 from steelyard.identification.parameter_table import LinkRows, weakest
+from steelyard.robot import Robot
 
 from .drawing import Drawing, View
 from .html_document import Markup, escape, package_text
 from .link_bodies import LinkBody, link_body
 from .robot_scene import RobotScene, robot_scene
 
-__all__ = ["KEY", "drawn_links", "robot_drawing", "robot_picture", "robot_svg"]
+__all__ = ["KEY", "drawing_of_links", "drawn_links", "robot_drawing", "robot_picture", "robot_svg"]
 
 Array = NDArray[np.float64]
 
@@ -47,6 +48,8 @@ class DrawnLink:
         Of the answer and of the description, in the frame of the link; None where there is no mass.
     cad_mass : float
         kg; NaN where the description says nothing.
+    reference : str
+        What `cad` is called in words: another estimate may stand in its place.
     """
 
     number: int
@@ -55,6 +58,7 @@ class DrawnLink:
     body: LinkBody | None
     cad: LinkBody | None
     cad_mass: float
+    reference: str = "CAD"
 
     @property
     def cad_is_impossible(self) -> bool:
@@ -69,7 +73,9 @@ class DrawnLink:
             basis = "" if self.rows is None or self.rows.mass.basis == "unknown" else f", {self.rows.mass.basis}"
             told.append(f"{self.body.mass:.3g} kg{basis}")
         if not np.isnan(self.cad_mass):
-            told.append(f"CAD {self.cad_mass:.3g} kg{', which no body has' if self.cad_is_impossible else ''}")
+            told.append(
+                f"{self.reference} {self.cad_mass:.3g} kg{', which no body has' if self.cad_is_impossible else ''}"
+            )
         return f"{self.name}: {'; '.join(told) or 'nothing is known of its mass'}"
 
 
@@ -175,12 +181,16 @@ def robot_drawing(identification: Identification, q: ArrayLike | None = None, *,
     before : str
         What stands before its elements.
     """
-    robot = identification.model.robot
+    return drawing_of_links(identification.model.robot, drawn_links(identification), q, before=before)
+
+
+def drawing_of_links(robot: Robot, links: list[DrawnLink], q: ArrayLike | None = None, *, before: str = "") -> Markup:
+    """Return the drawing of a robot with what is given of each of its links; see `robot_drawing`."""
     if q is not None and np.shape(q) != (robot.dof,):
         raise InputError(
             f"{robot.name} has {robot.dof} joints, so q must have the shape ({robot.dof},), got {np.shape(q)}."
         )
-    scene, links = robot_scene(robot, q), drawn_links(identification)
+    scene = robot_scene(robot, q)
     placed = _Placed(scene, links)
     drawing = Drawing(placed.view())
     drawing.parts += [_ground(drawing, placed), _skeleton(drawing, placed), _bodies(drawing, placed)]
