@@ -384,6 +384,7 @@ WRONG = {
         lambda a: sy.Samples(**dict.fromkeys(("q", "dq", "ddq", "torque"), a["q"][:, :1])),
         "samples of 1 joints",
     ),
+    "masked": (lambda a: {**a, "tau": np.ma.masked_greater(a["tau"], 1)}, "no finite number"),
     "not a number": (lambda a: {**a, "tau": np.where(a["tau"] > 1, np.nan, a["tau"])}, "row"),
 }
 
@@ -411,6 +412,29 @@ def test_wrong_robots_and_settings_are_refused(files):
         sy.identify(path, log, processing={"cutof": 3})
     with pytest.raises(sy.InputError, match="give a list"):
         sy.identify(path, log, constraints=sy.TotalMass(maximum=3.0))
+    with pytest.raises(sy.InputError, match='prior must be "auto" or None'):
+        sy.identify(path, log, prior="cad")
+
+
+def test_wrong_requests_of_a_result_are_refused(files):
+    result = files[3]
+    q = np.zeros((4, 2))
+    for folder in (None, 3):
+        with pytest.raises(sy.InputError, match="give its path"):
+            result.save(folder)
+    for name in (3, None, "mm1"):
+        with pytest.raises(sy.InputError, match="there is no parameter"):
+            result.parameters[name]
+    for parameters in ("x", result.parameters, [[1.0], [1.0, 2.0]]):
+        with pytest.raises(sy.InputError, match="or an estimate"):
+            result.model.inverse_dynamics(q, q, q, parameters)
+
+
+def test_constant_torques_are_told_before_a_filter_is_looked_for(files):
+    path, log, _, _ = files
+    arrays = by_matrices(log)
+    with pytest.raises(sy.InputError, match=r"no torque changes within \d+ rows; check `torque` in \[log\]"):
+        sy.identify(path, {**arrays, "tau": 0 * arrays["tau"]}, processing={"cutoff": "auto"})
 
 
 def test_degrees_are_told_and_mended(files):

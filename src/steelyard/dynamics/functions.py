@@ -13,7 +13,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from steelyard import graph
 from steelyard.errors import InputError
-from steelyard.files import suggestion
+from steelyard.files import shown, suggestion
 from steelyard.graph import Argument, Function, Graph, Kernel, Node, Output, operation_count
 
 from .base_parameters import BaseParameters
@@ -395,7 +395,15 @@ def parameter_values(parameters: ArrayLike, names: Sequence[str], robot_name: st
         )
     if own and base:
         return np.asarray(parameters.base, dtype=np.float64)  # type: ignore[union-attr]
-    return np.asarray(parameters, dtype=np.float64)
+    try:
+        return np.asarray(parameters, dtype=np.float64)
+    except InputError:  # which is a ValueError, too
+        raise
+    except (TypeError, ValueError):
+        raise InputError(
+            f"The parameters of {robot_name} must be one number for each of {len(names)} names, or an estimate, got "
+            f"{shown(parameters)}."
+        ) from None
 
 
 class Evaluator:

@@ -91,15 +91,17 @@ def read_number(
     return number + 0.0
 
 
-def closest(name: str, known: Iterable[str]) -> str | None:
+def closest(name: object, known: Iterable[str]) -> str | None:
     """Return the known name that is closest to another one, whatever its capitals; None where none is close."""
+    if not isinstance(name, str):
+        return None
     by_lower = {candidate.lower(): candidate for candidate in reversed(list(known))}
     # "m3" and "m2" have a similarity of 0.5, and one is worth suggesting for the other.
     found = difflib.get_close_matches(name.lower(), by_lower, n=1, cutoff=0.5)
     return by_lower[found[0]] if found else None
 
 
-def suggestion(name: str, known: Iterable[str]) -> str:
+def suggestion(name: object, known: Iterable[str]) -> str:
     """Return the end of a message about an unknown name: the closest known name, or the first few known ones.
 
     Examples

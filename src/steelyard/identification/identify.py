@@ -17,6 +17,7 @@ from steelyard.estimators.cross_validation import FEWEST_FOLDS, MANY_PARAMETERS
 from steelyard.estimators.estimator import Estimator, estimate_with, find_estimator
 from steelyard.feasibility import FeasibleSet, check
 from steelyard.feasibility.constraints import Constraint
+from steelyard.files import shown
 from steelyard.recording import LogColumns, Processing
 from steelyard.regression import Estimate, Information, least_squares
 from steelyard.regression.batch_means import BatchSums
@@ -141,6 +142,8 @@ def identify(
     find_estimator(estimator)  # which is refused before logs are read
     file, model = given_robot(robot)
     file = given_settings(file, columns, processing)
+    if prior not in ("auto", None):
+        raise InputError(f'prior must be "auto" or None, got {shown(prior)}.')
     reader = LogReader(file, model, chunk_rows)
     if reader.columns.finds_gains:
         raise InputError(

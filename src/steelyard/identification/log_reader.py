@@ -73,6 +73,11 @@ class LogReader:
         recordings = [
             read_middle(log, self.columns, self.stated, rows, list(self.model.robot.joint_names)) for log in chosen
         ]
+        if not any(one.torque.size and np.ptp(one.torque, axis=0).any() for one in recordings):
+            raise InputError(
+                f"{recordings[0].source}: no torque changes within {recordings[0].count} rows; check `torque` in "
+                "[log], or record it again."
+            )
         # No model has currents that each drive turns into torques in its own way.
         decision = decide(self.stated, recordings, None if self.columns.finds_gains else self.model)
         self.processing = decision.processing

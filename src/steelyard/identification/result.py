@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import importlib
+import os
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -13,7 +14,9 @@ from numpy.typing import NDArray
 
 from steelyard.display import html_sentences, html_table
 from steelyard.dynamics import Model
+from steelyard.errors import InputError
 from steelyard.feasibility import FeasibleSet, Verdict
+from steelyard.files import shown
 from steelyard.recording import CutoffChoice, Layout
 from steelyard.regression import Estimate, Information
 
@@ -155,6 +158,8 @@ class Identification:
         tuple of Path
             The files.
         """
+        if not isinstance(folder, str | os.PathLike):
+            raise InputError(f"The folder for the results is {shown(folder)}; give its path.")
         report = _report_room()
         report.require_folder(Path(folder))
         written: tuple[Path, ...] = report.save_results(self, Path(folder), force=force)

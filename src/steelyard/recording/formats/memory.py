@@ -191,6 +191,8 @@ def _check_lengths(arrays: Columns, name: str) -> None:
 
 def _array(values: object, key: str, name: str) -> NDArray[Any]:
     try:
+        if isinstance(values, np.ma.MaskedArray) and values.dtype.kind in "fiub":
+            return np.where(np.ma.getmaskarray(values), np.nan, np.asarray(values, dtype=np.float64))
         return np.asarray(values)
     except (TypeError, ValueError):
         raise InputError(
