@@ -67,14 +67,13 @@ class Drawing:
 
     def svg(self) -> str:
         """Return the document."""
-        metadata = json.dumps(self.figures, ensure_ascii=False)
         body = "\n".join(self.parts)
         style = f"<style>{self.style}</style>\n" if self.style else ""
         return (
             f'<svg xmlns="http://www.w3.org/2000/svg" viewBox="0 0 {self.width:g} {self.height:g}" '
             f'width="{self.width:g}" height="{self.height:g}" role="img" aria-labelledby="title" '
             "font-family=\"system-ui, -apple-system, 'Segoe UI', Roboto, sans-serif\">\n"
-            f'<title id="title">{escape(self.title)}</title>\n<metadata>{escape(metadata)}</metadata>\n{style}'
+            f'<title id="title">{escape(self.title)}</title>\n{metadata(self.figures)}\n{style}'
             f'<rect x="0.5" y="0.5" width="{self.width - 1:g}" height="{self.height - 1:g}" rx="8" fill="{PAPER}" '
             f'stroke="#d5d5d0"/>\n{body}\n</svg>\n'
         )
@@ -424,6 +423,11 @@ def terminal(title: str, rows: Sequence[tuple[str, float, str]], seconds: float,
             f"{escape(words)}</text>"
         )
     return drawing
+
+
+def metadata(figures: dict[str, Any]) -> str:
+    """Return the element that holds the figures of a drawing."""
+    return f"<metadata>{escape(json.dumps(figures, ensure_ascii=False))}</metadata>"
 
 
 def figures_of(svg: str) -> dict[str, Any]:

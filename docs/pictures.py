@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import math
 import os
+import re
 import subprocess
 import sys
 import tempfile
@@ -38,13 +39,14 @@ from drawing import (
     bars,
     figures_of,
     intervals,
+    metadata,
     span,
     terminal,
 )
 
 import steelyard as sy
 from steelyard.identification.examples import EXAMPLES, write_example
-from steelyard.report import torque_svg
+from steelyard.report import robot_svg, torque_svg
 
 Array = NDArray[np.float64]
 IMAGES = Path(__file__).resolve().parent / "images"
@@ -103,6 +105,16 @@ class Runs:
         design = sy.design_excitation(model, limits, period=5.0, harmonics=4, search=search)
         sensors = sy.simulation.Sensors(encoder_resolution=2 * np.pi / 65536, torque_noise=0.2)
         return model, truth, design, sy.play(model, truth, design.trajectory, sensors=sensors, seed=1)
+
+
+def with_figures(svg: str, result: sy.Identification) -> str:
+    """Put the figures of a result into a picture that the report draws."""
+    figures = {
+        "error, %": round(100 * result.predictions[-1].feasible_error, 2),
+        "mass, kg": round(result.total_mass, 3),
+        "possible": str(result.verdict.feasible),
+    }
+    return re.sub(r"(<svg[^>]*>)", lambda found: f"{found[1]}{metadata(figures)}", svg, count=1)
 
 
 def nearest_to_cad(result: sy.Identification) -> Array:
@@ -187,7 +199,7 @@ def story(runs: Runs) -> Drawing:
 @picture
 def torques(runs: Runs) -> str:
     """Measured and predicted torques of the demonstration."""
-    return torque_svg(runs.demo)
+    return with_figures(torque_svg(runs.demo), runs.demo)
 
 
 @picture
@@ -232,7 +244,14 @@ def _wrapped(line: str, width: int = 100) -> list[str]:
 @picture
 def identified_torques(runs: Runs) -> str:
     """Measured and predicted torques of the Panda."""
-    return torque_svg(runs.panda)
+    return with_figures(torque_svg(runs.panda), runs.panda)
+
+
+@picture
+def robot(runs: Runs) -> str:
+    """The drawing of the report: what is known of each link."""
+    result = runs.example("xarm7")[0]
+    return with_figures(robot_svg(result, bent(result.model, (0.4, 0.5, 0.3))), result)
 
 
 @picture
@@ -681,8 +700,6 @@ def own_term(runs: Runs) -> Drawing:
 @picture
 def no_inertias(runs: Runs) -> Drawing:
     """Masses found from a description without inertias, and the truth."""
-    import re
-
     _, truth = runs.example("panda")
     place = runs.folder / "panda"
     bare = runs.folder / "bare"
