@@ -13,6 +13,7 @@ from steelyard.identification import Identification
 from steelyard.report.drawing import Drawing, View
 from steelyard.report.robot_picture import drawn_links, remarks_on_drawing, robot_picture, robot_svg
 from steelyard.report.robot_scene import robot_scene
+from steelyard.report.robot_section import robot
 
 from .conftest import LENGTH, LINKS
 
@@ -148,3 +149,33 @@ def test_nothing_but_the_file_is_needed(identification: Identification, tmp_path
 def test_a_configuration_has_a_number_for_each_joint(identification: Identification) -> None:
     with pytest.raises(InputError, match=r"has 2 joints, so q must have the shape \(2,\), got \(3,\)"):
         robot_svg(identification, [0.0, 0.0, 0.0])
+
+
+def test_an_answer_of_base_parameters_alone_shows_cad(identification: Identification) -> None:
+    body = sy.Inertia.from_com(1.0, (0.2, 0, 0), np.diag([0.01, 0.01, 0.01]))
+    alone = replace(identification.estimate, parameters=None)
+    changed = replace(with_cad(identification, body, body), estimate=alone, parameters=None)
+    page = lxml.html.fromstring(robot_svg(changed))
+    assert not page.xpath("//*[@class='drawn-answer']")
+    assert len(page.xpath("//*[@class='cad']")) == 2
+    assert lxml.html.fromstring(str(robot(changed))).xpath("//*[@class='what']/text()") == ["CAD 1 kg"] * 2
+
+
+@pytest.mark.parametrize("gravity", [(0, 0, 9.81), (0, 0, 0), (9.81, 0, 0)], ids=["ceiling", "space", "wall"])
+def test_down_is_where_gravity_pulls(identification: Identification, gravity: tuple[float, float, float]) -> None:
+    """However a robot is mounted, the picture has finite places, and gravity points downwards in it."""
+    turned = replace(identification.model.robot, gravity=np.array(gravity, dtype=float))
+    page = lxml.html.fromstring(robot_svg(replace(identification, model=sy.Model(turned))))
+    places = [float(word) for text in page.xpath("//@data-line") for word in text.split()]
+    assert np.isfinite(places).all()
+    axes = {line.get("class")[-1]: line for line in page.xpath("//line[starts-with(@class, 'axis')]")}
+    ends = {name: np.array(line.get("data-line").split(), dtype=float) for name, line in axes.items()}
+    pull = sum(g * (ends[name][3:] - ends[name][:3]) for name, g in zip("xyz", gravity, strict=True))
+    if any(gravity):
+        np.testing.assert_allclose(pull[:2], 0.0, atol=1e-9)
+        assert pull[2] < 0.0
+
+
+def test_frames_in_one_place_have_a_scale(identification: Identification) -> None:
+    scene = robot_scene(sy.Robot.from_dh([(0, 0, 0, "q"), ("pi/2", 0, 0, "q")]))
+    assert scene.size == 0.5

@@ -25,8 +25,9 @@ __all__ = ["KEY", "drawing_of_links", "drawn_links", "robot_drawing", "robot_pic
 Array = NDArray[np.float64]
 
 WIDTH, HEIGHT = 720.0, 560.0
-FAR = 1.6
-"""Centres of mass farther away than so many radii of the robot are named and not drawn: the robot would be a speck."""
+FAR = 3.0
+"""Centres of mass farther away than so many radii of the robot are named and not drawn: the robot would be a speck. The
+frames of a robot without a tool tell nothing of its last link, which may be as long as the others: twice is near."""
 LONGEST_INTERVAL = 0.5  # of the radius of the robot; longer lines hide each other
 _AZIMUTHS = np.deg2rad(np.arange(-165.0, 181.0, 15.0))
 _ELEVATIONS = np.deg2rad([20.0, 35.0])

@@ -19,20 +19,20 @@ def robot(identification: Identification) -> Markup:
     has_cad = any(not np.isnan(link.cad_mass) for link in links)
     has_answer = any(link.body is not None for link in links)
     told = identification.parameters
-    text = "All joints are at zero; discs are joints that turn, squares joints that slide."
+    text = ["Discs are joints that turn, squares joints that slide; grey bars lead from joint to joint."]
     if has_answer:
-        text += (
-            " Each ellipsoid is the solid one of uniform density with the mass, centre of mass and moments of inertia "
-            "of the answer, which need not look like the link."
+        text.append(
+            "Each ellipsoid is the solid one of uniform density with the mass, centre of mass and moments of inertia "
+            "of the answer; it need not look like the link."
         )
     if has_cad:
-        text += " Thin black ellipses and crosses are those of the description (CAD)."
+        text.append("Thin black ellipses and crosses are those of the description (CAD).")
     key = ""
     if told is not None and told.confidence is not None:
-        text += (
-            " The area is coloured by what the mass rests on, the outline by the weakest of the moments of inertia, "
-            "the dot by the weakest coordinate of the centre of mass; lines through it are intervals of coordinates "
-            "that are measured or bounded."
+        text.append(
+            "The area is coloured by what the mass rests on, the outline by the weakest of the moments of inertia, the "
+            "dot by the weakest coordinate of the centre of mass; lines through it are intervals of coordinates that "
+            "are measured or bounded."
         )
         key = f'<p class="key">{"".join(KEY.format(basis) for basis in ("measured", "bounded", "assumed"))}</p>'
     remarks = "".join(f"<li>{escape(one)}</li>" for one in remarks_on_drawing(links, scene))
@@ -50,12 +50,13 @@ def robot(identification: Identification) -> Markup:
     )
     items = "".join(f"<li>{_item(link)}</li>" for link in links)
     return Markup(
-        f"<p>{escape(text)}</p>{key}{f'<ul>{remarks}</ul>' if remarks else ''}"
+        f"<p>The robot with all joints at zero.</p>{key}{f'<ul>{remarks}</ul>' if remarks else ''}"
         '<div class="drawing"><div><div class="ground-of-drawing" tabindex="0" role="application" '
         'aria-label="Drawing of the robot: arrow keys turn it, plus and minus change its size, Home puts it back">'
         f"{robot_drawing(identification)}</div>"
         f'<div class="controls-of-drawing" hidden>{boxes}{buttons}{zoom}</div></div>'
         f'<ol class="links-of-drawing" tabindex="0" aria-label="Links">{items}</ol></div>'
+        f"<p>{escape(' '.join(text))}</p>"
     )
 
 
