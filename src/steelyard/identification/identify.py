@@ -18,7 +18,7 @@ from steelyard.estimators.estimator import Estimator, estimate_with, find_estima
 from steelyard.feasibility import FeasibleSet, check
 from steelyard.feasibility.constraints import Constraint
 from steelyard.files import shown
-from steelyard.recording import LogColumns, Processing
+from steelyard.recording import LogColumns, Processing, Samples
 from steelyard.regression import Estimate, Information, least_squares
 from steelyard.regression.batch_means import BatchSums
 from steelyard.regression.reduction import empty_factors, residuals
@@ -27,7 +27,7 @@ from steelyard.regression.time_blocks import TimeBlocks
 from .default_terms import RotorDecision, decide_rotors, wider_model
 from .given import Data, GivenRobot, digests, given_constraints, given_logs, given_robot, given_settings
 from .log_checks import implausible_mass, mistakes_in_logs
-from .log_reader import LogReader, Progress, ThinnedSamples
+from .log_reader import DrawnRows, LogReader, Progress, ThinnedSamples
 from .mistakes import POOR, sentence
 from .parameter_table import parameter_table
 from .physical_prior import PhysicalPrior, physical_prior
@@ -41,6 +41,9 @@ Array = NDArray[np.float64]
 _TRACE_POINTS = 1200  # points of the curves of a log: about as many as a figure of the report has pixels
 _READING_LINES = 20  # lines of progress while logs are read
 _ALL_POINTS = 24_000  # of all the logs of a role together, so that thousands of them do not fill the memory
+_DRAWN_ROWS, _ALL_DRAWN_ROWS = 20_000, 120_000
+"""Rows of a log that are kept to be drawn, and of all the logs of a role together. All joints share them: 20 000 are 700
+pieces of the log of seven joints, each with four extremes of each joint, and 172 of 29 joints."""
 
 
 @in_one_thread
@@ -157,6 +160,7 @@ def identify(
     say(f"{model.robot.name}: {model.dof} joints, {model.base_parameters().count} base parameters")
     reader.decide(logs, say)
     parts: list[tuple[str, str, Information, ThinnedSamples]] = []
+    drawn: list[DrawnRows] = []
     wider = wider_model(file, model)
     reduced_by = wider or model
     sums, blocks = BatchSums(empty_factors(reduced_by)), TimeBlocks(empty_factors(reduced_by))
@@ -166,10 +170,12 @@ def identify(
             if number % max(len(group) // _READING_LINES, 1) == 0:
                 say(f"reading {log}{f' ({number + 1} of {len(group)})' if len(group) > 1 else ''}")
             points = _TRACE_POINTS if number == 0 else min(max(_ALL_POINTS // len(group), 100), _TRACE_POINTS)
+            rows = _DRAWN_ROWS if number == 0 else min(max(_ALL_DRAWN_ROWS // len(group), 200), _DRAWN_ROWS)
+            drawn.append(DrawnRows(reduced_by, rows))
             if group is logs:
-                reduced = reader.reduce(log, points, sums, blocks, len(logs), reduced_by)
+                reduced = reader.reduce(log, points, sums, blocks, len(logs), reduced_by, drawn[-1])
             else:
-                reduced = reader.reduce(log, points, model=reduced_by)
+                reduced = reader.reduce(log, points, model=reduced_by, drawn=drawn[-1])
             parts.append((str(log), role, *reduced))
     information = Information.total([p[2] for p in parts if p[1] == "identification"])
     information = replace(information, batch_means=sums.factors())
@@ -230,7 +236,9 @@ def identify(
             term_scales=None if plausible is None else plausible.term_deviations,
         )
         estimate = replace(estimate, parameter_table=tuple(table.to_list()))
-    predictions = tuple(_predict(model, unconstrained, estimate, *part) for part in parts)
+    predictions = tuple(
+        _predict(model, unconstrained, estimate, *part, one) for part, one in zip(parts, drawn, strict=True)
+    )
     remarks = dict.fromkeys(reader.remarks)
     samples = {name: thinned.samples for name, _, _, thinned in parts}
     # Of a model that predicts well, only cheap explanations are tried on the logs that it predicts.
@@ -351,14 +359,29 @@ def _predict(
     role: str,
     information: Information,
     thinned: ThinnedSamples,
+    drawn: DrawnRows,
 ) -> Prediction:
-    samples = thinned.samples
     # By the rows of the regression: where torques are filtered, what is predicted is, too.
-    predicted = [
-        samples.torque - np.vstack([errors for _, errors in residuals(model, samples, one.base)])
-        for one in (unconstrained, estimate)
-    ]
-    trace = Trace(thinned.t, samples.torque, *predicted)
+    def left(samples: Samples, of: Estimate) -> Array:
+        return np.vstack([errors for _, errors in residuals(model, samples, of.base)])
+
+    def used(samples: Samples) -> Array:
+        errors = left(samples, estimate)
+        return errors if samples.mask is None else np.where(samples.mask, errors, np.nan)
+
+    samples = drawn.samples
+    assert samples.t is not None
+    gaps = [np.diff(window.t) for window in drawn.windows if window.t is not None]
+    trace = Trace(
+        samples.t,
+        samples.torque,
+        *(samples.torque - left(samples, one) for one in (unconstrained, estimate)),
+        samples=samples,
+        log_rows=drawn.seen,
+        piece_rows=drawn.piece,
+        residuals=tuple(used(window) for window in drawn.windows),
+        interval=float(np.median(np.concatenate(gaps))) if gaps else float("nan"),
+    )
     return Prediction(
         name=name,
         role=role,
@@ -368,4 +391,5 @@ def _predict(
         joint_unconstrained_error=information.joint_relative_error(unconstrained.base),
         joint_feasible_error=information.joint_relative_error(estimate.base),
         trace=trace,
+        samples=thinned.samples,
     )

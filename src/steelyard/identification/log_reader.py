@@ -30,13 +30,13 @@ from steelyard.recording.samples import regrouped
 from steelyard.recording.survey import LogSurvey
 from steelyard.regression import Information
 from steelyard.regression.batch_means import BatchSums
-from steelyard.regression.reduction import empty_factors
+from steelyard.regression.reduction import empty_factors, joint_rows, residuals
 from steelyard.regression.time_blocks import MOST, TimeBlocks
 from steelyard.robot import Robot, RobotFile
 
 from .given import GivenLog, GivenSamples
 
-__all__ = ["LogReader", "Progress", "ThinnedSamples", "against_limits"]
+__all__ = ["DrawnRows", "LogReader", "Progress", "ThinnedSamples", "against_limits"]
 
 Array = NDArray[np.float64]
 Progress = Callable[[str], None]
@@ -97,6 +97,7 @@ class LogReader:
         blocks: TimeBlocks | None = None,
         logs: int = 1,
         model: Model | None = None,
+        drawn: DrawnRows | None = None,
     ) -> tuple[Information, ThinnedSamples]:
         """Reduce one log, and keep a copy of its samples, thinned to so many or twice as many points.
 
@@ -113,38 +114,39 @@ class LogReader:
             How many logs there are: each of many logs is one stretch.
         model : Model, optional
             In whose base parameters the log is reduced, in place of the model by which it is processed.
+        drawn : DrawnRows, optional
+            Receives all the rows, and keeps those that are to be drawn.
         """
         model = self.model if model is None else model
         thinned = ThinnedSamples(points)
+        keep = [thinned] if drawn is None else [thinned, drawn]
         own = None if blocks is None else TimeBlocks(empty_factors(model), -(-MOST // logs))
         information = Information.from_chunks(
-            model, self._watched(log, thinned), batch_means=False, sums=sums, blocks=own
+            model, self._watched(log, keep), batch_means=False, sums=sums, blocks=own
         )
         if blocks is not None and own is not None:
             blocks.append(own)
-        thinned.finish()
+        for one in keep:
+            one.finish()
         return information, thinned
 
-    def thinned(self, log: GivenLog, points: int) -> ThinnedSamples:
-        """Return the samples of one log, thinned to so many or twice as many points, without reducing it."""
-        kept = ThinnedSamples(points)
-        for _ in self._watched(log, kept):
-            pass
-        kept.finish()
-        return kept
-
-    def _watched(self, log: GivenLog, thinned: ThinnedSamples) -> Iterator[Samples]:
+        keep = [thinned] if drawn is None else [thinned, drawn]
+        own = None if blocks is None else TimeBlocks(empty_factors(model), -(-MOST // logs))
+        information = Information.from_chunks(
+            model, self._watched(log, keep), batch_means=False, sums=sums, blocks=own
         if isinstance(log, GivenSamples):
             self._require_joints(log)
             self.remarks.extend(f"{log}: {remark}" for remark in log.samples.remarks)
             for samples in regrouped([log.samples], self.chunk_rows):
-                thinned.add(samples)
+                for one in keep:
+                    one.add(samples)
                 yield samples
             return
         survey = LogSurvey()
         for samples in self._samples(log, survey):
             self.remarks.extend(f"{log}: {remark}" for remark in samples.remarks)
-            thinned.add(samples)
+            for one in keep:
+                one.add(samples)
             yield samples
         self.remarks.extend(f"{log}: {remark}" for remark in against_limits(survey, self.model.robot))
         self.units_are_suspect |= bool(survey.unit_remarks())
@@ -210,6 +212,175 @@ def against_limits(survey: LogSurvey, robot: Robot) -> tuple[str, ...]:
     driving = [robot.joints[i] for i in robot.driving_joints]
     limits = [[getattr(joint, key) for joint in driving] for key in ("lower", "upper", "velocity_limit")]
     return survey.limit_remarks(*limits)
+
+
+class DrawnRows:
+    """The rows of a stream that are drawn, and stretches of neighbouring ones, in bounded memory.
+
+    A short log keeps all its rows. A long one is cut into pieces of equal length, of each of which those rows remain at
+    which the torque of some joint, or what a preliminary model leaves of it, is least or greatest: no peak is lost,
+    which every k-th row would lose. The model is fitted by least squares to rows of the whole log so far, whenever the
+    pieces become longer.
+
+    Parameters
+    ----------
+    model : Model
+    rows : int
+        About so many remain.
+
+    Examples
+    --------
+    >>> import numpy as np, steelyard as sy
+    >>> model = sy.Model(sy.Robot.from_dh([("pi/2", 0, 0, "q")]))
+    >>> torque = np.sin(np.arange(5000.0))[:, None]
+    >>> torque[1234] = 9.0
+    >>> drawn, motion = DrawnRows(model, 400), np.zeros((5000, 1))
+    >>> drawn.add(sy.Samples(q=motion, dq=motion, ddq=motion, torque=torque)), drawn.finish()
+    (None, None)
+    >>> drawn.samples.torque.max(), drawn.samples.count <= 800, drawn.piece
+    (np.float64(9.0), True, 64)
+    """
+
+    WINDOWS, WINDOW_ROWS = 8, 4096
+
+    def __init__(self, model: Model, rows: int) -> None:
+        self.model, self.limit = model, rows
+        self.piece, self.seen = 1, 0  # rows of a piece, and of the stream
+        self._set_pieces()
+        self._regressor_model: Model | None = None
+        self._waiting: list[Array] = []
+        self._pieces: Array | None = None  # (P, 4 N, D): the rows of each piece by what they are an extreme of
+        self._windows: dict[int, list[Array]] = {}
+        self._stride = 1
+        self._base: Array | None = None
+
+    def _set_pieces(self) -> None:
+        """Set how many pieces there are at most, and how long the stretches are."""
+        self._most = max(self.limit // (4 * self.model.dof), 2)
+        self._window_rows = min(self.WINDOW_ROWS, max(self.limit // 4, 1))
+
+    def add(self, samples: Samples) -> None:
+        """Add the samples that follow."""
+        n = self.model.dof
+        numbers = np.arange(self.seen, self.seen + samples.count, dtype=float)
+        mask = np.ones(samples.q.shape) if samples.mask is None else samples.mask
+        columns = [samples.q, samples.dq, samples.ddq, samples.torque, mask]
+        if samples.regressor is not None:  # of all the samples of a log, or of none
+            columns.append(samples.regressor)
+            if not self.seen:
+                self.limit = max(self.limit * (2 + 5 * n) // (2 + 5 * n + samples.regressor.shape[1]), 200)
+                self._set_pieces()
+        self._regressor_model = samples.regressor_model
+        table = np.empty((samples.count, 2 + sum(one.shape[1] for one in columns)))
+        table[:, 0], table[:, 1] = numbers, numbers if samples.t is None else samples.t
+        np.concatenate(columns, axis=1, out=table[:, 2:])
+        self._keep_windows(table)
+        self.seen += samples.count
+        self._waiting.append(table)
+        if self._pieces is not None or self.seen > self.limit:
+            self._cut()
+
+    def _keep_windows(self, table: Array) -> None:
+        length, end = self._window_rows, self.seen + len(table)
+        while end > self.WINDOWS * length * self._stride:
+            self._stride *= 2
+        self._windows = {k: parts for k, parts in self._windows.items() if k % self._stride == 0}
+        for k in range(self.seen // length, -(-end // length)):
+            if k % self._stride == 0:
+                rows = slice(max(k * length - self.seen, 0), (k + 1) * length - self.seen)
+                self._windows.setdefault(k, []).append(table[rows].copy())
+
+    def _cut(self) -> None:
+        """Cut what waits into pieces, of which there are at most `_most`; what is shorter than a piece goes on waiting."""
+        waiting = sum(map(len, self._waiting))
+        if self._pieces is None:
+            self._refit(np.concatenate(self._waiting))
+            self._pieces = np.empty((0, 4 * self.model.dof, self._waiting[0].shape[1]))
+        while len(self._pieces) + waiting // self.piece > self._most:
+            self.piece *= 2
+            self._pieces = self._merged(self._pieces)
+        # What waited from before fills the first piece; the others are views of the last table, which is long.
+        last = self._waiting.pop()
+        before = waiting - len(last)
+        missing = (-before % self.piece) if waiting >= self.piece else len(last)
+        first = np.concatenate([*self._waiting, last[:missing]])
+        rest = last[missing:]
+        count = len(rest) // self.piece * self.piece
+        for part in (first[: len(first) // self.piece * self.piece], rest[:count]):
+            if len(part):
+                made = self._extremes(part.reshape(-1, self.piece, part.shape[1]))
+                self._pieces = np.concatenate([self._pieces, made])
+        self._waiting = [np.concatenate([first[len(first) // self.piece * self.piece :], rest[count:]])]
+
+    def _merged(self, pieces: Array) -> Array:
+        even = len(pieces) // 2 * 2
+        if not even:
+            return pieces
+        self._refit(pieces.reshape(-1, pieces.shape[2]))
+        return np.concatenate([self._extremes(pieces[:even].reshape(even // 2, -1, pieces.shape[2])), pieces[even:]])
+
+    def _extremes(self, groups: Array) -> Array:
+        """Of each group of rows, (G, R, D), those at which torque and residual of each joint are least and greatest."""
+        samples = self._samples(groups.reshape(-1, groups.shape[2]))
+        left = self._left(samples)
+        # Neighbours in memory are compared ten times as fast.
+        by_joint = np.ascontiguousarray(np.hstack([samples.torque, left]).T).reshape(-1, *groups.shape[:2])
+        places = np.concatenate([by_joint.argmin(axis=2), by_joint.argmax(axis=2)])
+        return np.asarray(groups[np.arange(len(groups))[:, None], places.T])
+
+    def _left(self, samples: Samples) -> Array:
+        """What the preliminary model leaves of the torques."""
+        assert self._base is not None
+        if samples.regressor is not None:
+            return np.vstack([errors for _, errors in residuals(self.model, samples, self._base)])
+        parameters = self.model.base_parameters().Pb @ self._base
+        return samples.torque - np.asarray(
+            self.model.inverse_dynamics(samples.q, samples.dq, samples.ddq, parameters)
+        )
+
+    def _refit(self, table: Array) -> None:
+        samples = self._samples(table[np.unique(np.linspace(0, len(table) - 1, 4000).astype(int))])
+        count, rows = self.model.base_parameters().count, []
+        for _, of_joints in joint_rows(self.model, samples):
+            for own, part in zip(self.model.base_columns.joints, of_joints, strict=True):
+                whole = np.zeros((len(part), count + 1))
+                whole[:, own], whole[:, -1] = part[:, :-1], part[:, -1]
+                rows.append(whole)
+        stacked = np.concatenate(rows)
+        self._base = np.linalg.lstsq(stacked[:, :-1], stacked[:, -1])[0]
+
+    def _samples(self, table: Array) -> Samples:
+        n = self.model.dof
+        q, dq, ddq, torque, mask = (table[:, 2 + k * n : 2 + (k + 1) * n] for k in range(5))
+        used, rest = mask > 0.5, table[:, 2 + 5 * n :]
+        return Samples(
+            q=q,
+            dq=dq,
+            ddq=ddq,
+            torque=torque,
+            mask=None if used.all() else used,
+            t=table[:, 1].copy(),
+            regressor=rest if rest.shape[1] else None,
+            regressor_model=self._regressor_model if rest.shape[1] else None,
+        )
+
+    def finish(self) -> None:
+        """Let go of what is not drawn."""
+        if self._pieces is None:
+            table = np.concatenate(self._waiting) if self._waiting else np.empty((0, 2 + 5 * self.model.dof))
+        else:
+            rest = self._waiting[0][None] if len(self._waiting[0]) else self._pieces[:0]
+            parts = [self._pieces.reshape(-1, self._pieces.shape[2])]
+            if rest.size:
+                parts.append(self._extremes(rest)[0])
+            table = np.concatenate(parts)
+            table = table[np.unique(table[:, 0], return_index=True)[1]]
+        self.samples = self._samples(table)
+        windows = [np.concatenate(parts) for _, parts in sorted(self._windows.items())]
+        if len(windows) > 1 and self._stride == 1:
+            windows = [np.concatenate(windows)]  # of which none is missing
+        self.windows = tuple(self._samples(window) for window in windows if len(window) > 1)
+        self._waiting, self._pieces, self._windows = [], None, {}
 
 
 class ThinnedSamples:

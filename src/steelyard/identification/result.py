@@ -17,7 +17,7 @@ from steelyard.dynamics import Model
 from steelyard.errors import InputError
 from steelyard.feasibility import FeasibleSet, Verdict
 from steelyard.files import shown
-from steelyard.recording import CutoffChoice, Layout
+from steelyard.recording import CutoffChoice, Layout, Samples
 from steelyard.regression import Estimate, Information
 
 from .mistakes import Hypothesis, sentence
@@ -33,7 +33,10 @@ IDENTIFICATION_FORMAT = "steelyard-identification-1"
 
 @dataclass(frozen=True, eq=False)
 class Trace:
-    """Measured and predicted torques of one log, thinned out for drawing.
+    """Measured and predicted torques of one log, for drawing.
+
+    All rows of a short log; of each piece of a long one those at which the torque, or the residual, of some joint is
+    least or greatest, so that peaks stay.
 
     Attributes
     ----------
@@ -41,12 +44,26 @@ class Trace:
         (S,) s.
     measured, unconstrained, feasible : ndarray
         (S, N) N·m or N: as recorded, and as predicted by either estimate.
+    samples : Samples or None
+        The rows themselves: motion, torque, and which of them were used.
+    log_rows, piece_rows : int
+        Rows of the log, and of each of its pieces; 1 where all rows are there.
+    residuals : tuple of ndarray
+        (L, N) each: what the answer leaves of the torques in stretches of neighbouring rows, spread over the log; NaN
+        where a row was not used.
+    interval : float
+        Time between rows, s; NaN where it is not known.
     """
 
     t: Array
     measured: Array
     unconstrained: Array
     feasible: Array
+    samples: Samples | None = None
+    log_rows: int = 0
+    piece_rows: int = 1
+    residuals: tuple[Array, ...] = ()
+    interval: float = float("nan")
 
 
 @dataclass(frozen=True, eq=False)
@@ -66,6 +83,8 @@ class Prediction:
     joint_unconstrained_error, joint_feasible_error : ndarray
         (N,) relative errors.
     trace : Trace
+    samples : Samples or None
+        Rows at equal distances, at most some thousands, of which averages are those of the log.
     """
 
     name: str
@@ -76,6 +95,7 @@ class Prediction:
     joint_unconstrained_error: Array
     joint_feasible_error: Array
     trace: Trace
+    samples: Samples | None = None
 
 
 @dataclass(frozen=True, eq=False)
