@@ -1,7 +1,6 @@
 """The report says what the data says, and nothing in it comes from elsewhere or goes elsewhere."""
 
 import base64
-import json
 import zlib
 from dataclasses import replace
 from pathlib import Path
@@ -14,7 +13,6 @@ from plotly.offline import get_plotlyjs
 from steelyard.errors import InputError
 from steelyard.identification import Identification
 from steelyard.report import report_html, write_report
-from steelyard.report.sections import torque_data
 
 from .conftest import JOINTS, LINKS, LOGS, Reference, rows
 
@@ -129,28 +127,6 @@ def test_friction(page: lxml.html.HtmlElement, identification: Identification) -
         assert float(row[1]) == pytest.approx(found[f"Fvj{number}"], abs=5.1e-6)
         assert float(row[3]) == pytest.approx(found[f"Fcj{number}"], abs=5.1e-6)
         assert (row[2], row[4]) == ("N·m·s/rad", "N·m")
-
-
-def test_curves_are_the_measured_torques(page: lxml.html.HtmlElement, reference: Reference) -> None:
-    first, second = json.loads(page.get_element_by_id("torque-data").text)
-    for log, curves in enumerate((first, second)):
-        assert len(curves["t"]) <= 1500
-        for joint in range(2):
-            drawn = np.array(curves["joints"][joint]["measured"])
-            recorded = reference.torques[log][:, joint]
-            assert drawn[[0, -1]] == pytest.approx(recorded[[0, -1]], rel=1e-4, abs=1e-4)
-            predicted = (reference.regressors[log] @ reference.parameters)[0, joint]
-            assert curves["joints"][joint]["unconstrained"][0] == pytest.approx(predicted, rel=1e-3)
-
-
-def test_curves_of_absolute_stamps_are_drawn_from_the_first(identification: Identification) -> None:
-    whole = identification.predictions[0]
-    late = replace(whole, trace=replace(whole.trace, t=whole.trace.t + 1_700_000_000.0))
-    (curves,) = json.loads(torque_data(replace(identification, predictions=(late,))))
-    (usual, _) = json.loads(torque_data(identification))
-    assert usual["t"][0] == 0.0
-    np.testing.assert_allclose(curves["t"], usual["t"], atol=1e-6)
-    assert len(set(curves["t"])) == len(usual["t"])
 
 
 def test_names_stay_text(page: lxml.html.HtmlElement, text: str) -> None:

@@ -42,8 +42,8 @@ _TRACE_POINTS = 1200  # points of the curves of a log: about as many as a figure
 _READING_LINES = 20  # lines of progress while logs are read
 _ALL_POINTS = 24_000  # of all the logs of a role together, so that thousands of them do not fill the memory
 _DRAWN_ROWS, _ALL_DRAWN_ROWS = 20_000, 120_000
-"""Rows of a log that are kept to be drawn, and of all the logs of a role together. All joints share them: 20 000 are 700
-pieces of the log of seven joints, each with four extremes of each joint, and 172 of 29 joints."""
+"""Rows of a log that are kept to be drawn, and of all the logs of a role together. All joints share them: 20 000 are
+700 pieces of the log of seven joints, each with four extremes of each joint, and 172 of 29 joints."""
 
 
 @in_one_thread
@@ -375,7 +375,8 @@ def _predict(
     trace = Trace(
         samples.t,
         samples.torque,
-        *(samples.torque - left(samples, one) for one in (unconstrained, estimate)),
+        samples.torque - left(samples, unconstrained),
+        samples.torque - left(samples, estimate),
         samples=samples,
         log_rows=drawn.seen,
         piece_rows=drawn.piece,

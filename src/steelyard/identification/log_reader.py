@@ -119,21 +119,24 @@ class LogReader:
         """
         model = self.model if model is None else model
         thinned = ThinnedSamples(points)
-        keep = [thinned] if drawn is None else [thinned, drawn]
+        keep: list[ThinnedSamples | DrawnRows] = [thinned] if drawn is None else [thinned, drawn]
         own = None if blocks is None else TimeBlocks(empty_factors(model), -(-MOST // logs))
-        information = Information.from_chunks(
-            model, self._watched(log, keep), batch_means=False, sums=sums, blocks=own
-        )
+        information = Information.from_chunks(model, self._watched(log, keep), batch_means=False, sums=sums, blocks=own)
         if blocks is not None and own is not None:
             blocks.append(own)
         for one in keep:
             one.finish()
         return information, thinned
 
-        keep = [thinned] if drawn is None else [thinned, drawn]
-        own = None if blocks is None else TimeBlocks(empty_factors(model), -(-MOST // logs))
-        information = Information.from_chunks(
-            model, self._watched(log, keep), batch_means=False, sums=sums, blocks=own
+    def thinned(self, log: GivenLog, points: int) -> ThinnedSamples:
+        """Return the samples of one log, thinned to so many or twice as many points, without reducing it."""
+        kept = ThinnedSamples(points)
+        for _ in self._watched(log, [kept]):
+            pass
+        kept.finish()
+        return kept
+
+    def _watched(self, log: GivenLog, keep: Sequence[ThinnedSamples | DrawnRows]) -> Iterator[Samples]:
         if isinstance(log, GivenSamples):
             self._require_joints(log)
             self.remarks.extend(f"{log}: {remark}" for remark in log.samples.remarks)
@@ -291,7 +294,7 @@ class DrawnRows:
                 self._windows.setdefault(k, []).append(table[rows].copy())
 
     def _cut(self) -> None:
-        """Cut what waits into pieces, of which there are at most `_most`; what is shorter than a piece goes on waiting."""
+        """Cut what waits into pieces, of which there are at most `_most`; what is too short for one goes on waiting."""
         waiting = sum(map(len, self._waiting))
         if self._pieces is None:
             self._refit(np.concatenate(self._waiting))
@@ -334,9 +337,7 @@ class DrawnRows:
         if samples.regressor is not None:
             return np.vstack([errors for _, errors in residuals(self.model, samples, self._base)])
         parameters = self.model.base_parameters().Pb @ self._base
-        return samples.torque - np.asarray(
-            self.model.inverse_dynamics(samples.q, samples.dq, samples.ddq, parameters)
-        )
+        return samples.torque - np.asarray(self.model.inverse_dynamics(samples.q, samples.dq, samples.ddq, parameters))
 
     def _refit(self, table: Array) -> None:
         samples = self._samples(table[np.unique(np.linspace(0, len(table) - 1, 4000).astype(int))])
@@ -347,7 +348,7 @@ class DrawnRows:
                 whole[:, own], whole[:, -1] = part[:, :-1], part[:, -1]
                 rows.append(whole)
         stacked = np.concatenate(rows)
-        self._base = np.linalg.lstsq(stacked[:, :-1], stacked[:, -1])[0]
+        self._base = np.asarray(np.linalg.lstsq(stacked[:, :-1], stacked[:, -1])[0], dtype=np.float64)
 
     def _samples(self, table: Array) -> Samples:
         n = self.model.dof

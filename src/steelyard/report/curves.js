@@ -67,7 +67,7 @@
     });
     traces.push(line(t, left, c.residual, 1, { name: "residual", yaxis: "y2" }));
     var band = joint.noise === null ? [] : [{ type: "rect", xref: "paper", x0: 0, x1: 1, yref: "y2", y0: -2 * joint.noise, y1: 2 * joint.noise,
-      fillcolor: c.band, line: { width: 0 }, layer: "below" }];
+      fillcolor: c.band, line: { width: 1, color: c.text }, layer: "above" }];
     plot.setAttribute("aria-label", joint.label);
     element(plot.id + "-error").textContent = joint.error;
     return Plotly.react(plot, traces, layout(280, {

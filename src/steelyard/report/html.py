@@ -14,6 +14,7 @@ from .head import head, remarks
 from .html_document import Markup, Section, html_document
 from .proof import PROOF_SCRIPTS, proof
 from .robot_section import robot
+from .torque_section import TORQUE_SCRIPTS, sources, torques
 
 __all__ = ["report_html", "write_report"]
 
@@ -22,12 +23,13 @@ _SECTIONS: tuple[tuple[str, str, Callable[[Identification], Markup]], ...] = (
     ("prediction", "Does it predict?", answer.prediction),
     ("remarks", "Remarks", remarks),
     ("rests-on", "What each number rests on", answer.parameters),
+    ("torques", "Measured and predicted torques", torques),
+    ("parts", "Where the torque comes from", sources),
     ("beforehand", "What is known beforehand", answer.prior),
     ("price", "The price of plausibility", answer.price),
     ("errors", "Errors of each log", sections.errors),
     ("impossible", "What was impossible", sections.violations),
     ("proof", "The proof, verified here", proof),
-    ("torques", "Measured and predicted torques", sections.torque_figures),
     ("base", "Base parameters", sections.base_parameters),
     ("joint-parameters", "Joint friction", sections.joints),
     ("columns", "Columns of the logs", sections.columns),
@@ -81,7 +83,7 @@ def report_html(identification: Identification) -> str:
         parts,
         plain_scripts=("page.js", "drawing.js", *PROOF_SCRIPTS),
         styles=("drawing.css", "charts.css"),
-        scripts=("figures.js", *(["charts.js"] if answer.has_price(identification) else [])),
+        scripts=(*TORQUE_SCRIPTS, *(["charts.js"] if answer.has_price(identification) else [])),
     )
 
 

@@ -13,7 +13,7 @@ from steelyard.identification import Identification, Prediction
 
 from .extent import shown_logs
 from .html_document import escape, percent
-from .sections import default_log
+from .torque_section import default_log
 
 __all__ = ["torque_picture", "torque_svg"]
 

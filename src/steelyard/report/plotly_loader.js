@@ -13,10 +13,15 @@
     document.querySelector("main").prepend(note);
     return;
   }
-  var bytes = Uint8Array.from(atob(text("plotly")), function (c) { return c.charCodeAt(0); });
-  var plain = new Blob([bytes]).stream().pipeThrough(new DecompressionStream("deflate"));
-  new Response(plain).text().then(function (code) {
-    run(code);
-    Array.from(document.querySelectorAll("script.uses-plotly")).forEach(function (script) { run(script.textContent); });
-  });
+  function start() {
+    var bytes = Uint8Array.from(atob(text("plotly")), function (c) { return c.charCodeAt(0); });
+    var plain = new Blob([bytes]).stream().pipeThrough(new DecompressionStream("deflate"));
+    new Response(plain).text().then(function (code) {
+      run(code);
+      Array.from(document.querySelectorAll("script.uses-plotly")).forEach(function (script) { run(script.textContent); });
+    });
+  }
+  // The text is read before the figures: they wait until it is painted.
+  function later() { (window.requestIdleCallback || setTimeout)(start, { timeout: 500 }); }
+  if (document.readyState === "complete") { later(); } else { window.addEventListener("load", later); }
 })();

@@ -56,7 +56,7 @@ def spectrum(windows: Sequence[Array], interval: float) -> tuple[Array, Array]:
     frequency, density = frequency[1:-1], density[1:-1]
     edges = np.geomspace(frequency[0], frequency[-1] * (1 + 1e-9), _BANDS + 1)
     band = np.clip(np.searchsorted(edges, frequency, side="right") - 1, 0, _BANDS - 1)
-    present, first = np.unique(band, return_index=True)
+    first = np.unique(band, return_index=True)[1]
     sizes = np.diff([*first, len(frequency)])
     means = np.add.reduceat(density, first, axis=0) / sizes[:, None]
     return np.add.reduceat(frequency, first) / sizes, np.sqrt(means)
@@ -80,7 +80,8 @@ def autocorrelation(windows: Sequence[Array], interval: float) -> tuple[Array, A
     """
     longest = max(len(window) for window in windows)
     furthest = min(longest // 2, max(round(2.0 / interval), 50))  # 2 s
-    lags = np.unique(np.linspace(0, furthest - 1, min(_LAGS, furthest)).round().astype(int))
+    even = np.linspace(0, furthest - 1, min(_LAGS, furthest)).round().astype(int)
+    lags = np.unique(np.concatenate([np.arange(min(_LAGS // 4, furthest)), even]))
     stacked = np.concatenate(windows)
     known = np.isfinite(stacked)
     count = np.maximum(known.sum(axis=0), 1)

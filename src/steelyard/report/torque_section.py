@@ -27,7 +27,13 @@ _MOST_ROWS, _FEWEST_ROWS = 2400, 600
 """Of a joint in one log: four for each of 600 pixels, or of 150, below which fewer logs are drawn."""
 _SOURCE_ROWS = 20_000  # of the curves of all the joints together in the figures of sources
 _CURVES = (("measured", "measured"), ("unconstrained", "least squares"), ("feasible", "answer"))
-_STEPS = (("in", "Zoom in"), ("out", "Zoom out"), ("earlier", "← Earlier"), ("later", "Later →"), ("whole", "Whole log"))
+_STEPS = (
+    ("in", "Zoom in"),
+    ("out", "Zoom out"),
+    ("earlier", "← Earlier"),
+    ("later", "Later →"),
+    ("whole", "Whole log"),
+)
 
 
 def default_log(identification: Identification) -> int:
@@ -99,7 +105,8 @@ def torques(identification: Identification) -> Markup:
         "would lie. What leaves it in a pattern, a better model would explain. Beside the names stand the relative "
         "errors, least squares → answer.</p>"
         f"<p>Drag in a figure to zoom into a span of time in all the joints, double-click to see the whole. {words}</p>"
-        f'<div class="controls"><label>Log <select id="log-choice" autocomplete="off">{"".join(groups)}</select></label>'
+        '<div class="controls"><label>Log <select id="log-choice" autocomplete="off">'
+        f"{''.join(groups)}</select></label>"
         f'<span class="legend" role="group" aria-label="Curves">{legend}</span>{_buttons()}</div>'
         '<p class="thinned" id="torque-rows" aria-live="polite"></p>'
         "<noscript><p>The figures are drawn by a script, and scripts are turned off here.</p></noscript>"
@@ -145,8 +152,8 @@ def _log(identification: Identification, index: int, log: str, packed: PackedCur
         floor = "" if noise[joint] is None else f"noise floor {noise[joint]:.3g} {unit}, "
         joints.append(
             {
-                "label": f"Torque of {name} over time on {log}: {span}{size}{floor}relative error {percent(before)} % with "
-                f"least squares, {percent(after)} % of the answer",
+                "label": f"Torque of {name} over time on {log}: {span}{size}{floor}relative error {percent(before)} % "
+                f"with least squares, {percent(after)} % of the answer",
                 "error": f"{percent(before)} % → {percent(after)} %",
                 "unit": unit,
                 "noise": noise[joint],
@@ -156,18 +163,20 @@ def _log(identification: Identification, index: int, log: str, packed: PackedCur
                 **_pattern(patterns, joint, packed),
             }
         )
-    return {"rows": _thinned(trace.log_rows or len(t), len(t), most, trace.piece_rows, used), "joints": joints}
+    seen = "Validation, not used in the fit. " if prediction.role == "validation" else "Data of the fit. "
+    told = _thinned(trace.log_rows or len(t), len(t), most, trace.piece_rows, used)
+    return {"rows": seen + told, "joints": joints}
 
 
-def _thinned(rows: int, kept: int, most: int, piece: int, used: Array | None) -> str:
+def _thinned(rows: int, kept: int, most: int, piece: int, used: NDArray[np.bool_] | None) -> str:
     """Say which rows are drawn."""
     if kept <= most and piece == 1:
         text = f"All {rows} rows are drawn."
     else:
         pieces = max((min(most, kept) - 2) // 4, 1)
         text = (
-            f"The log has {rows} rows. Of each of about {pieces} pieces of it those are drawn at which the measured torque "
-            "and the residual are least and greatest, so that no peak is lost; between them the curve is straight."
+            f"The log has {rows} rows. Of each of about {pieces} pieces of it those are drawn at which the measured "
+            "torque and the residual are least and greatest, so that no peak is lost; between them lines are straight."
         )
         if piece > 1:
             text += " While a log of this length is read, a preliminary fit tells where the residual is greatest."
@@ -232,33 +241,48 @@ def sources(identification: Identification) -> Markup:
                 "parts": [packed.add(one[rows, joint]) for one in drawn.values()],
             }
         )
-    rows = [
-        (name, *(f"{sizes[one][joint]:.3g} ({_share(parts[one][joint])})" for one in drawn), units[joint])
+    largest = np.max(list(sizes.values()), axis=0)
+    lines = [
+        (name, *(_part(sizes[one][joint], parts[one][joint], largest[joint]) for one in drawn), units[joint])
         for joint, name in enumerate(joints)
     ]
     heads = ("Joint", *(name[0].upper() + name[1:] for name in drawn), "Unit")
     legend = "".join(
         f'<label class="curve"><input type="checkbox" checked autocomplete="off" data-source="{place}">'
-        f'<svg viewBox="0 0 32 6" width="32" height="6" aria-hidden="true"><path class="source-{place}" d="M1 3H31"/></svg>'
+        '<svg viewBox="0 0 32 6" width="32" height="6" aria-hidden="true">'
+        f'<path class="source-{place}" d="M1 3H31"/></svg>'
         f"{escape(name)}</label>"
         for place, name in enumerate(("all together", *drawn))
     )
     figures = "".join(
-        f'<figure><figcaption>{escape(name)}</figcaption><div class="plot" id="source-{joint}" role="img"></div></figure>'
+        f"<figure><figcaption>{escape(name)}</figcaption>"
+        f'<div class="plot" id="source-{joint}" role="img"></div></figure>'
         for joint, name in enumerate(joints)
     )
     return Markup(
         "<p>What the answer says of the torque of each joint, in parts that add up to the prediction: gravity, what "
-        "the acceleration of the links takes (inertia), what their speed takes (Coriolis and centrifugal), and the terms "
-        f"at the joints. On {escape(names[index])}. The table gives the root mean square of each part, and in brackets its "
-        "share in the mean square of the whole: shares of a joint add up to 100 %, and a negative one is of a part that "
-        "mostly acts against the others. A part that is small here is hardly shown by this motion.</p>"
-        + table(f"Where the torque comes from, {names[index]}", heads, rows, identifier="sources", texts=[len(heads) - 1])
+        "the acceleration of the links takes (inertia), what their speed takes (Coriolis and centrifugal), and the "
+        f"terms at the joints. On {escape(names[index])}. The table gives the root mean square of each part, and in "
+        "brackets its share in the mean square of the whole: shares of a joint add up to 100 %, and a negative one is "
+        "of a part that mostly acts against the others. A part that is small here is hardly shown by this motion.</p>"
+        + table(
+            f"Where the torque comes from, {names[index]}",
+            heads,
+            lines,
+            identifier="torque-parts",
+            texts=[len(heads) - 1],
+        )
         + f'<div class="controls"><span class="legend" role="group" aria-label="Parts">{legend}</span></div>'
         f'<div class="plots">{figures}</div>'
-        f'<script type="application/json" id="source-data">{script_data({"names": list(drawn), "joints": data})}</script>'
+        '<script type="application/json" id="source-data">'
+        f"{script_data({'names': list(drawn), 'joints': data})}</script>"
         f"{packed.markup('source-curves')}"
     )
+
+
+def _part(size: float, share: float, largest: float) -> str:
+    """The size of a part with its share; rounding errors of what is nothing are not shown."""
+    return "0" if size <= 1e-9 * largest else f"{size:.3g} ({_share(share)})"
 
 
 def _share(value: float) -> str:

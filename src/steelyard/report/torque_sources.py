@@ -74,7 +74,7 @@ def _source(description: str) -> str:
     """The name of a group of terms by what their parameters are: all kinds of friction are one."""
     if "friction" in description:
         return "friction"
-    if "rotor" in description:
+    if "rotor" in description or "inertia" in description:
         return "rotor"
     return "offset" if "offset" in description else description
 
