@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 import steelyard as sy
+from steelyard.identification.log_checks import heavy_ends
 
 COUNT, RATE = 6000, 500.0
 
@@ -111,3 +112,27 @@ def test_filled_values_are_said_chunk_by_chunk(arm, tmp_path):
     filling.write_text(path.read_text() + '[log]\nmissing = "fill"\n')
     found = sy.identify(filling, [tmp_path / "log.npz"], chunk_rows=2000).remarks
     assert any("3 positions are missing" in remark for remark in found)
+
+
+def test_a_tool_that_the_description_leaves_out_is_asked_for():
+    """The log is that of an arm with a tool of 3 kg."""
+    body = sy.Inertia.from_com(2.0, [0.2, 0.0, 0.0], np.diag([0.01, 0.02, 0.02]))
+    tool = sy.Inertia.from_com(3.0, [0.5, 0.0, 0.0], np.diag([0.01, 0.01, 0.01]))
+    rows = [("pi/2", 0, 0.3, "q"), (0, 0.4, 0, "q")]
+    robot = sy.Robot.from_dh(rows, inertias={"link1": body, "link2": body}, gravity=(0, 0, -9.81))
+    model = sy.Model(robot)
+    t = np.arange(1200)[:, None] / 100.0
+    w = np.array([2.0, 3.1])
+    q, dq, ddq = np.sin(w * t), w * np.cos(w * t), -(w**2) * np.sin(w * t)
+    random = np.random.default_rng(1)
+
+    def said(*bodies):
+        truth = np.concatenate([one.parameters for one in bodies])
+        torque = model.inverse_dynamics(q, dq, ddq, truth) + 0.05 * random.normal(size=q.shape)
+        result = sy.identify(robot, sy.Samples(q=q, dq=dq, ddq=ddq, torque=torque, t=t[:, 0]))
+        return heavy_ends(model, result.parameters)
+
+    [remark] = said(body, body + tool)
+    assert remark.startswith("link2 comes out at")
+    assert "where the description has 2 kg" in remark
+    assert not said(body, body)

@@ -26,7 +26,7 @@ from steelyard.regression.time_blocks import TimeBlocks
 
 from .default_terms import RotorDecision, decide_rotors, wider_model
 from .given import Data, GivenRobot, digests, given_constraints, given_logs, given_robot, given_settings
-from .log_checks import implausible_mass, mistakes_in_logs
+from .log_checks import heavy_ends, implausible_mass, mistakes_in_logs
 from .log_reader import DrawnRows, LogReader, Progress, ThinnedSamples
 from .mistakes import POOR, sentence
 from .parameter_table import parameter_table
@@ -256,6 +256,8 @@ def identify(
         if plausible is not None and prediction.word == "wrong":
             free = fit(information, feasible_set, weights=weights)
         remarks.update(dict.fromkeys(implausible_mass(model, free, parts[0][3].samples)))
+        if table is not None:
+            remarks.update(dict.fromkeys(heavy_ends(model, table)))
     remarks.update(dict.fromkeys(model.robot.remarks))
     if model.robot.source is not None:
         from .missed_terms import missed_terms  # there is no description otherwise

@@ -7,6 +7,7 @@ from dataclasses import replace
 
 import numpy as np
 
+from steelyard.display import few_digits
 from steelyard.dynamics import Model
 from steelyard.feasibility.constraints import Constraint
 from steelyard.recording import LogColumns, Samples
@@ -21,9 +22,10 @@ from .kinematic_bodies import reach_of
 from .log_reader import LogReader
 from .marginal_likelihood import body_priors
 from .mistakes import MOTION_UNITS, TOO_MANY_JOINTS, Hypothesis, find_mistakes
+from .parameter_table import ParameterTable
 from .physical_prior import PhysicalPrior
 
-__all__ = ["implausible_mass", "mistakes_in_logs"]
+__all__ = ["heavy_ends", "implausible_mass", "mistakes_in_logs"]
 
 _SEARCHED = 3
 """Logs for which all hypotheses are tried; for the others only those that were found in these. A search takes a second
@@ -120,6 +122,40 @@ _GRAVITY_SEEN = 0.05
 axis, a balanced arm) torques hardly show masses, and the lightest answer is light."""
 _SHORTEST = 0.05
 """m of reach below which the description does not show the robot's size."""
+
+
+_HEAVY_END, _NOTICEABLE = 2.0, 0.05
+"""Ratio of the mass of a link that carries no other to the description's, and how much more that is of the mass of all
+links, from which it is told: of none of 72 simulated answers of twelve arms, with CAD wrong by 30 % a link."""
+
+
+def heavy_ends(model: Model, table: ParameterTable) -> tuple[str, ...]:
+    """Say which links at the end of a chain come out far heavier than described, as those do that carry a tool.
+
+    Parameters
+    ----------
+    model : Model
+    table : ParameterTable
+        Of the answer.
+
+    Returns
+    -------
+    tuple of str
+        A sentence for each.
+    """
+    described = np.asarray(model.robot.parameters)[[int(link[9]) for link in model.link_columns]]
+    carrying = {joint.parent for joint in model.robot.joints}
+    found = []
+    for k, link in enumerate(table.links):
+        row, more = link.mass, link.mass.value - described[k]
+        if k in carrying or not row.value > _HEAVY_END * described[k] > 0.0 or more < _NOTICEABLE * described.sum():
+            continue
+        surely = "" if np.isnan(row.lower) else f" ({few_digits(row.lower)} to {few_digits(row.upper)} kg, {row.basis})"
+        found.append(
+            f"{link.name} comes out at {few_digits(row.value)} kg{surely} where the description has "
+            f"{few_digits(described[k])} kg: if it carried a gripper or a tool, put that into the description."
+        )
+    return tuple(found)
 
 
 def implausible_mass(model: Model, estimate: Estimate, samples: Samples) -> tuple[str, ...]:
