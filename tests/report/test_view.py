@@ -140,27 +140,25 @@ def test_results_are_shown_with_what_is_known(identification: Identification, tm
         weakest = max((rows[f"c{axis}{number}"].basis for axis in "xyz"), key=order.index)
         assert known.basis("centre of mass") == weakest
         assert order.index(known.basis("all of these")) >= order.index(weakest)
-    text = (tmp_path / "parameters.csv").read_text()
-    (tmp_path / "parameters.csv").write_text(text.replace("m1,", "m1x,", 1))
-    with pytest.raises((sy.InputError, KeyError)):
-        load_viewed_robot(tmp_path)
-    (tmp_path / "parameters.csv").unlink()
-    assert "There is no parameters.csv beside" in load_viewed_robot(tmp_path).remarks[0]
+    document = json.loads((tmp_path / "estimate.json").read_text())
+    mass = next(row for row in document["parameter_table"] if row["name"] == "m1")
+    for key, value, words in (("basis", "guessed", "row"), ("value", 1e3, "other masses"), ("", None, "identify anew")):
+        changed = {**document, "parameter_table": [{**mass, key: value}] if key else []}
+        (tmp_path / "estimate.json").write_text(json.dumps(changed))
+        if words == "row":
+            with pytest.raises(sy.InputError, match="parameter_table: row 1 is none of a table"):
+                load_viewed_robot(tmp_path)
+        else:
+            assert words in load_viewed_robot(tmp_path).remarks[0]
     with pytest.raises(sy.InputError, match="beside a folder of results alone"):
         load_viewed_robot(seen.file.path, seen.file.path)
 
 
-def test_a_table_of_parameters_is_read_again(identification: Identification, tmp_path: Path) -> None:
+def test_a_table_of_parameters_is_made_again_of_plain_rows(identification: Identification) -> None:
     assert identification.parameters is not None
-    (tmp_path / "parameters.csv").write_text(identification.parameters.to_csv())
-    assert ParameterTable.load(tmp_path / "parameters.csv").to_csv() == identification.parameters.to_csv()
-    (tmp_path / "other.csv").write_text("a,b\n1,2\n")
-    with pytest.raises(sy.InputError, match="is no table of parameters"):
-        ParameterTable.load(tmp_path / "other.csv")
-    head = identification.parameters.to_csv().splitlines()[0]
-    (tmp_path / "other.csv").write_text(f"{head}\nm1,mass,kg,one,,,,measured\n")
-    with pytest.raises(sy.InputError, match="line 2: is no row"):
-        ParameterTable.load(tmp_path / "other.csv")
+    again = ParameterTable.from_list(json.loads(json.dumps(identification.parameters.to_list())), "here")
+    assert again.to_csv() == identification.parameters.to_csv()
+    assert again.confidence == identification.parameters.confidence
 
 
 def test_a_trajectory_is_played_with_the_torques_that_it_takes(viewed: ViewedRobot, place: Path) -> None:

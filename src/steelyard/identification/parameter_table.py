@@ -5,9 +5,8 @@ from __future__ import annotations
 import csv
 import importlib
 import io
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from pathlib import Path
 from typing import Any, Literal
 
 import numpy as np
@@ -19,7 +18,7 @@ from steelyard.estimators.cross_validation import MANY_PARAMETERS
 from steelyard.feasibility import FeasibleSet
 from steelyard.feasibility.bounds.profile_intervals import profile_intervals
 from steelyard.feasibility.bounds.quantities import Quantity, quantities, standard_errors
-from steelyard.files import plain, read_bytes, suggestion
+from steelyard.files import plain, suggestion
 from steelyard.regression import Estimate, Information, ParameterCovariance
 from steelyard.robot import Inertia
 from steelyard.robot.inertia import moment_row
@@ -210,34 +209,38 @@ class ParameterTable:
         return out.getvalue()
 
     @classmethod
-    def load(cls, path: str | Path, confidence: float = 0.95) -> ParameterTable:
-        """Read a table that `to_csv` wrote, as ``parameters.csv`` of a folder of results holds it.
+    def from_list(cls, rows: Sequence[Mapping[str, Any]], where: str, confidence: float = 0.95) -> ParameterTable:
+        """Return the table that `to_list` made plain, as ``estimate.json`` holds it.
 
         Parameters
         ----------
-        path : str or Path
+        rows : sequence of mapping
+        where : str
+            For messages.
         confidence : float
-            Of its intervals, which the file does not name.
+            Of its intervals, which the rows do not name.
 
         Raises
         ------
         InputError
-            If the file is missing or is no such table.
+            If a row is none of such a table.
         """
-        lines = read_bytes(Path(path)).decode("utf-8", "replace").splitlines()
-        reader = csv.reader(lines)
-        if tuple(next(reader, ())) != COLUMNS:
-            raise InputError(f"{path}: is no table of parameters, whose first line is {','.join(COLUMNS)}.")
-        rows = []
-        for number, cells in enumerate(reader, start=2):
+        found = []
+        for number, row in enumerate(rows, start=1):
             try:
-                name, meaning, unit, *numbers, basis = cells
-                value, lower, upper, cad = (float(cell) if cell else np.nan for cell in numbers)
-                rows.append(ParameterRow(name, meaning, unit, value, lower, upper, cad, BASES[BASES.index(basis)]))
-            except ValueError:
-                raise InputError(f"{path}, line {number}: is no row of a table of parameters; identify anew.") from None
-        told = any(not np.isnan(row.lower) for row in rows)
-        return cls(tuple(rows), confidence if told else None)
+                texts = [str(row[key]) for key in ("name", "meaning", "unit")]
+                value, cad = (np.nan if row[key] is None else float(row[key]) for key in ("value", "cad"))
+                known = row["basis"] != "unknown"
+                ends = [
+                    float(end) if end is not None else side if known else np.nan
+                    for end, side in ((row["lower"], -np.inf), (row["upper"], np.inf))
+                ]
+                basis = BASES[BASES.index(row["basis"])]
+            except (KeyError, TypeError, ValueError):
+                raise InputError(f"{where}: row {number} is none of a table of parameters; identify anew.") from None
+            found.append(ParameterRow(texts[0], texts[1], texts[2], value, ends[0], ends[1], cad, basis))
+        told = any(row.basis != "unknown" for row in found)
+        return cls(tuple(found), confidence if told else None)
 
     def to_frame(self, library: Literal["polars", "pandas"] = "polars") -> Any:
         """The table as a data frame, a row for each number, with NaN where there is none.

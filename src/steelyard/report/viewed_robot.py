@@ -16,13 +16,13 @@ from steelyard.collision.robot_geometry import visual_shapes
 from steelyard.collision.shapes import PlacedShape
 from steelyard.dynamics import Model
 from steelyard.errors import InputError, MissingExtraError
-from steelyard.identification.parameter_table import Basis, LinkRows, ParameterTable, weakest
+from steelyard.identification.default_terms import model_of_estimate
+from steelyard.identification.parameter_table import Basis, LinkRows, ParameterTable
 from steelyard.identification.saved import matching_estimate
 from steelyard.identification.saved_result import SavedResult
 from steelyard.robot import RobotFile
 
 from .link_bodies import LinkBody, link_body
-from .results import TABLE
 
 __all__ = ["KNOWN_OF", "TOO_LARGE", "KnownOf", "LinkKnowledge", "ViewedRobot", "load_viewed_robot"]
 
@@ -177,7 +177,7 @@ def load_viewed_robot(
             )
     assert source is not None
     file = RobotFile.load(source, allow_extensions=allow_extensions)
-    model = Model.from_file(file)
+    model = model_of_estimate(None if result is None else result.estimate, file)
     remarks: list[str] = []
     identified: Array | None = None
     known: tuple[LinkKnowledge, ...] = ()
@@ -194,17 +194,17 @@ def load_viewed_robot(
 
 
 def _knowledge(result: SavedResult, model: Model, identified: Array, remarks: list[str]) -> tuple[LinkKnowledge, ...]:
-    """Return what the numbers of each link rest on, as the table beside the estimate says."""
-    place = result.path.parent / TABLE
-    if not place.is_file():
-        remarks.append(f"There is no {TABLE} beside {result.path}, so that it is not known what its numbers rest on.")
+    """Return what the numbers of each link rest on, as the estimate tells it."""
+    told = result.estimate.parameter_table
+    if not told:
+        remarks.append(f"{result.path} does not tell what its numbers rest on; identify anew for the colours.")
         return ()
-    table = ParameterTable.load(place)
+    table = ParameterTable.from_list(told, f"{result.path}, parameter_table")
     links = table.links
     masses = identified[[start + 9 for start in model.robot.link_starts]]
     same = len(links) == len(masses) and np.array_equal([link.mass.value for link in links], masses)
     if not same:
-        remarks.append(f"{place} is not the table of {result.path}: its masses differ; identify anew.")
+        remarks.append(f"{result.path}: its table has other masses than its parameters; identify anew.")
         return ()
     if table.confidence is None:
         remarks.append(table.counts)
