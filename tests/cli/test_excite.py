@@ -14,7 +14,7 @@ def test_a_robot_file_is_enough(run, place):
     code, out, err = run("excite", place / "robot.toml", "-o", place / "out", *QUICK)
     assert code == 0, err
     assert sorted(p.name for p in (place / "out").iterdir()) == [
-        "excite.json", "trajectory.csv", "trajectory.json", "trajectory.parquet", "trajectory.yaml",
+        "excite.html", "excite.json", "trajectory.csv", "trajectory.json", "trajectory.parquet", "trajectory.yaml",
     ]  # fmt: skip
     assert "every limit above is kept at 1 kHz" in out
     assert "torque" in out

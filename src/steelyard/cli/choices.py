@@ -21,6 +21,7 @@ __all__ = [
     "Topic",
     "Verbose",
     "WeightsOption",
+    "numbers",
 ]
 
 LOG = "Such as a CSV or a bag; - is the standard input; side by side: a.csv+b.csv."
@@ -63,3 +64,24 @@ ConsistencyOption = Annotated[
 ]
 
 WeightsOption = Annotated[Literal["joint", "none"], typer.Option(help="How the joints are weighted.")]
+
+
+def numbers(text: str, option: str, example: str) -> list[float]:
+    """Read numbers with commas between.
+
+    Raises
+    ------
+    InputError
+        If they are none; the message names the option, and an example.
+
+    Examples
+    --------
+    >>> numbers("0,0.5,-1", "--initial", "0,0,0")
+    [0.0, 0.5, -1.0]
+    """
+    from steelyard.errors import InputError
+
+    try:
+        return [float(part) for part in text.split(",")]
+    except ValueError:
+        raise InputError(f"{option} must be numbers with commas between, such as {example}, got {text!r}.") from None

@@ -7,7 +7,7 @@ from typing import Annotated, Literal
 
 import typer
 
-from .choices import AllowExtensions, Quiet, RobotArgument
+from .choices import AllowExtensions, Quiet, RobotArgument, numbers
 from .terminal import echo, progress, show_excitation
 
 __all__ = ["excite"]
@@ -39,6 +39,13 @@ def excite(
         Path | None, typer.Option(help="Trajectory or saved Information of what is known already.")
     ] = None,
     estimate: Annotated[Path | None, typer.Option(help="estimate.json, whose parameters predict the torques.")] = None,
+    noise: Annotated[
+        str | None,
+        typer.Option(
+            help="Standard deviation of the torques from the model, N·m or N: a number, or one for each joint with "
+            "commas between; for the intervals that the page predicts."
+        ),
+    ] = None,
     starts: Annotated[int, typer.Option(help="Random starts.", min=1)] = 8,
     seed: Annotated[int, typer.Option(help="Of the random starts.", min=0)] = 0,
     time_limit: Annotated[
@@ -57,12 +64,15 @@ def excite(
     from steelyard.excitation import ExcitationObjective, SearchOptions
     from steelyard.identification import excite as run
     from steelyard.report import require_folder
+    from steelyard.report.excitation_page import save_excitation
     from steelyard.robot import RobotFile
 
+    deviations = None if noise is None else numbers(noise, "--noise", "0.5 or 2,2,1,0.3")
     require_folder(output)
     with progress(quiet=quiet) as say:
+        file = RobotFile.load(robot, allow_extensions=allow_extensions)
         design = run(
-            RobotFile.load(robot, allow_extensions=allow_extensions),
+            file,
             limits,
             prior_information=prior_information,
             estimate=estimate,
@@ -78,11 +88,12 @@ def excite(
             search=SearchOptions(starts=starts, seed=seed, time_limit=time_limit),
             progress=say,
         )
-        written = design.save_all(output)
+        written = save_excitation(design, file, output, estimate=estimate, noise=deviations, progress=say)
     if quiet:
         echo(repr(design))
     else:
         show_excitation(design)
-        echo(f"Look at {', '.join(path.name for path in written)} in {output}")
+        echo(f"The motion is {', '.join(path.name for path in written[:-1])} in {output}")
+        echo(f"Look at {written[-1]}")
     if not design.identifies:
         raise typer.Exit(3)

@@ -7,7 +7,7 @@ from typing import Annotated, Literal
 
 import typer
 
-from .choices import AllowExtensions, Quiet, RobotArgument
+from .choices import AllowExtensions, Quiet, RobotArgument, numbers
 from .terminal import echo, progress
 
 __all__ = ["simulate"]
@@ -62,20 +62,12 @@ def simulate(
       steelyard simulate robot.toml --duration 2
       steelyard simulate robot.toml estimate.json --initial 0,0.5,0,0,0,0 --output fall
     """
-    from steelyard.errors import InputError
     from steelyard.identification.simulated import simulate_files
     from steelyard.report.results import require_folder
     from steelyard.report.simulation import save_simulation
     from steelyard.robot import RobotFile
 
-    positions = None
-    if initial is not None:
-        try:
-            positions = [float(text) for text in initial.split(",")]
-        except ValueError:
-            raise InputError(
-                f"--initial must be numbers with commas between, such as 0,0.5,-1, got {initial!r}."
-            ) from None
+    positions = None if initial is None else numbers(initial, "--initial", "0,0.5,-1")
     require_folder(output)
     with progress(quiet=quiet) as say:
         say(f"simulating {robot}")

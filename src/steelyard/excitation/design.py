@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal
 
@@ -14,7 +14,7 @@ from steelyard.display import html_table
 from steelyard.dynamics import Model
 from steelyard.dynamics.threads import in_one_thread
 from steelyard.errors import InputError, SolverError
-from steelyard.files import replaced_folder, write_json
+from steelyard.files import replaced_folder, write_json, write_text
 from steelyard.recording import Samples
 from steelyard.regression import Information
 
@@ -262,6 +262,7 @@ def design_excitation(
         starts=options.starts,
         finished_starts=result.finished,
         remarks=tuple(remarks),
+        geometry=(*constraints,),
     )
 
 
@@ -503,6 +504,8 @@ class ExcitationDesign:
         Seed of the search, number of starts, and number of starts that were finished.
     remarks : tuple of str
         Remarks for the user, in sentences.
+    geometry : tuple of MotionConstraint
+        The constraints beyond the limits of joints that the motion keeps, such as distances of links.
     """
 
     robot_name: str
@@ -531,6 +534,7 @@ class ExcitationDesign:
     starts: int
     finished_starts: int
     remarks: tuple[str, ...] = ()
+    geometry: tuple[MotionConstraint, ...] = field(default=(), repr=False)
 
     @property
     def identifies(self) -> bool:
@@ -559,13 +563,15 @@ class ExcitationDesign:
         """Write the whole motion, as :func:`steelyard.excitation.save_trajectory` does, with the joints' names."""
         save_trajectory(self.trajectory, path, rate=rate, joint_names=self.joint_names)
 
-    def save_all(self, folder: str | Path) -> tuple[Path, ...]:
+    def save_all(self, folder: str | Path, pages: Mapping[str, str] | None = None) -> tuple[Path, ...]:
         """Write ``trajectory.csv``, ``.parquet``, ``.yaml`` and ``.json`` and ``excite.json`` into a folder.
 
         Parameters
         ----------
         folder : str or Path
             The folder is made where it is missing; files of the same names are replaced.
+        pages : mapping from str to str, optional
+            Names and content of further files that appear together with these.
 
         Returns
         -------
@@ -575,8 +581,10 @@ class ExcitationDesign:
         with replaced_folder(folder, record=names[-1]) as made:
             for name in names[:-1]:
                 self.save(made / name)
+            for name, text in (pages or {}).items():
+                write_text(text, made / name)
             write_json(self.to_dict(), made / names[-1], indent=2)
-        return tuple(Path(folder) / name for name in names)
+        return tuple(Path(folder) / name for name in (*names, *(pages or {})))
 
     def to_dict(self) -> dict[str, Any]:
         """Return the options, results and margins of the design as plain data."""

@@ -13,6 +13,7 @@ from steelyard.errors import InputError, SolverError
 from steelyard.estimators.cross_validation import term_deviations
 from steelyard.excitation import Trajectory
 from steelyard.feasibility import FeasibleSet, check
+from steelyard.feasibility.bounds.quantities import quantities
 from steelyard.feasibility.constraints import Constraint
 from steelyard.recording import Samples
 from steelyard.regression import Estimate, Information, least_squares
@@ -25,7 +26,7 @@ Array = NDArray[np.float64]
 
 DEFAULT_NOISE = 0.05
 """Deviation of the torques from the model, relative to their root mean square in each joint, where nothing better is
-known. Real arms are predicted to three to ten per cent; what sensors alone would give is far less, and intervals from it
+known. Real arms are predicted to three to ten per cent; sensors alone would give far less, and intervals from that
 would promise what no identification keeps."""
 TIME_CONSTANT = 0.02
 """s, for which a deviation lasts: as cables, gears and friction make it. White noise at 1 kHz would give intervals six
@@ -33,8 +34,8 @@ times as narrow as this."""
 THICKNESS = 0.003
 """m, by which flat bodies are spread: a body without thickness lies on the bound of what is possible."""
 UNKNOWN_TERM = 1.0 / 3.0
-"""Of `term_deviations`, which makes three tenths of the torque of a joint: friction of which nothing is known is taken to
-make a tenth."""
+"""Of `term_deviations`, which makes three tenths of the torque of a joint: friction of which nothing is known is taken
+to make a tenth."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -128,9 +129,12 @@ def predicted_intervals(
     torque = None
     if values is not None:
         # A friction of exactly zero is that of a description which says nothing of it, too.
-        of_terms = np.ones(len(values), dtype=np.bool_)
-        of_terms[feasible_set.link_columns.ravel()] = False
-        open_terms = of_terms & (np.nan_to_num(values) == 0.0)
+        links = set(feasible_set.link_columns.ravel().tolist())
+        positive = [one for one in quantities(feasible_set) if one.never_negative and np.count_nonzero(one.row) == 1]
+        open_terms = np.zeros(len(values), dtype=np.bool_)
+        open_terms[[place for one in positive if (place := int(np.flatnonzero(one.row)[0])) not in links]] = True
+        open_terms &= np.nan_to_num(values) == 0.0
+        values = np.where(open_terms, np.nan, np.nan_to_num(values))
         if open_terms.any():
             known = model.inverse_dynamics(q, dq, ddq, np.nan_to_num(values))
             moved = Information.from_samples(model, Samples(q=q, dq=dq, ddq=ddq, torque=known), batch_means=False)
@@ -141,8 +145,8 @@ def predicted_intervals(
     deviation, words = _noise(model, torque, noise, estimate)
     sentences.append(words)
     sentences.append(
-        f"Deviations last for {1000.0 * TIME_CONSTANT:g} ms, as cables and gears make them; an interval that rests on a "
-        "wrong model is wrong whatever the noise."
+        f"Deviations last for {1000.0 * TIME_CONSTANT:g} ms, as cables and gears make them; an interval that rests on "
+        "a wrong model is wrong whatever the noise."
     )
     disturbance = _correlated(deviation, len(q), rate)
     weights = "joint" if robot.dof > 1 else None
@@ -166,8 +170,8 @@ def predicted_intervals(
             sentences.append(reason)
     else:
         sentences.append(
-            f"{whose} Only base parameters are predicted, those combinations that motions can show; give an estimate of "
-            "this robot, or a description with inertias, to see the links."
+            f"{whose} Only base parameters are predicted, those combinations that motions can show; give an estimate "
+            "of this robot, or a description with inertias, to see the links."
         )
     return PredictedIntervals(
         table, plain.base_expressions, None if values is None else plain.base, half, deviation, tuple(sentences)
@@ -187,14 +191,12 @@ def _assumed(model: Model, parameters: ArrayLike | None, estimate: Estimate | No
     return values, "those of the description"
 
 
-def _noise(
-    model: Model, torque: Array | None, noise: ArrayLike | None, estimate: Estimate | None
-) -> tuple[Array, str]:
+def _noise(model: Model, torque: Array | None, noise: ArrayLike | None, estimate: Estimate | None) -> tuple[Array, str]:
     """Return the deviation (N,) of the torques, and where it comes from."""
     count = model.dof
     if noise is not None:
         values = np.asarray(noise, dtype=np.float64)
-        values = np.full(count, float(values)) if values.size == 1 else values
+        values = np.full(count, values.flat[0]) if values.size == 1 else values
         if values.shape != (count,) or not np.isfinite(values).all() or (values <= 0.0).any():
             raise InputError(
                 f"noise must be a positive number of N·m (or N), or {count} of them, one for each joint, got {noise!r}."
@@ -213,8 +215,8 @@ def _noise(
         return size * errors, f"Noise: the errors of the estimate before, {told} of the torque of each joint."
     return (
         DEFAULT_NOISE * size,
-        f"Noise: {DEFAULT_NOISE:.0%} of the torque of each joint, which is what models of real arms leave; give --noise "
-        "or --estimate where better is known.",
+        f"Noise: {DEFAULT_NOISE:.0%} of the torque of each joint, which is what models of real arms leave; give "
+        "--noise or --estimate where better is known.",
     )
 
 
@@ -243,7 +245,7 @@ def _table(
         try:
             return parameter_table(info, feasible_set, assumed, plain, term_scales=scales), words
         except InputError:  # the search of an interval starts inside the set, and flat bodies lie on its bound
-            words = f"Links are taken to be {1000.0 * THICKNESS:g} mm thicker than they are, since some have no thickness."
+            words = f"Links are taken to be {1000.0 * THICKNESS:g} mm thicker, since some have no thickness."
             thick = _thickened(assumed.parameters, feasible_set)
             base = feasible_set.model.base_parameters().values(thick)
             shifted = replace(plain, base=base)

@@ -8,12 +8,13 @@ from dataclasses import dataclass
 import numpy as np
 
 from steelyard.identification import Identification
-from steelyard.identification.parameter_table import BASES, HEADS, ParameterRow
+from steelyard.identification.parameter_table import BASES, HEADS, ParameterRow, ParameterTable
+from steelyard.robot import Robot
 
 from .charts import Chart, Curve, charts_markup
 from .html_document import Markup, escape, percent, table
 
-__all__ = ["has_price", "parameters", "prediction", "price", "prior"]
+__all__ = ["has_price", "number_tables", "parameters", "prediction", "price", "prior"]
 
 _DRAWN = Markup('<span class="hidden">Drawn</span>')  # what the bars are to screen readers
 _KNOWN_FROM = {"description": "the description", "shape": "its shape", "kinematics": "the kinematics"}
@@ -99,6 +100,13 @@ def parameters(identification: Identification) -> Markup:
         parts.append(
             f'<div class="controls basis-filter" role="group" aria-label="Numbers that are shown" hidden>{boxes}</div>'
         )
+    parts.append(number_tables(told, identification.model.robot))
+    return Markup("".join(parts))
+
+
+def number_tables(told: ParameterTable, robot: Robot) -> Markup:
+    """Return the tables of links and joints, and that of all numbers, folded away."""
+    has_intervals = told.confidence is not None
     links = told.links
     masses = [link.mass for link in links]
     scale = _scale(masses, at_zero=True)
@@ -119,7 +127,7 @@ def parameters(identification: Identification) -> Markup:
     ]
     caption = "Principal moments of inertia about the centres of mass, kg·m²"
     groups.append(_group(caption, "Link", lines, "moments", has_intervals))
-    groups += _terms(identification, has_intervals)
+    groups += _terms(told, robot, has_intervals)
     everything = table(
         f"All {len(told)} numbers, as in parameters.csv",
         [head.capitalize() if head != "CAD" else head for head in HEADS],
@@ -136,20 +144,17 @@ def parameters(identification: Identification) -> Markup:
         identifier="all-parameters",
         texts=[5, 6, 7],
     )
-    parts.append(f'<div class="columns wide">{"".join(groups)}</div>')
-    parts.append(f"<details><summary>All {len(told)} numbers</summary>{everything}</details>")
-    return Markup("".join(parts))
+    whole = f"<details><summary>All {len(told)} numbers</summary>{everything}</details>"
+    return Markup(f'<div class="columns wide">{"".join(groups)}</div>{whole}')
 
 
-def _terms(identification: Identification, has_intervals: bool) -> list[Markup]:
+def _terms(told: ParameterTable, robot: Robot, has_intervals: bool) -> list[Markup]:
     """A table for each parameter of the terms at the joints, such as viscous friction."""
-    told, robot = identification.parameters, identification.model.robot
-    assert told is not None
     by_name = {row.name: row for row in told}
     found = []
     for parameter in [parameter for term in robot.terms for parameter in term.parameters]:
         named = []
-        for joint, name in zip(robot.driving_joints, identification.estimate.joint_names, strict=True):
+        for joint, name in zip(robot.driving_joints, robot.joint_names, strict=True):
             row = by_name.get(f"{parameter.symbol}{joint + 1}")
             if row is not None:
                 named.append((name if robot.joints[joint].rotates else f"{name} (sliding)", row))

@@ -12,7 +12,7 @@ from steelyard.identification.next_steps import NextStep, found, next_steps
 from .extent import gathered, short_names, shown_logs
 from .html_document import Markup, escape, percent
 
-__all__ = ["head", "remarks"]
+__all__ = ["card", "head", "remarks"]
 
 NOTIONS = {
     "full": "every link has positive mass, and a distribution of mass with its moments exists",
@@ -28,7 +28,7 @@ def head(identification: Identification) -> Markup:
     steps = "".join(f"<li>{_step(step)}</li>" for step in next_steps(identification))
     return Markup(
         f'<p class="lead">{escape(identification.headline)}</p>\n'
-        f'<div class="verdicts">{"".join(card(identification) for card in cards)}</div>\n'
+        f'<div class="verdicts">{"".join(write(identification) for write in cards)}</div>\n'
         f'<div class="outcome"><section aria-labelledby="found"><h2 id="found">What was found</h2>{sentences}</section>'
         f'<section aria-labelledby="next"><h2 id="next">What to do next</h2><ol class="steps">{steps}</ol></section>'
         "</div>\n"
@@ -53,7 +53,8 @@ def remarks(identification: Identification) -> Markup:
     return Markup(f"<ul>{items}</ul>" if items else "")
 
 
-def _card(title: str, kind: str, word: str, lines: Sequence[str]) -> str:
+def card(title: str, kind: str, word: str, lines: Sequence[str]) -> str:
+    """Return a verdict: its title, one of good, bad, open and plain, the word, and sentences."""
     mark = f'<span aria-hidden="true">{_MARKS[kind]}</span> ' if kind in _MARKS else ""
     body = "".join(f"<p>{escape(line)}</p>" for line in lines)
     verdict = f'<p class="verdict">{mark}{escape(word)}</p>'
@@ -65,15 +66,15 @@ def _verdict_of_answer(identification: Identification) -> str:
     lines = [f"Under “{feasible_set.consistency}” consistency: {NOTIONS[feasible_set.consistency]}."]
     match identification.possible:
         case None:
-            return _card(title, "open", "Undecided", ["It has base parameters alone, so that no link can be checked."])
+            return card(title, "open", "Undecided", ["It has base parameters alone, so that no link can be checked."])
         case False:
             lines.append("Checked again for this report: not all conditions hold strictly.")
-            return _card(title, "open", "Undecided", lines)
+            return card(title, "open", "Undecided", lines)
         case _:
             count = len(feasible_set.blocks)
             lines.append(f"Checked again for this report: all {count} conditions on links, joints and limits hold.")
             # A tick beside a model that does not predict would be taken for a model that can be used.
-            return _card(title, "good" if _predicts(identification) else "plain", "Feasible", lines)
+            return card(title, "good" if _predicts(identification) else "plain", "Feasible", lines)
 
 
 def _predicts(identification: Identification) -> bool:
@@ -83,7 +84,7 @@ def _predicts(identification: Identification) -> bool:
 def _verdict_of_prediction(identification: Identification) -> str:
     told = identification.prediction
     kind = {"good": "good", "usable": "good", "poor": "open", "wrong": "bad"}[told.word]
-    return _card("Does it predict?", kind, told.word.capitalize(), told.sentences)
+    return card("Does it predict?", kind, told.word.capitalize(), told.sentences)
 
 
 def _verdict_of_least_squares(identification: Identification) -> str:
@@ -101,7 +102,7 @@ def _verdict_of_least_squares(identification: Identification) -> str:
     if verdict.feasible is False and verdict.certificate is not None:
         lines.append("Proved, and the proof verified in exact arithmetic.")
     word = {True: "Feasible", False: "Infeasible", None: "Undecided"}[verdict.feasible]
-    return _card("For comparison: plain least squares", "plain", word, lines)
+    return card("For comparison: plain least squares", "plain", word, lines)
 
 
 def _figures(identification: Identification) -> str:

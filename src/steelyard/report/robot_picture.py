@@ -20,7 +20,7 @@ from .html_document import Markup, escape, package_text
 from .link_bodies import LinkBody, link_body
 from .robot_scene import RobotScene, robot_scene
 
-__all__ = ["KEY", "drawing_of_links", "drawn_links", "robot_drawing", "robot_picture", "robot_svg"]
+__all__ = ["KEY", "PlacedRobot", "drawn_links", "ground", "robot_drawing", "robot_picture", "robot_svg", "skeleton"]
 
 Array = NDArray[np.float64]
 
@@ -191,10 +191,10 @@ def drawing_of_links(robot: Robot, links: list[DrawnLink], q: ArrayLike | None =
         raise InputError(
             f"{robot.name} has {robot.dof} joints, so q must have the shape ({robot.dof},), got {np.shape(q)}."
         )
-    scene = robot_scene(robot, q)
-    placed = _Placed(scene, links)
+    scene, links = robot_scene(robot, q), drawn_links(identification)
+    placed = PlacedRobot(scene, links)
     drawing = Drawing(placed.view())
-    drawing.parts += [_ground(drawing, placed), _skeleton(drawing, placed), _bodies(drawing, placed)]
+    drawing.parts += [ground(drawing, placed), skeleton(drawing, placed), _bodies(drawing, placed)]
     drawing.parts.append("".join(_numbers(drawing, placed)))
     where = "with all joints at zero" if q is None else "in the configuration that was asked for"
     words = ". ".join(link.sentence for link in links[:30])
@@ -202,12 +202,13 @@ def drawing_of_links(robot: Robot, links: list[DrawnLink], q: ArrayLike | None =
     return drawing.svg(f"{robot.name} {where}", f"{words}{more}.", before)
 
 
-class _Placed:
-    """The scene with z upwards, and the bodies in it."""
+class PlacedRobot:
+    """The scene with z upwards, and the bodies in it; `further` places (K, 3) of the base frame are to be seen, too."""
 
-    def __init__(self, scene: RobotScene, links: list[DrawnLink]) -> None:
+    def __init__(self, scene: RobotScene, links: list[DrawnLink], further: Array | None = None) -> None:
         self.scene, self.links = scene, links
         self.turn = _upright(scene.up)
+        self.further = np.zeros((0, 3)) if further is None else further @ self.turn.T
         self.bodies = [self._body(index, link.body) for index, link in enumerate(links)]
         self.cads = [self._body(index, link.cad) for index, link in enumerate(links)]
         middle = self.turn @ scene.middle
@@ -218,6 +219,10 @@ class _Placed:
             if np.linalg.norm(center - middle) <= FAR * scene.size
         ]
         self.middle, self.reach = middle, min(max(reach), FAR * scene.size)
+        if len(self.further):
+            places = self.points()
+            self.middle = 0.5 * (places.min(axis=0) + places.max(axis=0))
+            self.reach = float(np.linalg.norm(places - self.middle, axis=1).max())
         self.step = next((step for step in _STEPS if step >= self.reach / 4.0), _STEPS[-1])
 
     def _body(self, index: int, body: LinkBody | None) -> tuple[Array, Array] | None:
@@ -241,7 +246,7 @@ class _Placed:
         """Joints, ends and centres of mass."""
         places = [self.point(place) for link in self.scene.links for place in (link.joint_origin, *link.ends)]
         places += [body[0] for body in self.bodies if body is not None and self.is_near(body[0])]
-        return np.array([np.zeros(3), *places])
+        return np.array([np.zeros(3), *places, *self.further])
 
     def view(self) -> View:
         """From where the robot spreads most in the picture."""
@@ -270,7 +275,8 @@ def _upright(up: Array) -> Array:
     return np.asarray(np.eye(3) + cross + cross @ cross / (1.0 + cosine)) + 0.0
 
 
-def _ground(drawing: Drawing, placed: _Placed) -> str:
+def ground(drawing: Drawing, placed: PlacedRobot) -> str:
+    """Draw the ground and the axes of the base."""
     step, lowest = placed.step, float(placed.points()[:, 2].min())
     count = max(1, int(np.ceil(0.7 * placed.reach / step)))
     x, y = (step * round(float(value) / step) for value in placed.middle[:2])
@@ -288,7 +294,8 @@ def _ground(drawing: Drawing, placed: _Placed) -> str:
     return f'<g aria-hidden="true">{"".join(parts)}</g>'
 
 
-def _skeleton(drawing: Drawing, placed: _Placed) -> str:
+def skeleton(drawing: Drawing, placed: PlacedRobot) -> str:
+    """Draw links as lines between joints, and joints as discs and squares."""
     scene, size = placed.scene, 0.035 * placed.reach
     spans: list[str] = []
     joints: list[str] = []
@@ -310,7 +317,7 @@ def _skeleton(drawing: Drawing, placed: _Placed) -> str:
     return "".join(spans) + "".join(joints)
 
 
-def _bodies(drawing: Drawing, placed: _Placed) -> str:
+def _bodies(drawing: Drawing, placed: PlacedRobot) -> str:
     groups = []
     for index, link in enumerate(placed.links):
         body, cad = placed.bodies[index], placed.cads[index]
@@ -340,7 +347,7 @@ def _cad(drawing: Drawing, link: DrawnLink, body: tuple[Array, Array]) -> str:
     return f'<g class="{kind}">{drawing.ball(center, radii, "cad")}{drawing.mark(center, _CROSS)}</g>'
 
 
-def _answer(drawing: Drawing, placed: _Placed, index: int, body: tuple[Array, Array]) -> str:
+def _answer(drawing: Drawing, placed: PlacedRobot, index: int, body: tuple[Array, Array]) -> str:
     center, radii = body
     rows = placed.links[index].rows
     mass, moments, place = "unknown", "unknown", "unknown"
@@ -362,7 +369,7 @@ def _answer(drawing: Drawing, placed: _Placed, index: int, body: tuple[Array, Ar
     )
 
 
-def _numbers(drawing: Drawing, placed: _Placed) -> Iterator[str]:
+def _numbers(drawing: Drawing, placed: PlacedRobot) -> Iterator[str]:
     for index, link in enumerate(placed.links):
         body = placed.bodies[index] or placed.cads[index]
         if body is not None and placed.is_near(body[0]):

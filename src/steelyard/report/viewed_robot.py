@@ -17,7 +17,7 @@ from steelyard.collision.shapes import PlacedShape
 from steelyard.dynamics import Model
 from steelyard.errors import InputError, MissingExtraError
 from steelyard.identification.default_terms import model_of_estimate
-from steelyard.identification.parameter_table import Basis, LinkRows, ParameterTable
+from steelyard.identification.parameter_table import Basis, LinkRows, ParameterTable, weakest
 from steelyard.identification.saved import matching_estimate
 from steelyard.identification.saved_result import SavedResult
 from steelyard.robot import RobotFile
@@ -44,7 +44,8 @@ class LinkKnowledge:
     def basis(self, of: KnownOf) -> Basis:
         """On what the least known of these numbers rests."""
         groups = {"mass": (self.rows.mass,), "centre of mass": self.rows.center, "inertia": self.rows.moments}
-        return weakest(row for key, group in groups.items() if of in (key, "all of these") for row in group)
+        rows = [row for key, group in groups.items() if of in (key, "all of these") for row in group]
+        return weakest(rows)
 
 
 @dataclass(frozen=True, eq=False)
