@@ -20,7 +20,17 @@ from .html_document import Markup, escape, package_text
 from .link_bodies import LinkBody, link_body
 from .robot_scene import RobotScene, robot_scene
 
-__all__ = ["KEY", "PlacedRobot", "drawn_links", "ground", "robot_drawing", "robot_picture", "robot_svg", "skeleton"]
+__all__ = [
+    "KEY",
+    "PlacedRobot",
+    "drawing_of_links",
+    "drawn_links",
+    "ground",
+    "robot_drawing",
+    "robot_picture",
+    "robot_svg",
+    "skeleton",
+]
 
 Array = NDArray[np.float64]
 
@@ -191,7 +201,7 @@ def drawing_of_links(robot: Robot, links: list[DrawnLink], q: ArrayLike | None =
         raise InputError(
             f"{robot.name} has {robot.dof} joints, so q must have the shape ({robot.dof},), got {np.shape(q)}."
         )
-    scene, links = robot_scene(robot, q), drawn_links(identification)
+    scene = robot_scene(robot, q)
     placed = PlacedRobot(scene, links)
     drawing = Drawing(placed.view())
     drawing.parts += [ground(drawing, placed), skeleton(drawing, placed), _bodies(drawing, placed)]
