@@ -144,6 +144,11 @@ class Page:
                 **text,
             )
 
+    def close(self) -> None:
+        """End the browser, so that nothing writes to its profile any more."""
+        self._session = ""
+        self.call("Browser.close")
+
     def pdf(self) -> bytes:
         """Return the page as it is printed."""
         done = self.call("Page.printToPDF", printBackground=True, preferCSSPageSize=True)
@@ -171,9 +176,14 @@ def chromium(profile: Path, options: Sequence[str] = ()) -> Iterator[Page]:
     os.close(to_read)
     os.close(from_write)
     try:
-        yield Page(to_write, from_read)
+        page = Page(to_write, from_read)
+        yield page
+        page.close()
     finally:
         os.close(to_write)
         os.close(from_read)
-        started.terminate()
-        started.wait(timeout=30)
+        try:
+            started.wait(timeout=5)
+        except subprocess.TimeoutExpired:
+            started.terminate()
+            started.wait(timeout=30)

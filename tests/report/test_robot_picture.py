@@ -179,3 +179,10 @@ def test_down_is_where_gravity_pulls(identification: Identification, gravity: tu
 def test_frames_in_one_place_have_a_scale(identification: Identification) -> None:
     scene = robot_scene(sy.Robot.from_dh([(0, 0, 0, "q"), ("pi/2", 0, 0, "q")]))
     assert scene.size == 0.5
+
+
+def test_notebooks_show_the_drawing(identification: Identification) -> None:
+    page = lxml.html.fromstring(f"<div>{identification._repr_html_()}</div>")
+    (drawn,) = page.find_class("robot-drawing")
+    assert drawn.xpath(".//*[@data-ball]")
+    assert not page.xpath("//@id")  # so that two results may stand in one notebook
