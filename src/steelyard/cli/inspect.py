@@ -54,6 +54,7 @@ def inspect(
         told["repaired"] = {"file": str(output), "changes": dict(changes)}
         if not json:
             lines = [f"{link}: {change}" for link, change in changes]
-            echo("\n".join([*lines, f"{output}: written."]) if lines else f"{output}: written; nothing was wrong.")
+            nothing = "no numbers follow from what is said above" if findings.findings else "nothing was wrong"
+            echo("\n".join([*lines, f"{output}: written." if lines else f"{output}: written as it was; {nothing}."]))
     if json:
         print_json(told)

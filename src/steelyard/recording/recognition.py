@@ -288,6 +288,7 @@ class _Search:
         self.joint_count = joints if joints is None or isinstance(joints, int) else len(self.joint_names)
         self.labels = tuple(labels)
         self.called = self.joint_names or self.labels
+        self.of_more: dict[tuple[str, ...], int] = {}  # columns that were chosen of so many
         self.groups = _groups(names, self.called)
         if not self.called and not any(NUMBER in group.shape for group in self.groups.get("position", ())):
             self.called = _joints_named(names)
@@ -371,6 +372,8 @@ class _Search:
                     continue
             if group.by == _NUMBER and self.labels and self.joint_names and group.topic.startswith(topic):
                 group = self._labelled(kind, group)
+            elif group.by == _NUMBER:
+                group = self._numbered(kind, group)
             before = found.get(group.columns)
             if before is None or self._tier(kind, group) < self._tier(kind, before):
                 found[group.columns] = group
@@ -390,6 +393,33 @@ class _Search:
         places = [labels.index(joint) for joint in joints]
         chosen = tuple(group.columns[place] for place in places)
         return replace(group, columns=chosen, units=tuple(group.units[place] for place in places), by=_LABEL)
+
+    def _numbered(self, kind: str, group: _Group) -> _Group:
+        """Choose, of numbered columns of more joints than move, those with the numbers in the joints' names.
+
+        A joint that is locked, or beyond the tip, has a column but is no joint of the robot.
+        """
+        found = [re.findall(r"[0-9]+", name) for name in self.joint_names]
+        if not 0 < len(found) < len(group.columns) or not all(found) or self._matrix(kind) is not None:
+            return group
+        numbers = [int(one[-1]) for one in found]
+        labels = [re.findall(r"[0-9]+", name) for name in group.columns]
+        from_0, from_1 = (
+            any(
+                [int(label) for label in one] == list(range(first, first + len(labels)))
+                for one in zip(*labels, strict=False)
+            )
+            for first in (0, 1)
+        )
+        if from_0 and max(numbers) < len(labels) and 0 not in numbers:  # joint1 may be the first or the second column
+            return group
+        places = [number - (0 if from_0 and 0 in numbers else 1) for number in numbers]
+        fit = len(set(places)) == len(places) and all(0 <= place < len(labels) for place in places)
+        if not fit or not (from_0 or from_1):
+            return group
+        chosen = tuple(group.columns[place] for place in places)
+        self.of_more[chosen] = len(group.columns)
+        return replace(group, columns=chosen, units=tuple(group.units[place] for place in places))
 
     def _tier(self, kind: str, group: _Group) -> tuple[bool, ...]:
         """Return what is the smaller the better a group fits."""
@@ -414,7 +444,7 @@ class _Search:
         (group,) = best
         if group.fault:
             raise InputError(group.fault)
-        if group.by == _NUMBER and self._matrix(kind) is None:
+        if group.by == _NUMBER and self._matrix(kind) is None and group.columns not in self.of_more:
             self._require_order(kind, group)
         others = [
             other
@@ -425,6 +455,11 @@ class _Search:
             self.guesses.append(
                 f"The {kind} is read from {_ends(group.columns)} and not from {_ends(other.columns)}, which "
                 f"`{self._line(kind, other)}` in [log] would choose."
+            )
+        if group.columns in self.of_more:
+            self.guesses.append(
+                f"The {kind} is read from {_listing(group.columns)} of {self.of_more[group.columns]} numbered columns, "
+                "by the numbers in the names of the joints that move."
             )
         if group.style.note and group.style.quantity != "position":
             self.guesses.append(f"The {kind} is read from {_ends(group.columns)}: {group.style.note}.")
