@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -310,10 +311,10 @@ def _long_run(info: Information, beta: Array, used: Array, inverse: Array) -> tu
     variance = squares / np.maximum(freedom, 1.0)
     levels = [_Level(level, beta, used, seen) for level in info.batch_means]
     chosen, settled, freedom = _choose(levels, shares, variance, counts)
-    matrix = np.array(
-        [[float(np.sum(share * levels[c].shares[k])) for share in shares] for k, c in enumerate(chosen)]
-    ).reshape(len(factors), len(factors))
-    matrix += np.diag([counts[k] - 2.0 * np.trace(levels[c].shares[k]) for k, c in enumerate(chosen)])
+    own = [levels[c].share(k) for k, c in enumerate(chosen)]
+    matrix = np.array([[float(np.sum(share * one)) for share in shares] for one in own])
+    matrix = matrix.reshape(len(factors), len(factors))
+    matrix += np.diag([count - 2.0 * np.trace(one) for count, one in zip(counts, own, strict=True)])
     target = np.array([levels[c].squares[k] for k, c in enumerate(chosen)])
     long_run = _positive(matrix, target, counts)
     widening = (stdtrit(freedom, 0.975) / NORMAL) ** 2
@@ -328,10 +329,19 @@ def _long_run(info: Information, beta: Array, used: Array, inverse: Array) -> tu
 class _Level:
     """Weighted sums over batches of one length: their squared residuals, and what they contribute to A."""
 
-    def __init__(self, factors: tuple[Factor, ...], beta: Array, weights: Array, seen: object) -> None:
+    def __init__(
+        self, factors: tuple[Factor, ...], beta: Array, weights: Array, seen: Callable[[Factor, float], Array]
+    ) -> None:
         self.counts = [f.count for f in factors]
         self.squares = [w**2 * f.residual2(beta) for f, w in zip(factors, weights, strict=True)]
-        self.shares = [seen(f, w) for f, w in zip(factors, weights, strict=True)]  # type: ignore[operator]
+        self._factors, self._weights, self._seen = factors, weights, seen
+        self._shares: dict[int, Array] = {}
+
+    def share(self, joint: int) -> Array:
+        """What the sums of a joint contribute to A, when it is asked for: most levels are too long for most joints."""
+        if joint not in self._shares:
+            self._shares[joint] = self._seen(self._factors[joint], self._weights[joint])
+        return self._shares[joint]
 
 
 def _choose(
@@ -348,7 +358,7 @@ def _choose(
             if enough or (index and levels[index].counts[k] < FEWEST_BATCHES):
                 break
             best = index
-            own = levels[index].shares[k]
+            own = levels[index].share(k)
             free = count - 2.0 * np.trace(own) + np.sum(shares[k] * own)
             degrees = max(levels[index].counts[k] * free / count, FEWEST_DEGREES)
             long_run = levels[index].squares[k] / max(free, 0.1 * count)

@@ -90,7 +90,9 @@ class TorqueFit:
         size = self.products[:, last, last]
         told = (self.counts > last) & (size > 0.0)
         least = np.maximum(ROUNDING * size, 1e-300)
-        own = [_least(products) for products in self.products]
+        # The torque of a joint of a tree depends on few of the parameters; eigenvalues of all would take far longer.
+        places = [np.append(own, last) for own in self.columns.joints]
+        own = [_least(products[np.ix_(at, at)]) for products, at in zip(self.products, places, strict=True)]
         weights = np.maximum(own, least)
         base = np.zeros(last)
         for _ in range(2):
