@@ -44,7 +44,7 @@ ROTORS_HARM = 0.01
 """Part by which the error on stretches that are left out may rise with rotor inertias."""
 FEWEST_STRETCHES = 3
 _SYMBOL = RotorInertia.parameters[0].symbol
-_ROTOR = re.compile(rf"{_SYMBOL}\d+")
+_ROTOR = re.compile(rf"\b{_SYMBOL}\d+\b")
 
 
 @dataclass(frozen=True, eq=False)
@@ -96,12 +96,12 @@ def with_rotors(model: Model) -> Model:
 
 
 def model_with(names: Iterable[str], file: RobotFile, model: Model | None = None) -> Model:
-    """Return the model of an estimate by the names of its parameters.
+    """Return the model of an estimate by the names of its parameters, or by the expressions of its base parameters.
 
     That of the robot file, or where this states no terms and the estimate has rotor inertias, the wider one.
     """
     model = Model.from_file(file) if model is None else model
-    if not any(_ROTOR.fullmatch(name) for name in names):
+    if not any(_ROTOR.search(name) for name in names):
         return model
     return wider_model(file, model) or model
 
@@ -111,7 +111,7 @@ def model_of_estimate(estimate: Estimate | str | Path | None, file: RobotFile, m
     if estimate is None or not file.terms_are_default:
         return Model.from_file(file) if model is None else model
     loaded = estimate if isinstance(estimate, Estimate) else Estimate.load(estimate, certified=False)
-    return model_with((*loaded.parameter_names, *loaded.base_names), file, model)
+    return model_with((*loaded.parameter_names, *loaded.base_expressions), file, model)
 
 
 def decide_rotors(
