@@ -161,6 +161,24 @@ def test_rotors_of_sliding_joints_have_a_mass(kind, unit):
     assert f"Ia2 = 0.4 ± 0.001 {unit} (standard error)" in _shown(sy.Model(robot), sy.least_squares(info))
 
 
+@pytest.mark.parametrize("rotor", [0.5, pytest.param(0.0, marks=pytest.mark.slow)])
+def test_a_rotor_that_turns_with_its_link_alone(tmp_path, rotor):
+    """Only the description tells them apart: the data shows the sum, of which the link would have 17 times its own."""
+    joint = JOINT.format("hinge", "base", "rod", 0)
+    (tmp_path / "rod.urdf").write_text(
+        f'<robot name="rod"><link name="base"/>{LINK.format("rod", 0.15, 2)}{joint}</robot>'
+    )
+    q, dq, ddq = (one[:, 0] for one in motion())
+    torque = (0.03 + 2 * 0.15**2 + rotor) * ddq - 9.81 * 2 * 0.15 * np.cos(q) + 0.6 * dq + 0.9 * np.sign(dq) + 0.1
+    torque = torque + 0.02 * torque.std() * np.random.default_rng(0).normal(size=len(T))
+    result = sy.identify(tmp_path / "rod.urdf", {"t": T, "q1": q, "tau1": torque})
+    assert ("rotor_inertia" in result.options["terms"]) is (rotor > 0.0)
+    assert principal_moments(result.estimate.parameters[:10]) == pytest.approx([0.02, 0.02, 0.03], rel=0.1)
+    if rotor:
+        assert result.estimate.rotor_inertia == pytest.approx([rotor], rel=0.05)
+        assert model_of_estimate(result.unconstrained, RobotFile.load(tmp_path / "rod.urdf")).parameter_count == 14
+
+
 @pytest.mark.slow
 @pytest.mark.parametrize("name", ["z1", "so101"])
 def test_rotors_that_only_the_description_tells_from_links(name, tmp_path):
