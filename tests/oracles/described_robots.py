@@ -68,8 +68,10 @@ def mujoco_model(path: Path):
 
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")  # of settings that are out of date
-        spec = mujoco.MjSpec.from_file(str(path))
-        return compiled_without_meshes(mujoco, spec, path)
+        try:
+            return compiled_without_meshes(mujoco, mujoco.MjSpec.from_file(str(path)), path)
+        except (TypeError, AttributeError):  # older versions cannot take geoms out
+            return mujoco.MjModel.from_xml_path(str(path))
 
 
 def compiled_without_meshes(mujoco, spec, path: Path):

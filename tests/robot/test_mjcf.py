@@ -14,6 +14,7 @@ from steelyard.robot.file import RobotFile
 mujoco = pytest.importorskip("mujoco", reason="MuJoCo (extra `mjcf`) is not installed")
 
 from described_robots import difference_from_mujoco  # noqa: E402
+from mjcf_readings import EXACT  # noqa: E402
 from random_mjcf import random_forest  # noqa: E402
 
 ARM = """<mujoco model="arm">
@@ -59,6 +60,7 @@ def read(folder: Path, text: str, **options) -> Robot:
     return Robot.from_mjcf(written(folder, text), **options)
 
 
+@EXACT
 def test_defaults_and_inertias_are_those_of_mujoco(tmp_path):
     text = ARM.replace(' material="missing"', "").replace('"1 2 3 4"', '"1 2"')
     robot = read(tmp_path, ARM)
@@ -74,6 +76,7 @@ def test_defaults_and_inertias_are_those_of_mujoco(tmp_path):
     assert difference_from_mujoco(written(tmp_path, text), robot) < 1e-12
 
 
+@EXACT
 @pytest.mark.parametrize("seed", [1, 2, *(pytest.param(seed, marks=pytest.mark.slow) for seed in range(3, 33))])
 def test_random_trees(tmp_path, seed):
     path = random_forest(tmp_path, seed)

@@ -3,6 +3,8 @@
 import sys
 
 import pytest
+from mjcf_readings import EXACT, differences, readings
+from random_mjcf import random_forest
 
 import steelyard as sy
 from steelyard.errors import InputError
@@ -54,11 +56,9 @@ def read(folder, text, **options):
     return Robot.from_mjcf(written(folder, text), **options)
 
 
+@EXACT
 @pytest.mark.parametrize("settings", ["", *SETTINGS])
 def test_classes_frames_and_settings_come_to_what_mujoco_makes_of_them(tmp_path, settings):
-    pytest.importorskip("mujoco", reason="MuJoCo (the oracle) is not installed")
-    from mjcf_readings import differences, readings
-
     document, ours, theirs = readings(
         written(tmp_path, NESTED.replace("<default><joint damp", f"{settings}<default><joint damp", 1))
     )
@@ -67,12 +67,9 @@ def test_classes_frames_and_settings_come_to_what_mujoco_makes_of_them(tmp_path,
     assert differences(document, ours, theirs) == []
 
 
+@EXACT
 @pytest.mark.parametrize("seed", [1, *(pytest.param(seed, marks=pytest.mark.slow) for seed in range(2, 33))])
 def test_random_trees_come_to_what_mujoco_makes_of_them(tmp_path, seed):
-    pytest.importorskip("mujoco", reason="MuJoCo (the oracle) is not installed")
-    from mjcf_readings import differences, readings
-    from random_mjcf import random_forest
-
     document, ours, theirs = readings(random_forest(tmp_path, seed))
     assert differences(document, ours, theirs) == []
 
