@@ -49,7 +49,7 @@ def test_errors_are_those_of_plain_numpy(
 
 
 def test_violation_is_the_negative_friction(page: lxml.html.HtmlElement, reference: Reference) -> None:
-    ((condition, amount, _),) = rows(page, "violations")
+    ((condition, _, amount, _),) = rows(page, "violations")
     assert JOINTS[1] in condition
     assert float(amount) == pytest.approx(-reference.parameters[-1], rel=6e-3)
 

@@ -15,7 +15,7 @@ from steelyard.feasibility.constraints import MeasuredMass, TotalMass
 from .prediction_verdict import UNTESTED
 from .result import Identification
 
-__all__ = ["NextStep", "found", "next_steps"]
+__all__ = ["NextStep", "excite_command", "found", "next_steps"]
 
 MOST_STEPS = 3
 MOST_NAMED = 3
@@ -205,14 +205,19 @@ def _excitation(identification: Identification, weak: list[str]) -> Iterator[Nex
 
 
 def _motion(identification: Identification, reason: str) -> NextStep:
-    known = MotionLimits.from_robot(identification.model.robot)
-    limits = "" if np.isfinite([known.lower, known.upper, known.velocity]).all() else " --limits LIMITS.toml"
     return NextStep(
         "Record a motion that shows more.",
         f"{reason[:1].upper()}{reason[1:]}.",
-        f"steelyard excite {_robot(identification)}{limits} --output motion",
+        excite_command(identification),
         "console",
     )
+
+
+def excite_command(identification: Identification) -> str:
+    """Return the command that designs a motion for the robot, with a file of limits where its description has none."""
+    known = MotionLimits.from_robot(identification.model.robot)
+    limits = "" if np.isfinite([known.lower, known.upper, known.velocity]).all() else " --limits LIMITS.toml"
+    return f"steelyard excite {_robot(identification)}{limits} --output motion"
 
 
 def _missing_terms(identification: Identification) -> Iterator[NextStep]:

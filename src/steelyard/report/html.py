@@ -10,8 +10,10 @@ from steelyard.identification import Identification
 
 from . import answer_sections as answer
 from . import sections
+from .excitation_section import excitation
 from .head import head, remarks
 from .html_document import Markup, Section, html_document
+from .impossible_section import impossible
 from .proof import PROOF_SCRIPTS, proof
 from .robot_section import robot
 from .torque_section import TORQUE_SCRIPTS, sources, torques
@@ -25,10 +27,11 @@ _SECTIONS: tuple[tuple[str, str, Callable[[Identification], Markup]], ...] = (
     ("rests-on", "What each number rests on", answer.parameters),
     ("torques", "Measured and predicted torques", torques),
     ("parts", "Where the torque comes from", sources),
+    ("excitation", "What the motion shows", excitation),
     ("beforehand", "What is known beforehand", answer.prior),
     ("price", "The price of plausibility", answer.price),
     ("errors", "Errors of each log", sections.errors),
-    ("impossible", "What was impossible", sections.violations),
+    ("impossible", "What was impossible", impossible),
     ("proof", "The proof, verified here", proof),
     ("base", "Base parameters", sections.base_parameters),
     ("joint-parameters", "Joint friction", sections.joints),

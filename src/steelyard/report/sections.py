@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import shlex
 from collections.abc import Sequence
 from importlib import metadata
 from pathlib import Path
@@ -11,8 +12,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from steelyard import __version__
+from steelyard.errors import InputError
 from steelyard.files import file_hash
 from steelyard.identification import Identification
+from steelyard.recording.formats import hashed_log
 
 from .extent import MOST_LOGS, shared_words, short_names, shown_logs
 from .html_document import Markup, escape, number, percent, table
@@ -25,7 +28,6 @@ __all__ = [
     "processing",
     "provenance",
     "versions",
-    "violations",
 ]
 
 Array = NDArray[np.float64]
@@ -75,24 +77,6 @@ def _all_logs(identification: Identification, names: Sequence[str], shown: Seque
     return f"<details><summary>{caption}</summary>{body}</details>"
 
 
-def violations(identification: Identification) -> Markup:
-    """Return what plain least squares makes impossible, and by how much."""
-    verdict = identification.verdict
-    first = escape(verdict.sentences()[0])
-    if not verdict.violations:
-        return Markup(f"<p>{first} No link and no joint has to be corrected.</p>")
-    rows = [(v.block, f"{v.amount:.3g}", v.unit or "SI") for v in verdict.violations]
-    text = (
-        f"<p>{first} Each condition is a matrix that must be positive semidefinite. "
-        "The table says what would have to be added to its diagonal, with the parameters that the motion does not show "
-        "chosen as favourably as possible.</p>"
-    )
-    columns = ("Condition", "Fails by", "Unit")
-    return Markup(
-        text + table("What plain least squares makes impossible", columns, rows, identifier="violations", texts=[2])
-    )
-
-
 def base_parameters(identification: Identification) -> Markup:
     """Return the table of base parameters, weak ones marked."""
     before, after = identification.unconstrained, identification.estimate
@@ -139,24 +123,72 @@ def joints(identification: Identification) -> Markup:
 
 
 def provenance(identification: Identification) -> Markup:
-    """Return the table of the inputs: files, options and versions."""
+    """Return the inputs with their hashes, options, versions, and the command that makes the result again."""
     robot = identification.model.robot
     rows: list[tuple[str, str]] = []
     if identification.robot_file is not None:
-        rows.append(("Robot file", str(identification.robot_file)))
+        rows.append(("Robot file", _hashed(identification.robot_file)))
     if robot.source is not None and robot.source != identification.robot_file:
-        rows.append(("Robot description", str(robot.source)))
+        rows.append(("Robot description", _hashed(robot.source)))
     rows.append(("Joints, links", f"{robot.dof}, {len(robot.links)}"))
     rows.append(("Terms at the joints", ", ".join(term.kind for term in robot.terms) or "none"))
     for what, logs in (("identification", identification.logs), ("validation", identification.validation_logs)):
-        rows += [(f"Log for {what}", log) for log in logs[:MOST_LOGS]]
+        rows += [(f"Log for {what}", _with_hashes(log, identification)) for log in logs[:MOST_LOGS]]
         if len(logs) > MOST_LOGS:
-            rows.append((f"Logs for {what}", f"{len(logs) - MOST_LOGS} more, which run.json names"))
+            rows.append((f"Logs for {what}", f"{len(logs) - MOST_LOGS} more, which run.json names with their hashes"))
     rows.append(("Least squares", identification.unconstrained.method))
     rows.append(("Answer", identification.estimate.method))
     rows += _flat("Option", identification.options)
     rows += [(name.capitalize() if name in ("steelyard", "python") else name, v) for name, v in versions().items()]
-    return table("Where this comes from", ("What", "Value"), rows, identifier="provenance", texts=[1])
+    command = escape(_again(identification))
+    return Markup(
+        "<p>The hashes are SHA-256 of the files as they are while this page is written; <code>run.json</code> beside "
+        "it holds them, and all the options, for programs. The same inputs, options and versions give the same "
+        f"numbers. Again:</p><pre><code>{command}</code></pre>"
+        + table("Where this comes from", ("What", "Value"), rows, identifier="provenance", texts=[1])
+    )
+
+
+def _hashed(path: Path) -> Markup:
+    try:
+        digest = hashed_file(path)["sha256"]
+    except (OSError, InputError):
+        return escape(f"{path}, which is no longer there")
+    return Markup(f'{escape(path)} <code class="hash">{digest}</code>')
+
+
+def _with_hashes(log: str, identification: Identification) -> Markup:
+    """A log, each of whose files has a hash, or which was in memory."""
+    if log in identification.in_memory:
+        return Markup(f'{escape(log)} <code class="hash">{identification.in_memory[log]}</code> (in memory)')
+    try:
+        files = hashed_log(log)
+        return Markup("<br>".join(f'{escape(one["path"])} <code class="hash">{one["sha256"]}</code>' for one in files))
+    except (OSError, InputError):
+        return escape(f"{log}, which is no longer there")
+
+
+def _again(identification: Identification) -> str:
+    """The command that makes this result again, or what does where inputs were in memory."""
+    robot = identification.robot_file or identification.model.robot.source
+    logs = (*identification.logs, *identification.validation_logs)
+    if robot is None or any(log in identification.in_memory for log in logs):
+        return "steelyard.identify(robot, data, ...)  # the inputs were in memory; the options are below"
+    words = ["steelyard", "identify", str(robot), *identification.logs[:MOST_LOGS]]
+    more = len(identification.logs) > MOST_LOGS or len(identification.validation_logs) > MOST_LOGS
+    for log in identification.validation_logs[:MOST_LOGS]:
+        words += ["--validate", log]
+    options = identification.options
+    if identification.plausible is None:
+        words += ["--prior", "none"]
+        for name, default in (("prefer", "auto"), ("residual_slack", 5e-4), ("estimator", "fit")):
+            if options.get(name, default) not in (default, None):
+                words += [f"--{name.replace('_', '-')}", str(options[name])]
+    elif identification.plausible.validation is None:
+        words += ["--prior-weight", repr(float(identification.plausible.prior_weight))]
+    words += ["--consistency", str(options["consistency"])] if options.get("consistency") not in (None, "full") else []
+    words += ["--output", "result"]
+    return shlex.join(words) + ("  # and the other logs, which run.json names" if more else "")
 
 
 def versions(libraries: Sequence[str] = _LIBRARIES) -> dict[str, str]:
