@@ -70,7 +70,7 @@ def _sizes(identification: Identification) -> Array:
 def excitation(identification: Identification) -> Markup:
     """Return singular values, weak combinations in names and words, and the command of a motion that shows them."""
     information, names = identification.information, list(identification.estimate.base_expressions)
-    values = np.linalg.svd(information.reduced(None).R, compute_uv=False)
+    values = np.asarray(np.linalg.svd(information.reduced(None).R, compute_uv=False), dtype=np.float64)
     condition = information.condition_number
     said = f"{condition:.4g}" if np.isfinite(condition) else "∞"
     first = (
