@@ -140,6 +140,14 @@ def test_a_simulation_that_began_anew_is_no_row_in_between(tmp_path: Path) -> No
         Recording.read(bag(tmp_path, STATES + again), joints=JOINTS)
 
 
+def test_velocities_that_are_no_numbers_can_be_left_out(tmp_path: Path) -> None:
+    path = bag(tmp_path, [state._replace(velocity=[float("nan")] * 3) for state in STATES])
+    with pytest.raises(InputError, match=r'leave out .* with `velocity = "none"` in \[log\]'):
+        Recording.read(path, joints=JOINTS)
+    found = Recording.read(path, {"velocity": "none"}, JOINTS)
+    np.testing.assert_array_equal(found.q, Q)
+
+
 def test_quantities_that_are_not_there_are_no_columns(tmp_path: Path) -> None:
     still = [state._replace(velocity=[]) for state in STATES]
     assert Recording.read(bag(tmp_path, still), joints=JOINTS).velocity is None

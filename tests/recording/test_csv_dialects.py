@@ -199,3 +199,27 @@ def test_polars_reads_the_same(tmp_path: Path) -> None:
     path.write_text(DIALECTS["semicolon and decimal comma"])
     frame = pl.read_csv(path, separator=";", decimal_comma=True)
     np.testing.assert_array_equal(Recording.read(path).torque, frame.select("tau1", "tau2").to_numpy())
+
+
+def test_blank_lines_that_compression_makes_of_nothing_are_refused(tmp_path: Path) -> None:
+    """Sixty kilobytes unpack to sixty million lines, for which a reader would take a minute."""
+    import gzip
+
+    (tmp_path / "log.csv.gz").write_bytes(gzip.compress(b"\n" * 60_000_000, 1))
+    with pytest.raises(InputError, match="begins with more than 10000 blank lines"):
+        Recording.read(tmp_path / "log.csv.gz")
+
+
+def test_ends_of_lines_of_old_machines_are_told(tmp_path: Path) -> None:
+    (tmp_path / "log.csv").write_bytes(b"t,q1,tau1\r0,1,2\r0.1,1,2\r")
+    with pytest.raises(InputError, match="lines that end with CR alone"):
+        Recording.read(tmp_path / "log.csv")
+
+
+@pytest.mark.parametrize("heads", ["t,θ1,τ1", "t,theta_1,tau_1", "t,joint(1).q,joint(1).tau"])
+def test_names_of_formulas_and_of_structs(heads: str, tmp_path: Path) -> None:
+    rows = "".join(f"{k / 100},{np.sin(k / 9)},{np.cos(k / 9)}\n" for k in range(90))
+    (tmp_path / "log.csv").write_text(f"{heads}\n{rows}", encoding="utf-8")
+    found = Recording.read(tmp_path / "log.csv")
+    assert found.layout is not None
+    assert [one.quantity for one in found.layout.table] == ["time", "position", "torque"]

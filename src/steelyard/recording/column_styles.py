@@ -93,10 +93,10 @@ def _measured(*words: str) -> tuple[str, ...]:
     return tuple(way.format(word) for way in ways for word in words)
 
 
-POSITION = _measured("q", "pos", "position", "positions", "angle", "angles")
+POSITION = _measured("q", "pos", "position", "positions", "angle", "angles", "theta", "θ")
 VELOCITY = _measured("dq", "qd", "qdot", "q_dot", "vel", "velocity", "velocities", "speed", "speeds")
 ACCELERATION = _measured("ddq", "qdd", "qddot", "q_ddot", "acc", "accel", "acceleration", "accelerations")
-TORQUE = _measured("tau", "torque", "torques", "effort", "efforts", "moment", "moments")
+TORQUE = _measured("tau", "τ", "torque", "torques", "effort", "efforts", "moment", "moments")
 CURRENT = _measured("i", "current", "currents", "motor_current", "motor_currents")
 
 NAMED = (
@@ -104,7 +104,10 @@ NAMED = (
     *("{word}[{name}]", "{word}_[{name}]", "{word}({name})", "{word}_({name})"),
     *("{name}[{word}]", "{name}_[{word}]", "{name}({word})", "{name}_({word})"),
 )
-JOINT_NUMBERS = ("joint{number}", "joint_{number}", "j{number}", "axis{number}", "axis_{number}", "a{number}")
+JOINT_NUMBERS = (
+    *("joint{number}", "joint_{number}", "j{number}", "axis{number}", "axis_{number}", "a{number}"),
+    "joint({number})",  # arrays of structs in MATLAB
+)
 NUMBERED = (
     *("{word}{number}", "{word}_{number}", "{word}.{number}", "{word}/{number}"),
     *("{word}[{number}]", "{word}_[{number}]", "{word}({number})", "{word}_({number})", "{number}_{word}"),

@@ -71,7 +71,7 @@ def convert(raw: Columns, layout: Layout, columns: LogColumns, where: Callable[[
             name: values if name in needed else np.where(np.isfinite(values), values, np.nan)
             for name, values in raw.items()
         }
-    require_numbers(raw, needed, where, source)
+    require_numbers(raw, needed, where, source, {"velocity": layout.velocity, "acceleration": layout.acceleration})
     q = _motion(raw, layout.position, POSITION_UNITS, layout.units["position"], columns)
     if columns.position_offset is not None:
         q += _list_of(columns.position_offset, q.shape[1], "position_offset", source)
@@ -94,8 +94,14 @@ def convert(raw: Columns, layout: Layout, columns: LogColumns, where: Callable[[
     return Signals(t, q, torque, velocity, acceleration)
 
 
-def require_numbers(raw: Columns, names: Sequence[str], where: Callable[[int], str], source: str) -> None:
-    """Refuse values of the columns `names` that are missing, NaN or infinite."""
+def require_numbers(
+    raw: Columns,
+    names: Sequence[str],
+    where: Callable[[int], str],
+    source: str,
+    spare: Mapping[str, Sequence[str] | None] | None = None,
+) -> None:
+    """Refuse values of the columns `names` that are missing, NaN or infinite; those of `spare` can be left out."""
     bad = {name: ~np.isfinite(raw[name]) for name in names if not np.isfinite(raw[name]).all()}
     if not bad:
         return
@@ -103,10 +109,13 @@ def require_numbers(raw: Columns, names: Sequence[str], where: Callable[[int], s
     first = int(np.argmax(rows))
     name = next(name for name, flags in bad.items() if flags[first])
     others = f" and {len(bad) - 1} other columns" if len(bad) > 1 else ""
+    remedy = 'remove those rows, split the log there, or state `missing = "fill"` in [log].'
+    kind = next((kind for kind, own in (spare or {}).items() if bad.keys() <= set(own or ())), None)
+    if kind is not None:  # drivers that measure no velocities write NaN
+        remedy = f'leave out what was measured of this kind with `{kind} = "none"` in [log], or remove those rows.'
     raise InputError(
         f"{source} has no finite number in column {name!r}{others} in {np.count_nonzero(rows)} of {rows.size} rows, "
-        f"first on {where(first)} ({_spell(raw[name][first])}); remove those rows, split the log there, or state "
-        '`missing = "fill"` in [log].'
+        f"first on {where(first)} ({_spell(raw[name][first])}); {remedy}"
     )
 
 

@@ -29,6 +29,7 @@ COMMENTS = ("#", "%", "//")
 NUMERIC = re.compile(r"[-+]?(\d+([.,]\d*)?|[.,]\d+)([eE][-+]?\d+)?|nan|inf", re.IGNORECASE)
 COUNTED = 1 << 24  # bytes in which rows are counted together
 LONGEST_LINE = 1_000_000  # of the header and what stands above it
+MOST_BLANK = 10_000  # lines between the first ones that are not
 HEAD_LINES = 100
 """First lines by which the dialect is told."""
 MISSING = ("", "na", "null", "none", "nan", "-nan", "+nan")
@@ -122,7 +123,7 @@ class CsvFile(LogFile):
         """Return the first lines that are not blank."""
         lines: list[Line] = []
         with self._open() as file:
-            place = 0
+            place = blank = 0
             while len(lines) < HEAD_LINES:
                 raw = file.readline(LONGEST_LINE)
                 if place == 0 and raw[:2] in (b"\xff\xfe", b"\xfe\xff"):
@@ -134,9 +135,15 @@ class CsvFile(LogFile):
                 if b"\x00" in raw:
                     raise InputError(f"{self.path} is not a text file; expected a CSV with a line of column names.")
                 line = raw.decode("utf-8-sig" if place == 0 else "utf-8", errors="replace").strip("\r\n")
+                if "\r" in line and not lines and raw.count(b"\r") > 1:
+                    raise InputError(f"{self.path} has lines that end with CR alone; save it with other ends of lines.")
                 begin, place = place, place + len(raw)
                 if line.strip():
                     lines.append(Line(begin, place, line))
+                    continue
+                blank += 1
+                if blank > MOST_BLANK:  # of a few bytes, compression makes hours of them
+                    raise InputError(f"{self.path} begins with more than {MOST_BLANK} blank lines; expected a CSV.")
         return lines
 
     def _read_head(self, header: tuple[str, ...] | None) -> Head:
