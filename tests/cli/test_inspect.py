@@ -47,7 +47,11 @@ SDF = """<sdf version="1.9"><model name="r"><link name="a"/><link name="b"><!-- 
 </model></sdf>"""
 
 
-@pytest.mark.parametrize(("suffix", "text"), [("urdf", SLIP), ("sdf", SDF)])
+MJCF = """<mujoco model="r"><worldbody><body name="b"><!-- keep --><joint name="j" axis="0 1 0"/>
+  <inertial pos="0.2 0 0" mass="3" diaginertia="0.002 0.04 0.4"/></body></worldbody></mujoco>"""
+
+
+@pytest.mark.parametrize(("suffix", "text"), [("urdf", SLIP), ("sdf", SDF), ("xml", MJCF)])
 def test_a_description_is_repaired_in_its_own_format(suffix, text, tmp_path, capsys, monkeypatch):
     source, target = tmp_path / f"r.{suffix}", tmp_path / f"repaired.{suffix}"
     source.write_text(text)
