@@ -20,9 +20,9 @@ __all__ = ["TORQUE_SCRIPTS", "default_log", "drawn_logs", "joint_units", "source
 Array = NDArray[np.float64]
 TORQUE_SCRIPTS = ("curves.js",)
 
-_ALL_ROWS = 48_000
-"""Rows of curves in a page, of all its logs and joints together, of 11 bytes each once they are packed: half a
-megabyte, so that a page with Plotly, 1.9 MB, stays below three."""
+_ALL_ROWS = 32_000
+"""Rows of curves in a page, of all its logs and joints together, of 11 bytes each once they are packed: a third
+of a megabyte, so that a page with Plotly, 1.96 MB, stays below three for a humanoid of 29 joints, too."""
 _MOST_ROWS, _FEWEST_ROWS = 2400, 600
 """Of a joint in one log: four for each of 600 pixels, or of 150, below which fewer logs are drawn."""
 _SOURCE_ROWS = 20_000  # of the curves of all the joints together in the figures of sources
@@ -89,10 +89,11 @@ def torques(identification: Identification) -> Markup:
     )
     figures = "".join(
         f'<figure class="joint"><figcaption>{escape(name)} <span class="error" id="torque-{index}-error"></span>'
-        f'</figcaption><div class="plot" id="torque-{index}" role="img"></div>'
+        f"</figcaption>{_frame('plot', f'torque-{index}', f'Torque of {name} over time')}"
         f'<details class="pattern" data-joint="{index}"><summary>Spectrum and autocorrelation of the residual of '
-        f'{escape(name)}</summary><div class="pair"><div class="small" id="spectrum-{index}" role="img"></div>'
-        f'<div class="small" id="lags-{index}" role="img"></div></div></details></figure>'
+        f'{escape(name)}</summary><div class="pair">'
+        f"{_frame('small', f'spectrum-{index}', f'Spectrum of the residual of {name}')}"
+        f"{_frame('small', f'lags-{index}', f'Autocorrelation of the residual of {name}')}</div></details></figure>"
         for index, name in enumerate(identification.estimate.joint_names)
     )
     packed = PackedCurves()
@@ -113,6 +114,11 @@ def torques(identification: Identification) -> Markup:
         f'<div class="plots">{figures}</div>'
         f'<script type="application/json" id="torque-data">{script_data(told)}</script>{packed.markup("torque-curves")}'
     )
+
+
+def _frame(kind: str, identifier: str, label: str) -> str:
+    """The place of a chart, with words for those who cannot see it, also before it is drawn."""
+    return f'<div class="{kind}" id="{identifier}" role="img" aria-label="{escape(label)}"></div>'
 
 
 def _buttons() -> str:
@@ -256,7 +262,7 @@ def sources(identification: Identification) -> Markup:
     )
     figures = "".join(
         f"<figure><figcaption>{escape(name)}</figcaption>"
-        f'<div class="plot" id="source-{joint}" role="img"></div></figure>'
+        f"{_frame('plot', f'source-{joint}', f'Sources of the torque of {name} over time')}</figure>"
         for joint, name in enumerate(joints)
     )
     return Markup(
