@@ -63,7 +63,12 @@ PLACEHOLDERS = {
 
 SLOW = {
     ("README.md", "console"): "the whole chain of commands",
+    ("README.md", "python"): "an identification",
     ("docs/index.md", "console"): "the demo, and an identification",
+    ("docs/how-to/extend.md", "toml"): "everything that the page registers",
+    ("docs/how-to/validate-and-compare.md", "console"): "intervals of two results",
+    ("docs/how-to/payload.md", "console"): "payloads, and the gains of drives",
+    ("docs/how-to/experiment-in-software.md", "python"): "a design of a motion",
     ("docs/reference/command-line.md", "console"): "every command",
     ("docs/how-to/simulate.md", "python"): "many simulations",
     ("docs/how-to/process-a-log.md", "python"): "a log of a minute and its spectra",
@@ -165,7 +170,8 @@ def workshop(tmp_path_factory: pytest.TempPathFactory) -> Path:
     currents = '[log]\ntorque_unit = "A"\ngain = "find"\n'
     (folder / "currents.toml").write_text(f"{ROBOT_FILE}{currents}", encoding="utf-8")
     (folder / "result").mkdir()
-    estimate = sy.identify(folder / "robot.toml", [folder / "run1.csv"]).estimate
+    samples = sy.Recording.read(folder / "run1.csv", joints=6).process(cutoff=10.0)
+    estimate = sy.fit(sy.Information.from_samples(model, samples), sy.FeasibleSet(model))
     for target in (folder / "estimate.json", folder / "result" / "estimate.json"):
         estimate.save(target)
     (folder / "meshes").mkdir()
