@@ -111,3 +111,18 @@ def test_doctor_ends_with_what_it_found(stranger, run):
     assert json.loads(out)["remedies"] == {"log": {"time_unit": "ms"}}
     assert run("doctor", place / "nothing.csv")[0] == 2
     assert run("doctor", place / "sound.csv", place / "nothing.urdf")[0] == 2
+
+
+def test_init_takes_the_line_that_its_message_asks_for(stranger, run):
+    place, q, torque = stranger
+    write(place / "log.csv", ["moment_of_row", "q1", "q2", "tau1", "tau2"], [T, q, torque])
+    code, _, err = run("init", place / "pair.urdf", place / "log.csv", "-o", place / "robot.toml")
+    assert code == 2
+    assert "has no such section: add --set log.time=...)." in err
+    line = ("--set", "log.time=moment_of_row")
+    code, _, _ = run("init", place / "pair.urdf", place / "log.csv", "-o", place / "robot.toml", "-q", *line)
+    assert code == 0
+    assert tomllib.loads((place / "robot.toml").read_text())["log"]["time"] == "moment_of_row"
+    code, _, err = run("init", place / "pair.urdf", place / "log.csv", "--force", "--set", "payload.mass=2")
+    assert code == 2
+    assert "[payload] is not guessed by a log" in err

@@ -8,6 +8,7 @@ from typing import Annotated
 import typer
 
 from .choices import Quiet, Topic
+from .robot_argument import SetLines, given_sections
 from .terminal import echo, progress
 
 __all__ = ["init"]
@@ -20,6 +21,7 @@ def init(
     ] = None,
     output: Annotated[Path, typer.Option("--output", "-o", help="The file to write.")] = Path("robot.toml"),
     topic: Topic = None,
+    lines: SetLines = None,
     force: Annotated[bool, typer.Option("--force", help="Overwrite the file where it exists.")] = False,
     quiet: Quiet = False,
 ) -> None:
@@ -39,7 +41,9 @@ def init(
     if os.path.lexists(output) and not force:
         raise InputError(f"{output} exists and is not overwritten; give another place with --output, or --force.")
     with progress(quiet=quiet) as say:
-        made = first_robot_file(robot, log, folder=output.parent, topic=topic, progress=say)
+        made = first_robot_file(
+            robot, log, folder=output.parent, topic=topic, settings=given_sections(lines or ()), progress=say
+        )
     output.parent.mkdir(parents=True, exist_ok=True)
     write_text(made.text, output)
     incomplete = f" {made.to_complete}" if made.to_complete else ""

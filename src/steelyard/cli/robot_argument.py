@@ -14,7 +14,7 @@ from .terminal import SECTIONS
 if TYPE_CHECKING:
     from steelyard.robot import RobotFile
 
-__all__ = ["SetLines", "lines_told", "load_robot"]
+__all__ = ["SetLines", "given_sections", "lines_told", "load_robot"]
 
 SetLines = Annotated[
     list[str] | None,
@@ -43,12 +43,13 @@ def load_robot(
     from steelyard.robot import RobotFile
 
     file = RobotFile.load(robot, allow_extensions=allow_extensions)
-    for section, keys in _sections(lines or ()).items():
+    for section, keys in given_sections(lines or ()).items():
         file = file.with_settings(section, **keys)
     return file.with_settings("log", topic=topic or None)
 
 
-def _sections(lines: Sequence[str]) -> dict[str, dict[str, Any]]:
+def given_sections(lines: Sequence[str]) -> dict[str, dict[str, Any]]:
+    """Return the keys that ``--set`` gives, by section."""
     from steelyard.errors import InputError
     from steelyard.files import suggestion
 
@@ -89,16 +90,15 @@ def lines_told(message: str, arguments: Sequence[str]) -> str:
     """
     named = [section for section in SECTIONS if f"[{section}]" in message]
     robots = [one for one in arguments[1:] if one.lower().endswith((".urdf", ".xacro", ".xml", ".mjcf", ".sdf"))]
-    if not named or not robots or "--set" in arguments or any(one.lower().endswith(".toml") for one in arguments[1:]):
+    has_file = arguments[0] != "init" and any(one.lower().endswith(".toml") for one in arguments[1:])
+    if not named or not robots or "--set" in arguments or has_file:
         return message
-    if arguments[0] not in ("identify", "validate", "payload", "doctor"):
+    if arguments[0] not in ("identify", "validate", "payload", "doctor", "init"):
         return message
     section = named[0]
     key = _key(message, section)
-    hint = (
-        f"({robots[0]} has no such section: add --set {section}.{key}=..., or write a robot.toml with: steelyard init "
-        f"{robots[0]} LOG)"
-    )
+    other = "" if arguments[0] == "init" else f", or write a robot.toml with: steelyard init {robots[0]} LOG"
+    hint = f"({robots[0]} has no such section: add --set {section}.{key}=...{other})"
     return f"{message.rstrip().removesuffix('.')} {hint}."
 
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import os
 import re
 import tomllib
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -107,6 +107,7 @@ def first_robot_file(
     *,
     folder: str | Path = ".",
     topic: str | Sequence[str] | None = None,
+    settings: Mapping[str, Mapping[str, Any]] | None = None,
     progress: Callable[[str], None] | None = None,
 ) -> FirstRobotFile:
     """Write down everything that a description, and a log, tell of how a robot is to be identified.
@@ -123,6 +124,8 @@ def first_robot_file(
         Where the file will be, from which the path of the description counts.
     topic : str or sequence of str, optional
         Of a bag that is read; several that belong together.
+    settings : mapping, optional
+        Keys of [log] and [processing] that are known, by section, such as ``{"log": {"time": "clock"}}``.
     progress : callable, optional
         Called with a few words before each step.
 
@@ -158,6 +161,11 @@ def first_robot_file(
     else:
         if topic:
             draft.state("log", "topic", topic if isinstance(topic, str) else list(topic), "given")
+        for section, keys in (settings or {}).items():
+            if section not in ("log", "processing"):
+                raise InputError(f"[{section}] is not guessed by a log; write it into the robot file afterwards.")
+            for key, value in keys.items():
+                draft.state(section, key, value, "given")
         draft.see(log, say)
     text, guesses = draft.written()
     return FirstRobotFile(text, guesses, draft.examination, draft.to_complete)
