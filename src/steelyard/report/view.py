@@ -5,6 +5,7 @@ from __future__ import annotations
 import contextlib
 import io
 import ipaddress
+import logging
 import math
 import queue
 import socket
@@ -166,6 +167,12 @@ class Viewer:
         up = -gravity / strength if strength > 0.0 else np.array([0.0, 0.0, 1.0])
         scene.set_up_direction(tuple(up.tolist()))
         middle, size = self.viewed.extent
+        if self.motion is not None:  # what slides may go far from where it is drawn first
+            rows = np.unique(np.linspace(0, len(self.motion.t) - 1, 100).astype(int))
+            places = place_links(self.robot, self.motion.q[rows]).positions.reshape(-1, 3)
+            low = np.minimum(places.min(axis=0), middle - size / 2.0)
+            high = np.maximum(places.max(axis=0), middle + size / 2.0)
+            middle, size = (low + high) / 2.0, max(size, float(np.linalg.norm(high - low)) / 2.0)
         across = np.cross(up, [1.0, 0.0, 0.0] if abs(up[0]) < 0.9 else [0.0, 1.0, 0.0])
         across /= np.linalg.norm(across)
         ahead = np.cross(across, up)
@@ -306,7 +313,7 @@ class Viewer:
             self._when(box, partial(self._switch, layer))
         if any(self._layers.get(layer) for layer in ("shapes",)):
             clear = bool(self._layers.get("identified ellipsoids") or self._layers.get("CAD ellipsoids"))
-            self.opacity = gui.add_slider("opacity of shapes", 0.0, 1.0, 0.05, 0.4 if clear else 1.0)
+            self.opacity = gui.add_slider("opacity of shapes", 0.0, 1.0, 0.05, 0.55 if clear else 1.0)
             self._when(self.opacity, lambda: self._fade(self.opacity.value))
             self._fade(self.opacity.value)
         if self.viewed.known:
@@ -356,7 +363,7 @@ class Viewer:
                 series += [{"label": key, "stroke": CURVES[key], "width": 2} for key in motion.torques]
                 series += [{"label": "now", "stroke": "#e1261c", "points": {"show": True, "size": 9}, "width": 0}]
                 self.chart = gui.add_uplot(
-                    self._chart_data(), tuple(series), scales={"x": {"time": False}}, height=220,
+                    self._chart_data(), tuple(series), scales=self._chart_scales(), height=220,
                     axes=({"label": "time, s"}, {"label": self.units[0]}),
                 )  # fmt: skip
                 self._when(self.chosen, self.draw_chart)
@@ -503,12 +510,24 @@ class Viewer:
         now[at] = curves[0][at] if np.isfinite(curves[0][at]) else 0.0
         return (self.motion.t[rows], *curves, now)
 
+    def _chart_scales(self) -> dict[str, Any]:
+        """The range of the torque is given: uPlot finds none where values are missing."""
+        assert self.motion is not None
+        joint = self.robot.joint_names.index(self.chosen.value)
+        values = np.concatenate([torques[:, joint] for torques in self.motion.torques.values()])
+        low, high = float(np.nanmin(values, initial=0.0)), float(np.nanmax(values, initial=0.0))
+        spare = 0.05 * (high - low) or 1.0
+        return {"x": {"time": False}, "y": {"range": (low - spare, high + spare)}}
+
     def draw_chart(self) -> None:
         """Draw the torque of the chosen joint, and where the motion is."""
         if self.motion is not None and self.motion.torques:
             unit = self.units[self.robot.joint_names.index(self.chosen.value)]
             if self.chart.axes[1]["label"] != unit:
                 self.chart.axes = ({"label": "time, s"}, {"label": unit})
+            scales = self._chart_scales()
+            if self.chart.scales != scales:
+                self.chart.scales = scales
             self.chart.data = self._chart_data()
 
     def advance(self, seconds: float) -> None:
@@ -647,6 +666,8 @@ def view_robot(
     if not 0 <= port <= 65535:
         raise InputError(f"a port is a number from 0 to 65535, got {port}.")
     require_free(host, port)
+    # Browsers open connections that they do not use; each would print a traceback of the server's library.
+    logging.getLogger("websockets").setLevel(logging.CRITICAL)
     with contextlib.redirect_stdout(io.StringIO()):  # a frame with the address, which `ready` is told
         server = viser.ViserServer(host=host, port=port, label="steelyard view", verbose=False)
     try:

@@ -98,8 +98,12 @@ class ViewedRobot:
             rotation, position = (part[0] for part in places.of(one.body, one.placement))
             for sign in (1.0, -1.0):
                 points.extend(position + one.shape.lowest(sign * rotation) @ rotation.T)
-        for body, index in ((body, k) for k, body in enumerate(self.bodies(self.identified)) if body is not None):
-            points.append(places.positions[index, 0] + places.rotations[index, 0] @ body.center)
+        low, high = np.min(points, axis=0), np.max(points, axis=0)
+        farthest = 2.0 * max(float(np.linalg.norm(high - low)), 0.05)  # a centre of mass may lie anywhere
+        for parameters in (self.identified, self.described):
+            for index, body in enumerate(self.bodies(parameters)):
+                if body is not None and np.linalg.norm(body.center) < farthest:
+                    points.append(places.positions[index, 0] + places.rotations[index, 0] @ body.center)
         low, high = np.min(points, axis=0), np.max(points, axis=0)
         return (low + high) / 2.0, max(float(np.linalg.norm(high - low)) / 2.0, 1e-3)
 
