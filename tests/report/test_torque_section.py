@@ -72,6 +72,7 @@ def test_long_logs_keep_their_peaks(identification: Identification) -> None:
     logs, packed = parsed(replace(identification, predictions=(replace(whole, trace=replace(trace, log_rows=60_000)),)))
     first, second = logs[0]["joints"]
     assert len(unpacked(packed, first["t"])) <= 2400
+    assert len(packed) < 80_000  # bytes, whatever the length of the log
     assert unpacked(packed, first["measured"]).max() == pytest.approx(7.0, abs=1e-3)
     left = unpacked(packed, second["residual"])
     assert left[np.abs(left).argmax()] == pytest.approx(-0.4 - wave[54_321, 1], abs=1e-3)
