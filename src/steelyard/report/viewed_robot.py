@@ -109,7 +109,7 @@ class ViewedRobot:
 
     def is_too_large(self, body: LinkBody) -> bool:
         """Whether the ellipsoid of a link is larger than the robot, as placeholders for an unknown inertia make it."""
-        return bool(body.possible and body.semi_axes.max() > 0.8 * self.extent[1])
+        return bool(body.possible and body.semi_axes.max() > self.extent[1])
 
     @cached_property
     def rods(self) -> tuple[tuple[int, Array, Array], ...]:
