@@ -375,8 +375,9 @@ def nearest_in_region(
         found, solution, scale, _ = problem.search(factor * feasible_set.margin, difference, inside)
         if solution.outcome is Outcome.INFEASIBLE:
             raise SolverError(
-                "no parameters satisfy all conditions, whatever the base parameters are (where the estimate is certain "
-                "of them); loosen the constraints, which contradict each other or the estimate."
+                "the solver finds no parameters that satisfy all conditions: the constraints contradict each other, or "
+                "base parameters of which the estimate is certain, or it lies so many standard deviations away that "
+                "floating point cannot tell; loosen the constraints, or look at the estimate with steelyard check."
             )
         if found is None or not inside(found):
             continue

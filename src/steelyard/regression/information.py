@@ -357,8 +357,8 @@ class Information:
     @classmethod
     def without_each(cls, parts: Sequence[Information]) -> Iterator[Information]:
         """Yield for each of the parts the Information of all the others together."""
-        for left_out in parts:
-            yield cls.total([one for one in parts if one is not left_out])
+        for place in range(len(parts)):
+            yield cls.total([*parts[:place], *parts[place + 1 :]])
 
     @classmethod
     def held_out_squares(cls, parts: Sequence[Information], base_of: Callable[[Information], Array]) -> Array:
