@@ -39,6 +39,7 @@ def examples(folder: Path, *options: str) -> list[str]:
     return (folder / "found.txt").read_text().split()
 
 
+@pytest.mark.slow
 def test_examples_do_not_depend_on_what_ran_before(tmp_path: Path) -> None:
     alone, after = tmp_path / "alone", tmp_path / "after"
     alone.mkdir()

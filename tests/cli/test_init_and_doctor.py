@@ -56,6 +56,7 @@ def spreadsheet(path, q, torque):
     write(path, heads, [1e3 * T, np.degrees(q), torque], ";", comma=True)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("style", [plain, plot_juggler, spreadsheet])
 def test_two_commands_lead_from_a_description_and_a_log_to_a_better_description(style, stranger, run):
     place, q, torque = stranger

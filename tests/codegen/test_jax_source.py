@@ -25,6 +25,7 @@ def test_robot_functions_agree_at_fresh_inputs(wam_generated: Project, tmp_path:
     run_python("jax", wam_generated, tmp_path)
 
 
+@pytest.mark.slow
 def test_odd_functions_agree_at_fresh_inputs(odd_generated: Project, tmp_path: Path) -> None:
     run_python("jax", odd_generated, tmp_path, least=LEAST)
 

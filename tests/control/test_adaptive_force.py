@@ -208,6 +208,7 @@ def test_the_stiffness_is_found_across_a_tenfold_change(wam, sensors):
         assert np.sqrt(np.mean(error**2)) < 1.0
 
 
+@pytest.mark.slow
 def test_a_steady_force_is_reached_despite_a_wrong_model(wam):
     """The observer takes away what friction and a wrong mass do."""
     wrong = true_parameters()

@@ -285,6 +285,7 @@ SHOWN = {
 }
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("kind", "link"), SHOWN)
 @pytest.mark.parametrize("noise", [0.0, 1e-3])
 def test_what_other_robots_show_of_a_payload(kind, link, noise):

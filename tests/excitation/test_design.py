@@ -90,6 +90,7 @@ def test_information_of_the_samples_has_the_same_condition_number(arm, arm_limit
     assert information.condition_number == pytest.approx(design.condition_number, rel=1e-9)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("family", ["fourier", pytest.param("spline", marks=pytest.mark.slow)])
 def test_motions_that_show_next_to_nothing_are_as_good_as_they_can_be_and_said_to_be_bad(arm, arm_limits, family):
     """At a thousandth of the speed the condition number is some 1e7; the search used to stop at 4e8, where it began."""

@@ -59,6 +59,7 @@ def perfect(arm, simulation, tmp_path_factory):
     return sy.identify(path, [record(simulation, model, "perfect", tmp_path_factory.mktemp("perfect"))])
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     "kind",
     [*(pytest.param(k, marks=pytest.mark.slow) for k in ("gaps", "late", "uneven")), "late, gaps", "uneven, gaps"],

@@ -132,6 +132,7 @@ PLANTED = {
 """Faults that are found without a robot."""
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("fault", PLANTED)
 def test_a_planted_fault_is_found_without_a_robot_and_the_line_mends_it(fault, arm, tmp_path):
     plant, kind, remedy = PLANTED[fault]

@@ -26,6 +26,7 @@ def short(robots, monkeypatch):
     monkeypatch.setattr(examples, "SECONDS", 4.0)
 
 
+@pytest.mark.slow
 def test_folder_is_complete_and_honest(short, tmp_path):
     folder = write_example("ur5", tmp_path / "made")
     names = {path.name for path in folder.iterdir()}

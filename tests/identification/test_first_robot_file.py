@@ -97,6 +97,7 @@ def test_a_description_alone_tells_limits_and_gears(tmp_path, gears):
     assert (content["limits"]["lower"], content["limits"]["velocity"]) == ([-3.0, -3.0], [4.0, 4.0])
 
 
+@pytest.mark.slow
 def test_it_identifies_as_well_as_without_it(tmp_path):
     urdf = description(tmp_path)
     log = log_of(tmp_path, torques(urdf))

@@ -267,6 +267,7 @@ def test_a_part_of_a_description_is_written_as_it_was_read(tmp_path, how):
     np.testing.assert_allclose(written.parameters, np.asarray(result)[links], rtol=1e-9, atol=1e-12)
 
 
+@pytest.mark.slow
 def test_what_is_in_memory_is_named_and_hashed(files, tmp_path):
     path, log, other, _ = files
     frames = [pl.DataFrame(by_columns(one)) for one in (log, other)]
@@ -437,6 +438,7 @@ def test_constant_torques_are_told_before_a_filter_is_looked_for(files):
         sy.identify(path, {**arrays, "tau": 0 * arrays["tau"]}, processing={"cutoff": "auto"})
 
 
+@pytest.mark.slow
 def test_degrees_are_told_and_mended(files):
     path, log, _, expected = files
     arrays = by_matrices(log)
@@ -453,6 +455,7 @@ def test_constraints_are_added(files):
     assert light.total_mass <= 3.0 + 1e-9
 
 
+@pytest.mark.slow
 def test_the_example_runs(capsys):
     names = runpy.run_path(str(Path(__file__).resolve().parents[2] / "examples" / "from_a_notebook.py"))
     assert "The answer can exist and predicts well" in capsys.readouterr().out

@@ -75,6 +75,7 @@ def error_on(model, parameters, held=(), seed=77):
     return np.linalg.norm(model.inverse_dynamics(*other, parameters) - true) / np.linalg.norm(true)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     "kind",
     [
@@ -134,6 +135,7 @@ def test_terms_that_nothing_shows_are_zero_however_the_fit_ends(prefer):
     assert max(abs(values[name]) for name in ("Fvj1", "Fcj1", "Foj1")) < 1e-3
 
 
+@pytest.mark.slow
 def test_a_joint_that_moves_in_one_log_of_two_is_known(tmp_path):
     path = robot_file(tmp_path)
     model = sy.Model.load(path)
@@ -173,6 +175,7 @@ def test_samples_with_rounding_for_velocities(tmp_path):
     np.testing.assert_allclose(sy.least_squares(spoiled).base, sy.least_squares(clean).base, rtol=1e-9, atol=1e-12)
 
 
+@pytest.mark.slow
 def test_held_in_the_first_rows_alone(tmp_path, monkeypatch):
     """What is chosen by the first rows does not hold where the joint moves later."""
     path = robot_file(tmp_path)

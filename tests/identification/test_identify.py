@@ -10,6 +10,7 @@ from steelyard.identification import check_estimate
 from steelyard.recording import process_chunks
 
 
+@pytest.mark.slow
 def test_without_noise_the_truth_comes_back(elbow, simulation):
     path, model, folder = elbow
     log = simulation.record(model, folder / "log.csv", seed=1, noise=0.0)
@@ -22,6 +23,7 @@ def test_without_noise_the_truth_comes_back(elbow, simulation):
     assert sy.check(result.feasible_set, parameters=result.estimate.parameters).feasible
 
 
+@pytest.mark.slow
 def test_every_answer_is_physically_possible(elbow, simulation):
     path, model, folder = elbow
     log = simulation.record(model, folder / "log.csv", seed=2, noise=2.0)

@@ -369,6 +369,7 @@ def test_a_delay_is_told_in_a_long_log(simulation, tmp_path):
     assert sy.identify(path, [log]).mistakes == {}
 
 
+@pytest.mark.slow
 def test_logs_share_their_mistakes(simulation, tmp_path):
     """Of five logs three are searched, and the others are tried with what was found."""
     path = tmp_path / "robot.toml"

@@ -55,13 +55,16 @@ def test_a_sound_log_is_not_remarked_on(arm, tmp_path, chunk_rows):
 
 
 @pytest.mark.parametrize("chunk_rows", CHUNKS)
-@pytest.mark.parametrize("mistake", MISTAKES)
+@pytest.mark.parametrize(
+    "mistake", [one if one == "torques in mN·m" else pytest.param(one, marks=pytest.mark.slow) for one in MISTAKES]
+)
 def test_a_mistake_is_said(arm, tmp_path, mistake, chunk_rows):
     change, words = MISTAKES[mistake]
     found = remarks(arm, tmp_path, change(arm[2]), chunk_rows)
     assert any(all(word in remark for word in words) for remark in found), found
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("chunk_rows", CHUNKS)
 def test_stamps_in_ms_at_5_khz_are_said(arm, tmp_path, chunk_rows):
     """The motion is ten times as fast here as at 500 Hz."""
@@ -77,6 +80,7 @@ def test_stamps_in_ms_at_5_khz_are_said(arm, tmp_path, chunk_rows):
         remarks((free,), tmp_path, replace(slow, velocity=10.0 * log.velocity), chunk_rows)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("chunk_rows", CHUNKS)
 def test_limits_are_those_of_the_whole_log(arm, tmp_path, chunk_rows):
     """Beyond a position and a velocity limit after more than a chunk."""

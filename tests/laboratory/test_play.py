@@ -79,6 +79,7 @@ def test_torques_are_those_of_the_motion(pendulum):
     np.testing.assert_allclose(log.torque[:, 0], expected, atol=1e-9)
 
 
+@pytest.mark.slow
 def test_sensors_are_seeded_and_periods_are_counted(pendulum):
     model, delta = pendulum
     sensors = Sensors(encoder_resolution=1e-3, torque_noise=0.1)
@@ -200,6 +201,7 @@ def test_the_default_controller_holds_the_robot_of_pinocchio(file, rate, exact):
     assert np.abs(q - reference.at(0.4)[0]).max() < 0.02
 
 
+@pytest.mark.slow
 def test_a_rate_that_is_too_low_is_the_cause_that_is_told():
     model, delta, _ = frictionless("panda.urdf")
     with pytest.raises(sy.InputError, match=r"control loop of 10 Hz .* natural frequency of no more than") as found:

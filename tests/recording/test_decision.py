@@ -143,6 +143,7 @@ def test_evidence_can_be_looked_at(arm):
     assert f"{choice.cutoff:.4g} Hz" in choice._repr_html_()
 
 
+@pytest.mark.slow
 def test_noise_that_a_controller_answers_is_not_taken_for_motion(arm):
     """A slow motion with coarse encoders: torques answer their noise, and fit it best where the filter lets it pass."""
     model, parameters = arm

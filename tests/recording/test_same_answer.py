@@ -191,6 +191,7 @@ def test_the_standard_input_gives_the_same_estimate(name: str, folder: Path, arr
     assert results[0] == results[1]
 
 
+@pytest.mark.slow
 def test_nothing_in_the_standard_input_is_one_sentence(folder: Path, tmp_path: Path) -> None:
     command = [
         sys.executable,

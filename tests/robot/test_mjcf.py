@@ -76,6 +76,7 @@ def test_defaults_and_inertias_are_those_of_mujoco(tmp_path):
     assert difference_from_mujoco(written(tmp_path, text), robot) < 1e-12
 
 
+@pytest.mark.slow
 @EXACT
 @pytest.mark.parametrize("seed", [1, 2, *(pytest.param(seed, marks=pytest.mark.slow) for seed in range(3, 33))])
 def test_random_trees(tmp_path, seed):

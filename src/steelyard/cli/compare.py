@@ -44,7 +44,7 @@ def compare(
     Examples:
       steelyard compare result estimate.json
       steelyard compare result estimate.json --log run2.csv --output differences.json
-      steelyard compare robot.urdf result --page comparison.html
+      steelyard compare robot.toml result --page comparison.html
     """
     from steelyard.identification import compare_estimates
     from steelyard.robot import RobotFile

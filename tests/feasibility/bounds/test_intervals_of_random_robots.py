@@ -103,6 +103,7 @@ def test_agrees_with_another_modelling(consistency, point_cloud_parameters):
         assert (found[name].lower, found[name].upper) == pytest.approx((low, high), rel=1e-3, abs=2e-4), name
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("seed", [*range(4), *(pytest.param(s, marks=pytest.mark.slow) for s in range(4, 8))])
 def test_truth_lies_within_and_ends_are_attained(seed, point_cloud_parameters):
     check_a_robot(seed, 1 + seed % 4, point_cloud_parameters)

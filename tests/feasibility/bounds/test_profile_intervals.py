@@ -47,6 +47,7 @@ def ends_by_cvxpy(feasible_set, covariance, base, chi_squared, quantity):
     return values
 
 
+@pytest.mark.slow
 def test_ends_are_those_of_cvxpy() -> None:
     arm = simulated_arm(6)
     names = ["m2", "m3", "Lzz2", "lx3", "Lxy3", "Fvj1", "Fcj3", "total mass"]

@@ -38,6 +38,7 @@ def test_uncertainty_holds_the_truth_at_any_cutoff(played, model, cutoff):
     assert not found.is_sure
 
 
+@pytest.mark.slow
 def test_unsure_delay_is_not_applied(played, model):
     _, log = played
     plain = log.process(Processing(cutoff=5.0), model)

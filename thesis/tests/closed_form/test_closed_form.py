@@ -71,6 +71,7 @@ def test_two_joints_against_a_derivation_by_hand() -> None:
     assert 20 < sum(verdicts) < 100
 
 
+@pytest.mark.slow
 @needs_qepcad
 @pytest.mark.parametrize(
     ("lengths", "terms", "gravity", "consistency"),
@@ -244,6 +245,7 @@ def _locked(fcntl: Any, file: Any) -> bool:
     return True
 
 
+@pytest.mark.slow
 @needs_qepcad
 def test_elimination_of_textbook_formulas() -> None:
     a, b, c, x = sympy.symbols("a b c x", real=True)

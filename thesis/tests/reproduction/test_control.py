@@ -76,6 +76,7 @@ def test_higher_gains_track_better(run):
     assert (found[1] < 0.5 * found[0]).all()
 
 
+@pytest.mark.slow
 def test_infeasible_parameters_diverge_when_the_reference_moves(run):
     """At rest they hold the arm, as in the thesis, and within half a second of motion the safety stop ends it."""
     _, result = run("WLS", "5.1")
