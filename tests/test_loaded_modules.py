@@ -52,7 +52,9 @@ def folder(tmp_path_factory):
     return place
 
 
-@pytest.mark.parametrize("description", [DH, URDF], ids=["dh", "urdf"])
+@pytest.mark.parametrize(
+    "description", [pytest.param(DH, marks=pytest.mark.slow, id="dh"), pytest.param(URDF, id="urdf")]
+)
 def test_an_identification_loads_few_files(folder, description):
     (folder / "robot.toml").write_text(description)
     done = subprocess.run([sys.executable, "-c", COUNT], cwd=folder, capture_output=True, text=True, check=False)

@@ -161,6 +161,7 @@ def test_generate_lists_functions_and_refuses_foreign_files(run, place):
     assert (place / "x" / "pair.h").read_text() == "mine"
 
 
+@pytest.mark.slow
 def test_demo_runs_and_tells_where_to_look(run, tmp_path):
     code, out, err = run("demo", "--output", tmp_path / "demo", "--seed", "7")
     assert code == 0

@@ -301,9 +301,8 @@ REFUSED = {
 """What is so wrong that the log is not read."""
 
 
-@pytest.mark.parametrize(
-    "mistake", slow_but(("sign of a torque",), [mistake for mistake in MISTAKES if mistake != "ms"])
-)
+@pytest.mark.slow
+@pytest.mark.parametrize("mistake", [mistake for mistake in MISTAKES if mistake != "ms"])
 def test_the_line_that_is_told_mends_the_identification(planted, arms, mistake, tmp_path):
     given = case(planted, arms, mistake)
     samples = given.log.samples

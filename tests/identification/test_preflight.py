@@ -11,6 +11,7 @@ NEEDED = pytest.mark.skipif(not (installed() / ROBOTS[0]).exists(), reason="exam
 
 
 @NEEDED
+@pytest.mark.slow
 @pytest.mark.parametrize("name", ROBOTS)
 def test_good_arms_pass(name):
     found = preflight(Robot.from_urdf(installed() / name))

@@ -49,6 +49,7 @@ def around_feasible(model: sy.Model, count: int, seed: int) -> Any:
 
 
 @needs_qepcad
+@pytest.mark.slow
 def test_two_joints_against_a_derivation_by_hand() -> None:
     """About its own axis link 2 has the moment J₂ = Lzz₂ + 2 a₂ lx₂ + a₂² m₂, in which m₂ falls out of β, and so on.
 
