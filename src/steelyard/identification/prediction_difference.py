@@ -75,18 +75,22 @@ class PredictionDifference:
             found.append(f"Their errors there: {errors}.")
         return tuple(found)
 
-    def __str__(self) -> str:
+    def table(self) -> tuple[list[str], list[tuple[str, ...]]]:
+        """Return heads and rows: root mean squares of each joint, N·m or N."""
         short = labels(len(self.names))
-        heads = ["joint", "torque"]
-        columns = [self.joint_torque]
+        heads, columns = ["joint", "torque"], [self.joint_torque]
         if self.joint_error is not None:
             heads += [f"error of {label}" for label in short]
             columns += list(self.joint_error)
-        heads += [f"{label} - A" for label in short[1:]]
+        heads += [f"{label} - {short[0]}" for label in short[1:]]
         columns += list(self.joint_difference)
         rows = [(name, *(f"{column[k]:.3g}" for column in columns)) for k, name in enumerate(self.joint_names)]
-        table = text_table(heads, rows, numbers=range(1, len(heads)))
-        return "\n".join((*self.sentences, "Root mean squares, N·m or N:", table))
+        return heads, rows
+
+    def __str__(self) -> str:
+        heads, rows = self.table()
+        drawn = text_table(heads, rows, numbers=range(1, len(heads)))
+        return "\n".join((*self.sentences, "Root mean squares, N·m or N:", drawn))
 
     def to_dict(self) -> dict[str, Any]:
         """As plain data."""

@@ -274,15 +274,8 @@ def _prediction(comparison: Comparison) -> Markup:
     told = comparison.prediction
     if told is None:
         return Markup("")
-    short = labels(len(told.names))
-    heads = ["Joint", "Torque"]
-    columns = [told.joint_torque]
-    if told.joint_error is not None:
-        heads += [f"Error of {label}" for label in short]
-        columns += list(told.joint_error)
-    heads += [f"{label} - {short[0]}" for label in short[1:]]
-    columns += list(told.joint_difference)
-    rows = [(name, *(f"{column[k]:.3g}" for column in columns)) for k, name in enumerate(told.joint_names)]
+    heads, rows = told.table()
+    heads[:2] = ["Joint", "Torque"]
     sentences = "".join(f"<p>{escape(sentence)}</p>" for sentence in told.sentences)
     drawn = table("Root mean squares, N·m or N", heads, rows, identifier="predicted")
     return Markup(f"{sentences}{drawn}")
