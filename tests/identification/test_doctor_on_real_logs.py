@@ -18,14 +18,28 @@ def kinds(examination):
     return [one.kind for one in examination.findings]
 
 
+# Two joints move so little that noise is half of what they show: the turret of the UR10, the lift of the Tiago.
+SHOW_LITTLE = {
+    ("ur10", "train.csv"): (["torque noise"], ["torque noise"]),
+    ("tiago", "train.csv"): ([], ["position noise"]),
+    ("tiago", "validate.csv"): ([], ["position noise"]),
+}
+
+
 @pytest.mark.slow
 @pytest.mark.parametrize("name", EXAMPLES)
-def test_the_logs_of_the_examples_are_sound(name, tmp_path):
+def test_the_logs_of_the_examples_are_sound_but_for_joints_that_hardly_move(name, tmp_path):
     folder = write_example(name, tmp_path / name)
     for log in ("train.csv", "validate.csv"):
-        assert kinds(examine(folder / log)) == []
+        alone, with_robot = SHOW_LITTLE.get((name, log), ([], []))
+        assert kinds(examine(folder / log)) == alone
         found = examine(folder / log, folder / "robot.toml")
-        assert kinds(found) == []
+        assert kinds(found) == with_robot
+        if "torque noise" in alone:
+            torque = sy.Recording.read(folder / log).torque[:, 0]
+            assert np.std(np.diff(torque)) / np.sqrt(2.0) > 0.45 * np.std(torque)
+        for one in found.findings:
+            assert "joint 1" in one.statement.lower()
 
 
 @pytest.mark.data
