@@ -4,11 +4,11 @@ import numpy as np
 import pytest
 
 import steelyard as sy
-from steelyard.collision import Mesh, RobotGeometry
+from steelyard.collision import Mesh, RobotGeometry, shapes_of_moving_links, visual_shapes
 from steelyard.collision.described_shapes import ellipsoid
 from steelyard.errors import InputError
 from steelyard.identification.physical_prior import physical_prior
-from steelyard.robot import Robot
+from steelyard.robot import Robot, mjcf_compiled, mjcf_document
 from steelyard.robot.description import read_description
 
 CORNERS = np.array([[0, 0, 0], [0.3, 0, 0], [0, 0.2, 0], [0, 0, 0.4]])
@@ -152,3 +152,20 @@ def test_shapes_that_cannot_be_read_are_named_with_their_line(place, name, chang
         return
     with pytest.raises(InputError, match=message):
         RobotGeometry.from_description(robot)
+
+
+def test_what_is_seen_of_an_mjcf_does_not_take_mujoco_again(place, monkeypatch):
+    """Nor is the file read a second time for its tree."""
+    pytest.importorskip("mujoco", reason="MuJoCo (extra `mjcf`) is not installed")
+    path = place / "arm.xml"
+    path.write_text(path.read_text().replace('<inertial pos="0 0 0" mass="1" diaginertia="1 1 1"/>', "", 1))
+    robot = Robot.from_mjcf(path)  # the mesh weighs, so that MuJoCo compiles the file
+    started, read = [], []
+    monkeypatch.setattr(mjcf_compiled, "run_child", lambda *given, **named: started.append(given) or (b"{", 1))
+    monkeypatch.setattr(mjcf_document, "read_bytes", lambda *given, **named: read.append(given) or path.read_bytes())
+    assert len(shapes_of_moving_links(robot, path, [], 10**6)["visual"]) == 1
+    assert len(visual_shapes(robot, path, [], 10**6)) == 1
+    assert (len(started), len(read)) == (0, 2)
+    with pytest.raises(InputError, match="MuJoCo ended without an answer"):  # the parents of links are of its tree
+        RobotGeometry.from_description(robot)
+    assert (len(started), len(read)) == (1, 3)

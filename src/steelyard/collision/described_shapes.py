@@ -17,9 +17,11 @@ from steelyard.errors import InputError
 from .shapes import Mesh, Shape
 
 if TYPE_CHECKING:
+    from steelyard.robot.described_tree import DescribedTree
+
     from .mesh_files import MeshArrays
 
-__all__ = ["GeometryElement", "MeshKind", "MeshShapes", "ShapeElement", "ellipsoid"]
+__all__ = ["DescribedShapes", "GeometryElement", "MeshKind", "MeshShapes", "ShapeElement", "ellipsoid"]
 
 Array = NDArray[np.float64]
 MeshKind = Literal["hull", "exact"]
@@ -48,6 +50,10 @@ class ShapeElement:
     link: str
     make: Callable[[], tuple[Shape, Array]]
     mesh: tuple[str, Path] | None = None
+
+
+DescribedShapes = tuple[list[ShapeElement], Callable[[], "DescribedTree"]]
+"""The elements of a description with shapes, and what returns its tree: MuJoCo may have to compile a file for that."""
 
 
 class MeshShapes:

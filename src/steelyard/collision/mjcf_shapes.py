@@ -11,12 +11,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from steelyard.errors import InputError
-from steelyard.robot.mjcf_document import MjcfElement, read_mjcf_document
+from steelyard.robot.mjcf_document import MjcfDocument, MjcfElement, read_mjcf_document
 from steelyard.robot.mjcf_reading import BeyondReadingError, MjcfReader
-from steelyard.robot.mjcf_tree import read_mjcf_tree
+from steelyard.robot.mjcf_tree import mjcf_tree
 from steelyard.robot.placement import inverse
 
-from .described_shapes import MeshShapes, ShapeElement, ellipsoid
+from .described_shapes import DescribedShapes, MeshShapes, ShapeElement, ellipsoid
 from .shapes import Box, Capsule, Cylinder, Mesh, Shape, Sphere
 
 __all__ = ["mjcf_shapes"]
@@ -26,23 +26,22 @@ Attributes = Mapping[str, str]
 WITHOUT_BODY = ("plane", "hfield")
 
 
-def mjcf_shapes(path: Path, read: MeshShapes) -> tuple[list[ShapeElement], dict[str, str]]:
-    """Return the geoms of an MJCF, and the parent of each link.
+def mjcf_shapes(path: Path, read: MeshShapes) -> DescribedShapes:
+    """Return the geoms of an MJCF, and its tree.
 
     A geom collides where its ``contype`` or ``conaffinity`` says that it can; others are seen alone.
     """
-    tree = read_mjcf_tree(path).tree
+    document = read_mjcf_document(path)
     try:
-        elements = _Geoms(path, read).elements()
+        elements = _Geoms(document, read).elements()
     except BeyondReadingError as reason:
         raise InputError(f"{reason} hides which shapes the links have; save the model as MuJoCo compiles it") from None
-    return elements, {joint.child: joint.parent for joint in tree.joints.values()}
+    return elements, lambda: mjcf_tree(document).tree
 
 
 class _Geoms:
-    def __init__(self, path: Path, read: MeshShapes) -> None:
-        self.document = read_mjcf_document(path)
-        self.reader, self.read = MjcfReader(self.document), read
+    def __init__(self, document: MjcfDocument, read: MeshShapes) -> None:
+        self.document, self.reader, self.read = document, MjcfReader(document), read
         self.assets: dict[str, tuple[MjcfElement, Attributes]] = {}
         for one in (mesh for section in self.document.root.all("asset") for mesh in section.all("mesh")):
             attributes = self.reader.classes.attributes(one)

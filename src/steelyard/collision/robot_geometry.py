@@ -17,7 +17,7 @@ from steelyard.robot import Robot
 from steelyard.robot.description import DESCRIPTION_FORMATS, URDF, UrdfFormat, description_format
 from steelyard.robot.urdf_document import UrdfReader, parse_urdf
 
-from .described_shapes import GeometryElement, MeshKind, MeshShapes, ShapeElement
+from .described_shapes import DescribedShapes, GeometryElement, MeshKind, MeshShapes, ShapeElement
 from .shapes import Box, Capsule, Cylinder, Mesh, PlacedShape, Shape, Sphere
 
 if TYPE_CHECKING:
@@ -191,8 +191,9 @@ def described_shapes(
             f"shapes are read from a URDF, an SDF or an MJCF alone, and {path.name} is none; add [[collision.shapes]], "
             "or [collision] with urdf = ..., to the limits file"
         )
-    elements, parents = found
-    return _placed(robot, elements, read, ("collision",), skipped)["collision"], parents
+    elements, tree = found
+    shapes = _placed(robot, elements, read, ("collision",), skipped)["collision"]
+    return shapes, {joint.child: joint.parent for joint in tree().joints.values()}
 
 
 def shapes_of_moving_links(
@@ -204,7 +205,7 @@ def shapes_of_moving_links(
     of more than `largest` bytes. A description of a format without shapes has none.
     """
     read = MeshShapes(path, "hull", (), largest)
-    elements, _ = _elements(robot, path, read) or ([], {})
+    elements, _ = _elements(robot, path, read) or ([], None)
     return _placed(robot, elements, read, ("visual", "collision"), skipped, moving=True)
 
 
@@ -215,7 +216,7 @@ def visual_shapes(robot: Robot, path: Path, skipped: list[tuple[str, str]], larg
     of more than `largest` bytes.
     """
     read = MeshShapes(path, "exact", (), largest)
-    elements, _ = _elements(robot, path, read) or ([], {})
+    elements, _ = _elements(robot, path, read) or ([], None)
     kinds: tuple[GeometryElement, ...] = ("visual", "collision")
     for kind in kinds:
         found = _placed(robot, elements, read, (kind,), skipped)[kind]
@@ -224,8 +225,8 @@ def visual_shapes(robot: Robot, path: Path, skipped: list[tuple[str, str]], larg
     return []
 
 
-def _elements(robot: Robot, path: Path, read: MeshShapes) -> tuple[list[ShapeElement], dict[str, str]] | None:
-    """Return the elements with shapes, and the parents of links; None where the format has none."""
+def _elements(robot: Robot, path: Path, read: MeshShapes) -> DescribedShapes | None:
+    """Return the elements with shapes, and the tree; None where the format has none."""
     kind = description_format(path) or URDF
     if isinstance(kind, UrdfFormat):
         return _urdf_shapes(path, robot.xacro_arguments if path == robot.source else None, read)
@@ -278,10 +279,8 @@ KINDS = ("box", "sphere", "cylinder", "capsule", "mesh")
 ELEMENTS: tuple[GeometryElement, ...] = ("collision", "visual")
 
 
-def _urdf_shapes(
-    path: Path, xacro_arguments: Mapping[str, str] | None, read: MeshShapes
-) -> tuple[list[ShapeElement], dict[str, str]]:
-    """Return the elements with shapes of a URDF or xacro, and the parent of each link."""
+def _urdf_shapes(path: Path, xacro_arguments: Mapping[str, str] | None, read: MeshShapes) -> DescribedShapes:
+    """Return the elements with shapes of a URDF or xacro, and its tree."""
     root = parse_urdf(path, xacro_arguments)
     reader = _ShapeReader(path, read)
     document = reader.document(root)
@@ -295,7 +294,7 @@ def _urdf_shapes(
                 elements.append(
                     ShapeElement(kind, link, make, None if mesh is None else (mesh.get("filename", ""), path))
                 )
-    return elements, {joint.child: joint.parent for joint in document.joints.values()}
+    return elements, lambda: document
 
 
 class _ShapeReader(UrdfReader):

@@ -13,7 +13,7 @@ from steelyard.errors import InputError
 from steelyard.files import suggestion
 from steelyard.robot.sdf_document import SdfFrame, SdfReader
 
-from .described_shapes import GeometryElement, MeshShapes, ShapeElement, ellipsoid
+from .described_shapes import DescribedShapes, GeometryElement, MeshShapes, ShapeElement, ellipsoid
 from .shapes import Box, Capsule, Cylinder, Shape, Sphere
 
 if TYPE_CHECKING:
@@ -27,12 +27,11 @@ WITHOUT_BODY = ("plane", "heightmap", "empty")
 ELEMENTS: tuple[GeometryElement, ...] = ("collision", "visual")
 
 
-def sdf_shapes(path: Path, read: MeshShapes) -> tuple[list[ShapeElement], dict[str, str]]:
-    """Return the elements with shapes of an SDF, and the parent of each link."""
+def sdf_shapes(path: Path, read: MeshShapes) -> DescribedShapes:
+    """Return the elements with shapes of an SDF, and its tree."""
     shapes = _SdfShapes(path, read)
     tree = shapes.reader.tree()
-    elements = list(shapes.elements())
-    return elements, {joint.child: joint.parent for joint in tree.joints.values()}
+    return shapes.elements(), lambda: tree
 
 
 class _SdfShapes:

@@ -20,7 +20,7 @@ from .mjcf_reading import BeyondReadingError, read_compiled
 from .mjcf_remarks import mjcf_remarks
 from .placement import axis_frame, inverse, motion_z, translation
 
-__all__ = ["MjcfTree", "mjcf_parts", "read_mjcf_tree"]
+__all__ = ["MjcfTree", "mjcf_parts", "mjcf_tree", "read_mjcf_tree"]
 
 Matrix = NDArray[np.float64]
 
@@ -74,7 +74,11 @@ def read_mjcf_tree(path: Path, data: bytes | None = None) -> MjcfTree:
     MissingExtraError
         If it takes MuJoCo to read it, which is not installed.
     """
-    document = read_mjcf_document(path, data)
+    return mjcf_tree(read_mjcf_document(path, data))
+
+
+def mjcf_tree(document: MjcfDocument) -> MjcfTree:
+    """Return the links and joints of an MJCF, see `read_mjcf_tree`."""
     try:
         model = read_compiled(document)
     except BeyondReadingError as reason:
@@ -114,6 +118,7 @@ def read_mjcf_tree(path: Path, data: bytes | None = None) -> MjcfTree:
             parent, frame = link, np.eye(4)
         links[name] = DescribedLink(name, line, body["inertia"])
     remarks = mjcf_remarks(document, model, bodies, joints)
+    path = document.path
     tree = DescribedTree(str(path), document.name, links, described, path, remarks=remarks)
     return MjcfTree(document, model, bodies, joints, link_of, tree)
 
