@@ -28,7 +28,33 @@ from .mjcf_document import JOINTS, MjcfDocument, MjcfElement, in_body
 from .placement import quaternion_rotation, snapped
 from .references import find_reference
 
-__all__ = ["CompiledMjcf", "compiled"]
+__all__ = [
+    "BALL",
+    "BODY",
+    "CONNECT",
+    "EQUALITIES",
+    "FREE",
+    "HINGE",
+    "IDLE",
+    "JOINT",
+    "JOINT_KINDS",
+    "ON_JOINT",
+    "SITE",
+    "SLIDE",
+    "TENDON",
+    "WELD",
+    "CompiledMjcf",
+    "compiled",
+]
+
+# Numbers of MuJoCo's enumerations: types of joints, of equalities, of what an equality ties, and of what an actuator
+# acts on.
+JOINT_KINDS = {"free": 0, "ball": 1, "slide": 2, "hinge": 3}
+FREE, BALL, SLIDE, HINGE = JOINT_KINDS.values()
+EQUALITIES = {"connect": 0, "weld": 1, "joint": 2, "tendon": 3}
+CONNECT, WELD, JOINT, TENDON = EQUALITIES.values()
+BODY, SITE = 1, 6
+ON_JOINT = {"joint": 0, "jointinparent": 1}
 
 SECTIONS = ("compiler", "option", "default", "extension", "asset", "worldbody", "equality", "tendon", "actuator")
 # In defaults and bodies: what has neither mass nor motion.
@@ -66,8 +92,8 @@ class CompiledMjcf:
     ----------
     gravity : list of 3 floats
     bodies, joints, equalities, actuators, tendons : list of dict
-        In MuJoCo's order, with its names of their fields; the first body is the world. Bodies have a ``placement``
-        (4, 4) in their parent, and an ``inertia`` in their frame.
+        In MuJoCo's order, with its names of their fields and its numbers of types; the first body is the world. Bodies
+        have a ``placement`` (4, 4) in their parent, and an ``inertia`` in their frame.
     """
 
     gravity: list[float]

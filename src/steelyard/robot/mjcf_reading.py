@@ -27,7 +27,7 @@ from .inertia import (
     parameters_of_pseudo_inertia,
 )
 from .mjcf_classes import ACTUATORS, ORIENTATIONS, DefaultClasses
-from .mjcf_compiled import IDLE, CompiledMjcf
+from .mjcf_compiled import BODY, EQUALITIES, IDLE, JOINT_KINDS, ON_JOINT, SITE, CompiledMjcf
 from .mjcf_document import JOINTS, MjcfDocument, MjcfElement
 from .placement import quaternion_rotation, rotation_x, rotation_y, rotation_z, snapped
 from .xml_document import SHORTEST_AXIS
@@ -37,12 +37,7 @@ __all__ = ["BeyondReadingError", "MjcfReader", "read_compiled"]
 Matrix = NDArray[np.float64]
 Attributes = Mapping[str, str]
 
-# Numbers of MuJoCo's enumerations.
-KINDS = {"free": 0, "ball": 1, "slide": 2, "hinge": 3}
-CONNECT, WELD, JOINT, TENDON = range(4)
-OF_BODIES, OF_SITES = 1, 6
-OF_JOINTS = {"joint": 0, "jointinparent": 1}
-OF_SOMETHING_ELSE = -1
+ON_SOMETHING_ELSE = -1
 
 PLACED = ("name", "class", "childclass", "pos", *ORIENTATIONS)
 KNOWN = {
@@ -344,8 +339,8 @@ class MjcfReader:
     def joint_row(self, element: MjcfElement, body: int, attributes: Attributes, frame: Matrix) -> dict[str, Any]:
         """Return the row of a joint; `frame` is the one around it in its body."""
         where, kind = element.where, attributes.get("type", "hinge")
-        if kind not in KINDS:
-            raise InputError(f"{where}: the type of a joint is {' or '.join(KINDS)}, got {shown(kind)}")
+        if kind not in JOINT_KINDS:
+            raise InputError(f"{where}: the type of a joint is {' or '.join(JOINT_KINDS)}, got {shown(kind)}")
         if kind == "free" and (self.bodies[body]["parentid"] or any(row["bodyid"] == body for row in self.joints)):
             raise InputError(f"{where}: a free joint is the only joint of a body in the world")
         unit = self.unit if kind in ("hinge", "ball") else 1.0
@@ -369,7 +364,7 @@ class MjcfReader:
         )
         return {
             "name": attributes["name"],
-            "type": KINDS[kind],
+            "type": JOINT_KINDS[kind],
             "bodyid": body,
             "pos": (frame @ np.array([*pos, 1.0]))[:3].tolist(),
             "axis": (axis / length).tolist(),
@@ -448,21 +443,20 @@ class MjcfReader:
 
     def equalities(self, indices: Mapping[str, Mapping[str, int]]) -> Iterator[dict[str, Any]]:
         """Yield the rows of what holds always."""
-        kinds = {"connect": CONNECT, "weld": WELD, "joint": JOINT, "tendon": TENDON}
         for element in (one for section in self.document.root.all("equality") for one in section.children):
-            if element.tag not in kinds:
+            if element.tag not in EQUALITIES:
                 raise BeyondReadingError(f"{element.where}: the equality <{shown(element.tag)[1:-1]}>")
             element.require_numbers()
             own = self.classes.attributes(element, tag="equality")
-            row = {"name": own.get("name", ""), "type": kinds[element.tag], "objtype": None, "data": [0.0] * 11}
+            row = {"name": own.get("name", ""), "type": EQUALITIES[element.tag], "objtype": None, "data": [0.0] * 11}
             row["active0"] = own.get("active", "true") == "true"
             noun = "body" if element.tag in ("connect", "weld") else element.tag
             ends: list[int] = []
             if noun == "body" and "body1" not in own:
-                row["objtype"] = OF_SITES
+                row["objtype"] = SITE
                 ends = [-1, -1]
             else:
-                row["objtype"] = OF_BODIES if noun == "body" else None
+                row["objtype"] = BODY if noun == "body" else None
                 first = self.index(own, f"{noun}1", indices[noun], element)
                 nothing = 0 if noun == "body" else -1
                 second = self.index(own, f"{noun}2", indices[noun], element) if own.get(f"{noun}2") else nothing
@@ -498,7 +492,7 @@ class MjcfReader:
                 raise BeyondReadingError(f"{element.where}: the actuator <{shown(element.tag)[1:-1]}>")
             element.require_numbers()
             own = self.classes.attributes(element)
-            key = next((key for key in OF_JOINTS if key in own), "")
+            key = next((key for key in ON_JOINT if key in own), "")
             lists = {}
             for name, start in (("gear", "1 0 0"), ("gainprm", "1 0 0"), ("biasprm", "0 0 0")):
                 words = own.get(name, start).split()
@@ -506,7 +500,7 @@ class MjcfReader:
                 lists[name] = list(_floats(" ".join([*words, *rest]), element.where, element.tag, name, 3, 10))
             end = self.index(own, key, joints, element) if key else -1
             yield {
-                "name": own.get("name", ""), "trntype": OF_JOINTS.get(key, OF_SOMETHING_ELSE), "trnid": [end], **lists
+                "name": own.get("name", ""), "trntype": ON_JOINT.get(key, ON_SOMETHING_ELSE), "trnid": [end], **lists
             }  # fmt: skip
 
     def index(self, attributes: Attributes, key: str, known: Mapping[str, int], element: MjcfElement) -> int:

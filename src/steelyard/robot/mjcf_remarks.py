@@ -6,7 +6,7 @@ from collections.abc import Iterable, Mapping, Sequence
 from typing import Any
 
 from .mjcf_classes import DefaultClasses
-from .mjcf_compiled import CompiledMjcf
+from .mjcf_compiled import HINGE, ON_JOINT, SLIDE, CompiledMjcf
 from .mjcf_document import MjcfDocument
 
 __all__ = ["mjcf_remarks"]
@@ -19,14 +19,13 @@ SETTINGS = {
     "boundinertia": "raises moments of inertia to a least one",
     "balanceinertia": "balances moments of inertia that no body has",
 }
-ON_JOINT = (0, 1)
 
 
 def mjcf_remarks(
     document: MjcfDocument, model: CompiledMjcf, body_names: Sequence[str], joint_names: Sequence[str]
 ) -> tuple[str, ...]:
     """Return the sentences."""
-    named = [(name, row) for name, row in zip(joint_names, model.joints, strict=True) if row["type"] in (2, 3)]
+    named = [(name, row) for name, row in zip(joint_names, model.joints, strict=True) if row["type"] in (SLIDE, HINGE)]
     return (
         *_inertias(document, model, body_names),
         *_defaults(document, named),
@@ -86,12 +85,12 @@ def _actuators(model: CompiledMjcf, joints: Sequence[str]) -> list[str]:
     """Say what drives the joints, since a log may hold controls and not torques."""
     parts = []
     for row in model.actuators:
-        if row["trntype"] in ON_JOINT:
+        if row["trntype"] in ON_JOINT.values():
             factor = row["gear"][0] * row["gainprm"][0]
             # A bias that depends on position or velocity makes a servo, whose control is no torque.
             servo = "position servo" if row["biasprm"][1] else "velocity servo" if row["biasprm"][2] else ""
             parts.append(f"{joints[row['trnid'][0]]} ({servo or f'{factor:g}'})")
-    other = sum(row["trntype"] not in ON_JOINT for row in model.actuators)
+    other = sum(row["trntype"] not in ON_JOINT.values() for row in model.actuators)
     said = []
     if parts:
         shown = ", ".join(parts[:MOST]) + (f" and {len(parts) - MOST} more" if len(parts) > MOST else "")

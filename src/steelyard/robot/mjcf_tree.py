@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from steelyard.errors import InputError
 
 from .described_tree import DescribedJoint, DescribedLink, DescribedMimic, DescribedTree, robot_parts
-from .mjcf_compiled import CompiledMjcf, compiled
+from .mjcf_compiled import BALL, BODY, CONNECT, FREE, HINGE, JOINT, SLIDE, TENDON, WELD, CompiledMjcf, compiled
 from .mjcf_document import MjcfDocument, new_name, read_mjcf_document
 from .mjcf_reading import BeyondReadingError, read_compiled
 from .mjcf_remarks import mjcf_remarks
@@ -24,10 +24,6 @@ __all__ = ["MjcfTree", "mjcf_parts", "mjcf_tree", "read_mjcf_tree"]
 
 Matrix = NDArray[np.float64]
 
-# Numbers of MuJoCo's enumerations.
-FREE, BALL, SLIDE, HINGE = range(4)
-CONNECT, WELD, JOINT, TENDON = range(4)
-BODY = 1
 KINDS = {FREE: "floating", BALL: "spherical", SLIDE: "prismatic", HINGE: "revolute"}
 
 
