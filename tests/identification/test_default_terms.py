@@ -108,6 +108,22 @@ def test_stated_terms_are_taken_as_stated(place, found):
     assert wider_model(fewer, sy.Model.from_file(fewer)) is None
 
 
+@pytest.mark.parametrize(("log", "name", "truth"), [("rotors", "Ia2", ROTORS[1]), ("none", "Fvj2", 0.6)])
+def test_filtered_torques_keep_their_intervals(place, log, name, truth):
+    """The regressor goes through the filter of the torques, whichever terms are chosen in the end."""
+    (place / "filtered.toml").write_text('[description]\nurdf = "arm.urdf"\n[processing]\ntorque_cutoff = 20.0\n')
+    result = sy.identify(place / "filtered.toml", place / f"{log}.csv")
+    assert result.options["terms"][3:] == (["rotor_inertia"] if log == "rotors" else [])
+    assert not result.estimate.filtered_torque
+    row = result.parameters[name]
+    assert row.lower < truth < row.upper
+    assert row.basis == "measured"
+    (prediction,) = result.predictions
+    errors = prediction.trace.measured - prediction.trace.feasible
+    sizes = np.linalg.norm(errors, axis=0) / np.linalg.norm(prediction.trace.measured, axis=0)
+    np.testing.assert_allclose(sizes, prediction.joint_feasible_error, rtol=0.01)
+
+
 @pytest.mark.slow
 def test_without_rotors_everything_stays(place):
     """A model is taken as it is, so that it tells what comes out where nothing is asked about rotors."""

@@ -21,13 +21,13 @@ from steelyard.files import shown
 from steelyard.recording import LogColumns, Processing, Samples
 from steelyard.regression import Estimate, Information, least_squares
 from steelyard.regression.batch_means import BatchSums
-from steelyard.regression.reduction import empty_factors, residuals
+from steelyard.regression.reduction import empty_factors, narrowed, residuals
 from steelyard.regression.time_blocks import TimeBlocks
 
 from .default_terms import RotorDecision, decide_rotors, wider_model
 from .given import Data, GivenRobot, digests, given_constraints, given_logs, given_robot, given_settings
 from .log_checks import heavy_ends, implausible_mass, mistakes_in_logs
-from .log_reader import DrawnRows, LogReader, Progress, ThinnedSamples
+from .log_reader import DrawnRows, LogReader, Progress
 from .mistakes import POOR, sentence
 from .parameter_table import parameter_table
 from .physical_prior import PhysicalPrior, physical_prior
@@ -159,7 +159,7 @@ def identify(
 
     say(f"{model.robot.name}: {model.dof} joints, {model.base_parameters().count} base parameters")
     reader.decide(logs, say)
-    parts: list[tuple[str, str, Information, ThinnedSamples]] = []
+    parts: list[tuple[str, str, Information, Samples]] = []
     drawn: list[DrawnRows] = []
     wider = wider_model(file, model)
     reduced_by = wider or model
@@ -173,10 +173,10 @@ def identify(
             rows = _DRAWN_ROWS if number == 0 else min(max(_ALL_DRAWN_ROWS // len(group), 200), _DRAWN_ROWS)
             drawn.append(DrawnRows(reduced_by, rows))
             if group is logs:
-                reduced = reader.reduce(log, points, sums, blocks, len(logs), reduced_by, drawn[-1])
+                reduced, thinned = reader.reduce(log, points, sums, blocks, len(logs), reduced_by, drawn[-1])
             else:
-                reduced = reader.reduce(log, points, model=reduced_by, drawn=drawn[-1])
-            parts.append((str(log), role, *reduced))
+                reduced, thinned = reader.reduce(log, points, model=reduced_by, drawn=drawn[-1])
+            parts.append((str(log), role, reduced, thinned.samples))
     information = Information.total([p[2] for p in parts if p[1] == "identification"])
     information = replace(information, batch_means=sums.factors())
     folds = FEWEST_FOLDS if model.parameter_count > MANY_PARAMETERS else 5
@@ -190,7 +190,12 @@ def identify(
             model = reader.model = wider
             reader.remarks.append(rotors.sentence(file.path.name))
         else:
-            parts = [(name, role, one.narrowed(wider, model), thinned) for name, role, one, thinned in parts]
+            parts = [
+                (name, role, one.narrowed(wider, model), narrowed(samples, wider, model))
+                for name, role, one, samples in parts
+            ]
+            for one in drawn:
+                one.narrow(model)
     _require_excitation(information, model)
 
     say("least squares")
@@ -240,7 +245,7 @@ def identify(
         _predict(model, unconstrained, estimate, *part, one) for part, one in zip(parts, drawn, strict=True)
     )
     remarks = dict.fromkeys(reader.remarks)
-    samples = {name: thinned.samples for name, _, _, thinned in parts}
+    samples = {name: kept for name, _, _, kept in parts}
     # Of a model that predicts well, only cheap explanations are tried on the logs that it predicts.
     well = {p.name for p in predictions if prediction.word == "good" and p.feasible_error <= POOR}
     by_name = {str(log): log for log in (*validation, *logs)}
@@ -255,7 +260,7 @@ def identify(
         free = estimate
         if plausible is not None and prediction.word == "wrong":
             free = fit(information, feasible_set, weights=weights)
-        remarks.update(dict.fromkeys(implausible_mass(model, free, parts[0][3].samples)))
+        remarks.update(dict.fromkeys(implausible_mass(model, free, parts[0][3])))
         if table is not None:
             remarks.update(dict.fromkeys(heavy_ends(model, table)))
     remarks.update(dict.fromkeys(model.robot.remarks))
@@ -360,7 +365,7 @@ def _predict(
     name: str,
     role: str,
     information: Information,
-    thinned: ThinnedSamples,
+    thinned: Samples,
     drawn: DrawnRows,
 ) -> Prediction:
     # By the rows of the regression: where torques are filtered, what is predicted is, too.
@@ -394,5 +399,5 @@ def _predict(
         joint_unconstrained_error=information.joint_relative_error(unconstrained.base),
         joint_feasible_error=information.joint_relative_error(estimate.base),
         trace=trace,
-        samples=thinned.samples,
+        samples=thinned,
     )

@@ -30,7 +30,7 @@ from steelyard.recording.samples import regrouped
 from steelyard.recording.survey import LogSurvey
 from steelyard.regression import Information
 from steelyard.regression.batch_means import BatchSums
-from steelyard.regression.reduction import empty_factors, joint_rows, residuals
+from steelyard.regression.reduction import empty_factors, joint_rows, narrowed, residuals
 from steelyard.regression.time_blocks import MOST, TimeBlocks
 from steelyard.robot import Robot, RobotFile
 
@@ -113,7 +113,8 @@ class LogReader:
         logs : int
             How many logs there are: each of many logs is one stretch.
         model : Model, optional
-            In whose base parameters the log is reduced, in place of the model by which it is processed.
+            In whose base parameters the log is reduced, in place of that of the reader. Where torques are filtered its
+            regressor is, too.
         drawn : DrawnRows, optional
             Receives all the rows, and keeps those that are to be drawn.
         """
@@ -121,7 +122,9 @@ class LogReader:
         thinned = ThinnedSamples(points)
         keep: list[ThinnedSamples | DrawnRows] = [thinned] if drawn is None else [thinned, drawn]
         own = None if blocks is None else TimeBlocks(empty_factors(model), -(-MOST // logs))
-        information = Information.from_chunks(model, self._watched(log, keep), batch_means=False, sums=sums, blocks=own)
+        information = Information.from_chunks(
+            model, self._watched(log, keep, model), batch_means=False, sums=sums, blocks=own
+        )
         if blocks is not None and own is not None:
             blocks.append(own)
         for one in keep:
@@ -131,12 +134,12 @@ class LogReader:
     def thinned(self, log: GivenLog, points: int) -> ThinnedSamples:
         """Return the samples of one log, thinned to so many or twice as many points, without reducing it."""
         kept = ThinnedSamples(points)
-        for _ in self._watched(log, [kept]):
+        for _ in self._watched(log, [kept], self.model):
             pass
         kept.finish()
         return kept
 
-    def _watched(self, log: GivenLog, keep: Sequence[ThinnedSamples | DrawnRows]) -> Iterator[Samples]:
+    def _watched(self, log: GivenLog, keep: Sequence[ThinnedSamples | DrawnRows], model: Model) -> Iterator[Samples]:
         if isinstance(log, GivenSamples):
             self._require_joints(log)
             self.remarks.extend(f"{log}: {remark}" for remark in log.samples.remarks)
@@ -146,7 +149,7 @@ class LogReader:
                 yield samples
             return
         survey = LogSurvey()
-        for samples in self._samples(log, survey):
+        for samples in self._samples(log, survey, model):
             self.remarks.extend(f"{log}: {remark}" for remark in samples.remarks)
             for one in keep:
                 one.add(samples)
@@ -189,7 +192,7 @@ class LogReader:
                     )
             self.layouts[log] = layout
 
-    def _samples(self, log: str | Path | LogFile, survey: LogSurvey) -> Iterator[Samples]:
+    def _samples(self, log: str | Path | LogFile, survey: LogSurvey, model: Model) -> Iterator[Samples]:
         joints = list(self.model.robot.joint_names)
 
         def look(recording: Recording) -> None:
@@ -203,11 +206,9 @@ class LogReader:
             recording = Recording.read(log, self.columns, joints)
             look(recording)
             survey.add(recording)
-            yield recording.process(self.processing, self.model)
+            yield recording.process(self.processing, model)
         else:
-            yield from process_chunks(
-                log, self.columns, self.processing, self.chunk_rows, joints, self.model, look, survey
-            )
+            yield from process_chunks(log, self.columns, self.processing, self.chunk_rows, joints, model, look, survey)
 
 
 def against_limits(survey: LogSurvey, robot: Robot) -> tuple[str, ...]:
@@ -382,6 +383,11 @@ class DrawnRows:
             windows = [np.concatenate(windows)]  # of which none is missing
         self.windows = tuple(self._samples(window) for window in windows if len(window) > 1)
         self._waiting, self._pieces, self._windows = [], None, {}
+
+    def narrow(self, model: Model) -> None:
+        """Keep what is drawn for a model that lacks some terms of this one."""
+        self.samples = narrowed(self.samples, self.model, model)
+        self.windows = tuple(narrowed(window, self.model, model) for window in self.windows)
 
 
 class ThinnedSamples:

@@ -22,7 +22,7 @@ from steelyard.recording.samples import regrouped
 from .batch_means import BATCH_LENGTHS, BatchMeans, BatchSums, added
 from .factor import LARGEST, Factor, Reduced, combined, solve, triangular, unidentifiable_columns
 from .joint_weights import given_weights, inverse_deviations
-from .reduction import BLOCK, JointReduction, WhitenedReduction, as_covariance, empty_factors, require_joints
+from .reduction import BLOCK, JointReduction, WhitenedReduction, as_covariance, empty_factors, narrowing, require_joints
 from .time_blocks import TimeBlocks
 
 if TYPE_CHECKING:
@@ -332,10 +332,7 @@ class Information:
         model : Model
             The same robot with fewer terms.
         """
-        whole, base = wider.base_parameters(), model.base_parameters()
-        places = {str(name): index for index, name in enumerate(whole.parameter_names)}
-        # A column of the regressor is the base regressor times the column of its parameter in K.
-        change = whole.K[:, [places[str(name)] for name in base.names]]
+        base, change = model.base_parameters(), narrowing(wider, model)
 
         def without(factors: Sequence[Factor]) -> tuple[Factor, ...]:
             return tuple(f.changed(change, _columns_of(model, f.joint)) for f in factors)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
+from dataclasses import replace
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -27,6 +28,8 @@ __all__ = [
     "empty_factors",
     "empty_whole",
     "joint_rows",
+    "narrowed",
+    "narrowing",
     "reduce_by_joint",
     "require_joints",
     "residuals",
@@ -77,6 +80,24 @@ def joint_rows(model: Model, samples: Samples, block: int = BLOCK) -> Iterator[t
             entries = filtered[part]
         torque = samples.torque[part]
         yield part, [np.column_stack([w, torque[:, k]]) for k, w in enumerate(columns.by_joint(entries))]
+
+
+def narrowing(wider: Model, model: Model) -> Array:
+    """What the base regressor of a model is times to be that of the same robot with fewer terms, (n_b, n_c)."""
+    whole = wider.base_parameters()
+    places = {str(name): index for index, name in enumerate(whole.parameter_names)}
+    # A column of the regressor is the base regressor times the column of its parameter in K.
+    return np.asarray(whole.K[:, [places[str(name)] for name in model.base_parameters().names]])
+
+
+def narrowed(samples: Samples, wider: Model, model: Model) -> Samples:
+    """Return samples that have the regressor of a model with that of the same robot with fewer terms; others as is."""
+    if samples.regressor is None or samples.regressor_model is not wider:
+        return samples
+    change, by_joint = narrowing(wider, model), wider.base_columns.by_joint(samples.regressor)
+    places = zip(by_joint, wider.base_columns.joints, model.base_columns.joints, strict=True)
+    regressor = np.hstack([rows @ change[np.ix_(given, kept)] for rows, given, kept in places])
+    return replace(samples, regressor=regressor, regressor_model=model)
 
 
 class JointReduction:
