@@ -22,7 +22,7 @@ import steelyard as sy
 from steelyard.estimators import fit_reduced
 from steelyard.identification.parameter_table import parameter_table
 from steelyard.identification.physical_prior import physical_prior
-from steelyard.identification.plausible_fit import plausible_fit
+from steelyard.identification.plausible_fit import plausible_fit, tried_prior
 from steelyard.recording import Processing
 from steelyard.regression.reduction import empty_factors
 from steelyard.regression.time_blocks import TimeBlocks
@@ -163,7 +163,8 @@ def case(name, kind, knowledge, seed):
     unconstrained = sy.least_squares(info)
     start = time.perf_counter()
     prior = physical_prior(model)
-    found = plausible_fit(info, stretches, feasible_set, unconstrained, prior=prior)
+    tried = tried_prior(info, stretches, feasible_set, unconstrained, prior=prior)
+    found = plausible_fit(info, feasible_set, unconstrained, tried)
     table = parameter_table(info, found.plausible_set, found.estimate, unconstrained, term_scales=found.term_deviations)
     seconds = time.perf_counter() - start
     free = fit_reduced(info.reduced("joint"), feasible_set)

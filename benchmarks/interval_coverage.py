@@ -32,7 +32,7 @@ import steelyard as sy
 from steelyard.feasibility.bounds.quantities import quantities
 from steelyard.identification.parameter_table import parameter_table
 from steelyard.identification.physical_prior import physical_prior
-from steelyard.identification.plausible_fit import plausible_fit
+from steelyard.identification.plausible_fit import plausible_fit, tried_prior
 
 NORMAL = 1.959963984540054
 
@@ -73,7 +73,8 @@ def experiment_of(name, kind, knowledge, seed, memory, processing):
     model, info, truth = experiment.model, experiment.info, experiment.truth
     feasible_set = sy.FeasibleSet(model)
     unconstrained = sy.least_squares(info)
-    found = plausible_fit(info, experiment.stretches, feasible_set, unconstrained, prior=physical_prior(model))
+    tried = tried_prior(info, experiment.stretches, feasible_set, unconstrained, prior=physical_prior(model))
+    found = plausible_fit(info, feasible_set, unconstrained, tried)
     table = parameter_table(info, found.plausible_set, found.estimate, unconstrained, term_scales=found.term_deviations)
     asked = quantities(feasible_set)
     slopes = np.array([quantity.slope(truth) for quantity in asked]) @ np.linalg.pinv(feasible_set.K)

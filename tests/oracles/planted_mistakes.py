@@ -7,7 +7,7 @@ from pinocchio_oracle import URDFS, pinocchio
 
 import steelyard as sy
 from steelyard.identification.correction import Correction
-from steelyard.identification.plausible_fit import plausible_fit
+from steelyard.identification.plausible_fit import plausible_fit, tried_prior
 from steelyard.identification.prediction_verdict import prediction_verdict
 from steelyard.regression.reduction import empty_factors
 from steelyard.regression.time_blocks import TimeBlocks
@@ -377,7 +377,8 @@ def verdicts(model, samples, found):
     blocks = TimeBlocks(empty_factors(model))
     info = sy.Information.from_chunks(model, [samples], blocks=blocks)
     stretches = info.stretches(blocks)
-    fit = plausible_fit(info, stretches, sy.FeasibleSet(model), sy.least_squares(info))
+    feasible_set, unconstrained = sy.FeasibleSet(model), sy.least_squares(info)
+    fit = plausible_fit(info, feasible_set, unconstrained, tried_prior(info, stretches, feasible_set, unconstrained))
     held_out = fit.validation.joint_errors[fit.validation.chosen_index]
     told = prediction_verdict(info, fit.estimate.base, held_out_error=held_out, fold_count=len(stretches))
     return told, told.with_mistakes([found])

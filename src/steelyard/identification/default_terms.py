@@ -12,6 +12,7 @@ import numpy as np
 
 from steelyard.dynamics import Model, RotorInertia
 from steelyard.errors import SolverError
+from steelyard.estimators.cross_validation import FEWEST_FOLDS
 from steelyard.feasibility import FeasibleSet
 from steelyard.regression import Estimate, Information, least_squares
 from steelyard.regression.factor import solve
@@ -20,7 +21,6 @@ from steelyard.robot import RobotFile
 from .plausible_fit import TriedPrior, tried_prior
 
 __all__ = [
-    "FEWEST_STRETCHES",
     "RotorDecision",
     "decide_rotors",
     "model_of_estimate",
@@ -43,7 +43,6 @@ LEAST_DESCRIBED = 0.5
 so far from what is assumed that rotors help though there are none (4.1 standard errors)."""
 ROTORS_HARM = 0.01
 """Part by which the error on stretches that are left out may rise with rotor inertias."""
-FEWEST_STRETCHES = 3
 _SYMBOL = RotorInertia.parameters[0].symbol
 _ROTOR = re.compile(rf"\b{_SYMBOL}\d+\b")
 
@@ -148,7 +147,7 @@ def decide_rotors(
         information.narrowed(wider, model),
         tuple(one.narrowed(wider, model) for one in stretches),
     )
-    if len(stretches) < FEWEST_STRETCHES or information.count <= information.base_count:
+    if len(stretches) < FEWEST_FOLDS or information.count <= information.base_count:
         return without
     wider_set = FeasibleSet(wider, feasible_set.consistency, feasible_set.constraints, feasible_set.margin)
     estimate = least_squares(information, weights)

@@ -30,8 +30,8 @@ from .log_checks import heavy_ends, implausible_mass, mistakes_in_logs
 from .log_reader import DrawnRows, LogReader, Progress
 from .mistakes import POOR, sentence
 from .parameter_table import parameter_table
-from .physical_prior import PhysicalPrior, physical_prior
-from .plausible_fit import PlausibleFit, plausible_fit
+from .physical_prior import PhysicalPrior
+from .plausible_fit import PlausibleFit, plausible_fit, tried_prior
 from .prediction_verdict import prediction_verdict
 from .result import Identification, Prediction, Trace
 
@@ -208,10 +208,9 @@ def identify(
     known: PhysicalPrior | None = None
     if prior == "auto" and prefer == "auto" and estimator == "fit":
         tried = rotors.tried if rotors is not None and prior_weight == "auto" else None
-        known = physical_prior(model, feasible_set.constraints) if tried is None else tried.known
-        plausible = plausible_fit(
-            information, stretches, feasible_set, unconstrained, prior=known, prior_weight=prior_weight, tried=tried
-        )
+        if tried is None:
+            tried = tried_prior(information, stretches, feasible_set, unconstrained, prior_weight=prior_weight)
+        known, plausible = tried.known, plausible_fit(information, feasible_set, unconstrained, tried)
         estimate = plausible.estimate
         if plausible.validation is not None:
             held_out = plausible.validation.joint_errors[plausible.validation.chosen_index]

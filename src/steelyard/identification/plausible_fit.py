@@ -137,8 +137,10 @@ class TriedPrior:
         The conditions of the user, and those of the prior.
     distance : Prior
     term_deviations : (n,)
+    weight : float
+        Of the prior, the largest that predicts stretches of the data as well as the best does, to one standard error.
     validation : CrossValidation or None
-        None where the logs are too short for it.
+        None where the logs are too short for it. Where the weight was given, it is the only one.
     """
 
     known: PhysicalPrior
@@ -146,6 +148,7 @@ class TriedPrior:
     plausible_set: FeasibleSet
     distance: EntropicPrior | ConstantPullbackPrior
     term_deviations: Array
+    weight: float
     validation: CrossValidation | None
 
 
@@ -158,38 +161,7 @@ def tried_prior(
     prior: PhysicalPrior | None = None,
     prior_weight: float | Literal["auto"] = "auto",
 ) -> TriedPrior:
-    """Try weights of what is known of a robot; see `plausible_fit` for the arguments."""
-    model = feasible_set.model
-    assert isinstance(model, Model)
-    known = physical_prior(model, feasible_set.constraints) if prior is None else prior
-    scaled = known.scaled_to(info, feasible_set)
-    constraints: list[Constraint] = [*feasible_set.constraints, *scaled.constraints]
-    plausible_set = FeasibleSet(model, feasible_set.consistency, constraints, feasible_set.margin)
-    scales = term_deviations(info, feasible_set)
-    kind = EntropicPrior if feasible_set.consistency == "full" else ConstantPullbackPrior
-    distance = kind(scaled.parameters, term_deviations=scales)
-    given = None if prior_weight == "auto" else [float(prior_weight)]
-    validation = None
-    if len(stretches) >= FEWEST_FOLDS:
-        used = unconstrained.weights
-        validation = cross_validation(info, stretches, plausible_set, distance, weights=used, prior_weights=given)
-    return TriedPrior(known, scaled, plausible_set, distance, scales, validation)
-
-
-def plausible_fit(
-    info: Information,
-    stretches: Sequence[Information],
-    feasible_set: FeasibleSet,
-    unconstrained: Estimate,
-    *,
-    prior: PhysicalPrior | None = None,
-    prior_weight: float | Literal["auto"] = "auto",
-    tried: TriedPrior | None = None,
-) -> PlausibleFit:
-    """Fit within the feasible set, near what is known of the robot.
-
-    The weight of the prior is the largest that predicts stretches of the data as well as the best does, to one standard
-    error; see `steelyard.estimators.cross_validation`.
+    """Try weights of what is known of a robot; see `steelyard.estimators.cross_validation`.
 
     Parameters
     ----------
@@ -203,8 +175,51 @@ def plausible_fit(
     prior : PhysicalPrior, optional
         What is known; gathered from the robot by default.
     prior_weight : float or "auto"
-    tried : TriedPrior, optional
-        What `tried_prior` made of the same arguments.
+
+    Returns
+    -------
+    TriedPrior
+
+    Raises
+    ------
+    SolverError
+        If no parameters satisfy the constraints of the user.
+    """
+    model = feasible_set.model
+    assert isinstance(model, Model)
+    known = physical_prior(model, feasible_set.constraints) if prior is None else prior
+    scaled = known.scaled_to(info, feasible_set)
+    constraints: list[Constraint] = [*feasible_set.constraints, *scaled.constraints]
+    plausible_set = FeasibleSet(model, feasible_set.consistency, constraints, feasible_set.margin)
+    scales = term_deviations(info, feasible_set)
+    kind = EntropicPrior if feasible_set.consistency == "full" else ConstantPullbackPrior
+    distance = kind(scaled.parameters, term_deviations=scales)
+    if prior_weight == "auto":
+        given, weight = None, UNTESTED_WEIGHT * max(info.count / TYPICAL_COUNT, 1.0)
+    else:
+        given, weight = [float(prior_weight)], float(prior_weight)
+    validation = None
+    if len(stretches) >= FEWEST_FOLDS:
+        used = unconstrained.weights
+        validation = cross_validation(info, stretches, plausible_set, distance, weights=used, prior_weights=given)
+        weight = validation.weight
+    return TriedPrior(known, scaled, plausible_set, distance, scales, weight, validation)
+
+
+def plausible_fit(
+    info: Information, feasible_set: FeasibleSet, unconstrained: Estimate, tried: TriedPrior
+) -> PlausibleFit:
+    """Fit within the feasible set, near what is known of the robot.
+
+    Parameters
+    ----------
+    info : Information
+    feasible_set : FeasibleSet
+        With the constraints of the user.
+    unconstrained : Estimate
+        Plain least squares of the same data, whose joint weights are used.
+    tried : TriedPrior
+        What `tried_prior` made of them.
 
     Returns
     -------
@@ -215,15 +230,7 @@ def plausible_fit(
     SolverError
         If no parameters satisfy the constraints of the user.
     """
-    if tried is None:
-        tried = tried_prior(info, stretches, feasible_set, unconstrained, prior=prior, prior_weight=prior_weight)
-    plausible_set, validation = tried.plausible_set, tried.validation
-    if validation is not None:
-        weight = validation.weight
-    elif prior_weight == "auto":
-        weight = UNTESTED_WEIGHT * max(info.count / TYPICAL_COUNT, 1.0)
-    else:
-        weight = float(prior_weight)
+    plausible_set, weight, validation = tried.plausible_set, tried.weight, tried.validation
     estimate = fit(info, plausible_set, weights=unconstrained.weights, prior=tried.distance, prior_weight=weight)
     assert estimate.parameters is not None
     # What is proved is what the user asked for: the conditions of the prior are habits of robots, not laws.
