@@ -526,7 +526,7 @@ class _Patient:
         if self.columns.rate is not None:
             return None
         rate = 1.0 / clock.period
-        jitter = next((one for one in clock.sentences() if one.startswith("Intervals")), "")
+        jitter = clock.irregularities.get("jitter", "")
         if clock.verdict == "even clock":
             remedy: Settings = {"log": {**self._time(), "rate": _round_rate(rate, 1e-4)}}
             self.add(Finding("jitter", jitter, "worse", clock.largest, remedy))
@@ -560,7 +560,7 @@ class _Patient:
     def _gaps(self, recording: Recording, clock: ClockStatistics) -> None:
         even = EvenClock(clock, self.processing.resample or True, None, True, recording.source)
         parts = 1 if even.as_is else len(even.parts)
-        statement = next(one for one in clock.sentences() if "rows are missing" in one)
+        statement = clock.irregularities["gaps"]
         share = clock.missing / (clock.count + clock.missing)
         if share > TWO_RATES and np.median(clock.skipped) < 1.5:
             statement = (
@@ -639,7 +639,7 @@ class _Patient:
 
     def _held(self, recording: Recording, held: HeldJoints) -> None:
         """Joints that do not move are locked where a description says what they carry."""
-        told = [sentence.partition("; record a motion")[0] + "." for sentence in held.remarks(recording)]
+        told = [f"{reason}." for reason in held.reasons(recording)]
         remedy = self._locked(recording, held)
         advice = "" if remedy else "Record a motion of it, or lock it with `locked` in [description]."
         share = float(held.mask.mean())

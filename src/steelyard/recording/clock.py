@@ -140,10 +140,15 @@ class ClockStatistics:
 
     def sentences(self) -> tuple[str, ...]:
         """Return one sentence for each irregularity, none for an even clock without gaps."""
-        found = []
+        return tuple(self.irregularities.values())
+
+    @property
+    def irregularities(self) -> dict[str, str]:
+        """A sentence on "gaps" and one on "jitter", where there are such."""
+        found = {}
         if self.missing:
             longest = np.ptp(self.gaps, axis=1).max()
-            found.append(
+            found["gaps"] = (
                 f"{self.missing} rows are missing in {len(self.gaps)} gaps of up to {longest:.4g} s, the first "
                 f"{self.gaps[0, 0] - self.ticks[0]:.6g} s after the first row."
             )
@@ -156,11 +161,11 @@ class ClockStatistics:
                 "the rows were taken evenly and only the stamps are unsteady",
                 "unclear": "the positions do not tell which is right, so that it makes no visible difference",
             }[self.verdict]
-            found.append(
+            found["jitter"] = (
                 f"Intervals between stamps are off an even clock of {1.0 / self.period:.6g} Hz by up to "
                 f"{100 * self.largest:.3g} % of the period; {reason}."
             )
-        return tuple(found)
+        return found
 
     def __repr__(self) -> str:
         return (

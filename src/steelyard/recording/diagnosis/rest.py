@@ -123,10 +123,14 @@ class HeldJoints:
 
     def remarks(self, recording: Measurements) -> tuple[str, ...]:
         """Return one sentence for each joint that does not move."""
+        return tuple(f"{reason}; record a motion of it to know more." for reason in self.reasons(recording))
+
+    def reasons(self, recording: Measurements) -> tuple[str, ...]:
+        """Return what does not show for each joint that does not move, without a full stop."""
         return tuple(
             f"J{recording.joint_label(j)[1:]} does not move (it stays at {self.position[j]:.6g}): the log shows "
             "nothing of its friction and rotor inertia, and of the links beyond it only what the other joints' motion "
-            "and gravity show; record a motion of it to know more."
+            "and gravity show"
             for j in map(int, np.flatnonzero(self.mask))
         )
 
