@@ -586,26 +586,25 @@ class _Patient:
             )
             share = sample.incomplete / sample.count
             self.add(Finding("missing values", statement, "refused", share, {"log": {"missing": "fill"}}))
-        handled = [option for option in DETECTORS if getattr(self.processing, option) is not False]
         for stretch in sample.others:
             try:
                 recording = Recording.read(stretch, self.columns, self.joints)
             except InputError:  # what the middle shows, too, is found there
                 continue
-            found = recording.diagnose()
-            for option, sentences in found.faults(handled).items():
-                share = float(getattr(found, option).flags.mean(axis=0).max())
-                statement = f"{' '.join(sentences)} (Seen in rows {stretch.rows}.)"
-                self.add(Finding(option, statement, _harm_of(option, share), share, {"processing": {option: True}}))
-                handled.append(option)
+            self._faulty_rows(recording.diagnose(), f" (Seen in rows {stretch.rows}.)")
 
-    def _signals(self, recording: Recording, survey: LogSurvey, diagnosis: Diagnosis) -> None:
-        """Look at rows that would harm a regression, at joints that do not move, and at coarse or noisy channels."""
+    def _faulty_rows(self, diagnosis: Diagnosis, where: str = "") -> None:
+        """Look at rows that would harm a regression, and that no option of [processing] handles by now."""
         handled = [option for option in DETECTORS if getattr(self.processing, option) is not False]
         for option, sentences in diagnosis.faults(handled).items():
             share = float(getattr(diagnosis, option).flags.mean(axis=0).max())
+            harm: Harm = "wrong" if option == "saturation" and share > CLIPPED else "worse"
             remedy: Settings = {"processing": {option: True}}
-            self.add(Finding(option, " ".join(sentences), _harm_of(option, share), share, remedy))
+            self.add(Finding(option, " ".join(sentences) + where, harm, share, remedy))
+
+    def _signals(self, recording: Recording, survey: LogSurvey, diagnosis: Diagnosis) -> None:
+        """Look at rows that would harm a regression, at joints that do not move, and at coarse or noisy channels."""
+        self._faulty_rows(diagnosis)
         held = HeldJoints.of(recording)
         if held.mask.all():
             statement = f"{recording.source}: no joint moves by more than the noise of its position."
@@ -911,11 +910,6 @@ class _Patient:
         settings = merged(self.settings, further or {})
         sections = {**self.file.sections, **{name: settings.get(name, {}) for name in ("log", "processing")}}
         return replace(self.file, sections=sections)
-
-
-def _harm_of(option: str, share: float) -> Harm:
-    """Return what faulty rows of a share lead to."""
-    return "wrong" if option == "saturation" and share > CLIPPED else "worse"
 
 
 def longest_part(recording: Recording) -> Recording:
