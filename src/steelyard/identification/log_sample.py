@@ -26,8 +26,7 @@ class Stretch(MemoryLog):
     """Rows of a log, from `first` on, in memory."""
 
     def __init__(self, files: LogFiles, columns: Columns, labels: Sequence[str], first: int) -> None:
-        stated = next((file.stated for file in files.files if file.stated is not None), None)
-        super().__init__(columns, files.name, labels, stated)
+        super().__init__(columns, files.name, labels, files.stated)
         self.files, self.first = files, first
 
     @property

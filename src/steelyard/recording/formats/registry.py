@@ -107,8 +107,8 @@ class LogFiles:
     def __init__(self, source: Source, columns: LogColumns | None = None) -> None:
         given = split_source(source)
         self.files = [one if isinstance(one, LogFile) else open_log(one, columns or LogColumns()) for one in given]
-        stated = (file.stated for file in self.files if file.stated is not None)
-        self.columns = next(stated, columns or LogColumns())
+        self.stated = next((file.stated for file in self.files if file.stated is not None), None)
+        self.columns = self.stated or columns or LogColumns()
         self._count: int | None = None
         self.name = " + ".join(file.path.name for file in self.files)
         self.names = tuple(dict.fromkeys(name for file in self.files for name in file.names))
