@@ -339,12 +339,10 @@ class JointTable:
         orders = self._orders_of(names)
         if by_header is None:
             by_header = self.has_stamps(names)
-        if (
-            orders,
-            by_header,
-        ) not in self._rows:  # a log is opened several times, and asked for a few choices of columns
-            self._rows[orders, by_header] = self._arranged(orders, by_header)
-        return self._rows[orders, by_header]
+        key = (orders, by_header)
+        if key not in self._rows:  # a log is opened several times, and asked for a few choices of columns
+            self._rows[key] = self._arranged(orders, by_header)
+        return self._rows[key]
 
     def _arranged(self, orders: Sequence[_Order], by_header: bool) -> JointRows:
         which = np.repeat(np.arange(len(orders)), [len(order.stamps) for order in orders])
