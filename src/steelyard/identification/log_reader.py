@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -127,8 +126,8 @@ class LogReader:
         )
         if blocks is not None and own is not None:
             blocks.append(own)
-        for one in keep:
-            one.finish()
+        if drawn is not None:
+            drawn.finish()
         return information, thinned
 
     def thinned(self, log: GivenLog, points: int) -> ThinnedSamples:
@@ -136,7 +135,6 @@ class LogReader:
         kept = ThinnedSamples(points)
         for _ in self._watched(log, [kept], self.model):
             pass
-        kept.finish()
         return kept
 
     def _watched(self, log: GivenLog, keep: Sequence[ThinnedSamples | DrawnRows], model: Model) -> Iterator[Samples]:
@@ -265,19 +263,12 @@ class DrawnRows:
 
     def add(self, samples: Samples) -> None:
         """Add the samples that follow."""
-        n = self.model.dof
-        numbers = np.arange(self.seen, self.seen + samples.count, dtype=float)
-        mask = np.ones(samples.q.shape) if samples.mask is None else samples.mask
-        columns = [samples.q, samples.dq, samples.ddq, samples.torque, mask]
-        if samples.regressor is not None:  # of all the samples of a log, or of none
-            columns.append(samples.regressor)
-            if not self.seen:
-                self.limit = max(self.limit * (2 + 5 * n) // (2 + 5 * n + samples.regressor.shape[1]), 200)
-                self._set_pieces()
+        table = _table(samples, self.seen)
+        if samples.regressor is not None and not self.seen:
+            own = table.shape[1] - samples.regressor.shape[1]
+            self.limit = max(self.limit * own // table.shape[1], 200)
+            self._set_pieces()
         self._regressor_model = samples.regressor_model
-        table = np.empty((samples.count, 2 + sum(one.shape[1] for one in columns)))
-        table[:, 0], table[:, 1] = numbers, numbers if samples.t is None else samples.t
-        np.concatenate(columns, axis=1, out=table[:, 2:])
         self._keep_windows(table)
         self.seen += samples.count
         self._waiting.append(table)
@@ -352,29 +343,16 @@ class DrawnRows:
         self._base = np.asarray(np.linalg.lstsq(stacked[:, :-1], stacked[:, -1])[0], dtype=np.float64)
 
     def _samples(self, table: Array) -> Samples:
-        n = self.model.dof
-        q, dq, ddq, torque, mask = (table[:, 2 + k * n : 2 + (k + 1) * n] for k in range(5))
-        used, rest = mask > 0.5, table[:, 2 + 5 * n :]
-        return Samples(
-            q=q,
-            dq=dq,
-            ddq=ddq,
-            torque=torque,
-            mask=None if used.all() else used,
-            t=table[:, 1].copy(),
-            regressor=rest if rest.shape[1] else None,
-            regressor_model=self._regressor_model if rest.shape[1] else None,
-        )
+        return _samples(table, self.model.dof, self._regressor_model)
 
     def finish(self) -> None:
         """Let go of what is not drawn."""
         if self._pieces is None:
             table = np.concatenate(self._waiting) if self._waiting else np.empty((0, 2 + 5 * self.model.dof))
         else:
-            rest = self._waiting[0][None] if len(self._waiting[0]) else self._pieces[:0]
             parts = [self._pieces.reshape(-1, self._pieces.shape[2])]
-            if rest.size:
-                parts.append(self._extremes(rest)[0])
+            if len(self._waiting[0]):
+                parts.append(self._extremes(self._waiting[0][None])[0])
             table = np.concatenate(parts)
             table = table[np.unique(table[:, 0], return_index=True)[1]]
         self.samples = self._samples(table)
@@ -396,47 +374,50 @@ class ThinnedSamples:
     def __init__(self, points: int) -> None:
         self.points = points
         self.every, self.seen = 1, 0
-        self.model: Model | None = None
-        self.parts: list[tuple[NDArray[Any], ...]] = []
+        self._joints = 0
+        self._regressor_model: Model | None = None
+        self._parts: list[Array] = []
 
     def add(self, samples: Samples) -> None:
         """Add the samples that follow."""
-        count = samples.count
-        start = -self.seen % self.every
-        rows = slice(start, count, self.every)
-        t = np.arange(self.seen, self.seen + count, dtype=float) if samples.t is None else samples.t
-        mask = np.ones(samples.q.shape, dtype=bool) if samples.mask is None else samples.mask
-        part = [t[rows], samples.q[rows], samples.dq[rows], samples.ddq[rows], samples.torque[rows], mask[rows]]
-        if samples.regressor is not None:  # of all the samples of a log, or of none
-            part.append(samples.regressor[rows])
-        self.model = samples.regressor_model
-        self.parts.append(tuple(a.copy() for a in part))
-        self.seen += count
-        while sum(len(p[0]) for p in self.parts) > 2 * self.points:
-            whole = tuple(np.concatenate(columns)[::2] for columns in zip(*self.parts, strict=True))
-            self.parts = [whole]
+        self._joints, self._regressor_model = samples.joint_count, samples.regressor_model
+        self._parts.append(_table(samples, self.seen, slice(-self.seen % self.every, None, self.every)))
+        self.seen += samples.count
+        while sum(map(len, self._parts)) > 2 * self.points:
+            self._parts = [np.concatenate(self._parts)[::2].copy()]
             self.every *= 2
-
-    def finish(self) -> None:
-        """Let go of the longer arrays, of which these are views."""
-        self.parts = [tuple(array.copy() for array in part) for part in self.parts]
-
-    @property
-    def t(self) -> Array:
-        """(S,) s."""
-        return np.concatenate([p[0] for p in self.parts])
 
     @property
     def samples(self) -> Samples:
         """What was kept."""
-        t, q, dq, ddq, torque, mask, *rest = (np.concatenate(columns) for columns in zip(*self.parts, strict=True))
-        return Samples(
-            q=q,
-            dq=dq,
-            ddq=ddq,
-            torque=torque,
-            mask=None if mask.all() else mask,
-            t=t,
-            regressor=rest[0] if rest else None,
-            regressor_model=self.model,
-        )
+        return _samples(np.concatenate(self._parts), self._joints, self._regressor_model)
+
+
+def _table(samples: Samples, first: int, rows: slice = slice(None)) -> Array:
+    """Return rows of samples as one array: number in the stream, time, motion, torques, mask, and the regressor.
+
+    `first` is the number of the first of these samples. All the samples of a log have a regressor, or none has.
+    """
+    numbers = np.arange(first, first + samples.count, dtype=float)
+    t = numbers if samples.t is None else samples.t
+    mask = np.ones(samples.q.shape) if samples.mask is None else samples.mask
+    columns = [numbers, t, samples.q, samples.dq, samples.ddq, samples.torque, mask]
+    if samples.regressor is not None:
+        columns.append(samples.regressor)
+    return np.column_stack([one[rows] for one in columns])
+
+
+def _samples(table: Array, joints: int, regressor_model: Model | None) -> Samples:
+    """Return the samples that `_table` made an array of."""
+    q, dq, ddq, torque, mask = (table[:, 2 + k * joints : 2 + (k + 1) * joints] for k in range(5))
+    used, regressor = mask > 0.5, table[:, 2 + 5 * joints :]
+    return Samples(
+        q=q,
+        dq=dq,
+        ddq=ddq,
+        torque=torque,
+        mask=None if used.all() else used,
+        t=table[:, 1].copy(),
+        regressor=regressor if regressor.shape[1] else None,
+        regressor_model=regressor_model if regressor.shape[1] else None,
+    )

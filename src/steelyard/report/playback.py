@@ -107,8 +107,9 @@ def play_log(viewed: ViewedRobot, log: str | Path, progress: Callable[[str], Non
     thinned = reader.thinned(name, POINTS // 2)
     if not thinned.seen:
         raise InputError(f"{name}: no rows are left after processing, so that there is nothing to play; trim less.")
-    samples, t = thinned.samples, thinned.t
-    if samples.t is None or t[-1] <= t[0]:
+    samples = thinned.samples
+    t = samples.t
+    if t is None or t[-1] <= t[0]:
         raise InputError(f"{name}: has no times, or one instant alone; give a log in time.")
     torque = np.where(samples.mask, samples.torque, np.nan) if samples.mask is not None else samples.torque
     torques = {"measured": torque, **_predicted(viewed, samples.q, samples.dq, samples.ddq)}
