@@ -188,7 +188,8 @@ class _Group:
     """Columns of one quantity that one way of naming finds, in the order of the joints.
 
     `units` are those that the columns say, `by` is what tells whose they are, `first` the number of the first one,
-    `labels` the names that the log has for them, and `fault` why they cannot be used.
+    `labels` the names that the log has for them, `fault` why they cannot be used, and `chosen_of` how many numbered
+    columns there are where not all of them are of joints that move; otherwise 0.
     """
 
     columns: tuple[str, ...]
@@ -200,6 +201,7 @@ class _Group:
     first: int = 1
     labels: tuple[str, ...] = ()
     fault: str = ""
+    chosen_of: int = 0
 
     def told(self) -> str:
         """Say what tells whose the columns are."""
@@ -288,7 +290,6 @@ class _Search:
         self.joint_count = joints if joints is None or isinstance(joints, int) else len(self.joint_names)
         self.labels = tuple(labels)
         self.called = self.joint_names or self.labels
-        self.of_more: dict[tuple[str, ...], int] = {}  # columns that were chosen of so many
         self.groups = _groups(names, self.called)
         if not self.called and not any(NUMBER in group.shape for group in self.groups.get("position", ())):
             self.called = _joints_named(names)
@@ -418,8 +419,8 @@ class _Search:
         if not fit or not (from_0 or from_1):
             return group
         chosen = tuple(group.columns[place] for place in places)
-        self.of_more[chosen] = len(group.columns)
-        return replace(group, columns=chosen, units=tuple(group.units[place] for place in places))
+        units = tuple(group.units[place] for place in places)
+        return replace(group, columns=chosen, units=units, chosen_of=len(group.columns))
 
     def _tier(self, kind: str, group: _Group) -> tuple[bool, ...]:
         """Return what is the smaller the better a group fits."""
@@ -444,7 +445,7 @@ class _Search:
         (group,) = best
         if group.fault:
             raise InputError(group.fault)
-        if group.by == _NUMBER and self._matrix(kind) is None and group.columns not in self.of_more:
+        if group.by == _NUMBER and self._matrix(kind) is None and not group.chosen_of:
             self._require_order(kind, group)
         others = [
             other
@@ -456,9 +457,9 @@ class _Search:
                 f"The {kind} is read from {_ends(group.columns)} and not from {_ends(other.columns)}, which "
                 f"`{self._line(kind, other)}` in [log] would choose."
             )
-        if group.columns in self.of_more:
+        if group.chosen_of:
             self.guesses.append(
-                f"The {kind} is read from {_listing(group.columns)} of {self.of_more[group.columns]} numbered columns, "
+                f"The {kind} is read from {_listing(group.columns)} of {group.chosen_of} numbered columns, "
                 "by the numbers in the names of the joints that move."
             )
         if group.style.note and group.style.quantity != "position":
