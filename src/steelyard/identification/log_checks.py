@@ -6,6 +6,7 @@ from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import replace
 
 import numpy as np
+from numpy.typing import ArrayLike, NDArray
 
 from steelyard.display import few_digits
 from steelyard.dynamics import Model
@@ -143,7 +144,7 @@ def heavy_ends(model: Model, table: ParameterTable) -> tuple[str, ...]:
     tuple of str
         A sentence for each.
     """
-    described = np.asarray(model.robot.parameters)[[int(link[9]) for link in model.link_columns]]
+    described = _masses(model, model.robot.parameters)
     carrying = {joint.parent for joint in model.robot.joints}
     found = []
     for k, link in enumerate(table.links):
@@ -176,9 +177,8 @@ def implausible_mass(model: Model, estimate: Estimate, samples: Samples) -> tupl
     """
     parameters = estimate.parameters
     assert parameters is not None
-    columns = [int(link[9]) for link in model.link_columns]
-    mass = float(parameters[columns].sum())
-    described = np.asarray(model.robot.parameters)[columns]
+    mass = float(_masses(model, parameters).sum())
+    described = _masses(model, model.robot.parameters)
     if np.all(described > 0.0):
         expected = float(described.sum())
         low, high = expected / _OF_DESCRIPTION, expected * _OF_DESCRIPTION
@@ -199,3 +199,8 @@ def implausible_mass(model: Model, estimate: Estimate, samples: Samples) -> tupl
         f"The links weigh {mass:.4g} kg together by these torques, far from {what}: check `torque_unit`, `gain` and "
         "gear ratios in [log].",
     )
+
+
+def _masses(model: Model, parameters: ArrayLike) -> NDArray[np.float64]:
+    """Return the masses of the links in kg among all parameters."""
+    return np.asarray(parameters, dtype=np.float64)[[int(link[9]) for link in model.link_columns]]
