@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import html
 import json
 import math
+import re
 from collections.abc import Sequence
 from typing import Any
 
@@ -432,8 +434,5 @@ def metadata(figures: dict[str, Any]) -> str:
 
 def figures_of(svg: str) -> dict[str, Any]:
     """Return the figures that a drawing holds."""
-    import html
-    import re
-
     found = re.search(r"<metadata>(.*?)</metadata>", svg, re.DOTALL)
     return dict(json.loads(html.unescape(found[1]))) if found else {}

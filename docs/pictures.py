@@ -1161,8 +1161,7 @@ def _gallery(runs: Runs, name: str) -> Drawing:
         from steelyard.identification.wam import true_parameters
 
         result, title = runs.demo, "Barrett WAM"
-        model = result.model
-        true = dict(zip(map(str, model.parameter_names), true_parameters(), strict=True))
+        true = dict(zip(map(str, result.model.parameter_names), true_parameters(), strict=True))
     else:
         result, truth = runs.example(name)
         title = EXAMPLES[name].title

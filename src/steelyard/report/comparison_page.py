@@ -187,7 +187,7 @@ def _links(comparison: Comparison) -> Markup:
 
 def _is_told(name: str) -> bool:
     """Masses, centres of mass, friction and rotors: what people ask for first. The rest is in parameters.csv."""
-    return name == "total mass" or name[0] in "mcFI" or not name.startswith(("L", "l", "J"))
+    return not name.startswith(("L", "l", "J"))
 
 
 def _bars(rows: Sequence[Mapping[str, Any] | None]) -> Markup:

@@ -21,7 +21,6 @@ _MOST = 5  # weak combinations in the table
 _WEAK = (
     0.2  # relative standard error from which a combination is called weak; 0.4 is then the half-width of its interval
 )
-_LINK_SYMBOL = re.compile(r"(L[xyz][xyz]|l[xyz]|m)(\d+)R?")
 _MOTIONS = (
     (r"L[xyz][xyz]", "accelerate {joint} harder, in other configurations of the joints behind it"),
     (r"l[xyz]|m", "bring {joint} through a wider range, so that gravity acts on it from more directions"),

@@ -311,7 +311,7 @@ class Viewer:
             box = gui.add_checkbox(layer, initial_value=handles[0].visible)
             self.layers[layer] = box
             self._when(box, partial(self._switch, layer))
-        if any(self._layers.get(layer) for layer in ("shapes",)):
+        if "shapes" in self._layers:
             clear = bool(self._layers.get("identified ellipsoids") or self._layers.get("CAD ellipsoids"))
             self.opacity = gui.add_slider("opacity of shapes", 0.0, 1.0, 0.05, 0.55 if clear else 1.0)
             self._when(self.opacity, lambda: self._fade(self.opacity.value))
