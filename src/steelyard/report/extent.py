@@ -8,11 +8,20 @@ from pathlib import Path
 
 from steelyard.identification import Identification, Prediction
 
-__all__ = ["MOST_LOGS", "MOST_REMARKS", "gathered", "shared_words", "short_names", "shown_logs"]
+__all__ = ["MOST_LOGS", "MOST_REMARKS", "default_log", "gathered", "shared_words", "short_names", "shown_logs"]
 
 MOST_LOGS = 12  # of each role, with their joints and curves
 MOST_REMARKS = 40  # about two screens
 _EXAMPLES = 2  # logs that are named where many have the same remark
+
+
+def default_log(identification: Identification) -> int:
+    """Return which prediction comes first: that of the first log for validation, or else of the first log.
+
+    It is always among the logs that are shown.
+    """
+    roles = [prediction.role for prediction in identification.predictions]
+    return roles.index("validation") if "validation" in roles else 0
 
 
 def shown_logs(identification: Identification) -> list[int]:

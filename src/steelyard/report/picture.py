@@ -11,9 +11,8 @@ from numpy.typing import NDArray
 from steelyard.files import write_text
 from steelyard.identification import Identification, Prediction
 
-from .extent import shown_logs
+from .extent import default_log
 from .html_document import escape, percent
-from .torque_section import default_log
 
 __all__ = ["torque_picture", "torque_svg"]
 
@@ -65,7 +64,7 @@ def torque_svg(identification: Identification) -> str:
     >>> "An impossible robot" in text
     True
     """
-    prediction = identification.predictions[shown_logs(identification)[default_log(identification)]]
+    prediction = identification.predictions[default_log(identification)]
     strength = np.sqrt(np.nanmean(np.square(prediction.trace.measured), axis=0))
     chosen = sorted(np.argsort(-strength, kind="stable")[:PANELS].tolist())
     gap = 30.0

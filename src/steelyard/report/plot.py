@@ -9,7 +9,7 @@ from steelyard.errors import InputError
 from steelyard.files import suggestion
 from steelyard.identification import Identification, Prediction
 
-from .extent import short_names
+from .extent import default_log, short_names
 from .html_document import percent
 
 if TYPE_CHECKING:
@@ -100,8 +100,7 @@ def _chosen(identification: Identification, log: str | int | None) -> tuple[Pred
     """Return the prediction of a log, and a short name for it."""
     predictions, names = identification.predictions, short_names(identification)
     if log is None:
-        roles = [prediction.role for prediction in predictions]
-        index = roles.index("validation") if "validation" in roles else 0
+        index = default_log(identification)
     elif isinstance(log, str):
         found = [k for k, one in enumerate(predictions) if log in (one.name, names[k])]
         if not found:

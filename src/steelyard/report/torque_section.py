@@ -9,13 +9,13 @@ from numpy.typing import NDArray
 
 from steelyard.identification import Identification, Prediction
 
-from .extent import shared_words, short_names, shown_logs
+from .extent import default_log, shared_words, short_names, shown_logs
 from .html_document import Markup, escape, percent, script_data, table
 from .packed_curves import PackedCurves, extreme_rows
 from .residual_patterns import autocorrelation, spectrum
 from .torque_sources import shares, torque_sources
 
-__all__ = ["TORQUE_SCRIPTS", "default_log", "drawn_logs", "joint_units", "sources", "torques"]
+__all__ = ["TORQUE_SCRIPTS", "drawn_logs", "joint_units", "sources", "torques"]
 
 Array = NDArray[np.float64]
 TORQUE_SCRIPTS = ("curves.js",)
@@ -36,19 +36,13 @@ _STEPS = (
 )
 
 
-def default_log(identification: Identification) -> int:
-    """Return which of the logs that are shown comes first: the first one for validation, or else the first."""
-    roles = [identification.predictions[index].role for index in shown_logs(identification)]
-    return roles.index("validation") if "validation" in roles else 0
-
-
 def drawn_logs(identification: Identification) -> list[int]:
     """Return the predictions of which curves are drawn: those that are shown, as many as leave each enough rows."""
     shown = shown_logs(identification)
     most = max(_ALL_ROWS // (_FEWEST_ROWS * max(len(joint_units(identification)), 1)), 1)
     if len(shown) <= most:
         return shown
-    first = shown[default_log(identification)]
+    first = default_log(identification)
     heads = [next((k for k in shown if identification.predictions[k].role == role), first) for role in _ROLES]
     rest = sorted(shown, key=lambda k: -identification.predictions[k].feasible_error)
     return sorted(list(dict.fromkeys([first, *heads, *rest]))[:most])
@@ -71,8 +65,7 @@ def torques(identification: Identification) -> Markup:
     if not identification.predictions:
         return Markup("")
     drawn, names = drawn_logs(identification), short_names(identification)
-    shown = shown_logs(identification)
-    first = drawn.index(shown[default_log(identification)])
+    first = drawn.index(default_log(identification))
     groups = []
     for role, title in (("validation", "Validation: not used in the fit"), ("identification", "Data of the fit")):
         options = "".join(
@@ -223,7 +216,7 @@ def sources(identification: Identification) -> Markup:
     parameters, predictions = identification.estimate.parameters, identification.predictions
     if parameters is None or not predictions:
         return Markup("")
-    index = shown_logs(identification)[default_log(identification)]
+    index = default_log(identification)
     prediction, names = predictions[index], short_names(identification)
     trace, even = prediction.trace, prediction.samples
     if trace.samples is None or even is None or not even.count:
