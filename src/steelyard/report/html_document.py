@@ -241,19 +241,19 @@ def _compressed_plotly() -> str:
     """Return Plotly's script, deflated and in base 64: 1.9 MB in place of 4.8."""
     from plotly.offline import get_plotlyjs
 
-    return compressed(get_plotlyjs())
+    return compressed(get_plotlyjs().encode())
 
 
-def compressed(text: str) -> Markup:
-    """Return a text as it may stand in a script element, deflated and in base 64, which browsers undo.
+def compressed(content: bytes) -> Markup:
+    """Return bytes as they may stand in a script element, deflated and in base 64, which browsers undo.
 
     Examples
     --------
     >>> import base64, zlib
-    >>> zlib.decompress(base64.b64decode(compressed("</script>"))).decode()
+    >>> zlib.decompress(base64.b64decode(compressed(b"</script>"))).decode()
     '</script>'
     """
-    return Markup(base64.b64encode(zlib.compress(text.encode(), 9)).decode("ascii"))
+    return Markup(base64.b64encode(zlib.compress(content, 9)).decode("ascii"))
 
 
 def package_text(name: str) -> str:

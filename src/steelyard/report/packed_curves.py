@@ -2,14 +2,12 @@
 
 from __future__ import annotations
 
-import base64
-import zlib
 from collections.abc import Sequence
 
 import numpy as np
 from numpy.typing import NDArray
 
-from .html_document import Markup
+from .html_document import Markup, compressed
 
 __all__ = ["PackedCurves", "extreme_rows"]
 
@@ -53,8 +51,8 @@ class PackedCurves:
 
     def markup(self, identifier: str) -> Markup:
         """Return the element that holds all the curves."""
-        text = base64.b64encode(zlib.compress(b"".join(self._parts), 9)).decode("ascii")
-        return Markup(f'<script type="text/plain" class="packed-curves" id="{identifier}">{text}</script>')
+        content = compressed(b"".join(self._parts))
+        return Markup(f'<script type="text/plain" class="packed-curves" id="{identifier}">{content}</script>')
 
 
 def extreme_rows(curves: Sequence[Array], rows: int) -> NDArray[np.intp]:

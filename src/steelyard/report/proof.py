@@ -67,5 +67,5 @@ def _one(role: str, claim: str, certificate: Mapping[str, Any]) -> str:
         f'<p class="proof" data-certificate="{name}" data-role="{role}" data-verdict="{escape(content["verdict"])}" '
         'aria-live="polite">The page verifies the proof where scripts may run, in a browser of 2023 or later.</p>'
         f'<p><a class="save" download="{name}.json" hidden>Save this certificate</a></p>'
-        f'<script type="text/plain" id="{name}">{compressed(text)}</script></div>'
+        f'<script type="text/plain" id="{name}">{compressed(text.encode())}</script></div>'
     )
