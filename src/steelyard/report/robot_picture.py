@@ -26,7 +26,6 @@ __all__ = [
     "drawing_of_links",
     "drawn_links",
     "ground",
-    "robot_drawing",
     "robot_picture",
     "robot_svg",
     "skeleton",
@@ -148,7 +147,7 @@ def robot_svg(identification: Identification, q: ArrayLike | None = None) -> Mar
     """
     ground = f'<rect width="{WIDTH:g}" height="{HEIGHT:g}" rx="8" fill="#fdfdfb"/>'
     card = f"<style>{package_text('drawing.css')}</style>{ground}"
-    picture = robot_drawing(identification, q, before=card)
+    picture = drawing_of_links(identification.model.robot, drawn_links(identification), q, before=card)
     return Markup(picture.replace("<svg ", f'<svg width="{WIDTH:g}" height="{HEIGHT:g}" ', 1))
 
 
@@ -180,23 +179,19 @@ KEY = (
 """The sample of a basis, with its name in the place of ``{0}``."""
 
 
-def robot_drawing(identification: Identification, q: ArrayLike | None = None, *, before: str = "") -> Markup:
-    """Return the drawing for a document whose styles hold ``drawing.css``.
+def drawing_of_links(robot: Robot, links: list[DrawnLink], q: ArrayLike | None = None, *, before: str = "") -> Markup:
+    """Return the drawing of a robot with what is given of each of its links, for a document with ``drawing.css``.
 
     Parameters
     ----------
-    identification : Identification
-        Of a robot whose lengths are numbers.
+    robot : Robot
+        Its lengths are numbers.
+    links : list of DrawnLink
     q : (N,), optional
         rad or m; zeros by default.
     before : str
         What stands before its elements.
     """
-    return drawing_of_links(identification.model.robot, drawn_links(identification), q, before=before)
-
-
-def drawing_of_links(robot: Robot, links: list[DrawnLink], q: ArrayLike | None = None, *, before: str = "") -> Markup:
-    """Return the drawing of a robot with what is given of each of its links; see `robot_drawing`."""
     if q is not None and np.shape(q) != (robot.dof,):
         raise InputError(
             f"{robot.name} has {robot.dof} joints, so q must have the shape ({robot.dof},), got {np.shape(q)}."

@@ -7,7 +7,7 @@ import numpy as np
 from steelyard.identification import Identification
 
 from .html_document import Markup, escape
-from .robot_picture import KEY, DrawnLink, drawn_links, remarks_on_drawing, robot_drawing
+from .robot_picture import KEY, DrawnLink, drawing_of_links, drawn_links, remarks_on_drawing
 from .robot_scene import robot_scene
 
 __all__ = ["robot"]
@@ -53,7 +53,7 @@ def robot(identification: Identification) -> Markup:
         f"<p>The robot with all joints at zero.</p>{key}{f'<ul>{remarks}</ul>' if remarks else ''}"
         '<div class="drawing"><div><div class="ground-of-drawing" tabindex="0" role="application" '
         'aria-label="Drawing of the robot: arrow keys turn it, plus and minus change its size, Home puts it back">'
-        f"{robot_drawing(identification)}</div>"
+        f"{drawing_of_links(identification.model.robot, links)}</div>"
         f'<div class="controls-of-drawing" hidden>{boxes}{buttons}{zoom}</div></div>'
         f'<ol class="links-of-drawing" tabindex="0" aria-label="Links">{items}</ol></div>'
         f"<p>{escape(' '.join(text))}</p>"
