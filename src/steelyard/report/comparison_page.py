@@ -13,6 +13,7 @@ from steelyard.identification import Comparison
 from steelyard.identification.comparison import ParameterDifference
 from steelyard.identification.prediction_difference import labels
 
+from .drawing import turnable
 from .html_document import Markup, Section, escape, html_document, percent, table
 from .link_bodies import link_body
 from .robot_picture import DrawnLink, drawing_of_links
@@ -146,12 +147,8 @@ def _robots(comparison: Comparison) -> Markup:
             )
             for index, (link, columns) in enumerate(zip(model.robot.links, model.link_columns, strict=True))
         ]  # fmt: skip
-        parts.append(
-            f"<h3>{label} beside {short[0]}</h3>"
-            '<div class="drawing"><div><div class="ground-of-drawing" tabindex="0" role="application" '
-            f'aria-label="Drawing of {label} beside {short[0]}: arrow keys turn it, plus and minus change its size, '
-            f'Home puts it back">{drawing_of_links(model.robot, links)}</div></div></div>'
-        )
+        title = f"{label} beside {short[0]}"
+        parts.append(f"<h3>{title}</h3>{turnable(drawing_of_links(model.robot, links), title)}")
     more = len(values) - 1 - len(parts)
     text = (
         "All joints are at zero. Each ellipsoid is the solid one of uniform density with the mass, centre of mass and "

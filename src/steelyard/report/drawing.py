@@ -16,12 +16,42 @@ from numpy.typing import ArrayLike, NDArray
 
 from .html_document import Markup, escape
 
-__all__ = ["Drawing", "View"]
+__all__ = ["LOOKS", "Drawing", "View", "turnable"]
 
 Array = NDArray[np.float64]
 
 LINE_OF_TEXT = 13.0  # px between numbers that would lie on each other
 _SIGNIFICANT = 5  # digits of places in space, a hundredth of a pixel
+
+LOOKS = Markup(
+    "".join(
+        f'<button type="button" data-look="{name}">{label}</button>'
+        for name, label in (("front", "Front"), ("side", "Side"), ("top", "Top"), ("Home", "Reset"))
+    )
+)
+"""Buttons that turn a drawing to where one mostly looks from."""
+
+
+def turnable(picture: str, what: str, controls: str = "", beside: str = "") -> Markup:
+    """Return a picture with what a reader needs to turn it; the document must have ``drawing.js`` and ``drawing.css``.
+
+    Parameters
+    ----------
+    picture : str
+        What `Drawing.svg` returned.
+    what : str
+        What is drawn, in words, as HTML.
+    controls : str
+        Further controls, which are shown where scripts may run.
+    beside : str
+        What stands beside it.
+    """
+    shown = f'<div class="controls-of-drawing" hidden>{controls}</div>' if controls else ""
+    return Markup(
+        '<div class="drawing"><div><div class="ground-of-drawing" tabindex="0" role="application" '
+        f'aria-label="Drawing of {what}: arrow keys turn it, plus and minus change its size, Home puts it back">'
+        f"{picture}</div>{shown}</div>{beside}</div>"
+    )
 
 
 @dataclass(frozen=True, eq=False)

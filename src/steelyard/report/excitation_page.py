@@ -21,7 +21,7 @@ from steelyard.robot import Robot, RobotFile
 
 from .answer_sections import number_tables
 from .charts import Chart, Curve, charts_markup
-from .drawing import Drawing
+from .drawing import LOOKS, Drawing, turnable
 from .head import card
 from .html_document import Markup, Section, escape, html_document, number, table
 from .link_bodies import link_body
@@ -222,8 +222,6 @@ def _space(design: ExcitationDesign, robot: Robot, motion: _Motion) -> Markup:
         drawing.parts.append(drawing.label(placed.point(path[0]), f"{name}, start"))
     described = f"Path of {', '.join(tips)} over {motion.t[-1]:.4g} s, and the robot at the start"
     picture = drawing.svg(f"{robot.name} in the motion", described)
-    looks = (("front", "Front"), ("side", "Side"), ("top", "Top"), ("Home", "Reset"))
-    buttons = "".join(f'<button type="button" data-look="{name}">{label}</button>' for name, label in looks)
     when = ", ".join(f"{at:.1f}" for at in instants)
     text = (
         f"The thick line is the robot at the start, pale lines the robot at {when} s, and the thin line the path of "
@@ -237,12 +235,7 @@ def _space(design: ExcitationDesign, robot: Robot, motion: _Motion) -> Markup:
     extent = table(
         "Where the ends go, m in the base frame", ("Link", "x", "y", "z"), extents, identifier="extent-table"
     )
-    return Markup(
-        f"<p>{escape(text)}</p>"
-        '<div class="drawing"><div><div class="ground-of-drawing" tabindex="0" role="application" '
-        'aria-label="Drawing of the motion: arrow keys turn it, plus and minus change its size, Home puts it back">'
-        f'{picture}</div><div class="controls-of-drawing" hidden>{buttons}</div></div><div>{extent}</div></div>'
-    )
+    return Markup(f"<p>{escape(text)}</p>{turnable(picture, 'the motion', LOOKS, f'<div>{extent}</div>')}")
 
 
 def _tips(robot: Robot) -> dict[str, tuple[int, Array]]:

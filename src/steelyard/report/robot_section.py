@@ -6,6 +6,7 @@ import numpy as np
 
 from steelyard.identification import Identification
 
+from .drawing import LOOKS, turnable
 from .html_document import Markup, escape
 from .robot_picture import KEY, DrawnLink, drawing_of_links, drawn_links, remarks_on_drawing
 from .robot_scene import robot_scene
@@ -42,20 +43,19 @@ def robot(identification: Identification) -> Markup:
         for name, label, is_there in shows
         if is_there
     )
-    looks = (("front", "Front"), ("side", "Side"), ("top", "Top"), ("Home", "Reset"))
-    buttons = "".join(f'<button type="button" data-look="{name}">{label}</button>' for name, label in looks)
     zoom = "".join(
         f'<button type="button" data-look="{name}" aria-label="{label}">{sign}</button>'
         for name, label, sign in (("+", "Larger", "+"), ("-", "Smaller", "−"))
     )
     items = "".join(f"<li>{_item(link)}</li>" for link in links)
+    drawing = turnable(
+        drawing_of_links(identification.model.robot, links),
+        "the robot",
+        f"{boxes}{LOOKS}{zoom}",
+        f'<ol class="links-of-drawing" tabindex="0" aria-label="Links">{items}</ol>',
+    )
     return Markup(
-        f"<p>The robot with all joints at zero.</p>{key}{f'<ul>{remarks}</ul>' if remarks else ''}"
-        '<div class="drawing"><div><div class="ground-of-drawing" tabindex="0" role="application" '
-        'aria-label="Drawing of the robot: arrow keys turn it, plus and minus change its size, Home puts it back">'
-        f"{drawing_of_links(identification.model.robot, links)}</div>"
-        f'<div class="controls-of-drawing" hidden>{boxes}{buttons}{zoom}</div></div>'
-        f'<ol class="links-of-drawing" tabindex="0" aria-label="Links">{items}</ol></div>'
+        f"<p>The robot with all joints at zero.</p>{key}{f'<ul>{remarks}</ul>' if remarks else ''}{drawing}"
         f"<p>{escape(' '.join(text))}</p>"
     )
 
