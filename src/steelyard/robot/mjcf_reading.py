@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator, Mapping, Sequence
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -131,7 +132,7 @@ class MjcfReader:
 
     def compiled(self) -> CompiledMjcf:
         """See `read_compiled`."""
-        self.bodies.append(self.body_row("world", 0, np.eye(4), None, {}))
+        self.bodies.append(self.body_row("world", 0, np.eye(4)))
         for world in self.document.root.all("worldbody"):
             inherited = self.classes.name(world, key="childclass")
             self.read_body(world, 0, inherited, np.eye(4), moves=False)
@@ -174,10 +175,8 @@ class MjcfReader:
             raise InputError(f"{joints[0][0].where}: the world has a joint; put it into a body")
         for one, name, place in inside:
             if one.tag == "body":
-                row = self.body_row(
-                    one.attributes["name"], index, place @ self.placement(one, one.attributes), one, one.attributes
-                )
-                self.bodies.append(row)
+                placed = place @ self.placement(one, one.attributes)
+                self.bodies.append(self.body_row(one.attributes["name"], index, placed, one))
                 self.read_body(one, len(self.bodies) - 1, name, np.eye(4), moves)
 
     def inside(self, element: MjcfElement, inherited: str, frame: Matrix) -> Iterator[tuple[MjcfElement, str, Matrix]]:
@@ -195,18 +194,16 @@ class MjcfReader:
             else:
                 yield child, own, frame
 
-    def body_row(
-        self, name: str, parent: int, placement: Matrix, element: MjcfElement | None, attributes: Attributes
-    ) -> dict[str, Any]:
-        """Return the row of a body, without its inertia."""
-        where = "" if element is None else element.where
+    def body_row(self, name: str, parent: int, placement: Matrix, element: MjcfElement | None = None) -> dict[str, Any]:
+        """Return the row of a body, without its inertia; the world is no element."""
+        own = {} if element is None else element.attributes
         return {
             "name": name,
             "parentid": parent,
             "placement": placement,
             "inertia": Inertia.zero(),
-            "mocapid": 0 if attributes.get("mocap") == "true" else -1,
-            "gravcomp": _number(attributes, "gravcomp", 0.0, where, "body"),
+            "mocapid": 0 if own.get("mocap") == "true" else -1,
+            "gravcomp": 0.0 if element is None else self.number(element, own, "gravcomp", 0.0),
         }
 
     # Inertias
@@ -245,7 +242,7 @@ class MjcfReader:
         else:
             xx, yy, zz, xy, xz, yz = _floats(own["fullinertia"], element.where, "inertial", "fullinertia", 6)
             about = inertia_tensor((xx, xy, xz, yy, yz, zz))
-        mass = _number(own, "mass", 0.0, element.where, "inertial")
+        mass = self.number(element, own, "mass", 0.0)
         return mass, np.array(_floats(own["pos"], element.where, "inertial", "pos", 3)), turn @ about @ turn.T
 
     def weighed(self, inside: Sequence[tuple[MjcfElement, str, Matrix]], needed: bool) -> tuple[float, Matrix, Matrix]:
@@ -266,9 +263,9 @@ class MjcfReader:
 
     def solid(self, geom: MjcfElement, attributes: Attributes, frame: Matrix) -> Matrix:
         """Return the pseudo-inertia (4, 4) of a geom in the frame of the body."""
-        mass = _number(attributes, "mass", math.nan, geom.where, "geom")
-        density = _number(attributes, "density", 1000.0, geom.where, "geom")
-        group = _number(attributes, "group", 0.0, geom.where, "geom")
+        mass = self.number(geom, attributes, "mass", math.nan)
+        density = self.number(geom, attributes, "density", 1000.0)
+        group = self.number(geom, attributes, "group", 0.0)
         kind = attributes.get("type", "sphere")
         weightless = mass == 0.0 or (math.isnan(mass) and density == 0.0)
         if weightless or kind in FEATHERLESS or not self.groups[0] <= group <= self.groups[1]:
@@ -328,6 +325,10 @@ class MjcfReader:
         count = len(default) if not step else len(attributes[key].split()) // step * step
         return _floats(attributes[key], element.where, element.tag, key, count)
 
+    def number(self, element: MjcfElement, attributes: Attributes, key: str, default: float) -> float:
+        """Return the number of an attribute."""
+        return self.numbers(element, attributes, key, (default,))[0]
+
     # Joints
 
     def joint_attributes(self, element: MjcfElement, inherited: str) -> dict[str, str]:
@@ -344,12 +345,7 @@ class MjcfReader:
         if kind == "free" and (self.bodies[body]["parentid"] or any(row["bodyid"] == body for row in self.joints)):
             raise InputError(f"{where}: a free joint is the only joint of a body in the world")
         unit = self.unit if kind in ("hinge", "ball") else 1.0
-
-        def numbers(key: str, default: tuple[float, ...]) -> tuple[float, ...]:
-            if key not in attributes:
-                return default
-            return _floats(attributes[key], where, "joint", key, len(default))
-
+        number, numbers = partial(self.number, element, attributes), partial(self.numbers, element, attributes)
         if any(numbers("springdamper", (0.0, 0.0))):
             raise BeyondReadingError(f"{where}: a springdamper, whose damping follows from inertias")
         axis = frame[:3, :3] @ np.array(numbers("axis", (0.0, 0.0, 1.0)))
@@ -373,10 +369,10 @@ class MjcfReader:
             "stiffness": stiffness[0],
             "actfrclimited": drives,
             "actfrcrange": list(force),
-            "armature": numbers("armature", (0.0,))[0],
+            "armature": number("armature", 0.0),
             "damping": damping[0],
-            "friction": numbers("frictionloss", (0.0,))[0],
-            "ref": (unit if kind == "hinge" else 1.0) * numbers("ref", (0.0,))[0],
+            "friction": number("frictionloss", 0.0),
+            "ref": (unit if kind == "hinge" else 1.0) * number("ref", 0.0),
             "poly": any(damping[1:]),
         }
 
@@ -562,10 +558,6 @@ def _indices(rows: Sequence[Mapping[str, Any]], noun: str, document: MjcfDocumen
             raise InputError(f'{document.path}: two {noun}s have the name "{row["name"]}"; names must differ')
         found[row["name"]] = index
     return found
-
-
-def _number(attributes: Attributes, key: str, default: float, where: str, tag: str) -> float:
-    return _floats(attributes[key], where, tag, key, 1)[0] if key in attributes else default
 
 
 def _floats(text: str, where: str, tag: str, key: str, least: int, most: int | None = None) -> tuple[float, ...]:
