@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 
 import steelyard as sy
+from steelyard.collision import RobotGeometry
 from steelyard.errors import InputError
 from steelyard.robot import Robot
 from steelyard.robot.file import RobotFile
@@ -219,6 +220,21 @@ def test_meshes_are_read_where_an_inertia_needs_them(tmp_path):
     with pytest.raises(InputError, match="MuJoCo cannot compile it") as told:
         Robot.from_mjcf(path)
     assert "\n" not in str(told.value)
+
+
+@pytest.mark.parametrize(("setting", "file"), [("", "in\\solid.stl"), ('strippath="true"', "x\\y/solid.stl")])
+def test_paths_of_meshes_are_those_of_mujoco(tmp_path, setting, file):
+    """Written on Windows, or with folders that do not count."""
+    (tmp_path / "meshes" / "in").mkdir(parents=True)
+    tetrahedron(tmp_path / "meshes" / "solid.stl")
+    tetrahedron(tmp_path / "meshes" / "in" / "solid.stl")
+    text = f"""<mujoco><compiler meshdir="meshes" {setting}/><asset><mesh name="m" file="{file}"/></asset>
+<worldbody><body><joint/><geom type="mesh" mesh="m"/></body></worldbody></mujoco>"""
+    path = written(tmp_path, text)
+    robot = Robot.from_mjcf(path)
+    assert robot.links[0].inertia.mass == mujoco.MjModel.from_xml_path(str(path)).body_mass[1]
+    pytest.importorskip("trimesh", reason="no package that reads meshes is installed")
+    assert len(RobotGeometry.from_description(robot).shapes) == 1
 
 
 def test_included_files(tmp_path):

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 from collections.abc import Mapping
 from functools import partial
 from pathlib import Path
@@ -11,8 +10,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from steelyard.errors import InputError
-from steelyard.robot.mjcf_document import MjcfDocument, MjcfElement, read_mjcf_document
-from steelyard.robot.mjcf_reading import BeyondReadingError, MjcfReader
+from steelyard.robot.mjcf_document import MjcfDocument, MjcfElement, asset_name, read_mjcf_document
+from steelyard.robot.mjcf_reading import FEATHERLESS, BeyondReadingError, MjcfReader
 from steelyard.robot.mjcf_tree import mjcf_tree
 from steelyard.robot.placement import inverse
 
@@ -23,7 +22,6 @@ __all__ = ["mjcf_shapes"]
 
 Array = NDArray[np.float64]
 Attributes = Mapping[str, str]
-WITHOUT_BODY = ("plane", "hfield")
 
 
 def mjcf_shapes(path: Path, read: MeshShapes) -> DescribedShapes:
@@ -45,13 +43,12 @@ class _Geoms:
         self.assets: dict[str, tuple[MjcfElement, Attributes]] = {}
         for one in (mesh for section in self.document.root.all("asset") for mesh in section.all("mesh")):
             attributes = self.reader.classes.attributes(one)
-            file = attributes.get("file", "").replace("\\", "/")
-            self.assets[attributes.get("name") or Path(file).stem] = one, attributes
+            self.assets[asset_name(attributes)] = one, attributes
 
     def elements(self) -> list[ShapeElement]:
         found = []
         for link, geom, attributes, frame in self.reader.geoms():
-            if attributes.get("type", "sphere") in WITHOUT_BODY:
+            if attributes.get("type", "sphere") in FEATHERLESS:
                 continue
             collides = any(attributes.get(key, "1") != "0" for key in ("contype", "conaffinity"))
             make = partial(self.placed, geom, attributes, frame)
@@ -61,15 +58,7 @@ class _Geoms:
     def named(self, attributes: Attributes) -> tuple[str, Path] | None:
         """Return the file of the mesh of a geom."""
         _, mesh = self.assets.get(attributes.get("mesh", ""), (None, {}))
-        if "file" not in mesh:
-            return None
-        setting = self.document.setting
-        file = mesh["file"].replace("\\", "/")
-        if setting("compiler", "strippath") == "true":
-            file = Path(file).name
-        return os.path.join(
-            setting("compiler", "meshdir") or setting("compiler", "assetdir") or "", file
-        ), self.read.path
+        return (self.document.mesh_file(mesh), self.read.path) if "file" in mesh else None
 
     def placed(self, geom: MjcfElement, attributes: Attributes, frame: Array) -> tuple[Shape, Array]:
         """Return the shape of a geom, and its placement (4, 4) in the frame of the link."""

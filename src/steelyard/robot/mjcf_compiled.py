@@ -24,7 +24,7 @@ from steelyard.files import shown
 from steelyard.files.child_process import ChildLimits, run_child
 
 from .inertia import Inertia
-from .mjcf_document import JOINTS, MjcfDocument, MjcfElement, in_body
+from .mjcf_document import JOINTS, MjcfDocument, MjcfElement, asset_name, in_body
 from .placement import quaternion_rotation, snapped
 from .references import find_reference
 
@@ -213,10 +213,10 @@ class _Excerpt:
         parts = []
         for one in element.children:
             if one.tag == "model":
-                parts.append(_tag("model", {**one.attributes, "file": str(self.path(one, ""))}))
+                path = self.path(one, self.document.asset_file(one.attributes))
+                parts.append(_tag("model", {**one.attributes, "file": str(path)}))
             if one.tag == "mesh":
-                file = one.attributes.get("file", "")
-                name = one.attributes.get("name") or Path(file.replace("\\", "/")).stem
+                name = asset_name(one.attributes)
                 if name in self.meshes:
                     parts.append(self.mesh(one, name))
         return _tag("asset", {}, *parts)
@@ -224,19 +224,15 @@ class _Excerpt:
     def mesh(self, element: MjcfElement, name: str) -> str:
         changed = {**element.attributes, "name": name}
         if "file" in changed:
-            setting = self.document.setting
-            path = self.path(element, setting("compiler", "meshdir") or setting("compiler", "assetdir") or "")
+            path = self.path(element, self.document.mesh_file(element.attributes))
             changed["file"] = f"{len(self.files)}{path.suffix}"
             self.files[changed["file"]] = path
         return self.plain(element, changed)
 
-    def path(self, element: MjcfElement, folder: str) -> Path:
-        """Return the path of the file that an asset names."""
-        name = element.attributes.get("file", "")
-        if self.document.setting("compiler", "strippath") == "true":
-            name = Path(name.replace("\\", "/")).name
+    def path(self, element: MjcfElement, file: str) -> Path:
+        """Return the path of the file of an asset."""
         try:
-            found = find_reference(os.path.join(folder, name), self.document.path, what=element.tag)
+            found = find_reference(file, self.document.path, what=element.tag)
         except InputError as error:
             raise InputError(f"{element.where}, which an inertia needs: {error}") from None
         found = Path(os.path.abspath(found))

@@ -5,7 +5,7 @@ from __future__ import annotations
 import itertools
 import math
 import os
-from collections.abc import Collection, Iterator
+from collections.abc import Collection, Iterator, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 
@@ -16,7 +16,16 @@ from steelyard.files.arguments import LARGEST
 from .references import find_reference
 from .xml_edit import XmlEdit, XmlElement
 
-__all__ = ["JOINTS", "MjcfDocument", "MjcfElement", "MjcfFile", "in_body", "new_name", "read_mjcf_document"]
+__all__ = [
+    "JOINTS",
+    "MjcfDocument",
+    "MjcfElement",
+    "MjcfFile",
+    "asset_name",
+    "in_body",
+    "new_name",
+    "read_mjcf_document",
+]
 
 # MuJoCo refuses what is nested more than 500 times; nothing that moves is nested a tenth of that.
 DEEPEST = 250
@@ -140,6 +149,16 @@ class MjcfDocument:
         found = [element.attributes.get(key) for element in self.root.all(section)]
         return next((value for value in reversed(found) if value is not None), None)
 
+    def asset_file(self, attributes: Mapping[str, str]) -> str:
+        """Return the file of an asset, absolute or from the folder of the description."""
+        file = attributes.get("file", "").replace("\\", "/")
+        return Path(file).name if self.setting("compiler", "strippath") == "true" else file
+
+    def mesh_file(self, attributes: Mapping[str, str]) -> str:
+        """Return the file of a mesh, absolute or from the folder of the description."""
+        folder = self.setting("compiler", "meshdir") or self.setting("compiler", "assetdir") or ""
+        return os.path.join(folder, self.asset_file(attributes))
+
     def line(self, element: MjcfElement) -> int:
         """Return the line of the first file on which an element stands, or the file that holds it is included."""
         file, place = element.file, element.place
@@ -232,6 +251,11 @@ def _name(document: MjcfDocument) -> None:
 
     for world in document.root.all("worldbody"):
         walk(world, "world")
+
+
+def asset_name(attributes: Mapping[str, str]) -> str:
+    """Return the name of an asset, which is that of its file where it has none."""
+    return attributes.get("name") or Path(attributes.get("file", "").replace("\\", "/")).stem
 
 
 def in_body(element: MjcfElement) -> Iterator[MjcfElement]:

@@ -33,7 +33,7 @@ from .mjcf_document import JOINTS, MjcfDocument, MjcfElement
 from .placement import quaternion_rotation, rotation_x, rotation_y, rotation_z, snapped
 from .xml_document import SHORTEST_AXIS
 
-__all__ = ["BeyondReadingError", "MjcfReader", "read_compiled"]
+__all__ = ["FEATHERLESS", "BeyondReadingError", "MjcfReader", "read_compiled"]
 
 Matrix = NDArray[np.float64]
 Attributes = Mapping[str, str]
@@ -66,6 +66,7 @@ KNOWN = {
 
 LIGHT = ("site", "camera", "light")
 FEATHERLESS = ("plane", "hfield")
+"""Types of geoms that have neither mass nor a shape that ends."""
 
 
 class BeyondReadingError(Exception):
