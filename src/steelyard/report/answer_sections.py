@@ -13,10 +13,13 @@ from steelyard.robot import Robot
 
 from .charts import Chart, Curve, charts_markup
 from .html_document import Markup, escape, percent, table
+from .interval_bars import across, bar
 
 __all__ = ["has_price", "number_tables", "parameters", "prediction", "price", "prior"]
 
 _DRAWN = Markup('<span class="hidden">Drawn</span>')  # what the bars are to screen readers
+_BAR = 90.0  # pixels
+_KEY = '<path class="span" d="M15 7H75"/><path class="cad" d="M30 1V13"/><circle cx="45" cy="7" r="3.2"/>'
 _KNOWN_FROM = {"description": "the description", "shape": "its shape", "kinematics": "the kinematics"}
 
 
@@ -44,12 +47,12 @@ def prediction(identification: Identification) -> Markup:
     )
 
 
-def _short(value: float) -> str:
-    return "–" if np.isnan(value) else "open" if np.isinf(value) else f"{value:.3g}"
+def _short(value: float, digits: int = 3) -> str:
+    return "–" if np.isnan(value) else "open" if np.isinf(value) else f"{value:.{digits}g}"
 
 
 def _short_value(value: float) -> str:
-    return "–" if np.isnan(value) else "open" if np.isinf(value) else f"{value:.4g}"
+    return _short(value, 4)
 
 
 def _length(value: float) -> str:
@@ -84,8 +87,7 @@ def parameters(identification: Identification) -> Markup:
             "<strong>Bounded</strong>: data and physics together confine it to its size. <strong>Assumed</strong>: "
             "neither does, and the value was chosen near what is known beforehand; do not take it for that of the real "
             "robot.</p>"
-            '<p class="key"><svg class="interval" viewBox="0 0 90 14" width="90" height="14" aria-hidden="true">'
-            '<path class="span" d="M15 7H75"/><path class="cad" d="M30 1V13"/><circle cx="45" cy="7" r="3.2"/></svg> '
+            f'<p class="key">{bar(_KEY, _BAR)} '
             "dot: value, bar: interval, tick: CAD; an arrow says that the interval goes on. Bars of one table share "
             "their scale, but for that of all links together.</p>"
         )
@@ -213,15 +215,12 @@ def _scale(rows: Sequence[ParameterRow], *, at_zero: bool = False, with_zero: bo
     return (low if at_zero else low - margin), high + margin
 
 
-_BAR = 90.0  # pixels
-
-
 def _bar(line: _Line) -> Markup:
-    """Draw the interval with its value and CAD, hidden from screen readers since the numbers stand beside it."""
+    """Draw the interval with its value and CAD."""
     low, high = line.scale
 
     def place(value: float) -> float:
-        return 4.0 + (_BAR - 8.0) * min(max((value - low) / (high - low), 0.0), 1.0)
+        return across(value, line.scale, _BAR)
 
     row = line.row
     begin, end = place(row.lower), place(row.upper)
@@ -234,10 +233,7 @@ def _bar(line: _Line) -> Markup:
         drawn += f'<path class="cad" d="M{place(row.cad):.1f} 1V13"/>'
     if np.isfinite(row.value):
         drawn += f'<circle cx="{place(row.value):.1f}" cy="7" r="3.2"/>'
-    return Markup(
-        f'<svg class="interval {row.basis}" viewBox="0 0 {_BAR:.0f} 14" width="{_BAR:.0f}" height="14" '
-        f'aria-hidden="true">{drawn}</svg>'
-    )
+    return bar(drawn, _BAR, kind=row.basis)
 
 
 # What is known beforehand, and what it costs

@@ -15,6 +15,7 @@ from steelyard.identification.prediction_difference import labels
 
 from .drawing import turnable
 from .html_document import Markup, Section, escape, html_document, percent, table
+from .interval_bars import across, bar
 from .link_bodies import link_body
 from .robot_picture import DrawnLink, drawing_of_links
 from .sections import hashed_file, versions
@@ -202,7 +203,7 @@ def _bars(rows: Sequence[Mapping[str, Any] | None]) -> Markup:
     low, high = low - margin, high + margin
 
     def place(value: float) -> float:
-        return 4.0 + (_BAR - 8.0) * min(max((value - low) / (high - low), 0.0), 1.0)
+        return across(value, (low, high), _BAR)
 
     drawn, height = "", 9 * len(rows) + 3
     for index, row in enumerate(rows):
@@ -214,10 +215,7 @@ def _bars(rows: Sequence[Mapping[str, Any] | None]) -> Markup:
             drawn += f'<path class="span" d="M{begin:.1f} {y}H{end:.1f}"/>'
         if _is_number(row.get("value")):
             drawn += f'<circle cx="{place(row["value"]):.1f}" cy="{y}" r="2.8"/>'
-    return Markup(
-        f'<svg class="interval" viewBox="0 0 {_BAR:.0f} {height}" width="{_BAR:.0f}" height="{height}" '
-        f'aria-hidden="true">{drawn}</svg>'
-    )
+    return bar(drawn, _BAR, height)
 
 
 def _is_number(value: object) -> bool:
@@ -255,16 +253,13 @@ def _base_parameters(comparison: Comparison) -> Markup:
 
 
 def _difference_bar(one: ParameterDifference) -> Markup:
-    unit = 0.5 * (_BAR - 8.0) / _REACH
-    middle = 0.5 * _BAR
-    sign = 1.0 if one.second_value >= one.first_value else -1.0
-    at = middle + sign * unit * min(one.times, _REACH)
-    kind = "interval assumed" if one.differs else "interval measured"
-    return Markup(
-        f'<svg class="{kind}" viewBox="0 0 {_BAR:.0f} 14" width="{_BAR:.0f}" height="14" aria-hidden="true">'
-        f'<path class="span" d="M{middle - unit:.1f} 7H{middle + unit:.1f}"/><path class="cad" d="M{middle:.1f} 1V13"/>'
-        f'<circle cx="{at:.1f}" cy="7" r="3.2"/></svg>'
+    times = one.times if one.second_value >= one.first_value else -one.times
+    begin, middle, end, at = (across(value, (-_REACH, _REACH), _BAR) for value in (-1.0, 0.0, 1.0, times))
+    drawn = (
+        f'<path class="span" d="M{begin:.1f} 7H{end:.1f}"/><path class="cad" d="M{middle:.1f} 1V13"/>'
+        f'<circle cx="{at:.1f}" cy="7" r="3.2"/>'
     )
+    return bar(drawn, _BAR, kind="assumed" if one.differs else "measured")
 
 
 def _prediction(comparison: Comparison) -> Markup:
