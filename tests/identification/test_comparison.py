@@ -281,6 +281,25 @@ def test_a_description_is_compared_as_exact_numbers(ur5, tmp_path):
         compare_estimates([heavy, arm.path])
 
 
+@pytest.mark.parametrize("how", ['tip = "wrist_1_link"', "locked = { wrist_3_joint = 0.7, elbow_joint = 0.4 }"])
+def test_a_copy_of_the_description_is_read_as_the_robot_of_the_estimate_was(ur5, tmp_path, how):
+    """Of a shorter chain, or one that is held bent, the same file tells the same numbers."""
+    _, arm = ur5
+    (tmp_path / "robot.toml").write_text(f'[description]\nurdf = "{arm.path}"\n{how}\n')
+    model = sy.Model.from_file(sy.RobotFile.load(tmp_path / "robot.toml"))
+    base = model.base_parameters()
+    described = base.values(np.nan_to_num(np.array(model.robot.parameters)))
+    sy.Estimate(
+        method="weights and lengths", base_names=base.names, base_expressions=base.expressions, base=described,
+        standard_error=np.full(base.count, 1e-6), joint_names=tuple(model.robot.joint_names), relative_error=0.01,
+        row_count=1000, condition_number=10.0,
+    ).save(tmp_path / "one.json")  # fmt: skip
+    (tmp_path / "copy.urdf").write_bytes(arm.path.read_bytes())
+    found = compare_estimates([tmp_path / "one.json", tmp_path / "copy.urdf"], robot=tmp_path / "robot.toml")
+    assert not found.differs
+    assert found.prediction.relative_difference[0] < 1e-6
+
+
 def test_the_page_shows_what_differs(ur5, run, tmp_path):
     folder, arm = ur5
     page = tmp_path / "page.html"

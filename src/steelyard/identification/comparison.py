@@ -373,9 +373,15 @@ def _loaded(
         )
     read = {k: SavedResult.load(one) for k, one in enumerate(results) if k not in described}
     first = next(iter(read.values()))
-    if robot is None and first.robot_file is None and described:
-        robot = results[min(described)]
-    model, file = _model(first, robot, needs_robot)
+    given = first.robot_file if robot is None else robot
+    if given is None and described:
+        given = results[min(described)]
+    if given is None and needs_robot:
+        raise InputError(
+            f"--log needs the robot, and {first.name} does not tell its file, or that was changed; give --robot."
+        )
+    file = None if given is None else RobotFile.load(given)
+    model = None if file is None else model_of_estimate(first.estimate, file)
     for k in described:
         assert model is not None  # of the description itself, where of no other
         read[k] = SavedResult.of_description(results[k], first, model)
@@ -400,20 +406,6 @@ def _require_same(first: SavedResult, other: SavedResult) -> None:
             f"{other.name}: is of another robot, or of other terms, than {first.name}: {told}; compare estimates that "
             "were made with the same robot file, which states its [[terms]]."
         )
-
-
-def _model(
-    first: SavedResult, robot: str | Path | RobotFile | None, needed: bool
-) -> tuple[Model | None, RobotFile | None]:
-    given = first.robot_file if robot is None else robot
-    if given is None:
-        if needed:
-            raise InputError(
-                f"--log needs the robot, and {first.name} does not tell its file, or that was changed; give --robot."
-            )
-        return None, None
-    file = RobotFile.load(given)
-    return model_of_estimate(first.estimate, file), file
 
 
 def _not_shown(loaded: Sequence[SavedResult]) -> list[str]:

@@ -17,8 +17,8 @@ from steelyard.files import file_hash, read_json, shown
 from steelyard.recording import Processing
 from steelyard.recording.formats import hashed_log
 from steelyard.regression import Estimate
-from steelyard.robot import RobotFile
-from steelyard.robot.description import description_format
+from steelyard.robot import Robot, RobotFile
+from steelyard.robot.description import description_format, read_description
 
 from .given import digests
 
@@ -93,27 +93,18 @@ class SavedResult:
             If the file cannot be used, is of another robot, or says nothing of any link.
         """
         path, estimate = Path(given), beside.estimate
-        if model.robot.source is not None and model.robot.source.resolve() == path.resolve():
-            robot = model.robot  # with the tip and the joints held still of its robot file
-        else:
-            robot = RobotFile.load(path).robot
-            own = {joint.name for joint in model.robot.joints}
-            others = [joint.name for joint in robot.joints if joint.name not in own]
-            reader = description_format(path)
-            if others and reader is not None:
-                robot = reader.read(path, None, others, None)
-        described = Model(robot.with_terms(*model.robot.terms))
+        described = Model(_described_robot(path, model.robot).with_terms(*model.robot.terms))
         base = described.base_parameters()
         if base.expressions != estimate.base_expressions:
             raise InputError(
                 f"{given}: is of another robot than {beside.name}, since its base parameters are others; give the "
                 "description with which that was identified, with other inertials at most."
             )
-        values = np.full(described.parameter_count, np.nan)
-        for columns in described.link_columns:
-            values[columns] = np.asarray(described.robot.parameters)[columns]
+        of_links = np.zeros(described.parameter_count, dtype=np.bool_)
+        of_links[np.concatenate(described.link_columns)] = True
+        values = np.where(of_links, described.robot.parameters, np.nan)
         unknown = np.isnan(values)
-        if unknown[[column for columns in described.link_columns for column in columns]].all():
+        if unknown[of_links].all():
             raise InputError(f"{given}: says nothing of the inertia of any link, so that nothing can be compared.")
         # What the description does not say is taken from the estimate, so that predictions differ by inertials alone.
         filled = np.where(unknown, 0.0 if estimate.parameters is None else estimate.parameters, values)
@@ -126,11 +117,11 @@ class SavedResult:
             for quantity in quantities(FeasibleSet(described, terms=False))
             if not quantity.slope(filled)[unknown].any()
         }
-        rows = []
-        for one in estimate.parameter_table:
-            value = known.get(one["name"], np.nan)
-            if np.isfinite(value):
-                rows.append({**one, "value": value, "lower": value, "upper": value, "basis": "described"})
+        rows = [
+            {**one, "value": value, "lower": value, "upper": value, "basis": "described"}
+            for one in estimate.parameter_table
+            if np.isfinite(value := known.get(one["name"], np.nan))
+        ]
         return cls(
             str(given),
             path,
@@ -176,6 +167,18 @@ class SavedResult:
         used = {entry["sha256"] for log in self.record["logs"] for entry in log}
         hashes = digests([log]).values() or [entry["sha256"] for entry in hashed_log(str(log))]
         return not used.isdisjoint(hashes)
+
+
+def _described_robot(path: Path, own: Robot) -> Robot:
+    """Read a description as that of an estimate's robot was: up to its tip, with joints that it has not held still."""
+    if own.source is not None and own.source.resolve() == path.resolve():
+        return own
+    if description_format(path) is None:  # a robot file, which says itself how it is read
+        return RobotFile.load(path).robot
+    tip, held = own.read_with.get("tip"), own.read_with.get("locked", {})
+    robot, names = read_description(path, tip), {joint.name for joint in own.joints}
+    others = {joint.name: held.get(joint.name, 0.0) for joint in robot.joints if joint.name not in names}
+    return read_description(path, tip, others) if others else robot
 
 
 def _record(path: Path) -> Mapping[str, Any]:
