@@ -78,13 +78,11 @@ class JoinedTopics:
         by_header = TIME in names or RECORDED not in names
         by_header = by_header and all(self.tables[part[0]].has_stamps(parts[part]) for part in order)
         found = [self.tables[part[0]].rows(parts[part], by_header=by_header) for part in order]
+        called = [self._called(part, parts[part]) for part in order]
         others = [
-            _Other(rows, self._called(part, parts[part])) for part, rows in zip(order[1:], found[1:], strict=True)
+            _Other(rows, name, parts[part]) for rows, name, part in zip(found[1:], called[1:], order[1:], strict=True)
         ]
-        joined = JoinedRows(
-            found[0], self._called(order[0], parts[order[0]]), dict(zip(order[1:], others, strict=True))
-        )
-        joined.places = {name: self._parts[name] for name in chosen if self._parts[name] != order[0]}
+        joined = JoinedRows(found[0], called[0], others)
         if kept:
             joined.trim(self.source)
         return joined
@@ -100,10 +98,11 @@ class JoinedTopics:
 
 @dataclass(eq=False)
 class _Other:
-    """Messages that are interpolated, and what they are called."""
+    """Messages that are interpolated, what they are called, and the columns that come from them."""
 
     rows: JointRows
     name: str
+    columns: Sequence[str]
 
     def __post_init__(self) -> None:
         self.time = self.rows.time + self.rows.begin
@@ -125,13 +124,12 @@ class JoinedRows:
         The messages whose stamps count.
     name : str
         What they are called.
-    others : mapping
-        Further messages, by their parts.
+    others : sequence of _Other
+        Further messages.
     """
 
-    def __init__(self, clock: JointRows, name: str, others: Mapping[tuple[str, int], _Other]) -> None:
+    def __init__(self, clock: JointRows, name: str, others: Sequence[_Other]) -> None:
         self.clock, self.name, self.others = clock, name, others
-        self.places: dict[str, tuple[str, int]] = {}
         self.time = clock.time + clock.begin
         self._first, self._stop = 0, clock.count
 
@@ -142,12 +140,12 @@ class JoinedRows:
 
     def trim(self, source: str) -> None:
         """Leave out rows before all parts have begun, and after the first has ended."""
-        first = max(other.time[0] for other in self.others.values())
-        last = min(other.time[-1] for other in self.others.values())
+        first = max(other.time[0] for other in self.others)
+        last = min(other.time[-1] for other in self.others)
         self._first = int(np.searchsorted(self.time, first))
         self._stop = int(np.searchsorted(self.time, last, side="right"))
         if self.count < 2:
-            named = ", ".join([self.name, *(other.name for other in self.others.values())])
+            named = ", ".join([self.name, *(other.name for other in self.others)])
             raise InputError(
                 f"{source}: its messages were not recorded at the same time: {named}; record them together, or name "
                 "one `topic` in [log]."
@@ -158,8 +156,8 @@ class JoinedRows:
         told = []
         own = self.time[self._first : self._stop]
         interval = float(np.median(np.diff(own))) if own.size > 1 else 0.0
-        for part, other in self.others.items():
-            names = [name for name, place in self.places.items() if place == part]
+        for other in self.others:
+            names = other.columns
             listed = names[0] if len(names) == 1 else f"{names[0]} … {names[-1]}"
             exact = bool(np.isin(own, other.time).all())
             how = "the stamps are the same" if exact else f"interpolated to the stamps of {self.name}"
@@ -174,14 +172,14 @@ class JoinedRows:
     def columns(self, names: Sequence[str], start: int, stop: int) -> Columns:
         """Return the rows start:stop of columns."""
         start, stop = start + self._first, min(stop + self._first, self._stop)
-        own = [name for name in names if name not in self.places]
+        own = [name for name in names if all(name not in other.columns for other in self.others)]
         found = self.clock.columns(own, start, stop)
         for name in (TIME, RECORDED):
             if name in found:
                 whole = self.clock.time if name == TIME else self.clock.recorded
                 found[name] = (whole[start:stop] - whole[self._first]) / 1e9
-        for part, other in self.others.items():
-            theirs = [name for name in names if self.places.get(name) == part]
+        for other in self.others:
+            theirs = [name for name in names if name in other.columns]
             if theirs and stop > start:
                 found |= _between(other, theirs, self.time[start:stop])
         return {name: found[name] for name in names}
