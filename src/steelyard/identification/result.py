@@ -280,10 +280,9 @@ class Identification:
 
     def joint_table(self) -> tuple[tuple[str, ...], list[tuple[str, ...]]]:
         """The table of how well each joint is predicted: its heads and its rows, the last of them all the joints."""
-        told, robot = self.prediction, self.model.robot
-        units = ["N·m" if robot.joints[index].rotates else "N" for index in robot.driving_joints]
+        told, units = self.prediction, self.model.robot.torque_units
         if len(units) != len(told.joint_names):
-            units = [""] * len(told.joint_names)
+            units = ("",) * len(told.joint_names)
 
         def written(value: float) -> str:
             return f"{value:.3g}" if np.isfinite(value) else "-"

@@ -25,11 +25,9 @@ _KNOWN_FROM = {"description": "the description", "shape": "its shape", "kinemati
 
 def prediction(identification: Identification) -> Markup:
     """Return how well each joint is predicted, beside the noise, and what the word means."""
-    told = identification.prediction
-    robot = identification.model.robot
-    units = ["N·m" if robot.joints[index].rotates else "N" for index in robot.driving_joints]
+    told, units = identification.prediction, identification.model.robot.torque_units
     if len(units) != len(told.joint_names):
-        units = ["N·m or N"] * len(told.joint_names)
+        units = ("N·m or N",) * len(told.joint_names)
     columns = (told.joint_names, told.joint_relative_error, told.joint_error, told.noise_floor, units, told.whiteness)
     rows = [
         (name, percent(error), f"{size:.3g}", _short(floor), unit, "–" if np.isnan(white) else f"{100 * white:.0f}")

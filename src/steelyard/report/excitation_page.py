@@ -172,10 +172,6 @@ def _unit(robot: Robot, k: int) -> str:
     return "rad" if robot.joints[robot.driving_joints[k]].rotates else "m"
 
 
-def _effort(robot: Robot, k: int) -> str:
-    return "N·m" if robot.joints[robot.driving_joints[k]].rotates else "N"
-
-
 def _start(design: ExcitationDesign, robot: Robot) -> Markup:
     rows = []
     for k, (joint, place) in enumerate(design.start.items()):
@@ -266,7 +262,7 @@ def _limits(design: ExcitationDesign, robot: Robot, motion: _Motion) -> Markup:
         parts = [
             ("velocity", motion.dq[:, k], float(limits.velocity[k]), f"{_unit(robot, k)}/s"),
             ("acceleration", motion.ddq[:, k], float(limits.acceleration[k]), f"{_unit(robot, k)}/s²"),
-            ("torque", motion.torque[:, k], float(limits.torque[k]), _effort(robot, k)),
+            ("torque", motion.torque[:, k], float(limits.torque[k]), robot.torque_units[k]),
         ]
         curves = []
         if np.isfinite([low, high]).all() and high > low:

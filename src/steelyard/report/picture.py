@@ -144,8 +144,7 @@ def _headline(left: float, right: float, label: str, verdict: str, reason: str, 
 
 
 def _panel(identification: Identification, prediction: Prediction, joint: int, left: float, width: float) -> str:
-    trace, robot = prediction.trace, identification.model.robot
-    unit = "N·m" if robot.joints[robot.driving_joints[joint]].rotates else "N"
+    trace, unit = prediction.trace, identification.model.robot.torque_units[joint]
     rows = slice(None, None, max(1, -(-len(trace.t) // POINTS)))
     t = trace.t[rows]
     curves = {kind: getattr(trace, kind)[rows, joint] for kind, *_ in _CURVES}

@@ -79,8 +79,7 @@ def torque_plot(
                 hovertemplate="%{y:.4g}",
             )
             figure.add_trace(curve, row=row, col=1)
-        turns = robot.joints[robot.driving_joints[index]].rotates
-        figure.update_yaxes(title_text="N·m" if turns else "N", row=row, col=1)
+        figure.update_yaxes(title_text=robot.torque_units[index], row=row, col=1)
     figure.update_xaxes(title_text="time, s", row=len(shown), col=1)
     figure.update_layout(
         title=f"{robot.name}, {name} ({prediction.role}): relative errors, least squares → answer",

@@ -15,7 +15,7 @@ from .packed_curves import PackedCurves, extreme_rows
 from .residual_patterns import autocorrelation, spectrum
 from .torque_sources import shares, torque_sources
 
-__all__ = ["TORQUE_SCRIPTS", "drawn_logs", "joint_units", "sources", "torques"]
+__all__ = ["TORQUE_SCRIPTS", "drawn_logs", "sources", "torques"]
 
 Array = NDArray[np.float64]
 TORQUE_SCRIPTS = ("curves.js",)
@@ -39,7 +39,7 @@ _STEPS = (
 def drawn_logs(identification: Identification) -> list[int]:
     """Return the predictions of which curves are drawn: those that are shown, as many as leave each enough rows."""
     shown = shown_logs(identification)
-    most = max(_ALL_ROWS // (_FEWEST_ROWS * max(len(joint_units(identification)), 1)), 1)
+    most = max(_ALL_ROWS // (_FEWEST_ROWS * max(len(identification.model.robot.torque_units), 1)), 1)
     if len(shown) <= most:
         return shown
     first = default_log(identification)
@@ -49,12 +49,6 @@ def drawn_logs(identification: Identification) -> list[int]:
 
 
 _ROLES = ("validation", "identification")
-
-
-def joint_units(identification: Identification) -> list[str]:
-    """Return the unit of the torque of each driving joint."""
-    robot = identification.model.robot
-    return ["N·m" if robot.joints[index].rotates else "N" for index in robot.driving_joints]
 
 
 # The torques of every joint
@@ -121,7 +115,7 @@ def _buttons() -> str:
 
 def _noise(identification: Identification) -> list[float | None]:
     """The root mean square of the white noise of each joint, None where it is not known."""
-    told, count = identification.prediction, len(joint_units(identification))
+    told, count = identification.prediction, len(identification.model.robot.torque_units)
     floor = np.asarray(told.noise_floor, dtype=float)
     if len(floor) != count:
         return [None] * count
@@ -130,7 +124,7 @@ def _noise(identification: Identification) -> list[float | None]:
 
 def _log(identification: Identification, index: int, log: str, packed: PackedCurves, logs: int) -> dict[str, Any]:
     prediction = identification.predictions[index]
-    trace, units = prediction.trace, joint_units(identification)
+    trace, units = prediction.trace, identification.model.robot.torque_units
     used = None if trace.samples is None else trace.samples.mask
     residual = trace.measured - trace.feasible
     if used is not None:
@@ -221,7 +215,7 @@ def sources(identification: Identification) -> Markup:
     trace, even = prediction.trace, prediction.samples
     if trace.samples is None or even is None or not even.count:
         return Markup("")
-    units, joints = joint_units(identification), identification.estimate.joint_names
+    units, joints = identification.model.robot.torque_units, identification.estimate.joint_names
     sizes, parts = shares(torque_sources(identification.model, parameters, even))
     drawn = torque_sources(identification.model, parameters, trace.samples)
     packed = PackedCurves()

@@ -344,7 +344,7 @@ class Viewer:
     def _motion_panel(self, motion: Playback) -> None:
         gui = self.server.gui
         names = self.robot.joint_names
-        self.units = ["N·m" if self.robot.joints[k].rotates else "N" for k in self.robot.driving_joints]
+        self.units = self.robot.torque_units
         self._largest = np.zeros(self.robot.dof)
         for values in motion.torques.values():
             with np.errstate(all="ignore"):

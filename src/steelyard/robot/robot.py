@@ -549,6 +549,11 @@ class Robot:
         return tuple(self.joints[index].name for index in self.driving_joints)
 
     @cached_property
+    def torque_units(self) -> tuple[str, ...]:
+        """Units (N,) of the torques: N·m, or N where a joint slides."""
+        return tuple("N·m" if self.joints[index].rotates else "N" for index in self.driving_joints)
+
+    @cached_property
     def link_names(self) -> tuple[str, ...]:
         """Names of the moving links."""
         return tuple(link.name for link in self.links)
