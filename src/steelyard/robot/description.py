@@ -149,15 +149,17 @@ DESCRIPTION_FORMATS: Extensions[DescriptionFormat] = Extensions(
 """By the suffix in lower case without the dot, and for files of XML by the name of the root element."""
 
 
-def description_format(path: Path, xacro_arguments: Mapping[str, str] | None = None) -> DescriptionFormat | None:
-    """Return the format of a file by its root element, or by its suffix; None where none has it.
+def description_format(
+    path: Path, xacro_arguments: Mapping[str, str] | None = None, otherwise: DescriptionFormat | None = None
+) -> DescriptionFormat | None:
+    """Return the format of a file by its root element, or by its suffix, or `otherwise` where none has it.
 
     Raises
     ------
     InputError
         If the file cannot be read, or arguments are given for what is no xacro.
     """
-    chosen = _chosen_format(path)
+    chosen = _chosen_format(path) or otherwise
     if xacro_arguments:
         if chosen is not URDF:
             raise InputError(f"{path}: it is no xacro, so it takes no arguments; remove xacro_arguments")
@@ -190,8 +192,9 @@ def read_description(
     locked: Locked = (),
     gravity: ArrayLike | None = None,
     xacro_arguments: Mapping[str, str] | None = None,
+    otherwise: DescriptionFormat | None = None,
 ) -> Robot:
-    """Read a robot from a file in any of the formats; see `DescriptionFormat.read`.
+    """Read a robot from a file in any of the formats, or `otherwise` in this one; see `DescriptionFormat.read`.
 
     Gravity that is not given is that of the file, or 9.81 m/s² against z where the format does not tell it.
 
@@ -200,7 +203,7 @@ def read_description(
     InputError
         If no format has the suffix, or the file does not describe a robot.
     """
-    chosen = description_format(path, xacro_arguments)
+    chosen = description_format(path, xacro_arguments, otherwise)
     if chosen is None:
         known = ", ".join(f"a .{name}" for name in DESCRIPTION_FORMATS.names() if name not in ROOTS)
         raise InputError(

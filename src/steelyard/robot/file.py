@@ -16,7 +16,7 @@ import numpy as np
 from steelyard.errors import InputError
 from steelyard.files import TomlTable, is_number, read_toml, shown, suggestion
 
-from .description import STANDARD_GRAVITY, UrdfFormat, description_format, read_description
+from .description import STANDARD_GRAVITY, URDF, read_description
 from .robot import Robot
 
 __all__ = ["RobotFile"]
@@ -237,9 +237,8 @@ def _describe(path: Path, description: dict[str, Any]) -> Robot:
 
     source, tip = path.parent / (table.text(given[0], "a path") or ""), table.text("tip", "the name of a link")
     arguments = xacro_arguments(table)
-    if given == ["urdf"] and description_format(source) is None:
-        return UrdfFormat(arguments).read(source, tip, _locked(table), gravity)
-    return read_description(source, tip, _locked(table), gravity if given_gravity else None, arguments)
+    otherwise = URDF if given == ["urdf"] else None
+    return read_description(source, tip, _locked(table), gravity if given_gravity else None, arguments, otherwise)
 
 
 def xacro_arguments(table: Mapping[str, Any]) -> dict[str, str]:
