@@ -21,11 +21,12 @@ if TYPE_CHECKING:
 
     from .mesh_files import MeshArrays
 
-__all__ = ["DescribedShapes", "GeometryElement", "MeshKind", "MeshShapes", "ShapeElement", "ellipsoid"]
+__all__ = ["ELEMENTS", "DescribedShapes", "GeometryElement", "MeshKind", "MeshShapes", "ShapeElement", "ellipsoid"]
 
 Array = NDArray[np.float64]
 MeshKind = Literal["hull", "exact"]
 GeometryElement = Literal["collision", "visual"]
+ELEMENTS: tuple[GeometryElement, ...] = ("collision", "visual")
 
 ROUND = 24
 """Corners around the equator of the polyhedron that stands for an ellipsoid; they lie 1.7 % beyond it."""

@@ -17,7 +17,7 @@ from steelyard.robot import Robot
 from steelyard.robot.description import DESCRIPTION_FORMATS, URDF, UrdfFormat, description_format
 from steelyard.robot.urdf_document import UrdfReader, parse_urdf
 
-from .described_shapes import DescribedShapes, GeometryElement, MeshKind, MeshShapes, ShapeElement
+from .described_shapes import ELEMENTS, DescribedShapes, GeometryElement, MeshKind, MeshShapes, ShapeElement
 from .shapes import Box, Capsule, Cylinder, Mesh, PlacedShape, Shape, Sphere
 
 if TYPE_CHECKING:
@@ -276,7 +276,6 @@ def _placed(
 # URDF
 
 KINDS = ("box", "sphere", "cylinder", "capsule", "mesh")
-ELEMENTS: tuple[GeometryElement, ...] = ("collision", "visual")
 
 
 def _urdf_shapes(path: Path, xacro_arguments: Mapping[str, str] | None, read: MeshShapes) -> DescribedShapes:

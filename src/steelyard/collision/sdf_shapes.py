@@ -13,7 +13,7 @@ from steelyard.errors import InputError
 from steelyard.files import suggestion
 from steelyard.robot.sdf_document import SdfFrame, SdfReader
 
-from .described_shapes import DescribedShapes, GeometryElement, MeshShapes, ShapeElement, ellipsoid
+from .described_shapes import ELEMENTS, DescribedShapes, MeshShapes, ShapeElement, ellipsoid
 from .shapes import Box, Capsule, Cylinder, Shape, Sphere
 
 if TYPE_CHECKING:
@@ -24,7 +24,6 @@ __all__ = ["sdf_shapes"]
 Array = NDArray[np.float64]
 KINDS = ("box", "sphere", "ellipsoid", "cylinder", "capsule", "mesh")
 WITHOUT_BODY = ("plane", "heightmap", "empty")
-ELEMENTS: tuple[GeometryElement, ...] = ("collision", "visual")
 
 
 def sdf_shapes(path: Path, read: MeshShapes) -> DescribedShapes:
@@ -49,7 +48,7 @@ class _SdfShapes:
                     if len(held) == 1 and self.reader.tag(held[0]) in WITHOUT_BODY:
                         continue
                     mesh = held[0] if len(held) == 1 and self.reader.tag(held[0]) == "mesh" else None
-                    named = None if mesh is None else (self.text(mesh, "uri"), self.file(mesh))
+                    named = None if mesh is None else (self.text(mesh, "uri"), self.reader.file(mesh))
                     found.append(ShapeElement(kind, frame.name, partial(self.placed, frame, child, held), named))
         return found
 
@@ -67,7 +66,7 @@ class _SdfShapes:
             return self.shape(held[0], owner), placement
         except InputError as error:
             text = str(error)
-            located = text.startswith(str(self.file(element)))
+            located = text.startswith(str(self.reader.file(element)))
             raise (error if located else self.reader.error(held[0], f"{owner}: {text}")) from None
 
     def shape(self, element: etree._Element, owner: str) -> Shape:
@@ -88,7 +87,7 @@ class _SdfShapes:
                 if self.reader.children(element, "submesh"):
                     raise InputError("one part of a mesh (<submesh>) is no shape that is read; name a file with it")
                 scale = np.diag([*self.vector(element, "scale", owner), 1.0])
-                return self.read.mesh(self.text(element, "uri"), scale, self.file(element))
+                return self.read.mesh(self.text(element, "uri"), scale, self.reader.file(element))
         raise InputError(f"<{kind}> is no shape that is read; {suggestion(kind, KINDS)}")
 
     def vector(self, element: etree._Element, key: str, owner: str) -> tuple[float, ...]:
@@ -99,7 +98,3 @@ class _SdfShapes:
     def text(self, element: etree._Element, key: str) -> str:
         child = self.reader.only(element, key, "a mesh")
         return "" if child is None else (child.text or "").strip()
-
-    def file(self, element: etree._Element) -> Path:
-        """Return the file that holds an element, which may be an included one."""
-        return self.reader.origins.get(element.getroottree().getroot(), self.reader.path)

@@ -554,7 +554,10 @@ class SdfReader(XmlReader):
         """Return an error that names the file, and the line where it is known."""
         return InputError(f"{self.path}: {message}") if element is None else self.error(element, message)
 
+    def file(self, element: etree._Element) -> Path:
+        """Return the file that holds an element, which may be an included one."""
+        return self.origins.get(element.getroottree().getroot(), self.path)
+
     def error(self, element: etree._Element, message: str) -> InputError:
         """Return an error that names the file, which may be an included one, and the line."""
-        path = self.origins.get(element.getroottree().getroot(), self.path)
-        return InputError(f"{path}, line {line_of(element)}: {message}")
+        return InputError(f"{self.file(element)}, line {line_of(element)}: {message}")
