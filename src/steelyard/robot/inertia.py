@@ -186,6 +186,21 @@ class Inertia:
         return cls(mass, mass * centre, np.asarray(about_com, dtype=float) - mass * cross @ cross)
 
     @classmethod
+    def from_inertial_frame(cls, mass: float, placement: Matrix, about_com: Matrix) -> Inertia:
+        """From mass (kg), the placement (4, 4) of a frame in the centre of mass, and the inertia (3, 3) in its axes.
+
+        Examples
+        --------
+        >>> quarter_turn = np.array([[0, -1, 0, 5], [1, 0, 0, 0], [0, 0, 1, 0], [0, 0, 0, 1]])
+        >>> body = Inertia.from_inertial_frame(2.0, quarter_turn, np.diag([1.0, 2.0, 3.0]))
+        >>> body.com.tolist(), np.diag(body.about_com).tolist()
+        ([5.0, 0.0, 0.0], [2.0, 1.0, 3.0])
+        """
+        rotation = placement[:3, :3]
+        turned = rotation @ about_com @ rotation.T
+        return cls.from_com(mass, placement[:3, 3], (turned + turned.T) / 2)
+
+    @classmethod
     def from_parameters(cls, parameters: ArrayLike) -> Inertia:
         """From the ten parameters (10,) in the order Lxx Lxy Lxz Lyy Lyz Lzz lx ly lz m."""
         values = np.asarray(parameters, dtype=float)

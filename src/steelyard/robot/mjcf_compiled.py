@@ -142,9 +142,8 @@ def compiled(document: MjcfDocument, reason: str = "MJCF") -> CompiledMjcf:
         placement, principal = (
             _placement(row.pop(pos), row.pop(quat)) for pos, quat in (("pos", "quat"), ("ipos", "iquat"))
         )
-        second = principal[:3, :3] @ np.diag(row["inertia"]) @ principal[:3, :3].T
         row["placement"] = placement
-        row["inertia"] = Inertia.from_com(row.pop("mass"), principal[:3, 3], (second + second.T) / 2)
+        row["inertia"] = Inertia.from_inertial_frame(row.pop("mass"), principal, np.diag(row["inertia"]))
     return CompiledMjcf(**found)
 
 

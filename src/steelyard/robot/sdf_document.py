@@ -403,9 +403,7 @@ class SdfReader(XmlReader):
             default if tensor is None else self.value(tensor, key, owner, default) for key, default in TENSOR.items()
         ]
         placement, _ = self.pose(element, f"{owner}, <inertial>")
-        rotation = placement[:3, :3]
-        about_com = rotation @ inertia_tensor(elements) @ rotation.T
-        return Inertia.from_com(mass, placement[:3, 3], (about_com + about_com.T) / 2)
+        return Inertia.from_inertial_frame(mass, placement, inertia_tensor(elements))
 
     def _joint(self, frame: SdfFrame) -> DescribedJoint:
         element, owner = frame.element, f'joint "{frame.name}"'

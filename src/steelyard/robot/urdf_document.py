@@ -131,10 +131,7 @@ class UrdfReader(XmlReader):
             raise self.error(element, f"{owner}: its <inertial> has no <inertia>; add one or remove the <inertial>")
         mass = self.number(mass_element, "value", owner)
         elements = [self.number(inertia_element, key, owner) for key in ("ixx", "ixy", "ixz", "iyy", "iyz", "izz")]
-        origin = self.origin(element, owner)
-        rotation = origin[:3, :3]
-        about_com = rotation @ inertia_tensor(elements) @ rotation.T
-        return Inertia.from_com(mass, origin[:3, 3], (about_com + about_com.T) / 2)
+        return Inertia.from_inertial_frame(mass, self.origin(element, owner), inertia_tensor(elements))
 
     def joint(self, element: etree._Element, links: dict[str, DescribedLink]) -> DescribedJoint:
         """Read a joint; `links` are those of the document."""
