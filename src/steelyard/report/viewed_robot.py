@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 from pathlib import Path
 from typing import Literal
@@ -195,7 +195,7 @@ def load_viewed_robot(
     described = np.asarray(model.robot.parameters)
     shapes = _shapes(model, largest_mesh, remarks)
     viewed = ViewedRobot(file, model, result, identified, described, shapes, known)
-    return ViewedRobot(**{**vars(viewed), "remarks": (*remarks, *_odd(viewed))})
+    return replace(viewed, remarks=(*remarks, *_odd(viewed)))
 
 
 def _knowledge(result: SavedResult, model: Model, identified: Array, remarks: list[str]) -> tuple[LinkKnowledge, ...]:
@@ -230,8 +230,7 @@ def _shapes(model: Model, largest: int, remarks: list[str]) -> tuple[PlacedShape
         return ()
     if skipped:
         links = list(dict.fromkeys(link for link, _ in skipped))
-        more = f" and {len(links) - 3} more" if len(links) > 3 else ""
-        remarks.append(f"Shapes of {', '.join(links[:3])}{more} are left out: {skipped[0][1].rstrip('.')}.")
+        remarks.append(f"Shapes of {_first(links)} are left out: {skipped[0][1].rstrip('.')}.")
     elif not found:
         remarks.append(f"{robot.source.name} has neither visual nor collision shapes; links are drawn as rods.")
     return found
@@ -242,26 +241,22 @@ def _odd(viewed: ViewedRobot) -> Sequence[str]:
     names = viewed.model.robot.link_names
     found = []
     for words, parameters in (("CAD", viewed.described), ("the estimate", viewed.identified)):
-        odd = [
-            name
-            for name, body in zip(names, viewed.bodies(parameters), strict=True)
-            if body is not None and not body.possible
-        ]
+        bodies = [(name, body) for name, body in zip(names, viewed.bodies(parameters), strict=True) if body is not None]
+        odd = [name for name, body in bodies if not body.possible]
         if odd:
-            more = f" and {len(odd) - 3} more" if len(odd) > 3 else ""
             found.append(
-                f"No body of positive density has the inertia that {words} gives {', '.join(odd[:3])}{more}, so that "
-                "only the centre of mass is drawn."
+                f"No body of positive density has the inertia that {words} gives {_first(odd)}, so that only the "
+                "centre of mass is drawn."
             )
-        large = [
-            name
-            for name, body in zip(names, viewed.bodies(parameters), strict=True)
-            if body is not None and viewed.is_too_large(body)
-        ]
+        large = [name for name, body in bodies if viewed.is_too_large(body)]
         if large:
-            more = f" and {len(large) - 3} more" if len(large) > 3 else ""
             found.append(
-                f"The inertia that {words} gives {', '.join(large[:3])}{more} belongs to a body larger than the robot; "
-                f"its ellipsoid is hidden at first (layer: {TOO_LARGE})."
+                f"The inertia that {words} gives {_first(large)} belongs to a body larger than the robot; its "
+                f"ellipsoid is hidden at first (layer: {TOO_LARGE})."
             )
     return found
+
+
+def _first(names: Sequence[str]) -> str:
+    more = f" and {len(names) - 3} more" if len(names) > 3 else ""
+    return f"{', '.join(names[:3])}{more}"
