@@ -11,8 +11,9 @@ from numpy.typing import ArrayLike, NDArray
 from steelyard.errors import InputError
 
 from .html_document import Markup, escape, script_data
+from .packed_curves import extreme_rows
 
-__all__ = ["POINTS", "Chart", "Curve", "charts_markup", "rounded"]
+__all__ = ["POINTS", "Chart", "Curve", "charts_markup"]
 
 POINTS = 1500  # of a curve; more cannot be seen at the width of a chart
 
@@ -135,16 +136,10 @@ def _data(chart: Chart) -> dict[str, object]:
 
 def _points(curve: Curve) -> dict[str, list[float | None]]:
     """Thin long curves out, but keep the least and the greatest of each piece, so that no peak is lost."""
-    count = len(curve.x)
-    rows = np.arange(count)
-    if count > POINTS:
-        pieces = np.array_split(rows, POINTS // 2)
-        finite = np.nan_to_num(curve.y, nan=0.0)
-        extremes = [(piece[np.argmin(finite[piece])], piece[np.argmax(finite[piece])]) for piece in pieces]
-        rows = np.unique(np.concatenate([[0, count - 1], np.ravel(extremes)]))
-    return {"x": rounded(curve.x[rows], 7), "y": rounded(curve.y[rows], 6)}
+    rows = extreme_rows([curve.y], POINTS)
+    return {"x": _rounded(curve.x[rows], 7), "y": _rounded(curve.y[rows], 6)}
 
 
-def rounded(values: NDArray[np.float64], digits: int) -> list[float | None]:
+def _rounded(values: NDArray[np.float64], digits: int) -> list[float | None]:
     """Return numbers with so many digits, no more than can be seen: curves are most of the size of a document."""
     return [float(f"{value:.{digits}g}") if np.isfinite(value) else None for value in values.tolist()]
