@@ -69,9 +69,7 @@ def _told(mujoco: Any, model: Any) -> dict[str, Any]:
         ),
         "joints": joints,
         "equalities": rows("eq", model.neq, kinds.mjOBJ_EQUALITY, "type obj1id obj2id objtype active0 data"),
-        "actuators": rows(
-            "actuator", model.nu, kinds.mjOBJ_ACTUATOR, "trntype trnid gear gainprm biasprm forcelimited forcerange"
-        ),
+        "actuators": rows("actuator", model.nu, kinds.mjOBJ_ACTUATOR, "trntype trnid gear gainprm biasprm"),
         "tendons": tendons,
     }
 
