@@ -263,7 +263,7 @@ class DrawnRows:
 
     def add(self, samples: Samples) -> None:
         """Add the samples that follow."""
-        table = _table(samples, self.seen)
+        table = _table_of(samples, self.seen)
         if samples.regressor is not None and not self.seen:
             own = table.shape[1] - samples.regressor.shape[1]
             self.limit = max(self.limit * own // table.shape[1], 200)
@@ -343,7 +343,7 @@ class DrawnRows:
         self._base = np.asarray(np.linalg.lstsq(stacked[:, :-1], stacked[:, -1])[0], dtype=np.float64)
 
     def _samples(self, table: Array) -> Samples:
-        return _samples(table, self.model.dof, self._regressor_model)
+        return _samples_of(table, self.model.dof, self._regressor_model)
 
     def finish(self) -> None:
         """Let go of what is not drawn."""
@@ -381,7 +381,7 @@ class ThinnedSamples:
     def add(self, samples: Samples) -> None:
         """Add the samples that follow."""
         self._joints, self._regressor_model = samples.joint_count, samples.regressor_model
-        self._parts.append(_table(samples, self.seen, slice(-self.seen % self.every, None, self.every)))
+        self._parts.append(_table_of(samples, self.seen, slice(-self.seen % self.every, None, self.every)))
         self.seen += samples.count
         while sum(map(len, self._parts)) > 2 * self.points:
             self._parts = [np.concatenate(self._parts)[::2].copy()]
@@ -390,10 +390,10 @@ class ThinnedSamples:
     @property
     def samples(self) -> Samples:
         """What was kept."""
-        return _samples(np.concatenate(self._parts), self._joints, self._regressor_model)
+        return _samples_of(np.concatenate(self._parts), self._joints, self._regressor_model)
 
 
-def _table(samples: Samples, first: int, rows: slice = slice(None)) -> Array:
+def _table_of(samples: Samples, first: int, rows: slice = slice(None)) -> Array:
     """Return rows of samples as one array: number in the stream, time, motion, torques, mask, and the regressor.
 
     `first` is the number of the first of these samples. All the samples of a log have a regressor, or none has.
@@ -407,8 +407,8 @@ def _table(samples: Samples, first: int, rows: slice = slice(None)) -> Array:
     return np.column_stack([one[rows] for one in columns])
 
 
-def _samples(table: Array, joints: int, regressor_model: Model | None) -> Samples:
-    """Return the samples that `_table` made an array of."""
+def _samples_of(table: Array, joints: int, regressor_model: Model | None) -> Samples:
+    """Return the samples that `_table_of` made an array of."""
     q, dq, ddq, torque, mask = (table[:, 2 + k * joints : 2 + (k + 1) * joints] for k in range(5))
     used, regressor = mask > 0.5, table[:, 2 + 5 * joints :]
     return Samples(
