@@ -94,6 +94,31 @@ def test_dates_in_files(name: str, tmp_path: Path) -> None:
     expect(Recording.read(tmp_path / name))
 
 
+def test_dates_of_an_hdf5_file_are_parsed_once_until_it_is_written_again(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """A log is opened several times."""
+    from steelyard.recording.formats import hdf5_file
+
+    parsed = []
+    stored = hdf5_file.dates_stored
+
+    def counted(path: tuple[str, ...], texts: Any) -> Any:
+        parsed.append(len(texts))
+        return stored(path, texts)
+
+    monkeypatch.setattr(hdf5_file, "dates_stored", counted)
+    path = tmp_path / "run.h5"
+    hdf5(path, ISO)
+    for _ in range(2):
+        expect(Recording.read(path))
+    assert parsed.count(S) == 1
+    path.unlink()
+    hdf5(path, [text.replace("2026", "2027") for text in ISO])
+    expect(Recording.read(path))
+    assert parsed.count(S) == 2
+
+
 def test_short_logs_have_dates_too(tmp_path: Path) -> None:
     """As many texts as there may be joints are read in another way."""
     savemat(tmp_path / "run.mat", {"t": np.array(ISO[:80]), "q": Q[:80], "tau": TORQUE[:80]})

@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 from steelyard.errors import InputError, require_package
 
 from .array_log import MOST_JOINTS, ArrayLog, StoredArray, dates_stored, part_of, texts_of
+from .decoded import decoded_once
 from .log_file import reading_as
 
 __all__ = ["Hdf5File"]
@@ -100,7 +101,7 @@ class Hdf5File(ArrayLog):
                 self._texts[path] = texts_of(dataset[()])
             elif dataset.ndim == 1 and dataset.nbytes <= LARGEST_DATES and dates_stored(path, dataset[:1]) is not None:
                 self._require_room(dataset, path)
-                dates = dates_stored(path, dataset[()])
+                dates = decoded_once(self.path, (Hdf5File, path), lambda: dates_stored(path, dataset[()]))
                 self._arrays += [] if dates is None else [dates]
         elif kind.names is not None and len(dataset.shape) == 1:
             for field in kind.names:
