@@ -147,8 +147,15 @@ def _robot(identification: Identification) -> str:
     return "ROBOT" if file is None else shlex.quote(str(file))
 
 
-def _logs(identification: Identification) -> list[str]:
-    return [shlex.quote(log) for log in identification.logs if log not in identification.in_memory]
+def _paths(identification: Identification, logs: Iterable[str]) -> list[str]:
+    """Those logs that are files, for a shell."""
+    return [shlex.quote(log) for log in logs if log not in identification.in_memory]
+
+
+def _doctor_command(identification: Identification, logs: Iterable[str]) -> str:
+    """Examine the first of some logs."""
+    (log, *_) = _paths(identification, logs) or ["LOG"]
+    return f"steelyard doctor {log} {_robot(identification)}"
 
 
 def _mistakes(identification: Identification) -> Iterator[NextStep]:
@@ -160,18 +167,16 @@ def _mistakes(identification: Identification) -> Iterator[NextStep]:
         if first.toml:
             yield NextStep("Mend robot.toml, and identify again.", reason, first.toml.strip(), "toml")
         else:
-            known = shlex.quote(log) if log not in identification.in_memory else "LOG"
-            command = f"steelyard doctor {known} {_robot(identification)}"
+            command = _doctor_command(identification, [log])
             yield NextStep("See whether it is so, and identify again.", reason, command, "console")
 
 
 def _doctor(identification: Identification) -> NextStep:
-    logs = _logs(identification)
     return NextStep(
         "Look for what is wrong with the log.",
         f"{identification.prediction.relative_error:.0%} of the torques are left unexplained, and no single mistake "
         "that was tried explains it.",
-        f"steelyard doctor {logs[0] if logs else 'LOG'} {_robot(identification)}",
+        _doctor_command(identification, identification.logs),
         "console",
     )
 
@@ -271,7 +276,7 @@ def _intervals(identification: Identification) -> Iterator[NextStep]:
 
 
 def _confirmation(identification: Identification) -> Iterator[NextStep]:
-    robot, logs = _robot(identification), " ".join(_logs(identification)) or "LOG..."
+    robot, logs = _robot(identification), " ".join(_paths(identification, identification.logs)) or "LOG..."
     if identification.prediction.source == UNTESTED:
         yield NextStep(
             "Try the model on a motion that it has not seen.",

@@ -17,6 +17,7 @@ from steelyard.feasibility.bounds.quantities import quantities
 from steelyard.feasibility.constraints import Constraint
 from steelyard.recording import Samples
 from steelyard.regression import Estimate, Information, least_squares
+from steelyard.regression.parameter_covariance import NORMAL
 
 from .parameter_table import ParameterTable, parameter_table
 
@@ -122,7 +123,6 @@ def predicted_intervals(
     """
     robot = model.robot
     _, q, dq, ddq = motion.sample(rate)
-    silent = Information.from_samples(model, Samples(q=q, dq=dq, ddq=ddq, torque=np.zeros_like(q)), batch_means=False)
     feasible_set = FeasibleSet(model, "full", list(constraints))
     sentences: list[str] = []
     values, whose = _assumed(model, parameters, estimate)
@@ -159,9 +159,7 @@ def predicted_intervals(
     whole = unexplained if torque is None else torque + unexplained
     info = Information.from_samples(model, Samples(q=q, dq=dq, ddq=ddq, torque=whole))
     plain = least_squares(info, weights=weights)
-    half = 1.96 * np.asarray(plain.standard_error)
-    hidden = set(silent.unidentifiable)
-    half = np.where([name in hidden for name in plain.base_expressions], np.inf, half)
+    half = NORMAL * plain.standard_error
     table = None
     if values is not None:
         assumed = replace(plain, parameters=values, parameter_names=tuple(model.parameter_names))
