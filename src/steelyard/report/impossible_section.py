@@ -8,6 +8,7 @@ from numpy.typing import NDArray
 from steelyard.errors import SolverError
 from steelyard.feasibility import explain_infeasibility
 from steelyard.identification import Identification
+from steelyard.robot import Inertia
 
 from .html_document import Markup, escape, table
 
@@ -35,15 +36,12 @@ def defects(inertial: Array) -> list[str]:
     >>> defects(np.array([1.0, 0, 0, 1.0, 0, 1.5, 0, 0, 0, 2.0]))
     []
     """
-    xx, xy, xz, yy, yz, zz, *first, mass = (float(value) for value in inertial)
+    mass = float(inertial[9])
     if mass < 0.0:
         return [f"its mass is negative, {mass:.3g} kg"]
     if mass == 0.0:
         return ["it has no mass"]
-    about_origin = np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]])
-    center = np.array(first) / mass
-    about_com = about_origin - mass * (center @ center * np.eye(3) - np.outer(center, center))
-    small, middle, large = np.linalg.eigvalsh(about_com)
+    small, middle, large = np.linalg.eigvalsh(Inertia.from_parameters(inertial).about_com)
     found = []
     if small <= 0.0:
         count = int((np.array([small, middle, large]) <= 0.0).sum())
