@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from steelyard.dynamics.algorithms.kinematics import JointFrame, joint_frames, link_poses
 from steelyard.robot import Robot
 
-__all__ = ["LinkPlacements", "default_neutral_configuration", "place_links", "random_configurations"]
+__all__ = ["LinkPlacements", "default_neutral_configuration", "place_links", "random_configurations", "upward"]
 
 Array = NDArray[np.float64]
 
@@ -43,6 +43,19 @@ def random_configurations(robot: Robot, count: int, seed: int = 0) -> Array:
     """Return configurations (count, N) from a uniform distribution between the limits of the joints."""
     lower, upper = _range(robot)
     return np.random.default_rng(seed).uniform(lower, upper, (count, robot.dof))
+
+
+def upward(robot: Robot) -> Array:
+    """Return the direction (3,) against gravity, of length 1; z where there is none.
+
+    Examples
+    --------
+    >>> upward(Robot.from_dh([(0, 0.5, 0, "q")], gravity=(0, -9.81, 0))).tolist()
+    [0.0, 1.0, 0.0]
+    """
+    gravity = np.asarray(robot.gravity, dtype=np.float64)
+    size = float(np.linalg.norm(gravity))
+    return (-gravity / size if size > 0.0 else np.array([0.0, 0.0, 1.0])) + 0.0
 
 
 @dataclass(frozen=True, eq=False)

@@ -13,7 +13,7 @@ from steelyard.errors import InputError, MissingExtraError, install_command
 from steelyard.robot import Robot
 
 from .configuration_constraint import SAMPLES_AT_ONCE
-from .configurations import place_links
+from .configurations import place_links, upward
 from .robot_geometry import RobotGeometry, described_shapes
 from .self_collision import SelfCollision
 from .shapes import coal_or_none
@@ -102,10 +102,7 @@ class Surroundings:
         """Return sentences on what was not checked of a motion (S, N); without a table they say how low it reaches."""
         if self.has_table:
             return self.unchecked
-        gravity = np.asarray(self.robot.gravity, dtype=np.float64)
-        size = float(np.linalg.norm(gravity))
-        up = -gravity / size if size > 0.0 else np.array([0.0, 0.0, 1.0])
-        up = np.round(up, 12) + 0.0
+        up = np.round(upward(self.robot), 12) + 0.0
         what, height = self._lowest(q, up)
         normal = "" if up.tolist() == [0.0, 0.0, 1.0] else f" and normal = {[round(x, 6) for x in up.tolist()]}"
         side = "below" if height < 0.0 else "above"

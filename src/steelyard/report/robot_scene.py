@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from steelyard.collision.configurations import place_links
+from steelyard.collision.configurations import place_links, upward
 from steelyard.robot import Robot
 
 __all__ = ["PlacedLink", "RobotScene", "robot_scene"]
@@ -119,12 +119,9 @@ def robot_scene(robot: Robot, q: ArrayLike | None = None) -> RobotScene:
                 tuple(ends),
             )
         )
-    gravity = np.asarray(robot.gravity, dtype=float)
-    strength = float(np.linalg.norm(gravity))
-    up = -gravity / strength if strength > 0.0 else np.array([0.0, 0.0, 1.0])
     points = np.array(
         [np.zeros(3), *(link.joint_origin for link in links), *(end for link in links for end in link.ends)]
     )
     middle = 0.5 * (points.min(axis=0) + points.max(axis=0))
     size = float(np.linalg.norm(points - middle, axis=1).max())
-    return RobotScene(tuple(links), up, size if size > LEAST_SIZE else 0.5, middle)
+    return RobotScene(tuple(links), upward(robot), size if size > LEAST_SIZE else 0.5, middle)

@@ -19,7 +19,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from steelyard.collision.configurations import place_links
+from steelyard.collision.configurations import place_links, upward
 from steelyard.collision.shapes import Box, Capsule, Cylinder, Mesh, PlacedShape, Shape, Sphere
 from steelyard.errors import InputError, require_package
 
@@ -162,9 +162,7 @@ class Viewer:
 
     def _prepare_scene(self) -> None:
         scene = self.server.scene
-        gravity = np.asarray(self.robot.gravity, dtype=np.float64)
-        strength = float(np.linalg.norm(gravity))
-        up = -gravity / strength if strength > 0.0 else np.array([0.0, 0.0, 1.0])
+        up = upward(self.robot)
         scene.set_up_direction(tuple(up.tolist()))
         middle, size = self.viewed.extent
         if self.motion is not None:  # what slides may go far from where it is drawn first
