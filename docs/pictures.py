@@ -89,6 +89,32 @@ class Runs:
         return self.example("panda")[0]
 
     @cached_property
+    def panda_log(self) -> sy.Recording:
+        """The log that the Panda was identified with."""
+        self.example("panda")  # writes it
+        return sy.Recording.read(self.folder / "panda" / "train.csv", joints=7)
+
+    @cached_property
+    def loaded_panda(self) -> tuple[sy.Recording, sy.Recording]:
+        """Logs of a Panda without and with a payload of 1.5 kg, in one motion."""
+        panda, truth = self.example("panda")
+        model, values = panda.model, np.asarray(truth.parameters)
+        held = values.copy()
+        held[model.link_columns[-1]] += sy.Inertia.from_com(1.5, [0.0, 0.02, 0.18], 0.004 * np.eye(3)).parameters
+        sensors = sy.simulation.Sensors(encoder_resolution=2 * np.pi / 2**17, torque_noise=0.15)
+        motion = sy.excitation.FourierTrajectory(
+            a=np.random.default_rng(3).normal(size=(7, 4)) * 0.25,
+            b=np.random.default_rng(4).normal(size=(7, 4)) * 0.25,
+            center=self.panda_log.q.mean(axis=0),
+            frequency=0.1,
+        )
+        unloaded, loaded = (
+            sy.play(model, parameters, motion, rate=500.0, sensors=sensors, seed=k)
+            for k, parameters in enumerate((values, held))
+        )
+        return unloaded, loaded
+
+    @cached_property
     def two_links(self) -> tuple[sy.Model, Array, sy.excitation.ExcitationDesign, sy.Recording]:
         """An arm of two links, its truth, a designed motion, and its log."""
         from steelyard.excitation import SearchOptions
@@ -313,8 +339,7 @@ def doctor(runs: Runs) -> Drawing:
 def mistakes(runs: Runs) -> Drawing:
     """The error of each joint with a wrong sign of one torque, and mended."""
     panda = runs.panda
-    place = runs.folder / "panda"
-    log = sy.Recording.read(place / "train.csv", joints=7)
+    log = runs.panda_log
     torque = log.torque.copy()
     torque[:, 3] *= -1.0
     wrong = sy.identify(panda.model, sy.Recording(t=log.t, q=log.q, torque=torque, source="wrong.csv"))
@@ -333,33 +358,12 @@ def mistakes(runs: Runs) -> Drawing:
     return drawing
 
 
-def _loaded(runs: Runs) -> tuple[sy.Model, Array, sy.Recording, sy.Recording]:
-    """A Panda without and with a payload of 1.5 kg."""
-    panda, truth = runs.example("panda")
-    model, values = panda.model, np.asarray(truth.parameters)
-    held = values.copy()
-    held[model.link_columns[-1]] += sy.Inertia.from_com(1.5, [0.0, 0.02, 0.18], 0.004 * np.eye(3)).parameters
-    log = sy.Recording.read(runs.folder / "panda" / "train.csv", joints=7)
-    sensors = sy.simulation.Sensors(encoder_resolution=2 * np.pi / 2**17, torque_noise=0.15)
-    motion = sy.excitation.FourierTrajectory(
-        a=np.random.default_rng(3).normal(size=(7, 4)) * 0.25,
-        b=np.random.default_rng(4).normal(size=(7, 4)) * 0.25,
-        center=log.q.mean(axis=0),
-        frequency=0.1,
-    )
-    logs = [
-        sy.play(model, parameters, motion, rate=500.0, sensors=sensors, seed=k)
-        for k, parameters in enumerate((values, held))
-    ]
-    return model, held, logs[0], logs[1]
-
-
 @picture
 def payload(runs: Runs) -> Drawing:
     """Torques without and with a payload, and what it weighs."""
     from steelyard.estimators import CarriedBody, estimate_payload
 
-    model, _, unloaded, loaded = _loaded(runs)
+    model, (unloaded, loaded) = runs.panda.model, runs.loaded_panda
     found = estimate_payload(
         CarriedBody(model, model.dof - 1, changes="nothing"),
         sy.Information.from_samples(model, loaded.process(cutoff=8.0)),
@@ -400,7 +404,7 @@ def currents(runs: Runs) -> Drawing:
     """Gains of drives, found from two logs of currents with a known payload."""
     from steelyard.estimators import CarriedBody, KnownPayload, estimate_drive_gains
 
-    model, _, unloaded, loaded = _loaded(runs)
+    model, (unloaded, loaded) = runs.panda.model, runs.loaded_panda
     gains = np.array([11.7, 11.7, 9.9, 9.9, 3.1, 3.1, 2.9])
     logs = [
         sy.Information.from_samples(
@@ -738,8 +742,7 @@ def no_inertias(runs: Runs) -> Drawing:
 @picture
 def log_as_recorded(runs: Runs) -> Drawing:
     """A log with a gap and unsteady stamps, and what is made of it."""
-    log = sy.Recording.read(runs.folder / "panda" / "train.csv", joints=7) if runs.panda else None
-    assert log is not None
+    log = runs.panda_log
     random = np.random.default_rng(2)
     keep = np.ones(log.count, dtype=bool)
     keep[1500:1560] = False
@@ -827,12 +830,11 @@ def ros2_control(runs: Runs) -> Drawing:
 @picture
 def poor_fit(runs: Runs) -> Drawing:
     """What is left of a torque where the model lacks something: white noise, or a pattern."""
-    panda = runs.panda
-    log = sy.Recording.read(runs.folder / "panda" / "train.csv", joints=7)
+    panda, log = runs.panda, runs.panda_log
     bare = sy.Model(panda.model.robot.with_terms(sy.Viscous()))
-    info = sy.Information.from_samples(bare, log.process(cutoff=15.0))
-    lacking = sy.least_squares(info)
     samples = log.process(cutoff=15.0)
+    info = sy.Information.from_samples(bare, samples)
+    lacking = sy.least_squares(info)
     whole = panda.model.inverse_dynamics(samples.q, samples.dq, samples.ddq, panda.estimate)
     mapping = np.linalg.pinv(np.asarray(bare.base_parameters().K, dtype=float)) @ lacking.base
     less = bare.inverse_dynamics(samples.q, samples.dq, samples.ddq, mapping)
