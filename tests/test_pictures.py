@@ -1,31 +1,24 @@
 """The pictures of the documentation are those that the script makes, and stand where readers look."""
 
-import importlib.util
 import re
 import subprocess
 import sys
-from collections.abc import Iterator
 from pathlib import Path
 from types import ModuleType
 
 import pytest
+from python_file import module_of_file
 
 ROOT = Path(__file__).resolve().parent.parent
 DOCS, IMAGES = ROOT / "docs", ROOT / "docs" / "images"
 
 
 @pytest.fixture(scope="module")
-def script() -> Iterator[ModuleType]:
+def script() -> ModuleType:
     path = list(sys.path)
-    spec = importlib.util.spec_from_file_location("pictures", DOCS / "pictures.py")
-    assert spec is not None
-    assert spec.loader is not None
-    module = importlib.util.module_from_spec(spec)
-    sys.modules["pictures"] = module
-    spec.loader.exec_module(module)
+    module = module_of_file(DOCS / "pictures.py")
     sys.path[:] = path
-    yield module
-    del sys.modules["pictures"]
+    return module
 
 
 def test_every_picture_is_made_by_the_script_and_shown(script: ModuleType) -> None:

@@ -1,24 +1,19 @@
 """The reference describes every public name once, and shows it in use; names in the documentation lead to it."""
 
-import importlib.util
 import re
 from collections import Counter
 from pathlib import Path
 from types import ModuleType
 
 import pytest
+from python_file import module_of_file
 
 DOCS = Path(__file__).resolve().parent.parent / "docs"
 
 
 @pytest.fixture(scope="module")
 def hooks() -> ModuleType:
-    spec = importlib.util.spec_from_file_location("documentation_hooks", DOCS / "hooks.py")
-    assert spec is not None
-    assert spec.loader is not None
-    module = importlib.util.module_from_spec(spec)
-    spec.loader.exec_module(module)
-    return module
+    return module_of_file(DOCS / "hooks.py")
 
 
 def ours(hooks: ModuleType) -> list[str]:

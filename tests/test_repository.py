@@ -1,6 +1,5 @@
 """What the repository says about itself: README, versions, documentation."""
 
-import importlib.util
 import os
 import re
 import subprocess
@@ -11,6 +10,7 @@ import types
 from pathlib import Path
 
 import pytest
+from python_file import module_of_file
 
 import steelyard
 
@@ -120,12 +120,7 @@ def test_documented_functions_are_those_of_a_model() -> None:
 def publication() -> types.ModuleType:
     """The hook that writes the metadata of the package."""
     pytest.importorskip("hatchling", reason="the metadata is made by hatchling")
-    specification = importlib.util.spec_from_file_location("hatch_build", ROOT / "hatch_build.py")
-    assert specification is not None
-    assert specification.loader is not None
-    module = importlib.util.module_from_spec(specification)
-    specification.loader.exec_module(module)
-    return module
+    return module_of_file(ROOT / "hatch_build.py")
 
 
 @pytest.mark.parametrize("repository", ["", "https://forge.example/team/steelyard"])

@@ -6,9 +6,11 @@ import subprocess
 import sys
 from collections.abc import Sequence
 from pathlib import Path
+from types import ModuleType
 
 import numpy as np
 import pytest
+from python_file import module_of_file
 
 import steelyard as sy
 from steelyard.codegen import Constant, Project, generate
@@ -169,3 +171,10 @@ def mutated(path: Path, pattern: str, replacement: str) -> None:
     text = path.read_text(encoding="utf-8")
     *_, place = re.finditer(pattern, text)
     path.write_text(text[: place.start()] + place.expand(replacement) + text[place.end() :], encoding="utf-8")
+
+
+def module_of(project: Project, language: str, folder: Path) -> ModuleType:
+    """Generate a project, and load the file that is not its tests."""
+    generate(project, language, folder)
+    (path,) = (p for p in folder.glob("*.py") if not p.name.startswith("test_"))
+    return module_of_file(path)

@@ -1,24 +1,22 @@
 """Batches of generated and exported functions, every argument against every other, beside samples computed alone."""
 
-import importlib.util
 import itertools
 from collections.abc import Callable, Iterable, Iterator
 from pathlib import Path
-from types import ModuleType
 
 import numpy as np
 import pytest
 from batches import Shapes, drawn, leading_shapes, one_by_one, single_beside, small_model
 
 import steelyard as sy
-from steelyard.codegen import Project, casadi_function, generate, jax_function
+from steelyard.codegen import Project, casadi_function, jax_function
 from steelyard.dynamics.model_source import model_project
 from steelyard.graph import Argument, Function, Graph, Output
 
 from .conftest import project_of
+from .scripts import module_of
 
 FUNCTIONS = small_model().functions
-MODULES = itertools.count()
 CASES = [5, pytest.param(None, marks=pytest.mark.slow)]  # JAX compiles each shape anew
 
 
@@ -51,17 +49,6 @@ def little_function() -> Function:
         (Argument("x", 3), Argument("y", 2), Argument("z", 4, uniform=True)),
         (Output("table", (2, 3), table), Output("number", (), (table[4],)), Output("fixed", (1,), (graph.one,))),
     )
-
-
-def module_of(project: Project, language: str, folder: Path) -> ModuleType:
-    generate(project, language, folder)
-    (path,) = (p for p in folder.glob("*.py") if not p.name.startswith("test_"))
-    spec = importlib.util.spec_from_file_location(f"generated_{next(MODULES)}", path)
-    assert spec is not None
-    assert spec.loader is not None
-    module = importlib.util.module_from_spec(spec)
-    spec.loader.exec_module(module)
-    return module
 
 
 def compare(function: Function, call: Callable[..., object], cases: Iterable[Shapes]) -> None:

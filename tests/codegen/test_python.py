@@ -1,14 +1,12 @@
 """Generated NumPy modules, run in processes of their own."""
 
 import ast
-import importlib.util
 import os
 import re
 import subprocess
 import sys
 import tomllib
 from pathlib import Path
-from types import ModuleType
 
 import numpy as np
 import pytest
@@ -17,18 +15,7 @@ from steelyard.codegen import Project, files, generate
 from steelyard.graph import Argument, Function, Graph, Output
 
 from .conftest import inputs_of, project_of
-from .scripts import PYTHON, mutated, needs, plain_project, run_python, self_test_of, several_functions
-
-
-def loaded(project: Project, folder: Path) -> ModuleType:
-    generate(project, "python", folder)
-    (path,) = (p for p in folder.glob("*.py") if not p.name.startswith("test_"))
-    spec = importlib.util.spec_from_file_location(path.stem, path)
-    assert spec is not None
-    assert spec.loader is not None
-    module = importlib.util.module_from_spec(spec)
-    spec.loader.exec_module(module)
-    return module
+from .scripts import PYTHON, module_of, mutated, needs, plain_project, run_python, self_test_of, several_functions
 
 
 @pytest.mark.parametrize("name", ["wam_generated", "odd_generated"])
@@ -46,7 +33,7 @@ def test_several_outputs_and_arguments_called_like_functions(tmp_path: Path) -> 
 
 
 def test_batches_broadcast(wam_generated: Project, tmp_path: Path) -> None:
-    module = loaded(wam_generated, tmp_path)
+    module = module_of(wam_generated, "python", tmp_path)
     function = wam_generated.functions[0]
     random = np.random.default_rng(5)
     values = inputs_of([function], random, 6)
@@ -66,7 +53,7 @@ def test_batches_broadcast(wam_generated: Project, tmp_path: Path) -> None:
 def test_arguments_stay_as_they_are_and_outputs_are_new(tmp_path: Path) -> None:
     x = Graph().inputs("x", 2)
     same = Function("same", (Argument("x", 2),), (Output("y", (2,), tuple(x)), Output("z", (), (x[0],))))
-    module = loaded(project_of("same", [same]), tmp_path)
+    module = module_of(project_of("same", [same]), "python", tmp_path)
     given = np.array([1.0, 2.0])
     y, z = module.same(given)
     y[0] = 7.0
@@ -75,7 +62,7 @@ def test_arguments_stay_as_they_are_and_outputs_are_new(tmp_path: Path) -> None:
 
 
 def test_wrong_sizes_are_refused(wam_generated: Project, tmp_path: Path) -> None:
-    module = loaded(wam_generated, tmp_path)
+    module = module_of(wam_generated, "python", tmp_path)
     seven = np.zeros(7)
     for wrong in (np.zeros(6), 1.0, np.zeros((7, 1))):
         with pytest.raises(ValueError, match=r"dq must have shape \(\.\.\., 7\), got"):
@@ -83,7 +70,7 @@ def test_wrong_sizes_are_refused(wam_generated: Project, tmp_path: Path) -> None
 
 
 def test_sizes_and_names_are_exported(tmp_path: Path) -> None:
-    module = loaded(several_functions(), tmp_path)
+    module = module_of(several_functions(), "python", tmp_path)
     assert (module.Q_SIZE, module.GRAVITY_SIZE, module.JACOBIAN_ROWS, module.JACOBIAN_COLUMNS) == (3, 3, 6, 3)
     assert (module.JOINT_COUNT, module.LOWEST, module.TIME_STEP) == (7, -3, 0.002)
     assert all(hasattr(module, name) for name in module.__all__)
@@ -93,7 +80,7 @@ def test_sizes_and_names_are_exported(tmp_path: Path) -> None:
 
 def test_every_element_is_documented(tmp_path: Path) -> None:
     project = several_functions()
-    module = loaded(project, tmp_path)
+    module = module_of(project, "python", tmp_path)
     assert module.__doc__
     for function in project.functions:
         text = re.sub(r"\s+", " ", module.__doc__ + str(getattr(module, function.name).__doc__))
