@@ -1,5 +1,7 @@
 """A two-joint arm with hostile names, its logs, and what plain NumPy makes of them."""
 
+import io
+from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
 from xml.sax.saxutils import quoteattr
@@ -10,6 +12,9 @@ import pytest
 
 from steelyard.identification import Identification, identify
 from steelyard.recording import Processing, Recording
+from steelyard.report import write_report
+
+from ..chromium import Page, chromium
 
 Array = np.ndarray
 LENGTH, GRAVITY = 0.5, 9.81
@@ -111,6 +116,25 @@ def reference(folder: Path) -> Reference:
         torques.append(samples.torque)
     parameters = np.linalg.lstsq(regressors[0].reshape(-1, len(TRUTH)), torques[0].reshape(-1))[0]
     return Reference(parameters, tuple(regressors), tuple(torques))
+
+
+@pytest.fixture(scope="session")
+def report(identification: Identification, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    path = tmp_path_factory.mktemp("report") / "report.html"
+    write_report(identification, path)
+    return path
+
+
+@pytest.fixture(scope="module")
+def browser(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Page]:
+    with chromium(tmp_path_factory.mktemp("profile")) as page:
+        yield page
+
+
+def pixels(png: bytes) -> Array:
+    """The picture as (height, width, 3), 0 to 255."""
+    image = pytest.importorskip("PIL.Image", reason="Pillow is not installed, which reads pictures")
+    return np.asarray(image.open(io.BytesIO(png)).convert("RGB")).astype(int)
 
 
 Rows = list[list[str]]

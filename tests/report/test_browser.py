@@ -1,62 +1,22 @@
 """The report in a real browser, without a network: figures are drawn, proofs are checked, and nothing complains."""
 
 import base64
-import io
 import json
 import re
 import zlib
-from collections.abc import Iterator
 from pathlib import Path
 
 import numpy as np
 import pytest
 
 from steelyard.identification import Identification
-from steelyard.report import write_report
 
-from ..chromium import Page, chromium
+from ..chromium import Page
+from .conftest import pixels
 
 pytestmark = pytest.mark.slow
 DRAWN = "document.documentElement.dataset.torques === 'drawn'"
 CHECKED = "document.querySelectorAll('[data-checked]').length === 2"
-
-
-@pytest.fixture(scope="module")
-def browser(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Page]:
-    with chromium(tmp_path_factory.mktemp("profile")) as page:
-        yield page
-
-
-@pytest.fixture(scope="module")
-def report(identification: Identification, tmp_path_factory: pytest.TempPathFactory) -> Path:
-    path = tmp_path_factory.mktemp("report") / "report.html"
-    write_report(identification, path)
-    return path
-
-
-def pixels(png: bytes) -> np.ndarray:
-    """An RGB picture, (H, W, 3), of a PNG with 8 bits a channel, which is what Chromium writes."""
-    stream, data, width, height, channels = io.BytesIO(png[8:]), b"", 0, 0, 0
-    while head := stream.read(8):
-        length, kind = int.from_bytes(head[:4], "big"), head[4:]
-        body = stream.read(length + 4)[:length]
-        if kind == b"IHDR":
-            width, height, channels = (*(int.from_bytes(body[k : k + 4], "big") for k in (0, 4)), {2: 3, 6: 4}[body[9]])
-        elif kind == b"IDAT":
-            data += body
-    lines = np.frombuffer(zlib.decompress(data), dtype=np.uint8).reshape(height, 1 + width * channels)
-    found = np.zeros((height + 1, (width + 1) * channels), dtype=np.uint8)
-    for k, (how, line) in enumerate(zip(lines[:, 0], lines[:, 1:], strict=True), start=1):
-        up, out = found[k - 1], found[k]
-        if how in (0, 2):
-            out[channels:] = line if how == 0 else line + up[channels:]
-            continue
-        for x in range(channels, len(out)):
-            left, above, corner = int(out[x - channels]), int(up[x]), int(up[x - channels])
-            guess = left + above - corner
-            near = min((abs(guess - left), 0, left), (abs(guess - above), 1, above), (abs(guess - corner), 2, corner))
-            out[x] = (int(line[x - channels]) + {1: left, 3: (left + above) // 2, 4: near[2]}[int(how)]) % 256
-    return found[1:, channels:].reshape(height, width, channels)[:, :, :3]
 
 
 def count(picture: np.ndarray, color: str) -> int:

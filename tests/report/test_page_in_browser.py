@@ -12,10 +12,9 @@ import numpy as np
 import pytest
 
 from steelyard.identification import Identification
-from steelyard.report import write_report
 
-from ..chromium import Page, chromium
-from .conftest import JOINTS, LINKS
+from ..chromium import Page
+from .conftest import JOINTS, LINKS, pixels
 
 pytestmark = pytest.mark.slow
 
@@ -24,19 +23,6 @@ PICTURES = ROOT / "build" / "report"
 AXE = ROOT / "build" / "axe-core" / "package" / "axe.min.js"
 SIZES = {"desktop": (1280, 800), "phone": (390, 844)}
 LATEST = 1000.0  # ms until the largest part of the first screen is painted
-
-
-@pytest.fixture(scope="module")
-def report(identification: Identification, tmp_path_factory: pytest.TempPathFactory) -> Path:
-    target = tmp_path_factory.mktemp("page") / "report.html"
-    write_report(identification, target)
-    return target
-
-
-@pytest.fixture(scope="module")
-def browser(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Page]:
-    with chromium(tmp_path_factory.mktemp("profile")) as page:
-        yield page
 
 
 @pytest.fixture
@@ -55,12 +41,6 @@ def box(page: Page, selector: str) -> tuple[float, float, float, float]:
     )
     left, top, width, height = (float(value) for value in found)
     return left, top, width, height
-
-
-def pixels(png: bytes) -> np.ndarray:
-    """The picture as (height, width, 3), 0 to 255."""
-    image = pytest.importorskip("PIL.Image", reason="Pillow is not installed, which reads pictures")
-    return np.asarray(image.open(io.BytesIO(png)).convert("RGB")).astype(int)
 
 
 def drawing(page: Page) -> np.ndarray:
