@@ -1,9 +1,6 @@
 """Charts: what they hold, and that a real browser draws them."""
 
 import json
-import re
-import shutil
-import subprocess
 from pathlib import Path
 
 import lxml.html
@@ -14,15 +11,7 @@ import steelyard as sy
 from steelyard.files import write_text
 from steelyard.report import Chart, Curve, Section, charts_markup, html_document
 
-QUIET = (
-    "--headless",
-    "--no-sandbox",
-    "--disable-gpu",
-    "--no-first-run",
-    "--disable-background-networking",
-    "--virtual-time-budget=10000",
-    "--enable-logging=stderr",
-)
+from ..chromium import Page
 
 
 def example() -> str:
@@ -68,17 +57,13 @@ def test_what_cannot_be_drawn_is_refused(tmp_path: Path) -> None:
 
 
 @pytest.mark.slow
-def test_charts_are_drawn(tmp_path: Path) -> None:
-    browser = shutil.which("chromium") or shutil.which("google-chrome")
-    if browser is None:
-        pytest.skip("no Chromium is installed")
+def test_charts_are_drawn(tmp_path: Path, browser: Page) -> None:
     page = tmp_path / "page.html"
     write_text(example(), page)
-    command = [browser, *QUIET, f"--user-data-dir={tmp_path / 'profile'}", "--dump-dom", page.as_uri()]
-    done = subprocess.run(command, capture_output=True, text=True, timeout=120, check=True)
-    assert not re.findall(r".*CONSOLE.*", done.stderr)
-    drawn = lxml.html.fromstring(done.stdout)
-    assert drawn.get("data-figures") == "drawn"
+    browser.open(page)
+    browser.wait("document.documentElement.dataset.figures === 'drawn'")
+    assert browser.console == []
+    drawn = lxml.html.fromstring(browser.run("document.documentElement.outerHTML"))
     layer = ".//*[contains(@class, 'scatterlayer')]"
     lines = drawn.get_element_by_id("some-0").xpath(f"{layer}//*[contains(@class, 'js-line')]/@d")
     assert len(lines) == 2

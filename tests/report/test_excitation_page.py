@@ -1,8 +1,5 @@
 """The page about a motion: what it says is compared with the motion itself, and what it predicts with experiments."""
 
-import re
-import shutil
-import subprocess
 from dataclasses import replace
 from pathlib import Path
 
@@ -14,6 +11,9 @@ import steelyard as sy
 from steelyard.excitation import ExcitationDesign, SearchOptions
 from steelyard.identification.predicted_intervals import TIME_CONSTANT, PredictedIntervals, predicted_intervals
 from steelyard.report.excitation_page import PAGE, excitation_html, save_excitation
+
+from ..chromium import Page
+from .conftest import pixels
 
 LENGTHS = (0.5, 0.4)
 LIMITS = {"lower": [-1.5, -2.0], "upper": [1.5, 2.0], "velocity": 2.0, "acceleration": 6.0, "torque": [60.0, 15.0]}
@@ -174,34 +174,23 @@ def test_noise_that_is_none_is_refused(model: sy.Model, design: ExcitationDesign
 
 @pytest.mark.slow
 def test_the_page_is_drawn(
-    model: sy.Model, design: ExcitationDesign, expected: PredictedIntervals, tmp_path: Path
+    model: sy.Model, design: ExcitationDesign, expected: PredictedIntervals, tmp_path: Path, browser: Page
 ) -> None:
-    browser = shutil.which("chromium") or shutil.which("google-chrome")
-    if browser is None:
-        pytest.skip("no Chromium is installed")
     place = tmp_path / PAGE
     place.write_text(excitation_html(design, model, expected), encoding="utf-8")
     assert place.stat().st_size < 3_000_000
-    flags = ["--headless", "--no-sandbox", "--disable-gpu", "--no-first-run", "--disable-background-networking",
-             "--host-resolver-rules=MAP * ~NOTFOUND", "--virtual-time-budget=10000", "--enable-logging=stderr",
-             f"--user-data-dir={tmp_path / 'profile'}"]  # fmt: skip
-    command = [browser, *flags, "--dump-dom", place.as_uri()]
-    done = subprocess.run(command, capture_output=True, text=True, timeout=120, check=True)
-    assert not re.findall(r".*CONSOLE.*", done.stderr)
-    drawn = lxml.html.fromstring(done.stdout)
-    assert drawn.get("data-figures") == "drawn"
+    browser.open(place)
+    browser.wait("document.documentElement.dataset.figures === 'drawn'")
+    assert browser.console == []
+    drawn = lxml.html.fromstring(browser.run("document.documentElement.outerHTML"))
     for joint in range(2):
         layer = ".//*[contains(@class, 'scatterlayer')]//*[contains(@class, 'js-line')]/@d"
         lines = drawn.get_element_by_id(f"joint-{joint}").xpath(layer)
         assert len(lines) == 6  # position, velocity, acceleration, torque, and the limit on both sides
     assert drawn.xpath("//div[contains(@class, 'controls-of-drawing') and not(@hidden)]")
-    Image = pytest.importorskip("PIL.Image", reason="pixels are read with Pillow")
     build = Path(__file__).resolve().parents[2] / "build"
-    build.mkdir(exist_ok=True)
     for width, height in ((1280, 800), (390, 844)):
-        target = build / f"excite-{width}.png"
-        shot = [browser, *flags, f"--window-size={width},{3 * height}", f"--screenshot={target}", place.as_uri()]
-        subprocess.run(shot, capture_output=True, timeout=120, check=True)
-        pixels = np.asarray(Image.open(target).convert("RGB")).astype(int)
-        blue = (np.abs(pixels - (0, 95, 158)).max(axis=2) < 40).sum()
+        browser.size(width, 3 * height)
+        picture = pixels(browser.picture(build / f"excite-{width}.png"))
+        blue = (np.abs(picture - (0, 95, 158)).max(axis=2) < 40).sum()
         assert blue > 300  # the path, the curves of positions, links
