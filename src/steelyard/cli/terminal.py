@@ -204,7 +204,7 @@ class _Steps:
     def say(self, text: str) -> None:
         self.clear()
         self._console.print(f"[dim]{time.perf_counter() - self._begin:6.2f} s[/dim]  ", end="")
-        self._console.print(_text(text), soft_wrap=True)
+        _say(self._console, text)
 
     def watch(self, what: str, done: float, total: float | None, unit: str) -> None:
         now = time.perf_counter()
@@ -219,7 +219,7 @@ class _Steps:
         if self._overwrites:
             self._line(line[: max(self._console.width - 1, 20)])
         else:
-            self._console.print(_text(line), soft_wrap=True)
+            _say(self._console, line)
 
     def clear(self) -> None:
         if self._width:
@@ -267,6 +267,11 @@ def _text(words: str) -> Text:
     from rich.text import Text
 
     return Text(printable(words))
+
+
+def _say(console: Console, words: str) -> None:
+    """Print a sentence, whose lines the terminal breaks."""
+    console.print(_text(words), soft_wrap=True)
 
 
 def _table(*columns: str) -> Table:
@@ -322,42 +327,40 @@ def show_identification(result: Identification, *, whole_table: bool = False, ve
 
     console = Console(highlight=False)
 
-    def say(words: str) -> None:
-        console.print(_text(words), soft_wrap=True)
-
-    say(f"{result.model.robot.name}: {result.headline}")
+    _say(console, f"{result.model.robot.name}: {result.headline}")
     heads, (*rows, whole) = result.joint_table()
     if len(rows) > _MOST_ROWS - 1:  # those of the largest error are what matters
         order = np.argsort(-np.nan_to_num(result.prediction.joint_error), kind="stable")[: _MOST_ROWS - 1]
-        say(f"The {len(order)} of {len(rows)} joints whose error is largest (report.html has all):")
+        _say(console, f"The {len(order)} of {len(rows)} joints whose error is largest (report.html has all):")
         rows = [rows[index] for index in sorted(order)]
     _bounded(console, heads, [*rows, whole], "report.html has all")
     for sentence in found(result):
-        say(sentence)
+        _say(console, sentence)
     steps = next_steps(result)
     for number, step in enumerate(steps, 1):
-        say(f"{number}. {step}")
+        _say(console, f"{number}. {step}")
     told = (remark for remark in (*result.estimate.remarks, *result.remarks) if remark not in result.mistake_sentences)
     remarks = gathered(told, _all_logs(result))
     if verbose:
-        _show_more(result, console, say, remarks)
+        _show_more(result, console, remarks)
     else:
         for layout, of in result.columns():
             if layout.guesses:
-                say(f"Columns of {_and_more(of)}, as they were understood:")
+                _say(console, f"Columns of {_and_more(of)}, as they were understood:")
                 _bounded(console, *layout.brief(), "run.json has all")
                 for guess in layout.guesses:
-                    say(guess)
+                    _say(console, guess)
     file = result.robot_file
     said = [*(remarks if verbose else ()), *(f"{step.reason} {step.code}" for step in steps)]
     if file is not None and file.suffix.lower() != ".toml" and _names_sections(said):
-        say(
+        _say(
+            console,
             f"{file} has no such sections: give such a line as --set SECTION.KEY=VALUE, or write a robot.toml with: "
-            f"steelyard init {file} LOG"
+            f"steelyard init {file} LOG",
         )
     if not verbose:
         count = f"{len(remarks)} remarks" if len(remarks) != 1 else "a remark"
-        say(f"--verbose prints the links, the logs, the columns and {count}; report.html shows all.")
+        _say(console, f"--verbose prints the links, the logs, the columns and {count}; report.html shows all.")
     if whole_table and result.parameters is not None:
         print(printable(str(result.parameters)), file=console.file)  # thousands of rows: the console takes seconds
 
@@ -370,42 +373,42 @@ def _and_more(names: Sequence[str]) -> str:
     return names[0] if len(names) == 1 else f"{names[0]} and {len(names) - 1} more logs"
 
 
-def _show_more(result: Identification, console: Console, say: Callable[[str], None], remarks: Sequence[str]) -> None:
+def _show_more(result: Identification, console: Console, remarks: Sequence[str]) -> None:
     """Print what the first screen leaves out."""
     from steelyard.report.extent import gathered, shared_words, short_names, shown_logs
 
     for sentence in (*gathered(result.mistake_sentences, _all_logs(result)), *result.prediction.sentences[1:]):
-        say(sentence)
+        _say(console, sentence)
     console.print("Relative errors of the torques of each log:")
     shown, names = shown_logs(result), short_names(result)
     logs = [(names[index], result.predictions[index]) for index in shown]
     lines = [(name, one.role, f"{one.unconstrained_error:.2%}", f"{one.feasible_error:.2%}") for name, one in logs]
     _bounded(console, ("log", "role", "least squares", "answer"), lines, "report.html has all")
     if len(shown) < len(result.predictions):
-        say(shared_words(result.predictions, shown))
+        _say(console, shared_words(result.predictions, shown))
     verdict, *others = result.verdict.sentences()
-    say("Plain least squares: " + verdict)
+    _say(console, "Plain least squares: " + verdict)
     for sentence in others[:_MOST_VIOLATIONS]:
-        say(f"  {sentence}")
+        _say(console, f"  {sentence}")
     if len(others) > _MOST_VIOLATIONS:
-        say(f"  and {len(others) - _MOST_VIOLATIONS} more; report.html has all.")
+        _say(console, f"  and {len(others) - _MOST_VIOLATIONS} more; report.html has all.")
     table = result.parameters
     if table is not None:
         _bounded(console, *table.link_table(), "parameters.csv has all")
         total = table["total mass"]
         spread = "" if table.confidence is None else f", {total.basis}: {total.lower:.4g} to {total.upper:.4g} kg"
-        say(f"Total moving mass {total.value:.4g} kg{spread}. {table.counts}")
+        _say(console, f"Total moving mass {total.value:.4g} kg{spread}. {table.counts}")
         for sentence in table.sentences:
-            say(sentence)
+            _say(console, sentence)
     if result.plausible is not None:
         for sentence in result.plausible.prior.sentences:
-            say(f"Known beforehand: {sentence}")
+            _say(console, f"Known beforehand: {sentence}")
         if result.plausible.price is not None:
-            say(result.plausible.price.sentence)
+            _say(console, result.plausible.price.sentence)
     for remark in remarks:
-        say(f"Note: {remark}")
+        _say(console, f"Note: {remark}")
     for layout, of in result.columns():
-        say(f"Columns of {_and_more(of)}:")
+        _say(console, f"Columns of {_and_more(of)}:")
         _bounded(console, layout.heads, layout.rows(), "run.json has all")
 
 
@@ -431,7 +434,7 @@ def show_model(model: Model, consistency: Literal["full", "inertia"]) -> None:
 
     console = Console(highlight=False)
     robot, base = model.robot, model.base_parameters()
-    console.print(_text(f"{robot.name}: {robot.dof} joints, {len(robot.links)} moving links"), soft_wrap=True)
+    _say(console, f"{robot.name}: {robot.dof} joints, {len(robot.links)} moving links")
     rotors = any(np.isfinite(joint.rotor_inertia) for joint in robot.joints)
     heads = ("joint", "kind", "moves", "mass kg", "lower", "upper", "damping", "friction")
     table = _table(*heads, *(["rotor inertia"] if rotors else []))
@@ -443,21 +446,16 @@ def show_model(model: Model, consistency: Literal["full", "inertia"]) -> None:
         table.add_row(_text(name), joint.kind, _text(link.name), mass, *cells)
     _show(console, table)
     for remark in robot.remarks:
-        console.print(_text(remark), soft_wrap=True)
-    console.print(_text(f"Terms: {', '.join(t.kind for t in robot.terms) or 'none'}"), soft_wrap=True)
+        _say(console, remark)
+    _say(console, f"Terms: {', '.join(t.kind for t in robot.terms) or 'none'}")
     symbols = (*INERTIA_SYMBOLS, *(p.symbol for term in robot.terms for p in term.parameters))
-    console.print(_text(f"Parameters of each link and its joint, with its number: {' '.join(symbols)}"), soft_wrap=True)
-    console.print(
-        _text(f"{model.parameter_count} parameters, {base.count} base parameters"),
-        soft_wrap=True,
-    )
+    _say(console, f"Parameters of each link and its joint, with its number: {' '.join(symbols)}")
+    _say(console, f"{model.parameter_count} parameters, {base.count} base parameters")
     if base.meant:
-        console.print(
-            _text(
-                "Angles such as 1.5708 count as the right angles that they stand for; the base parameters leave out "
-                f"{base.error:.1e} of a column of the regressor that way."
-            ),
-            soft_wrap=True,
+        _say(
+            console,
+            "Angles such as 1.5708 count as the right angles that they stand for; the base parameters leave out "
+            f"{base.error:.1e} of a column of the regressor that way.",
         )
     listed = "\n".join(
         f"  {number:3d}  {printable(expression)}" for number, expression in enumerate(base.expressions, 1)
@@ -474,21 +472,17 @@ def show_model(model: Model, consistency: Literal["full", "inertia"]) -> None:
         table.add_row(label, str(count["mul"]), str(count["add"]), str(count["sin"] + count["cos"]))
     _show(console, table)
     if blocks > _MOST_BLOCKS:
-        console.print(
-            _text(
-                f"The regressor has {blocks} blocks of a joint and a link beyond it, too many to count its operations."
-            ),
-            soft_wrap=True,
+        _say(
+            console,
+            f"The regressor has {blocks} blocks of a joint and a link beyond it, too many to count its operations.",
         )
     parameters = np.asarray(robot.parameters)
     links = np.concatenate([np.arange(c[0], c[0] + 10) for c in model.link_columns])
     if np.isnan(parameters[links]).any():
-        console.print(
-            _text("CAD: the description gives no inertia for some links, so there is nothing to check."), soft_wrap=True
-        )
+        _say(console, "CAD: the description gives no inertia for some links, so there is nothing to check.")
         return
     feasible_set = FeasibleSet(model, consistency, terms=False)
-    console.print(_text("CAD: " + str(check(feasible_set, parameters=np.nan_to_num(parameters)))), soft_wrap=True)
+    _say(console, "CAD: " + str(check(feasible_set, parameters=np.nan_to_num(parameters))))
 
 
 def show_preflight(found: Preflight) -> None:
@@ -504,7 +498,7 @@ def show_preflight(found: Preflight) -> None:
         console.print("Links of the description (margin: least second moment over the largest, below 0 impossible):")
         _bounded(console, ("link", "mass kg", "margin", "probable cause"), rows, "--json has all")
     for one in found.findings[:_MOST_ROWS]:
-        console.print(_text(f"{one.link}: {one.sentence}."), soft_wrap=True)
+        _say(console, f"{one.link}: {one.sentence}.")
     if len(found.findings) > _MOST_ROWS:
         console.print(f"  and {len(found.findings) - _MOST_ROWS} more; --json has all.")
 
@@ -515,30 +509,32 @@ def show_excitation(design: ExcitationDesign) -> None:
 
     console = Console(highlight=False)
 
-    def say(words: str) -> None:
-        console.print(_text(words), soft_wrap=True)
-
     if design.warnings:
-        say(" ".join(design.warnings))
+        _say(console, " ".join(design.warnings))
     table = _table("limit", "nearest part", "margin", "at s")
     for margin in design.nearest():
         table.add_row(_text(margin.name), _text(margin.label), f"{margin.clearance:.4g}", f"{margin.time:.3f}")
     _show(console, table)
     if design.criterion != "condition" or design.subset:
         about = f" of {', '.join(design.subset)}" if design.subset else ""
-        say(f"Criterion {design.criterion}{about}: {design.figure:.5g}.")
+        _say(console, f"Criterion {design.criterion}{about}: {design.figure:.5g}.")
     together = design.combined_condition_number
     known = "" if together is None else f", {together:.4g} together with the prior information"
     lead = f", {design.ramp_time:.4g} s of it to start and as much to stop" if design.ramp_time else ""
-    say(
+    _say(
+        console,
         f"{design.robot_name}: {design.family} motion of {design.trajectory.duration:.4g} s{lead}; condition number "
-        f"{design.condition_number:.4g}{known}; every limit above is kept at 1 kHz."
+        f"{design.condition_number:.4g}{known}; every limit above is kept at 1 kHz.",
     )
-    say(
+    _say(
+        console,
         f"Model: rigid links with {', '.join(design.terms) or 'no terms'}; {design.parameter_count} parameters, "
-        f"{design.base_count} base parameters."
+        f"{design.base_count} base parameters.",
     )
-    say("Start at " + ", ".join(f"{joint} {place:.4f}" for joint, place in design.start.items()) + " (rad or m).")
+    _say(
+        console,
+        "Start at " + ", ".join(f"{joint} {place:.4f}" for joint, place in design.start.items()) + " (rad or m).",
+    )
     for remark in design.remarks:
         if remark not in design.warnings:
-            say(f"Note: {remark}")
+            _say(console, f"Note: {remark}")
