@@ -207,6 +207,12 @@ class InfeasibilityExplanation:
     nearest: Vector = field(repr=False)
     consistency: str
 
+    @property
+    def reasons(self) -> tuple[str, ...]:
+        """Each of the subsystems in a sentence."""
+        names = [degree.name for degree in self.degrees]
+        return tuple(f"{one}: {_in_words(one, self.base, names)}." for one in self.subsystems)
+
     def sentences(self) -> tuple[str, ...]:
         """The explanation in sentences."""
         kind = f'under "{self.consistency}" consistency'
@@ -220,9 +226,7 @@ class InfeasibilityExplanation:
         count = len(self.subsystems)
         several = f", for {count} reasons that have no condition in common" if count > 1 else ", for one reason"
         found = [f"The estimate is infeasible {kind}{several if count else ', by very little'}."]
-        names = [degree.name for degree in self.degrees]
-        for number, subsystem in enumerate(self.subsystems, start=1):
-            found.append(f"{number}. {subsystem}: {_in_words(subsystem, self.base, names)}.")
+        found += [f"{number}. {reason}" for number, reason in enumerate(self.reasons, start=1)]
         if self.region is None:
             found.append(f"The nearest feasible base parameters lie {few_digits(self.distance)} away.")
         else:

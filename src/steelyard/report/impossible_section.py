@@ -108,8 +108,7 @@ def _reasons(identification: Identification) -> list[str]:
     if identification.verdict.feasible is not False or len(base) > _MOST_EXPLAINED:
         return []
     try:
-        told = explain_infeasibility(identification.feasible_set, base=base).sentences()
+        told = explain_infeasibility(identification.feasible_set, base=base).reasons
     except SolverError:
         return []
-    numbered = [one.split(". ", 1)[1] for one in told if one.split(". ", 1)[0].isdigit()]
-    return [one[0].upper() + one[1:] for one in numbered]
+    return [one[0].upper() + one[1:] for one in told]
