@@ -291,7 +291,7 @@ def _confirmation(identification: Identification) -> Iterator[NextStep]:
             f"steelyard validate {robot} DIR OTHER_LOG",
             "console",
         )
-    if identification.prediction.word in ("good", "usable") and identification.estimate.parameters is not None:
+    if identification.prediction.is_usable and identification.estimate.parameters is not None:
         yield NextStep(
             "Use it.",
             "A simulation shows what the robot does with these numbers; DIR is the folder of this report.",

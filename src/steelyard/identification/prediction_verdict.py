@@ -102,6 +102,11 @@ class PredictionVerdict:
     sentences: tuple[str, ...] = field(default=(), repr=False)
 
     @property
+    def is_usable(self) -> bool:
+        """Whether the model predicts well enough to be used: the word is good or usable."""
+        return self.word in ("good", "usable")
+
+    @property
     def relative_noise(self) -> float:
         """Size of the white noise relative to the torques over all the joints; NaN where it could not be told apart."""
         size = float(np.linalg.norm(self.joint_error))

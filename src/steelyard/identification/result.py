@@ -254,7 +254,7 @@ class Identification:
             False: "The answer is not proved to be possible",
             None: "The answer has base parameters alone, so that no link can be checked",
         }[self.possible]
-        agree = (self.possible is True) == (self.prediction.word in ("good", "usable"))
+        agree = (self.possible is True) == self.prediction.is_usable
         joined = " and " if agree else ", but "
         return f"{exists}{joined}{'' if self.possible else 'it '}{self.prediction.clause}."
 

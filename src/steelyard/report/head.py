@@ -74,11 +74,7 @@ def _verdict_of_answer(identification: Identification) -> str:
             count = len(feasible_set.blocks)
             lines.append(f"Checked again for this report: all {count} conditions on links, joints and limits hold.")
             # A tick beside a model that does not predict would be taken for a model that can be used.
-            return card(title, "good" if _predicts(identification) else "plain", "Feasible", lines)
-
-
-def _predicts(identification: Identification) -> bool:
-    return identification.prediction.word in ("good", "usable")
+            return card(title, "good" if identification.prediction.is_usable else "plain", "Feasible", lines)
 
 
 def _verdict_of_prediction(identification: Identification) -> str:
