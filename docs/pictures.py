@@ -1087,7 +1087,16 @@ FLOORS = (
             "control": "model-based controllers",
         },
     ),
-    ("results", {"identification": "the main jobs", "report": "HTML, figures, folders", "cli": "commands"}),
+    (
+        "results",
+        {
+            "identification": "the main jobs",
+            "online": "while it moves",
+            "fleet": "many robots",
+            "report": "pages, figures",
+            "cli": "commands",
+        },
+    ),
 )
 
 

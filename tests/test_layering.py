@@ -35,6 +35,8 @@ ROOMS = (
     "simulation",
     "control",
     "identification",
+    "online",
+    "fleet",
     "report",
     "cli",
 )

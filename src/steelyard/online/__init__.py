@@ -1,0 +1,3 @@
+"""What runs while the robot moves."""
+
+__all__: list[str] = []
