@@ -10,6 +10,8 @@ import types
 from pathlib import Path
 
 import pytest
+from packaging.requirements import Requirement
+from packaging.utils import canonicalize_name
 from python_file import module_of_file
 
 import steelyard
@@ -63,6 +65,42 @@ def test_versions_agree() -> None:
     headings = re.findall(r"^## \[([^\]]+)\]", changelog, re.MULTILINE)
     assert headings
     assert headings[0] in ("Unreleased", version)
+
+
+def requirements(*extras: str) -> set[Requirement]:
+    """What the package needs with these extras and to be built, with what they name in turn."""
+    settings = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))
+    optional = settings["project"]["optional-dependencies"]
+    texts = [*settings["build-system"]["requires"], *settings["project"]["dependencies"]]
+    texts += [text for extra in extras for text in optional[extra]]
+    found: set[Requirement] = set()
+    for text in texts:
+        one = Requirement(text)
+        found |= requirements(*one.extras) if one.name == "steelyard" else {one}
+    return found
+
+
+def test_the_locked_versions_are_those_that_are_asked_for() -> None:
+    text = (ROOT / ".ci" / "lock.txt").read_text(encoding="utf-8")
+    locked: dict[str, set[str]] = {}
+    for name, version in re.findall(
+        r"^([\w.-]+)==([\w.+-]+)[^\n]*\\\n    --hash=sha256:[0-9a-f]{64}", text, re.MULTILINE
+    ):
+        locked.setdefault(canonicalize_name(name), set()).add(version)
+    assert sum(map(len, locked.values())) == len(re.findall(r"^\S+==", text, re.MULTILINE))
+    for one in requirements("test", "oracles", "lint", "docs"):
+        versions = locked.get(canonicalize_name(one.name), set())
+        assert any(version in one.specifier for version in versions), f"{one}: run .ci/lock"
+
+
+def test_every_library_that_users_install_is_named_as_trusted() -> None:
+    settings = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))
+    extras = set(settings["project"]["optional-dependencies"]) - {"test", "oracles", "lint", "docs"}
+    page = (ROOT / "SECURITY.md").read_text(encoding="utf-8")
+    rows = re.findall(r"^\| ([^|]+) \|", page.partition("## What is trusted")[2], re.MULTILINE)
+    named = {name.strip() for row in rows for name in row.split(",")}
+    assert {one.name for one in requirements(*extras)} - {"hatchling"} <= named
+    assert f"for version {settings['project']['version']}." in page
 
 
 def test_files_speak_of_the_project_alone() -> None:

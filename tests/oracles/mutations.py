@@ -3,21 +3,27 @@
 from __future__ import annotations
 
 import copy
+import gzip
 import json
 import math
 import random
 import re
+import shutil
 import struct
 from collections.abc import Callable, Iterable
+from importlib.util import find_spec
 from pathlib import Path
 from typing import Any
 
 import numpy as np
+from log_writers import BAGS, states, write_ros2
+from scipy.io import savemat
 
 import steelyard as sy
 from steelyard.collision import geometry_from_dict
 from steelyard.collision.mesh_files import read_meshes
 from steelyard.collision.self_collision import read_srdf
+from steelyard.conic import SemidefiniteProgram
 from steelyard.dynamics.terms import term_from_dict
 from steelyard.errors import InputError
 from steelyard.excitation import MotionLimits, QuinticTrajectory, load_trajectory, save_trajectory
@@ -25,6 +31,7 @@ from steelyard.excitation.motion_limits import limits_from_file
 from steelyard.feasibility import load_certificate, verify_document
 from steelyard.feasibility.constraints import constraints_from_dict
 from steelyard.feasibility.constraints.center_of_mass import read_points
+from steelyard.identification.saved_result import SavedResult
 from steelyard.recording import LogColumns, Processing, process_chunks
 from steelyard.regression.least_squares import least_squares
 from steelyard.robot import RobotFile
@@ -45,6 +52,48 @@ URDF = """<?xml version="1.0"?>
   <joint name="elbow" type="revolute"><parent link="upper"/><child link="fore"/><origin xyz="0.4 0 0" rpy="0 0 0"/>
     <axis xyz="0 1 0"/><limit lower="-3" upper="3" effort="50" velocity="5"/></joint>
 </robot>
+"""
+XACRO = (
+    URDF.replace(
+        '<robot name="pair">',
+        """<robot name="pair" xmlns:xacro="http://www.ros.org/wiki/xacro">
+  <xacro:arg name="length" default="0.4"/><xacro:property name="mass" value="${2 * 0.5}"/>
+  <xacro:macro name="body" params="m:=1 *block"><mass value="${m}"/></xacro:macro>""",
+    )
+    .replace('<mass value="1"/>', '<mass value="${mass}"/>')
+    .replace('xyz="0.4 0 0"', 'xyz="$(arg length) 0 ${0.1 * sin(pi)}"')
+)
+MJCF = """<mujoco model="pair">
+  <compiler angle="degree" autolimits="true" eulerseq="xyz"/>
+  <option gravity="0 0 -9.8"/>
+  <default><joint damping="0.5"/><default class="fore"><joint armature="0.02" range="-90 45"/></default></default>
+  <worldbody>
+    <body name="upper" pos="0 0 1">
+      <inertial pos="0.1 0 0" mass="2" fullinertia="0.2 0.3 0.25 0.01 0.02 0.03"/>
+      <joint name="shoulder" axis="0 1 0"/>
+      <body name="fore" pos="0.5 0 0" euler="0 90 0">
+        <joint name="elbow" class="fore" axis="0 0 1"/>
+        <geom type="capsule" fromto="0 0 0 0.4 0 0" size="0.05" density="500"/>
+      </body>
+    </body>
+  </worldbody>
+  <actuator><motor joint="elbow" gear="50"/></actuator>
+</mujoco>
+"""
+SDF = """<?xml version="1.0"?>
+<sdf version="1.9"><model name="pair">
+  <link name="base"/>
+  <link name="upper"><pose>0 0 1 0 0 0</pose><inertial><pose>0.1 0 0 0 0 0.1</pose><mass>2</mass>
+    <inertia><ixx>0.02</ixx><ixy>0</ixy><ixz>0</ixz><iyy>0.02</iyy><iyz>0</iyz><izz>0.02</izz></inertia></inertial></link>
+  <link name="fore"><pose relative_to="elbow">0 0 0 0 0 0</pose><inertial><mass>1</mass></inertial>
+    <collision name="c"><geometry><box><size>0.1 0.1 0.2</size></box></geometry></collision></link>
+  <joint name="fix" type="fixed"><parent>world</parent><child>base</child></joint>
+  <joint name="shoulder" type="revolute"><parent>base</parent><child>upper</child>
+    <axis><xyz>0 1 0</xyz><limit><lower>-3</lower><upper>3</upper><effort>50</effort></limit>
+    <dynamics><damping>0.1</damping><friction>0.2</friction></dynamics></axis></joint>
+  <joint name="elbow" type="revolute"><pose relative_to="upper">0.4 0 0 0 0 0</pose><parent>upper</parent>
+    <child>fore</child><axis><xyz expressed_in="base">0 1 0</xyz></axis></joint>
+</model></sdf>
 """
 ROBOT = """name = "pair"
 [description]
@@ -124,6 +173,18 @@ f 1 2 4
 f 1 4 3
 f 2 3 4
 """
+PROGRAM = """* variable 1: "x"
+2
+2
+3 -2
+1 2.5
+0 1 1 1 1
+1 1 1 2 0.5
+1 1 2 2 -1
+2 1 3 3 1e-3
+2 2 1 1 1
+2 2 2 2 -1
+"""
 PLY = """ply
 format ascii 1.0
 element vertex 4
@@ -155,6 +216,19 @@ DAE = """<?xml version="1.0"?>
 <library_visual_scenes><visual_scene id="s"><node id="n"><instance_geometry url="#g"/></node></visual_scene>
 </library_visual_scenes><scene><instance_visual_scene url="#s"/></scene></COLLADA>
 """
+
+
+MESSAGES = ("ros1.bag", "ros1_bz2.bag", "ros1_lz4.bag", "json.mcap", "protobuf.mcap", "cdr.mcap", "without_chunks.mcap")
+LIBRARIES: dict[str, tuple[str, ...]] = {
+    "robot.xacro": ("xacro",),
+    "log.csv.zst": ("backports.zstd",),
+    **dict.fromkeys(("log.h5", "new.mat"), ("h5py",)),
+    **dict.fromkeys((*MESSAGES, "bag.db3", "metadata.yaml"), ("rosbags", "mcap", "mcap_protobuf")),
+}
+"""What files of a kind are read and written with, beyond what is always there."""
+TAKES_LONG = {"mesh.stl", "mesh.obj", "mesh.ply", "binary.ply", "mesh.dae", "log.mat", "robot.xacro"}
+TAKES_LONG |= {"bag.db3", "metadata.yaml"}
+"""Kinds whose files are read by a process each, or as slowly."""
 
 
 def _motion(count: int = 400) -> dict[str, np.ndarray]:
@@ -189,7 +263,9 @@ def write_samples(folder: Path) -> dict[str, Path]:
     """Write a valid file of each kind; return the kinds and the files."""
     import polars
 
+    folder.mkdir(exist_ok=True)
     texts = {"robot.urdf": URDF, "robot.toml": ROBOT, "limits.toml": LIMITS, "robot.srdf": SRDF, "mesh.obj": OBJ}
+    texts |= {"robot.xacro": XACRO, "robot.mjcf": MJCF, "robot.sdf": SDF, "program.dat-s": PROGRAM}
     texts |= {"mesh.ply": PLY, "mesh.dae": DAE, "points.csv": "x,y,z\n0,0,0\n1,0,0\n0,1,0\n0,0,1\n"}
     for name, text in texts.items():
         (folder / name).write_text(text)
@@ -203,6 +279,8 @@ def write_samples(folder: Path) -> dict[str, Path]:
     frame.write_csv(folder / "log.csv")
     frame.write_parquet(folder / "log.parquet")
     trajectory = QuinticTrajectory.point_to_point([[0.0, 0.0], [1.0, 0.5], [0.0, 0.0]], [1.0, 1.0])
+    frame.write_ipc(folder / "log.feather")
+    _write_other_logs(folder, arrays)
     for suffix in ("json", "csv", "parquet", "yaml"):
         save_trajectory(trajectory, folder / f"trajectory.{suffix}", rate=50.0)
     robot = sy.Robot.from_urdf(folder / "robot.urdf").with_terms(sy.Viscous())
@@ -217,7 +295,48 @@ def write_samples(folder: Path) -> dict[str, Path]:
     estimate.save(folder / "estimate.json")
     verdict = sy.check(sy.FeasibleSet(model), base=-estimate.base)
     verdict.certificate.save(folder / "certificate.json")
+    entry = {"path": "robot.urdf", "sha256": "0" * 64}
+    options = {"processing": {}, "decided": {}}
+    record = {"format": "steelyard-run-1", "robot": [entry], "logs": [[entry]], "options": options}
+    (folder / "run.json").write_text(json.dumps(record))
     return {path.name: path for path in sorted(folder.iterdir())}
+
+
+def is_readable(kind: str) -> bool:
+    """Whether the libraries are installed that read and write files of this kind."""
+    try:
+        return all(find_spec(name) is not None for name in LIBRARIES.get(kind, ()))
+    except ModuleNotFoundError:  # the package within which it would be
+        return False
+
+
+def _write_other_logs(folder: Path, arrays: dict[str, np.ndarray]) -> None:
+    (folder / "log.csv.gz").write_bytes(gzip.compress((folder / "log.csv").read_bytes()))
+    savemat(folder / "log.mat", _flat(arrays), do_compression=True)
+    if is_readable("log.csv.zst"):
+        from backports import zstd
+
+        (folder / "log.csv.zst").write_bytes(zstd.compress((folder / "log.csv").read_bytes()))
+    if is_readable("log.h5"):
+        import h5py
+
+        with h5py.File(folder / "log.h5", "w") as file:
+            for name, values in _flat(arrays).items():
+                file.create_dataset(name, data=values, compression="gzip")
+        # As MATLAB writes its newer files: HDF5 behind a block of its own, arrays the other way round.
+        with h5py.File(folder / "new.mat", "w", userblock_size=512) as file:
+            for name, values in arrays.items():
+                file.create_dataset(name, data=np.atleast_2d(values.T)).attrs["MATLAB_class"] = np.bytes_("double")
+        with (folder / "new.mat").open("r+b") as new:
+            new.write(b"MATLAB 7.3 MAT-file, Platform: GLNXA64".ljust(124) + b"\x00\x02IM")
+    messages = {"/joint_states": states(arrays["t"], ["shoulder", "elbow"], arrays["q"], None, arrays["tau"])}
+    for name in filter(is_readable, MESSAGES):
+        BAGS[name](folder / name, messages)
+    if is_readable("bag.db3"):
+        bag = write_ros2(folder / "bag", messages)
+        (folder / "bag.db3").write_bytes((bag / "bag.db3").read_bytes())
+        (folder / "metadata.yaml").write_bytes((bag / "metadata.yaml").read_bytes())
+        shutil.rmtree(bag)
 
 
 # What reads a file, and all that comes of it: numbers that must be finite.
@@ -248,6 +367,19 @@ def _read_urdf(path: Path) -> None:
             _finite([link.inertia.pseudo_inertia])
 
 
+def _read_xacro(path: Path) -> None:
+    robot = sy.Robot.from_urdf(path, xacro_arguments={"length": "0.3"})
+    _robot(robot)
+
+
+def _read_described(path: Path) -> None:
+    robot = RobotFile.load(path).robot
+    _robot(robot)
+    for link in robot.links:
+        if link.inertia is not None:
+            _finite([link.inertia.pseudo_inertia])
+
+
 def _read_robot_file(path: Path) -> None:
     file = RobotFile.load(path)
     _robot(file.robot.with_terms(*(term_from_dict(term) for term in file.terms)))
@@ -268,6 +400,30 @@ def _read_log(path: Path) -> None:
     _finite([recording.t, recording.q, recording.torque])
     for samples in process_chunks(path, {}, Processing(cutoff=10.0), rows=100, joints=2):
         _finite([samples.q, samples.dq, samples.ddq, samples.torque])
+
+
+def _read_bag(path: Path) -> None:
+    """Read the file as a part of a bag whose other file is sound."""
+    bag = path.parent / "damaged-bag"
+    bag.mkdir(exist_ok=True)
+    for name in ("bag.db3", "metadata.yaml"):
+        source = path if path.name.endswith(name) else path.parent / name
+        (bag / name).write_bytes(source.read_bytes())
+    _read_log(bag)
+
+
+def _read_saved(path: Path) -> None:
+    """Read the file as the record beside a sound estimate."""
+    place = path.parent / "damaged-result"
+    place.mkdir(exist_ok=True)
+    (place / "estimate.json").write_bytes((path.parent / "estimate.json").read_bytes())
+    (place / "run.json").write_bytes(path.read_bytes())
+    _ = repr(SavedResult.load(place).record)
+
+
+def _read_program(path: Path) -> None:
+    program = SemidefiniteProgram.read(path)
+    _finite([program.cost, program.value])
 
 
 def _read_estimate(path: Path) -> None:
@@ -320,6 +476,9 @@ def _read_shapes(path: Path) -> None:
 
 READERS: dict[str, tuple[Callable[[Path], None], ...]] = {
     "robot.urdf": (_read_urdf, _read_shapes),
+    "robot.xacro": (_read_xacro,),
+    "robot.mjcf": (_read_described,),
+    "robot.sdf": (_read_described,),
     "robot.toml": (_read_robot_file,),
     "limits.toml": (_read_limits,),
     "robot.srdf": (lambda path: _ignore(read_srdf(path)),),
@@ -327,6 +486,17 @@ READERS: dict[str, tuple[Callable[[Path], None], ...]] = {
     "small.npz": (_read_log,),
     "log.csv": (_read_log, _read_torque),
     "log.parquet": (_read_log, _read_torque),
+    "log.feather": (_read_log,),
+    "log.csv.gz": (_read_log,),
+    "log.csv.zst": (_read_log,),
+    "log.mat": (_read_log,),
+    "new.mat": (_read_log,),
+    "log.h5": (_read_log,),
+    **dict.fromkeys(MESSAGES, (_read_log,)),
+    "bag.db3": (_read_bag,),
+    "metadata.yaml": (_read_bag,),
+    "run.json": (_read_saved,),
+    "program.dat-s": (_read_program,),
     "estimate.json": (_read_estimate, _read_certificate),
     "information.json": (_read_information,),
     "certificate.json": (_read_certificate,),
@@ -364,13 +534,18 @@ VALUES: list[Any] = [
 ]  # fmt: skip
 
 
+BINARY = (
+    ".npz", ".parquet", ".npy", ".stl", ".feather", ".gz", ".zst", ".mat", ".h5", ".bag", ".mcap", ".db3"
+)  # fmt: skip
+
+
 def damaged(content: bytes, kind: str, random_number: random.Random) -> bytes:
     """Return a damaged copy of a file; the same for the same random numbers."""
     if kind.endswith(".json") and random_number.random() < 0.6:
         return _damaged_document(content, random_number)
     damage = bytearray(content)
     for _ in range(1 + min(int(random_number.expovariate(0.8)), 5)):
-        _damage(damage, random_number, text=not kind.endswith((".npz", ".parquet", ".npy", ".stl")))
+        _damage(damage, random_number, text=not kind.endswith(BINARY))
     return bytes(damage)
 
 

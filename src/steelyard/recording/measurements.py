@@ -83,6 +83,12 @@ class Measurements:
     def __post_init__(self) -> None:
         t = read_only_vector(self.t, f"`t` of {self.source}")
         require_finite(t, f"`t` of {self.source}")
+        if np.max(np.abs(t), initial=0.0) > LARGEST:
+            raise InputError(
+                f"`t` of {self.source} holds a time beyond {LARGEST:g} s in "
+                f"{self.where(int(np.argmax(np.abs(t) > LARGEST)))}, which no clock shows; remove that row, or state "
+                "`time_unit` in [log]."
+            )
         object.__setattr__(self, "t", t)
         shape: tuple[int, ...] | None = None
         for name in ("q", "torque", "velocity", "acceleration"):
