@@ -24,7 +24,7 @@ from .columns import LogColumns
 from .conversion import Signals, clock_at, convert, log_columns, names_of, require_numbers, signals_fields, times
 from .even import EvenClock, Part
 from .filters.zero_phase import decimation_padding
-from .formats import BLOCK_ROWS, LogFiles, Source
+from .formats import BLOCK_ROWS, Columns, LogFiles, Source
 from .measurements import check_order, check_period
 from .options import Processing
 from .plan import masking_remarks
@@ -126,27 +126,22 @@ class LogStream:
 
     def spans(self, spans: Iterable[tuple[int, int]]) -> Iterator[Recording]:
         """Read rows first:last of each span, which must be in ascending order; each comes as one recording."""
-        blocks = self.files.blocks(self.layout.names, BLOCK_ROWS)
-        held: Signals | None = None
-        first = read = 0
+        held: list[tuple[int, Signals]] = []  # with the number of the first row of each
+        blocks: Iterator[Columns] | None = None
+        read = 0
         for start, stop in spans:
-            if held is not None:
-                held, first = held.rows(start - first, read - first), start
+            held = [(first, part) for first, part in held if first + part.count > start]
+            if blocks is None or (not held and start > read + BLOCK_ROWS):
+                blocks, read = self.files.blocks_from(start, self.layout.names, BLOCK_ROWS), start
             while read < stop:
                 block = next(blocks, None)
                 if block is None:
                     raise InputError(f"{self.files.name} became shorter while it was read; read it again.")
                 fresh = self._converted(block, read)
-                count = fresh.q.shape[0]
-                # What lies before the first span is never needed again.
-                unused = min(max(start - read, 0), count) if held is None or held.q.shape[0] == 0 else 0
-                if held is None or held.q.shape[0] == 0:
-                    held, first = fresh.rows(unused, count), read + unused
-                else:
-                    held = held.joined(fresh)
-                read += count
-            assert held is not None
-            yield self._recording(held.rows(start - first, stop - first), start)
+                held.append((read, fresh))
+                read += fresh.count
+            parts = [part.rows(max(start - first, 0), stop - first) for first, part in held if first < stop]
+            yield self._recording(Signals.joined(parts), start)
 
     def even(self, processing: Processing) -> EvenClock:
         """Return the clock on which the rows are placed for a processing."""

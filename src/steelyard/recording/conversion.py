@@ -40,20 +40,26 @@ class Signals:
     velocity: NDArray[np.float64] | None
     acceleration: NDArray[np.float64] | None
 
-    def joined(self, other: Signals) -> Signals:
-        """Put the rows of `other` below these."""
-
-        joined: dict[str, Any] = {}
-        for name, mine in vars(self).items():
-            theirs = getattr(other, name)
-            joined[name] = None if mine is None or theirs is None else np.concatenate([mine, theirs])
-        return Signals(**joined)
+    @property
+    def count(self) -> int:
+        """Number of rows."""
+        return len(self.q)
 
     def rows(self, start: int, stop: int) -> Signals:
-        """Return the rows start:stop, as copies, so that the rest can be released."""
-
-        cut: dict[str, Any] = {name: a if a is None else a[start:stop].copy() for name, a in vars(self).items()}
+        """Return the rows start:stop, without copying them."""
+        cut: dict[str, Any] = {name: a if a is None else a[start:stop] for name, a in vars(self).items()}
         return Signals(**cut)
+
+    @classmethod
+    def joined(cls, parts: Sequence[Signals]) -> Signals:
+        """Put parts of a log one after the other."""
+        if len(parts) == 1:
+            return parts[0]
+        joined: dict[str, Any] = {}
+        for name in vars(parts[0]):
+            columns = [getattr(part, name) for part in parts]
+            joined[name] = None if any(one is None for one in columns) else np.concatenate(columns)
+        return cls(**joined)
 
 
 def convert(raw: Columns, layout: Layout, columns: LogColumns, where: Callable[[int], str], source: str) -> Signals:
@@ -80,8 +86,7 @@ def convert(raw: Columns, layout: Layout, columns: LogColumns, where: Callable[[
         velocity = _motion(raw, layout.velocity, VELOCITY_UNITS, layout.units["velocity"], columns)
     if layout.acceleration is not None:
         acceleration = _motion(raw, layout.acceleration, ACCELERATION_UNITS, layout.units["acceleration"], columns)
-    torque = _stacked(raw, layout.torque)
-    torque *= [TORQUE_UNITS[unit] for unit in layout.units["torque"]]
+    torque = _scaled(_stacked(raw, layout.torque), [TORQUE_UNITS[unit] for unit in layout.units["torque"]])
     if columns.gain is not None and not isinstance(columns.gain, str):
         known = tuple(1.0 if isinstance(one, str) else one for one in columns.gain)
         torque *= _list_of(known, torque.shape[1], "gain", source)
@@ -130,11 +135,16 @@ def _stacked(raw: Columns, names: Sequence[str]) -> NDArray[np.float64]:
     return array
 
 
+def _scaled(array: NDArray[np.float64], scales: Sequence[float]) -> NDArray[np.float64]:
+    if any(scale != 1.0 for scale in scales):
+        array *= scales
+    return array
+
+
 def _motion(
     raw: Columns, names: Sequence[str], scales: Mapping[str, float], units: Sequence[str], columns: LogColumns
 ) -> NDArray[np.float64]:
-    array = _stacked(raw, names)
-    array *= [scales[unit] for unit in units]
+    array = _scaled(_stacked(raw, names), [scales[unit] for unit in units])
     return array if columns.position_matrix is None else array @ np.array(columns.position_matrix).T
 
 

@@ -103,7 +103,7 @@ class Measurements:
                     "one row per time and one column per joint."
                 )
             require_finite(array, f"`{name}` of {self.source}")
-            if np.max(np.abs(array), initial=0.0) > LARGEST:
+            if max(-array.min(), array.max()) > LARGEST:
                 row = int(np.argmax(np.abs(array).max(axis=1) > LARGEST))
                 raise InputError(
                     f"`{name}` of {self.source} holds a number beyond {LARGEST:g} in {self.where(row)}, which no robot "

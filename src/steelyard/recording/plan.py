@@ -234,11 +234,11 @@ class Plan:
         torque, late = self._torque(recording, inside)
         if late.any():
             flags[LATE] = late
-        width, step = recording.joint_count, processing.step
+        step = processing.step
         regressor = self._regressor((q, dq, ddq), start, stop, inside, rate, source)
-        stacked = np.hstack([array[start:stop] for array in (q, dq, ddq, torque)])
-        stacked = decimate(stacked, processing.decimate, source)
-        q, dq, ddq, torque = (stacked[:, k * width : (k + 1) * width] for k in range(4))
+        q, dq, ddq, torque = (
+            decimate(array[start:stop], processing.decimate, source) for array in (q, dq, ddq, torque)
+        )
         t = recording.t[start:stop:step]
         thinned = {name: self._thinned(name, f, rate)[start:stop:step] for name, f in flags.items()}
         thinned = {name: f for name, f in thinned.items() if f.any()}
@@ -313,8 +313,10 @@ class Plan:
 
     def _torque(self, recording: Measurements, inside: slice = slice(None)) -> tuple[Array, NDArray[np.bool_]]:
         """Return the torques in step with the motion, filtered inside of these rows, and where there are none."""
-        torque, rate = recording.torque.copy(), recording.rate
+        torque, rate = recording.torque, recording.rate
         late = np.zeros(torque.shape, dtype=bool)
+        if self.delay.any() or self.processing.torque_cutoff is not None:
+            torque = torque.copy()
         for j in np.flatnonzero(self.delay):
             torque[:, j], known = diagnosis.advanced(torque[:, j], self.delay[j] * rate)
             late[:, j] = ~known

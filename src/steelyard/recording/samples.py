@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Sequence
-from dataclasses import dataclass, replace
+from copy import copy
+from dataclasses import dataclass
 from typing import TYPE_CHECKING, Self, TypeVar
 
 import numpy as np
@@ -172,18 +173,17 @@ class Samples:
 
     def rows(self, start: int, stop: int, with_remarks: bool = True) -> Samples:
         """Return rows start:stop, with the remarks and what was chosen, or without."""
-        return replace(
-            self,
-            q=self.q[start:stop],
-            dq=self.dq[start:stop],
-            ddq=self.ddq[start:stop],
-            torque=self.torque[start:stop],
-            mask=None if self.mask is None else self.mask[start:stop],
-            t=None if self.t is None else self.t[start:stop],
-            remarks=self.remarks if with_remarks else (),
-            cutoff_choice=self.cutoff_choice if with_remarks else None,
-            regressor=None if self.regressor is None else self.regressor[start:stop],
-        )
+        rows = slice(start, stop)
+        if not len(range(self.count)[rows]):
+            raise InputError(f"rows {start} to {stop} of samples are none; there are {self.count}.")
+        cut = copy(self)  # whose rows were checked already
+        for name in ("q", "dq", "ddq", "torque", "mask", "t", "regressor"):
+            values = getattr(self, name)
+            object.__setattr__(cut, name, None if values is None else values[rows])
+        if not with_remarks:
+            object.__setattr__(cut, "remarks", ())
+            object.__setattr__(cut, "cutoff_choice", None)
+        return cut
 
     def __repr__(self) -> str:
         total = self.count * self.joint_count
@@ -252,9 +252,10 @@ def read_only_vector(values: ArrayLike, what: str) -> NDArray[np.float64]:
 
 def require_finite(array: NDArray[np.float64], what: str) -> None:
     """Raise InputError at the first value of `array` (rows first) that is NaN or infinite."""
-    good = np.isfinite(array)
-    if good.all():
+    # Both extremes are NaN where any value is, and need no array of their own.
+    if not array.size or (np.isfinite(array.min()) and np.isfinite(array.max())):
         return
+    good = np.isfinite(array)
     place = np.unravel_index(int(np.argmin(good)), array.shape)
     column = f", column {place[1] + 1}" if array.ndim == 2 else ""
     raise InputError(

@@ -20,6 +20,8 @@ __all__ = ["LogSurvey", "stuck_torques"]
 
 Array = NDArray[np.float64]
 DEGREE = pi / 180.0
+TOGETHER = 16
+"""Rows whose extremes are taken together: seven columns one by one take five times as long."""
 BLOCK = 0.02
 """Positions and measured velocities are compared over blocks this long (s), where encoder noise no longer counts."""
 FAR = 0.05
@@ -341,4 +343,13 @@ def stuck_torques(
 
 
 def _widened(extremes: Array, values: Array) -> Array:
-    return np.stack([np.minimum(values.min(axis=0), extremes[0]), np.maximum(values.max(axis=0), extremes[1])])
+    width = values.shape[1]
+    # Of long rows neighbours in memory are compared many at a time; of a few columns one after the other.
+    long = values[: len(values) // TOGETHER * TOGETHER].reshape(-1, TOGETHER * width)
+    rest = values[len(values) // TOGETHER * TOGETHER :]
+    low, high = extremes
+    if len(long):
+        low = np.minimum(long.min(axis=0).reshape(-1, width).min(axis=0), low)
+        high = np.maximum(long.max(axis=0).reshape(-1, width).max(axis=0), high)
+    low = np.minimum(rest.min(axis=0, initial=np.inf), low)
+    return np.stack([low, np.maximum(rest.max(axis=0, initial=-np.inf), high)])

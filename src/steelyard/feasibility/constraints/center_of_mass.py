@@ -16,7 +16,6 @@ import numpy.typing as npt
 from steelyard import collision
 from steelyard.errors import InputError
 from steelyard.files import read_bytes, read_text, require_file, shown
-from steelyard.files.arrays import read_array
 from steelyard.lmi import AffineBlock
 
 from .constraint import Equality, LinkParameters, ModelLike, equation, scalar_block
@@ -520,6 +519,8 @@ def read_points(path: str | Path) -> Matrix:
 
 
 def _array(path: Path) -> Matrix:
+    from steelyard.files.arrays import read_array
+
     content = read_bytes(path, remedy="give an array of NumPy")
     try:
         values = read_array(BytesIO(content), len(content))

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import contextlib
 from abc import ABC, abstractmethod
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import IO, ClassVar, Protocol, Self
 
@@ -26,6 +26,7 @@ __all__ = [
     "flattened",
     "reading_as",
     "reason_of",
+    "regrouped_columns",
 ]
 
 Columns = dict[str, NDArray[np.float64]]
@@ -114,6 +115,13 @@ class LogFile(ABC):
         for start in range(0, column_length(columns), rows):
             yield {name: values[start : start + rows] for name, values in columns.items()}
 
+    def blocks_from(self, start: int, names: Sequence[str], rows: int) -> Iterator[Columns]:
+        """Read columns as `blocks` does, from row `start` (from 0) on; formats that find a row need not read up to it.
+
+        Wherever it begins, a block but the last holds `rows` rows.
+        """
+        return self.blocks(names, rows) if start == 0 else regrouped_columns(self.blocks(names, rows), rows, start)
+
     def texts(self, names: Sequence[str]) -> dict[str, set[str]]:
         """Texts that stand in columns, each once; none for columns of numbers."""
         return {}
@@ -151,6 +159,40 @@ class LogFile(ABC):
 def column_length(columns: Columns) -> int:
     """Return the number of rows of columns, 0 where there are none."""
     return len(next(iter(columns.values()))) if columns else 0
+
+
+def regrouped_columns(parts: Iterable[Columns], rows: int, start: int = 0) -> Iterator[Columns]:
+    """Cut and join a stream of columns so that each part holds `rows` rows, and the last one the rest.
+
+    The first `start` rows are left out.
+
+    Examples
+    --------
+    >>> parts = ({"t": np.arange(a, a + 3.0)} for a in range(0, 9, 3))
+    >>> [part["t"].tolist() for part in regrouped_columns(parts, 4, 2)]
+    [[2.0, 3.0, 4.0, 5.0], [6.0, 7.0, 8.0]]
+    """
+    held: list[Columns] = []
+    size = 0
+    for part in parts:
+        count = column_length(part)
+        begin = min(start, count)
+        start -= begin
+        while begin < count:
+            end = min(count, begin + rows - size)
+            held.append({name: values[begin:end] for name, values in part.items()})
+            size, begin = size + end - begin, end
+            if size == rows:
+                yield _below(held)
+                held, size = [], 0
+    if held:
+        yield _below(held)
+
+
+def _below(parts: Sequence[Columns]) -> Columns:
+    if len(parts) == 1:
+        return parts[0]
+    return {name: np.concatenate([part[name] for part in parts]) for name in parts[0]}
 
 
 def common_length(path: Path, lengths: Mapping[str, int]) -> int:

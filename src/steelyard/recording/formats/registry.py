@@ -174,9 +174,14 @@ class LogFiles:
 
     def blocks(self, names: Sequence[str], rows: int) -> Iterator[Columns]:
         """Read columns in blocks of `rows` rows; all the files advance together."""
-        shares = self._shares(names)
-        streams = [_checked_blocks(file, share, rows) for file, share in zip(self.files, shares, strict=True) if share]
-        what, done = f"reading {self.name}" if len(names) > 1 else f"looking through {names[0]!r} of {self.name}", 0
+        return self.blocks_from(0, names, rows)
+
+    def blocks_from(self, start: int, names: Sequence[str], rows: int) -> Iterator[Columns]:
+        """Read columns in blocks of `rows` rows, from row `start` (from 0) on; all the files advance together."""
+        shares = [(file, share) for file, share in zip(self.files, self._shares(names), strict=True) if share]
+        streams = [_checked_blocks(file, share, rows, start) for file, share in shares]
+        what = f"reading {self.name}" if len(names) > 1 else f"looking through {names[0]!r} of {self.name}"
+        done = start
         for parts in zip(*streams, strict=True):
             self._require_equal([column_length(part) for part in parts])
             tell(what, done, self._count, "rows")
@@ -235,9 +240,9 @@ def _checked(file: LogFile, columns: Columns, names: Sequence[str]) -> Columns:
     return checked
 
 
-def _checked_blocks(file: LogFile, names: Sequence[str], rows: int) -> Iterator[Columns]:
+def _checked_blocks(file: LogFile, names: Sequence[str], rows: int, start: int) -> Iterator[Columns]:
     with _reading(file.path):
-        for block in file.blocks(names, rows):
+        for block in file.blocks_from(start, names, rows):
             yield _checked(file, block, names)
 
 

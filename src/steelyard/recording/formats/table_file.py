@@ -21,6 +21,8 @@ __all__ = ["TableFile"]
 
 MOST_ELEMENTS = 1000
 """Numbers in a list of one row; more are a picture."""
+READ_NUMBERS = 3_000_000
+"""Numbers of all columns that are read together, if that is more than one block."""
 EPISODE, TIMESTAMP = "episode_index", "timestamp"
 BETWEEN_EPISODES = 1000.0
 """s from the last row of an episode to the first one of the next, more than any gap that is filled."""
@@ -104,9 +106,18 @@ class TableFile(LogFile):
         return self._with_times(self._numbers(self._scan, names), 0)
 
     def blocks(self, names: Sequence[str], rows: int) -> Iterator[Columns]:
-        """Read columns in slices of `rows` rows; a group of rows is decoded whole, so keep these groups small."""
-        for start in range(0, self.count(), rows):
-            yield self._with_times(self._numbers(self._scan.slice(start, rows), names), start)
+        """Read columns in blocks of `rows` rows; a group of rows is decoded whole, so keep these groups small."""
+        return self.blocks_from(0, names, rows)
+
+    def blocks_from(self, start: int, names: Sequence[str], rows: int) -> Iterator[Columns]:
+        """See `LogFile.blocks_from`."""
+        # Each read decodes the groups of rows that it touches; a single column is read over many of them.
+        together = rows * max(1, READ_NUMBERS // (rows * max(1, len(names))))
+        count = self.count()
+        for first in range(start, count, together):
+            read = self._with_times(self._numbers(self._scan.slice(first, together), names), first)
+            for begin in range(0, min(together, count - first), rows):
+                yield {name: values[begin : begin + rows] for name, values in read.items()}
 
     def _with_times(self, columns: Columns, start: int) -> Columns:
         if self._times is not None and TIMESTAMP in columns:
