@@ -11,6 +11,7 @@ from . import dynamics as dynamics
 from . import estimators as estimators
 from . import excitation as excitation
 from . import feasibility as feasibility
+from . import fleet as fleet
 from . import graph as graph
 from . import identification as identification
 from . import lmi as lmi

@@ -100,15 +100,15 @@ def test_a_stream_keeps_the_extremes_of_torque_and_residual() -> None:
         drawn.add(samples)
         start = end
     drawn.finish()
-    kept = drawn.samples.t.astype(int)
-    assert drawn.seen == count
+    kept = drawn.kept.samples.t.astype(int)
+    assert drawn.kept.seen == count
     assert len(kept) <= 4000
-    np.testing.assert_array_equal(drawn.samples.torque, torque[kept])
-    np.testing.assert_array_equal(drawn.samples.ddq, ddq[kept])
+    np.testing.assert_array_equal(drawn.kept.samples.torque, torque[kept])
+    np.testing.assert_array_equal(drawn.kept.samples.ddq, ddq[kept])
     assert set(odd.tolist()) <= set(kept.tolist())
     for part in np.array_split(np.arange(count), 8):
         assert np.isin(part[torque[part].argmax(axis=0)], kept).all()
-    assert all(np.array_equal(window.torque, torque[window.t.astype(int)]) for window in drawn.windows)
+    assert all(np.array_equal(window.torque, torque[window.t.astype(int)]) for window in drawn.kept.windows)
 
 
 def test_the_sources_are_those_of_pinocchio(identification: Identification) -> None:

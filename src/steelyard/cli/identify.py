@@ -19,6 +19,7 @@ from .choices import (
     Verbose,
     WeightsOption,
 )
+from .many_logs import many_logs
 from .robot_argument import SetLines, load_robot
 from .terminal import echo, print_json, progress, show_identification
 
@@ -55,6 +56,17 @@ def identify(
         str, typer.Option(help="What estimates the parameters: fit, or one that a package adds.")
     ] = "fit",
     chunk_rows: ChunkRows = 200_000,
+    workers: Annotated[
+        int, typer.Option("--workers", help="Processes of this machine that read the logs.", min=1, max=1024)
+    ] = 1,
+    cluster: Annotated[
+        str | None,
+        typer.Option("--cluster", metavar="ADDRESS", help="Scheduler of a Dask cluster that reads the logs."),
+    ] = None,
+    tls: Annotated[
+        list[str] | None,
+        typer.Option("--tls", metavar="NAME=FILE", help="TLS of the cluster: ca_file=, cert=, key= of PEM files."),
+    ] = None,
     table: Annotated[bool, typer.Option("--table", help="Print all the parameters, as in parameters.csv.")] = False,
     verbose: Verbose = False,
     topic: Topic = None,
@@ -70,14 +82,18 @@ def identify(
       steelyard identify robot.toml run1.csv --validate run2.csv --output result
       steelyard identify robot.toml run1.csv run2.csv --set processing.cutoff=8 --output result
       steelyard identify robot.toml run1.csv --output result --json --quiet
+      steelyard identify robot.toml 'logs/**/*.parquet' --workers 4 --output result
     """
+    from contextlib import nullcontext
+
     from steelyard.identification import identify as run
     from steelyard.report import require_apart, require_folder
 
     require_folder(output)
     file = load_robot(robot, lines, topic=topic, allow_extensions=allow_extensions)
     require_apart(output, (file.path, file.robot.source))
-    with progress(quiet=quiet) as say:
+    run_of_many = many_logs(output, [*logs, *(validate or [])], workers, cluster, tls)
+    with progress(quiet=quiet) as say, run_of_many or nullcontext() as kept:
         result = run(
             file,
             logs,
@@ -90,10 +106,11 @@ def identify(
             residual_slack=residual_slack,
             estimator=estimator,
             chunk_rows=chunk_rows,
+            reduction=None if kept is None else kept.reduction,
             progress=say,
         )
         say("writing the report")
-        written = result.save(output, force=force)
+        written = result.save(output, force=force, stale=() if kept is None else kept.checkpoints.names)
     if json:
         print_json({**result.to_dict(), "files": [str(path) for path in written]})
     elif quiet:

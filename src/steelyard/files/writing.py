@@ -148,6 +148,19 @@ def _refusals_told(target: Path) -> Iterator[None]:
         raise InputError(f"{str(target)!r}: is no path that can exist; give another place.") from None
 
 
+def temporary_folder(target: Path) -> tuple[Path, int | None]:
+    """Make a folder beside a path, which is nobody else's while its handle is open; remove those of dead processes.
+
+    Returns
+    -------
+    Path, int or None
+        The folder, and the handle that keeps it: it closes with the process.
+    """
+    with _refusals_told(target):
+        remove_leftovers(target, folders=True)
+        return _created_folder(target)
+
+
 def beside(target: Path) -> Path:
     """Return a path in the folder of another one, with a random part that no other process has."""
     # A name may have at most 255 bytes; the part of the target's name only helps people who list the folder.

@@ -130,9 +130,9 @@ def given_logs(data: Data, validate: Data | None) -> tuple[tuple[GivenLog, ...],
 def _listed(data: object, name: str) -> list[tuple[str, Any]]:
     """Return logs one by one, each with the name that it has by itself; an empty one where it has none."""
     if isinstance(data, (str, os.PathLike)):
-        return [("", data)]
+        return [("", one) for one in _expanded([data])]
     if isinstance(data, (list, tuple)) and all(isinstance(one, (str, os.PathLike)) for one in data):
-        return [("", one) for one in data]
+        return [("", one) for one in _expanded(data)]
     from steelyard.recording.formats.memory import REMEDY, is_table  # what is not asked for is not loaded
 
     if isinstance(data, Samples) or is_table(data):
@@ -148,6 +148,25 @@ def _listed(data: object, name: str) -> list[tuple[str, Any]]:
                 "these."
             )
     return [(_own_name(one), one) for one in found]
+
+
+def _expanded(paths: Sequence[str | os.PathLike[str]]) -> list[str | os.PathLike[str]]:
+    """Return the logs that paths, folders, patterns and addresses stand for; what a set finds again counts once."""
+    texts = [os.fspath(path) for path in paths]
+    if not any("://" in text or any(mark in text for mark in "*?[") or os.path.isdir(text) for text in texts):
+        return list(paths)
+    from steelyard.recording.formats.log_sets import is_log_set, logs_in  # what is not asked for is not loaded
+
+    sets = [logs_in(text) if is_log_set(text) else None for text in texts]
+    named = {os.path.realpath(text) for text, found in zip(texts, sets, strict=True) if found is None}
+    result: list[str | os.PathLike[str]] = []
+    for path, found in zip(paths, sets, strict=True):
+        for one in [path] if found is None else found:
+            place = os.path.realpath(one) if "://" not in str(one) else str(one)
+            if found is None or place not in named:
+                result.append(one)
+                named.add(place)
+    return result
 
 
 def _own_name(data: object) -> str:

@@ -20,14 +20,14 @@ from steelyard.feasibility.constraints import Constraint
 from steelyard.files import shown
 from steelyard.recording import LogColumns, Processing, Samples
 from steelyard.regression import Estimate, Information, least_squares
-from steelyard.regression.batch_means import BatchSums
+from steelyard.regression.batch_means import BatchMeansTree
 from steelyard.regression.reduction import empty_factors, narrowed, residuals
 from steelyard.regression.time_blocks import TimeBlocks
 
 from .default_terms import RotorDecision, decide_rotors, wider_model
-from .given import Data, GivenRobot, digests, given_constraints, given_logs, given_robot, given_settings
+from .given import Data, GivenLog, GivenRobot, digests, given_constraints, given_logs, given_robot, given_settings
 from .log_checks import heavy_ends, implausible_mass, mistakes_in_logs
-from .log_reader import DrawnRows, LogReader, Progress
+from .log_reader import DrawnLog, LogReader, LogReduction, LogTask, Progress, one_by_one
 from .mistakes import POOR, sentence
 from .parameter_table import parameter_table
 from .physical_prior import PhysicalPrior
@@ -39,7 +39,6 @@ __all__ = ["identify"]
 
 Array = NDArray[np.float64]
 _TRACE_POINTS = 1200  # points of the curves of a log: about as many as a figure of the report has pixels
-_READING_LINES = 20  # lines of progress while logs are read
 _ALL_POINTS = 24_000  # of all the logs of a role together, so that thousands of them do not fill the memory
 _DRAWN_ROWS, _ALL_DRAWN_ROWS = 20_000, 120_000
 """Rows of a log that are kept to be drawn, and of all the logs of a role together. All joints share them: 20 000 are
@@ -63,6 +62,7 @@ def identify(
     residual_slack: float = 5e-4,
     estimator: str | Estimator = "fit",
     chunk_rows: int = 200_000,
+    reduction: LogReduction | None = None,
     progress: Progress | None = None,
 ) -> Identification:
     """Identify the dynamic parameters of a robot from its logs.
@@ -109,6 +109,9 @@ def identify(
         function ``estimator(info, feasible_set, **options)``. The options are `weights`, `prefer` and `residual_slack`.
     chunk_rows : int
         Rows of a log that stand in memory together.
+    reduction : callable, optional
+        What reduces the logs: a :class:`steelyard.fleet.LogReduction`, in several processes or on a cluster, and with
+        checkpoints; one after the other in this process by default. The result is the same.
     progress : callable, optional
         Called with a few words before each step.
 
@@ -160,25 +163,26 @@ def identify(
     say(f"{model.robot.name}: {model.dof} joints, {model.base_parameters().count} base parameters")
     reader.decide(logs, say)
     parts: list[tuple[str, str, Information, Samples]] = []
-    drawn: list[DrawnRows] = []
+    drawn: list[DrawnLog] = []
     wider = wider_model(file, model)
     reduced_by = wider or model
-    sums, blocks = BatchSums(empty_factors(reduced_by)), TimeBlocks(empty_factors(reduced_by))
-    for role, group in (("identification", logs), ("validation", validation)):
-        for number, log in enumerate(group):
-            # One line for each of thousands of logs would push everything else off the screen.
-            if number % max(len(group) // _READING_LINES, 1) == 0:
-                say(f"reading {log}{f' ({number + 1} of {len(group)})' if len(group) > 1 else ''}")
-            points = _TRACE_POINTS if number == 0 else min(max(_ALL_POINTS // len(group), 100), _TRACE_POINTS)
-            rows = _DRAWN_ROWS if number == 0 else min(max(_ALL_DRAWN_ROWS // len(group), 200), _DRAWN_ROWS)
-            drawn.append(DrawnRows(reduced_by, rows))
-            if group is logs:
-                reduced, thinned = reader.reduce(log, points, sums, blocks, len(logs), reduced_by, drawn[-1])
-            else:
-                reduced, thinned = reader.reduce(log, points, model=reduced_by, drawn=drawn[-1])
-            parts.append((str(log), role, reduced, thinned.samples))
+    tasks = [
+        _task(log, number, len(group), group is logs)
+        for group in (logs, validation)
+        for number, log in enumerate(group)
+    ]
+    means, blocks = BatchMeansTree(), TimeBlocks(empty_factors(reduced_by))
+    for group in (reduction or one_by_one)(reader, tasks, reduced_by, say):
+        means.add(group.batch_means)
+        for one in group.logs:
+            reader.note(one)
+            fitted = len(parts) < len(logs)
+            if fitted:
+                blocks.append(TimeBlocks.of_held(blocks.empty, one.blocks))
+            drawn.append(one.drawn)
+            parts.append((one.name, "identification" if fitted else "validation", one.information, one.samples))
     information = Information.total([p[2] for p in parts if p[1] == "identification"])
-    information = replace(information, batch_means=sums.factors())
+    information = replace(information, batch_means=means.total())
     folds = FEWEST_FOLDS if model.parameter_count > MANY_PARAMETERS else 5
     stretches, held_out = information.stretches(blocks, folds), None
     rotors: RotorDecision | None = None
@@ -194,8 +198,7 @@ def identify(
                 (name, role, one.narrowed(wider, model), narrowed(samples, wider, model))
                 for name, role, one, samples in parts
             ]
-            for one in drawn:
-                one.narrow(model)
+            drawn = [one.narrowed(wider, model) for one in drawn]
     _require_excitation(information, model)
 
     say("least squares")
@@ -307,6 +310,13 @@ def identify(
     )
 
 
+def _task(log: GivenLog, number: int, count: int, fitted: bool) -> LogTask:
+    """Say what is to be kept of one of `count` logs of a role: of the first one more than of the others."""
+    points = _TRACE_POINTS if number == 0 else min(max(_ALL_POINTS // count, 100), _TRACE_POINTS)
+    rows = _DRAWN_ROWS if number == 0 else min(max(_ALL_DRAWN_ROWS // count, 200), _DRAWN_ROWS)
+    return LogTask(log, points, rows, count, fitted)
+
+
 def _require_excitation(information: Information, model: Model) -> None:
     rows = information.count
     if rows <= information.base_count:
@@ -365,7 +375,7 @@ def _predict(
     role: str,
     information: Information,
     thinned: Samples,
-    drawn: DrawnRows,
+    drawn: DrawnLog,
 ) -> Prediction:
     # By the rows of the regression: where torques are filtered, what is predicted is, too.
     def left(samples: Samples, of: Estimate) -> Array:

@@ -3,7 +3,10 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
+from copy import copy
+from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import NamedTuple, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
@@ -28,26 +31,151 @@ from steelyard.recording.recognition import Layout
 from steelyard.recording.samples import regrouped
 from steelyard.recording.survey import LogSurvey
 from steelyard.regression import Information
-from steelyard.regression.batch_means import BatchSums
+from steelyard.regression.batch_means import BatchMeans, BatchSums
 from steelyard.regression.reduction import empty_factors, joint_rows, narrowed, residuals
 from steelyard.regression.time_blocks import MOST, TimeBlocks
 from steelyard.robot import Robot, RobotFile
 
 from .given import GivenLog, GivenSamples
 
-__all__ = ["DrawnRows", "LogReader", "Progress", "ThinnedSamples", "against_limits"]
+__all__ = [
+    "DrawnLog",
+    "DrawnRows",
+    "LogReader",
+    "LogReduction",
+    "LogTask",
+    "Progress",
+    "ReducedGroup",
+    "ReducedLog",
+    "ThinnedSamples",
+    "against_limits",
+    "one_by_one",
+]
 
 Array = NDArray[np.float64]
 Progress = Callable[[str], None]
 
+_READING_LINES = 20  # lines of progress while logs are read
 _DECIDING_LOGS, _DECIDING_ROWS, _FEWEST_ROWS = 12, 200_000, 10_000
 """Logs and rows, of all logs together and of each, by which the processing of all is decided: they stand in memory."""
+
+
+class LogTask(NamedTuple):
+    """A log that is to be reduced.
+
+    Attributes
+    ----------
+    log : str, Path, LogFile or GivenSamples
+    points, rows : int
+        How many of its rows are kept for averages, and to be drawn.
+    logs : int
+        How many logs there are together, of each of which fewer stretches are kept.
+    fitted : bool
+        Whether the estimate rests on it; false for a log of the validation.
+    """
+
+    log: GivenLog
+    points: int
+    rows: int
+    logs: int
+    fitted: bool
+
+
+@dataclass(frozen=True, eq=False)
+class DrawnLog:
+    """The rows of a log that are drawn, as `DrawnRows` chose them.
+
+    Attributes
+    ----------
+    samples : Samples
+    windows : tuple of Samples
+        Stretches of neighbouring rows.
+    seen, piece : int
+        Rows of the log, and of each of the pieces whose extremes are here; 1 where all rows are.
+    """
+
+    samples: Samples
+    windows: tuple[Samples, ...]
+    seen: int
+    piece: int
+
+    def narrowed(self, wider: Model, model: Model) -> DrawnLog:
+        """Return the same for a model that lacks some terms of the wider one."""
+        windows = tuple(narrowed(window, wider, model) for window in self.windows)
+        return replace(self, samples=narrowed(self.samples, wider, model), windows=windows)
+
+
+@dataclass(frozen=True, eq=False)
+class ReducedLog:
+    """What is kept of a log when its rows are gone.
+
+    Attributes
+    ----------
+    name : str
+    information : Information
+    blocks : tuple
+        Its stretches, as `TimeBlocks.held` tells them; none where the estimate does not rest on it.
+    samples : Samples
+        Thinned.
+    drawn : DrawnLog
+    remarks : tuple of str
+    layout : Layout or None
+        What its columns were understood to be; None of samples.
+    units_are_suspect : bool
+    """
+
+    name: str
+    information: Information
+    blocks: tuple[tuple[NDArray[np.intp], tuple[Array, ...]], ...]
+    samples: Samples
+    drawn: DrawnLog
+    remarks: tuple[str, ...]
+    layout: Layout | None
+    units_are_suspect: bool
+
+    def for_model(self, model: Model) -> ReducedLog:
+        """Return the same with a model in its samples, where they have a regressor."""
+
+        def of(samples: Samples) -> Samples:
+            return samples if samples.regressor is None else replace(samples, regressor_model=model)
+
+        drawn = replace(self.drawn, samples=of(self.drawn.samples), windows=tuple(map(of, self.drawn.windows)))
+        return replace(self, samples=of(self.samples), drawn=drawn)
+
+
+class ReducedGroup(NamedTuple):
+    """Logs that were reduced, without their batch means, and the batch means of all of them together."""
+
+    logs: tuple[ReducedLog, ...]
+    batch_means: BatchMeans
+
+
+class LogReduction(Protocol):
+    """What reduces logs: one by one in this process, in several processes, or on a cluster."""
+
+    def __call__(
+        self, reader: LogReader, tasks: Sequence[LogTask], model: Model, say: Progress
+    ) -> Iterator[ReducedGroup]:
+        """Yield groups of 1, 2, 4 ... reduced logs in the order of the tasks; only the last group may be smaller."""
+        ...
+
+
+def one_by_one(reader: LogReader, tasks: Sequence[LogTask], model: Model, say: Progress) -> Iterator[ReducedGroup]:
+    """Reduce logs in this process, one after the other; see `LogReduction`."""
+    for number, task in enumerate(tasks):
+        # One line for each of thousands of logs would push everything else off the screen.
+        if number % max(len(tasks) // _READING_LINES, 1) == 0:
+            say(f"reading {task.log}{f' ({number + 1} of {len(tasks)})' if len(tasks) > 1 else ''}")
+        reduced = reader.reduced(task, model)
+        means = reduced.information.batch_means
+        yield ReducedGroup((replace(reduced, information=replace(reduced.information, batch_means=())),), means)
 
 
 class LogReader:
     """Reads logs as the robot file says, and collects the remarks on them."""
 
     def __init__(self, file: RobotFile, model: Model, chunk_rows: int) -> None:
+        self.file = file
         self.model = model
         self.chunk_rows = chunk_rows
         self.columns = LogColumns.from_dict(file.section("log"), f"{file.path}, [log]")
@@ -129,6 +257,48 @@ class LogReader:
         if drawn is not None:
             drawn.finish()
         return information, thinned
+
+    def reduced(self, task: LogTask, model: Model) -> ReducedLog:
+        """Reduce a log by itself, with its batch means; nothing is noted in this reader until it is told of it.
+
+        Parameters
+        ----------
+        task : LogTask
+        model : Model
+            In whose base parameters the log is reduced.
+        """
+        own = copy(self)
+        own.remarks, own.layouts, own.units_are_suspect = [], {}, False
+        empty = empty_factors(model)
+        drawn, blocks = DrawnRows(model, task.rows), TimeBlocks(empty)
+        if task.fitted:
+            sums = BatchSums(empty)
+            information, thinned = own.reduce(task.log, task.points, sums, blocks, task.logs, model, drawn)
+            information = replace(information, batch_means=sums.factors())
+        else:
+            information, thinned = own.reduce(task.log, task.points, model=model, drawn=drawn)
+        return ReducedLog(
+            name=str(task.log),
+            information=information,
+            blocks=blocks.held,
+            samples=thinned.samples,
+            drawn=drawn.kept,
+            remarks=tuple(own.remarks),
+            layout=next(iter(own.layouts.values()), None),
+            units_are_suspect=own.units_are_suspect,
+        )
+
+    def note(self, reduced: ReducedLog) -> None:
+        """Take note of what was seen of a log that was reduced by itself.
+
+        Raises
+        ------
+        InputError
+            Where its columns would be read in other units than those of another log.
+        """
+        self._note_columns(reduced.name, reduced.layout)
+        self.remarks.extend(reduced.remarks)
+        self.units_are_suspect |= reduced.units_are_suspect
 
     def thinned(self, log: GivenLog, points: int) -> ThinnedSamples:
         """Return the samples of one log, thinned to so many or twice as many points, without reducing it."""
@@ -239,7 +409,7 @@ class DrawnRows:
     >>> drawn, motion = DrawnRows(model, 400), np.zeros((5000, 1))
     >>> drawn.add(sy.Samples(q=motion, dq=motion, ddq=motion, torque=torque)), drawn.finish()
     (None, None)
-    >>> drawn.samples.torque.max(), drawn.samples.count <= 800, drawn.piece
+    >>> drawn.kept.samples.torque.max(), drawn.kept.samples.count <= 800, drawn.kept.piece
     (np.float64(9.0), True, 64)
     """
 
@@ -355,17 +525,13 @@ class DrawnRows:
                 parts.append(self._extremes(self._waiting[0][None])[0])
             table = np.concatenate(parts)
             table = table[np.unique(table[:, 0], return_index=True)[1]]
-        self.samples = self._samples(table)
+        samples = self._samples(table)
         windows = [np.concatenate(parts) for _, parts in sorted(self._windows.items())]
         if len(windows) > 1 and self._stride == 1:
             windows = [np.concatenate(windows)]  # of which none is missing
-        self.windows = tuple(self._samples(window) for window in windows if len(window) > 1)
+        kept = tuple(self._samples(window) for window in windows if len(window) > 1)
+        self.kept = DrawnLog(samples, kept, self.seen, self.piece)
         self._waiting, self._pieces, self._windows = [], None, {}
-
-    def narrow(self, model: Model) -> None:
-        """Keep what is drawn for a model that lacks some terms of this one."""
-        self.samples = narrowed(self.samples, self.model, model)
-        self.windows = tuple(narrowed(window, self.model, model) for window in self.windows)
 
 
 class ThinnedSamples:

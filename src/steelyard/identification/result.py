@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import importlib
 import os
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -163,7 +163,7 @@ class Identification:
     in_memory: Mapping[str, str] = field(default_factory=dict)
     layouts: Mapping[str, Layout] = field(default_factory=dict)
 
-    def save(self, folder: str | Path, *, force: bool = False) -> tuple[Path, ...]:
+    def save(self, folder: str | Path, *, force: bool = False, stale: Collection[str] = ()) -> tuple[Path, ...]:
         """Write what ``steelyard identify --output folder`` writes; see :func:`steelyard.report.save_results`.
 
         Parameters
@@ -172,6 +172,8 @@ class Identification:
             Made where it is missing; files of an earlier identification are replaced together.
         force : bool
             Write the robot description even where the model does not predict the robot.
+        stale : collection of str
+            Names of further files in the folder that go when these appear, such as the checkpoints of the run.
 
         Returns
         -------
@@ -182,7 +184,7 @@ class Identification:
             raise InputError(f"The folder for the results is {shown(folder)}; give its path.")
         report = _report_room()
         report.require_folder(Path(folder))
-        written: tuple[Path, ...] = report.save_results(self, Path(folder), force=force)
+        written: tuple[Path, ...] = report.save_results(self, Path(folder), force=force, stale=stale)
         return written
 
     def report(self, target: str | Path | None = None) -> str | Path:

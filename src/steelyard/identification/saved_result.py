@@ -15,7 +15,7 @@ from steelyard.feasibility import FeasibleSet
 from steelyard.feasibility.bounds.quantities import quantities
 from steelyard.files import file_hash, read_json, shown
 from steelyard.recording import Processing
-from steelyard.recording.formats import hashed_log
+from steelyard.recording.formats import content_hash, hashed_log
 from steelyard.regression import Estimate
 from steelyard.robot import Robot, RobotFile
 from steelyard.robot.description import description_format, read_description
@@ -164,8 +164,8 @@ class SavedResult:
         """Whether a log was used to make the estimate, by its content."""
         if self.record is None:
             return False
-        used = {entry["sha256"] for log in self.record["logs"] for entry in log}
-        hashes = digests([log]).values() or [entry["sha256"] for entry in hashed_log(str(log))]
+        used = {content_hash(entry) for log in self.record["logs"] for entry in log}
+        hashes = digests([log]).values() or list(map(content_hash, hashed_log(str(log))))
         return not used.isdisjoint(hashes)
 
 

@@ -7,7 +7,7 @@ from numpy.typing import NDArray
 
 from .factor import Factor, triangular
 
-__all__ = ["BATCH_LENGTHS", "BatchMeans", "BatchSums", "added"]
+__all__ = ["BATCH_LENGTHS", "BatchMeans", "BatchMeansTree", "BatchSums", "added"]
 
 Array = NDArray[np.float64]
 BatchMeans = tuple[tuple[Factor, ...], ...]
@@ -99,3 +99,39 @@ def added(first: BatchMeans, second: BatchMeans) -> BatchMeans:
     return tuple(
         tuple(a + b for a, b in zip(one, other, strict=True)) for one, other in zip(first, second, strict=True)
     )
+
+
+class BatchMeansTree:
+    """The batch means of many data sets together, added in pairs, pairs of pairs and so on, in the order they come.
+
+    Which are added to which follows from their number alone: two, four or eight that stand together may as well have
+    been added in the same way before, in another process, and the total is the same to the last bit.
+
+    Examples
+    --------
+    >>> tree = BatchMeansTree()
+    >>> tree.add(()), tree.total()
+    (None, ())
+    """
+
+    def __init__(self) -> None:
+        self._sums: list[BatchMeans | None] = []
+
+    def add(self, means: BatchMeans) -> None:
+        """Add those of the next data set, or of the next 2, 4, 8 ... together; empty ones are passed over."""
+        if not means:
+            return
+        for level, held in enumerate(self._sums):
+            if held is None:
+                self._sums[level] = means
+                return
+            means, self._sums[level] = added(held, means), None
+        self._sums.append(means)
+
+    def total(self) -> BatchMeans:
+        """The batch means of all of them; empty where there were none."""
+        found: BatchMeans = ()
+        for held in self._sums:
+            if held is not None:
+                found = added(held, found) if found else held
+        return found

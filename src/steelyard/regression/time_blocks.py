@@ -100,6 +100,23 @@ class TimeBlocks:
         while len(self._blocks) > 2 * self.most:
             self._halve()
 
+    @property
+    def held(self) -> tuple[tuple[NDArray[np.intp], tuple[Array, ...]], ...]:
+        """Of each block how many rows of every joint went in, (N,), and what is kept of them, as plain arrays."""
+        for block in self._blocks:
+            block.close()
+        return tuple((block.counts, tuple(np.vstack(rows) for rows in block.rows)) for block in self._blocks)
+
+    @classmethod
+    def of_held(cls, empty: tuple[Factor, ...], held: Sequence[tuple[NDArray[np.intp], Sequence[Array]]]) -> TimeBlocks:
+        """Return the blocks of which `held` told, perhaps in another process."""
+        blocks = cls(empty)
+        for counts, rows in held:
+            block = _Block([len(f.columns) + 1 for f in empty])
+            block.counts, block.rows = np.array(counts, dtype=int), [[one] for one in rows]
+            blocks._blocks.append(block)
+        return blocks
+
     def factors(self) -> tuple[Factor, ...]:
         """One for each joint, of all the data."""
         return self._factors(self._blocks)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import os
 import re
-from collections.abc import Iterable, Mapping
+from collections.abc import Collection, Iterable, Mapping
 from pathlib import Path
 from typing import Any
 
@@ -72,7 +72,9 @@ def require_apart(folder: Path, inputs: Iterable[Path | None]) -> None:
             raise InputError(f"{place}: is read, and the results would replace it; give another --output.")
 
 
-def save_results(identification: Identification, folder: Path, *, force: bool = False) -> tuple[Path, ...]:
+def save_results(
+    identification: Identification, folder: Path, *, force: bool = False, stale: Collection[str] = ()
+) -> tuple[Path, ...]:
     """Write ``estimate.json``, ``parameters.csv``, ``report.html``, ``run.json`` and the description.
 
     The description, such as ``robot.urdf``, is left out where the model does not predict the robot, so that nobody
@@ -87,6 +89,8 @@ def save_results(identification: Identification, folder: Path, *, force: bool = 
         Made where it is missing; files of the same names are replaced.
     force : bool
         Write the description in any case.
+    stale : collection of str
+        Names of further files in the folder that go when these appear, such as checkpoints.
 
     Returns
     -------
@@ -100,7 +104,7 @@ def save_results(identification: Identification, folder: Path, *, force: bool = 
     """
     source = identification.model.robot.source
     require_apart(folder, (identification.robot_file, source))
-    with replaced_folder(folder, record=RECORD, stale=_earlier(folder)) as made:
+    with replaced_folder(folder, record=RECORD, stale={*_earlier(folder), *stale}) as made:
         identification.estimate.save(made / "estimate.json")
         if identification.parameters is not None:
             write_text(identification.parameters.to_csv(), made / TABLE)

@@ -15,7 +15,7 @@ from steelyard import __version__
 from steelyard.errors import InputError
 from steelyard.files import file_hash
 from steelyard.identification import Identification
-from steelyard.recording.formats import hashed_log
+from steelyard.recording.formats import content_hash, hashed_log
 
 from .extent import MOST_LOGS, shared_words, short_names, shown_logs
 from .html_document import Markup, escape, number, percent, table
@@ -163,7 +163,8 @@ def _with_hashes(log: str, identification: Identification) -> Markup:
         return Markup(f'{escape(log)} <code class="hash">{identification.in_memory[log]}</code> (in memory)')
     try:
         files = hashed_log(log)
-        return Markup("<br>".join(f'{escape(one["path"])} <code class="hash">{one["sha256"]}</code>' for one in files))
+        told = (f'{escape(one["path"])} <code class="hash">{escape(content_hash(one))}</code>' for one in files)
+        return Markup("<br>".join(told))
     except (OSError, InputError):
         return escape(f"{log}, which is no longer there")
 

@@ -5,6 +5,7 @@ from typing import TYPE_CHECKING
 from steelyard.first_use import import_at_first_use
 
 if TYPE_CHECKING:
+    from .hashes import content_hash as content_hash
     from .hashes import hashed_log as hashed_log
     from .log_file import BLOCK_ROWS as BLOCK_ROWS
     from .log_file import Columns as Columns

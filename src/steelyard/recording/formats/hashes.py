@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import hashlib
+from collections.abc import Mapping
+from functools import lru_cache
 from pathlib import Path
 
 from steelyard.files import file_hash
@@ -10,11 +12,16 @@ from steelyard.files import file_hash
 from .registry import STANDARD_INPUT, split_source
 from .standard_input import standard_input
 
-__all__ = ["hashed_log"]
+__all__ = ["content_hash", "hashed_log"]
+
+LARGE = 50_000_000
+"""Bytes of a file that is read for its hash once in a process, as long as its size and its time stay the same."""
 
 
 def hashed_log(source: str | Path) -> list[dict[str, str]]:
     """Return the path and the SHA-256 hash of each file of a log that exists; for a bag's folder that of all its files.
+
+    Of an object in an object store also its size, and its entity tag in place of the hash where the store has one.
 
     Examples
     --------
@@ -24,9 +31,24 @@ def hashed_log(source: str | Path) -> list[dict[str, str]]:
     >>> [entry["sha256"][:8] for entry in hashed_log(path)]
     ['2cb94f02']
     """
+    if "://" in str(source):
+        from .remote import remote_identity  # what is not asked for is not loaded
+
+        return [remote_identity(str(source))]
     files = [path for path in split_source(source) if isinstance(path, Path)]
     paths = [path for path in files if str(path) == STANDARD_INPUT or path.exists()]
     return [{"path": str(path), "sha256": _hash(path)} for path in paths]
+
+
+def content_hash(entry: Mapping[str, str]) -> str:
+    """Return what tells the content of a file that `hashed_log` found: its hash, or what an object store has for one.
+
+    Examples
+    --------
+    >>> content_hash({"path": "s3://robots/run1.parquet", "size": "12", "etag": "9b2c"})
+    '9b2c'
+    """
+    return entry["sha256"] if "sha256" in entry else entry["etag"]
 
 
 def _hash(path: Path) -> str:
@@ -38,4 +60,12 @@ def _hash(path: Path) -> str:
             if one.is_file():
                 digest.update(f"{one.name}\0{_hash(one)}\0".encode())
         return digest.hexdigest()
+    known = path.stat()
+    if known.st_size < LARGE:
+        return file_hash(path)
+    return _hash_of_large(path, known.st_ino, known.st_size, known.st_mtime_ns)
+
+
+@lru_cache(maxsize=100_000)
+def _hash_of_large(path: Path, *unchanged: int) -> str:
     return file_hash(path)

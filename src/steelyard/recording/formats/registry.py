@@ -31,8 +31,8 @@ MOST_COLUMNS = 5000  # a humanoid's log has some hundreds; a file with far more 
 REMEDY = "give the path of a log, such as a CSV, a bag or an NPZ file"
 STANDARD_INPUT = "-"
 """What stands for the standard input in the place of a path."""
-_SPOOLED: set[Path] = set()
-"""Copies of the standard input."""
+_SPOOLED: dict[Path, str] = {}
+"""Copies of the standard input and of objects, and what they are called in messages."""
 COMPRESSED = ("gz", "zst", "zstd")
 """Suffixes of texts that are compressed, behind their own as in ``run.csv.gz``."""
 
@@ -219,7 +219,7 @@ def _reading(path: Path) -> Iterator[None]:
         yield
     except SteelyardError as error:
         if path in _SPOOLED:  # of which the user knows nothing
-            raise type(error)(str(error).replace(str(path), "the standard input")) from None
+            raise type(error)(str(error).replace(str(path), _SPOOLED[path])) from None
         raise
     except OSError as error:
         raise InputError(f"{path} cannot be read: {error.strerror or error}.") from None
@@ -252,6 +252,12 @@ def split_source(source: Source) -> list[Path | LogFile]:
         return [source]
     if isinstance(source, (str, os.PathLike)):
         text = os.fspath(source)
+        if "://" in text:
+            from .remote import local_copy  # what is not asked for is not loaded
+
+            copy = local_copy(text)
+            _SPOOLED[copy] = text
+            return [copy]
         if "+" in text and not Path(text).exists():
             pieces = [piece.strip() for piece in text.split("+")]
             if all(pieces):
@@ -260,7 +266,7 @@ def split_source(source: Source) -> list[Path | LogFile]:
     if isinstance(source, (list, tuple)) and all(isinstance(one, (str, os.PathLike)) for one in source):
         if not source:
             raise InputError(f"no log file was given; {REMEDY}.")
-        return [Path(os.fspath(path)) for path in source]
+        return [path for one in source for path in (split_source(one) if "://" in str(one) else [Path(one)])]
     from .memory import memory_log  # what is not asked for is not loaded
 
     return [memory_log(source, "data")]
@@ -280,7 +286,7 @@ def open_log(path: Path, columns: LogColumns | None = None) -> LogFile:
         from .standard_input import standard_input
 
         path = standard_input()
-        _SPOOLED.add(path)
+        _SPOOLED[path] = "the standard input"
     if not path.exists():
         raise InputError(f"{path} does not exist{_neighbour(path)}; {REMEDY}.")
     is_bag = path.is_dir() and (path / "metadata.yaml").is_file()

@@ -1,0 +1,138 @@
+"""Finished reductions in the folder of the results, so that a run that was killed loses none and counts none twice."""
+
+from __future__ import annotations
+
+import contextlib
+import hashlib
+import json
+import os
+import re
+import sys
+from pathlib import Path
+from types import TracebackType
+from typing import Any, Self
+
+import numpy as np
+import scipy
+
+from steelyard import __version__
+from steelyard.errors import InputError
+from steelyard.files import plain, write_bytes
+from steelyard.files.writing import SUFFIX, locked, refusal, remove_leftovers
+
+__all__ = ["Checkpoints", "checkpoint_key"]
+
+_PREFIX, _ENDING = "reduced-", ".checkpoint"
+_NAME = re.compile(re.escape(_PREFIX) + "[0-9a-f]{64}" + re.escape(_ENDING))
+_LEFTOVER = re.compile(r"\.(reduced-.*)\.[0-9a-f]{16}" + re.escape(SUFFIX))
+
+
+def checkpoint_key(*parts: Any) -> str:
+    """Return the name of a result by everything that it follows from, and by the versions that compute it.
+
+    Parameters
+    ----------
+    parts
+        Plain data: contents by their hashes, options, the robot.
+
+    Examples
+    --------
+    >>> checkpoint_key("log", 1) == checkpoint_key("log", 1), len(checkpoint_key("log", 2))
+    (True, 64)
+    """
+    versions = (__version__, np.__version__, scipy.__version__, sys.version.split()[0], sys.byteorder)
+    text = json.dumps([versions, plain(parts)], sort_keys=True, ensure_ascii=True, default=repr)
+    return hashlib.sha256(text.encode()).hexdigest()
+
+
+class Checkpoints:
+    """The finished parts of a run in a folder, which no other run uses at the same time.
+
+    Within a ``with`` block the folder is locked. The lock is that of the system on the folder itself: it ends with the
+    process, however that ends, and leaves no file.
+
+    Parameters
+    ----------
+    folder : str or path
+        Made where it is missing.
+
+    Raises
+    ------
+    InputError
+        On entering, if another run has the folder, or it cannot be written.
+
+    Examples
+    --------
+    >>> import tempfile
+    >>> with tempfile.TemporaryDirectory() as folder:
+    ...     with Checkpoints(folder) as checkpoints:
+    ...         checkpoints.put(checkpoint_key("log.csv"), b"what came of it")
+    ...     with Checkpoints(folder) as checkpoints:
+    ...         checkpoints.get(checkpoint_key("log.csv")), checkpoints.get(checkpoint_key("other.csv"))
+    (b'what came of it', None)
+    """
+
+    def __init__(self, folder: str | os.PathLike[str]) -> None:
+        self.folder = Path(folder)
+        self._handle: int | None = None
+        self._made = False
+
+    def __enter__(self) -> Self:
+        try:
+            self._made = not self.folder.exists()
+            self.folder.mkdir(parents=True, exist_ok=True)
+            if os.name == "posix":
+                self._handle = os.open(self.folder, os.O_RDONLY | os.O_DIRECTORY | os.O_CLOEXEC)
+        except OSError as error:
+            raise refusal(self.folder, error) from None
+        if self._handle is not None and not locked(self._handle):
+            self.__exit__(None, None, None)
+            raise InputError(
+                f"{self.folder}: another run is working in this folder; wait until it ends, or give another --output."
+            )
+        self._sweep()
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        if self._handle is not None:
+            os.close(self._handle)
+            self._handle = None
+        if self._made and kind is not None:
+            with contextlib.suppress(OSError):
+                self.folder.rmdir()  # which fails where anything is in it
+
+    def get(self, key: str) -> bytes | None:
+        """Return what was kept under a key; None where nothing was."""
+        try:
+            return self._path(key).read_bytes()
+        except OSError:
+            return None
+
+    def put(self, key: str, content: bytes) -> None:
+        """Keep bytes under a key; the file is there whole or not at all."""
+        write_bytes(content, self._path(key))
+
+    def forget(self, keys: list[str] | tuple[str, ...]) -> None:
+        """Remove what is kept under keys; keys without anything are passed over."""
+        for key in keys:
+            self._path(key).unlink(missing_ok=True)
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """The names of the files of all that is kept, also by earlier runs."""
+        with contextlib.suppress(OSError):
+            return tuple(sorted(name for name in os.listdir(self.folder) if _NAME.fullmatch(name)))
+        return ()
+
+    def _path(self, key: str) -> Path:
+        return self.folder / f"{_PREFIX}{key}{_ENDING}"
+
+    def _sweep(self) -> None:
+        """Remove what writers that were killed have left."""
+        with contextlib.suppress(OSError):
+            for name in os.listdir(self.folder):
+                found = _LEFTOVER.fullmatch(name)
+                if found:
+                    remove_leftovers(self.folder / found[1])

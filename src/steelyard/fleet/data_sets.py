@@ -1,0 +1,169 @@
+"""Data sets of many robots, each reduced to one Information."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Generator, Mapping, Sequence
+from dataclasses import dataclass, replace
+from typing import Any
+
+from steelyard.dynamics import Model
+from steelyard.files import plain
+from steelyard.identification.default_terms import wider_model
+from steelyard.identification.given import GivenLog, given_logs, given_robot, given_settings
+from steelyard.identification.log_reader import LogReader, LogTask
+from steelyard.recording.formats import hashed_log
+from steelyard.regression import Information
+from steelyard.regression.batch_means import BatchMeansTree
+from steelyard.regression.reduction import empty_factors
+from steelyard.regression.time_blocks import TimeBlocks
+from steelyard.robot import Robot, RobotFile
+
+from .checkpoints import Checkpoints, checkpoint_key
+from .executors import Executor, Here
+from .log_reduction import first_of, run_in_order
+from .packed import packed, unpacked
+
+__all__ = ["DataSet", "ReducedDataSet", "reduce_data_sets"]
+
+CHUNK_ROWS = 200_000
+FEW = 100
+"""Rows that are kept of a log to be drawn, which nobody draws."""
+
+
+@dataclass(frozen=True, eq=False)
+class DataSet:
+    """The logs of one robot.
+
+    Attributes
+    ----------
+    robot : str, Path, RobotFile or Robot
+    logs : sequence of str or Path
+        Paths, folders, patterns, or addresses of objects, as :func:`steelyard.identify` takes them.
+    columns, processing : mapping, optional
+        Keys of ``[log]`` and ``[processing]``, in place of those of the robot file.
+    rotors : bool
+        Whether a robot whose terms nobody stated is reduced with the inertia of rotors, as `identify` does to tell
+        whether the logs show one.
+    """
+
+    robot: str | os.PathLike[str] | RobotFile | Robot
+    logs: Sequence[str | os.PathLike[str]]
+    columns: Mapping[str, Any] | None = None
+    processing: Mapping[str, Any] | None = None
+    rotors: bool = False
+
+
+@dataclass(frozen=True, eq=False)
+class ReducedDataSet:
+    """What is kept of a data set when its rows are gone.
+
+    Attributes
+    ----------
+    information : Information
+        Of all the logs together, with batch means.
+    log_informations : tuple of Information
+        Of each log, without them.
+    stretches : tuple of Information
+        Contiguous parts of all the logs, for cross-validation.
+    logs : tuple of str
+    remarks : tuple of str
+    decided : dict
+        The options of processing that the data decided.
+    """
+
+    information: Information
+    log_informations: tuple[Information, ...]
+    stretches: tuple[Information, ...]
+    logs: tuple[str, ...]
+    remarks: tuple[str, ...]
+    decided: dict[str, Any]
+
+
+@dataclass(frozen=True, eq=False)
+class _Task:
+    file: RobotFile
+    logs: tuple[GivenLog, ...]
+    rotors: bool
+
+    def model(self) -> Model:
+        model = Model.from_file(self.file)
+        return (wider_model(self.file, model) or model) if self.rotors else model
+
+
+def _reduced(common: Any, task: _Task) -> bytes:
+    model = task.model()
+    reader = LogReader(task.file, model, CHUNK_ROWS)
+    reader.decide(task.logs, lambda _: None)
+    tree, blocks, parts = BatchMeansTree(), TimeBlocks(empty_factors(model)), []
+    for log in task.logs:
+        one = reader.reduced(LogTask(log, FEW, FEW, len(task.logs), True), model)
+        reader.note(one)
+        tree.add(one.information.batch_means)
+        blocks.append(TimeBlocks.of_held(blocks.empty, one.blocks))
+        parts.append(replace(one.information, batch_means=()))
+    total = replace(Information.total(parts), batch_means=tree.total())
+    names = tuple(map(str, task.logs))
+    stretches = total.stretches(blocks)
+    decided = {name: plain(value) for name, value in reader.decided.items()}
+    return packed((total, tuple(parts), stretches, names, tuple(dict.fromkeys(reader.remarks)), decided))
+
+
+def _hashed(common: Any, task: _Task) -> bytes:
+    return packed(
+        [[str(log), *(entry.get("sha256") or entry["etag"] for entry in hashed_log(str(log)))] for log in task.logs]
+    )
+
+
+def reduce_data_sets(
+    data_sets: Sequence[DataSet], executor: Executor | None = None, checkpoints: Checkpoints | None = None
+) -> Generator[ReducedDataSet, None, None]:
+    """Reduce data sets, each to one Information, and yield them in their order.
+
+    Each is reduced by itself, with a filter that its own logs choose, so that the result does not depend on where it
+    was reduced, and the next run computes only what is new.
+
+    Parameters
+    ----------
+    data_sets : sequence of DataSet
+    executor : Executor, optional
+        Where; in this process by default.
+    checkpoints : Checkpoints, optional
+        What is there already is not computed again.
+
+    Raises
+    ------
+    InputError
+        If a robot or a log cannot be used.
+
+    Examples
+    --------
+    >>> import numpy as np, tempfile, pathlib
+    >>> import steelyard as sy
+    >>> robot = sy.Robot.from_dh([(0, 0.3, 0, "q")], gravity=(0, -9.81, 0), name="pendulum")
+    >>> t, path = np.arange(0.0, 8.0, 0.01), pathlib.Path(tempfile.mkdtemp()) / "run.csv"
+    >>> q = 0.8 * np.sin(3 * t) + np.sin(1.1 * t)
+    >>> table = np.column_stack([t, q, 5.0 * np.cos(q)])
+    >>> np.savetxt(path, table, header="t,q1,tau1", delimiter=",", comments="")
+    >>> [reduced] = sy.fleet.reduce_data_sets([sy.fleet.DataSet(robot, [path])])
+    >>> reduced.information.count > 700, len(reduced.stretches)
+    (True, 5)
+    """
+    executor = Here() if executor is None else executor
+    tasks = []
+    for one in data_sets:
+        file = given_settings(given_robot(one.robot)[0], one.columns, one.processing)
+        tasks.append(_Task(file, given_logs(list(one.logs), None)[0], one.rotors))
+    groups, keys = [[task] for task in tasks], None
+    if checkpoints is not None:
+        contents = run_in_order(_hashed, first_of, None, groups, executor)
+        keys = [_key(task, unpacked(content)) for task, content in zip(tasks, contents, strict=True)]
+    for content in run_in_order(_reduced, first_of, None, groups, executor, keys, checkpoints):
+        yield ReducedDataSet(*unpacked(content))
+
+
+def _key(task: _Task, contents: Any) -> str:
+    file = task.file
+    robot = {**plain(file.robot), "source": None, "remarks": None}
+    sections = [file.section("log"), file.section("processing")]
+    return checkpoint_key("data set", robot, file.terms, sections, file.terms_are_default, task.rotors, contents)

@@ -1,0 +1,292 @@
+"""Where tasks run: in this process, in processes of this machine, or on a Dask cluster."""
+
+from __future__ import annotations
+
+import multiprocessing
+import os
+import signal
+import threading
+from collections.abc import Callable, Generator, Mapping, Sequence
+from concurrent.futures import FIRST_COMPLETED, Future, ProcessPoolExecutor, wait
+from concurrent.futures.process import BrokenProcessPool
+from multiprocessing.connection import wait as wait_for
+from pathlib import Path
+from typing import Any, Protocol
+
+from steelyard import __version__
+from steelyard.dynamics.threads import in_one_thread
+from steelyard.errors import InputError, SteelyardError, require_package
+from steelyard.files.reading import shown
+
+__all__ = ["Cluster", "Executor", "Here", "Workers"]
+
+Leaf = Callable[[Any, Any], bytes]
+Combine = Callable[[Any, Sequence[bytes]], bytes]
+Task = Any
+Results = Generator[tuple[int, bytes], None, None]
+_ATTEMPTS = 5
+"""How often a task is tried whose process dies; one that needs more memory than there is dies every time."""
+_IN_FLIGHT = 4
+"""Tasks that wait for each worker: enough that none is idle, and few enough that results do not pile up."""
+
+
+class Executor(Protocol):
+    """Something that runs functions of tasks."""
+
+    def run(self, leaf: Leaf, combine: Combine, common: Any, groups: Sequence[Sequence[Task]]) -> Results:
+        """Yield for each group its number and what `combine` makes of what `leaf` makes of its tasks, in any order.
+
+        The results are functions of the tasks alone: neither the number of workers, nor which of them ran a task, how
+        long it took, or how often it was tried changes a byte.
+
+        Parameters
+        ----------
+        leaf : callable
+            ``leaf(common, task) -> bytes``, a function of a module.
+        combine : callable
+            ``combine(common, results) -> bytes``, likewise, of the results in the order of the tasks.
+        common : object
+            What all tasks have in common; it is sent to each worker once.
+        groups : sequence of sequence
+            Tasks, in groups.
+        """
+        ...
+
+
+@in_one_thread
+def _leaf(leaf: Leaf, common: Any, task: Task) -> bytes:
+    return leaf(common, task)
+
+
+@in_one_thread
+def _combined(combine: Combine, common: Any, *results: bytes) -> bytes:
+    return combine(common, results)
+
+
+class Here:
+    """Runs tasks in this process, one after the other."""
+
+    def run(self, leaf: Leaf, combine: Combine, common: Any, groups: Sequence[Sequence[Task]]) -> Results:
+        """See `Executor.run`."""
+        for number, group in enumerate(groups):
+            yield number, _combined(combine, common, *(_leaf(leaf, common, task) for task in group))
+
+    def __repr__(self) -> str:
+        return "Here()"
+
+
+class Workers:
+    """Runs tasks in processes of this machine.
+
+    A process that dies is replaced, and its tasks are done again. All of them end with this process, however it ends.
+
+    Parameters
+    ----------
+    count : int
+        How many.
+
+    Examples
+    --------
+    >>> Workers(2)
+    Workers(2)
+    """
+
+    def __init__(self, count: int) -> None:
+        if isinstance(count, bool) or not isinstance(count, int) or not 1 <= count <= 1024:
+            raise InputError(f"The number of workers must be a whole number from 1 to 1024, got {shown(count)}.")
+        self.count = count
+
+    def __repr__(self) -> str:
+        return f"Workers({self.count})"
+
+    def run(self, leaf: Leaf, combine: Combine, common: Any, groups: Sequence[Sequence[Task]]) -> Results:
+        """See `Executor.run`."""
+        results: list[list[bytes | None]] = [[None] * len(group) for group in groups]
+        waiting = [(number, place) for number, group in enumerate(groups) for place in range(len(group))][::-1]
+        attempts = 0
+        while waiting:
+            # Each process begins anew: one that is forked from threads of BLAS and Polars may wait for ever.
+            context = multiprocessing.get_context("spawn")
+            workers = min(self.count, len(waiting))
+            pool = ProcessPoolExecutor(workers, context, _begin, (leaf, common))
+            running: dict[Future[bytes], tuple[int, int]] = {}
+            try:
+                while waiting or running:
+                    while waiting and len(running) < _IN_FLIGHT * workers:
+                        number, place = waiting.pop()
+                        running[pool.submit(_do, groups[number][place])] = number, place
+                    for done in wait(running, return_when=FIRST_COMPLETED).done:
+                        number, place = running[done]
+                        results[number][place] = done.result()
+                        del running[done]
+                        attempts = 0
+                        found = [one for one in results[number] if one is not None]
+                        if len(found) == len(groups[number]):
+                            results[number] = []
+                            yield number, _combined(combine, common, *found)
+            except BrokenProcessPool:
+                attempts += 1
+                if attempts == _ATTEMPTS:
+                    raise InputError(
+                        f"A process of the {self.count} workers ended by itself {attempts} times in a row, as the "
+                        "system ends those that take too much memory; give fewer workers, or smaller --chunk-rows."
+                    ) from None
+                waiting += sorted(running.values(), reverse=True)
+            finally:
+                # An interrupt, or an error of a task, does not wait for the tasks that run.
+                processes = [] if not waiting and not running else list((pool._processes or {}).values())
+                pool.shutdown(wait=not processes, cancel_futures=True)
+                for process in processes:
+                    process.kill()
+
+
+class _Here:
+    """What a process of `Workers` was given when it began."""
+
+    leaf: Leaf
+    common: Any
+
+
+def _begin(leaf: Leaf, common: Any) -> None:
+    signal.signal(signal.SIGINT, signal.SIG_IGN)  # which the parent sees to
+    parent = multiprocessing.parent_process()
+    assert parent is not None
+    threading.Thread(target=_end_with, args=(parent.sentinel,), daemon=True).start()
+    _Here.leaf, _Here.common = leaf, common
+
+
+def _end_with(sentinel: int) -> None:
+    wait_for([sentinel])
+    os._exit(1)
+
+
+def _do(task: Task) -> bytes:
+    return _leaf(_Here.leaf, _Here.common, task)
+
+
+class Cluster:
+    """Runs tasks on a Dask cluster: each where its log can be read, and the sums of groups on the workers, too.
+
+    A worker that dies, or is slow, changes no result: Dask gives its tasks to others. Dask's protocol runs whatever it
+    is sent: it belongs between machines that trust each other, and across any other network inside TLS.
+
+    Parameters
+    ----------
+    address : str
+        Of the scheduler, such as ``"tcp://10.0.0.7:8786"`` or ``"tls://10.0.0.7:8786"``.
+    tls : mapping from str to str or path, optional
+        The files ``"ca_file"``, ``"cert"`` and ``"key"``, in PEM, of a scheduler that asks for them.
+
+    Raises
+    ------
+    InputError
+        On use, where Dask is not installed, no scheduler answers at the address, it has no workers, or these have
+        another version of Steelyard.
+
+    Examples
+    --------
+    >>> Cluster("tcp://10.0.0.7:8786")
+    Cluster('tcp://10.0.0.7:8786')
+    """
+
+    TIMEOUT = 20.0
+    """s until a scheduler must have answered, and until it must have a worker."""
+
+    def __init__(self, address: str, tls: Mapping[str, str | os.PathLike[str]] | None = None) -> None:
+        if not isinstance(address, str) or not address.strip():
+            raise InputError(f"The address of a cluster is such as tcp://10.0.0.7:8786, got {shown(address)}.")
+        self.address, self.tls = address, dict(tls or {})
+
+    def __repr__(self) -> str:
+        return f"Cluster({self.address!r})"
+
+    def run(self, leaf: Leaf, combine: Combine, common: Any, groups: Sequence[Sequence[Task]]) -> Results:
+        """See `Executor.run`."""
+        if not groups:
+            return
+        distributed = require_package("distributed", "cluster", "A cluster needs")
+        client = self._client(distributed)
+        try:
+            workers = self._workers(client)
+            everywhere = client.scatter(common, broadcast=True, hash=False)
+            running: dict[Any, int] = {}
+            following = iter(enumerate(groups))
+            gathered = distributed.as_completed()
+
+            def submit() -> bool:
+                number, group = next(following, (-1, ()))
+                if number < 0:
+                    return False
+                # Tasks are told apart by their places, not by a hash of what they hold, and are done once.
+                leaves = [
+                    client.submit(_leaf, leaf, everywhere, task, pure=False, retries=_ATTEMPTS, priority=-number)
+                    for task in group
+                ]
+                node = client.submit(_combined, combine, everywhere, *leaves, pure=False, priority=-number)
+                running[node] = number
+                gathered.add(node)
+                return True
+
+            while len(running) < _IN_FLIGHT * workers and submit():
+                pass
+            for node in gathered:
+                try:
+                    result = node.result()
+                except SteelyardError:
+                    raise
+                except distributed.KilledWorker as error:
+                    raise InputError(
+                        f"The cluster at {self.address}: {error.args[0] if error.args else error} ended each worker "
+                        "that ran it, as happens where one takes too much memory; give them more, or smaller "
+                        "--chunk-rows."
+                    ) from None
+                yield running.pop(node), result
+                del node
+                submit()
+        except (OSError, distributed.comm.CommClosedError) as error:
+            raise InputError(f"The cluster at {self.address} went away ({error}); start it, and run again.") from None
+        finally:
+            client.close(timeout=self.TIMEOUT)
+
+    def _client(self, distributed: Any) -> Any:
+        options: dict[str, Any] = {}
+        if self.tls:
+            files = {"tls_ca_file": "ca_file", "tls_client_cert": "cert", "tls_client_key": "key"}
+            named = {option: str(self.tls[key]) for option, key in files.items() if key in self.tls}
+            for path in named.values():
+                if not Path(path).is_file():
+                    raise InputError(f"{path} does not exist; give the PEM file of the cluster's TLS.")
+            options["security"] = distributed.Security(require_encryption=True, **named)
+        try:
+            return distributed.Client(self.address, timeout=self.TIMEOUT, set_as_default=False, **options)
+        except (OSError, ValueError, TypeError) as error:
+            reason = " ".join(str(error).split())[:200] or type(error).__name__
+            raise InputError(
+                f"No scheduler of Dask answers at {self.address} ({reason}); start one with `dask scheduler`, and "
+                "workers with `dask worker`."
+            ) from None
+
+    def _workers(self, client: Any) -> int:
+        try:
+            client.wait_for_workers(1, timeout=self.TIMEOUT)
+        except TimeoutError:
+            raise InputError(
+                f"The cluster at {self.address} has no worker; start some with `dask worker {self.address}`."
+            ) from None
+        try:
+            versions = client.run(_version)
+        except ModuleNotFoundError:
+            raise InputError(
+                f"Workers of the cluster at {self.address} have no Steelyard; install {__version__} there."
+            ) from None
+        others = sorted(set(versions.values()) - {__version__})
+        if others:
+            raise InputError(
+                f"Workers of the cluster at {self.address} have Steelyard {', '.join(others)}, and this is "
+                f"{__version__}; install the same version everywhere."
+            )
+        return len(versions)
+
+
+def _version() -> str:
+    return __version__

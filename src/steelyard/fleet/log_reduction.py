@@ -1,0 +1,211 @@
+"""Logs become Informations where they lie; their sums are the same whatever ran where, and are kept on the way."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from contextlib import closing
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any
+
+from steelyard.dynamics import Model
+from steelyard.files import plain, tell
+from steelyard.identification.log_reader import LogReader, LogTask, Progress, ReducedGroup, ReducedLog
+from steelyard.recording import Processing
+from steelyard.recording.formats import content_hash, hashed_log
+from steelyard.regression.batch_means import BatchMeansTree
+from steelyard.robot import RobotFile
+
+from .checkpoints import Checkpoints, checkpoint_key
+from .executors import Combine, Executor, Here, Leaf
+from .packed import is_whole, packed, unpacked
+
+__all__ = ["LogReduction", "run_in_order"]
+
+GROUP, MANY = 8, 64
+"""Logs whose batch means, nine tenths of an Information, are added where they were computed, and from how many on. Up
+to that each log is a checkpoint by itself. Both follow from the logs alone, so that a run which began on one machine
+ends on a cluster, and takes over what it had done."""
+
+
+@dataclass(frozen=True, eq=False)
+class _Common:
+    """What the reductions of all the logs have in common."""
+
+    file: RobotFile
+    model: Model
+    reduced_by: Model
+    chunk_rows: int
+    processing: Processing
+
+    def reader(self) -> LogReader:
+        reader = LogReader(self.file, self.model, self.chunk_rows)
+        reader.processing = self.processing
+        return reader
+
+    def key(self) -> str:
+        """Name everything but the logs that the result follows from."""
+        robots = [{**plain(model.robot), "source": None, "remarks": None} for model in (self.model, self.reduced_by)]
+        kinds = [[type(term).__qualname__ for term in model.robot.terms] for model in (self.model, self.reduced_by)]
+        log = self.file.section("log")
+        return checkpoint_key(robots, kinds, log, self.processing.to_dict(), self.chunk_rows)
+
+
+def reduced_log(common: _Common, task: LogTask) -> bytes:
+    """Reduce a log; see `LogReader.reduced`."""
+    return packed(common.reader().reduced(task, common.reduced_by))
+
+
+def grouped(common: Any, results: Sequence[bytes]) -> bytes:
+    """Join reduced logs, in order, to a group; add their batch means."""
+    logs: list[ReducedLog] = [unpacked(one) for one in results]
+    tree = BatchMeansTree()
+    for log in logs:
+        tree.add(log.information.batch_means)
+    bare = [replace(log, information=replace(log.information, batch_means=())) for log in logs]
+    return packed((bare, tree.total()))
+
+
+def hashed(common: Any, task: str) -> bytes:
+    """Hash the files of a log."""
+    return packed([content_hash(entry) for entry in hashed_log(task)])
+
+
+def first_of(common: Any, results: Sequence[bytes]) -> bytes:
+    """Return the only result of a group."""
+    return results[0]
+
+
+class LogReduction:
+    """Reduces the logs of an identification in several processes or on a cluster, with checkpoints.
+
+    Parameters
+    ----------
+    executor : Executor, optional
+        Where: :class:`Workers` or :class:`Cluster`; in this process by default.
+    checkpoints : Checkpoints, optional
+        Where finished logs are kept, within its ``with`` block; what is there already is not computed again. They are
+        known by the content of the logs, the robot, the options and the versions of what computes them.
+
+    Notes
+    -----
+    The bytes of the result are those of one process, whatever the number of workers, which of them was slow or died,
+    and however often the run was killed and begun again: each log is reduced by itself, and sums are formed in pairs,
+    pairs of pairs and so on in the order of the logs. This holds on processors of one kind; linear algebra rounds
+    differently on others.
+
+    Examples
+    --------
+    >>> import numpy as np, tempfile, pathlib
+    >>> import steelyard as sy
+    >>> robot = sy.Robot.from_dh([(0, 0.3, 0, "q")], gravity=(0, -9.81, 0), name="pendulum")
+    >>> t, folder = np.arange(0.0, 8.0, 0.01), pathlib.Path(tempfile.mkdtemp())
+    >>> for k in (1, 2):
+    ...     q = 0.8 * np.sin(3 * t) + np.sin((1 + k / 10) * t)
+    ...     acceleration = -7.2 * np.sin(3 * t) - (1 + k / 10) ** 2 * np.sin((1 + k / 10) * t)
+    ...     table = np.column_stack([t, q, 0.6 * acceleration + 5.0 * np.cos(q)])
+    ...     np.savetxt(folder / f"run{k}.csv", table, header="t,q1,tau1", delimiter=",", comments="")
+    >>> with sy.fleet.Checkpoints(folder / "result") as kept:
+    ...     reduction = sy.fleet.LogReduction(checkpoints=kept)
+    ...     result = sy.identify(robot, str(folder / "run*.csv"), reduction=reduction)
+    ...     len(kept.names), result.prediction.word
+    (2, 'good')
+    """
+
+    def __init__(self, executor: Executor | None = None, checkpoints: Checkpoints | None = None) -> None:
+        self.executor: Executor = Here() if executor is None else executor
+        self.checkpoints = checkpoints
+
+    def __call__(
+        self, reader: LogReader, tasks: Sequence[LogTask], model: Model, say: Progress
+    ) -> Iterator[ReducedGroup]:
+        """See `steelyard.identification.log_reader.LogReduction`."""
+        common = _Common(reader.file, reader.model, model, reader.chunk_rows, reader.processing)
+        size = GROUP if len(tasks) > MANY else 1
+        groups = [list(tasks[start : start + size]) for start in range(0, len(tasks), size)]
+        # What is in memory here is reduced here.
+        local = [not all(_is_path(task.log) for task in group) for group in groups]
+        keys = self._keys(common, groups, local, say)
+        say(f"reading {len(tasks)} log{'s' * (len(tasks) > 1)}")
+        done = 0
+        for content in run_in_order(reduced_log, grouped, common, groups, self.executor, keys, self.checkpoints, local):
+            logs, means = unpacked(content)
+            done += len(logs)
+            tell("reading logs", done, len(tasks), "logs")
+            yield ReducedGroup(tuple(log.for_model(model) for log in logs), means)
+
+    def _keys(
+        self, common: _Common, groups: Sequence[Sequence[LogTask]], local: Sequence[bool], say: Progress
+    ) -> list[str | None]:
+        """Name what each group of logs comes to; None of those that are in memory."""
+        if self.checkpoints is None:
+            return [None] * len(groups)
+        paths = [str(task.log) for group, here in zip(groups, local, strict=True) if not here for task in group]
+        say(f"hashing {len(paths)} log{'s' * (len(paths) > 1)}")
+        names = list(dict.fromkeys(paths))
+        hashes = run_in_order(hashed, first_of, None, [[name] for name in names], self.executor)
+        contents = {name: unpacked(one) for name, one in zip(names, hashes, strict=True)}
+        shared = common.key()
+
+        def told(task: LogTask) -> list[Any]:
+            return [str(task.log), contents[str(task.log)], task.points, task.rows, task.logs, task.fitted]
+
+        return [
+            None if here else checkpoint_key(shared, [told(task) for task in group])
+            for group, here in zip(groups, local, strict=True)
+        ]
+
+
+def _is_path(log: object) -> bool:
+    return isinstance(log, (str, Path)) and str(log) != "-"
+
+
+def run_in_order(
+    leaf: Leaf,
+    combine: Combine,
+    common: Any,
+    groups: Sequence[Sequence[Any]],
+    executor: Executor,
+    keys: Sequence[str | None] | None = None,
+    checkpoints: Checkpoints | None = None,
+    local: Sequence[bool] | None = None,
+) -> Iterator[bytes]:
+    """Yield what groups of tasks come to, in their order; take what checkpoints have, and give them what is done.
+
+    Parameters
+    ----------
+    leaf, combine, common, groups
+        As in `Executor.run`.
+    executor : Executor
+    keys : sequence of str or None, optional
+        Under which the results are kept; None for those that are not.
+    checkpoints : Checkpoints, optional
+    local : sequence of bool, optional
+        Which groups are to run in this process.
+    """
+    if keys is None or checkpoints is None:
+        keys = [None] * len(groups)
+    local = [False] * len(groups) if local is None else local
+    done = {n for n, key in enumerate(keys) if key is not None and is_whole(_kept(checkpoints, key))}
+    elsewhere = [n for n in range(len(groups)) if n not in done and not local[n]]
+    held: dict[int, bytes] = {}
+    with closing(executor.run(leaf, combine, common, [groups[n] for n in elsewhere])) as running:
+        for number, group in enumerate(groups):
+            if local[number]:
+                yield next(Here().run(leaf, combine, common, [group]))[1]
+                continue
+            while number not in done:
+                place, content = next(running)
+                found = elsewhere[place]
+                done.add(found)
+                key = keys[found]
+                if key is not None and checkpoints is not None:
+                    checkpoints.put(key, content)
+                if key is None or found == number:
+                    held[found] = content  # others are read again when their turn comes: memory stays bounded
+            key = keys[number]
+            yield held.pop(number) if number in held or key is None else _kept(checkpoints, key)
+
+
+def _kept(checkpoints: Checkpoints | None, key: str) -> bytes:
+    return (checkpoints.get(key) if checkpoints is not None else None) or b""

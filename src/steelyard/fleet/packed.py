@@ -1,0 +1,139 @@
+"""Results of reductions as bytes, for files and for other processes: JSON and arrays, and nothing that could run."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+from collections.abc import Callable, Mapping
+from dataclasses import fields
+from typing import Any
+
+import numpy as np
+
+from steelyard.errors import InputError
+from steelyard.identification.log_reader import DrawnLog, ReducedLog
+from steelyard.recording import Samples
+from steelyard.recording.recognition import ColumnMeaning, Layout
+from steelyard.regression import Factor, Information
+
+__all__ = ["is_whole", "packed", "unpacked"]
+
+_MARK = b"steelyard-packed-1\n"
+_KINDS: dict[str, type[Any]] = {
+    kind.__name__: kind for kind in (ColumnMeaning, DrawnLog, Factor, Information, Layout, ReducedLog, Samples)
+}
+"""What may stand in packed bytes beside numbers, texts, lists, mappings and arrays."""
+_PASSED_OVER = {"regressor_model", "cutoff_choice"}
+"""Fields of samples that are not packed: the model, which is known where they are unpacked, and a chart."""
+_ARRAYS = "fiub"
+_START = len(_MARK) + 32
+
+
+def is_whole(data: bytes) -> bool:
+    """Tell whether bytes are as `packed` made them, to the last one.
+
+    Examples
+    --------
+    >>> is_whole(packed([1.5])), is_whole(packed([1.5])[:-1]), is_whole(b"")
+    (True, False, False)
+    """
+    return (
+        data[: len(_MARK)] == _MARK and hashlib.sha256(memoryview(data)[_START:]).digest() == data[len(_MARK) : _START]
+    )
+
+
+def packed(value: Any) -> bytes:
+    """Return a value as bytes: the same ones for the same value, on every machine with the same order of bytes.
+
+    Parameters
+    ----------
+    value : object
+        Numbers, texts, None, lists, tuples, mappings from texts, arrays of numbers, and the results of reductions.
+
+    Raises
+    ------
+    TypeError
+        For anything else.
+
+    Examples
+    --------
+    >>> unpacked(packed({"count": 3, "rows": np.eye(2), "names": ("a", "b")}))
+    {'count': 3, 'rows': array([[1., 0.],
+           [0., 1.]]), 'names': ('a', 'b')}
+    """
+    arrays: list[bytes] = []
+    head = json.dumps(_plain(value, arrays), ensure_ascii=False, separators=(",", ":")).encode("utf-8", "surrogatepass")
+    content = b"".join([len(head).to_bytes(8, "little"), head, *arrays])
+    return b"".join([_MARK, hashlib.sha256(content).digest(), content])
+
+
+def unpacked(data: bytes) -> Any:
+    """Return the value of bytes that `packed` made; its arrays are read-only.
+
+    Raises
+    ------
+    InputError
+        If they are damaged, or something else.
+    """
+    content = memoryview(data)[_START:]
+    if not is_whole(data):
+        raise InputError("The bytes of a reduction are damaged, or are none; reduce the logs anew.")
+    size = int.from_bytes(content[:8], "little")
+    place = 8 + size
+
+    def taken(kind: str, shape: list[int]) -> np.ndarray[Any, Any]:
+        nonlocal place
+        dtype = np.dtype(kind)
+        if dtype.kind not in _ARRAYS:
+            raise ValueError(kind)
+        count = int(np.prod(shape, dtype=np.int64))
+        array = np.frombuffer(content, dtype, count, place).reshape(shape)
+        place += array.nbytes
+        return array
+
+    try:
+        return _value(json.loads(bytes(content[8 : 8 + size]).decode("utf-8", "surrogatepass")), taken)
+    except (ValueError, KeyError, TypeError, AttributeError) as error:
+        raise InputError(f"The bytes of a reduction were made by another version ({error}); reduce anew.") from None
+
+
+def _plain(value: Any, arrays: list[bytes]) -> Any:
+    if value is None or isinstance(value, bool | str):
+        return value
+    if isinstance(value, np.generic):
+        value = value.item()
+    if isinstance(value, int | float | bool):
+        return value
+    if isinstance(value, list):
+        return [_plain(item, arrays) for item in value]
+    if isinstance(value, tuple):
+        return {"t": [_plain(item, arrays) for item in value]}
+    if isinstance(value, Mapping):
+        if not all(isinstance(key, str) for key in value):
+            raise TypeError("a mapping that is packed must have texts for keys")
+        return {"m": [[key, _plain(item, arrays)] for key, item in value.items()]}
+    if isinstance(value, np.ndarray) and value.dtype.kind in _ARRAYS:
+        array = np.ascontiguousarray(value)
+        arrays.append(array.tobytes())
+        return {"a": [array.dtype.str, list(value.shape)]}
+    kind = type(value).__name__
+    if _KINDS.get(kind) is type(value):
+        named = [(one.name, getattr(value, one.name)) for one in fields(value) if one.name not in _PASSED_OVER]
+        return {"k": [kind, {name: _plain(item, arrays) for name, item in named}]}
+    raise TypeError(f"{kind} cannot be packed")
+
+
+def _value(plain: Any, taken: Callable[[str, list[int]], np.ndarray[Any, Any]]) -> Any:
+    if isinstance(plain, list):
+        return [_value(item, taken) for item in plain]
+    if not isinstance(plain, dict):
+        return plain
+    ((mark, content),) = plain.items()
+    if mark == "t":
+        return tuple(_value(item, taken) for item in content)
+    if mark == "m":
+        return {key: _value(item, taken) for key, item in content}
+    if mark == "a":
+        return taken(*content)
+    kind, values = content
+    return _KINDS[kind](**{name: _value(item, taken) for name, item in values.items()})

@@ -1,0 +1,146 @@
+"""Sets of logs: folders, patterns such as ``logs/**/*.parquet``, partitioned data sets, and object stores."""
+
+from __future__ import annotations
+
+import glob
+import os
+import re
+from pathlib import Path
+
+from steelyard.errors import InputError
+
+from .registry import COMPRESSED, LOG_FORMATS
+from .remote import object_store
+
+__all__ = ["is_log_set", "logs_in"]
+
+_ADDRESS = re.compile(r"([a-z][a-z0-9+.-]*)://(.*)", re.DOTALL)
+_MAGIC = re.compile(r"[*?\[]")
+MOST = 1_000_000
+"""Logs of a set; a pattern that finds more was not meant."""
+
+
+def is_log_set(text: str) -> bool:
+    """Tell whether a path stands for other paths: a folder, a pattern, or an address in an object store.
+
+    A folder that is a bag of ROS 2 is one log, and so is a file whose own name looks like a pattern.
+
+    Examples
+    --------
+    >>> is_log_set("run1.csv"), is_log_set("logs/*.csv"), is_log_set("s3://bucket/run1.parquet")
+    (False, True, True)
+    """
+    if _ADDRESS.match(text):
+        return True
+    if os.path.isdir(text):
+        return not _is_bag(text)
+    return bool(_MAGIC.search(text)) and not os.path.exists(text)
+
+
+def logs_in(text: str) -> list[str]:
+    """Return the logs of a set, in an order that follows from their names alone.
+
+    Numbers in names count as numbers, so that ``run2.csv`` stands before ``run10.csv``. Files whose names, or whose
+    folders, begin with a dot or an underscore are no logs, as in partitioned data sets
+    (``robot=7/date=2026-11-22/part-0.parquet``), and neither are files whose suffix no format of logs has.
+
+    Parameters
+    ----------
+    text : str
+        A folder, which is searched with all folders inside; a pattern with ``*``, ``?``, ``[...]`` or ``**``; or an
+        address such as ``s3://bucket/logs/*.parquet`` of an object, a folder of objects or a pattern.
+
+    Raises
+    ------
+    InputError
+        If there is no log; or where what reads object stores is not installed, or fails.
+
+    Examples
+    --------
+    >>> import tempfile
+    >>> folder = Path(tempfile.mkdtemp())
+    >>> for name in ("run10.csv", "run2.csv", "notes.md"):
+    ...     _ = (folder / name).write_text("t,q1,tau1")
+    >>> [Path(log).name for log in logs_in(str(folder))]
+    ['run2.csv', 'run10.csv']
+    """
+    found = _objects_in(text) if _ADDRESS.match(text) else _files_in(text)
+    if len(found) > MOST:
+        raise InputError(f"{text} stands for {len(found)} files; give a narrower pattern.")
+    if not found:
+        known = ", ".join(f".{suffix}" for suffix in LOG_FORMATS.names())
+        raise InputError(f"{text} stands for no log; give a folder with logs, or a pattern that finds some ({known}).")
+    return sorted(found, key=_by_name)
+
+
+def _files_in(text: str) -> list[str]:
+    if os.path.isdir(text):
+        return [str(path) for path in _inside(Path(text))]
+    found: list[str] = []
+    for name in glob.glob(text, recursive=True):
+        if os.path.isdir(name) and not _is_bag(name):
+            # `logs/*` means what is in a folder; `logs/**` finds each folder, and the files in it, by itself.
+            continue
+        if _is_log(name, below=os.path.dirname(_fixed(text))):
+            found.append(name)
+    return found
+
+
+def _inside(folder: Path) -> list[Path]:
+    found = []
+    for place, folders, names in os.walk(folder):
+        folders[:] = sorted(name for name in folders if not name.startswith((".", "_")))
+        if _is_bag(place):
+            folders.clear()
+            found.append(Path(place))
+            continue
+        found += [Path(place, name) for name in names if _is_log(name)]
+    return found
+
+
+def _objects_in(text: str) -> list[str]:
+    system, path = object_store(text)
+    try:
+        if _MAGIC.search(path) and not system.exists(path):
+            names = [name for name, one in system.glob(path, detail=True).items() if one["type"] == "file"]
+            below = os.path.dirname(_fixed(path))
+        elif system.isdir(path):
+            names, below = system.find(path), path
+        elif system.exists(path):
+            return [text]
+        else:
+            raise InputError(f"{text} does not exist; give the address of a log.")
+    except InputError:
+        raise
+    except Exception as error:
+        reason = " ".join(str(error).split())[:200] or type(error).__name__
+        raise InputError(f"{text} cannot be listed ({reason}); check the address and who may read it.") from None
+    return [str(system.unstrip_protocol(name)) for name in names if _is_log(str(name), below)]
+
+
+def _fixed(pattern: str) -> str:
+    """Return the beginning of a pattern that is no pattern."""
+    magic = _MAGIC.search(pattern)
+    return pattern[: magic.start()] if magic else pattern
+
+
+def _is_log(name: str, below: str = "") -> bool:
+    parts = Path(name[len(below) :] if name.startswith(below) else name).parts
+    if any(part.startswith((".", "_")) and part not in (".", "..") for part in parts):
+        return False
+    suffixes = [suffix.lower().removeprefix(".") for suffix in Path(name).suffixes]
+    if not suffixes:
+        return os.path.isdir(name) and _is_bag(name)
+    if suffixes[-1] in COMPRESSED:  # of compressed files only texts are read
+        return len(suffixes) > 1 and suffixes[-2] in ("csv", "txt", "tsv", "dat", "log")
+    return suffixes[-1] in LOG_FORMATS.names() or os.path.isdir(name)
+
+
+def _is_bag(folder: str) -> bool:
+    return os.path.isfile(os.path.join(folder, "metadata.yaml"))
+
+
+def _by_name(name: str) -> tuple[tuple[int, int, str], ...]:
+    """Order names part by part, their numbers by size."""
+    pieces = re.split(r"(\d+)", name.replace(os.sep, "\0"))
+    return tuple((0, int(piece), piece) if number % 2 else (1, 0, piece) for number, piece in enumerate(pieces))

@@ -1,0 +1,122 @@
+"""Objects of object stores: copied when they are read, and told apart by what the store knows of their content."""
+
+from __future__ import annotations
+
+import os
+import shutil
+import tempfile
+import weakref
+from pathlib import Path
+from typing import Any
+
+from steelyard.errors import InputError, require_package
+from steelyard.files import file_hash
+from steelyard.files.writing import temporary_folder
+
+__all__ = ["local_copy", "object_store", "remote_identity"]
+
+MOST_COPIES = 4
+"""Copies that a process keeps: those of the files that are recorded side by side. A log is read several times."""
+
+
+class _Copies:
+    """The copies of a process, the one that was used last at the end, in a folder that goes with it."""
+
+    folder: Path | None = None
+    handle: int | None = None
+    paths: dict[tuple[str, str], Path]  # by address and content
+    count = 0
+
+
+_Copies.paths = {}
+
+
+def object_store(address: str, what: str = "Addresses of object stores need") -> tuple[Any, str]:
+    """Return the file system of fsspec for an address, and the path in it.
+
+    Raises
+    ------
+    InputError
+        Where fsspec, or what it needs for such addresses, is not installed.
+    """
+    fsspec = require_package("fsspec", "remote", what)
+    try:
+        system, path = fsspec.core.url_to_fs(address)
+    except ImportError as error:
+        reason = " ".join(str(error).split())[:200]
+        raise InputError(f"{address} needs a package that is not installed ({reason}); install it.") from None
+    except Exception as error:
+        reason = " ".join(str(error).split())[:200] or type(error).__name__
+        raise InputError(f"{address} cannot be opened ({reason}); check the address.") from None
+    return system, str(path)
+
+
+def local_copy(address: str) -> Path:
+    """Copy an object to a temporary file, unless it was just done, and return the path.
+
+    Raises
+    ------
+    InputError
+        If it does not exist or cannot be read.
+    """
+    system, path = object_store(address)
+    key = address, str(sorted(_known(system, path, address).items()))
+    if key in _Copies.paths:
+        _Copies.paths[key] = found = _Copies.paths.pop(key)
+        return found
+    while len(_Copies.paths) >= MOST_COPIES:
+        oldest = next(iter(_Copies.paths))
+        shutil.rmtree(_Copies.paths.pop(oldest).parent, ignore_errors=True)
+    _Copies.count += 1
+    copy = _folder() / str(_Copies.count) / os.path.basename(path)
+    copy.parent.mkdir()
+    try:
+        with system.open(path, "rb") as source, copy.open("wb") as target:
+            shutil.copyfileobj(source, target, 1 << 20)
+    except Exception as error:
+        shutil.rmtree(copy.parent, ignore_errors=True)
+        raise _unreadable(address, error) from None
+    _Copies.paths[key] = copy
+    return copy
+
+
+def remote_identity(address: str) -> dict[str, str]:
+    """Return address, size, and what tells the content of an object: the store's entity tag, or else its hash.
+
+    Raises
+    ------
+    InputError
+        If it does not exist or cannot be read.
+    """
+    system, path = object_store(address)
+    known = _known(system, path, address)
+    told = {"path": address, "size": known.get("size", "")}
+    if "etag" in known:
+        return {**told, "etag": known["etag"]}
+    return {**told, "sha256": file_hash(local_copy(address))}
+
+
+def _known(system: Any, path: str, address: str) -> dict[str, str]:
+    """Return what a store says of an object that changes with its content."""
+    try:
+        system.invalidate_cache()
+        info = system.info(path)
+    except Exception as error:
+        raise _unreadable(address, error) from None
+    if info.get("type") == "directory":
+        raise InputError(f"{address} is a folder; give the address of a log, or of a folder to `steelyard identify`.")
+    lower = {str(name).lower(): value for name, value in info.items()}
+    named = {"etag": "etag", "md5hash": "etag", "size": "size", "created": "created", "mtime": "mtime"}
+    return {kind: str(lower[name]).strip('"') for name, kind in named.items() if lower.get(name) is not None}
+
+
+def _unreadable(address: str, error: Exception) -> InputError:
+    reason = "there is no such object" if isinstance(error, FileNotFoundError) else " ".join(str(error).split())[:200]
+    return InputError(f"{address} cannot be read ({reason or type(error).__name__}); check the address and who may.")
+
+
+def _folder() -> Path:
+    if _Copies.folder is None:
+        _Copies.folder, _Copies.handle = temporary_folder(Path(tempfile.gettempdir()) / "steelyard-objects")
+        weakref.finalize(_Copies, shutil.rmtree, _Copies.folder, ignore_errors=True)
+    return _Copies.folder
