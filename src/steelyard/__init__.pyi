@@ -15,6 +15,7 @@ from . import fleet as fleet
 from . import graph as graph
 from . import identification as identification
 from . import lmi as lmi
+from . import online as online
 from . import recording as recording
 from . import regression as regression
 from . import report as report
@@ -44,6 +45,8 @@ from .feasibility.feasible_set import FeasibleSet as FeasibleSet
 from .identification.identify import identify as identify
 from .identification.play import play as play
 from .identification.result import Identification as Identification
+from .online.online_estimator import OnlineEstimate as OnlineEstimate
+from .online.online_estimator import OnlineEstimator as OnlineEstimator
 from .recording.columns import LogColumns as LogColumns
 from .recording.options import Processing as Processing
 from .recording.recording import Recording as Recording

@@ -1,0 +1,139 @@
+"""Tells when a robot is no longer the one that was estimated, by torques that stay beside what is predicted."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+import numpy as np
+from numpy.typing import NDArray
+
+from steelyard.regression import Information
+
+__all__ = ["Change", "ChangeDetector"]
+
+Array = NDArray[np.float64]
+
+USUAL = 3.0
+"""How many times as large as usual the mean square of the residuals must be to speak for a change at all."""
+
+ALARM = 30.0
+"""What these excesses must add up to."""
+
+MOST = 20.0
+"""That a single stretch counts at most, so that one jolt is no change: it takes two stretches at least."""
+
+MEMORY = 200
+"""Stretches over which the usual size of the residuals is averaged."""
+
+FEWEST = 40
+"""Stretches from which the usual size is known."""
+
+
+@dataclass(frozen=True, eq=False)
+class Change:
+    """A change of the robot that was noticed.
+
+    Attributes
+    ----------
+    t : float
+        When it began, by the residuals; the time of the samples.
+    noticed : float
+        Time of the sample with which it was noticed.
+    joint_names : tuple of str
+        Whose torques are no longer predicted, the clearest first.
+    before : Information
+        The data up to then, less the last second before it was noticed.
+
+    Examples
+    --------
+    A pendulum is hung with a weight after ten seconds:
+
+    >>> import steelyard as sy
+    >>> model = sy.Model(sy.Robot.from_dh([(0, 1.0, 0, "q")], gravity=(0, -9.81, 0)))
+    >>> estimator = sy.OnlineEstimator(model, detect_changes=True)
+    >>> alone = sy.Inertia.from_com(2.0, [-0.5, 0, 0], 0.1 * np.eye(3)).parameters
+    >>> weight = sy.Inertia.from_com(1.0, [0, 0, 0], 0.01 * np.eye(3)).parameters
+    >>> t = np.arange(15000)[:, None] / 1000
+    >>> torque = model.inverse_dynamics(np.sin(2 * t), 2 * np.cos(2 * t), -4 * np.sin(2 * t), alone)
+    >>> more = model.inverse_dynamics(np.sin(2 * t), 2 * np.cos(2 * t), -4 * np.sin(2 * t), weight)
+    >>> torque += np.where(t >= 10.0, more, 0.0) + 0.1 * np.random.default_rng(1).normal(size=t.shape)
+    >>> estimator.update(t[:, 0], np.sin(2 * t), torque)
+    >>> [change.joint_names for change in estimator.changes], round(estimator.changes[0].t, 1)
+    ([('joint1',)], 10.0)
+    """
+
+    t: float
+    noticed: float
+    joint_names: tuple[str, ...]
+    before: Information = field(repr=False)
+
+
+class ChangeDetector:
+    """A cumulative sum of how much larger than usual the residuals are (Page's test).
+
+    Residuals are averaged over stretches of `length` samples. Their squares over their usual mean square, averaged over
+    the joints, less 3 and at most 20, are added up, and the sum never falls below zero: where it passes 30, the robot
+    has changed, and it did so when the sum last left zero. What is usual is the average over the last 200 stretches
+    that spoke for no change, so that errors that the model always makes raise no alarm.
+
+    Parameters
+    ----------
+    joints : int
+    length : int
+        Samples.
+
+    Examples
+    --------
+    >>> detector = ChangeDetector(joints=1, length=50)
+    >>> residuals = np.random.default_rng(1).normal(size=(5000, 1))
+    >>> residuals[4000:] += 2.0
+    >>> t, used = np.arange(5000) / 1000, np.ones((5000, 1), dtype=bool)
+    >>> parts = (slice(k, k + 50) for k in range(0, 5000, 50))
+    >>> next(part.stop for part in parts if detector.add(t[part], residuals[part], used[part])), detector.began
+    (4100, 4.0)
+
+    References
+    ----------
+    E. S. Page, Continuous inspection schemes, Biometrika 41, 1954.
+    """
+
+    def __init__(self, joints: int, length: int) -> None:
+        self.length = length
+        self._usual, self._seen = np.zeros(joints), np.zeros(joints, dtype=int)
+        self.rest()
+
+    def rest(self) -> None:
+        """Begin anew after a change, with the same usual size of residuals."""
+        self._sum, self._count = np.zeros(len(self._usual)), np.zeros(len(self._usual), dtype=int)
+        self._filled, self.excess, self.began = 0, 0.0, float("nan")
+        self.shares = np.zeros(len(self._usual))
+        self._began_filling = float("nan")
+
+    def add(self, t: Array, residuals: Array, used: NDArray[np.bool_]) -> bool:
+        """Add residuals (S, N) at times (S,); return whether they are those of a robot that has changed."""
+        if not self._filled:
+            self._began_filling = float(t[0])
+        self._sum += np.sum(residuals * used, axis=0)
+        self._count += used.sum(axis=0)
+        self._filled += len(t)
+        if self._filled < self.length:
+            return False
+        shown = 2 * self._count > self._filled
+        means = np.where(shown, self._sum / np.maximum(self._count, 1), 0.0) ** 2
+        self._sum[:], self._count[:], self._filled = 0.0, 0, 0
+        known = shown & (self._seen >= FEWEST) & (self._usual > 0.0)
+        if known.any():
+            shares = np.where(known, means / np.where(known, self._usual, 1.0), 0.0)
+            excess = min(float(shares[known].mean()) - USUAL, MOST)
+            if excess > 0.0 and self.excess == 0.0:
+                self.began, self.shares = self._began_filling, np.zeros(len(means))
+            self.excess = max(0.0, self.excess + excess)
+            if self.excess > 0.0:
+                self.shares = self.shares + shares
+            if self.excess > ALARM:
+                return True
+        if self.excess == 0.0:
+            self._seen[shown] = np.minimum(self._seen[shown] + 1, MEMORY)
+            share = 1.0 / np.maximum(self._seen, 1)
+            self._usual = np.where(shown, self._usual + share * (means - self._usual), self._usual)
+        return False

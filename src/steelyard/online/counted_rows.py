@@ -1,0 +1,64 @@
+"""What data an Information rests on: all of it, that of a window, or the more the newer it is."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from math import ceil
+
+import numpy as np
+from numpy.typing import NDArray
+
+from steelyard.dynamics import Model
+from steelyard.regression import Factor, Information
+
+from .running_information import RunningInformation
+
+__all__ = ["CountedRows"]
+
+Array = NDArray[np.float64]
+
+PARTS = 8
+"""A window is kept in so many parts, the oldest of which is dropped as a whole: it covers between the time that was
+asked for and an eighth more. Twice as many make it sharper, and each sum over the parts dearer."""
+
+
+class CountedRows:
+    """The rows that count.
+
+    Parameters
+    ----------
+    model : Model
+    keep : float
+        See `RunningInformation.add`.
+    window : int, optional
+        Samples; older ones are dropped.
+    """
+
+    def __init__(self, model: Model, keep: float = 1.0, window: int | None = None) -> None:
+        self.model, self.keep = model, keep
+        self._length = None if window is None else ceil(window / PARTS)
+        self._parts: list[RunningInformation] = []
+        self._older: RunningInformation | None = None
+        self._current, self._filled = RunningInformation(model), 0
+
+    def add(self, rows: Sequence[Array], used: NDArray[np.bool_]) -> None:
+        """Add rows ``[W omega]`` of every joint; see `RunningInformation.add`."""
+        self._current.add(rows, used, self.keep)
+        self._filled += len(used)
+        if self._length is not None and self._filled >= self._length:
+            self._parts = [*self._parts, self._current.ended()][-PARTS:]
+            self._current, self._filled = RunningInformation(self.model), 0
+            self._older = self._parts[0].copy()
+            for part in self._parts[1:]:
+                self._older.merge(part)
+
+    def factors(self) -> tuple[Factor, ...]:
+        """One for each joint."""
+        if self._older is None:
+            return self._current.factors()
+        return tuple(a + b for a, b in zip(self._older.factors(), self._current.factors(), strict=True))
+
+    def information(self) -> Information:
+        """All of it, with sums of neighbouring rows."""
+        current = self._current.information()
+        return current if self._older is None else self._older.information() + current

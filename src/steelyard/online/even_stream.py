@@ -1,0 +1,171 @@
+"""Samples as they arrive, made even: what is late, repeated, missing or not a number is found, mended or left out."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+import numpy as np
+from numpy.typing import NDArray
+
+__all__ = ["EvenStream", "Stretch"]
+
+Array = NDArray[np.float64]
+
+ON_TIME = 1e-3
+"""Part of the sample time by which a time stamp may be off and count as even: nothing moves in a microsecond."""
+
+RATE_OFF = 0.05
+"""Relative difference between the rate that was said and the rate that is measured, from which it is told."""
+
+
+@dataclass(eq=False)
+class Stretch:
+    """Even samples that follow each other.
+
+    Attributes
+    ----------
+    begins : bool
+        Whether samples are missing before it, so that filters must start anew.
+    t : (S,)
+    values : (S, C)
+        Positions, and what derivatives are measured.
+    torque : (S, N)
+        Zero where it is missing.
+    used : (S, N) of bool
+        Where there is a torque.
+    """
+
+    begins: bool
+    t: Array = field(repr=False)
+    values: Array = field(repr=False)
+    torque: Array = field(repr=False)
+    used: NDArray[np.bool_] = field(repr=False)
+
+
+class EvenStream:
+    """Puts samples at even times, by linear interpolation between neighbours that are near enough.
+
+    Parameters
+    ----------
+    rate : float
+        Hz.
+    joints : int
+    longest_gap : float
+        s; over longer ones nothing is interpolated.
+
+    Attributes
+    ----------
+    counts : dict
+        Samples received, those left out and why, and how often samples were missing.
+    """
+
+    def __init__(self, rate: float, joints: int, longest_gap: float) -> None:
+        self.rate, self.joints, self.longest_gap = rate, joints, longest_gap
+        self.counts = dict.fromkeys(
+            ("received", "not finite", "repeated", "late", "interpolated", "gaps", "clock resets", "torques missing"), 0
+        )
+        self._last: Array | None = None
+        self._origin, self._next = 0.0, 0
+        self._begins = True
+        self._time, self._steps = 0.0, 0
+
+    def add(self, rows: Array) -> list[Stretch]:
+        """Add rows of time, values and torque, (S, 1 + C + N), in the order in which they came."""
+        self.counts["received"] += len(rows)
+        finite = np.isfinite(rows[:, : -self.joints]).all(axis=1)
+        if not finite.all():
+            self.counts["not finite"] += int(np.sum(~finite))
+            rows = rows[finite]
+        found: list[Stretch] = []
+        previous = None if self._last is None else float(self._last[0])
+        steps = np.diff(rows[:, 0], prepend=rows[0, 0] if previous is None and len(rows) else previous or 0.0)
+        if np.all((steps > 0.0) & (steps <= self.longest_gap)):
+            return self._joined(rows, found)
+        kept: list[int] = []
+        for index, t in enumerate(rows[:, 0].tolist()):
+            step = np.inf if previous is None else t - previous
+            if step == 0.0:
+                self.counts["repeated"] += 1
+                continue
+            if -self.longest_gap <= step < 0.0:
+                self.counts["late"] += 1
+                continue
+            if not 0.0 < step <= self.longest_gap:
+                if previous is not None:
+                    self.counts["gaps" if step > 0.0 else "clock resets"] += 1
+                self._joined(rows[kept], found)
+                self._last, self._begins, kept = None, True, []
+            previous = t
+            kept.append(index)
+        return self._joined(rows[kept], found)
+
+    def _joined(self, rows: Array, found: list[Stretch]) -> list[Stretch]:
+        """Put the next rows of one stretch at even times."""
+        if not len(rows):
+            return found
+        if self._last is None:
+            self._origin, self._next = float(rows[0, 0]), 0
+        else:
+            self._time += float(rows[-1, 0] - self._last[0])
+            self._steps += len(rows)
+        grid = self._origin + (self._next + np.arange(len(rows))) / self.rate
+        if not np.all(np.abs(rows[:, 0] - grid) <= ON_TIME / self.rate):
+            last = int(np.floor((rows[-1, 0] - self._origin) * self.rate + ON_TIME))
+            grid = self._origin + np.arange(self._next, last + 1) / self.rate
+            known = rows if self._last is None else np.vstack([self._last, rows])
+            self._last = rows[-1]
+            if not len(grid):
+                return found
+            rows = _between(known, grid)
+            self.counts["interpolated"] += len(grid)
+        else:
+            self._last = rows[-1]
+        self._next += len(grid)
+        torque = rows[:, -self.joints :]
+        used = np.isfinite(torque)
+        if not used.all():
+            self.counts["torques missing"] += int(np.sum(~used))
+            torque = np.where(used, torque, 0.0)
+        found.append(Stretch(self._begins, grid, rows[:, 1 : -self.joints], torque, used))
+        self._begins = False
+        return found
+
+    @property
+    def measured_rate(self) -> float:
+        """Samples a second without gaps, Hz; NaN before there are a hundred."""
+        return self._steps / self._time if self._steps >= 100 and self._time > 0.0 else float("nan")
+
+    def remarks(self) -> tuple[str, ...]:
+        """What the user should know of the samples, in sentences."""
+        count, found = self.counts, []
+        ms = 1e3 * self.longest_gap
+        for key, text in (
+            ("not finite", "samples had a time or a position that is no finite number; they were left out"),
+            ("repeated", "samples had the time stamp of the one before; they were left out"),
+            ("late", "samples had a time before that of the one before; they were left out"),
+            ("torques missing", "torques of single joints were no finite numbers; these joints' rows were left out"),
+            ("interpolated", "samples came at uneven times and were interpolated to even ones"),
+            ("gaps", f"times samples were missing for more than {ms:g} ms; the filters started anew each time"),
+            ("clock resets", f"times the clock went back by more than {ms:g} ms; the filters started anew each time"),
+        ):
+            if count[key]:
+                found.append(f"{count[key]} {text}.")
+        measured = self.measured_rate
+        if abs(measured - self.rate) > RATE_OFF * self.rate:
+            found.append(
+                f"Samples come at {measured:.4g} Hz, not at the {self.rate:.4g} Hz that were said; "
+                f"give rate={measured:.4g}."
+            )
+        return tuple(found)
+
+
+def _between(known: Array, t: Array) -> Array:
+    """Rows at times between those of known rows; not a number beside a torque that is none."""
+    place = np.clip(np.searchsorted(known[:, 0], t, side="right"), 1, max(len(known) - 1, 1))
+    if len(known) == 1:
+        return np.repeat(known, len(t), axis=0)
+    before, after = known[place - 1], known[place]
+    share = np.clip((t - before[:, 0]) / (after[:, 0] - before[:, 0]), 0.0, 1.0)[:, None]
+    # A neighbour that does not count must not make its value none.
+    found = np.where(share == 0.0, before, np.where(share == 1.0, after, before + share * (after - before)))
+    return np.asarray(found)

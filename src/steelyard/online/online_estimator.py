@@ -1,0 +1,658 @@
+"""Identification while the robot moves: samples in, physically possible parameters out."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from time import perf_counter
+from typing import Literal
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from steelyard.dynamics import Model
+from steelyard.dynamics.threads import one_thread
+from steelyard.errors import InputError
+from steelyard.estimators import ConstantPullbackPrior, EntropicPrior
+from steelyard.estimators.cross_validation import TYPICAL_COUNT, term_deviations
+from steelyard.estimators.estimator import proved_estimate
+from steelyard.estimators.prior import PreparedPrior, Prior
+from steelyard.estimators.reduced_fit import fit_reduced
+from steelyard.feasibility import FeasibleSet
+from steelyard.identification.physical_prior import PhysicalPrior, physical_prior
+from steelyard.identification.plausible_fit import UNTESTED_WEIGHT
+from steelyard.regression import Estimate, Factor, Information, ParameterCovariance
+from steelyard.regression.factor import Reduced, combined, solve
+from steelyard.regression.joint_weights import given_weights
+from steelyard.regression.parameter_covariance import NORMAL
+
+from .causal_filter import CausalMotionFilter
+from .change_detector import Change, ChangeDetector
+from .even_stream import EvenStream, Stretch
+from .counted_rows import CountedRows
+from .warm_fit import WarmFit
+
+__all__ = ["OnlineEstimate", "OnlineEstimator"]
+
+Array = NDArray[np.float64]
+
+BATCH = 10
+"""Samples that are reduced together where they come one by one: 10 ms at 1 kHz. One at a time takes five times as long
+in all, and no answer could be had more often than it is solved for."""
+
+GROWTH = 1.05
+"""By which the number of rows grows until what changes slowly (the weights of the joints, the usual size of friction)
+is computed anew; it costs as much as a solution."""
+
+SCALING = 4.0
+"""By which it grows until masses that are not known are scaled anew, which makes a new feasible set and takes 50 ms
+(seven joints); only for robots whose description leaves masses open."""
+
+FEW = 20.0
+"""Rows for each base parameter below which the residual tells little of the noise."""
+
+FIRST_DEVIATION = 0.03
+"""Of the torques, relative to them: noise and errors of the model that are assumed at least while rows are few. Without
+it, the first dozens of rows, which any parameters explain, would count as exact."""
+
+LEAST_DEVIATION = 1e-4
+"""Of the torques, relative to them: no drive tells its torque better. Data of a simulation without noise would count
+for a million times more than the prior, and what only the prior tells would drown in rounding."""
+
+DETECTION = 0.05
+"""s over which residuals are averaged to notice a change; see `ChangeDetector`."""
+
+DOUBT = 1.0
+"""s of the newest samples that are not yet counted as data from before a change, as the change may already be in
+them."""
+
+RELEARNING = 5.0
+"""s after the start, and after a change, before the next change is looked for: the estimate must be one by then."""
+
+
+@dataclass(frozen=True, eq=False)
+class OnlineEstimate:
+    """What is known of the robot at a moment.
+
+    Attributes
+    ----------
+    t : float
+        Time of the newest sample that counts; NaN before there is one. The filter holds samples back by
+        `OnlineEstimator.delay`.
+    base : ndarray
+        (n_b,).
+    parameters : ndarray
+        (n,), checked to lie within the feasible set.
+    converged : bool
+        Whether they are those of the least objective, and not only possible ones on the way to it.
+    remark : str
+        What is to be said of them, in a sentence; empty where they are the optimum.
+    rows : int
+        On how many rows of joints they rest.
+    weights : ndarray
+        (N,), of the joints.
+    prior : Prior
+        What they stay near to, with `prior_weight`: ``steelyard.fit(estimator.information, estimator.feasible_set,
+        weights=..., prior=..., prior_weight=...)`` solves the same problem.
+    prior_weight : float
+    steps : int
+        Newton steps.
+    seconds : float
+        That the solution took.
+
+    Examples
+    --------
+    >>> import steelyard as sy
+    >>> estimator = sy.OnlineEstimator(sy.Model(sy.Robot.from_dh([(0, 1.0, 0, "q")])))
+    >>> answer = estimator.estimate()
+    >>> answer.rows, answer.remark
+    (0, 'There are no samples yet; the parameters are those of the prior.')
+    """
+
+    t: float
+    base: Array = field(repr=False)
+    parameters: Array = field(repr=False)
+    converged: bool
+    remark: str
+    rows: int
+    weights: Array = field(repr=False)
+    prior: Prior = field(repr=False)
+    prior_weight: float
+    steps: int
+    seconds: float
+
+
+@dataclass(eq=False)
+class _Slow:
+    """What changes slowly from one solution to the next."""
+
+    rows: int
+    weights: Array
+    prior: Prior
+    prepared: PreparedPrior
+    prior_weight: float
+
+
+class OnlineEstimator:
+    """Identifies a robot while it moves.
+
+    Samples go in as they are measured (`update`); physically possible parameters come out whenever they are asked for
+    (`estimate`), in a few milliseconds, since each search starts where the last one ended. The answer is that of the
+    plausible fit of :func:`steelyard.identify`: least squares within the feasible set, near what is known of the robot.
+
+    Positions go through the filter of :class:`steelyard.Recording`, which is run with a delay instead of backwards; the
+    torque waits for them. A joint at rest tells nothing of its friction, and its rows are left out where friction
+    jumps. Samples that are late, repeated, missing or no numbers are left out, interpolated or bridged, and told in
+    `remarks`.
+
+    Parameters
+    ----------
+    model : Model
+    feasible_set : FeasibleSet, optional
+        With constraints of your own; those of the prior are added.
+    rate : float
+        Hz, of the samples; only their mean: each sample comes with its time.
+    cutoff, order : float, int
+        Hz, of the Butterworth filter of the positions; ten times the highest frequency of the motion, or as much as the
+        encoders allow. Lower cutoffs make the answer later.
+    forget : float, optional
+        Time constant in s, by which older samples count less; nothing is forgotten where absent. A joint that is at
+        rest forgets nothing.
+    window : float, optional
+        s of the newest samples that count alone (up to an eighth more); all where absent.
+    detect_changes : bool
+        Whether to notice when the robot is no longer the one that was estimated (see `ChangeDetector` for the rule),
+        and to begin anew then, near the last estimate. `changes` holds what was noticed.
+    prior : PhysicalPrior, optional
+        What is known of the links; gathered from the robot by default.
+    prior_weight : float or "auto"
+        100 for each ten thousand rows by default, as :func:`steelyard.identify` takes for short logs.
+    weights : "joint", None or array_like
+        Of the joints, as in :func:`steelyard.least_squares`.
+    longest_gap : float
+        s up to which missing samples are interpolated; over longer gaps the filter starts anew.
+    least_speed : float
+        rad/s or m/s, below which a joint counts as at rest.
+
+    Raises
+    ------
+    InputError
+        For options that make no sense, or a robot whose lengths are symbols.
+
+    Examples
+    --------
+    >>> import steelyard as sy
+    >>> arm = sy.Robot.from_dh([("pi/2", 0, 0.3, "q"), (0, 0.5, 0, "q")], name="arm")
+    >>> model = sy.Model(arm.with_terms(sy.Viscous()))
+    >>> body = sy.Inertia.from_com(3.0, [-0.2, 0.0, 0.0], 0.02 * np.eye(3)).parameters
+    >>> true = np.concatenate([body, [0.5], body, [0.3]])
+    >>> estimator = sy.OnlineEstimator(model)
+    >>> for k in range(3000):
+    ...     t, pace = k / 1000, np.array([3.0, 4.0])
+    ...     q, dq, ddq = np.sin(pace * t), pace * np.cos(pace * t), -(pace**2) * np.sin(pace * t)
+    ...     estimator.update(t, q, model.inverse_dynamics(q, dq, ddq, true))
+    >>> answer = estimator.estimate()
+    >>> bool(estimator.feasible_set.contains(answer.parameters)), answer.converged
+    (True, True)
+    >>> error = estimator.information.relative_error(answer.base)
+    >>> bool(error < 0.02)
+    True
+    """
+
+    def __init__(
+        self,
+        model: Model,
+        feasible_set: FeasibleSet | None = None,
+        *,
+        rate: float = 1000.0,
+        cutoff: float = 10.0,
+        order: int = 3,
+        forget: float | None = None,
+        window: float | None = None,
+        detect_changes: bool = False,
+        prior: PhysicalPrior | None = None,
+        prior_weight: float | Literal["auto"] = "auto",
+        weights: Literal["joint"] | ArrayLike | None = "joint",
+        longest_gap: float = 0.02,
+        least_speed: float = 1e-3,
+    ) -> None:
+        for name, value in (("rate", rate), ("cutoff", cutoff), ("longest_gap", longest_gap)):
+            _require_positive(name, value)
+        for name, given in (("forget", forget), ("window", window)):
+            if given is not None:
+                _require_positive(name, given)
+        if feasible_set is not None and feasible_set.model is not model:
+            raise InputError("The feasible set is of another model; make it of the model that is estimated.")
+        if least_speed < 0.0 or not np.isfinite(least_speed):
+            raise InputError(f"least_speed must be a speed, at least 0, got {least_speed!r}.")
+        self.model, self.rate, self.detect_changes = model, float(rate), bool(detect_changes)
+        self._given_set = FeasibleSet(model) if feasible_set is None else feasible_set
+        self._known = physical_prior(model, self._given_set.constraints) if prior is None else prior
+        self._prior_weight = (
+            prior_weight if isinstance(prior_weight, str) else _require_positive("prior_weight", prior_weight)
+        )
+        if isinstance(prior_weight, str) and prior_weight != "auto":
+            raise InputError(f'prior_weight must be a positive number or "auto", got {prior_weight!r}.')
+        self._weights = weights
+        if weights is not None and not isinstance(weights, str):
+            given_weights(weights, model.dof)
+        self._least_speed, self._jumps = float(least_speed), _jumping_rows(model)
+        self._options = (rate, cutoff, order)
+        self._stream = EvenStream(self.rate, model.dof, longest_gap)
+        self._filter: CausalMotionFilter | None = None
+        self._measured: int | None = None
+        self._rows = np.zeros((BATCH, 0))
+        self._waiting = 0
+        keep = 1.0 if forget is None else float(np.exp(-1.0 / (forget * rate)))
+        samples = None if window is None else max(1, round(window * rate))
+        self._new_rows: Callable[[], CountedRows] = lambda: CountedRows(model, keep, samples)
+        self.changes: list[Change] = []
+        links = np.asarray(self._given_set.link_columns)
+        self._of_links = np.isin(np.arange(model.parameter_count), links)
+        self._possible: Array | None = None
+        self._scale_known(None)
+        self._answer: OnlineEstimate | None = None
+        self._detector = ChangeDetector(model.dof, max(1, round(DETECTION * rate)))
+        self.restart()
+
+    # Samples
+
+    @property
+    def delay(self) -> float:
+        """s by which the newest sample that counts is older than the newest that came."""
+        return 0.0 if self._filter is None else self._filter.delay / self.rate
+
+    def update(
+        self,
+        t: float | ArrayLike,
+        q: ArrayLike,
+        torque: ArrayLike,
+        dq: ArrayLike | None = None,
+        ddq: ArrayLike | None = None,
+    ) -> None:
+        """Take one sample, or some that follow each other.
+
+        Parameters
+        ----------
+        t : float or (S,)
+            s, by any clock.
+        q, torque : (N,) or (S, N)
+            Joint positions, and torques; torques that are NaN are missing.
+        dq : (N,) or (S, N), optional
+            Measured velocities, which are filtered as the positions are; derived from the positions where absent.
+        ddq : (N,) or (S, N), optional
+            Accelerations. With them, positions, velocities and accelerations are taken as they are, without a filter or
+            delay.
+
+        Raises
+        ------
+        InputError
+            If arrays do not fit each other or the robot, or derivatives come with some samples only.
+        """
+        given = [q] if dq is None else [q, dq] if ddq is None else [q, dq, ddq]
+        if ddq is not None and dq is None:
+            raise InputError("Accelerations without velocities: give dq=, too, or neither.")
+        if self._measured is None:
+            self._measured = len(given) - 1
+            if self._measured < 2:
+                self._filter = CausalMotionFilter(*self._options, self.model.dof, self._measured)
+            self._rows = np.empty((BATCH, 1 + self.model.dof * (len(given) + 1)))
+        if self._measured != len(given) - 1:
+            raise InputError(
+                f"The first samples came with {self._measured} derivatives of the positions, these with "
+                f"{len(given) - 1}; give the same of every sample."
+            )
+        if np.ndim(t) == 0:
+            row, N = self._rows[self._waiting], self.model.dof
+            row[0] = t
+            for place, values in enumerate((*given, torque)):
+                if np.shape(values) != (N,):
+                    self._rows_of(t, (*given, torque))
+                row[1 + N * place : 1 + N * (place + 1)] = values
+            self._waiting += 1
+            if self._waiting == BATCH:
+                self._take(self._rows.copy())
+            return
+        whole = self._rows_of(t, (*given, torque))
+        if self._waiting:
+            whole = np.vstack([self._rows[: self._waiting], whole])
+        size = self._detector.length if self.detect_changes else 100 * BATCH
+        for start in range(0, len(whole), size):
+            self._take(whole[start : start + size])
+
+    def flush(self) -> None:
+        """Count the samples that wait for a whole batch of ten; not those that the filter holds back."""
+        if self._waiting:
+            self._take(self._rows[: self._waiting].copy())
+
+    def restart(self) -> None:
+        """Forget all samples, and what was noticed; keep what is known of the robot."""
+        self._waiting = 0
+        self._begin()
+        self.changes = []
+
+    def _rows_of(self, t: float | ArrayLike, given: tuple[ArrayLike, ...]) -> Array:
+        times = np.atleast_1d(np.asarray(t, dtype=float))
+        parts = [times[:, None]]
+        for name, values in zip((*("q", "dq", "ddq")[: len(given) - 1], "torque"), given, strict=True):
+            array = np.atleast_2d(np.asarray(values, dtype=float))
+            if array.shape != (len(times), self.model.dof):
+                raise InputError(
+                    f"{name} has the shape {np.shape(values)}; expected ({len(times)}, {self.model.dof}), one row for "
+                    f"each of {len(times)} times and one column for each joint of {self.model.robot.name}."
+                )
+            parts.append(array)
+        return np.hstack(parts)
+
+    def _begin(self) -> None:
+        self._counted = self._new_rows()
+        self._certain = self._new_rows() if self.detect_changes else None
+        self._doubtful: list[tuple[int, list[Array], NDArray[np.bool_]]] = []
+        self._slow: _Slow | None = None
+        self._t = float("nan")
+        self._began = float("nan")
+        self._at_rest = 0
+
+    def _take(self, rows: Array) -> None:
+        self._waiting = 0
+        with one_thread():
+            for stretch in self._stream.add(rows):
+                self._filtered(stretch)
+
+    def _filtered(self, stretch: Stretch) -> None:
+        N = self.model.dof
+        if self._filter is None:
+            q, dq, ddq = (stretch.values[:, k * N : (k + 1) * N] for k in range(3))
+            self._reduce(stretch.t, q, dq, ddq, stretch.torque, stretch.used)
+            return
+        if stretch.begins:
+            self._filter.restart()
+            self._late = (np.zeros(0), np.zeros((0, N)), np.zeros((0, N), dtype=bool))
+            self._to_skip = self._filter.delay
+        late = [
+            np.concatenate(pair) for pair in zip(self._late, (stretch.t, stretch.torque, stretch.used), strict=True)
+        ]
+        skip = min(self._to_skip, len(late[0]))
+        self._to_skip -= skip
+        motion = self._filter.add(stretch.values)
+        end = skip + len(motion)
+        t, torque, used = (each[skip:end] for each in late)
+        self._late = (late[0][end:], late[1][end:], late[2][end:])
+        if len(motion):
+            self._reduce(t, motion[:, 0], motion[:, 1], motion[:, 2], torque, used)
+
+    def _reduce(self, t: Array, q: Array, dq: Array, ddq: Array, torque: Array, used: NDArray[np.bool_]) -> None:
+        columns = self.model.base_columns
+        if self._jumps.any():
+            resting = self._jumps & (np.abs(dq) < self._least_speed)
+            if resting.any():
+                self._at_rest += int(np.sum(resting & used))
+                used = used & ~resting
+        entries = columns.by_joint(columns.entries(q, dq, ddq))
+        rows = [np.column_stack([own, torque[:, k]]) for k, own in enumerate(entries)]
+        if np.isnan(self._began):
+            self._began = float(t[0])
+        self._t = float(t[-1])
+        if self._certain is not None and self._has_changed(t, rows, used):
+            return
+        self._counted.add(rows, used)
+
+    # Changes
+
+    def _has_changed(self, t: Array, rows: list[Array], used: NDArray[np.bool_]) -> bool:
+        assert self._certain is not None
+        if t[-1] - self._began > RELEARNING:
+            answer = self._answer
+            if answer is None or not self._t - DETECTION <= answer.t:
+                answer = self.estimate()
+            joints = self.model.base_columns.joints
+            left = np.column_stack([r[:, -1] - r[:, :-1] @ answer.base[c] for r, c in zip(rows, joints, strict=True)])
+            if self._detector.add(t, left, used):
+                self._begin_after(float(t[-1]))
+                return True
+        self._doubtful.append((len(t), rows, used))
+        waiting = sum(count for count, _, _ in self._doubtful)
+        while waiting - self._doubtful[0][0] >= DOUBT * self.rate:
+            count, old, mask = self._doubtful.pop(0)
+            waiting -= count
+            self._certain.add(old, mask)
+        return False
+
+    def _begin_after(self, t: float) -> None:
+        """Begin anew after a change, near the robot that was estimated before."""
+        assert self._certain is not None
+        detector, names = self._detector, self.model.robot.joint_names
+        order = [int(k) for k in np.argsort(-detector.shares) if detector.shares[k] > 0.1 * detector.shares.max()]
+        self.changes.append(Change(detector.began, t, tuple(names[k] for k in order), self._certain.information()))
+        detector.rest()
+        if self._answer is not None:
+            self._reference = np.where(self._of_links, self._answer.parameters, np.nan)
+        self._begin()
+        self._t = self._began = t
+
+    # Answers
+
+    @property
+    def information(self) -> Information:
+        """What the samples say, as of now; of those that count."""
+        with one_thread():
+            return self._counted.information()
+
+    @property
+    def feasible_set(self) -> FeasibleSet:
+        """The set in which answers lie: the conditions that were given, and those of the prior."""
+        return self._set
+
+    @property
+    def remarks(self) -> tuple[str, ...]:
+        """What the user should know of the samples, in sentences."""
+        found = list(self._stream.remarks())
+        if self._at_rest:
+            found.append(
+                f"{self._at_rest} rows of joints that moved slower than {self._least_speed:g} rad/s (or m/s) were left "
+                "out, since friction at rest is not that of motion."
+            )
+        found += [
+            f"At {change.t:.6g} s the robot changed, by the torque of {', '.join(change.joint_names)}; the estimate "
+            "rests on what came after."
+            for change in self.changes
+        ]
+        return tuple(found)
+
+    def _scale_known(self, info: Information | None) -> None:
+        """Scale masses that are not known by the data, and make the set of what such a robot can be."""
+        scaled = self._known if info is None else self._known.scaled_to(info, self._given_set)
+        given = self._given_set
+        constraints = [*given.constraints, *scaled.constraints]
+        self._set = FeasibleSet(self.model, given.consistency, constraints, given.margin, given.terms)
+        self._reference = scaled.parameters
+        self._search = WarmFit(self._set)
+        self._scaled_rows = 0 if info is None else info.count
+        if self._possible is not None and self._search.inside(self._possible):
+            self._search.begin(self._possible)
+        else:
+            self._possible = None
+
+    def estimate(self, *, accuracy: float = 1e-6, seconds: float = np.inf) -> OnlineEstimate:
+        """Return what is known of the robot now.
+
+        Parameters
+        ----------
+        accuracy : float
+            Of the objective, half the squared residual over the variance of the noise: 1 is what noise moves it by.
+        seconds : float
+            After which the search is stopped; what it reached by then is given, which is possible, too.
+
+        Returns
+        -------
+        OnlineEstimate
+        """
+        begun = perf_counter()
+        with one_thread():
+            return self._estimated(begun, accuracy, seconds)
+
+    def _estimated(self, begun: float, accuracy: float, seconds: float) -> OnlineEstimate:
+        factors = self._counted.factors()
+        rows = sum(f.count for f in factors)
+        if not rows or not any(f.norm2 > 0.0 for f in factors):
+            return self._without_data(begun, rows)
+        slow = self._slow
+        if slow is None or rows > GROWTH * slow.rows or rows < slow.rows / GROWTH:
+            slow = self._slow = self._slowly(factors, rows)
+        problem = _reduced(factors, slow.weights, self._set.K.shape[0])
+        variance = _variance(problem)
+        left = max(seconds - (perf_counter() - begun), 0.0) if np.isfinite(seconds) else np.inf
+        found = self._search.solve(
+            problem.R, problem.rho, variance, slow.prepared, slow.prior_weight, accuracy=accuracy, seconds=left
+        )
+        parameters, remark = found.parameters, ""
+        if not found.converged:
+            remark = f"The search was stopped after {found.steps} steps; the parameters are possible, not yet the best."
+        if not self._set.contains(parameters):
+            assert self._possible is not None
+            parameters, remark = self._possible, "The search left the feasible set; these are the parameters before it."
+        self._possible = parameters
+        self._answer = OnlineEstimate(
+            self._t,
+            self._set.K @ parameters,
+            parameters,
+            found.converged and parameters is found.parameters,
+            remark,
+            rows,
+            slow.weights,
+            slow.prior,
+            slow.prior_weight,
+            found.steps,
+            perf_counter() - begun,
+        )
+        return self._answer
+
+    def _without_data(self, begun: float, rows: int) -> OnlineEstimate:
+        prior = self._prior(np.where(self._of_links, np.inf, 1.0))
+        start = self._inside(np.where(self._of_links, np.inf, 1.0))
+        text = "There are no samples yet; the parameters are those of the prior."
+        ones = np.ones(self.model.dof)
+        seconds = perf_counter() - begun
+        return OnlineEstimate(self._t, self._set.K @ start, start, False, text, rows, ones, prior, 0.0, 0, seconds)
+
+    def _slowly(self, factors: tuple[Factor, ...], rows: int) -> _Slow:
+        base, names = self.model.base_parameters(), tuple(self.model.robot.joint_names)
+        info = Information(base.names, base.expressions, names, factors)
+        if self._known.scale_is_free and rows > SCALING * self._scaled_rows and not self.changes:
+            self._scale_known(info)
+        deviations = term_deviations(info, self._set)
+        prior = self._prior(deviations)
+        weight = self._prior_weight
+        if isinstance(weight, str):
+            weight = UNTESTED_WEIGHT * max(rows / TYPICAL_COUNT, 1.0)
+        if self._possible is None:
+            self._possible = self._inside(deviations)
+            self._search.begin(self._possible)
+        return _Slow(rows, info.joint_weights(self._weights), prior, prior.prepare(self._set, weight), weight)
+
+    def _prior(self, deviations: Array) -> Prior:
+        kind = EntropicPrior if self._set.consistency == "full" else ConstantPullbackPrior
+        return kind(self._reference, term_deviations=deviations)
+
+    def _inside(self, deviations: Array) -> Array:
+        """Parameters well inside the set: the prior's, or, where conditions forbid these, the set's own."""
+        start = np.where(self._of_links, self._reference, 0.1 * deviations)
+        if self._search.inside(start) and self._set.satisfies_equations(start):
+            return np.asarray(start)
+        given = self._set
+        deeper = FeasibleSet(self.model, given.consistency, given.constraints, 10.0 * given.margin, given.terms)
+        nothing = np.zeros(given.K.shape[0])
+        near = Reduced(np.diag(np.full(len(nothing), 1e-6)), nothing + 1e-6, 0.0, 10 * len(nothing), 1.0)
+        return fit_reduced(near, deeper, prior=self._prior(deviations), prior_weight=1e3).parameters
+
+    def covariance(self) -> ParameterCovariance:
+        """The covariance of least squares of the samples as of now, corrected for residuals that last.
+
+        Of the base parameters, with the joints weighted as in the last answer. It takes some ten milliseconds.
+        """
+        return self._with_covariance()[1]
+
+    def intervals(self, combinations: ArrayLike | None = None) -> Array:
+        """Return intervals that hold the true values with a probability of 95 %, by the data alone.
+
+        They lie about least squares, not about the answer, which the prior moves where the data say little.
+
+        Parameters
+        ----------
+        combinations : (k, n_b), optional
+            Of the base parameters; each base parameter by itself where absent.
+
+        Returns
+        -------
+        (k, 2) array
+            Infinite for what the data do not determine.
+        """
+        rows = np.eye(self._set.K.shape[0]) if combinations is None else np.atleast_2d(np.asarray(combinations, float))
+        if rows.shape[1] != self._set.K.shape[0]:
+            raise InputError(
+                f"Combinations of {self._set.K.shape[0]} base parameters need as many columns, got {rows.shape}."
+            )
+        center, covariance = self._with_covariance()
+        half = NORMAL * np.sqrt(np.sum((rows @ covariance.root) ** 2, axis=1))
+        half[np.any(rows[:, covariance.unknown] != 0.0, axis=1)] = np.inf
+        values = rows @ center
+        return np.column_stack([values - half, values + half])
+
+    def _with_covariance(self) -> tuple[Array, ParameterCovariance]:
+        answer = self._answer or self.estimate()
+        with one_thread():
+            info = self._counted.information()
+            center = solve(info.reduced(answer.weights))
+            return center, ParameterCovariance.of(info, center, answer.weights)
+
+    def proved(self) -> Estimate:
+        """Return the last answer as an :class:`steelyard.Estimate`, with its proof and its errors, to save or write.
+
+        Returns
+        -------
+        Estimate
+        """
+        answer = self.estimate()
+        info = self.information
+        remarks = (*self.remarks, *([answer.remark] if answer.remark else []))
+        with one_thread():
+            return proved_estimate(
+                info,
+                self._given_set,
+                answer.parameters,
+                "online plausible fit",
+                weights=answer.weights,
+                remarks=remarks,
+            )
+
+
+def _require_positive(name: str, value: float) -> float:
+    if isinstance(value, bool) or not isinstance(value, (int, float)) or not 0.0 < value < np.inf:
+        raise InputError(f"{name} must be a positive number, got {value!r}.")
+    return float(value)
+
+
+def _jumping_rows(model: Model) -> NDArray[np.bool_]:
+    """Joints whose friction jumps where they turn around, (N,)."""
+    random = np.random.default_rng(20140101)
+    q, ddq = random.normal(size=(2, 1, model.dof))
+    columns = model.base_columns
+    slow = 1e-7 * random.uniform(1.0, 2.0, size=(1, model.dof))
+    forth, back = (columns.by_joint(columns.entries(q, sign * slow, ddq)) for sign in (1.0, -1.0))
+    return np.array([bool(np.abs(a - b).max(initial=0.0) > 0.1) for a, b in zip(forth, back, strict=True)])
+
+
+def _reduced(factors: tuple[Factor, ...], weights: Array, width: int) -> Reduced:
+    triangle = combined(factors, weights, width)
+    count = sum(f.count for f in factors)
+    R, rho = triangle[:width, :width], triangle[:width, width]
+    return Reduced(R, rho, float(triangle[width, width] ** 2), count, float(np.sum(triangle[:, width] ** 2)))
+
+
+def _variance(problem: Reduced) -> float:
+    """Variance of the rows as `steelyard.fit` takes it, but not less than what few rows can tell."""
+    width, size = problem.R.shape[1], problem.norm2
+    variance: float = max(problem.residual2 / max(problem.count - width, 1), LEAST_DEVIATION**2 * size / problem.count)
+    if problem.count < FEW * width:
+        variance = max(variance, FIRST_DEVIATION**2 * size / problem.count)
+    return variance

@@ -1,0 +1,174 @@
+"""Triangular factors that grow row by row: what an Information holds, updated a hundred times a second."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+
+from steelyard.dynamics import Model
+from steelyard.regression import Factor, Information
+from steelyard.regression.batch_means import BATCH_LENGTHS
+from steelyard.regression.reduction import empty_factors
+
+__all__ = ["RunningInformation", "stacked"]
+
+Array = NDArray[np.float64]
+
+LONGEST = BATCH_LENGTHS[-1]
+"""Samples after which all batches end, so that two parts that begin at such a sample add."""
+
+COLUMNS_AT_ONCE = 16
+"""Of a factor that LAPACK reduces in one piece; for factors of 12 to 80 columns, 8 and 32 take a tenth longer."""
+
+
+def stacked(triangle: Array, rows: Array) -> Array:
+    """Return the upper triangle of the QR decomposition of a triangle (c, c) above rows (m, c), the triangle reused."""
+    from scipy.linalg.lapack import dtpqrt
+
+    # The rows are kept, as others may use them.
+    found: Array = dtpqrt(0, min(COLUMNS_AT_ONCE, len(triangle)), triangle, rows, overwrite_a=1)[0]
+    return found
+
+
+class RunningInformation:
+    """The rows of each joint of one stretch of data, reduced as they come.
+
+    Parameters
+    ----------
+    model : Model
+    """
+
+    def __init__(self, model: Model) -> None:
+        self.model = model
+        self.empty = empty_factors(model)
+        self._triangles = [np.asfortranarray(f.triangle) for f in self.empty]
+        self._weights = np.zeros(len(self.empty))
+        self._levels = [[np.asfortranarray(f.triangle) for f in self.empty] for _ in BATCH_LENGTHS]
+        self._level_weights = np.zeros((len(BATCH_LENGTHS), len(self.empty)))
+        self._block = [np.zeros((LONGEST, len(f.triangle))) for f in self.empty]
+        self._filled = 0
+        # Joints whose full block waits to be summed; one at a time, so that no update takes long.
+        self._waiting: list[tuple[int, Array]] = []
+
+    @property
+    def rows(self) -> int:
+        """Rows of all joints that were added; after forgetting, those that they count for."""
+        return round(float(self._weights.sum()))
+
+    def add(self, rows: Sequence[Array], used: NDArray[np.bool_], keep: float = 1.0) -> None:
+        """Add rows ``[W omega]`` (samples, c + 1) of every joint, of which the mask (samples, N) tells which count.
+
+        Parameters
+        ----------
+        rows : sequence of ndarray
+        used : ndarray of bool
+        keep : float
+            What each new row of a joint leaves of the joint's squared residuals before it, such as 0.9999; 1 forgets
+            nothing. A joint without rows forgets nothing.
+        """
+        count, start = len(used), 0
+        if self._waiting:
+            self._sum(*self._waiting.pop())
+        while start < count:
+            part = slice(start, min(count, start + LONGEST - self._filled))
+            size = part.stop - part.start
+            for k, own in enumerate(rows):
+                mask = used[part, k]
+                new = own[part]
+                if not mask.all():
+                    new = new * mask[:, None]
+                shown = int(mask.sum())
+                self._block[k][self._filled : self._filled + size] = new
+                if not shown:
+                    continue
+                if keep < 1.0:
+                    left = keep**shown
+                    self._triangles[k] *= np.sqrt(left)
+                    self._weights[k] *= left
+                    for level in range(len(BATCH_LENGTHS)):
+                        self._levels[level][k] *= np.sqrt(left)
+                    self._level_weights[:, k] *= left
+                self._triangles[k] = stacked(self._triangles[k], new)
+                self._weights[k] += shown
+            self._filled, start = self._filled + size, part.stop
+            if self._filled == LONGEST:
+                self._end_block()
+
+    def _end_block(self) -> None:
+        self._drain()
+        self._waiting = list(enumerate(self._block))
+        self._block = [np.zeros_like(block) for block in self._block]
+        self._filled = 0
+
+    def _drain(self) -> None:
+        while self._waiting:
+            self._sum(*self._waiting.pop())
+
+    def _sum(self, joint: int, block: Array) -> None:
+        sums = block
+        for level, length in enumerate(BATCH_LENGTHS):
+            factor = length if level == 0 else 2
+            sums = np.einsum("abc->ac", sums.reshape(-1, factor, sums.shape[-1]))
+            shown = sums[np.any(sums != 0.0, axis=1)]
+            if len(shown):
+                self._levels[level][joint] = stacked(self._levels[level][joint], shown)
+                self._level_weights[level, joint] += len(shown)
+
+    def ended(self) -> RunningInformation:
+        """Sum the batches that are not full, too; nothing more may be added."""
+        self._drain()
+        if self._filled:
+            for k, block in enumerate(self._block):
+                self._sum(k, block)
+            self._block = [np.zeros_like(block) for block in self._block]
+            self._filled = 0
+        return self
+
+    def copy(self) -> RunningInformation:
+        """Return a copy that grows by itself."""
+        found = object.__new__(RunningInformation)
+        found.model, found.empty, found._filled = self.model, self.empty, self._filled
+        found._triangles = [t.copy(order="F") for t in self._triangles]
+        found._weights = self._weights.copy()
+        found._levels = [[t.copy(order="F") for t in level] for level in self._levels]
+        found._level_weights = self._level_weights.copy()
+        found._block = [block.copy() for block in self._block]
+        found._waiting = [(k, block.copy()) for k, block in self._waiting]
+        return found
+
+    def merge(self, other: RunningInformation) -> None:
+        """Add what another part, which is ended, holds."""
+        for k in range(len(self.empty)):
+            self._triangles[k] = stacked(self._triangles[k], other._triangles[k])
+            for own, further in zip(self._levels, other._levels, strict=True):
+                own[k] = stacked(own[k], further[k])
+        self._weights += other._weights
+        self._level_weights += other._level_weights
+
+    def factors(self) -> tuple[Factor, ...]:
+        """One for each joint, of all the rows."""
+        return _factors(self.empty, self._triangles, self._weights)
+
+    def information(self, batch_means: bool = True) -> Information:
+        """Return all the rows as an Information, with sums of neighbouring rows or without."""
+        base = self.model.base_parameters()
+        levels: tuple[tuple[Factor, ...], ...] = ()
+        if batch_means:
+            whole = self.copy().ended()
+            levels = tuple(
+                _factors(self.empty, triangles, weights)
+                for triangles, weights in zip(whole._levels, whole._level_weights, strict=True)
+            )
+        names = tuple(self.model.robot.joint_names)
+        return Information(base.names, base.expressions, names, self.factors(), batch_means=levels)
+
+
+def _factors(empty: Sequence[Factor], triangles: Sequence[Array], weights: Array) -> tuple[Factor, ...]:
+    found = []
+    for factor, triangle, weight in zip(empty, triangles, weights, strict=True):
+        signs = np.where(np.diagonal(triangle) < 0.0, -1.0, 1.0)
+        upper = np.ascontiguousarray(np.triu(triangle) * signs[:, None])
+        found.append(Factor(factor.joint, factor.columns, upper, round(float(weight))))
+    return tuple(found)

@@ -1,0 +1,236 @@
+"""The plausible fit within a feasible set, solved again and again from the answer before, in milliseconds."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from time import perf_counter
+
+import numpy as np
+from numpy.typing import NDArray
+
+from steelyard.errors import SolverError
+from steelyard.estimators.prior import PreparedPrior
+from steelyard.feasibility import FeasibleSet
+from steelyard.lmi import AffineBlock
+
+__all__ = ["WarmAnswer", "WarmFit"]
+
+Array = NDArray[np.float64]
+
+LEAST_BARRIER = 1e-10
+"""Complementarity at which an answer is exact, in units of half the squared residual over its variance: where one
+moves noise's own error of one unit by 1e-8."""
+
+FIRST_BARRIER = 1e-2
+"""At which a search starts where there is no answer before; it moves answers by a tenth of what noise does."""
+
+REDUCTION = 0.05
+"""Of the complementarity in each step. With 0.2 a cold start takes 18 steps, with 0.01 some warm ones lose their
+centre and take 30; 0.05 takes 9 to 12 cold, 3 to 6 warm (the seven-joint arm)."""
+
+TO_BOUNDARY = 0.95
+"""Part of the way to the boundary of the set that a step goes at most."""
+
+STATIONARY = 1e-9
+"""Squared length of a Newton step in the local metric, below which it moves nothing."""
+
+MOST_STEPS = 80
+"""Far more than any start needs; it ends searches that rounding keeps from their end."""
+
+RIDGE = 1e-13
+"""Added to the diagonal of matrices that were scaled to ones there; see `steelyard.feasibility.barrier`."""
+
+
+@dataclass(frozen=True, eq=False)
+class WarmAnswer:
+    """What a search reached.
+
+    Attributes
+    ----------
+    parameters : (n,)
+        Inside the set, whether or not the search ended.
+    converged : bool
+        Whether the optimum was reached to `complementarity`, before the time or the steps ran out.
+    steps : int
+    seconds : float
+    complementarity : float
+        Largest product of a linear condition and its multiplier.
+    """
+
+    parameters: Array = field(repr=False)
+    converged: bool
+    steps: int
+    seconds: float
+    complementarity: float
+
+
+class WarmFit:
+    """Minimises ½ ‖R K δ - ρ‖² / variance + weight · (distance from the prior) within a feasible set.
+
+    A primal-dual interior-point method whose every iterate lies inside the set, so that it may be stopped at any time.
+    Linear conditions have multipliers; matrices stay positive definite by the prior's own logarithm of determinants, or
+    by a barrier as small as the complementarity where the prior has none.
+
+    Parameters
+    ----------
+    feasible_set : FeasibleSet
+        Keeps its margin from the boundary, as `steelyard.fit` does.
+    """
+
+    def __init__(self, feasible_set: FeasibleSet) -> None:
+        self.feasible_set = feasible_set
+        self.K = np.asarray(feasible_set.K)
+        lines = [block for block in feasible_set.blocks if block.size == 1]
+        self._rows = np.zeros((len(lines), feasible_set.parameter_count))
+        for row, block in zip(self._rows, lines, strict=True):
+            np.add.at(row, block.indices, block.coefficients[:, 0, 0])
+        self._constants = np.array([block.constant[0, 0] - feasible_set.margin for block in lines])
+        self._groups = _groups([block for block in feasible_set.blocks if block.size > 1], feasible_set.margin)
+        self._basis = feasible_set.equation_directions
+        self.start: Array | None = None
+        self._multipliers = np.ones(len(lines))
+
+    def inside(self, parameters: Array) -> bool:
+        """Whether every condition holds with the margin."""
+        if np.any(self._rows @ parameters + self._constants <= 0.0):
+            return False
+        matrices = [constants + np.einsum("bi,biac->bac", parameters[own], c) for own, c, constants in self._groups]
+        return all(bool(np.all(np.linalg.eigvalsh(each)[:, 0] > 0.0)) for each in matrices)
+
+    def begin(self, parameters: Array) -> None:
+        """Start the next search here, inside the set.
+
+        Raises
+        ------
+        SolverError
+            If the parameters are not inside the set.
+        """
+        if not self.inside(parameters) or not self.feasible_set.satisfies_equations(parameters):
+            raise SolverError("A search must start inside the feasible set; give parameters that satisfy it.")
+        self.start = np.array(parameters)
+        self._multipliers = FIRST_BARRIER / (self._rows @ parameters + self._constants)
+
+    def solve(
+        self,
+        R: Array,
+        rho: Array,
+        variance: float,
+        prior: PreparedPrior,
+        weight: float,
+        *,
+        accuracy: float = 1e-6,
+        seconds: float = np.inf,
+    ) -> WarmAnswer:
+        """Search from where the last search ended.
+
+        Parameters
+        ----------
+        R, rho : (n_b, n_b), (n_b,)
+            The reduced regression, weighted.
+        variance : float
+            Of its rows.
+        prior : PreparedPrior
+        weight : float
+        accuracy : float
+            Complementarity at which the search ends.
+        seconds : float
+            After which it is stopped where it is.
+
+        Returns
+        -------
+        WarmAnswer
+        """
+        begun = perf_counter()
+        assert self.start is not None
+        point, multipliers = self.start, self._multipliers
+        scaled = (R @ self.K) / np.sqrt(variance)
+        target = rho / np.sqrt(variance)
+        curvature = scaled.T @ scaled
+        slacks = self._rows @ point + self._constants
+        # The multipliers may be far from the path where the data changed: the complementarity starts where they are.
+        barrier = max(accuracy, min(FIRST_BARRIER, float(np.max(slacks * multipliers, initial=0.0))))
+        steps, converged = 0, False
+        while steps < MOST_STEPS and perf_counter() - begun < seconds:
+            gradient = scaled.T @ (scaled @ point - target)
+            hessian = curvature.copy()
+            prior.add_derivatives(point[None], np.array([weight]), gradient[None], hessian[None])
+            of_matrices = barrier if prior.metric is not None else min(barrier, accuracy)
+            self._add_barriers(point, of_matrices, gradient, hessian)
+            stiffness = multipliers / slacks
+            hessian += (self._rows.T * stiffness) @ self._rows
+            gradient -= self._rows.T @ (barrier / slacks)
+            step = self._newton(gradient, hessian)
+            decrease = -float(gradient @ step)
+            change = self._rows @ step
+            change_of_multipliers = barrier / slacks - multipliers - stiffness * change
+            length = min(1.0, TO_BOUNDARY * self._longest(point, step, slacks, change))
+            falling = change_of_multipliers < 0.0
+            shares = multipliers[falling] / -change_of_multipliers[falling]
+            dual_length = min(1.0, TO_BOUNDARY * float(np.min(shares, initial=np.inf)))
+            point = point + length * step
+            multipliers = multipliers + dual_length * change_of_multipliers
+            slacks = self._rows @ point + self._constants
+            steps += 1
+            off_center = float(np.max(np.abs(slacks * multipliers / barrier - 1.0), initial=0.0))
+            centered = length > 0.5 and decrease <= max(STATIONARY, barrier) and off_center < 0.9
+            if barrier <= accuracy and length == 1.0 and decrease <= min(STATIONARY, accuracy) and off_center < 0.9:
+                converged = True
+                break
+            if centered:
+                barrier = max(accuracy, REDUCTION * barrier)
+        self.start, self._multipliers = point, multipliers
+        reached = float(np.max(slacks * multipliers, initial=0.0))
+        return WarmAnswer(point, converged, steps, perf_counter() - begun, reached)
+
+    def _add_barriers(self, point: Array, factor: float, gradient: Array, hessian: Array) -> None:
+        for own, coefficients, constants in self._groups:
+            matrices = constants + np.einsum("bi,biac->bac", point[own], coefficients)
+            roots = np.linalg.inv(np.linalg.cholesky(matrices))[:, None]
+            products = roots @ coefficients @ roots.swapaxes(-1, -2)
+            flat = products.reshape(*products.shape[:2], -1)
+            np.subtract.at(gradient, own, factor * np.einsum("bcii->bc", products))
+            np.add.at(hessian, (own[:, :, None], own[:, None, :]), factor * (flat @ flat.swapaxes(-1, -2)))
+
+    def _newton(self, gradient: Array, hessian: Array) -> Array:
+        from scipy.linalg.lapack import dposv
+
+        if self._basis is not None:
+            gradient, hessian = self._basis.T @ gradient, self._basis.T @ hessian @ self._basis
+        scale = 1.0 / np.sqrt(np.maximum(np.diagonal(hessian), 1e-300))
+        hessian = hessian * scale[:, None] * scale
+        hessian[np.diag_indices_from(hessian)] += RIDGE
+        _, step, fails = dposv(hessian, -gradient * scale, lower=1)
+        if fails:
+            step = np.linalg.lstsq(hessian, -gradient * scale, rcond=1e-14)[0]
+        step = step * scale
+        return np.asarray(step if self._basis is None else self._basis @ step)
+
+    def _longest(self, point: Array, step: Array, slacks: Array, change: Array) -> float:
+        """How many times the step reaches the boundary of the set."""
+        falling = change < 0.0
+        longest = float(np.min(slacks[falling] / -change[falling], initial=np.inf))
+        for own, coefficients, constants in self._groups:
+            matrices = constants + np.einsum("bi,biac->bac", point[own], coefficients)
+            roots = np.linalg.inv(np.linalg.cholesky(matrices))
+            moved = roots @ np.einsum("bi,biac->bac", step[own], coefficients) @ roots.swapaxes(-1, -2)
+            least = float(np.linalg.eigvalsh(moved)[:, 0].min())
+            if least < 0.0:
+                longest = min(longest, -1.0 / least)
+        return longest
+
+
+def _groups(
+    blocks: list[AffineBlock], margin: float
+) -> list[tuple[NDArray[np.intp], NDArray[np.float64], NDArray[np.float64]]]:
+    """Indices, coefficients and constants, less the margin, of blocks of the same shape."""
+    found: dict[tuple[int, int], list[AffineBlock]] = {}
+    for block in blocks:
+        found.setdefault((block.size, len(block.indices)), []).append(block)
+    return [
+        (
+            np.array([block.indices for block in group]),
+            np.array([block.coefficients for block in group]),
+            np.array([block.constant for block in group]) - margin * np.eye(size),
+        )
+        for (size, _), group in found.items()
+    ]

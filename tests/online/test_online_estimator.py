@@ -1,0 +1,299 @@
+"""Samples as they come, and as a robot should not send them; what comes out is that of the whole log."""
+
+from collections.abc import Iterator
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+from scipy.signal import butter, sosfiltfilt
+
+import steelyard as sy
+from steelyard.online.causal_filter import CausalMotionFilter
+from steelyard.online.even_stream import EvenStream
+from steelyard.online.running_information import RunningInformation
+
+Array = NDArray[np.float64]
+BODY = sy.Inertia.from_com(3.0, [-0.2, 0.0, 0.05], 0.02 * np.eye(3)).parameters
+TRUE = np.concatenate([BODY, [0.5, 0.8], BODY, [0.3, 0.4]])
+
+
+@pytest.fixture(scope="module")
+def model() -> sy.Model:
+    arm = sy.Robot.from_dh([("pi/2", 0, 0.3, "q"), (0, 0.5, 0, "q")], name="arm")
+    return sy.Model(arm.with_terms(sy.Viscous(), sy.Coulomb()))
+
+
+@pytest.fixture(scope="module")
+def motion(model: sy.Model) -> tuple[Array, ...]:
+    """5 s of a motion: t, q, dq, ddq and the torque with noise."""
+    t = np.arange(5000) / 1000
+    pace = np.array([3.0, 4.0])
+    q, dq, ddq = np.sin(pace * t[:, None]), pace * np.cos(pace * t[:, None]), -(pace**2) * np.sin(pace * t[:, None])
+    torque = model.inverse_dynamics(q, dq, ddq, TRUE)
+    return t, q, dq, ddq, torque + 0.1 * np.random.default_rng(1).normal(size=q.shape)
+
+
+def gram(factor: sy.regression.Factor) -> Array:
+    return np.asarray(factor.triangle.T @ factor.triangle)
+
+
+def same(one: sy.Information, other: sy.Information) -> bool:
+    """Whether two Informations hold the same sums of products; triangles of full columns alone are unique."""
+    levels = [one.factors, *one.batch_means], [other.factors, *other.batch_means]
+    pairs = [pair for own, further in zip(*levels, strict=True) for pair in zip(own, further, strict=True)]
+    return all(
+        a.count == b.count and np.allclose(gram(a), gram(b), rtol=1e-10, atol=1e-10 * np.abs(gram(b)).max())
+        for a, b in pairs
+    )
+
+
+def test_rows_that_come_in_tens_are_reduced_as_the_whole_log(model: sy.Model, motion: tuple[Array, ...]) -> None:
+    t, q, dq, ddq, torque = motion
+    estimator = sy.OnlineEstimator(model, least_speed=0.0)
+    for k in range(3333):
+        estimator.update(t[k], q[k], torque[k], dq[k], ddq[k])
+    estimator.flush()
+    samples = sy.Samples(q=q[:3333], dq=dq[:3333], ddq=ddq[:3333], torque=torque[:3333])
+    assert same(estimator.information, sy.Information.from_samples(model, samples))
+
+
+def test_answers_are_those_of_the_batch_fit(model: sy.Model, motion: tuple[Array, ...]) -> None:
+    t, q, _, _, torque = motion
+    estimator = sy.OnlineEstimator(model)
+    for k in range(0, 5000, 50):
+        estimator.update(t[k : k + 50], q[k : k + 50], torque[k : k + 50])
+        answer = estimator.estimate(accuracy=1e-10)
+        assert estimator.feasible_set.contains(answer.parameters)
+    batch = sy.fit(
+        estimator.information,
+        estimator.feasible_set,
+        weights=answer.weights,
+        prior=answer.prior,
+        prior_weight=answer.prior_weight,
+    )
+    assert answer.converged
+    assert answer.base == pytest.approx(batch.base, rel=1e-4, abs=1e-5 * np.abs(batch.base).max())
+    true = model.base_parameters().values(TRUE)
+    assert answer.base == pytest.approx(true, abs=0.05)
+
+
+def test_the_filter_is_the_zero_phase_one_late_by_its_delay() -> None:
+    random = np.random.default_rng(2)
+    q = np.cumsum(np.cumsum(random.normal(size=(3000, 2)), axis=0), axis=0) * 1e-5
+    found = CausalMotionFilter(1000.0, 10.0, 3, 2)
+    out = np.concatenate([found.add(q[k : k + 7]) for k in range(0, 2996, 7)])
+    reference = sosfiltfilt(butter(3, 10.0 / 500.0, output="sos"), q, axis=0)
+    inside = slice(700, 2000)
+    expected = reference[found.delay :][inside]
+    assert np.abs(out[inside, 0] - expected).max() < 1e-4 * np.abs(expected).max()
+    speed = np.gradient(reference, 1e-3, axis=0)[found.delay :][inside]
+    assert np.abs(out[inside, 1] - speed).max() < 1e-3 * np.abs(speed).max()
+
+
+def test_polynomials_pass_the_filter_with_their_derivatives() -> None:
+    t = np.arange(1000)[:, None] / 1000
+    out = CausalMotionFilter(1000.0, 10.0, 3, 1).add(2.0 + 3.0 * t - 4.0 * t**2 + t**3)
+    late = t[220:780]
+    assert np.allclose(out[:, 0], 2.0 + 3.0 * late - 4.0 * late**2 + late**3, atol=1e-12)
+    assert np.allclose(out[:, 2], -8.0 + 6.0 * late, atol=1e-7)
+
+
+def spoilt(t: Array, rows: Array, kind: str) -> tuple[Array, Array]:
+    """Times and rows of q and torque of two joints, as a robot should not send them."""
+    random = np.random.default_rng(3)
+    t, rows = t.copy(), rows.copy()
+    if kind == "jitter":
+        t += random.uniform(-3e-4, 3e-4, size=t.shape)
+        # Positions at the times that are told, as a robot samples them.
+        rows[:, :2] = np.sin(np.array([3.0, 4.0]) * t[:, None])
+    elif kind == "absolute":
+        t += 1.7e9
+    elif kind == "missing":
+        kept = random.uniform(size=len(t)) > 0.1
+        t, rows = t[kept], rows[kept]
+    elif kind == "repeated":
+        order = np.sort(np.concatenate([np.arange(len(t)), random.integers(0, len(t), size=300)]))
+        t, rows = t[order], rows[order]
+    elif kind == "nan":
+        rows[random.integers(0, len(t), size=50), random.integers(0, 4, size=50)] = np.nan
+        t[random.integers(0, len(t), size=20)] = np.nan
+    elif kind == "gap":
+        kept = (t < 2.0) | (t > 2.5)
+        t, rows = t[kept], rows[kept]
+    elif kind == "reset":
+        t[2500:] -= 100.0
+    return t, rows
+
+
+TOLD = {
+    "even": "",
+    "jitter": "interpolated",
+    "absolute": "",
+    "missing": "interpolated",
+    "repeated": "time stamp of the one before",
+    "nan": "no finite number",
+    "gap": "missing for more than 20 ms",
+    "reset": "clock went back",
+}
+
+
+@pytest.mark.parametrize("kind", TOLD)
+def test_samples_that_are_not_as_they_should_be(model: sy.Model, motion: tuple[Array, ...], kind: str) -> None:
+    t, q, _, _, torque = motion
+    times, rows = spoilt(t, np.hstack([q, torque]), kind)
+    estimator = sy.OnlineEstimator(model)
+    for k in range(0, len(times), 100):
+        part = slice(k, k + 100)
+        estimator.update(times[part], rows[part, :2], rows[part, 2:])
+    answer = estimator.estimate()
+    assert estimator.feasible_set.contains(answer.parameters)
+    assert answer.base == pytest.approx(model.base_parameters().values(TRUE), abs=0.06)
+    assert TOLD[kind] in " ".join(estimator.remarks)
+    assert bool(TOLD[kind]) == any(
+        "interpolated" in r or "left out;" in r or "times" in r or "finite" in r or "stamp" in r
+        for r in estimator.remarks
+        if "slower" not in r
+    )
+
+
+def test_even_samples_pass_unchanged_whatever_their_parts() -> None:
+    rows = np.column_stack([1.7e9 + np.arange(1000) / 1000, np.random.default_rng(4).normal(size=(1000, 2))])
+    stream = EvenStream(1000.0, 1, 0.02)
+    parts = [stretch for k in range(0, 1000, 37) for stretch in stream.add(rows[k : k + 37])]
+    assert np.array_equal(np.concatenate([part.values for part in parts]), rows[:, 1:2])
+    assert [part.begins for part in parts] == [True] + [False] * (len(parts) - 1)
+
+
+def test_a_robot_at_rest_tells_no_friction_and_forgets_nothing(model: sy.Model, motion: tuple[Array, ...]) -> None:
+    t, q, _, _, torque = motion
+    estimator = sy.OnlineEstimator(model, forget=1.0)
+    estimator.update(t, q, torque)
+    before = estimator.information
+    still = np.tile(q[-1], (3000, 1))
+    estimator.update(5.0 + t[:3000] + 1.0, still, np.zeros_like(still))
+    assert same(estimator.information, before)
+    assert "slower than 0.001" in " ".join(estimator.remarks)
+
+
+def test_what_is_forgotten_counts_less_by_the_time_constant(model: sy.Model, motion: tuple[Array, ...]) -> None:
+    t, q, dq, ddq, torque = motion
+    estimator = sy.OnlineEstimator(model, forget=0.5, least_speed=0.0)
+    for part in parts(5000, (10,)):
+        estimator.update(t[part], q[part], torque[part], dq[part], ddq[part])
+    weights = np.exp(-(5000 - np.arange(5000)) / 500.0)
+    rows = np.column_stack([model.base_columns.by_joint(model.base_columns.entries(q, dq, ddq))[1], torque[:, 1]])
+    expected = (rows * weights[:, None]).T @ rows
+    assert np.allclose(gram(estimator.information.factors[1]), expected, rtol=0.0, atol=0.02 * np.abs(expected).max())
+
+
+def test_a_window_holds_the_newest_samples_alone(model: sy.Model, motion: tuple[Array, ...]) -> None:
+    t, q, dq, ddq, torque = motion
+    estimator = sy.OnlineEstimator(model, window=0.8, least_speed=0.0)
+    for k in range(0, 5000, 10):
+        part = slice(k, k + 10)
+        estimator.update(t[part], q[part], torque[part], dq[part], ddq[part])
+    newest = slice(5000 - 800, 5000)
+    samples = sy.Samples(q=q[newest], dq=dq[newest], ddq=ddq[newest], torque=torque[newest])
+    expected = sy.Information.from_samples(model, samples, batch_means=False)
+    found = estimator.information
+    assert found.count == expected.count
+    for a, b in zip(found.factors, expected.factors, strict=True):
+        assert np.allclose(gram(a), gram(b), rtol=1e-10, atol=1e-10 * np.abs(gram(b)).max())
+
+
+def test_a_search_that_is_stopped_gives_a_possible_answer(model: sy.Model, motion: tuple[Array, ...]) -> None:
+    t, q, _, _, torque = motion
+    estimator = sy.OnlineEstimator(model)
+    estimator.update(t, q, torque)
+    answer = estimator.estimate(seconds=1e-9)
+    assert not answer.converged
+    assert "stopped" in answer.remark
+    assert estimator.feasible_set.contains(answer.parameters)
+    assert estimator.estimate().converged
+
+
+def test_answers_are_proved(model: sy.Model, motion: tuple[Array, ...]) -> None:
+    t, q, _, _, torque = motion
+    estimator = sy.OnlineEstimator(model)
+    estimator.update(t, q, torque)
+    estimate = estimator.proved()
+    assert sy.check(sy.FeasibleSet(model), parameters=estimate.parameters).feasible
+    assert estimate.certificate
+
+
+def test_intervals_hold_the_truth(model: sy.Model, motion: tuple[Array, ...]) -> None:
+    t, q, dq, ddq, torque = motion
+    base = model.base_parameters().values(TRUE)
+    estimator = sy.OnlineEstimator(model)
+    random = np.random.default_rng(5)
+    torque = model.inverse_dynamics(q, dq, ddq, TRUE)
+    held = []
+    for _ in range(10):
+        estimator.restart()
+        estimator.update(t, q, torque + 0.1 * random.normal(size=q.shape), dq, ddq)
+        low, high = estimator.intervals().T
+        held.append((low < base) & (base < high))
+        both = estimator.intervals(np.eye(12)[:2].sum(axis=0))
+        assert low[:2].sum() < both[0, 0] < both[0, 1] < high[:2].sum()
+    # 114 of 120 are expected; fewer than 100 or more than 119 with a probability below 1 %.
+    assert 100 <= np.sum(held) <= 119
+
+
+@pytest.mark.parametrize(
+    ("options", "message"),
+    [
+        ({"rate": 0.0}, "rate must be a positive number"),
+        ({"cutoff": 600.0}, "half the rate"),
+        ({"forget": -1.0}, "forget must be a positive number"),
+        ({"window": np.nan}, "window must be a positive number"),
+        ({"prior_weight": "much"}, 'positive number or "auto"'),
+        ({"weights": [1.0]}, "2 positive numbers"),
+        ({"least_speed": -1.0}, "at least 0"),
+    ],
+)
+def test_options_that_make_no_sense(model: sy.Model, options: dict[str, object], message: str) -> None:
+    with pytest.raises(sy.InputError, match=message):
+        sy.OnlineEstimator(model, **options).update(0.0, [0.0, 0.0], [0.0, 0.0])  # type: ignore[arg-type]
+
+
+@pytest.mark.parametrize(
+    ("samples", "message"),
+    [
+        ([(0.0, [0.0], [0.0, 0.0])], "q has the shape"),
+        ([(0.0, [0.0, 0.0], [0.0, 0.0], None, [0.0, 0.0])], "Accelerations without velocities"),
+        ([(0.0, [0.0, 0.0], [0.0, 0.0]), (0.1, [0.0, 0.0], [0.0, 0.0], [0.0, 0.0])], "give the same of every sample"),
+        ([([0.0, 0.1], [[0.0, 0.0]], [[0.0, 0.0]])], "one row for each of 2 times"),
+    ],
+)
+def test_samples_that_do_not_fit(model: sy.Model, samples: list[tuple[object, ...]], message: str) -> None:
+    estimator = sy.OnlineEstimator(model)
+    *first, last = samples
+    for sample in first:
+        estimator.update(*sample)  # type: ignore[arg-type]
+    with pytest.raises(sy.InputError, match=message):
+        estimator.update(*last)  # type: ignore[arg-type]
+
+
+def parts(rows: int, sizes: tuple[int, ...]) -> Iterator[slice]:
+    start, k = 0, 0
+    while start < rows:
+        size = sizes[k % len(sizes)]
+        yield slice(start, min(rows, start + size))
+        start, k = start + size, k + 1
+
+
+def test_merged_parts_are_the_whole(model: sy.Model, motion: tuple[Array, ...]) -> None:
+    _, q, dq, ddq, torque = motion
+    columns = model.base_columns
+    whole, first, second = (RunningInformation(model) for _ in range(3))
+    for part in parts(4096, (10, 333, 1)):
+        entries = columns.by_joint(columns.entries(q[part], dq[part], ddq[part]))
+        rows = [np.column_stack([own, torque[part, k]]) for k, own in enumerate(entries)]
+        used = np.ones(torque[part].shape, dtype=bool)
+        whole.add(rows, used)
+        for start, half in ((0, first), (2048, second)):
+            own = slice(max(part.start, start) - part.start, max(min(part.stop, start + 2048), part.start) - part.start)
+            if own.stop > own.start:
+                half.add([r[own] for r in rows], used[own])
+    first.merge(second.ended())
+    assert same(first.information(), whole.information())
