@@ -28,8 +28,8 @@ from steelyard.regression.parameter_covariance import NORMAL
 
 from .causal_filter import CausalMotionFilter
 from .change_detector import Change, ChangeDetector
-from .even_stream import EvenStream, Stretch
 from .counted_rows import CountedRows
+from .even_stream import EvenStream, Stretch
 from .warm_fit import WarmFit
 
 __all__ = ["OnlineEstimate", "OnlineEstimator"]
