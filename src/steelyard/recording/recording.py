@@ -14,12 +14,13 @@ from steelyard.errors import InputError
 from steelyard.files import shown
 
 from .. import recording as room  # its names are imported when they are used
+from . import diagnosis  # as are these
 from .automatic import decide, settle
 from .clock import CLOCK_ROWS, FEWEST_ROWS
 from .columns import LogColumns
 from .conversion import clock_at, convert, log_columns, names_of, signals_fields, times
 from .cutoff import CutoffChoice
-from .diagnosis import Diagnosis, Intervals, diagnose, find_missing
+from .diagnosis import find_missing
 from .even import evened
 from .formats import LogFiles, Source, write_log
 from .measurements import Measurements, check_period
@@ -32,6 +33,7 @@ if TYPE_CHECKING:
 
     from steelyard.dynamics import Model
 
+    from .diagnosis import Diagnosis, Intervals
     from .periodic import PeriodicAverage
 
 __all__ = ["Recording"]
@@ -229,7 +231,7 @@ class Recording(Measurements):
         Diagnosis('sine': 1 findings)
         Joint 1: ... rows in ... intervals are at a level where the torque is clipped, ...
         """
-        return diagnose(self)
+        return diagnosis.diagnose(self)
 
     def choose_cutoff(self, order: int = 3) -> CutoffChoice:
         """Choose the cutoff of the position filter from the data; see :func:`steelyard.recording.choose_cutoff`."""

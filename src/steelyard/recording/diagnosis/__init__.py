@@ -10,8 +10,10 @@ if TYPE_CHECKING:
     from .delay import DelayEstimate as DelayEstimate
     from .delay import advanced as advanced
     from .delay import estimate_delay as estimate_delay
+    from .detectors import DETECTORS as DETECTORS
     from .detectors import Interval as Interval
     from .detectors import Intervals as Intervals
+    from .detectors import faulty_rows as faulty_rows
     from .detectors import find_missing as find_missing
     from .detectors import find_repeated as find_repeated
     from .detectors import find_saturation as find_saturation
@@ -20,9 +22,7 @@ if TYPE_CHECKING:
     from .detectors import resolution as resolution
     from .detectors import saturation_levels as saturation_levels
     from .detectors import stiction_duration as stiction_duration
-    from .diagnosis import DETECTORS as DETECTORS
     from .diagnosis import Diagnosis as Diagnosis
     from .diagnosis import diagnose as diagnose
-    from .diagnosis import faulty_rows as faulty_rows
 
 __all__ = import_at_first_use(__name__, __file__)

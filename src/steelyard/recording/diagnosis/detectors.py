@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
-from dataclasses import dataclass
+from collections.abc import Collection, Iterator
+from dataclasses import dataclass, replace
 from typing import NamedTuple
 
 import numpy as np
@@ -15,8 +15,11 @@ from steelyard.errors import InputError
 from ..measurements import Measurements
 
 __all__ = [
+    "DETECTORS",
     "Interval",
     "Intervals",
+    "fault",
+    "faulty_rows",
     "find_missing",
     "find_repeated",
     "find_saturation",
@@ -26,6 +29,7 @@ __all__ = [
     "saturation_levels",
     "stiction_duration",
     "stuck_while_others_move",
+    "with_remedy",
 ]
 
 Array = NDArray[np.float64]
@@ -424,3 +428,36 @@ def _changes(torque: Array) -> bool:
         np.sqrt(np.mean(np.concatenate([part - mean for part, mean in zip(parts, means, strict=True)]) ** 2))
     )
     return float(np.ptp(means)) > max(scatter, 1e-9 * float(np.abs(torque).max()))
+
+
+DETECTORS = {"stiction": stuck_while_others_move, "saturation": find_saturation, "repeated": find_repeated}
+"""By the option of [processing] that leaves out what they find."""
+FEW = {"stiction": 0.1, "saturation": 1e-3, "repeated": 1e-3}
+"""Shares of a joint's rows below which they are not remarked on: every robot stands a while where it turns around."""
+
+
+def faulty_rows(recording: Measurements, handled: Collection[str] = ()) -> tuple[str, ...]:
+    """Return the sentences on rows that would harm a regression, and on none of the `handled` options of [processing].
+
+    Examples
+    --------
+    >>> from steelyard.recording import Recording
+    >>> t = np.arange(3000) / 1000
+    >>> torque = np.clip(8 * np.sin(5 * t), -6.0, 6.0)
+    >>> log = Recording(t=t, q=np.sin(2 * t)[:, None], torque=torque[:, None])
+    >>> len(faulty_rows(log)), len(faulty_rows(log, ["saturation"]))
+    (1, 0)
+    """
+    searched = {option: detector for option, detector in DETECTORS.items() if option not in handled}
+    return tuple(text for option, detector in searched.items() for text in fault(detector(recording), option))
+
+
+def fault(rows: Intervals, option: str) -> tuple[str, ...]:
+    """Return the sentences on what a detector found, where it is enough to harm a regression."""
+    flags = rows.flags & (rows.flags.mean(axis=0) >= FEW[option])
+    return tuple(with_remedy(replace(rows, flags=flags), option))
+
+
+def with_remedy(found: Intervals, option: str) -> list[str]:
+    """Return the sentences on rows with the option of [processing] that leaves them out."""
+    return [f"{sentence[:-1]} (`{option} = true` leaves them out)." for sentence in found.sentences()]

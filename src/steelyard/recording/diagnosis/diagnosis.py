@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Collection
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
@@ -13,22 +13,21 @@ from steelyard.display import html_table
 from ..clock import ClockStatistics, clock_statistics
 from ..measurements import Measurements
 from .detectors import (
+    DETECTORS,
     Intervals,
+    fault,
     find_missing,
     find_repeated,
     find_saturation,
     noise_deviation,
     resolution,
     stuck_while_others_move,
+    with_remedy,
 )
 
-__all__ = ["Diagnosis", "diagnose", "faulty_rows"]
+__all__ = ["Diagnosis", "diagnose"]
 
 Array = NDArray[np.float64]
-DETECTORS = {"stiction": stuck_while_others_move, "saturation": find_saturation, "repeated": find_repeated}
-"""By the option of [processing] that leaves out what they find."""
-FEW = {"stiction": 0.1, "saturation": 1e-3, "repeated": 1e-3}
-"""Shares of a joint's rows below which they are not remarked on: every robot stands a while where it turns around."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -63,7 +62,7 @@ class Diagnosis:
         """Return what was found, with the option of [processing] that leaves it out; nothing where all is well."""
         found = list(self.clock.sentences())
         for option in DETECTORS:
-            found += _with_remedy(getattr(self, option), option)
+            found += with_remedy(getattr(self, option), option)
         if self.missing is not None:
             found += list(self.missing.sentences())
         return tuple(found)
@@ -73,7 +72,7 @@ class Diagnosis:
 
         Options that are `handled` already, and those of which there is nothing to say, are left out.
         """
-        found = {option: _fault(getattr(self, option), option) for option in DETECTORS if option not in handled}
+        found = {option: fault(getattr(self, option), option) for option in DETECTORS if option not in handled}
         return {option: sentences for option, sentences in found.items() if sentences}
 
     def __repr__(self) -> str:
@@ -104,28 +103,3 @@ def diagnose(recording: Measurements) -> Diagnosis:
         find_repeated(recording),
         find_missing(recording),
     )
-
-
-def faulty_rows(recording: Measurements, handled: Collection[str] = ()) -> tuple[str, ...]:
-    """Return the sentences on rows that would harm a regression, and on none of the `handled` options of [processing].
-
-    Examples
-    --------
-    >>> from steelyard.recording import Recording
-    >>> t = np.arange(3000) / 1000
-    >>> torque = np.clip(8 * np.sin(5 * t), -6.0, 6.0)
-    >>> log = Recording(t=t, q=np.sin(2 * t)[:, None], torque=torque[:, None])
-    >>> len(faulty_rows(log)), len(faulty_rows(log, ["saturation"]))
-    (1, 0)
-    """
-    searched = {option: detector for option, detector in DETECTORS.items() if option not in handled}
-    return tuple(text for option, detector in searched.items() for text in _fault(detector(recording), option))
-
-
-def _fault(rows: Intervals, option: str) -> tuple[str, ...]:
-    flags = rows.flags & (rows.flags.mean(axis=0) >= FEW[option])
-    return tuple(_with_remedy(replace(rows, flags=flags), option))
-
-
-def _with_remedy(found: Intervals, option: str) -> list[str]:
-    return [f"{sentence[:-1]} (`{option} = true` leaves them out)." for sentence in found.sentences()]
