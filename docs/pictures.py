@@ -400,6 +400,42 @@ def payload(runs: Runs) -> Drawing:
 
 
 @picture
+def pick_up(runs: Runs) -> Drawing:
+    """Mass, centre of mass and inertia of a payload, as they arrive while an arm moves."""
+    from steelyard.online import simulated_pick_up, watch_pick_up
+
+    run = watch_pick_up(simulated_pick_up(2014, when=25.0, duration=31.0))
+    truth = run.simulated.payload
+    drawing = Drawing(
+        "Mass, centre of mass and inertia of a payload with their intervals, in the seconds after it was picked up",
+        760,
+        300,
+    )
+    panels = [
+        ("mass, kg", ("mass",), (truth.mass,), (1.8, 2.2)),
+        ("centre of mass, m", ("cx", "cy", "cz"), tuple(truth.com), (-0.05, 0.15)),
+        ("inertia about it, kg m²", ("Ixx", "Iyy", "Izz"), tuple(np.diagonal(truth.about_com)), (0.0, 0.02)),
+    ]
+    shown = run.times <= 6.0
+    for column, (label, names, true, limits) in enumerate(panels):
+        axes = Axes(drawing, (50 + 245 * column, 40, 190, 200), (0, 6), limits, "s after the pick-up", "", label)
+        for name, value, color in zip(names, true, (BLUE, GREEN, GOLD), strict=False):
+            found = [one[name] for one in run.told]
+            low, high, values = (
+                np.clip([getattr(one, part) for one in found], *limits)[shown] for part in ("lower", "upper", "value")
+            )
+            axes.band(run.times[shown], low, high, color)
+            axes.curve(run.times[shown], values, color, 1.8)
+            axes.curve([0.0, 6.0], [value, value], color, 1.0, "4 3")
+    drawing.legend(50, 288, [("x, or the mass", BLUE), ("y", GREEN), ("z", GOLD)])
+    drawing.text(710, 288, "bands: 95 % intervals; dashed: the truth", 12, SOFT, "end")
+    final = run.told[-1]
+    drawing.figures["mass, kg"] = round(final.mass, 3)
+    drawing.figures["changes"] = len(run.changes)
+    return drawing
+
+
+@picture
 def currents(runs: Runs) -> Drawing:
     """Gains of drives, found from two logs of currents with a known payload."""
     from steelyard.estimators import CarriedBody, KnownPayload, estimate_drive_gains

@@ -47,6 +47,8 @@ from .identification.play import play as play
 from .identification.result import Identification as Identification
 from .online.online_estimator import OnlineEstimate as OnlineEstimate
 from .online.online_estimator import OnlineEstimator as OnlineEstimator
+from .online.online_payload import OnlinePayload as OnlinePayload
+from .online.online_payload import OnlinePayloadEstimate as OnlinePayloadEstimate
 from .recording.columns import LogColumns as LogColumns
 from .recording.options import Processing as Processing
 from .recording.recording import Recording as Recording

@@ -28,6 +28,7 @@ __all__ = [
     "demonstrate",
     "robot_toml",
     "simulated_log",
+    "torque_deviations",
     "true_parameters",
     "wam_model",
     "wrong_cad",
@@ -176,19 +177,19 @@ def simulated_log(model: Model, trajectory: str, seed: int, rate: float = 1000.0
     generator = np.random.default_rng([seed, ord(trajectory)])
     t, q, dq, ddq = TRAJECTORIES[trajectory].sample(rate, periods)
     torque = model.inverse_dynamics(q, dq, ddq, true_parameters())
-    torque += _TORQUE_DEVIATION * _colored(generator.standard_normal(q.shape), _TORQUE_TIME_CONSTANT * rate)
+    torque += torque_deviations(generator.standard_normal(q.shape), rate)
     step = 2.0 * np.pi / ENCODER_COUNTS
     return Recording(
         t=t, q=np.round(q / step) * step, torque=np.round(torque, 5), source=f"simulated trajectory {trajectory}"
     )
 
 
-def _colored(white: Array, samples: float) -> Array:
-    """Give white noise a time constant, at unit variance (first-order autoregression)."""
+def torque_deviations(white: Array, rate: float) -> Array:
+    """Return how the torques of the arm deviate from its model: noise with a time constant, by white noise (S, 7)."""
     from scipy.signal import lfilter
 
-    keep = np.exp(-1.0 / samples)
-    return np.asarray(lfilter([np.sqrt(1.0 - keep**2)], [1.0, -keep], white, axis=0))
+    keep = np.exp(-1.0 / (_TORQUE_TIME_CONSTANT * rate))
+    return np.asarray(_TORQUE_DEVIATION * lfilter([np.sqrt(1.0 - keep**2)], [1.0, -keep], white, axis=0))
 
 
 def robot_toml() -> str:

@@ -9,5 +9,11 @@ if TYPE_CHECKING:
     from .change_detector import ChangeDetector as ChangeDetector
     from .online_estimator import OnlineEstimate as OnlineEstimate
     from .online_estimator import OnlineEstimator as OnlineEstimator
+    from .online_payload import OnlinePayload as OnlinePayload
+    from .online_payload import OnlinePayloadEstimate as OnlinePayloadEstimate
+    from .pick_up import PickUp as PickUp
+    from .pick_up import PickUpRun as PickUpRun
+    from .pick_up import simulated_pick_up as simulated_pick_up
+    from .pick_up import watch_pick_up as watch_pick_up
 
 __all__ = import_at_first_use(__name__, __file__)

@@ -433,6 +433,15 @@ class OnlineEstimator:
     # Answers
 
     @property
+    def time(self) -> float:
+        """Time of the newest sample that counts; NaN before there is one."""
+        return self._t
+
+    def factors(self) -> tuple[Factor, ...]:
+        """The triangular factors of `information`, one for each joint, without sums of neighbouring rows: at once."""
+        return self._counted.factors()
+
+    @property
     def information(self) -> Information:
         """What the samples say, as of now; of those that count."""
         with one_thread():
@@ -442,6 +451,11 @@ class OnlineEstimator:
     def feasible_set(self) -> FeasibleSet:
         """The set in which answers lie: the conditions that were given, and those of the prior."""
         return self._set
+
+    @property
+    def stream_counts(self) -> dict[str, int]:
+        """How many samples came, and how many of them were left out or mended, and why."""
+        return dict(self._stream.counts)
 
     @property
     def remarks(self) -> tuple[str, ...]:
@@ -564,6 +578,10 @@ class OnlineEstimator:
         nothing = np.zeros(given.K.shape[0])
         near = Reduced(np.diag(np.full(len(nothing), 1e-6)), nothing + 1e-6, 0.0, 10 * len(nothing), 1.0)
         return fit_reduced(near, deeper, prior=self._prior(deviations), prior_weight=1e3).parameters
+
+    def settle(self) -> None:
+        """Let the next answer rest on weights and on a prior that are computed anew, not only when rows have grown."""
+        self._slow = None
 
     def covariance(self) -> ParameterCovariance:
         """The covariance of least squares of the samples as of now, corrected for residuals that last.
