@@ -7,8 +7,9 @@ import os
 import signal
 import threading
 from collections.abc import Callable, Generator, Mapping, Sequence
-from concurrent.futures import FIRST_COMPLETED, Future, ProcessPoolExecutor, wait
+from concurrent.futures import FIRST_COMPLETED, CancelledError, Future, ProcessPoolExecutor, wait
 from concurrent.futures.process import BrokenProcessPool
+from itertools import islice
 from multiprocessing.connection import wait as wait_for
 from pathlib import Path
 from typing import Any, Protocol
@@ -61,6 +62,10 @@ def _leaf(leaf: Leaf, common: Any, task: Task) -> bytes:
 @in_one_thread
 def _combined(combine: Combine, common: Any, *results: bytes) -> bytes:
     return combine(common, results)
+
+
+def _given(common: Any) -> Any:
+    return common
 
 
 class Here:
@@ -204,45 +209,49 @@ class Cluster:
         """See `Executor.run`."""
         if not groups:
             return
-        distributed = require_package("distributed", "cluster", "A cluster needs")
+        distributed = require_package("distributed", "A cluster needs", "cluster")
         client = self._client(distributed)
         try:
             workers = self._workers(client)
-            everywhere = client.scatter(common, broadcast=True, hash=False)
+            # Not scattered: what a scheduler does not know how to make is lost with the worker that holds it.
+            everywhere = client.submit(_given, common, pure=False, retries=_ATTEMPTS)
             running: dict[Any, int] = {}
-            following = iter(enumerate(groups))
-            gathered = distributed.as_completed()
+            attempts = [0] * len(groups)
+            following = iter(range(len(groups)))
+            gathered = distributed.as_completed(loop=client.loop)
 
-            def submit() -> bool:
-                number, group = next(following, (-1, ()))
-                if number < 0:
-                    return False
-                # Tasks are told apart by their places, not by a hash of what they hold, and are done once.
-                leaves = [
-                    client.submit(_leaf, leaf, everywhere, task, pure=False, retries=_ATTEMPTS, priority=-number)
-                    for task in group
-                ]
-                node = client.submit(_combined, combine, everywhere, *leaves, pure=False, priority=-number)
+            def submit(number: int) -> None:
+                # Tasks are told apart by their places, not by a hash of what they hold.
+                options = {"pure": False, "retries": _ATTEMPTS, "priority": -number}
+                leaves = [client.submit(_leaf, leaf, everywhere, task, **options) for task in groups[number]]
+                node = client.submit(_combined, combine, everywhere, *leaves, **options)
                 running[node] = number
                 gathered.add(node)
-                return True
 
-            while len(running) < _IN_FLIGHT * workers and submit():
-                pass
+            for number in islice(following, _IN_FLIGHT * workers):
+                submit(number)
             for node in gathered:
+                number = running.pop(node)
                 try:
                     result = node.result()
                 except SteelyardError:
                     raise
+                except CancelledError as error:  # lost with its worker in a way that Dask does not mend by itself
+                    attempts[number] += 1
+                    if attempts[number] == _ATTEMPTS:
+                        raise InputError(f"The cluster at {self.address} loses its results ({error}).") from None
+                    submit(number)
+                    continue
                 except distributed.KilledWorker as error:
                     raise InputError(
                         f"The cluster at {self.address}: {error.args[0] if error.args else error} ended each worker "
                         "that ran it, as happens where one takes too much memory; give them more, or smaller "
                         "--chunk-rows."
                     ) from None
-                yield running.pop(node), result
                 del node
-                submit()
+                yield number, result
+                for further in islice(following, 1):
+                    submit(further)
         except (OSError, distributed.comm.CommClosedError) as error:
             raise InputError(f"The cluster at {self.address} went away ({error}); start it, and run again.") from None
         finally:

@@ -4,17 +4,15 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from contextlib import closing
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 from steelyard.dynamics import Model
 from steelyard.files import plain, tell
 from steelyard.identification.log_reader import LogReader, LogTask, Progress, ReducedGroup, ReducedLog
-from steelyard.recording import Processing
 from steelyard.recording.formats import content_hash, hashed_log
 from steelyard.regression.batch_means import BatchMeansTree
-from steelyard.robot import RobotFile
 
 from .checkpoints import Checkpoints, checkpoint_key
 from .executors import Combine, Executor, Here, Leaf
@@ -28,32 +26,39 @@ to that each log is a checkpoint by itself. Both follow from the logs alone, so 
 ends on a cluster, and takes over what it had done."""
 
 
-@dataclass(frozen=True, eq=False)
 class _Common:
     """What the reductions of all the logs have in common."""
 
-    file: RobotFile
-    model: Model
-    reduced_by: Model
-    chunk_rows: int
-    processing: Processing
+    def __init__(self, reader: LogReader, reduced_by: Model) -> None:
+        self.file, self.chunk_rows, self.processing = reader.file, reader.chunk_rows, reader.processing
+        self.robots = reader.model.robot, reduced_by.robot
+        self.models = reader.model, reduced_by
+
+    def __getstate__(self) -> dict[str, Any]:
+        # Compiled code stays where it was compiled.
+        return {"state": (self.file, self.chunk_rows, self.processing, self.robots, self.models[0] is self.models[1])}
+
+    def __setstate__(self, told: dict[str, Any]) -> None:
+        self.file, self.chunk_rows, self.processing, self.robots, same = told["state"]
+        model = Model(self.robots[0])
+        self.models = model, model if same else Model(self.robots[1])
 
     def reader(self) -> LogReader:
-        reader = LogReader(self.file, self.model, self.chunk_rows)
+        reader = LogReader(self.file, self.models[0], self.chunk_rows)
         reader.processing = self.processing
         return reader
 
     def key(self) -> str:
         """Name everything but the logs that the result follows from."""
-        robots = [{**plain(model.robot), "source": None, "remarks": None} for model in (self.model, self.reduced_by)]
-        kinds = [[type(term).__qualname__ for term in model.robot.terms] for model in (self.model, self.reduced_by)]
+        robots = [{**plain(model.robot), "source": None, "remarks": None} for model in self.models]
+        kinds = [[type(term).__qualname__ for term in model.robot.terms] for model in self.models]
         log = self.file.section("log")
         return checkpoint_key(robots, kinds, log, self.processing.to_dict(), self.chunk_rows)
 
 
 def reduced_log(common: _Common, task: LogTask) -> bytes:
     """Reduce a log; see `LogReader.reduced`."""
-    return packed(common.reader().reduced(task, common.reduced_by))
+    return packed(common.reader().reduced(task, common.models[1]))
 
 
 def grouped(common: Any, results: Sequence[bytes]) -> bytes:
@@ -120,7 +125,7 @@ class LogReduction:
         self, reader: LogReader, tasks: Sequence[LogTask], model: Model, say: Progress
     ) -> Iterator[ReducedGroup]:
         """See `steelyard.identification.log_reader.LogReduction`."""
-        common = _Common(reader.file, reader.model, model, reader.chunk_rows, reader.processing)
+        common = _Common(reader, model)
         size = GROUP if len(tasks) > MANY else 1
         groups = [list(tasks[start : start + size]) for start in range(0, len(tasks), size)]
         # What is in memory here is reduced here.

@@ -31,7 +31,7 @@ class _Copies:
 _Copies.paths = {}
 
 
-def object_store(address: str, what: str = "Addresses of object stores need") -> tuple[Any, str]:
+def object_store(address: str) -> tuple[Any, str]:
     """Return the file system of fsspec for an address, and the path in it.
 
     Raises
@@ -39,7 +39,7 @@ def object_store(address: str, what: str = "Addresses of object stores need") ->
     InputError
         Where fsspec, or what it needs for such addresses, is not installed.
     """
-    fsspec = require_package("fsspec", "remote", what)
+    fsspec = require_package("fsspec", "Addresses of object stores need", "remote")
     try:
         system, path = fsspec.core.url_to_fs(address)
     except ImportError as error:

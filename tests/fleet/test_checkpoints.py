@@ -1,0 +1,135 @@
+"""What is finished is kept whole, found again by what it follows from, and belongs to one run at a time."""
+
+import os
+import subprocess
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import steelyard as sy
+from steelyard.files.writing import beside
+from steelyard.fleet.executors import Here
+from steelyard.fleet.log_reduction import run_in_order
+from steelyard.fleet.packed import is_whole, packed, unpacked
+
+posix = pytest.mark.skipif(os.name != "posix", reason="locks of folders are those of POSIX")
+
+
+def test_a_key_tells_content_options_and_versions_apart(monkeypatch: pytest.MonkeyPatch) -> None:
+    key = sy.fleet.checkpoint_key("content", {"cutoff": 4.8})
+    assert key == sy.fleet.checkpoint_key("content", {"cutoff": 4.8})
+    others = {sy.fleet.checkpoint_key("other", {"cutoff": 4.8}), sy.fleet.checkpoint_key("content", {"cutoff": 4.9})}
+    monkeypatch.setattr("steelyard.fleet.checkpoints.__version__", "9.9")
+    others.add(sy.fleet.checkpoint_key("content", {"cutoff": 4.8}))
+    assert len(others - {key}) == 3
+
+
+@posix
+def test_a_folder_belongs_to_one_run(tmp_path: Path) -> None:
+    with sy.fleet.Checkpoints(tmp_path / "result"):
+        with pytest.raises(sy.InputError, match="another run is working in this folder"):
+            sy.fleet.Checkpoints(tmp_path / "result").__enter__()
+        assert list((tmp_path / "result").iterdir()) == []  # the lock is no file
+    with sy.fleet.Checkpoints(tmp_path / "result"):
+        pass
+
+
+@posix
+def test_the_lock_of_a_killed_run_is_gone(tmp_path: Path) -> None:
+    hold = (
+        "import sys, time\nfrom steelyard.fleet import Checkpoints\n"
+        "with Checkpoints(sys.argv[1]):\n    print('locked', flush=True)\n    time.sleep(60)"
+    )
+    with subprocess.Popen([sys.executable, "-c", hold, str(tmp_path)], stdout=subprocess.PIPE) as run:
+        assert run.stdout is not None
+        assert run.stdout.readline() == b"locked\n"
+        with pytest.raises(sy.InputError, match="another run"):
+            sy.fleet.Checkpoints(tmp_path).__enter__()
+        run.kill()
+    with sy.fleet.Checkpoints(tmp_path):
+        pass
+
+
+def test_a_folder_that_a_refused_run_made_is_gone(tmp_path: Path) -> None:
+    with pytest.raises(sy.InputError, match="no log"), sy.fleet.Checkpoints(tmp_path / "result"):
+        raise sy.InputError("no log")
+    assert not (tmp_path / "result").exists()
+
+
+def test_what_killed_writers_left_is_removed(tmp_path: Path) -> None:
+    key = sy.fleet.checkpoint_key("log")
+    left = beside(tmp_path / f"reduced-{key}.checkpoint")
+    left.write_bytes(b"half")
+    (tmp_path / "notes.part").write_text("mine")
+    with sy.fleet.Checkpoints(tmp_path) as kept:
+        assert kept.names == ()
+    assert [path.name for path in tmp_path.iterdir()] == ["notes.part"]
+
+
+def _squared(common: int, task: int) -> bytes:
+    DONE.append(task)
+    return packed(common * task**2)
+
+
+def _joined(common: int, results: object) -> bytes:
+    return packed([unpacked(one) for one in results])  # type: ignore[attr-defined]
+
+
+DONE: list[int] = []
+
+
+def test_only_what_is_missing_or_damaged_is_computed(tmp_path: Path) -> None:
+    groups, keys = [[1, 2], [3], [4, 5]], [sy.fleet.checkpoint_key(n) for n in range(3)]
+    expected = [[10, 40], [90], [160, 250]]
+    DONE.clear()
+    with sy.fleet.Checkpoints(tmp_path) as kept:
+        for _ in range(2):
+            found = run_in_order(_squared, _joined, 10, groups, Here(), keys, kept)
+            assert [unpacked(one) for one in found] == expected
+        assert DONE == [1, 2, 3, 4, 5]
+        damaged = tmp_path / f"reduced-{keys[1]}.checkpoint"
+        damaged.write_bytes(damaged.read_bytes()[:-1])
+        assert [unpacked(one) for one in run_in_order(_squared, _joined, 10, groups, Here(), keys, kept)] == expected
+        assert DONE == [1, 2, 3, 4, 5, 3]
+        kept.forget(keys)
+        assert kept.names == ()
+
+
+def test_results_that_come_in_any_order_are_yielded_in_order(tmp_path: Path) -> None:
+    class Backwards:
+        def run(self, leaf, combine, common, groups):  # type: ignore[no-untyped-def]
+            for number in reversed(range(len(groups))):
+                yield number, combine(common, [leaf(common, task) for task in groups[number]])
+
+    groups = [[n] for n in range(6)]
+    keys = [sy.fleet.checkpoint_key(n) for n in range(6)]
+    expected = [[n**2] for n in range(6)]
+    with sy.fleet.Checkpoints(tmp_path) as kept:
+        assert [
+            unpacked(one) for one in run_in_order(_squared, _joined, 1, groups, Backwards(), keys, kept)
+        ] == expected
+    assert [unpacked(one) for one in run_in_order(_squared, _joined, 1, groups, Backwards())] == expected
+
+
+def test_packed_bytes_hold_results_and_nothing_else() -> None:
+    model = sy.Model(sy.Robot.from_dh([(0, 1.0, 0, "q")], gravity=(0, -9.81, 0)))
+    q = np.sin(np.arange(200.0))[:, None]
+    samples = sy.Samples(q=q, dq=q, ddq=q, torque=q)
+    information = sy.Information.from_samples(model, samples)
+    whole = packed({"a": (information, float("nan"), None, [True]), "s": samples})
+    again = unpacked(whole)
+    assert packed(again) == whole
+    for one, other in zip(again["a"][0].factors, information.factors, strict=True):
+        np.testing.assert_array_equal(one.triangle, other.triangle)
+        assert one.count == other.count == 200
+    np.testing.assert_array_equal(again["s"].torque, q)
+    assert is_whole(whole)
+    flipped = bytearray(whole)
+    flipped[-3] ^= 1
+    for damaged in (whole[:-1], bytes(flipped), b"", b"PK\x03\x04"):
+        with pytest.raises(sy.InputError, match="damaged"):
+            unpacked(damaged)
+    with pytest.raises(TypeError, match="cannot be packed"):
+        packed(model)

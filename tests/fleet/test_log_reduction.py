@@ -1,0 +1,230 @@
+"""The same bytes, wherever logs are reduced, in whatever groups, and however often it was begun."""
+
+import contextlib
+import os
+import random
+import signal
+import subprocess
+import sys
+import threading
+import time
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+import steelyard as sy
+from steelyard.fleet import log_reduction
+from steelyard.identification.log_reader import LogReader, LogTask, one_by_one
+from steelyard.regression.batch_means import BatchMeansTree
+from steelyard.robot import RobotFile
+
+
+def reduced(place: Path, reduction: Any) -> tuple[list[Any], Any]:
+    """Reduce the logs of a folder; return what is kept of each and the batch means of all."""
+    file = RobotFile.load(place / "robot.toml")
+    model = sy.Model.from_file(file)
+    reader = LogReader(file, model, 200_000)
+    tasks = [LogTask(str(place / "logs" / f"run{n}.csv"), 100, 200, 5, n != 5) for n in range(1, 6)]
+    tree, logs = BatchMeansTree(), []
+    for group in reduction(reader, tasks, model, lambda _: None):
+        tree.add(group.batch_means)
+        logs += group.logs
+    return logs, tree.total()
+
+
+def same(found: tuple[list[Any], Any], expected: tuple[list[Any], Any]) -> bool:
+    return bool(log_reduction.packed(found) == log_reduction.packed(expected))
+
+
+def test_groups_and_checkpoints_change_no_byte(place: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    plain = reduced(place, one_by_one)
+    assert [log.information.count for log in plain[0]] == [1192] * 5
+    assert same(reduced(place, sy.fleet.LogReduction()), plain)
+    monkeypatch.setattr(log_reduction, "MANY", 1)
+    for size in (2, 8):
+        monkeypatch.setattr(log_reduction, "GROUP", size)
+        assert same(reduced(place, sy.fleet.LogReduction()), plain)
+    with sy.fleet.Checkpoints(place / "result") as kept:
+        for _ in range(2):
+            assert same(reduced(place, sy.fleet.LogReduction(checkpoints=kept)), plain)
+        assert len(kept.names) == 1
+
+
+def test_a_log_that_changed_is_read_again(place: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    read: list[str] = []
+    leaf = log_reduction.reduced_log
+    monkeypatch.setattr(log_reduction, "reduced_log", lambda common, task: read.append(task.log) or leaf(common, task))
+    with sy.fleet.Checkpoints(place / "result") as kept:
+        reduction = sy.fleet.LogReduction(checkpoints=kept)
+        reduced(place, reduction)
+        path = place / "logs" / "run3.csv"
+        path.write_text("\n".join(path.read_text().splitlines()[:-50]) + "\n")
+        logs, _ = reduced(place, reduction)
+        (place / "robot.toml").write_text((place / "robot.toml").read_text() + "trim = 0.5\n")
+        reduced(place, reduction)
+    assert [Path(log).name for log in read] == [
+        *(f"run{n}.csv" for n in range(1, 6)),
+        "run3.csv",
+        *(f"run{n}.csv" for n in range(1, 6)),
+    ]
+    assert [log.information.count for log in logs] == [1192, 1192, 1092, 1192, 1192]
+
+
+def test_what_is_in_memory_is_reduced_here() -> None:
+    robot = sy.Robot.from_dh([(0, 0.3, 0, "q")], gravity=(0, -9.81, 0), name="pendulum")
+    t = np.arange(400) / 100.0
+    q = np.sin(3.0 * t)
+    data = {"t": t, "q1": q, "tau1": 5.0 * np.cos(q) - 5.4 * np.sin(3.0 * t)}
+    file = RobotFile.of(robot)
+    model = sy.Model.from_file(file)
+    tasks = [LogTask(log, 50, 100, 1, True) for log in sy.identification.given.given_logs(data, None)[0]]
+    [group] = sy.fleet.LogReduction(sy.fleet.Cluster("tcp://127.0.0.1:1"))(
+        LogReader(file, model, 1000), tasks, model, lambda _: None
+    )
+    assert group.logs[0].information.count == 364  # of 400, trimmed
+
+
+def test_the_tree_of_sums_is_that_of_pairs_in_order() -> None:
+    model = sy.Model(sy.Robot.from_dh([(0, 1.0, 0, "q")], gravity=(0, -9.81, 0)))
+    parts = []
+    for seed in range(7):
+        q, dq, ddq, torque = np.random.default_rng(seed).normal(size=(4, 2000, 1))
+        parts.append(sy.Information.from_samples(model, sy.Samples(q=q, dq=dq, ddq=ddq, torque=torque)).batch_means)
+    tree = BatchMeansTree()
+    for part in parts:
+        tree.add(part)
+    # By the normal equations, which are sums in no order at all.
+    for level, of_level in enumerate(tree.total()):
+        gram = sum(part[level][0].triangle.T @ part[level][0].triangle for part in parts)
+        np.testing.assert_allclose(of_level[0].triangle.T @ of_level[0].triangle, gram, rtol=1e-10)
+        assert of_level[0].count == sum(part[level][0].count for part in parts)
+
+
+@pytest.mark.slow
+def test_a_cluster_that_is_not_there_is_named() -> None:
+    pytest.importorskip("distributed")
+    cluster = sy.fleet.Cluster("tcp://127.0.0.1:1")
+    cluster.TIMEOUT = 0.2
+    with pytest.raises(sy.InputError, match="No scheduler of Dask answers at tcp://127"):
+        next(cluster.run(log_reduction.hashed, log_reduction.first_of, None, [["x"]]))
+    secure = sy.fleet.Cluster("tls://127.0.0.1:1", {"cert": "absent.pem"})
+    with pytest.raises(sy.InputError, match="does not exist"):
+        next(secure.run(log_reduction.hashed, log_reduction.first_of, None, [["x"]]))
+
+
+@pytest.mark.parametrize("count", [0, True, 1.5, 5000])
+def test_a_number_of_workers_is_a_whole_one(count: Any) -> None:
+    with pytest.raises(sy.InputError, match="whole number"):
+        sy.fleet.Workers(count)
+
+
+def test_a_cluster_without_dask_says_what_to_install(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setitem(sys.modules, "distributed", None)
+    with pytest.raises(sy.MissingExtraError, match="pip install 'dask"):
+        next(sy.fleet.Cluster("tcp://127.0.0.1:1").run(log_reduction.hashed, log_reduction.first_of, None, [["x"]]))
+
+
+@pytest.mark.slow
+def test_processes_give_the_same_bytes_and_outlive_a_kill(place: Path) -> None:
+    plain = reduced(place, one_by_one)
+    ended = threading.Event()
+
+    def kill_one() -> None:
+        import multiprocessing
+
+        while not ended.is_set():
+            for child in multiprocessing.active_children():
+                time.sleep(1.0)  # while it starts, or works
+                child.kill()
+                return
+            time.sleep(0.01)
+
+    thread = threading.Thread(target=kill_one, daemon=True)
+    thread.start()
+    assert same(reduced(place, sy.fleet.LogReduction(sy.fleet.Workers(2))), plain)
+    ended.set()
+    thread.join()
+
+
+@contextlib.contextmanager
+def dask_workers(folder: Path, count: int) -> Iterator[tuple[str, list[subprocess.Popen[bytes]]]]:
+    distributed = pytest.importorskip("distributed")
+    file = folder / "scheduler.json"
+    dask = [sys.executable, "-m", "dask"]
+    quiet: dict[str, Any] = {"stdout": subprocess.DEVNULL, "stderr": subprocess.DEVNULL, "cwd": folder}
+    scheduler = ["scheduler", "--host", "127.0.0.1", "--port", "0", "--no-dashboard", "--scheduler-file", str(file)]
+    started = [subprocess.Popen([*dask, *scheduler], **quiet)]
+    try:
+        while not file.exists():
+            assert started[0].poll() is None
+            time.sleep(0.05)
+        worker = ["worker", "--scheduler-file", str(file), "--nthreads", "1", "--no-nanny", "--no-dashboard"]
+        started += [subprocess.Popen([*dask, *worker], **quiet) for _ in range(count)]
+        with distributed.Client(scheduler_file=str(file), set_as_default=False) as client:
+            client.wait_for_workers(count, timeout=60)
+            address = client.scheduler.address
+        yield address, started[1:]
+    finally:
+        for process in started:
+            with contextlib.suppress(ProcessLookupError):
+                process.send_signal(signal.SIGCONT)
+            process.kill()
+            process.wait()
+
+
+@pytest.mark.slow
+@pytest.mark.skipif(os.name != "posix", reason="processes are stopped by signals of POSIX")
+@pytest.mark.filterwarnings("ignore")  # of Dask about workers that are lost
+def test_a_cluster_with_a_killed_and_a_slow_worker_gives_the_same_bytes(place: Path, tmp_path: Path) -> None:
+    plain = reduced(place, one_by_one)
+    with dask_workers(tmp_path, 2) as (address, workers):
+        cluster = sy.fleet.Cluster(address)
+        assert same(reduced(place, sy.fleet.LogReduction(cluster)), plain)
+        over = threading.Event()
+
+        def disturb() -> None:
+            time.sleep(0.3)
+            workers[0].kill()
+            while not over.wait(0.1):
+                workers[1].send_signal(signal.SIGSTOP)
+                time.sleep(0.1)
+                workers[1].send_signal(signal.SIGCONT)
+
+        thread = threading.Thread(target=disturb, daemon=True)
+        thread.start()
+        assert same(reduced(place, sy.fleet.LogReduction(cluster)), plain)
+        over.set()
+        thread.join()
+
+
+@pytest.mark.slow
+@pytest.mark.skipif(os.name != "posix", reason="kills and locks of POSIX")
+def test_killed_runs_leave_nothing_and_lose_nothing(place: Path) -> None:
+    """Ten kills at random moments; `benchmarks/kills.py` makes a thousand."""
+    output = place / "out" / "result"
+    command = [sys.executable, "-m", "steelyard", "identify", str(place / "robot.toml"), str(place / "logs"), "-q"]
+    command += ["--output", str(output), "--force"]
+
+    def contents() -> dict[str, bytes]:
+        return {p.name: p.read_bytes() for p in (place / "out").rglob("*") if p.is_file()}
+
+    began = time.perf_counter()
+    code = subprocess.run(command, capture_output=True).returncode
+    lasts = time.perf_counter() - began
+    assert code in (0, 3)
+    expected = contents()
+    assert "estimate.json" in expected
+    dice = random.Random(5)
+    for _ in range(5):
+        for one in output.iterdir():
+            one.unlink()
+        for _ in range(2):
+            with subprocess.Popen(command, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL) as run:
+                time.sleep(dice.uniform(0.3, 1.1) * lasts)
+                run.kill()
+        assert subprocess.run(command, capture_output=True).returncode == code
+        assert contents() == expected
+        assert [path.name for path in (place / "out").iterdir()] == ["result"]

@@ -1,0 +1,169 @@
+"""Folders, patterns, partitions and object stores stand for logs, in an order that follows from their names."""
+
+import os
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import numpy as np
+import polars as pl
+import pytest
+
+import steelyard as sy
+from steelyard.identification.given import given_logs
+from steelyard.recording.formats import content_hash, hashed_log
+from steelyard.recording.formats.log_sets import is_log_set, logs_in
+
+LOG = "t,q1,tau1\n" + "".join(f"{k / 100},{np.sin(k / 20)},{np.cos(k / 20)}\n" for k in range(60))
+
+
+@pytest.fixture
+def folder(tmp_path: Path) -> Path:
+    """Return a folder with partitions of two robots, and with much that is no log."""
+    for name in (
+        "robot=2/day=1/part-0.csv",
+        "robot=10/day=1/part-10.csv",
+        "robot=10/day=1/part-9.csv",
+        "robot=10/day=1/_metadata.csv",
+        "robot=10/day=1/.part-9.csv.crc",
+        "robot=10/_temporary/part-1.csv",
+        "robot=10/notes.md",
+        "robot=10/old.csv.gz",
+        "robot=10/backup.json.gz",
+    ):
+        (tmp_path / name).parent.mkdir(parents=True, exist_ok=True)
+        (tmp_path / name).write_text(LOG)
+    return tmp_path
+
+
+ALL = [
+    "robot=2/day=1/part-0.csv",
+    "robot=10/day=1/part-9.csv",
+    "robot=10/day=1/part-10.csv",
+    "robot=10/old.csv.gz",
+]
+
+
+@pytest.mark.parametrize(
+    ("text", "found"),
+    [
+        ("", ALL),
+        ("**/*", ALL),
+        ("robot=10", ALL[1:]),
+        ("robot=*/day=1/part-*.csv", ALL[:3]),
+        ("**/part-?.csv", ALL[:2]),
+        ("robot=10/day=1/part-[0-9].csv", ALL[1:2]),
+    ],
+)
+def test_a_set_is_found_in_the_order_of_its_names(folder: Path, text: str, found: list[str]) -> None:
+    given = str(folder / text)
+    assert is_log_set(given)
+    assert [Path(log).relative_to(folder).as_posix() for log in logs_in(given)] == found
+
+
+def test_a_bag_is_one_log_and_a_name_like_a_pattern_too(tmp_path: Path) -> None:
+    (tmp_path / "bag").mkdir()
+    (tmp_path / "bag" / "metadata.yaml").write_text("")
+    (tmp_path / "bag" / "bag_0.db3").write_text("")
+    (tmp_path / "run[1].csv").write_text(LOG)
+    assert not is_log_set(str(tmp_path / "bag"))
+    assert not is_log_set(str(tmp_path / "run[1].csv"))
+    assert logs_in(str(tmp_path)) == [str(tmp_path / "bag"), str(tmp_path / "run[1].csv")]
+
+
+def test_a_log_that_a_set_finds_again_counts_once(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.chdir(folder)
+    first = "robot=2/day=1/part-0.csv"
+    logs, _ = given_logs([first, "robot=2", "robot=*/day=1/*.csv"], None)
+    assert [Path(str(log)).as_posix() for log in logs] == ALL[:3]
+    assert given_logs([first, first], None)[0] == (first, first)  # which says so itself
+
+
+@pytest.mark.parametrize("text", ["empty", "empty/*.csv", "notes/*"])
+def test_a_set_without_logs_is_refused(tmp_path: Path, text: str) -> None:
+    (tmp_path / "empty").mkdir()
+    (tmp_path / "notes").mkdir()
+    (tmp_path / "notes" / "read.me").write_text("")
+    with pytest.raises(sy.InputError, match="stands for no log"):
+        logs_in(str(tmp_path / text))
+
+
+@pytest.fixture
+def store(request: pytest.FixtureRequest) -> str:
+    """Return the address of a folder of objects in memory."""
+    fsspec = pytest.importorskip("fsspec")
+    system = fsspec.filesystem("memory")
+    base = f"/{abs(hash(request.node.name))}"
+    for number in (2, 10):
+        rows = {"t": np.arange(50) / 100, "q1": np.sin(np.arange(50) / number), "tau1": np.cos(np.arange(50) / 9)}
+        with system.open(f"{base}/logs/run{number}.parquet", "wb") as file:
+            pl.DataFrame(rows).write_parquet(file)
+    with system.open(f"{base}/logs/_SUCCESS", "wb") as file:
+        file.write(b"")
+    return f"memory:/{base}"
+
+
+def test_objects_are_read_as_files_are(store: str) -> None:
+    logs = logs_in(f"{store}/logs")
+    assert logs == logs_in(f"{store}/logs/*.parquet")
+    assert [log.rpartition("/")[2] for log in logs] == ["run2.parquet", "run10.parquet"]
+    recording = sy.Recording.read(logs[0], joints=1)
+    np.testing.assert_array_equal(recording.q[:, 0], np.sin(np.arange(50) / 2))
+    [identity] = hashed_log(logs[0])
+    assert identity["path"] == logs[0]
+    assert int(identity["size"]) > 400
+    assert len(content_hash(identity)) == 64  # a store without entity tags
+    assert content_hash({"path": "s3://a/b", "etag": "9b"}) == "9b"
+
+
+def test_messages_name_the_object(store: str) -> None:
+    fsspec = pytest.importorskip("fsspec")
+    with pytest.raises(sy.InputError, match=r"^memory://.*absent.csv cannot be read \(there is no such object\)"):
+        sy.Recording.read(f"{store}/absent.csv")
+    with pytest.raises(sy.InputError, match="does not exist"):
+        logs_in(f"{store}/absent.csv")
+    with pytest.raises(sy.InputError, match="stands for no log"):
+        logs_in(f"{store}/absent/*.csv")
+    with fsspec.open(f"{store}/damaged.parquet", "wb") as file:
+        file.write(b"PAR1 and no more")
+    with pytest.raises(sy.InputError, match=r"^memory://.*damaged\.parquet"):
+        sy.Recording.read(f"{store}/damaged.parquet")
+    with pytest.raises(sy.InputError, match="nosuch:"):
+        logs_in("nosuch://bucket/x.csv")
+
+
+def test_an_object_that_changes_is_read_again(store: str) -> None:
+    fsspec = pytest.importorskip("fsspec")
+    address = f"{store}/changing.csv"
+    for rows in (50, 40):
+        with fsspec.open(address, "wb") as file:
+            file.write("\n".join(LOG.splitlines()[: rows + 1]).encode())
+        assert sy.Recording.read(address).count == rows
+
+
+def test_addresses_without_fsspec_say_what_to_install(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setitem(sys.modules, "fsspec", None)
+    with pytest.raises(sy.MissingExtraError, match="pip install 'fsspec"):
+        logs_in("s3://bucket/logs")
+
+
+@pytest.mark.slow
+@pytest.mark.skipif(os.name != "posix", reason="folders are locked by POSIX")
+def test_copies_of_a_killed_process_go_with_the_next_one(tmp_path: Path) -> None:
+    pytest.importorskip("fsspec")
+    read = (
+        "import sys, time, fsspec, steelyard as sy\n"
+        "with fsspec.open('memory://a.csv', 'w') as file: file.write(sys.argv[1])\n"
+        "print(sy.Recording.read('memory://a.csv').count, flush=True)\n"
+        "time.sleep(float(sys.argv[2]))"
+    )
+    environment = {**os.environ, "TMPDIR": str(tmp_path)}
+    with subprocess.Popen([sys.executable, "-c", read, LOG, "60"], stdout=subprocess.PIPE, env=environment) as run:
+        assert run.stdout is not None
+        assert run.stdout.readline() == b"60\n"
+        run.kill()
+    time.sleep(0.1)
+    assert len(list(tmp_path.iterdir())) == 1
+    subprocess.run([sys.executable, "-c", read, LOG, "0"], env=environment, check=True, capture_output=True)
+    assert list(tmp_path.iterdir()) == []
