@@ -4,36 +4,10 @@ import math
 
 import numpy as np
 import pytest
+from small_kernels import kernel_of, outputs_of
 
 from steelyard.errors import InputError
-from steelyard.graph import Argument, Function, Graph, Kernel, ObjectCache, Output, cos, evaluate, sign, sin, sqrt
-
-NO_CACHE = ObjectCache(None)
-
-
-def kernel_of(arguments, nodes, **options):
-    function = Function("f", tuple(arguments), (Output("y", (len(nodes),), tuple(nodes)),))
-    return Kernel(function, **({"cache": NO_CACHE} | options))
-
-
-def outputs_of(graph, width):
-    """Return `width` outputs of every kind of operation, some of them constant or repeated."""
-    x, p = graph.inputs("x", 3), graph.inputs("p", 2)
-    some = [
-        sin(x[0]) * p[0],
-        cos(x[0]) - x[1],
-        sign(x[1]),
-        graph.zero,
-        x[2] * x[2] + p[1],
-        -x[0],
-        graph.constant(2.5),
-        sin(x[1] + x[2]),
-        x[1],
-        p[1] * 1.0,
-        sqrt(x[0] * x[0] + p[1] * p[1]),
-        sqrt(p[0] * p[0]),
-    ]
-    return [some[k % len(some)] for k in range(width)]
+from steelyard.graph import Argument, Graph, cos, evaluate, sin
 
 
 @pytest.mark.parametrize("layout", ["rows", "columns"])

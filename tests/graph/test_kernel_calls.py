@@ -7,48 +7,17 @@ import threading
 
 import numpy as np
 import pytest
+from small_kernels import NO_CACHE, PARAMETERS, expected, motions, pendulum, unusual
 
 from steelyard.errors import InputError
-from steelyard.graph import Argument, Function, Graph, Kernel, ObjectCache, Output, cos, sin
+from steelyard.graph import Argument, Function, Graph, Kernel, Output
 from steelyard.graph import kernel as kernel_module
 from steelyard.graph.machine import batch_lanes
-
-NO_CACHE = ObjectCache(None)
-
-
-def pendulum():
-    """Return the torque and the energy of a pendulum."""
-    g = Graph()
-    q, dq, ddq = (g.input(f"motion[{k}]") for k in range(3))
-    mass, length = g.inputs("parameters", 2)
-    weight = mass * length * 9.81
-    outputs = (
-        Output("torque", (), (mass * length * length * ddq + weight * sin(q),)),
-        Output("energy", (), (mass * length * length * dq * dq * 0.5 - weight * cos(q),)),
-    )
-    return Function("pendulum", (Argument("motion", 3), Argument("parameters", 2, uniform=True)), outputs)
 
 
 @pytest.fixture(scope="module")
 def kernel():
     return Kernel(pendulum(), cache=NO_CACHE)
-
-
-PARAMETERS = np.array([2.0, 0.5])
-
-
-def motions(count, seed=0):
-    return np.random.default_rng(seed).normal(size=(count, 3))
-
-
-def expected(motion):
-    return np.stack(
-        [
-            0.5 * motion[:, 2] + 9.81 * np.sin(motion[:, 0]),
-            0.25 * motion[:, 1] ** 2 - 9.81 * np.cos(motion[:, 0]),
-        ],
-        axis=1,
-    )
 
 
 @pytest.mark.parametrize("layout", ["rows", "columns"])
@@ -116,19 +85,6 @@ def test_batches_of_different_sizes_are_refused():
     sum_ = Function("f", (Argument("a", 1), Argument("b", 1)), (Output("y", (), (g.input("a[0]") + g.input("b[0]"),)),))
     with pytest.raises(InputError, match="b must have as many rows as the arrays before it, 5, got 4"):
         Kernel(sum_, cache=NO_CACHE)(np.zeros((5, 1)), np.zeros((4, 1)))
-
-
-def unusual(array):
-    """Yield the same numbers as arrays that are not contiguous rows of doubles of this machine."""
-    yield array.tolist()
-    yield np.asfortranarray(array)
-    yield array.astype(">f8")
-    yield np.repeat(array, 2, axis=0)[::2]
-    fixed = array.copy()
-    fixed.flags.writeable = False
-    yield fixed
-    yield np.frombuffer(b"\0" + array.tobytes(), dtype=np.float64, offset=1).reshape(array.shape)  # not aligned
-    yield array.view(type("Special", (np.ndarray,), {}))
 
 
 @pytest.mark.parametrize("count", [1, 9])

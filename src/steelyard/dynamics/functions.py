@@ -6,6 +6,7 @@ import json
 import re
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
 from typing import Any
 
 import numpy as np
@@ -406,6 +407,45 @@ def parameter_values(parameters: ArrayLike, names: Sequence[str], robot_name: st
         ) from None
 
 
+class _Call:
+    """A compiled function, and what is looked up once instead of at every call.
+
+    Attributes
+    ----------
+    kernel : Kernel
+    shape : tuple of int
+        Of what one sample gives; several outputs of one shape are stacked.
+    """
+
+    def __init__(self, kernel: Kernel) -> None:
+        shapes = [shape for _, shape in kernel.signature.outputs]
+        self.kernel = kernel
+        self.shape = shapes[0] if len(shapes) == 1 else (len(shapes), *shapes[0])
+
+    @cached_property
+    def one(self) -> Callable[..., Any]:
+        """See :meth:`steelyard.graph.Kernel.direct`; what returns None where there is no such thing."""
+        return self._direct(several=False)
+
+    @cached_property
+    def few(self) -> Callable[..., Any]:
+        """The same for small batches."""
+        return self._direct(several=True)
+
+    @cached_property
+    def most(self) -> int:
+        """Numbers in the first argument up to which `few` computes a batch."""
+        return self.kernel.most * self.kernel.arguments[0].width
+
+    def _direct(self, *, several: bool) -> Callable[..., Any]:
+        call = None if self.kernel.compact else self.kernel.direct(self.shape, several=several)
+        return _nothing if call is None else call
+
+
+def _nothing(*_: Any) -> None:
+    """Compute nothing, as a direct call does that finds something unusual."""
+
+
 class Evaluator:
     """Checks shapes, flattens batches for the kernels, and shapes what they return.
 
@@ -423,56 +463,77 @@ class Evaluator:
         self._functions = functions
         self._robot = functions.robot
         self._parameter_names = functions.layout.names
+        self._calls: dict[str, _Call] = {}
+        self._calls_with_gravity: dict[str, _Call] = {}
 
-    def __call__(
-        self,
-        function: str,
-        motion: Sequence[ArrayLike],
-        parameters: ArrayLike | None = None,
-        gravity: ArrayLike | None = None,
-        point: ArrayLike | None = None,
+    def compute(
+        self, function: str, given: tuple[Any, ...], gravity: ArrayLike | None = None, out: Array | None = None
     ) -> Array:
-        """Return the outputs of a function of the catalogue side by side, (..., elements).
+        """Return the outputs of a function of the catalogue, (..., *shape); several of one shape are stacked.
 
         Parameters
         ----------
         function : str
-        motion : sequence of array_like
-            (..., N) each.
-        parameters, gravity, point : array_like, optional
-            (n,), (3,) and (3,).
+        given : tuple of array_like
+            The arguments of the function in its order: motions (..., N) each, then parameters (n,) or a point (3,).
+        gravity : array_like, optional
+            (3,).
+        out : ndarray, optional
+            What the outputs are written into.
 
         Raises
         ------
         InputError
-            If an array has the wrong shape.
+            If an array has the wrong shape, or `out` cannot be written as it is.
         """
-        arrays, shape = self._motion(motion)
-        if parameters is not None:
-            values = parameter_values(parameters, self._parameter_names, self._robot.name)
-            arrays.append(self._vector(values, len(self._parameter_names), "parameters"))
-        if point is not None:
-            arrays.append(self._vector(point, 3, "coordinates of a point"))
+        calls = self._calls
         if gravity is not None:
-            arrays.append(self._vector(gravity, 3, "elements of gravity"))
-        kernel = self._functions.kernel(function, gravity="fixed" if gravity is None else "argument")
-        flat = kernel.sample(*arrays)[np.newaxis] if shape == () else kernel(*arrays, threads=self._threads)
-        if kernel.compact:
-            full = np.zeros((len(flat), kernel.signature.size))
-            full[:, kernel.places] = flat
-            flat = full
-        return flat.reshape((*shape, flat.shape[-1]))
+            given, calls = (*given, gravity), self._calls_with_gravity
+        call = calls.get(function)
+        if call is None:  # what is called once is not worth the way round
+            kernel = self._functions.kernel(function, gravity="fixed" if gravity is None else "argument")
+            call = calls[function] = _Call(kernel)
+            return self._compute_with_care(call, given, out)
+        # The usual case: plain arrays that fit, which machine code finds out much sooner than Python does.
+        first = given[0]
+        if type(first) is np.ndarray:
+            if first.ndim == 1:
+                result = np.empty(call.shape) if out is None else out
+                if call.one(*given, result) is not None:
+                    return result
+            elif first.size <= call.most:
+                result = call.kernel.empty(first.shape[:-1] + call.shape) if out is None else out
+                if call.few(*given, result) is not None:
+                    return result
+        return self._compute_with_care(call, given, out)
 
-    def matrix(self, function: str, motion: Sequence[ArrayLike], parameters: ArrayLike) -> Array:
-        """Return the only output of a function, an (..., N, N) matrix."""
-        flat = self(function, motion, parameters)
-        return flat.reshape((*flat.shape[:-1], self._robot.dof, self._robot.dof))
+    def _compute_with_care(self, call: _Call, given: tuple[Any, ...], out: Array | None) -> Array:
+        """Compute any batch of any arrays, or say what does not fit."""
+        kernel = call.kernel
+        motions = sum(not argument.uniform for argument in kernel.arguments)
+        arrays, lead = self._motion(given[:motions])
+        for argument, values in zip(kernel.arguments[motions:], given[motions:], strict=True):
+            if argument.name == "parameters":
+                values = parameter_values(values, self._parameter_names, self._robot.name)
+            arrays.append(self._vector(values, argument.width, _VECTORS[argument.name]))
+        shape = (*lead, *call.shape)
+        if out is not None:
+            _check_out(out, shape, arrays)
+        elements = kernel.signature.size
+        if not kernel.compact:
+            target = None if out is None else out.reshape(-1, elements)
+            flat = kernel(*arrays, out=target, threads=self._threads)
+            return flat.reshape(shape) if out is None else out
+        flat = kernel(*arrays, threads=self._threads)
+        result = kernel.empty(shape) if out is None else out
+        full = result.reshape(-1, elements)
+        full[...] = 0.0
+        full[:, kernel.places] = flat
+        return result
 
     def _motion(self, arrays: Sequence[ArrayLike]) -> tuple[list[Array], tuple[int, ...]]:
         converted = [np.asarray(a, dtype=np.float64) for a in arrays]
         n = self._robot.dof
-        if all(array.shape == (n,) for array in converted):
-            return converted, ()  # one sample
         for array in converted:
             if array.ndim == 0 or array.shape[-1] != n:
                 raise InputError(
@@ -480,15 +541,38 @@ class Evaluator:
                 )
         shape = converted[0].shape
         if all(array.shape == shape for array in converted):  # the usual case, where broadcasting would cost time
-            return [array.reshape(-1, n) for array in converted], shape[:-1]
+            return [np.ascontiguousarray(array).reshape(-1, n) for array in converted], shape[:-1]
         try:
             shape = np.broadcast_shapes(*(a.shape for a in converted))
         except ValueError:
             raise InputError(f"Motion arrays do not fit each other: {[a.shape for a in converted]}.") from None
-        return [np.broadcast_to(a, shape).reshape(-1, n) for a in converted], shape[:-1]
+        return [np.ascontiguousarray(np.broadcast_to(a, shape)).reshape(-1, n) for a in converted], shape[:-1]
 
     def _vector(self, values: ArrayLike, size: int, what: str) -> Array:
         vector = np.asarray(values, dtype=np.float64)
         if vector.shape != (size,):
             raise InputError(f"{self._robot.name} has {size} {what}: expected shape ({size},), got {vector.shape}.")
-        return vector
+        return np.ascontiguousarray(vector)
+
+
+_VECTORS = {"parameters": "parameters", "point": "coordinates of a point", "gravity": "elements of gravity"}
+
+
+def _check_out(out: Any, shape: tuple[int, ...], arrays: Sequence[Array]) -> None:
+    """Refuse what outputs of some shape cannot be written into while the arrays are read."""
+    wanted = f"out must be a C-contiguous float64 array of shape {shape} that can be written"
+    if not isinstance(out, np.ndarray):
+        raise InputError(f"{wanted}, got {shown(out)}; make one with numpy.empty({shape}).")
+    if out.shape != shape or out.dtype != np.float64 or not out.flags.carray:
+        found = f"{out.dtype} of shape {out.shape}"
+        if not out.flags.c_contiguous:
+            found += ", not C-contiguous"
+        elif not out.flags.writeable:
+            found += ", read-only"
+        elif not out.flags.aligned:
+            found += ", not aligned"
+        elif not out.dtype.isnative:
+            found += ", in another byte order"
+        raise InputError(f"{wanted}, got {found}; make one with numpy.empty({shape}).")
+    if any(np.may_share_memory(out, array) for array in arrays):
+        raise InputError("out shares memory with an array that is read; give one of its own.")

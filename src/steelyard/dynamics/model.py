@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping, Sequence
 from dataclasses import fields
 from functools import cached_property
@@ -66,7 +67,8 @@ class Model:
         self.robot = robot
         self._layout = ParameterLayout(robot)
         self._functions = ModelFunctions(self._layout, self.base_parameters)
-        self._call = Evaluator(self._functions, threads)
+        self._call = Evaluator(self._functions, threads).compute
+        self._forward_dynamics: dict[str, str] = {}
 
     def _repr_html_(self) -> str:
         robot, base = self.robot, self.base_parameters()
@@ -130,7 +132,14 @@ class Model:
     # What the model computes from arrays of positions, velocities and accelerations, (..., N)
 
     def inverse_dynamics(
-        self, q: ArrayLike, dq: ArrayLike, ddq: ArrayLike, parameters: ArrayLike, *, gravity: ArrayLike | None = None
+        self,
+        q: ArrayLike,
+        dq: ArrayLike,
+        ddq: ArrayLike,
+        parameters: ArrayLike,
+        *,
+        gravity: ArrayLike | None = None,
+        out: Array | None = None,
     ) -> Array:
         """Return the joint torques (..., N), N·m or N, of links and terms.
 
@@ -142,44 +151,70 @@ class Model:
             (n,) in the order of `parameter_names`.
         gravity : array_like, optional
             (3,) in the base frame, m/s², in place of the robot's own; also in the functions below.
+        out : ndarray, optional
+            What the result is written into and which is then returned; also in the functions below. It must have the
+            shape of the result and be C-contiguous, of float64, and not in the memory of another argument. Large
+            results take less time so, because new memory has to be fetched from the system and cleared first.
 
         Returns
         -------
         ndarray
+
+        Examples
+        --------
+        >>> import numpy as np
+        >>> import steelyard as sy
+        >>> model = sy.Model(sy.Robot.from_dh([(0, 1.0, 0, "q")], gravity=(0, -9.81, 0)))
+        >>> q, out = np.zeros((3, 1)), np.empty((3, 1))
+        >>> model.inverse_dynamics(q, q, q, np.eye(10)[9], None, out) is out
+        True
         """
-        return self._call("inverse_dynamics", (q, dq, ddq), parameters, gravity)
+        return self._call("inverse_dynamics", (q, dq, ddq, parameters), gravity, out)
 
     def inverse_dynamics_derivatives(
-        self, q: ArrayLike, dq: ArrayLike, ddq: ArrayLike, parameters: ArrayLike, *, gravity: ArrayLike | None = None
+        self,
+        q: ArrayLike,
+        dq: ArrayLike,
+        ddq: ArrayLike,
+        parameters: ArrayLike,
+        *,
+        gravity: ArrayLike | None = None,
+        out: Array | None = None,
     ) -> tuple[Array, Array, Array]:
         """Return the derivatives of the joint torques by q, dq and ddq, (..., N, N) each; row = torque.
 
-        The derivatives by the parameters are the `regressor`. The sign of Coulomb friction counts as constant.
+        The derivatives by the parameters are the `regressor`. The sign of Coulomb friction counts as constant. What is
+        given as `out` is (..., 3, N, N), one behind the other.
         """
-        n = self.robot.dof
-        flat = self._call("inverse_dynamics_derivatives", (q, dq, ddq), parameters, gravity)
-        by_q, by_dq, by_ddq = (
-            flat[..., k * n * n : (k + 1) * n * n].reshape((*flat.shape[:-1], n, n)) for k in range(3)
-        )
-        return by_q, by_dq, by_ddq
+        stacked = self._call("inverse_dynamics_derivatives", (q, dq, ddq, parameters), gravity, out)
+        return stacked[..., 0, :, :], stacked[..., 1, :, :], stacked[..., 2, :, :]
 
     def computed_torque(
-        self, q: ArrayLike, dq: ArrayLike, ddq: ArrayLike, parameters: ArrayLike, *, gravity: ArrayLike | None = None
+        self,
+        q: ArrayLike,
+        dq: ArrayLike,
+        ddq: ArrayLike,
+        parameters: ArrayLike,
+        *,
+        gravity: ArrayLike | None = None,
+        out: Array | None = None,
     ) -> Array:
         """Return the torques (..., N) of the links alone, ``M(q) ddq + C(q, dq) dq + g(q)`` of thesis eq. 5.8."""
-        return self._call("computed_torque", (q, dq, ddq), parameters, gravity)
+        return self._call("computed_torque", (q, dq, ddq, parameters), gravity, out)
 
-    def gravity(self, q: ArrayLike, parameters: ArrayLike, *, gravity: ArrayLike | None = None) -> Array:
+    def gravity(
+        self, q: ArrayLike, parameters: ArrayLike, *, gravity: ArrayLike | None = None, out: Array | None = None
+    ) -> Array:
         """Return the torques (..., N) that hold the links still, ``g(q)`` of thesis eq. 2.7."""
-        return self._call("gravity", (q,), parameters, gravity)
+        return self._call("gravity", (q, parameters), gravity, out)
 
-    def coriolis(self, q: ArrayLike, dq: ArrayLike, parameters: ArrayLike) -> Array:
+    def coriolis(self, q: ArrayLike, dq: ArrayLike, parameters: ArrayLike, *, out: Array | None = None) -> Array:
         """Return the Coriolis and centripetal torques (..., N), ``C(q, dq) dq`` of thesis eq. 2.8."""
-        return self._call("coriolis", (q, dq), parameters)
+        return self._call("coriolis", (q, dq, parameters), None, out)
 
-    def coriolis_matrix(self, q: ArrayLike, dq: ArrayLike, parameters: ArrayLike) -> Array:
+    def coriolis_matrix(self, q: ArrayLike, dq: ArrayLike, parameters: ArrayLike, *, out: Array | None = None) -> Array:
         """Return C(q, dq) (..., N, N) with the Christoffel symbols: ``dM/dt - 2 C`` is skew-symmetric."""
-        return self._call.matrix("coriolis_matrix", (q, dq), parameters)
+        return self._call("coriolis_matrix", (q, dq, parameters), None, out)
 
     def drive_torque(
         self,
@@ -189,6 +224,7 @@ class Model:
         q: ArrayLike | None = None,
         *,
         term: str | None = None,
+        out: Array | None = None,
     ) -> Array:
         """Return the torques (..., N) of all the terms, ``h`` of thesis eq. 2.9, or of one kind of term.
 
@@ -202,51 +238,54 @@ class Model:
             (..., N); matters to springs only.
         term : str, optional
             Kind of the term, such as ``"viscous"``.
+        out : ndarray, optional
+            See `inverse_dynamics`.
 
         Returns
         -------
         ndarray
         """
         name = "drive_torque" if term is None else f"drive_torque({term})"
-        return self._call(name, (np.zeros_like(dq) if q is None else q, dq, ddq), parameters)
+        return self._call(name, (np.zeros_like(dq) if q is None else q, dq, ddq, parameters), None, out)
 
-    def inertia_matrix(self, q: ArrayLike, parameters: ArrayLike) -> Array:
+    def inertia_matrix(self, q: ArrayLike, parameters: ArrayLike, *, out: Array | None = None) -> Array:
         """Return the inertia matrix of the links M(q) (..., N, N) of thesis eq. 2.7."""
-        return self._call.matrix("inertia_matrix", (q,), parameters)
+        return self._call("inertia_matrix", (q, parameters), None, out)
 
-    def total_inertia_matrix(self, q: ArrayLike, parameters: ArrayLike) -> Array:
+    def total_inertia_matrix(self, q: ArrayLike, parameters: ArrayLike, *, out: Array | None = None) -> Array:
         """Return the inertia matrix of links and rotors (..., N, N): the derivative of all torques by ddq."""
-        return self._call.matrix("total_inertia_matrix", (q,), parameters)
+        return self._call("total_inertia_matrix", (q, parameters), None, out)
 
-    def momentum(self, q: ArrayLike, dq: ArrayLike, parameters: ArrayLike) -> Array:
+    def momentum(self, q: ArrayLike, dq: ArrayLike, parameters: ArrayLike, *, out: Array | None = None) -> Array:
         """Return the generalised momentum (..., N) of links and rotors, N·m·s or N·s."""
-        return self._call("momentum", (q, dq), parameters)
+        return self._call("momentum", (q, dq, parameters), None, out)
 
-    def kinetic_energy(self, q: ArrayLike, dq: ArrayLike, parameters: ArrayLike) -> Array:
+    def kinetic_energy(self, q: ArrayLike, dq: ArrayLike, parameters: ArrayLike, *, out: Array | None = None) -> Array:
         """Return the kinetic energy (...) of links and rotors, J."""
-        return self._call("kinetic_energy", (q, dq), parameters)[..., 0]
+        return _number(self._call("kinetic_energy", (q, dq, parameters), None, out), out)
 
-    def potential_energy(self, q: ArrayLike, parameters: ArrayLike, *, gravity: ArrayLike | None = None) -> Array:
+    def potential_energy(
+        self, q: ArrayLike, parameters: ArrayLike, *, gravity: ArrayLike | None = None, out: Array | None = None
+    ) -> Array:
         """Return the potential energy (...), J; zero for mass at the origin of the base frame."""
-        return self._call("potential_energy", (q,), parameters, gravity)[..., 0]
+        return _number(self._call("potential_energy", (q, parameters), gravity, out), out)
 
-    def regressor(self, q: ArrayLike, dq: ArrayLike, ddq: ArrayLike) -> Array:
+    def regressor(self, q: ArrayLike, dq: ArrayLike, ddq: ArrayLike, *, out: Array | None = None) -> Array:
         """Return H(q, dq, ddq) (..., N, n) of thesis eq. 2.22: torques are ``H delta``."""
-        flat = self._call("regressor", (q, dq, ddq))
-        return flat.reshape((*flat.shape[:-1], self.robot.dof, len(self._layout.names)))
+        return self._call("regressor", (q, dq, ddq), None, out)
 
-    def momentum_regressor(self, q: ArrayLike, dq: ArrayLike) -> Array:
+    def momentum_regressor(self, q: ArrayLike, dq: ArrayLike, *, out: Array | None = None) -> Array:
         """Return (..., N, n): times the parameters it is the generalised momentum."""
-        flat = self._call("momentum_regressor", (q, dq))
-        return flat.reshape((*flat.shape[:-1], self.robot.dof, len(self._layout.names)))
+        return self._call("momentum_regressor", (q, dq), None, out)
 
-    def energy_regressor(self, q: ArrayLike, dq: ArrayLike) -> tuple[Array, Array]:
+    def energy_regressor(self, q: ArrayLike, dq: ArrayLike, *, out: Array | None = None) -> tuple[Array, Array]:
         """Return (..., n) for the kinetic and for the potential energy: times the parameters they are the energies.
 
-        In base parameters (`function` with ``base=True``) the potential energy is known up to a constant.
+        In base parameters (`function` with ``base=True``) the potential energy is known up to a constant. What is given
+        as `out` is (..., 2, n), one behind the other.
         """
-        flat = self._call("energy_regressor", (q, dq))
-        return flat[..., : len(self._layout.names)], flat[..., len(self._layout.names) :]
+        stacked = self._call("energy_regressor", (q, dq), None, out)
+        return stacked[..., 0, :], stacked[..., 1, :]
 
     def forward_dynamics(
         self,
@@ -257,6 +296,7 @@ class Model:
         *,
         method: str = "automatic",
         gravity: ArrayLike | None = None,
+        out: Array | None = None,
     ) -> Array:
         """Return the accelerations (..., N) that joint torques cause, thesis eq. 5.1.
 
@@ -271,6 +311,8 @@ class Model:
             coupled motors. ``"automatic"`` takes the latter from 9 joints on, where it can.
         gravity : array_like, optional
             (3,) in the base frame, m/s², in place of the robot's own.
+        out : ndarray, optional
+            See `inverse_dynamics`.
 
         Returns
         -------
@@ -282,17 +324,23 @@ class Model:
         InputError
             If the inertia matrix is singular at some sample: such parameters are not physically possible.
         """
-        function = forward_dynamics_function(self.robot, method)
-        result = self._call(function, (q, dq, tau), parameters, gravity)
-        given = all(np.isfinite(np.asarray(a, dtype=np.float64)).all() for a in (q, dq, tau, parameters))
-        if given and not np.isfinite(result).all():
+        function = self._forward_dynamics.get(method)
+        if function is None:
+            function = self._forward_dynamics[method] = forward_dynamics_function(self.robot, method)
+        result = self._call(function, (q, dq, tau, parameters), gravity, out)
+        # The sum of one sample is finite unless a number is not, or they are enormous; then all are looked at.
+        if result.ndim == 1 and math.isfinite(sum(result.tolist())):
+            return result
+        if not np.isfinite(result).all() and all(
+            np.isfinite(np.asarray(a, dtype=np.float64)).all() for a in (q, dq, tau, parameters)
+        ):
             raise InputError(
                 f"The inertia matrix of {self.robot.name} is singular with these parameters; "
                 "steelyard.check tells which link is not physically possible."
             )
         return result
 
-    def pose(self, q: ArrayLike, link: str | int) -> Array:
+    def pose(self, q: ArrayLike, link: str | int, *, out: Array | None = None) -> Array:
         """Return the pose of a link frame in the base frame, (..., 4, 4).
 
         Parameters
@@ -301,15 +349,18 @@ class Model:
             (..., N).
         link : str or int
             Name, of a link that is fixed to a moving one too ("tool0"), or index of a moving link.
+        out : ndarray, optional
+            See `inverse_dynamics`.
 
         Returns
         -------
         ndarray
         """
-        flat = self._call(f"pose({self._link_name(link)})", (q,))
-        return flat.reshape((*flat.shape[:-1], 4, 4))
+        return self._call(f"pose({self._link_name(link)})", (q,), None, out)
 
-    def jacobian(self, q: ArrayLike, link: str | int, point: ArrayLike = (0.0, 0.0, 0.0)) -> Array:
+    def jacobian(
+        self, q: ArrayLike, link: str | int, point: ArrayLike = (0.0, 0.0, 0.0), *, out: Array | None = None
+    ) -> Array:
         """Return the Jacobian of a point of a link in the base frame, (..., 6, N), linear rows first.
 
         Parameters
@@ -320,19 +371,27 @@ class Model:
             Name, of a link that is fixed to a moving one too ("tool0"), or index of a moving link.
         point : array_like
             (3,) in the link frame, m; the origin where not given.
+        out : ndarray, optional
+            See `inverse_dynamics`.
 
         Returns
         -------
         ndarray
             Rows: m/rad or 1 (linear), then 1 or 0 (angular).
         """
-        flat = self._call(f"jacobian({self._link_name(link)})", (q,), point=point)
-        return flat.reshape((*flat.shape[:-1], 6, self.robot.dof))
+        return self._call(f"jacobian({self._link_name(link)})", (q, point), None, out)
 
-    def jacobian_rate(self, q: ArrayLike, dq: ArrayLike, link: str | int, point: ArrayLike = (0.0, 0.0, 0.0)) -> Array:
+    def jacobian_rate(
+        self,
+        q: ArrayLike,
+        dq: ArrayLike,
+        link: str | int,
+        point: ArrayLike = (0.0, 0.0, 0.0),
+        *,
+        out: Array | None = None,
+    ) -> Array:
         """Return the time derivative of `jacobian` while the robot moves with `dq`, (..., 6, N)."""
-        flat = self._call(f"jacobian_rate({self._link_name(link)})", (q, dq), point=point)
-        return flat.reshape((*flat.shape[:-1], 6, self.robot.dof))
+        return self._call(f"jacobian_rate({self._link_name(link)})", (q, dq, point), None, out)
 
     def joint_friction(self, parameters: ArrayLike) -> tuple[Array, Array]:
         """Return viscous and Coulomb friction (N,) of each joint moving alone, all the terms together.
@@ -567,6 +626,12 @@ class Model:
         if not 0 <= link < len(names):
             raise InputError(f"{self.robot.name} has moving links 0 to {len(names) - 1}, got {link}.")
         return names[link]
+
+
+def _number(values: Array, out: Array | None) -> Array:
+    """Return what one sample gives as a number rather than an array without dimensions."""
+    number: Array = values if out is not None or values.ndim else values[()]
+    return number
 
 
 def _sampled_regressor(layout: ParameterLayout) -> Array:

@@ -217,8 +217,8 @@ class Instructions:
 
 # The names that a kernel imports, and the types of what they take.
 SUPPORT = {
-    "gather": "ptr, i64, i64, i64, ptr",
-    "scatter": "ptr, i64, i64, i64, ptr",
+    "gather": "ptr, i64, i64, i64, i64, ptr",
+    "scatter": "ptr, i64, i64, i64, i64, ptr",
     "columns": "ptr, i64, i64, i64, ptr, i64",
     "sines_and_cosines": "ptr, i64",
     "clear": "ptr, i64",
@@ -228,11 +228,13 @@ SUPPORT = {
 def support_source(lanes: int, triple: str = "") -> str:
     """Return the LLVM assembly of the functions that a kernel imports.
 
-    ``gather(source, width, first, last, slots)`` reads the rows ``first`` to ``first + lanes - 1`` into `width` slots.
-    Rows beyond ``last`` stand for the last one, so that a block need not be full: what is computed twice is written
-    twice. ``scatter(slots, width, first, last, out)`` is its reverse; ``columns(slots, width, first, last, out,
-    stride)`` writes each slot to a row of its own. ``sines_and_cosines(slots, count)`` turns the first `count` slots
-    into sines, in the next `count` slots, and cosines, in those after. ``clear(slots, count)`` writes zeros.
+    ``gather(source, width, first, step, last, slots)`` reads the rows ``first``, ``first + step`` and so on, one for
+    each lane, into `width` slots. Rows beyond ``last`` stand for the last one, so that a block need not be full: what
+    is computed twice is written twice. ``scatter(slots, width, first, step, last, out)`` is its reverse; where `step`
+    is the number of lanes, so that all the rows begin at the same place of a line of the cache, it writes whole lines
+    past the cache. ``columns(slots, width, first, last, out, stride)`` writes each slot to a row of its own.
+    ``sines_and_cosines(slots, count)`` turns the first `count` slots into sines, in the next `count` slots, and
+    cosines, in those after. ``clear(slots, count)`` writes zeros.
 
     Parameters
     ----------
@@ -258,7 +260,7 @@ def support_source(lanes: int, triple: str = "") -> str:
             *_columns(lanes),
         ]
     lines += [*_sines_and_cosines(lanes), *_clear(lanes)]
-    lines.append("attributes #0 = { nounwind }")
+    lines += ["attributes #0 = { nounwind }", "!1 = !{i32 1}"]
     return "\n".join(lines) + "\n"
 
 
@@ -284,7 +286,7 @@ def _loop(head: str, start: Instructions, body: Instructions, count: str, step: 
 def _rows(it: Instructions, pointer: str) -> list[str]:
     rows = []
     for lane in range(it.lanes):
-        row = it.new(f"add i64 %first, {lane}")
+        row = it.new(f"add i64 %first, {it.new(f'mul i64 %step, {lane}')}")
         row = it.new(f"call i64 @llvm.smin.i64(i64 {row}, i64 %last)")
         rows.append(it.new(f"getelementptr double, ptr {pointer}, i64 {it.new(f'mul i64 {row}, %width')}"))
     return rows
@@ -316,20 +318,68 @@ def _gather(lanes: int) -> list[str]:
     target = body.new(f"getelementptr {t}, ptr %slots, i64 %c")
     for lane, value in enumerate(body.transposed(loaded)):
         body.store(value, target, lane)
-    head = "@gather(ptr noalias readonly %source, i64 %width, i64 %first, i64 %last, ptr noalias %slots)"
+    head = "@gather(ptr noalias readonly %source, i64 %width, i64 %first, i64 %step, i64 %last, ptr noalias %slots)"
     return _loop(head, start, body, "%width", lanes)
 
 
 def _scatter(lanes: int) -> list[str]:
-    start, body = Instructions(lanes, "e"), Instructions(lanes)
+    """Write blocks of columns, transposed.
+
+    Past the cache go whole lines, because memory otherwise reads each line before it is written, which takes as long
+    again. They begin at the first column of a line, which is the same in all the rows; the columns before and after
+    the whole lines go the ordinary way.
+    """
+    start, body, far, tail = (Instructions(lanes, prefix) for prefix in ("e", "t", "f", "r"))
     rows = _rows(start, "%out")
-    flags = _lanes_below(body, body.new("sub i64 %width, %c"))
-    source = body.new(f"getelementptr {body.type}, ptr %slots, i64 %c")
-    values = body.transposed([body.load(source, lane) for lane in range(lanes)])
-    for row, value in zip(rows, values, strict=True):
-        _masked_store(body, value, body.new(f"getelementptr double, ptr {row}, i64 %c"), flags)
-    head = "@scatter(ptr noalias readonly %slots, i64 %width, i64 %first, i64 %last, ptr noalias %out)"
-    return _loop(head, start, body, "%width", lanes)
+
+    def moved(it: Instructions, column: str) -> list[tuple[str, str]]:
+        source = it.new(f"getelementptr {it.type}, ptr %slots, i64 {column}")
+        values = it.transposed([it.load(source, lane) for lane in range(lanes)])
+        return [(v, it.new(f"getelementptr double, ptr {r}, i64 {column}")) for r, v in zip(rows, values, strict=True)]
+
+    def masked(it: Instructions, column: str, rest: str) -> None:
+        flags = _lanes_below(it, rest)
+        for value, address in moved(it, column):
+            _masked_store(it, value, address, flags)
+
+    masked(body, "%c", body.new("sub i64 %width, %c"))
+    address = far.new(f"sub i64 0, {far.new(f'ptrtoint ptr {rows[0]} to i64')}")
+    head = far.new(f"lshr i64 {far.new(f'and i64 {address}, {8 * lanes - 1}')}, 3")
+    masked(far, "0", head)
+    whole = Instructions(lanes, "w")
+    for value, target in moved(whole, "%k"):
+        whole.lines.append(f"  store {whole.type} {value}, ptr {target}, align {8 * lanes}, !nontemporal !1")
+    masked(tail, "%rest", tail.new("sub i64 %width, %rest"))
+    name = "@scatter(ptr noalias readonly %slots, i64 %width, i64 %first, i64 %step, i64 %last, ptr noalias %out)"
+    return [
+        f"define void {name} #0 {{",
+        "entry:",
+        *start.lines,
+        "  %past = icmp sgt i64 %step, 1",
+        "  br i1 %past, label %far, label %loop",
+        "loop:",
+        "  %c = phi i64 [ 0, %entry ], [ %following, %loop ]",
+        *body.lines,
+        f"  %following = add i64 %c, {lanes}",
+        "  %more = icmp slt i64 %following, %width",
+        "  br i1 %more, label %loop, label %done",
+        "far:",
+        *far.lines,
+        "  br label %lines",
+        "lines:",
+        f"  %k = phi i64 [ {head}, %far ], [ %rest, %lines ]",
+        *whole.lines,
+        f"  %rest = add i64 %k, {lanes}",
+        f"  %end = add i64 %rest, {lanes}",
+        "  %again = icmp sle i64 %end, %width",
+        "  br i1 %again, label %lines, label %tail",
+        "tail:",
+        *tail.lines,
+        "  br label %done",
+        "done:",
+        "  ret void",
+        "}",
+    ]
 
 
 def _columns(lanes: int) -> list[str]:

@@ -30,7 +30,7 @@ from .instructions import support_source
 from .llvm import kernel_source
 from .machine import LoadedCode, batch_lanes, host_machine
 
-__all__ = ["DOUBLE", "Desk", "Kernel", "Signature", "address_of", "addresses_of", "source_digest"]
+__all__ = ["DOUBLE", "Kernel", "Signature", "address_of", "addresses_of", "source_digest"]
 
 DOUBLE = np.dtype(np.float64)
 _ROOMS = ("robot", "graph", "dynamics")
@@ -150,6 +150,19 @@ Array = NDArray[np.float64]
 # ns of work that are worth a thread: to hand work to a waiting thread and to learn that it is done takes about 90 µs.
 _WORTHWHILE = 250_000.0
 
+# Bytes of a result from which on it is written past the cache, because memory otherwise reads each line before it is
+# written. A second level cache holds 1 to 2 MiB. Measured on seven joints, in ns a sample through the cache and past
+# it: the regressor, 3920 bytes, 283 and 415 at 1 MiB, 455 and 424 at 4 MiB, 533 and 281 at 64 MiB; the inertia matrix,
+# 392 bytes, 41 and 57, 88 and 54, 94 and 55.
+_LARGE = 2 << 20
+
+# Bytes of a result from which on it goes into memory that an earlier one used, which takes 3 µs to find. What is larger
+# than that the allocator of the C library may fetch from the system at every call: 60 µs for 256 KiB.
+_RECYCLED = 1 << 18
+
+# ns of work that may be done while other threads of Python wait, see `direct`.
+_SHORT = 20_000.0
+
 
 class Kernel:
     """A function as machine code for this processor.
@@ -202,7 +215,7 @@ class Kernel:
         self.identity = identity
         self._cache = cache
         self._loaded: dict[int, LoadedCode] = {}
-        self._desks: list[Desk] = []
+        self._direct: dict[tuple[tuple[int, ...], bool], Callable[..., Any] | None] = {}
         self._lock = threading.RLock()
 
     def __repr__(self) -> str:
@@ -253,9 +266,9 @@ class Kernel:
         """The compiled function ``(count, pointers…, out, stride)`` for batches.
 
         In C ``void kernel(int64_t count, const double *argument…, double *out, int64_t stride)``: an argument has
-        `count` rows, or one where it is uniform; element j of sample s goes to ``out[s * n + j]``, and `stride` is
-        not used, or with the layout ``"columns"`` to ``out[j * stride + s]``. It keeps no state, so that threads may
-        share it, and lives as long as the kernel.
+        `count` rows, or one where it is uniform; element j of sample s goes to ``out[s * n + j]``, past the cache where
+        `stride` is negative, or with the layout ``"columns"`` to ``out[j * stride + s]``. It keeps no state, so that
+        threads may share it, and lives as long as the kernel.
         """
         return self._prototype(self._code(batch_lanes()).addresses["kernel"])
 
@@ -355,7 +368,7 @@ class Kernel:
         rows = self.layout == "rows"
         shape = (count, signature.width) if rows else (signature.width, count)
         if out is None:
-            out = np.empty(shape)
+            out = self.empty(shape)
         elif out.shape != shape or not out.flags.carray or out.dtype != DOUBLE:
             raise InputError(f"out must be a C-contiguous float64 array of shape {shape}, got {out.dtype} {out.shape}.")
         if not isinstance(threads, int) or threads < 1:
@@ -366,11 +379,65 @@ class Kernel:
         if count == 1:
             self.single_function(1, *addresses, target, 1)
         elif (pieces := 1 if threads == 1 else self._pieces(threads, count)) < 2:
-            self.batch_function(count, *addresses, target, count)
+            self.batch_function(count, *addresses, target, self._stride(count))
         else:
             self._share(pieces, threads, count, addresses, target)
         del kept
         return out
+
+    @staticmethod
+    def empty(shape: tuple[int, ...]) -> Array:
+        """Return an array for a result; a large one in memory that an earlier result used, where there is some."""
+        if 8 * math.prod(shape) < _RECYCLED:
+            return np.empty(shape)
+        from .large_arrays import large_array
+
+        return large_array(shape)
+
+    def _stride(self, count: int) -> int:
+        """Return the last argument of a compiled function for a batch."""
+        return -1 if self.layout == "rows" and 8 * count * self._width >= _LARGE else count
+
+    def direct(self, shape: tuple[int, ...], *, several: bool = False) -> Callable[..., Any] | None:
+        """Return a built-in function for a few samples, which does in a fraction of a microsecond what it can do.
+
+        It takes the arguments, (..., width) or (width,) each, and an array (..., *shape) for the outputs, and returns
+        that array; or None, having done nothing, where one of them is not a C-contiguous array of doubles, does not
+        fit, or has memory in common with the outputs, and where there are too many samples.
+
+        Parameters
+        ----------
+        shape : tuple of int
+            Of the outputs of one sample, in which they stand one after the other.
+        several : bool
+            For small batches in the layout ``"rows"``; for one sample otherwise.
+
+        Returns
+        -------
+        callable or None
+            None where Python or NumPy keep arrays in a way that is not known. It may be called while the kernel lives.
+        """
+        key = (shape, several)
+        if key not in self._direct:
+            from .direct_call import direct_call  # only where small batches are computed
+
+            single = self.function_pointer
+            batch, few = single, 1
+            if several:
+                batch = self._code(batch_lanes()).addresses["kernel"]
+                # A register that is not full takes as long as 2 single samples, or nearly as long as its lanes where
+                # most of the time goes into writing.
+                few = batch_lanes() - 1 if self._width > 8 / 3 * self._cost else 2
+            most = self.most if several else 1
+            self._direct[key] = direct_call(self.arguments, shape, single=single, batch=batch, few=few, most=most)
+        return self._direct[key]
+
+    @cached_property
+    def most(self) -> int:
+        """How many samples `direct` computes at once: a few µs of work, and a result that a cache holds."""
+        if self.layout == "columns":
+            return 1
+        return max(batch_lanes(), min(int(_SHORT / self._cost), _LARGE // (8 * max(1, self._width))))
 
     def sample(self, *arrays: Array, out: Array | None = None) -> Array:
         """Compute the outputs of one sample, with less to do around it than a batch of one.
@@ -392,40 +459,36 @@ class Kernel:
         InputError
             If an array does not fit.
         """
-        if out is not None and (out.shape != (self._width,) or out.dtype is not DOUBLE):
-            raise InputError(f"out must be a float64 array of shape ({self._width},), got {out.dtype} {out.shape}.")
-        try:
-            desk = self._desks.pop()  # two threads may call at the same time, so each takes its own memory
-        except IndexError:
-            desk = Desk(self.arguments, self._width)
-        try:
-            if len(arrays) != len(desk.places):
-                names = ", ".join(a.name for a in self.arguments)
-                raise InputError(f"the kernel reads {len(desk.places)} arrays ({names}), got {len(arrays)}.")
-            for k, place in enumerate(desk.places):
-                array = arrays[k] if type(arrays[k]) is np.ndarray else np.asarray(arrays[k])
-                if array.shape != place.shape:
-                    name = self.arguments[k].name
-                    raise InputError(f"{name} must have shape {place.shape}, got {array.shape}.")
-                place[...] = array
-            if self._width:
-                self.single_function(*desk.given)
-            if out is None:
-                return desk.out.copy()
-            out[...] = desk.out
-            return out
-        finally:
-            self._desks.append(desk)
+        width = self._width
+        if out is None:
+            result = np.empty(width)
+        elif out.shape != (width,) or out.dtype is not DOUBLE:
+            raise InputError(f"out must be a float64 array of shape ({width},), got {out.dtype} {out.shape}.")
+        else:
+            result = out
+        direct = self.direct((width,))
+        if direct is not None and direct(*arrays, result) is not None:
+            return result
+        rows = [np.asarray(a, dtype=np.float64) for a in arrays]
+        for argument, row in zip(self.arguments, rows, strict=False):
+            if row.shape != (argument.width,):
+                raise InputError(f"{argument.name} must have shape ({argument.width},), got {row.shape}.")
+        uniform = {k for k, argument in enumerate(self.arguments) if argument.uniform}
+        result[...] = self(*(row if k in uniform else row[np.newaxis] for k, row in enumerate(rows))).ravel()
+        return result
 
     @cached_property
     def _width(self) -> int:
         return self.signature.width
 
     def _pieces(self, threads: int, count: int) -> int:
-        """Return how many threads a batch is worth, from what it may take: 1 ns for 500 bytes of code or 4 outputs."""
-        lanes = batch_lanes()
-        work = count * (self._code(lanes).size / 500 + self._width / 4)
-        return min(threads, int(work / _WORTHWHILE), -(-count // lanes))
+        """Return how many threads a batch is worth."""
+        return min(threads, int(count * self._cost / _WORTHWHILE), -(-count // batch_lanes()))
+
+    @cached_property
+    def _cost(self) -> float:
+        """What a sample of a batch may take, in ns: 1 ns for 500 bytes of code or 4 outputs."""
+        return self._code(batch_lanes()).size / 500 + self._width / 4
 
     def _share(self, pieces: int, threads: int, count: int, addresses: Sequence[int], target: int) -> None:
         """Let threads compute blocks of samples."""
@@ -434,10 +497,11 @@ class Kernel:
         bounds = [min(count, lanes * (groups * k // pieces)) for k in range(pieces + 1)]
         steps = [0 if a.uniform else 8 * a.width for a in signature.arguments]
         step = 8 * signature.width if self.layout == "rows" else 8
+        stride = self._stride(count)
 
         def work(start: int, end: int) -> None:
             inputs = [address + start * size for address, size in zip(addresses, steps, strict=True)]
-            function(end - start, *inputs, target + start * step, count)
+            function(end - start, *inputs, target + start * step, stride)
 
         pool = _pool(os.getpid(), threads)
         others = [pool.submit(work, *piece) for piece in pairwise(bounds[1:])]
@@ -472,32 +536,6 @@ def _digest(*texts: str) -> str:
 
 
 # Where the arrays that a compiled function reads and writes stand in memory.
-
-
-class Desk:
-    """Memory for one sample at fixed addresses, so that a call need not look them up.
-
-    Parameters
-    ----------
-    arguments : tuple of Argument
-    width : int
-        Number of outputs.
-
-    Attributes
-    ----------
-    places : tuple of ndarray
-        One for each argument.
-    out : ndarray
-        (width,).
-    given : tuple
-        The arguments of the compiled function: one sample, the places, the outputs, and a stride of one.
-    """
-
-    def __init__(self, arguments: tuple[Argument, ...], width: int) -> None:
-        self.places = tuple(np.empty(a.width) for a in arguments)
-        self.out = np.empty(width)
-        pointers = [ctypes.c_void_p(address_of(array)) for array in (*self.places, self.out)]
-        self.given = (ctypes.c_int64(1), *pointers, ctypes.c_int64(1))
 
 
 def address_of(array: Array) -> int:

@@ -99,16 +99,19 @@ class Machine:
     def support(self) -> LoadedCode:
         """The functions that kernels import, in memory and in the user's object cache."""
         symbols = tuple(SUPPORT) if self.lanes > 1 else ("sines_and_cosines", "clear")
-        source = support_source(self.lanes, self.triple)
+        return self.load_source(support_source(self.lanes, self.triple), symbols, {})
+
+    def load_source(self, source: str, symbols: tuple[str, ...], imports: dict[str, int]) -> LoadedCode:
+        """Bring the functions of LLVM assembly into memory, from the user's object cache where it has them."""
         with _LOCK:
             key = hashlib.sha256(f"{self.description}\n{source}".encode()).hexdigest()
             objects = ObjectCache.default()
             entry = unpack(objects.read(key))
-            loaded = None if entry is None else _link(entry[1], symbols, {})
+            loaded = None if entry is None else _link(entry[1], symbols, imports)
             if loaded is None:
                 code = self.compile(source)
                 objects.write(key, pack("", code))
-                loaded = _link(code, symbols, {})
+                loaded = _link(code, symbols, imports)
             if loaded is None:
                 raise RuntimeError("machine code that was just compiled cannot be loaded")
             return loaded

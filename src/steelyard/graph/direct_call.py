@@ -1,0 +1,296 @@
+"""Calls of compiled functions from Python for a few samples, where the call itself takes longer than the computation.
+
+Through ctypes a call for one sample takes 3 to 5 µs, nearly all of which is Python that looks at arrays. Here LLVM
+compiles what looks at them: a function with CPython's own calling convention (``METH_FASTCALL``) that reads the arrays
+where NumPy keeps them, as every extension does that is compiled against NumPy.
+"""
+
+from __future__ import annotations
+
+import ctypes
+from collections.abc import Callable, Sequence
+from functools import cache
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from .function import Argument
+from .machine import LoadedCode, batch_lanes, host_machine
+
+if TYPE_CHECKING:
+    from numpy.typing import NDArray
+
+__all__ = ["direct_call"]
+
+DirectCall = Callable[..., Any]
+
+_MOST_ARGUMENTS = 8
+_MOST_SHAPE = 4
+_FASTCALL = 0x0080
+# Where the words of an array stand after the head of the object: data, nd, dimensions, strides, base, descr, flags.
+_DATA, _ND, _DIMENSIONS, _DESCR, _FLAGS = 0, 8, 16, 40, 48
+_C_CONTIGUOUS, _ALIGNED, _WRITEABLE = 0x0001, 0x0100, 0x0400
+_DOUBLE = np.dtype(np.float64)
+
+# Words of the table that belongs to one compiled function.
+_SINGLE, _BATCH, _COUNT, _MOST, _FEW, _ARRAY, _DTYPE, _NONE, _WIDTH, _SHAPE_SIZE = range(10)
+_SHAPE = 10
+_ARGUMENTS = _SHAPE + _MOST_SHAPE
+_NAME = ctypes.c_char_p(b"direct")
+
+
+class _MethodDefinition(ctypes.Structure):
+    _fields_ = (
+        ("name", ctypes.c_char_p),
+        ("address", ctypes.c_void_p),
+        ("flags", ctypes.c_int),
+        ("documentation", ctypes.c_char_p),
+    )
+
+
+def direct_call(
+    arguments: Sequence[Argument], shape: tuple[int, ...], *, single: int, batch: int, few: int, most: int
+) -> DirectCall | None:
+    """Return a built-in function that computes a compiled function for a few samples, or None where there is none.
+
+    Called with the arguments, (..., width) each, or (width,) where uniform, and ``out`` (..., *shape), it writes and
+    returns `out`. It does so only where all of them are plain arrays of doubles, C-contiguous and aligned, whose shapes
+    fit and whose memory is not that of `out`. Otherwise it does nothing and returns None, so that the caller finds out
+    what was wrong.
+
+    Parameters
+    ----------
+    arguments : sequence of Argument
+    shape : tuple of int
+        Of the outputs of one sample.
+    single, batch : int
+        Addresses of the functions that compute samples one by one and side by side, see
+        :attr:`steelyard.graph.Kernel.batch_function`. They must live as long as what is returned is called.
+    few : int
+        How many samples are computed one by one rather than in a register that would not be full.
+    most : int
+        How many samples are computed at all. Other threads of Python wait meanwhile.
+    """
+    if not 1 <= len(arguments) <= _MOST_ARGUMENTS or len(shape) > _MOST_SHAPE or not _arrays_are_known():
+        return None
+    table = np.zeros(_ARGUMENTS + 2 * len(arguments), dtype=np.int64)
+    table[:_SHAPE] = (
+        single,
+        batch,
+        len(arguments),
+        most,
+        few,
+        id(np.ndarray),
+        id(_DOUBLE),
+        id(None),
+        int(np.prod(shape, dtype=np.int64)),
+        len(shape),
+    )
+    table[_SHAPE : _SHAPE + len(shape)] = shape
+    table[_ARGUMENTS:] = [number for a in arguments for number in (a.width, a.uniform)]
+    create = ctypes.pythonapi.PyCFunction_NewEx
+    create.restype, create.argtypes = ctypes.py_object, [ctypes.c_void_p, ctypes.py_object, ctypes.c_void_p]
+    result: DirectCall = create(ctypes.byref(_definition()), table, None)  # which keeps the table
+    return result
+
+
+@cache
+def _arrays_are_known() -> bool:
+    """Tell whether an array of NumPy stands in memory as the machine code reads it."""
+    head = object.__basicsize__
+    if ctypes.sizeof(ctypes.c_void_p) != 8 or head % 8 or np.ndarray.__basicsize__ < head + _FLAGS + 4:
+        return False
+    array: NDArray[np.float64] = np.zeros((2, 3))
+    start = id(array) + head
+
+    def word(address: int) -> int:
+        return ctypes.c_int64.from_address(address).value
+
+    return (
+        word(start - 8) == id(np.ndarray)
+        and word(start + _DATA) == array.ctypes.data
+        and ctypes.c_int.from_address(start + _ND).value == 2
+        and word(start + _DESCR) == id(_DOUBLE)
+        and ctypes.c_int.from_address(start + _FLAGS).value == array.flags.num
+        and list((ctypes.c_int64 * 2).from_address(word(start + _DIMENSIONS))) == [2, 3]
+    )
+
+
+@cache
+def _loaded() -> LoadedCode:
+    machine = host_machine(1)
+    increment = ctypes.cast(ctypes.pythonapi.Py_IncRef, ctypes.c_void_p).value
+    source = _source(machine.triple, object.__basicsize__, batch_lanes())
+    return machine.load_source(source, ("direct",), {"Py_IncRef": increment or 0})
+
+
+@cache
+def _definition() -> _MethodDefinition:
+    return _MethodDefinition(_NAME, _loaded().addresses["direct"], _FASTCALL, None)
+
+
+class _Lines:
+    """LLVM assembly with a fresh name for each result; a check that fails ends the call."""
+
+    def __init__(self) -> None:
+        self.lines: list[str] = []
+        self._count = 0
+
+    def new(self, instruction: str) -> str:
+        name = f"%t{self._count}"
+        self._count += 1
+        self.lines.append(f"  {name} = {instruction}")
+        return name
+
+    def op(self, kind: str, a: str, b: str | int) -> str:
+        """Combine two integers."""
+        return self.new(f"{kind} i64 {a}, {b}")
+
+    def moved(self, pointer: str, kind: str, index: str | int) -> str:
+        """Return the address of an item of a row."""
+        return self.new(f"getelementptr {kind}, ptr {pointer}, i64 {index}")
+
+    def item(self, pointer: str, index: str | int, kind: str = "i64") -> str:
+        """Read an item of a row of words."""
+        return self.new(f"load {kind}, ptr {self.moved(pointer, kind, index)}")
+
+    def at(self, pointer: str, offset: int, kind: str = "i64") -> str:
+        """Read what stands so many bytes after a pointer."""
+        return self.new(f"load {kind}, ptr {self.moved(pointer, 'i8', offset)}")
+
+    def label(self, name: str) -> None:
+        """Begin a block that follows."""
+        self.lines += [f"  br label %{name}", f"{name}:"]
+
+    def fork(self, condition: str, yes: str, no: str) -> None:
+        """End a block."""
+        self.lines.append(f"  br i1 {self.new(condition)}, label %{yes}, label %{no}")
+
+    def require(self, condition: str) -> None:
+        """Go on only where the condition holds."""
+        self._count += 1
+        name = f"on{self._count}"
+        self.fork(condition, name, "none")
+        self.lines.append(f"{name}:")
+
+    def same(self, name: str, first: str, second: str, count: str) -> None:
+        """Require that two rows of integers are equal."""
+        self.label(f"{name}entry")
+        self.fork(f"icmp sgt i64 {count}, 0", f"{name}loop", f"{name}done")
+        self.lines += [f"{name}loop:", f"  %{name}k = phi i64 [ 0, %{name}entry ], [ %{name}next, %{name}turn ]"]
+        self.fork(
+            f"icmp eq i64 {self.item(first, f'%{name}k')}, {self.item(second, f'%{name}k')}", f"{name}turn", "none"
+        )
+        self.lines += [f"{name}turn:", f"  %{name}next = add i64 %{name}k, 1"]
+        self.fork(f"icmp slt i64 %{name}next, {count}", f"{name}loop", f"{name}done")
+        self.lines.append(f"{name}done:")
+
+    def array(self, thing: str, head: int, flags: int) -> tuple[str, str, str]:
+        """Require a plain array with some flags; return its data, its dimensions and their number."""
+        self.require(f"icmp eq i64 {self.at(thing, head - 8)}, %array")
+        self.require(f"icmp eq i64 {self.at(thing, head + _DESCR)}, %dtype")
+        found = self.new(f"and i32 {self.at(thing, head + _FLAGS, 'i32')}, {flags}")
+        self.require(f"icmp eq i32 {found}, {flags}")
+        size = self.new(f"sext i32 {self.at(thing, head + _ND, 'i32')} to i64")
+        return self.at(thing, head + _DATA, "ptr"), self.at(thing, head + _DIMENSIONS, "ptr"), size
+
+
+def _source(triple: str, head: int, lanes: int) -> str:
+    """Return the LLVM assembly of ``direct(table, things, given)``: the arguments, and then what is written."""
+    it = _Lines()
+    table = it.at("%self", head + _DATA, "ptr")
+    words = {"array": _ARRAY, "dtype": _DTYPE, "n": _COUNT, "width": _WIDTH, "tail": _SHAPE_SIZE, "most": _MOST}
+    for name, index in (words | {"few": _FEW}).items():
+        it.lines.append(f"  %{name} = load i64, ptr {it.moved(table, 'i64', index)}")
+    for name, index in {"single": _SINGLE, "batch": _BATCH, "nothing": _NONE}.items():
+        it.lines.append(f"  %{name} = load ptr, ptr {it.moved(table, 'ptr', index)}")
+    it.require(f"icmp eq i64 %given, {it.op('add', '%n', 1)}")
+
+    # What is written tells the leading dimensions, which all arguments that are not uniform must have.
+    out = it.item("%things", "%n", "ptr")
+    data, leading, size = it.array(out, head, _C_CONTIGUOUS | _ALIGNED | _WRITEABLE)
+    lead = it.op("sub", size, "%tail")
+    it.require(f"icmp sge i64 {lead}, 0")
+    it.same("shape", it.moved(leading, "i64", lead), it.moved(table, "i64", _SHAPE), "%tail")
+    it.label("product")
+    it.fork(f"icmp sgt i64 {lead}, 0", "times", "counted")
+    it.lines += [
+        "times:",
+        "  %d = phi i64 [ 0, %product ], [ %dnext, %times ]",
+        "  %c = phi i64 [ 1, %product ], [ %cnext, %times ]",
+    ]
+    it.lines += [f"  %cnext = mul i64 %c, {it.item(leading, '%d')}", "  %dnext = add i64 %d, 1"]
+    it.fork(f"icmp slt i64 %dnext, {lead}", "times", "counted")
+    it.lines += ["counted:", "  %count = phi i64 [ 1, %product ], [ %cnext, %times ]"]
+    it.require("icmp sgt i64 %count, 0")
+    it.require("icmp sle i64 %count, %most")
+    start = it.new(f"ptrtoint ptr {data} to i64")
+    end = it.op("add", start, it.op("shl", it.op("mul", "%count", "%width"), 3))
+    dimensions = it.op("add", lead, 1)
+
+    # The arguments, one after the other.
+    it.label("begin")
+    it.label("argument")
+    it.lines.append("  %k = phi i64 [ 0, %begin ], [ %knext, %kept ]")
+    read, sizes, number = it.array(it.item("%things", "%k", "ptr"), head, _C_CONTIGUOUS | _ALIGNED)
+    place = it.op("add", it.op("shl", "%k", 1), _ARGUMENTS)
+    width, is_uniform = it.item(table, place), it.item(table, it.op("add", place, 1))
+    uniform = it.new(f"icmp ne i64 {is_uniform}, 0")
+    expected = it.new(f"select i1 {uniform}, i64 1, i64 {dimensions}")
+    it.require(f"icmp eq i64 {number}, {expected}")
+    before = it.op("sub", expected, 1)
+    it.require(f"icmp eq i64 {it.item(sizes, before)}, {width}")
+    it.same("lead", sizes, leading, before)
+    first = it.new(f"ptrtoint ptr {read} to i64")
+    rows = it.new(f"select i1 {uniform}, i64 1, i64 %count")
+    last = it.op("add", first, it.op("shl", it.op("mul", rows, width), 3))
+    begins, ends = it.new(f"icmp sge i64 {first}, {end}"), it.new(f"icmp sge i64 {start}, {last}")
+    it.require(f"or i1 {begins}, {ends}")
+    it.lines.append(f"  store ptr {read}, ptr {it.moved('%pointers', 'ptr', '%k')}")
+    step = it.new(f"select i1 {uniform}, i64 0, i64 {it.op('shl', width, 3)}")
+    it.lines.append(f"  store i64 {step}, ptr {it.moved('%steps', 'i64', '%k')}")
+    it.label("kept")
+    it.lines.append("  %knext = add i64 %k, 1")
+    it.fork("icmp slt i64 %knext, %n", "argument", "compute")
+
+    # Full registers side by side; what is left, one by one where it is little.
+    it.lines.append("compute:")
+    left = it.op("and", "%count", lanes - 1)
+    little = it.new(f"icmp sle i64 {left}, %few")
+    apart = it.new(f"select i1 {little}, i64 {left}, i64 0")
+    together = it.op("sub", "%count", apart)
+    target = it.moved(data, "double", it.op("mul", together, "%width"))
+    cases = " ".join(f"i64 {k}, label %both{k}" for k in range(1, _MOST_ARGUMENTS + 1))
+    it.lines.append(f"  switch i64 %n, label %none [ {cases} ]")
+    for k in range(1, _MOST_ARGUMENTS + 1):
+        it.lines.append(f"both{k}:")
+        values = [it.item("%pointers", j, "ptr") for j in range(k)]
+        it.fork(f"icmp sgt i64 {together}, 0", f"batch{k}", f"middle{k}")
+        it.lines.append(f"batch{k}:")
+        given = ", ".join(f"ptr {v}" for v in values)
+        it.lines.append(f"  call void %batch(i64 {together}, {given}, ptr {data}, i64 1)")
+        it.label(f"middle{k}")
+        it.fork(f"icmp sgt i64 {apart}, 0", f"single{k}", "done")
+        it.lines.append(f"single{k}:")
+        rest = [it.moved(v, "i8", it.op("mul", together, it.item("%steps", j))) for j, v in enumerate(values)]
+        given = ", ".join(f"ptr {v}" for v in rest)
+        it.lines += [f"  call void %single(i64 {apart}, {given}, ptr {target}, i64 1)", "  br label %done"]
+    return "\n".join(
+        [
+            f'target triple = "{triple}"',
+            "declare void @Py_IncRef(ptr)",
+            "define ptr @direct(ptr %self, ptr %things, i64 %given) nounwind {",
+            "entry:",
+            f"  %pointers = alloca [{_MOST_ARGUMENTS} x ptr]",
+            f"  %steps = alloca [{_MOST_ARGUMENTS} x i64]",
+            *it.lines,
+            "done:",
+            f"  call void @Py_IncRef(ptr {out})",
+            f"  ret ptr {out}",
+            "none:",
+            "  call void @Py_IncRef(ptr %nothing)",
+            "  ret ptr %nothing",
+            "}",
+            "",
+        ]
+    )

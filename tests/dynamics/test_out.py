@@ -1,0 +1,171 @@
+"""Results that are written into arrays of the caller, beside results in arrays of their own."""
+
+import numpy as np
+import pytest
+from batches import drawn, one_by_one, small_model
+
+import steelyard as sy
+from steelyard.graph import direct_call
+from steelyard.graph import kernel as kernel_module
+
+MODEL = small_model()
+
+
+def given_arrays(function, lead, seed=0):
+    """Return arguments, of which those that are the same for all samples have no leading axes."""
+    shapes = tuple(() if argument.uniform else lead for argument in function.arguments)
+    return drawn(function.arguments, shapes, np.random.default_rng(seed))
+
+
+def method(model, name):
+    """Return the method of a function, which takes its arguments and `out`."""
+    forward = model.forward_dynamics
+    return {
+        "forward_dynamics": lambda *a, out=None: forward(*a, method="inertia_matrix", out=out),
+        "forward_dynamics_articulated": lambda *a, out=None: model.forward_dynamics(
+            *a, method="articulated_body", out=out
+        ),
+        "drive_torque": lambda q, dq, ddq, p, out=None: model.drive_torque(dq, ddq, p, q, out=out),
+        "pose": lambda q, out=None: model.pose(q, 1, out=out),
+        "jacobian": lambda q, point, out=None: model.jacobian(q, 1, point, out=out),
+        "jacobian_rate": lambda q, dq, point, out=None: model.jacobian_rate(q, dq, 1, point, out=out),
+    }.get(name, lambda *a, out=None: getattr(model, name)(*a, out=out))
+
+
+def shape_of(function, lead):
+    shapes = [output.shape for output in function.outputs]
+    return (*lead, *(shapes[0] if len(shapes) == 1 else (len(shapes), *shapes[0])))
+
+
+@pytest.mark.parametrize("name", MODEL.functions)
+@pytest.mark.parametrize("lead", [(), (1,), (7,), (9,), (2, 5), (67,)])
+def test_the_same_bytes_with_and_without(name, lead):
+    function = MODEL.function(name)
+    given = given_arrays(function, lead)
+    out = np.full(shape_of(function, lead), np.nan)
+    found, alone = method(MODEL, name)(*given, out=out), method(MODEL, name)(*given)
+    if isinstance(found, tuple):
+        assert all(np.shares_memory(part, out) for part in found)
+        found, alone = np.stack(found), np.stack(alone)
+        moved = np.moveaxis(out, len(lead), 0)
+    else:
+        assert found is out
+        moved = out
+    assert found.tobytes() == np.asarray(alone).tobytes() == moved.tobytes()
+    wanted = one_by_one(function, given)
+    expected = np.stack(wanted) if len(wanted) > 1 else wanted[0]
+    np.testing.assert_allclose(found, expected, rtol=1e-11, atol=1e-12 * (1.0 + np.abs(expected).max()))
+
+
+@pytest.mark.parametrize("name", ["inverse_dynamics", "regressor", "coriolis_matrix"])
+@pytest.mark.parametrize("count", [1, 3, 8, 1001])
+def test_arrays_of_any_kind_give_the_same(name, count):
+    function = MODEL.function(name)
+    given = given_arrays(function, (count,))
+    call, out = method(MODEL, name), np.empty(shape_of(function, (count,)))
+    expected = method(MODEL, name)(*given)
+    for kind in (
+        lambda a: np.asfortranarray(a),
+        lambda a: np.repeat(a, 2, axis=-1)[..., ::2],
+        lambda a: a.astype(">f8"),
+        lambda a: a.tolist(),
+        lambda a: a.view(type("Special", (np.ndarray,), {})),
+    ):
+        assert call(*map(kind, given), out=out) is out
+        assert out.tobytes() == expected.tobytes()
+        assert method(MODEL, name)(*map(kind, given)).tobytes() == expected.tobytes()
+    first, *rest = given
+    assert call(first[:1], *rest, out=out) is out
+    assert out.tobytes() == call(np.repeat(first[:1], count, axis=0), *rest).tobytes()
+
+
+@pytest.mark.parametrize("name", ["inverse_dynamics", "regressor", "inverse_dynamics_derivatives"])
+def test_threads_and_large_batches_give_the_same(name, monkeypatch):
+    monkeypatch.setattr(kernel_module, "_WORTHWHILE", 1.0)
+    monkeypatch.setattr(kernel_module, "_LARGE", 1 << 12)
+    monkeypatch.setattr(kernel_module, "_RECYCLED", 1 << 12)
+    function = MODEL.function(name)
+    given = given_arrays(function, (1003,))
+    expected = np.stack(one_by_one(function, given), axis=1).reshape(shape_of(function, (1003,)))
+    for threads in (1, 2, 3):
+        model = sy.Model(MODEL.robot, threads=threads)
+        out = np.full(expected.shape, np.nan)
+        method(model, name)(*given, out=out)
+        alone = getattr(model, name)(*given)
+        alone = np.stack(alone, axis=1) if isinstance(alone, tuple) else alone
+        assert alone.tobytes() == out.tobytes()
+        np.testing.assert_allclose(out, expected, rtol=1e-11, atol=1e-12 * np.abs(expected).max())
+
+
+@pytest.mark.parametrize("count", [1, 3, 2000])
+def test_what_cannot_be_written_is_refused(count):
+    q, dq, ddq = np.random.default_rng(0).normal(size=(3, count, 2))
+    shape, width = (count, 2, len(MODEL.parameter_names)), len(MODEL.parameter_names)
+    still = np.empty(shape)
+    still.flags.writeable = False
+    for out, text in (
+        (np.empty((count + 1, 2, width)), rf"got float64 of shape \({count + 1}, 2, {width}\)"),
+        (np.empty((count, 2 * width)), "got float64 of shape"),
+        (np.empty(shape, dtype=np.float32), "got float32 of shape"),
+        (np.empty(shape, dtype=">f8"), "got >f8 of shape .*, in another byte order"),
+        (np.empty((count, 2, 2 * width))[..., ::2], "not C-contiguous"),
+        (still, "read-only"),
+        ([0.0], r"got \[0.0\]"),
+    ):
+        with pytest.raises(sy.InputError, match=rf"out must be .* of shape \({count}, 2, {width}\).*{text}.*make one"):
+            MODEL.regressor(q, dq, ddq, out=out)
+    for shared in (q, dq, ddq):
+        with pytest.raises(sy.InputError, match="out shares memory with an array that is read"):
+            MODEL.inverse_dynamics(q, dq, ddq, np.zeros(width), out=shared)
+
+
+def test_a_regressor_whose_zeros_are_added(monkeypatch):
+    monkeypatch.setattr("steelyard.dynamics.functions._LARGEST_DENSE", 0)
+    compact = sy.Model(MODEL.robot)
+    assert compact.kernel("regressor").compact
+    q, dq, ddq = np.random.default_rng(0).normal(size=(3, 5, 2))
+    expected = MODEL.regressor(q, dq, ddq)
+    out = np.full_like(expected, np.nan)
+    assert compact.regressor(q, dq, ddq, out=out) is out
+    np.testing.assert_allclose(out, expected, rtol=1e-14)
+    np.testing.assert_allclose(compact.regressor(q[0], dq[0], ddq[0]), expected[0], rtol=1e-14)
+
+
+def test_gravity_as_an_argument_and_estimates_of_any_kind():
+    function = MODEL.function("inverse_dynamics", gravity="argument")
+    *motion, parameters, gravity = given_arrays(function, (6,))
+    expected = one_by_one(function, [*motion, parameters, gravity])[0]
+    for kind in (parameters, parameters.tolist()):
+        for weight in (gravity, tuple(gravity)):
+            out = np.empty((6, 2))
+            assert MODEL.inverse_dynamics(*motion, kind, gravity=weight, out=out) is out
+            np.testing.assert_allclose(out, expected, rtol=1e-12, atol=1e-12)
+
+
+def test_without_the_machine_code_that_looks_at_arrays(monkeypatch):
+    monkeypatch.setattr(direct_call, "_arrays_are_known", lambda: False)
+    model = small_model()
+    for name in ("inverse_dynamics", "inertia_matrix", "kinetic_energy"):
+        for lead in ((), (3,), (2, 2)):
+            given = given_arrays(MODEL.function(name), lead)
+            assert (
+                np.asarray(getattr(model, name)(*given)).tobytes() == np.asarray(method(MODEL, name)(*given)).tobytes()
+            )
+
+
+def test_a_number_stays_a_number():
+    q, dq = np.zeros((2, 2))
+    parameters = np.ones(MODEL.parameter_count)
+    assert isinstance(MODEL.kinetic_energy(q, dq, parameters), float)
+    out = np.empty(())
+    assert MODEL.kinetic_energy(q, dq, parameters, out=out) is out
+
+
+def test_forward_dynamics_still_refuses_a_singular_inertia_matrix():
+    q, dq, tau = np.random.default_rng(0).normal(size=(3, 4, 2))
+    nothing = np.zeros(MODEL.parameter_count)
+    for batch in (q, dq, tau), (q[0], dq[0], tau[0]):
+        with pytest.raises(sy.InputError, match="inertia matrix of small is singular"):
+            MODEL.forward_dynamics(*batch, nothing)
+    unknown = np.full(MODEL.parameter_count, np.nan)
+    assert np.isnan(MODEL.forward_dynamics(q[0], dq[0], tau[0], unknown)).all()

@@ -1,0 +1,135 @@
+"""Built-in functions that compute a few samples: what they take, and what they leave alone."""
+
+import sys
+
+import numpy as np
+import pytest
+from small_kernels import NO_CACHE, PARAMETERS, expected, motions, pendulum, unusual
+
+from steelyard.graph import Argument, Kernel, direct_call
+from steelyard.graph.machine import batch_lanes
+
+
+@pytest.fixture(scope="module")
+def kernel():
+    return Kernel(pendulum(), cache=NO_CACHE)
+
+
+@pytest.fixture
+def direct(kernel):
+    found = kernel.direct((2,), several=True)
+    assert found is not None, "arrays are not where they are looked for in this Python or NumPy"
+    return found
+
+
+@pytest.mark.parametrize("lead", [(), (1,), (2,), (3,), (7,), (8,), (9,), (11,), (15,), (3, 5), (2, 1, 4)])
+def test_batches_of_any_shape(direct, lead):
+    motion = np.random.default_rng(1).normal(size=(*lead, 3))
+    memory = np.full(2 * max(1, int(np.prod(lead))) + 2, np.nan)
+    out = memory[1:-1].reshape(*lead, 2)
+    assert direct(motion, PARAMETERS, out) is out
+    np.testing.assert_allclose(out.reshape(-1, 2), expected(motion.reshape(-1, 3)), rtol=1e-12)
+    assert np.isnan(memory[[0, -1]]).all()
+
+
+def test_outputs_of_any_shape(kernel):
+    motion = motions(5)
+    out = np.empty((5, 1, 2, 1))
+    assert kernel.direct((1, 2, 1), several=True)(motion, PARAMETERS, out) is out
+    np.testing.assert_allclose(out.reshape(5, 2), expected(motion), rtol=1e-12)
+    assert kernel.direct((1,) * 9) is None
+
+
+def test_one_sample_alone(kernel):
+    one = kernel.direct((2,))
+    motion, out = motions(1), np.empty(2)
+    assert one(motion[0], PARAMETERS, out) is out
+    assert one(motion, PARAMETERS, out[None]) is not None
+    assert one(motions(2), PARAMETERS, np.empty((2, 2))) is None
+
+
+def refused(motion):
+    """Yield what has a wrong number, kind or shape, beside arrays that fit."""
+    out, count = np.full((len(motion), 2), np.nan), len(motion)
+    yield from (
+        (),
+        (motion, PARAMETERS),
+        (motion, PARAMETERS, out, out),
+        (None, PARAMETERS, out),
+        (motion, 3.0, out),
+        (motion, PARAMETERS, [0.0] * 2),
+        (motion[:-1], PARAMETERS, out),
+        (motion[:, :2].copy(), PARAMETERS, out),
+        (motion[None], PARAMETERS, out),
+        (motion[0], PARAMETERS, out),
+        (np.array(1.0), PARAMETERS, out),
+        (motion, PARAMETERS[:1], out),
+        (motion, PARAMETERS[None], out),
+        (motion, PARAMETERS, out[:-1]),
+        (motion, PARAMETERS, out.T.copy()),
+        (motion, PARAMETERS, np.empty((count, 2), dtype=np.float32)),
+        (motion, PARAMETERS, np.empty((count, 4))[:, ::2]),
+        (motion, PARAMETERS, np.empty((count, 1, 2))),
+        (np.empty((0, 3)), PARAMETERS, np.empty((0, 2))),
+        (np.ones((1 << 20, 3)), PARAMETERS, np.empty((1 << 20, 2))),
+    )
+    still = out.copy()
+    still.flags.writeable = False
+    yield motion, PARAMETERS, still
+    assert np.isnan(out).all()
+
+
+def test_what_does_not_fit_is_left_alone(direct):
+    motion = motions(5)
+    for given in refused(motion):
+        assert direct(*given) is None
+    for kind in unusual(motion):
+        out = np.full((5, 2), np.nan)
+        plain = type(kind) is np.ndarray and kind.dtype.isnative and kind.flags.c_contiguous and kind.flags.aligned
+        found = direct(kind, PARAMETERS, out)
+        assert found is (out if plain else None)
+        assert np.isnan(out).all() == (not plain)
+
+
+def test_outputs_in_the_memory_of_an_argument_are_left_alone(direct):
+    memory = np.arange(40.0)
+    before = memory.copy()
+    motion = memory[10:25].reshape(5, 3)
+    for start, free in ((0, True), (1, False), (10, False), (24, False), (25, True)):
+        out = memory[start : start + 10].reshape(5, 2)
+        assert (direct(motion, PARAMETERS, out) is out) == free
+        if free:
+            np.testing.assert_allclose(out, expected(motion), rtol=1e-12)
+        memory[:] = before
+    parameters = memory[30:32]
+    assert direct(motion, parameters, memory[21:31].reshape(5, 2)) is None
+    assert direct(motion, parameters, memory[31:41].reshape(-1)) is None
+    assert memory.tolist() == before.tolist()
+
+
+def test_references_are_neither_lost_nor_kept(direct):
+    motion, out = motions(3), np.empty((3, 2))
+    before = [sys.getrefcount(x) for x in (motion, PARAMETERS, out, direct)]
+    for _ in range(1000):
+        direct(motion, PARAMETERS, out)
+        direct(motion, PARAMETERS, None)
+    assert [sys.getrefcount(x) for x in (motion, PARAMETERS, out, direct)] == before
+
+
+def test_kernels_that_have_no_such_function(monkeypatch):
+    many = [Argument(f"a{k}", 1) for k in range(9)]
+    assert direct_call.direct_call(many, (1,), single=1, batch=1, few=1, most=1) is None
+    monkeypatch.setattr(direct_call, "_arrays_are_known", lambda: False)
+    without = Kernel(pendulum(), cache=NO_CACHE)
+    assert without.direct((2,)) is None
+    motion = motions(3)
+    np.testing.assert_allclose(without.sample(motion[1], PARAMETERS), expected(motion)[1], rtol=1e-12)
+
+
+def test_few_samples_and_full_registers_give_the_same_bytes(direct, kernel):
+    motion = motions(2 * batch_lanes() + 3)
+    whole = kernel(motion, PARAMETERS)
+    for count in range(1, len(motion) + 1):
+        out = np.empty((count, 2))
+        direct(motion[:count], PARAMETERS, out)
+        assert out.tobytes() == whole[:count].tobytes()

@@ -1,0 +1,118 @@
+"""Results that are written past the cache, and the memory that large ones use again."""
+
+import gc
+import sys
+import threading
+
+import numpy as np
+import pytest
+from small_kernels import NO_CACHE, kernel_of, outputs_of
+
+from steelyard.graph import Argument, Graph, evaluate, large_arrays
+from steelyard.graph import kernel as kernel_module
+
+recycles = pytest.mark.skipif(sys.platform != "linux", reason="memory is used again on Linux only")
+
+
+@pytest.mark.parametrize("width", [25, 32, 33, 46, 64, 71])
+def test_past_the_cache_and_through_it_are_the_same(width):
+    graph = Graph()
+    outputs = outputs_of(graph, width)
+    kernel = kernel_of([Argument("x", 3), Argument("p", 2, uniform=True)], outputs)
+    random = np.random.default_rng(width)
+    p = random.normal(size=2)
+    for count in (1, 8, 63, 64, 65, 130, 200):
+        x = random.normal(size=(count, 3))
+        names = {f"x[{k}]": x[:, k] for k in range(3)} | {f"p[{k}]": p[k] for k in range(2)}
+        expected = np.array([np.broadcast_to(v, (count,)) for v in evaluate(outputs, names)]).T
+        for first in range(8):  # where in a line of the cache the result begins
+            memory_of_both = np.full((2, 8 + count * width + 8), np.nan)
+            for whole, stride in zip(memory_of_both, (count, -1), strict=True):
+                out = whole[first : first + count * width]
+                kernel.batch_function(count, x.ctypes.data, p.ctypes.data, out.ctypes.data, stride)
+                assert np.isnan(whole[:first]).all()
+                assert np.isnan(whole[first + count * width :]).all()
+            assert memory_of_both[0].tobytes() == memory_of_both[1].tobytes()
+            np.testing.assert_allclose(out.reshape(count, width), expected, rtol=1e-14, atol=1e-15)
+
+
+@pytest.mark.parametrize("threads", [1, 2, 3])
+def test_large_results_are_written_past_the_cache(threads, monkeypatch):
+    monkeypatch.setattr(kernel_module, "_WORTHWHILE", 1.0)
+    graph = Graph()
+    kernel = kernel_of([Argument("x", 3), Argument("p", 2, uniform=True)], outputs_of(graph, 41))
+    x, p = np.random.default_rng(2).normal(size=(1003, 3)), np.array([0.3, -2.0])
+    alone = kernel(x, p)
+    strides = []
+    compute = kernel.batch_function
+    monkeypatch.setattr(kernel_module, "_LARGE", alone.nbytes)
+    kernel.__dict__["batch_function"] = lambda *given: strides.append(given[-1]) or compute(*given)
+    out = np.full_like(alone, np.nan)
+    assert kernel(x, p, out=out, threads=threads).tobytes() == alone.tobytes()
+    assert set(strides) == {-1}
+    kernel(x[1:], p)
+    assert strides[-1] == 1002
+
+
+@recycles
+def test_memory_is_used_again_when_no_view_of_it_is_left():
+    shape = (300, 1001)
+    first = large_arrays.large_array(shape)
+    address, view = first.ctypes.data, first[7:, ::3]
+    first[...] = 1.0
+    del first
+    other = large_arrays.large_array(shape)
+    other[...] = 2.0
+    assert other.ctypes.data != address
+    assert (view == 1.0).all()
+    del view
+    gc.collect()
+    assert large_arrays.large_array(shape).ctypes.data == address
+
+
+@recycles
+def test_little_memory_is_kept(monkeypatch):
+    monkeypatch.setattr(large_arrays, "_IDLE", [])
+    arrays = [large_arrays.large_array((k << 18,)) for k in (1, 2, 5, 9)]  # 2, 4, 10 and 18 MiB
+    while arrays:
+        del arrays[0]
+    assert sorted(block.size >> 20 for block in large_arrays._IDLE) == [10, 18]
+    assert large_arrays.large_array((5 << 17,)).ctypes.data not in {block.address for block in large_arrays._IDLE}
+    monkeypatch.setattr(large_arrays, "_most_idle", lambda: 12 << 20)
+    del large_arrays._IDLE[:]
+    arrays = [large_arrays.large_array((k << 18,)) for k in (4, 3, 2)]
+    large = large_arrays.large_array((9 << 18,))
+    assert large.flags.owndata
+    while arrays:
+        del arrays[0]
+    assert [block.size >> 20 for block in large_arrays._IDLE] == [6, 4]
+
+
+@recycles
+def test_threads_that_take_and_give_back(monkeypatch):
+    monkeypatch.setattr(large_arrays, "_IDLE", [])
+    wrong = []
+
+    def work(number):
+        for turn in range(200):
+            array = large_arrays.large_array((40_000 + turn,))
+            array[::500] = number
+            wrong.append(not (array[::500] == number).all())
+
+    threads = [threading.Thread(target=work, args=(k,)) for k in range(4)]
+    for thread in threads:
+        thread.start()
+    for thread in threads:
+        thread.join()
+    assert not any(wrong)
+    assert len(large_arrays._IDLE) <= large_arrays._MOST_BLOCKS
+
+
+def test_without_such_memory_arrays_come_from_numpy(monkeypatch):
+    monkeypatch.setattr(large_arrays, "_most_idle", lambda: 0)
+    assert large_arrays.large_array((300, 1001)).flags.owndata
+    assert kernel_of([Argument("x", 3)], outputs_of_one(), cache=NO_CACHE)(np.zeros((1 << 16, 3))).shape == (1 << 16, 1)
+
+
+def outputs_of_one():
+    return [Graph().inputs("x", 3)[1]]
