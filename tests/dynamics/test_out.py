@@ -11,6 +11,12 @@ from steelyard.graph import kernel as kernel_module
 MODEL = small_model()
 
 
+@pytest.fixture(autouse=True)
+def _direct_at_once(monkeypatch):
+    """Let machine code look at the arrays at the first call already."""
+    monkeypatch.setattr("steelyard.dynamics.functions._CALLS", 1)
+
+
 def given_arrays(function, lead, seed=0):
     """Return arguments, of which those that are the same for all samples have no leading axes."""
     shapes = tuple(() if argument.uniform else lead for argument in function.arguments)
@@ -151,6 +157,22 @@ def test_without_the_machine_code_that_looks_at_arrays(monkeypatch):
             assert (
                 np.asarray(getattr(model, name)(*given)).tobytes() == np.asarray(method(MODEL, name)(*given)).tobytes()
             )
+
+
+def test_what_is_called_often_is_called_directly(monkeypatch):
+    """And gives the same bytes before and after, and for arrays of which the direct call knows nothing."""
+    monkeypatch.setattr("steelyard.dynamics.functions._CALLS", 3)
+    calls = []
+    found = sy.graph.Kernel.direct
+    monkeypatch.setattr(sy.graph.Kernel, "direct", lambda *a, **k: calls.append(k["several"]) or found(*a, **k))
+    model = small_model()
+    q, p = np.array([0.3, 0.2]), np.ones(model.parameter_count)
+    for batch, several in ((q, False), (np.repeat(q[None], 3, axis=0), True)):
+        expected = model.kernel("gravity")(batch.reshape(-1, 2), p).reshape(batch.shape)
+        for turn in range(6):
+            assert (several in calls) == (turn >= 2)
+            assert model.gravity(batch, p).tobytes() == expected.tobytes()
+            assert model.gravity(batch.tolist(), p).tobytes() == expected.tobytes()
 
 
 def test_a_number_stays_a_number():
