@@ -166,7 +166,7 @@ class Model:
         >>> import steelyard as sy
         >>> model = sy.Model(sy.Robot.from_dh([(0, 1.0, 0, "q")], gravity=(0, -9.81, 0)))
         >>> q, out = np.zeros((3, 1)), np.empty((3, 1))
-        >>> model.inverse_dynamics(q, q, q, np.eye(10)[9], None, out) is out
+        >>> model.inverse_dynamics(q, q, q, np.eye(10)[9], out=out) is out
         True
         """
         return self._call("inverse_dynamics", (q, dq, ddq, parameters), gravity, out)
