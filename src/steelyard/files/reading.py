@@ -11,6 +11,7 @@ import stat
 import tomllib
 from collections.abc import Iterator, Mapping
 from pathlib import Path
+from threading import Lock
 from typing import Any
 
 from steelyard.errors import InputError
@@ -251,22 +252,39 @@ def _is_unicode(text: str) -> bool:
     return True
 
 
-@contextlib.contextmanager
-def _silent() -> Iterator[None]:
-    """Keep what a panic prints from the terminal: Rust writes it to the file of standard error itself."""
-    try:
-        kept = os.dup(2)
-    except OSError:  # there is no standard error
-        yield
-        return
-    nowhere = os.open(os.devnull, os.O_WRONLY)
-    try:
-        os.dup2(nowhere, 2)
-        yield
-    finally:
-        os.dup2(kept, 2)
-        os.close(kept)
-        os.close(nowhere)
+class _Silence:
+    """Keeps what a panic prints from the terminal: Rust writes it to the file of standard error itself.
+
+    There is one such file for all threads, so that the first to be silent closes it and the last opens it again.
+    """
+
+    def __init__(self) -> None:
+        self._lock = Lock()
+        self._count, self._kept = 0, -1
+
+    def __enter__(self) -> None:
+        with self._lock:
+            self._count += 1
+            if self._count > 1:
+                return
+            try:
+                self._kept = os.dup(2)
+            except OSError:  # there is no standard error
+                self._kept = -1
+                return
+            nowhere = os.open(os.devnull, os.O_WRONLY)
+            os.dup2(nowhere, 2)
+            os.close(nowhere)
+
+    def __exit__(self, *_: object) -> None:
+        with self._lock:
+            self._count -= 1
+            if self._count == 0 and self._kept >= 0:
+                os.dup2(self._kept, 2)
+                os.close(self._kept)
+
+
+_SILENCE = _Silence()
 
 
 @contextlib.contextmanager
@@ -287,7 +305,7 @@ def reading_table(path: str | os.PathLike[str], kind: str) -> Iterator[None]:
     from polars.exceptions import PanicException, PolarsError
 
     try:
-        with _silent():
+        with _SILENCE:
             yield
     except InputError:
         raise

@@ -250,7 +250,7 @@ class LogReader:
         keep: list[ThinnedSamples | DrawnRows] = [thinned] if drawn is None else [thinned, drawn]
         own = None if blocks is None else TimeBlocks(empty_factors(model), -(-MOST // logs))
         information = Information.from_chunks(
-            model, self._watched(log, keep, model), batch_means=False, sums=sums, blocks=own
+            model, chunks.ahead(self._watched(log, keep, model)), batch_means=False, sums=sums, blocks=own
         )
         if blocks is not None and own is not None:
             blocks.append(own)
@@ -376,7 +376,9 @@ class LogReader:
             survey.add(recording)
             yield recording.process(self.processing, model)
         else:
-            yield from process_chunks(log, self.columns, self.processing, self.chunk_rows, joints, model, look, survey)
+            # Of the pieces that are processed together none is joined with the next, which costs time and memory only.
+            rows = min(self.chunk_rows, chunks.PIECE_ROWS)
+            yield from process_chunks(log, self.columns, self.processing, rows, joints, model, look, survey)
 
 
 def against_limits(survey: LogSurvey, robot: Robot) -> tuple[str, ...]:
@@ -433,49 +435,60 @@ class DrawnRows:
 
     def add(self, samples: Samples) -> None:
         """Add the samples that follow."""
-        table = _table_of(samples, self.seen)
-        if samples.regressor is not None and not self.seen:
-            own = table.shape[1] - samples.regressor.shape[1]
-            self.limit = max(self.limit * own // table.shape[1], 200)
+        first = self.seen
+        if samples.regressor is not None and not first:
+            own = 2 + 5 * self.model.dof
+            self.limit = max(self.limit * own // (own + samples.regressor.shape[1]), 200)
             self._set_pieces()
         self._regressor_model = samples.regressor_model
-        self._keep_windows(table)
+        self._keep_windows(samples)
         self.seen += samples.count
-        self._waiting.append(table)
-        if self._pieces is not None or self.seen > self.limit:
-            self._cut()
+        if self._pieces is not None:
+            self._cut(samples, first)
+            return
+        self._waiting.append(_table_of(samples, first))
+        if self.seen > self.limit:
+            table = np.concatenate(self._waiting)
+            self._refit(table)
+            self._pieces = np.empty((0, 4 * self.model.dof, table.shape[1]))
+            self._waiting = [table[:0]]
+            self._cut(self._samples(table), 0)
 
-    def _keep_windows(self, table: Array) -> None:
-        length, end = self._window_rows, self.seen + len(table)
+    def _keep_windows(self, samples: Samples) -> None:
+        length, end = self._window_rows, self.seen + samples.count
         while end > self.WINDOWS * length * self._stride:
             self._stride *= 2
         self._windows = {k: parts for k, parts in self._windows.items() if k % self._stride == 0}
         for k in range(self.seen // length, -(-end // length)):
             if k % self._stride == 0:
                 rows = slice(max(k * length - self.seen, 0), (k + 1) * length - self.seen)
-                self._windows.setdefault(k, []).append(table[rows].copy())
+                self._windows.setdefault(k, []).append(_table_of(samples, self.seen, rows))
 
-    def _cut(self) -> None:
-        """Cut what waits into pieces, of which there are at most `_most`; what is too short for one goes on waiting."""
-        waiting = sum(map(len, self._waiting))
-        if self._pieces is None:
-            self._refit(np.concatenate(self._waiting))
-            self._pieces = np.empty((0, 4 * self.model.dof, self._waiting[0].shape[1]))
-        while len(self._pieces) + waiting // self.piece > self._most:
+    def _cut(self, samples: Samples, number: int) -> None:
+        """Cut what waits and the samples that follow it, the first of them with this number, into pieces.
+
+        There are at most `_most` pieces; what is too short for one goes on waiting. Few rows are ever put together in
+        a table: of most samples only those that remain.
+        """
+        assert self._pieces is not None
+        waiting, count = sum(map(len, self._waiting)), samples.count
+        while len(self._pieces) + (waiting + count) // self.piece > self._most:
             self.piece *= 2
             self._pieces = self._merged(self._pieces)
-        # What waited from before fills the first piece; the others are views of the last table, which is long.
-        last = self._waiting.pop()
-        before = waiting - len(last)
-        missing = (-before % self.piece) if waiting >= self.piece else len(last)
-        first = np.concatenate([*self._waiting, last[:missing]])
-        rest = last[missing:]
-        count = len(rest) // self.piece * self.piece
-        for part in (first[: len(first) // self.piece * self.piece], rest[:count]):
-            if len(part):
-                made = self._extremes(part.reshape(-1, self.piece, part.shape[1]))
-                self._pieces = np.concatenate([self._pieces, made])
-        self._waiting = [np.concatenate([first[len(first) // self.piece * self.piece :], rest[count:]])]
+        size = self.piece
+        # What waited from before fills the first piece.
+        missing = -waiting % size if waiting + count >= size else count
+        first = np.concatenate([*self._waiting, _table_of(samples, number, slice(0, missing))])
+        whole, end = len(first) // size * size, missing + (count - missing) // size * size
+        found = [self._pieces]
+        if whole:
+            found.append(self._extremes(first[:whole].reshape(-1, size, first.shape[1])))
+        if end > missing:
+            places = self._places(samples.rows(missing, end), size)
+            rows = missing + places + size * np.arange(len(places))[:, None]
+            found.append(_table_of(samples, number, rows.ravel()).reshape(*rows.shape, -1))
+        self._pieces = np.concatenate(found)
+        self._waiting = [np.concatenate([first[whole:], _table_of(samples, number, slice(end, None))])]
 
     def _merged(self, pieces: Array) -> Array:
         even = len(pieces) // 2 * 2
@@ -486,12 +499,16 @@ class DrawnRows:
 
     def _extremes(self, groups: Array) -> Array:
         """Of each group of rows, (G, R, D), those at which torque and residual of each joint are least and greatest."""
-        samples = self._samples(groups.reshape(-1, groups.shape[2]))
-        left = self._left(samples)
+        places = self._places(self._samples(groups.reshape(-1, groups.shape[2])), groups.shape[1])
+        return np.asarray(groups[np.arange(len(groups))[:, None], places])
+
+    def _places(self, samples: Samples, size: int) -> NDArray[np.intp]:
+        """Return which rows of each group of so many neighbours are those extremes, (G, 4 N)."""
         # Neighbours in memory are compared ten times as fast.
-        by_joint = np.ascontiguousarray(np.hstack([samples.torque, left]).T).reshape(-1, *groups.shape[:2])
-        places = np.concatenate([by_joint.argmin(axis=2), by_joint.argmax(axis=2)])
-        return np.asarray(groups[np.arange(len(groups))[:, None], places.T])
+        by_joint = np.empty((2 * self.model.dof, samples.count))
+        by_joint[: self.model.dof], by_joint[self.model.dof :] = samples.torque.T, self._left(samples).T
+        groups = by_joint.reshape(len(by_joint), -1, size)
+        return np.concatenate([groups.argmin(axis=2), groups.argmax(axis=2)]).T
 
     def _left(self, samples: Samples) -> Array:
         """What the preliminary model leaves of the torques."""
@@ -559,7 +576,7 @@ class ThinnedSamples:
         return _samples_of(np.concatenate(self._parts), self._joints, self._regressor_model)
 
 
-def _table_of(samples: Samples, first: int, rows: slice = slice(None)) -> Array:
+def _table_of(samples: Samples, first: int, rows: slice | NDArray[np.intp] = slice(None)) -> Array:
     """Return rows of samples as one array: number in the stream, time, motion, torques, mask, and the regressor.
 
     `first` is the number of the first of these samples. All the samples of a log have a regressor, or none has.

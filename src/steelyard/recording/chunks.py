@@ -4,8 +4,11 @@ from __future__ import annotations
 
 import itertools
 from collections.abc import Callable, Iterable, Iterator, Sequence
+from contextvars import copy_context
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING, Any
+from queue import Full, Queue
+from threading import Event, Thread
+from typing import TYPE_CHECKING, Any, TypeVar
 
 import numpy as np
 
@@ -35,7 +38,9 @@ from .survey import LogSurvey
 if TYPE_CHECKING:
     from steelyard.dynamics import Model
 
-__all__ = ["Chunk", "process_chunks", "read_chunks"]
+__all__ = ["Chunk", "ahead", "process_chunks", "read_chunks"]
+
+Item = TypeVar("Item")
 
 CHUNK_ROWS = 200_000
 """Rows of a chunk where none are stated."""
@@ -362,7 +367,7 @@ def _processed(
     ]
     counts: dict[str, Any] = {}
     spans = [even.rows(piece.part, piece.first, piece.last) for piece in pieces]
-    for number, (piece, span, raw) in enumerate(zip(pieces, spans, stream.spans(spans), strict=True)):
+    for number, (piece, span, raw) in enumerate(zip(pieces, spans, ahead(stream.spans(spans)), strict=True)):
         survey.add(raw)
         recording = even.placed(raw, span[0], piece.part, piece.first, piece.last)
         begin, end = piece.kept
@@ -408,6 +413,60 @@ class Piece:
     def last(self) -> int:
         """The row behind the last one that is read."""
         return min(self.part.count, self.kept[1] + self.outer)
+
+
+def ahead(items: Iterable[Item], count: int = 2) -> Iterator[Item]:
+    """Yield what another thread computes, at most `count` items before they are asked for.
+
+    So a log is decoded while rows that were decoded before are filtered, and both while others are reduced: NumPy,
+    Polars and compiled kernels let go of the interpreter. An error of the other thread is raised here, where the item
+    is asked for. When the consumer stops, so does the other thread, at its next item.
+
+    Examples
+    --------
+    >>> list(ahead(n * n for n in range(4)))
+    [0, 1, 4, 9]
+    """
+    queue: Queue[tuple[bool, Item | BaseException | None]] = Queue(count)
+    stopped = Event()
+
+    def handed_over(goes_on: bool, found: Item | BaseException | None) -> bool:
+        while not stopped.is_set():
+            try:
+                queue.put((goes_on, found), timeout=0.1)
+            except Full:
+                continue
+            return True
+        return False
+
+    def work() -> None:
+        iterator = iter(items)
+        try:
+            for item in iterator:
+                if not handed_over(True, item):
+                    break
+            else:
+                handed_over(False, None)
+        except BaseException as error:  # it is the consumer's
+            handed_over(False, error)
+        finally:
+            if hasattr(iterator, "close"):
+                iterator.close()
+
+    thread = Thread(target=copy_context().run, args=(work,), name="steelyard reading ahead", daemon=True)
+    thread.start()
+    try:
+        while True:
+            goes_on, found = queue.get()
+            if goes_on:
+                yield found  # type: ignore[misc]
+            elif isinstance(found, BaseException):
+                raise found
+            else:
+                return
+    finally:
+        stopped.set()
+        thread.join()
 
 
 def _positive_rows(rows: int) -> int:

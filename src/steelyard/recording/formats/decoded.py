@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 import tempfile
+import weakref
 from collections.abc import Callable, Hashable, Iterable, Iterator, Sequence
 from pathlib import Path
 from threading import Lock
@@ -14,7 +15,7 @@ from numpy.typing import NDArray
 
 from .log_file import Columns, column_length, regrouped_columns
 
-__all__ = ["DecodedColumns", "decoded_once"]
+__all__ = ["DecodedColumns", "decoded_once", "large_files"]
 
 IN_MEMORY = 32_000_000
 """Bytes of decoded columns that stay in memory; a longer log goes to a temporary file."""
@@ -32,27 +33,28 @@ _DECODED: dict[Hashable, Any] = {}
 def decoded_once(path: Path, options: Hashable, decode: Callable[[], Decoded]) -> Decoded:
     """Return what `decode` makes of a file, or made of it as long as the file, or one in the folder, is not written.
 
-    Parameters
-    ----------
-    path : Path
-        A file or folder.
-    options : hashable
-        What else the outcome depends on.
-    decode : callable
-        Its outcome is used by several, none of which changes it.
+        Parameters
+        ----------
+        path : Path
+            A file or folder.
+        options : hashable
+            What else the outcome depends on.
+        decode : callable
+            Its outcome is used by several, none of which changes it.
 
-    Examples
-    --------
-    >>> import tempfile
-    >>> path = Path(tempfile.mkdtemp()) / "log.txt"
-    >>> for text in ("one", "one", "three"):
-    ...     _ = path.write_text(text) if not path.exists() or path.read_text() != text else None
-    ...     decoded_once(path, "lengths", lambda: print("decoding") or len(path.read_text()))
-    decoding
-    3
-    3
-    decoding
-    5
+        Examples
+        --------
+        >>> import tempfile
+    import weakref
+        >>> path = Path(tempfile.mkdtemp()) / "log.txt"
+        >>> for text in ("one", "one", "three"):
+        ...     _ = path.write_text(text) if not path.exists() or path.read_text() != text else None
+        ...     decoded_once(path, "lengths", lambda: print("decoding") or len(path.read_text()))
+        decoding
+        3
+        3
+        decoding
+        5
     """
     key = (str(path), options, _state(path))
     if key not in _DECODED:
@@ -111,7 +113,8 @@ class DecodedColumns:
             self._held.append(block)
             if len(self._held) * self._held[0].nbytes > IN_MEMORY:
                 held, self._held = self._held, None
-                self._file = tempfile.TemporaryFile(prefix="steelyard-", dir=_folder(), buffering=0)  # noqa: SIM115
+                self._file = tempfile.TemporaryFile(prefix="steelyard-", dir=large_files(), buffering=0)  # noqa: SIM115
+                weakref.finalize(self, self._file.close)
                 for one in held:
                     _write(self._file, one)
         except OSError:
@@ -165,7 +168,7 @@ def _write(file: IO[bytes], block: NDArray[np.float64]) -> None:
         data = data[file.write(data) :]
 
 
-def _folder() -> str | None:
+def large_files() -> str | None:
     """Return where large temporary files go: `/tmp` may be a part of the memory, `/var/tmp` never is."""
     if not os.environ.get("TMPDIR") and os.access("/var/tmp", os.W_OK | os.X_OK):
         return "/var/tmp"

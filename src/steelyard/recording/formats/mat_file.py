@@ -10,12 +10,15 @@ from pathlib import Path
 from typing import Any, Self
 
 import numpy as np
+from numpy.typing import NDArray
 
 from steelyard.errors import InputError
+from steelyard.files.arrays import read_array_header
 from steelyard.files.child_process import ChildLimits, run_child
 
 from ..columns import LogColumns
-from .array_log import ArrayLog, StoredArray, dates_stored, part_of, texts_of
+from .array_in_file import ArrayInFile
+from .array_log import ArrayLog, StoredArray, dates_stored, texts_of
 from .decoded import decoded_once
 from .log_file import LogFile, reason_of
 
@@ -67,14 +70,26 @@ class _Content:
             raise InputError(f"{path} cannot be read as a file of MATLAB: {problem}; save it again.")
         self.arrays = []
         for number, name in enumerate(index["arrays"]):
-            array = np.load(folder / f"{number}.npy", mmap_mode="r", allow_pickle=False)
-            self.arrays.append(StoredArray(tuple(name), array.shape, partial(part_of, array)))
+            array = _stored(folder / f"{number}.npy")
+            self.arrays.append(StoredArray(tuple(name), array.shape, partial(_part, array)))
         for number, name in enumerate(index["columns"]):
             texts = np.load(folder / f"text{number}.npy", mmap_mode="r", allow_pickle=False)
             dates = dates_stored(tuple(name), texts)
             self.arrays += [] if dates is None else [dates]
         self.texts = {tuple(name): texts_of(texts) for name, texts in index["texts"]}
         self.has_objects = bool(index["objects"])
+
+
+def _stored(path: Path) -> ArrayInFile:
+    """Return an array that the other process saved."""
+    file = path.open("rb")
+    shape, by_columns, kind = read_array_header(file)
+    return ArrayInFile(file, file.tell(), shape, kind, by_columns).closing()
+
+
+def _part(array: ArrayInFile, start: int, stop: int, axis: int) -> NDArray[np.float64]:
+    """Return the part start:stop along one axis, as float64."""
+    return np.asarray(array.part(start, stop, axis), dtype=np.float64)
 
 
 def _read(path: Path, folder: Path) -> dict[str, Any]:

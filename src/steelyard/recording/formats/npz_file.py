@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import contextlib
 import math
+import struct
 import zipfile
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
@@ -18,7 +19,9 @@ from steelyard.files import shown
 from steelyard.files.arrays import read_array_header
 
 from ..column_styles import LABELS
+from .array_in_file import ArrayInFile, unpacked
 from .dates import LONGEST_DATE, seconds_of_texts, seconds_of_times
+from .decoded import decoded_once
 from .log_file import Columns, LogFile, common_length, reading_as
 
 __all__ = ["NpzFile"]
@@ -37,6 +40,11 @@ class Member:
     kind: np.dtype[Any]
     holds_dates: bool = False
     """Whether the first of its texts is a date."""
+
+    @property
+    def is_spread(self) -> bool:
+        """Whether the numbers of a row do not stand side by side."""
+        return self.column_major and len(self.shape) == 2 and self.shape[1] > 1
 
 
 class NpzFile(LogFile):
@@ -119,45 +127,52 @@ class NpzFile(LogFile):
         return next(self.blocks(names, self._rows(names)), {}) if names else {}
 
     def blocks(self, names: Sequence[str], rows: int) -> Iterator[Columns]:
-        """Read columns in blocks of `rows` rows, also from compressed archives.
+        """Read columns in blocks of `rows` rows, also from compressed archives and of arrays in Fortran order."""
+        return self.blocks_from(0, names, rows)
 
-        Memory stays that of a block unless an array is stored in Fortran order, which is read whole.
-        """
+    def blocks_from(self, start: int, names: Sequence[str], rows: int) -> Iterator[Columns]:
+        """See `LogFile.blocks_from`."""
         keys = dict.fromkeys(self._columns[name][0] for name in names)
         total = self._rows(names)
         with contextlib.ExitStack() as stack:
             archive = stack.enter_context(self._archive())
-            streams, whole = {}, {}
-            for key in keys:
-                member = self._members[key]
-                stream = stack.enter_context(archive.open(member.file))
-                read_array_header(stream)
-                if member.column_major and len(member.shape) == 2:
-                    flat = self._take(stream, member, member.shape[0] * member.shape[1])
-                    whole[key] = flat.reshape(member.shape, order="F")
-                else:
-                    streams[key] = stream
-            for start in range(0, total, rows):
-                taken = min(rows, total - start)
-                block = {key: array[start : start + taken] for key, array in whole.items()}
-                for key, stream in streams.items():
-                    member = self._members[key]
-                    width = member.shape[1] if len(member.shape) == 2 else 1
-                    block[key] = self._take(stream, member, taken * width).reshape(taken, *member.shape[1:])
+            stored = {key: self._stored(archive, self._members[key], stack) for key in keys}
+            for first in range(start, total, rows):
+                count = min(rows, total - first)
+                block = {key: self._take(array, self._members[key], first, count) for key, array in stored.items()}
                 yield {name: self._column(block, name) for name in names}
+
+    def _stored(self, archive: zipfile.ZipFile, member: Member, stack: contextlib.ExitStack) -> ArrayInFile:
+        """Return an array as it stands in the archive.
+
+        Of a compressed one the rows follow each other. Where they do not, because the columns do (Fortran order), it is
+        unpacked into a temporary file.
+        """
+        entry = archive.getinfo(member.file)
+        if not member.is_spread:
+            stream = stack.enter_context(archive.open(entry))
+            read_array_header(stream)
+            return ArrayInFile(stream, stream.tell(), member.shape, member.kind, by_columns=False)
+        with archive.open(entry) as stream:
+            read_array_header(stream)
+            if entry.compress_type == zipfile.ZIP_STORED:
+                begin = _begin(self.path, entry) + stream.tell()
+                file = stack.enter_context(self.path.open("rb"))
+                return ArrayInFile(file, begin, member.shape, member.kind, by_columns=True)
+            options = (NpzFile, member.file)
+            return decoded_once(self.path, options, lambda: unpacked(stream, member.shape, member.kind, True))
 
     def _rows(self, names: Sequence[str]) -> int:
         keys = (self._columns[name][0] for name in names)
         return common_length(self.path, {key: self._members[key].shape[0] for key in keys})
 
-    def _take(self, stream: IO[bytes], member: Member, count: int) -> NDArray[np.float64]:
-        wanted = count * member.kind.itemsize
-        data = stream.read(wanted)
-        if len(data) != wanted:
+    def _take(self, array: ArrayInFile, member: Member, first: int, count: int) -> NDArray[np.float64]:
+        try:
+            return self._numbers(array.part(first, first + count), member)
+        except EOFError:
             raise InputError(
                 f"{self.path} is damaged: the array {member.file} ends before its last row; save it again."
-            )
-        return self._numbers(np.frombuffer(data, dtype=member.kind), member)
+            ) from None
 
     def _numbers(self, values: NDArray[Any], member: Member) -> NDArray[np.float64]:
         if member.kind.kind in "mM":
@@ -176,6 +191,15 @@ class NpzFile(LogFile):
         key, index = self._columns[name]
         array = block[key]
         return array if array.ndim == 1 else np.ascontiguousarray(array[:, index])
+
+
+def _begin(path: Path, entry: zipfile.ZipInfo) -> int:
+    """Return the byte at which a member begins that is not compressed, behind the header that stands before it."""
+    with path.open("rb") as file:
+        file.seek(entry.header_offset)
+        header = file.read(30)
+    name, extra = struct.unpack("<HH", header[26:30])
+    return int(entry.header_offset + 30 + name + extra)
 
 
 def _begins_with_a_date(stream: IO[bytes], member: Member) -> bool:
