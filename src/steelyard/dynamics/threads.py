@@ -1,27 +1,40 @@
-"""Keeps linear algebra on small blocks in one thread."""
+"""Keeps linear algebra on small blocks in one thread, and shares large work among as many threads as it may use."""
 
 from __future__ import annotations
 
+import os
 import sys
-from collections.abc import Callable
-from contextlib import AbstractContextManager
-from functools import lru_cache, wraps
+from collections.abc import Callable, Iterator, Sequence
+from concurrent.futures import ThreadPoolExecutor
+from contextlib import contextmanager
+from contextvars import ContextVar
+from functools import cache, lru_cache, wraps
 from typing import Any, ParamSpec, TypeVar
 
-__all__ = ["in_one_thread", "one_thread"]
+__all__ = ["in_one_thread", "in_threads", "one_thread"]
 
 Arguments = ParamSpec("Arguments")
 Result = TypeVar("Result")
+Item = TypeVar("Item")
+
+_ALLOWED: ContextVar[int | None] = ContextVar("allowed", default=None)
+"""How many threads BLAS had before it was limited to one."""
 
 
-def one_thread() -> AbstractContextManager[Any]:
+@contextmanager
+def one_thread() -> Iterator[None]:
     """Return a context in which BLAS works in one thread.
 
     The factorisation of a narrow block has hundreds of points at which threads wait for each other. On a machine that
     is busy with anything else each of them can cost a time slice: together two hundred times the work itself.
     """
-    context: AbstractContextManager[Any] = _controller(len(sys.modules)).limit(limits=1, user_api="blas")
-    return context
+    controller = _controller(len(sys.modules))
+    token = _ALLOWED.set(_allowed(controller))
+    try:
+        with controller.limit(limits=1, user_api="blas"):
+            yield
+    finally:
+        _ALLOWED.reset(token)
 
 
 def in_one_thread(function: Callable[Arguments, Result]) -> Callable[Arguments, Result]:
@@ -33,6 +46,34 @@ def in_one_thread(function: Callable[Arguments, Result]) -> Callable[Arguments, 
             return function(*args, **kwargs)
 
     return call
+
+
+def in_threads(function: Callable[[Item], Result], items: Sequence[Item]) -> list[Result]:
+    """Return the results of a function for all items, from several threads with linear algebra in one each.
+
+    There are as many threads as BLAS may use where none of it is limited by :func:`one_thread`, so that what the user
+    allows it (`OPENBLAS_NUM_THREADS`, `threadpoolctl`) holds for these, too. Calls from one of them are serial.
+    """
+    threads = min(_allowed(_controller(len(sys.modules))), len(items))
+    with one_thread():
+        if threads < 2:
+            return [function(item) for item in items]
+        return list(_pool(os.getpid(), threads).map(function, items))
+
+
+def _allowed(controller: Any) -> int:
+    """How many threads BLAS may use, outside of all limits of ours."""
+    outside = _ALLOWED.get()
+    if outside is not None:
+        return outside
+    counts = [library["num_threads"] for library in controller.info() if library["user_api"] == "blas"]
+    return max(counts, default=1)
+
+
+@cache
+def _pool(process: int, threads: int) -> ThreadPoolExecutor:
+    """Return threads that are kept for later calls; a forked process gets its own."""
+    return ThreadPoolExecutor(threads, f"steelyard-algebra-{process}")
 
 
 @lru_cache(maxsize=1)

@@ -2,10 +2,14 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import numpy as np
 from numpy.typing import NDArray
 
-from .factor import Factor, triangular
+from steelyard.dynamics.threads import in_threads
+
+from .factor import Factor, extended
 
 __all__ = ["BATCH_LENGTHS", "BatchMeans", "BatchMeansTree", "BatchSums", "added"]
 
@@ -18,8 +22,9 @@ BATCH_LENGTHS = (8, 16, 32, 64, 128, 256, 512, 1024)
 before, so that its sums come from those. 1024 samples are one second at 1 kHz, longer than the memory of friction and
 filters."""
 
-BATCHES_HELD = 2048
-"""Shortest batches that are reduced together, a multiple of the longest."""
+BATCHES_HELD = 8192
+"""Shortest batches that are reduced together, a multiple of the longest: a minute at 1 kHz, so that also the longest
+batches are not reduced a few at a time."""
 
 
 class BatchSums:
@@ -37,15 +42,15 @@ class BatchSums:
         self.counts = [[0] * len(empty) for _ in BATCH_LENGTHS]
         self.held: list[list[Array]] = [[] for _ in empty]
 
-    def add(self, index: int, rows: Array) -> None:
-        """Add samples to a factor, in order: (samples, c + 1), or (samples, channels, c + 1); zero where masked.
+    def add(self, rows: Sequence[Array]) -> None:
+        """Add samples to each factor, in order: (samples, c + 1), or (samples, channels, c + 1); zero where masked.
 
         Each call but the last must bring a multiple of 1024 samples; a batch that is begun ends with its call.
         """
-        held = self.held[index]
-        held.append(_summed(rows, BATCH_LENGTHS[0]))
-        if sum(map(len, held)) >= BATCHES_HELD:
-            self._reduce(index)
+        for held, own in zip(self.held, rows, strict=True):
+            held.append(_summed(own, BATCH_LENGTHS[0]))
+        if sum(map(len, self.held[0])) >= BATCHES_HELD:
+            self._reduce_all()
 
     def end(self) -> None:
         """End a data set: no batch holds rows of this one and of what is added afterwards."""
@@ -57,8 +62,7 @@ class BatchSums:
 
     def factors(self) -> BatchMeans:
         """The factors of all that was added."""
-        for index in range(len(self.empty)):
-            self._reduce(index)
+        self._reduce_all()
         return tuple(
             tuple(
                 Factor(f.joint, f.columns, triangle, count)
@@ -66,6 +70,9 @@ class BatchSums:
             )
             for triangles, counts in zip(self.triangles, self.counts, strict=True)
         )
+
+    def _reduce_all(self) -> None:
+        in_threads(self._reduce, range(len(self.empty)))
 
     def _reduce(self, index: int) -> None:
         """Add the sums that are held to the triangles of every length; each is twice the one before."""
@@ -80,7 +87,7 @@ class BatchSums:
             rows = sums.reshape(-1, sums.shape[-1])
             rows = rows[np.any(rows != 0.0, axis=1)]
             self.counts[level][index] += len(rows)
-            self.triangles[level][index] = triangular(np.concatenate([self.triangles[level][index], rows]))
+            self.triangles[level][index] = extended(self.triangles[level][index], rows)
 
 
 def _summed(rows: Array, size: int) -> Array:

@@ -14,7 +14,7 @@ from steelyard.errors import InputError
 from steelyard.recording import Samples
 
 from .batch_means import BatchMeans, BatchSums
-from .factor import Factor, triangular
+from .factor import Factor, extended
 from .time_blocks import TimeBlocks
 
 if TYPE_CHECKING:
@@ -122,16 +122,14 @@ class JointReduction:
 
         With sums each call but the last must bring a multiple of 1024 samples.
         """
-        with one_thread():
-            for part, rows_of_joints in joint_rows(self.model, samples):
-                rows = rows_of_joints
-                if scales is not None:
-                    rows = [own * scales[part, k, None] for k, own in enumerate(rows)]
-                mask = None if samples.mask is None else samples.mask[part]
-                if self.sums is not None:
-                    for k, own in enumerate(rows):
-                        self.sums.add(k, own if mask is None else own * mask[:, k, None])
-                self.blocks.add(rows, mask)
+        for part, rows_of_joints in joint_rows(self.model, samples):
+            rows = rows_of_joints
+            if scales is not None:
+                rows = [own * scales[part, k, None] for k, own in enumerate(rows)]
+            mask = None if samples.mask is None else samples.mask[part]
+            if self.sums is not None:
+                self.sums.add(rows if mask is None else [own * mask[:, k, None] for k, own in enumerate(rows)])
+            self.blocks.add(rows, mask)
 
     def factors(self) -> tuple[Factor, ...]:
         """One for each joint."""
@@ -208,7 +206,7 @@ class WhitenedReduction:
                     rows[:, k, width] = values[:, -1]
                 used = np.ones((size, len(columns)), dtype=bool) if samples.mask is None else samples.mask[part]
                 patterns, which = np.unique(used, axis=0, return_inverse=True)
-                pieces, whitened = [self.triangle], np.zeros_like(rows)
+                pieces, whitened = [], np.zeros_like(rows)
                 for index, pattern in enumerate(patterns):
                     if not pattern.any():
                         continue
@@ -221,9 +219,9 @@ class WhitenedReduction:
                     self.count += white.shape[0] * white.shape[1]
                     pieces.append(white.reshape(-1, width + 1))
                     whitened[np.ix_(which.ravel() == index, pattern)] = white
-                self.triangle = triangular(np.vstack(pieces))
+                self.triangle = extended(self.triangle, *pieces)
                 if self.sums is not None:
-                    self.sums.add(0, whitened)
+                    self.sums.add([whitened])
 
     def factor(self) -> Factor:
         """Over all joints and all base parameters."""

@@ -3,11 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
 
-from .factor import Factor, triangular
+from steelyard.dynamics.threads import in_threads
+
+from .factor import Factor, extended, triangular
 
 __all__ = ["TimeBlocks"]
 
@@ -20,33 +23,50 @@ SHORTEST = 64
 """Samples in a block of the shortest logs: 320 samples make five folds."""
 
 
+HELD = 10240
+"""Samples that are held as they are before they are reduced: half a dozen of blocks in which many short ones came
+together, so that no rows are reduced in small portions."""
+
+
 class _Block:
     """The rows of every joint in one stretch of time, as they are or already reduced."""
 
     def __init__(self, widths: Sequence[int]) -> None:
-        self.rows: list[list[Array]] = [[np.zeros((0, width))] for width in widths]
+        self.triangles: list[Array | None] = [None] * len(widths)
+        self.rows: list[list[Array]] = [[] for _ in widths]
+        self.widths = widths
         self.counts = np.zeros(len(widths), dtype=int)
 
-    def add(self, joint: int, rows: Array) -> None:
-        self.counts[joint] += len(rows)
-        self.rows[joint].append(rows)
-        if sum(map(len, self.rows[joint])) > 2048:  # as long as the blocks of rows that a reduction takes at once
-            self.reduce(joint)
+    def add(self, rows: Sequence[Array]) -> None:
+        self.counts += [len(own) for own in rows]
+        for held, own in zip(self.rows, rows, strict=True):
+            held.append(own)
 
     def reduce(self, joint: int) -> None:
-        stacked = np.vstack(self.rows[joint])
-        # Fewer rows than twice their width take no more room as they are, and cost nothing.
-        self.rows[joint] = [triangular(stacked) if len(stacked) > 2 * stacked.shape[1] else stacked.copy()]
+        """Reduce the rows of a joint, unless they are so few that they take no more room as they are."""
+        rows = self.rows[joint]
+        if self.triangles[joint] is not None or sum(map(len, rows)) > 2 * self.widths[joint]:
+            self.triangles[joint] = self.factor(joint)
+            self.rows[joint] = []
+        elif rows:
+            self.rows[joint] = [np.concatenate(rows)]
 
-    def close(self) -> None:
-        for joint in range(len(self.rows)):
-            self.reduce(joint)
+    def factor(self, joint: int) -> Array:
+        """Return the triangular factor of the rows of a joint."""
+        triangle, rows = self.triangles[joint], self.rows[joint]
+        if triangle is None:
+            return triangular(np.concatenate([np.zeros((0, self.widths[joint])), *rows]))
+        return extended(triangle, *rows) if rows else triangle
 
     def merge(self, other: _Block) -> None:
         self.counts = self.counts + other.counts
-        for own, further in zip(self.rows, other.rows, strict=True):
-            own.extend(further)
-        self.close()
+        for joint, own in enumerate(self.rows):
+            further = other.triangles[joint]
+            if self.triangles[joint] is None:
+                self.triangles[joint] = further
+            elif further is not None:
+                own.append(further)
+            own.extend(other.rows[joint])
 
 
 class TimeBlocks:
@@ -65,7 +85,7 @@ class TimeBlocks:
     def __init__(self, empty: tuple[Factor, ...], most: int = MOST) -> None:
         self.empty, self.most = empty, most
         self._blocks: list[_Block] = []
-        self._length, self._filled = SHORTEST, 0
+        self._length, self._filled, self._held = SHORTEST, 0, 0
 
     def add(self, rows: Sequence[Array], mask: NDArray[np.bool_] | None = None) -> None:
         """Add rows ``[W omega]`` (samples, c + 1) of every joint, of which the mask (samples, N) tells which count."""
@@ -75,14 +95,21 @@ class TimeBlocks:
                 self._open()
             take = count - done if self.most == 1 else min(self._length - self._filled, count - done)
             part = slice(done, done + take)
-            for joint, all_rows in enumerate(rows):
-                chosen = all_rows[part] if mask is None else all_rows[part][mask[part, joint]]
-                self._blocks[-1].add(joint, chosen)
+            self._blocks[-1].add(
+                [own[part] if mask is None else own[part][mask[part, joint]] for joint, own in enumerate(rows)]
+            )
             self._filled, done = (0 if self.most == 1 else self._filled + take), done + take
+            self._held += take
+            if self._held >= HELD:
+                self._reduce()
+
+    def _reduce(self) -> None:
+        """Reduce what is held as it is."""
+        joints = range(len(self.empty))
+        in_threads(lambda place: place[0].reduce(place[1]), [(block, k) for k in joints for block in self._blocks])
+        self._held = 0
 
     def _open(self) -> None:
-        if self._blocks:
-            self._blocks[-1].close()
         if len(self._blocks) >= self.most > 1:
             self._halve()
             self._length *= 2
@@ -99,6 +126,7 @@ class TimeBlocks:
         self._blocks.extend(other._blocks)
         while len(self._blocks) > 2 * self.most:
             self._halve()
+        self._reduce()
 
     @property
     def held(self) -> tuple[tuple[NDArray[np.intp], tuple[Array, ...]], ...]:
@@ -133,10 +161,13 @@ class TimeBlocks:
         return tuple(self._factors(group) for group in groups if group)
 
     def _factors(self, blocks: Sequence[_Block]) -> tuple[Factor, ...]:
+        joints = range(len(self.empty))
+        triangles = in_threads(
+            lambda place: place[0].factor(place[1]), [(block, joint) for joint in joints for block in blocks]
+        )
         found = []
         for joint, factor in enumerate(self.empty):
-            rows = [part for block in blocks for part in block.rows[joint]]
-            triangle = triangular(np.vstack(rows)) if rows else factor.triangle
-            count = int(sum(block.counts[joint] for block in blocks))
-            found.append(Factor(factor.joint, factor.columns, triangle, count))
+            own = triangles[joint * len(blocks) : (joint + 1) * len(blocks)]
+            triangle = triangular(np.concatenate(own)) if len(own) > 1 else own[0] if own else factor.triangle
+            found.append(replace(factor, triangle=triangle, count=int(sum(block.counts[joint] for block in blocks))))
         return tuple(found)
