@@ -32,7 +32,7 @@ def speed(seconds):
             updates.append(time.process_time() - begin)
             if k % 10 == 9:
                 begin = time.process_time()
-                answer = estimator.estimate()
+                answer = estimator.estimate(seconds=0.006)
                 answers.append(time.process_time() - begin)
                 late += answers[-1] + sum(updates[-10:]) > 0.01
                 stopped += answer.rows > 0 and not answer.converged
@@ -100,10 +100,10 @@ def batch():
         fitting_problems.ATTEMPTS = kept
 
 
-def payloads(count, mass=2.0, seconds=3.0):
+def payloads(first, count, mass=2.0, seconds=3.0):
     """How well payloads are found."""
     errors, inside, widths, delays, changes, begin = [], [], [], [], [], time.process_time()
-    for seed in range(count):
+    for seed in range(first, first + count):
         run = watch_pick_up(simulated_pick_up(seed, mass=mass, when=25.0, duration=25.0 + seconds))
         found, truth = run.at(seconds), run.simulated.payload
         changes.append(len(run.changes))
@@ -133,9 +133,10 @@ if __name__ == "__main__":
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--seconds", type=float, default=60.0)
     parser.add_argument("--payloads", type=int, default=0)
+    parser.add_argument("--first", type=int, default=0, help="seed of the first pick-up")
     arguments = parser.parse_args()
     if arguments.payloads:
-        payloads(arguments.payloads)
+        payloads(arguments.first, arguments.payloads)
     else:
         batch()
         speed(arguments.seconds)

@@ -22,8 +22,8 @@ from steelyard.feasibility import FeasibleSet
 from steelyard.identification.physical_prior import PhysicalPrior, physical_prior
 from steelyard.identification.plausible_fit import UNTESTED_WEIGHT
 from steelyard.regression import Estimate, Factor, Information, ParameterCovariance
-from steelyard.regression.factor import Reduced, combined, solve
-from steelyard.regression.joint_weights import given_weights
+from steelyard.regression.factor import Reduced, column_lengths, combined, is_well_conditioned, solve
+from steelyard.regression.joint_weights import given_weights, inverse_deviations
 from steelyard.regression.parameter_covariance import NORMAL
 
 from .causal_filter import CausalMotionFilter
@@ -250,10 +250,15 @@ class OnlineEstimator:
         links = np.asarray(self._given_set.link_columns)
         self._of_links = np.isin(np.arange(model.parameter_count), links)
         self._possible: Array | None = None
+        self._stuck = False
         self._scale_known(None)
         self._answer: OnlineEstimate | None = None
         self._detector = ChangeDetector(model.dof, max(1, round(DETECTION * rate)))
         self.restart()
+
+    def __repr__(self) -> str:
+        rows = sum(f.count for f in self.factors())
+        return f"OnlineEstimator({self.model.robot.name}, {rows} rows of {self.model.dof} joints, to {self._t:.6g} s)"
 
     # Samples
 
@@ -495,7 +500,8 @@ class OnlineEstimator:
         accuracy : float
             Of the objective, half the squared residual over the variance of the noise: 1 is what noise moves it by.
         seconds : float
-            After which the search is stopped; what it reached by then is given, which is possible, too.
+            After which the search is stopped; what it reached by then is given, which is possible, too. Scaling masses
+            that a description does not tell is not stopped: it takes 50 ms for seven joints, a few times a minute.
 
         Returns
         -------
@@ -521,6 +527,8 @@ class OnlineEstimator:
         )
         parameters, remark = found.parameters, ""
         if not found.converged:
+            # A search that ended by itself may stand in a corner; it begins anew when rows have grown.
+            self._stuck = found.seconds < left
             remark = f"The search was stopped after {found.steps} steps; the parameters are possible, not yet the best."
         if not self._set.contains(parameters):
             assert self._possible is not None
@@ -544,7 +552,8 @@ class OnlineEstimator:
     def _without_data(self, begun: float, rows: int) -> OnlineEstimate:
         prior = self._prior(np.where(self._of_links, np.inf, 1.0))
         start = self._inside(np.where(self._of_links, np.inf, 1.0))
-        text = "There are no samples yet; the parameters are those of the prior."
+        why = "All torques so far are zero" if rows else "There are no samples yet"
+        text = f"{why}; the parameters are those of the prior."
         ones = np.ones(self.model.dof)
         seconds = perf_counter() - begun
         return OnlineEstimate(self._t, self._set.K @ start, start, False, text, rows, ones, prior, 0.0, 0, seconds)
@@ -559,10 +568,21 @@ class OnlineEstimator:
         weight = self._prior_weight
         if isinstance(weight, str):
             weight = UNTESTED_WEIGHT * max(rows / TYPICAL_COUNT, 1.0)
-        if self._possible is None:
-            self._possible = self._inside(deviations)
+        if self._possible is None or self._stuck:
+            self._possible, self._stuck = self._inside(deviations), False
             self._search.begin(self._possible)
-        return _Slow(rows, info.joint_weights(self._weights), prior, prior.prepare(self._set, weight), weight)
+        return _Slow(rows, self._joint_weights(info), prior, prior.prepare(self._set, weight), weight)
+
+    def _joint_weights(self, info: Information) -> Array:
+        if not isinstance(self._weights, str):
+            return info.joint_weights(self._weights)
+        from scipy.linalg import solve_triangular
+
+        plain = info.reduced(None)
+        if not np.all(np.diagonal(plain.R)) or not is_well_conditioned(plain.R / column_lengths(plain.R)):
+            return info.joint_weights("joint")
+        # As `joint_weights`, but not by singular values, which take as long as the whole answer.
+        return inverse_deviations(info.factors, solve_triangular(plain.R, plain.rho, check_finite=False))
 
     def _prior(self, deviations: Array) -> Prior:
         kind = EntropicPrior if self._set.consistency == "full" else ConstantPullbackPrior

@@ -166,13 +166,19 @@ class _KnownRows:
     """The rows without payload, in the form in which those with it are added to them."""
 
     def __init__(self, information: Information, effects: Array) -> None:
+        from scipy.special import stdtrit
+
         self.information, self.effects = information, effects
         self.weights = information.joint_weights("joint")
         covariance = ParameterCovariance.of(information, weights=self.weights)
         correlation = covariance.correlation
         count = len(information.factors)
         self.deviation2 = np.ones(count) if correlation is None else correlation.variance * self.weights**2
-        self.long_run = np.ones(count) if correlation is None else correlation.long_run_variance * self.weights**2
+        self.long_run = np.ones(count)
+        if correlation is not None:
+            # As `ParameterCovariance` does: normal intervals are to be as wide as Student's.
+            widening = (stdtrit(correlation.degrees_of_freedom, 0.975) / NORMAL) ** 2
+            self.long_run = widening * correlation.long_run_variance * self.weights**2
         reduced = information.reduced(self.weights)
         self.triangle = np.column_stack([reduced.R, np.zeros((len(reduced.R), 10)), reduced.rho])
 

@@ -17,10 +17,6 @@ __all__ = ["WarmAnswer", "WarmFit"]
 
 Array = NDArray[np.float64]
 
-LEAST_BARRIER = 1e-10
-"""Complementarity at which an answer is exact, in units of half the squared residual over its variance: where one
-moves noise's own error of one unit by 1e-8."""
-
 FIRST_BARRIER = 1e-2
 """At which a search starts where there is no answer before; it moves answers by a tenth of what noise does."""
 
@@ -30,6 +26,9 @@ centre and take 30; 0.05 takes 9 to 12 cold, 3 to 6 warm (the seven-joint arm)."
 
 TO_BOUNDARY = 0.95
 """Part of the way to the boundary of the set that a step goes at most."""
+
+SHORTEST = 1e-6
+"""Part of a step: where rounding lets even this leave the set, the search has ended."""
 
 STATIONARY = 1e-9
 """Squared length of a Newton step in the local metric, below which it moves nothing."""
@@ -68,8 +67,8 @@ class WarmFit:
     """Minimises ½ ‖R K δ - ρ‖² / variance + weight · (distance from the prior) within a feasible set.
 
     A primal-dual interior-point method whose every iterate lies inside the set, so that it may be stopped at any time.
-    Linear conditions have multipliers; matrices stay positive definite by the prior's own logarithm of determinants, or
-    by a barrier as small as the complementarity where the prior has none.
+    Linear conditions have multipliers; matrices stay positive definite by a barrier as small as the complementarity,
+    and by the prior's own logarithm of determinants.
 
     Parameters
     ----------
@@ -91,11 +90,15 @@ class WarmFit:
         self._multipliers = np.ones(len(lines))
 
     def inside(self, parameters: Array) -> bool:
-        """Whether every condition holds with the margin."""
-        if np.any(self._rows @ parameters + self._constants <= 0.0):
+        """Whether every condition holds with the margin, and matrices have the factors that a step needs."""
+        if not np.all(self._rows @ parameters + self._constants > 0.0):
             return False
-        matrices = [constants + np.einsum("bi,biac->bac", parameters[own], c) for own, c, constants in self._groups]
-        return all(bool(np.all(np.linalg.eigvalsh(each)[:, 0] > 0.0)) for each in matrices)
+        try:
+            for own, coefficients, constants in self._groups:
+                np.linalg.cholesky(constants + np.einsum("bi,biac->bac", parameters[own], coefficients))
+        except np.linalg.LinAlgError:
+            return False
+        return True
 
     def begin(self, parameters: Array) -> None:
         """Start the next search here, inside the set.
@@ -154,8 +157,7 @@ class WarmFit:
             gradient = scaled.T @ (scaled @ point - target)
             hessian = curvature.copy()
             prior.add_derivatives(point[None], np.array([weight]), gradient[None], hessian[None])
-            of_matrices = barrier if prior.metric is not None else min(barrier, accuracy)
-            self._add_barriers(point, of_matrices, gradient, hessian)
+            self._add_barriers(point, barrier, gradient, hessian)
             stiffness = multipliers / slacks
             hessian += (self._rows.T * stiffness) @ self._rows
             gradient -= self._rows.T @ (barrier / slacks)
@@ -167,7 +169,13 @@ class WarmFit:
             falling = change_of_multipliers < 0.0
             shares = multipliers[falling] / -change_of_multipliers[falling]
             dual_length = min(1.0, TO_BOUNDARY * float(np.min(shares, initial=np.inf)))
-            point = point + length * step
+            moved = point + length * step
+            while length > SHORTEST and not self.inside(moved):
+                length *= 0.5
+                moved = point + length * step
+            if length <= SHORTEST:  # as near to the boundary as rounding lets it
+                break
+            point = moved
             multipliers = multipliers + dual_length * change_of_multipliers
             slacks = self._rows @ point + self._constants
             steps += 1
