@@ -22,7 +22,6 @@ MOST = 20
 SHORTEST = 64
 """Samples in a block of the shortest logs: 320 samples make five folds."""
 
-
 HELD = 10240
 """Samples that are held as they are before they are reduced: half a dozen of blocks in which many short ones came
 together, so that no rows are reduced in small portions."""
@@ -57,6 +56,15 @@ class _Block:
         if triangle is None:
             return triangular(np.concatenate([np.zeros((0, self.widths[joint])), *rows]))
         return extended(triangle, *rows) if rows else triangle
+
+    @property
+    def kept(self) -> tuple[Array, ...]:
+        """Rows of each joint that have the same factor as all, once they are reduced."""
+        parts = zip(self.triangles, self.rows, self.widths, strict=True)
+        return tuple(
+            triangle if triangle is not None else np.concatenate([np.zeros((0, width)), *rows])
+            for triangle, rows, width in parts
+        )
 
     def merge(self, other: _Block) -> None:
         self.counts = self.counts + other.counts
@@ -131,9 +139,8 @@ class TimeBlocks:
     @property
     def held(self) -> tuple[tuple[NDArray[np.intp], tuple[Array, ...]], ...]:
         """Of each block how many rows of every joint went in, (N,), and what is kept of them, as plain arrays."""
-        for block in self._blocks:
-            block.close()
-        return tuple((block.counts, tuple(np.vstack(rows) for rows in block.rows)) for block in self._blocks)
+        self._reduce()
+        return tuple((block.counts, block.kept) for block in self._blocks)
 
     @classmethod
     def of_held(cls, empty: tuple[Factor, ...], held: Sequence[tuple[NDArray[np.intp], Sequence[Array]]]) -> TimeBlocks:
