@@ -474,6 +474,59 @@ def validate(runs: Runs) -> Drawing:
 
 
 @picture
+def fleet(runs: Runs) -> Drawing:
+    """Thirty arms beside each other; in two a joint runs hard, in two a link is heavier."""
+    from steelyard.fleet import compare_siblings, possible_causes, variations
+    from steelyard.regression import ParameterCovariance
+
+    rows = [("pi/2", 0, 0.3, "q"), (0, 0.4, 0, "q"), (0, 0.35, 0, "q")]
+    model = sy.Model(sy.Robot.from_dh(rows, name="arm").with_terms(sy.Viscous(), sy.Coulomb()))
+    usual = np.zeros(model.parameter_count)
+    for mass, columns in zip((5.0, 4.0, 2.5), model.link_columns, strict=True):
+        body = sy.Inertia.from_com(mass, [-0.15, 0.01, 0.02], 0.015 * mass * np.diag([0.5, 1.0, 1.0]))
+        usual[columns] = body.parameters
+        usual[columns[-1] + 1 : columns[-1] + 3] = 0.2 * mass, 0.3 * mass
+    faults = {4: ("Fvj2", "Fcj2", 1.5), 11: ("Fvj3", "Fcj3", 1.4), 17: (2, 1.1), 23: (1, 1.1)}
+    t, told = np.arange(0.0, 30.0, 0.01)[:, None], []
+    for number in range(30):
+        random = np.random.default_rng(number)
+        values = usual.copy()
+        for columns in model.link_columns:
+            values[columns] *= 1.0 + 0.01 * random.normal()
+            values[columns[-1] + 1 : columns[-1] + 3] *= 1.0 + 0.05 * random.normal(size=2)
+        *where, factor = faults.get(number, (1.0,))
+        for place in where:
+            at = [model.parameter_names.index(place)] if isinstance(place, str) else model.link_columns[int(place)]
+            values[at] *= factor
+        w, phase = 2.0 * np.pi * np.array([0.15, 0.22, 0.31]), random.uniform(0.0, 6.0, 3)
+        q = np.sin(w * t + phase) + 0.4 * np.cos(2.0 * w * t)
+        dq, ddq = np.gradient(q, 0.01, axis=0), np.gradient(np.gradient(q, 0.01, axis=0), 0.01, axis=0)
+        torque = model.inverse_dynamics(q, dq, ddq, values) + 0.3 * random.normal(size=q.shape)
+        info = sy.Information.from_samples(model, sy.Samples(q=q, dq=dq, ddq=ddq, torque=torque))
+        estimate = sy.least_squares(info)
+        told.append((estimate.base, ParameterCovariance.of(info, estimate.base, estimate.weights).matrix))
+    bases, covariances = (np.array(part) for part in zip(*told, strict=True))
+    causes = possible_causes(model, usual, np.median(bases, axis=0))
+    found = compare_siblings(bases, covariances, causes, variations(model, causes))
+    names = ["friction of joint1", "friction of joint2", "friction of joint3", "mass of link2", "mass of link3"]
+    chosen = [next(k for k, cause in enumerate(causes) if cause.name == name) for name in names]
+    drawing = Drawing("How far each robot of a simulated fleet is from its siblings, part by part", 760, 290)
+    place = (190.0, 20.0, 540.0, 200.0)
+    axes = Axes(drawing, place, (-4.0, 12.0), (-0.5, len(names) - 0.5), "standard deviations", y_ticks=False)
+    named = {(one.robot, one.cause.name): one for one in found.deviations}
+    for line, (name, k) in enumerate(zip(names, chosen, strict=True)):
+        level = len(names) - 1 - line
+        drawing.text(180, float(axes.up(level)) + 4, name, 12.5, TEXT, "end")
+        scores = found.amplitude[:, k] / found.error[:, k]
+        others = np.array([score for robot, score in enumerate(scores) if robot not in found.differs])
+        axes.dots(others, np.full(len(others), float(level)), GREY)
+        out = [one.deviations for (_, cause), one in named.items() if cause == name]
+        axes.dots(np.array(out), np.full(len(out), float(level)), RED, 5.0)
+    drawing.figures["named"] = sorted(f"{robot}: {cause}" for robot, cause in named)
+    return drawing
+
+
+@picture
 def excite(runs: Runs) -> Drawing:
     """A designed motion within its limits, from rest to rest."""
     design = runs.two_links[2]

@@ -59,6 +59,7 @@ PLACEHOLDERS = {
     "C": "result",
     "FILE": "limits.toml",
     "DIR": "out",
+    "MANIFEST": "fleet.toml",
 }
 
 SLOW = {
@@ -91,6 +92,7 @@ SLOW = {
     ("docs/how-to/ros2-control.md", "console"): "a design with the default number of starts",
     ("docs/how-to/from-figaroh.md", "console"): "an identification",
     ("docs/how-to/poor-fit.md", "console"): "an identification",
+    ("docs/how-to/fleet.md", "console"): "estimates of several robots",
     ("docs/how-to/currents.md", "console"): "an identification, and the gains of drives",
 }
 
@@ -171,6 +173,8 @@ def workshop(tmp_path_factory: pytest.TempPathFactory) -> Path:
     held[model.link_columns[-1]] += sy.Inertia.from_com(2.0, [0.0, 0.01, 0.08], 0.004 * np.eye(3)).parameters
     for name, carried in (("unloaded.csv", parameters), ("loaded.csv", held)):
         recording(model, carried, 5).save(folder / name)
+    rows = "".join(f'\n[[robots]]\nid = "{k}"\nlogs = ["run{k}.csv"]\n' for k in (1, 2, 3))
+    (folder / "fleet.toml").write_text(f'robot = "robot.toml"\n{rows}', encoding="utf-8")
     currents = '[log]\ntorque_unit = "A"\ngain = "find"\n'
     (folder / "currents.toml").write_text(f"{ROBOT_FILE}{currents}", encoding="utf-8")
     (folder / "result").mkdir()
@@ -377,6 +381,10 @@ def test_settings_are_read(page: str, place: Path, no_extensions: None) -> None:
         document = tomllib.loads(text)
         if "project" in document:
             continue  # of a package that adds a command, which tests/cli installs
+        if "robots" in document:
+            (place / "given.toml").write_text(text, encoding="utf-8")
+            assert len(sy.fleet.FleetManifest.load(place / "given.toml").entries) == 2
+            continue
         if "velocity" in document or "acceleration" in document:
             (place / "given.toml").write_text(text, encoding="utf-8")
             robot = sy.Robot.from_urdf("my_robot.urdf", tip="tool0")

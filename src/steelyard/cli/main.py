@@ -24,6 +24,7 @@ from .doctor import doctor
 from .example import example
 from .excite import excite
 from .explain import explain
+from .fleet import fleet
 from .generate import generate
 from .identify import identify
 from .init import init
@@ -130,6 +131,7 @@ app.command()(identify)
 app.command()(payload)
 app.command()(validate)
 app.command()(compare)
+app.command()(fleet)
 app.command()(check)
 app.command()(correct)
 app.command()(explain)

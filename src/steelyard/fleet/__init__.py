@@ -5,6 +5,9 @@ from typing import TYPE_CHECKING
 from steelyard.first_use import import_at_first_use
 
 if TYPE_CHECKING:
+    from .causes import Cause as Cause
+    from .causes import possible_causes as possible_causes
+    from .causes import variations as variations
     from .checkpoints import Checkpoints as Checkpoints
     from .checkpoints import checkpoint_key as checkpoint_key
     from .data_sets import DataSet as DataSet
@@ -14,6 +17,16 @@ if TYPE_CHECKING:
     from .executors import Executor as Executor
     from .executors import Here as Here
     from .executors import Workers as Workers
+    from .fleet import Finding as Finding
+    from .fleet import Fleet as Fleet
+    from .fleet import RobotGroup as RobotGroup
+    from .fleet import RobotRow as RobotRow
+    from .fleet import identify_fleet as identify_fleet
     from .log_reduction import LogReduction as LogReduction
+    from .manifest import FleetEntry as FleetEntry
+    from .manifest import FleetManifest as FleetManifest
+    from .siblings import Deviation as Deviation
+    from .siblings import SiblingComparison as SiblingComparison
+    from .siblings import compare_siblings as compare_siblings
 
 __all__ = import_at_first_use(__name__, __file__)

@@ -10,6 +10,8 @@ if TYPE_CHECKING:
     from .charts import charts_markup as charts_markup
     from .comparison_page import comparison_html as comparison_html
     from .comparison_page import write_comparison as write_comparison
+    from .fleet_page import fleet_html as fleet_html
+    from .fleet_results import save_fleet as save_fleet
     from .html import report_html as report_html
     from .html import write_report as write_report
     from .html_document import Section as Section

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import os
 import re
-from collections.abc import Collection, Iterable, Mapping
+from collections.abc import Collection, Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -49,7 +49,7 @@ def require_folder(folder: Path) -> None:
         raise InputError(f"{folder}: cannot be written; give another --output.")
 
 
-def require_apart(folder: Path, inputs: Iterable[Path | None]) -> None:
+def require_apart(folder: Path, inputs: Iterable[Path | None], names: Sequence[str] = FILES) -> None:
     """Make sure that no input is one of the files that results replace.
 
     Parameters
@@ -58,6 +58,8 @@ def require_apart(folder: Path, inputs: Iterable[Path | None]) -> None:
         For the results.
     inputs : iterable of Path or None
         What is read.
+    names : sequence of str
+        Of the files; those of an identification by default.
 
     Raises
     ------
@@ -66,7 +68,7 @@ def require_apart(folder: Path, inputs: Iterable[Path | None]) -> None:
     """
     given = [one for one in inputs if one is not None]
     descriptions = [name for one in given if re.fullmatch(DESCRIPTION, name := f"robot{one.suffix.lower()}")]
-    for name in (*FILES, *descriptions):
+    for name in (*names, *descriptions):
         place = folder / name
         if place.exists() and any(one.exists() and place.samefile(one) for one in given):
             raise InputError(f"{place}: is read, and the results would replace it; give another --output.")

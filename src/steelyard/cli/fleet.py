@@ -1,0 +1,62 @@
+"""``steelyard fleet``."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from .choices import Json, Quiet
+from .many_logs import executor_of
+from .terminal import echo, print_json, progress
+
+__all__ = ["fleet"]
+
+
+def fleet(
+    manifest: Annotated[Path, typer.Argument(help="TOML, CSV or Parquet that names robots and their data.")],
+    output: Annotated[Path, typer.Option("--output", "-o", help="Folder for the results.")],
+    workers: Annotated[int, typer.Option("--workers", help="Processes of this machine.", min=1, max=1024)] = 1,
+    cluster: Annotated[
+        str | None, typer.Option("--cluster", metavar="ADDRESS", help="Scheduler of a Dask cluster.")
+    ] = None,
+    tls: Annotated[
+        list[str] | None,
+        typer.Option("--tls", metavar="NAME=FILE", help="TLS of the cluster: ca_file=, cert=, key= of PEM files."),
+    ] = None,
+    json: Json = False,
+    quiet: Quiet = False,
+) -> None:
+    """Estimate many robots; tell which differ from their siblings, and which have drifted: exit 0 none, 1 some.
+
+    Exits 3 where nothing came of some entry; the others are there.
+
+    \b
+    Examples:
+      steelyard fleet fleet.toml --output result
+      steelyard fleet robots.csv --output result --workers 4 --json
+    """
+    from steelyard.fleet import Checkpoints, FleetManifest, identify_fleet
+    from steelyard.report import require_apart, require_folder, save_fleet
+    from steelyard.report.fleet_results import FLEET_FILES
+
+    read = FleetManifest.load(manifest)
+    executor = executor_of(workers, cluster, tls)
+    require_folder(output)
+    require_apart(output, (read.path, read.table), FLEET_FILES)
+    with Checkpoints(output) as checkpoints, progress(quiet=quiet) as say:
+        found = identify_fleet(read, executor=executor, checkpoints=checkpoints, progress=say)
+        say("writing the tables and the page")
+        written = save_fleet(found, output, stale=checkpoints.names)
+    if json:
+        print_json({**found.to_dict(), "files": [str(path) for path in written]})
+    elif quiet:
+        echo(found.headline)
+    else:
+        echo(found)
+        echo(f"Look at {output / 'fleet.html'}")
+    if found.failed:
+        raise typer.Exit(3)
+    if found.differing or found.drifted:
+        raise typer.Exit(1)

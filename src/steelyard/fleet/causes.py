@@ -1,0 +1,144 @@
+"""What may be different about a robot: the friction of a joint, the mass of a link; and how the data would show it."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from typing import Literal
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from steelyard.dynamics import Model, MotorSide
+
+__all__ = ["Cause", "possible_causes", "variations"]
+
+Array = NDArray[np.float64]
+Kind = Literal["term", "friction", "mass", "link"]
+
+FRICTION = ("damping", "friction")  # as a description calls viscous and Coulomb friction
+ALL_LINKS = 1e-6
+"""Part of a column of base parameters that counts as one: what is less is rounding of their rules."""
+
+
+@dataclass(frozen=True, eq=False)
+class Cause:
+    """A way in which a robot may differ from its siblings, or from what it was.
+
+    Attributes
+    ----------
+    name : str
+        ``"Fcj3"``, ``"friction of elbow"``, ``"mass of forearm"``, ``"forearm"``.
+    kind : {"term", "friction", "mass", "link"}
+        One parameter of a drive; all friction of a drive, by one factor; all of a link, by one factor; a link whose
+        mass, centre of mass and inertia may be any.
+    part : str
+        The joint or the link.
+    what : str
+        Such as ``"Coulomb friction"``, ``"mass"``.
+    unit : str
+        Of `nominal`, empty where there is no number.
+    nominal : float
+        Of the siblings; an amplitude of one changes by as much as this. NaN where a change has no single number.
+    directions : ndarray
+        (n_b, k): how base parameters change with each of its amplitudes.
+    """
+
+    name: str
+    kind: Kind
+    part: str
+    what: str
+    unit: str
+    nominal: float
+    directions: Array = field(repr=False)
+
+    @property
+    def has_ratio(self) -> bool:
+        """Whether it is told as a multiple of what siblings have."""
+        return self.kind in ("friction", "mass") or (self.nominal > 0.0 and self.what != "torque offset")
+
+
+def possible_causes(model: Model, parameters: ArrayLike, base: ArrayLike | None = None) -> tuple[Cause, ...]:
+    """List what may be different about a robot.
+
+    Parameters
+    ----------
+    model : Model
+    parameters : (n,)
+        What siblings have; of the links, the answer that stays near what is known of the robot.
+    base : (n_b,), optional
+        Base parameters of the siblings by the data alone, from which the sizes of friction are taken where they are
+        base parameters themselves; those of `parameters` by default.
+
+    Returns
+    -------
+    tuple of Cause
+        Only those that some base parameter shows.
+
+    Examples
+    --------
+    >>> import numpy as np, steelyard as sy
+    >>> robot = sy.Robot.from_dh([(0, 1.0, 0, "q")], gravity=(0, -9.81, 0)).with_terms(sy.Viscous(), sy.Coulomb())
+    >>> model = sy.Model(robot)
+    >>> values = dict(zip(model.parameter_names, [0, 0, 0, 0, 0, 0.3, 0.5, 0, 0, 1, 0.1, 2], strict=True))
+    >>> [cause.name for cause in possible_causes(model, list(values.values()))]
+    ['Fvj1', 'Fcj1', 'friction of joint1', 'mass of link1', 'link1']
+    """
+    values = np.asarray(parameters, dtype=float)
+    rules, robot = model.base_parameters(), model.robot
+    K = rules.K
+    told = dict(zip(rules.expressions, np.asarray(K @ values if base is None else base, dtype=float), strict=True))
+    names = [str(name) for name in model.parameter_names]
+    values = np.array([told.get(name, value) for name, value in zip(names, values, strict=True)])
+    found: list[Cause] = []
+    width = sum(len(term.parameters) for term in robot.terms)
+    for number, joint in enumerate(robot.joints):
+        if joint.mimics is not None or width == 0:
+            continue
+        column = int(model.link_columns[number][-1]) + 1
+        friction: dict[str, list[int]] = {}
+        for term in robot.terms:
+            of = f"motor {number + 1}" if isinstance(term, MotorSide) else joint.name
+            for parameter in term.parameters:
+                unit = parameter.unit if joint.rotates else parameter.unit_prismatic
+                what = parameter.description.removesuffix(" of the motor")
+                if parameter.described_as == "offset":
+                    what = "torque offset"
+                size = float(values[column])
+                scale = size if parameter.nonnegative and size > 0.0 else 1.0
+                found.append(Cause(names[column], "term", of, what, unit, scale, scale * K[:, [column]]))
+                if parameter.described_as in FRICTION and size > 0.0:
+                    friction.setdefault(of, []).append(column)
+                column += 1
+        for of, places in friction.items():
+            if len(places) > 1:
+                direction = K[:, places] @ values[places]
+                found.append(Cause(f"friction of {of}", "friction", of, "friction", "", 1.0, direction[:, None]))
+    for link, columns in zip(robot.links, model.link_columns, strict=True):
+        own = values[columns]
+        if own[9] > 0.0:
+            direction = K[:, columns] @ own
+            cause = Cause(f"mass of {link.name}", "mass", link.name, "mass", "kg", float(own[9]), direction[:, None])
+            found.append(cause)
+        shown = K[:, columns]
+        left, sizes, _ = np.linalg.svd(shown / np.maximum(np.abs(shown).max(initial=0.0), 1e-300))
+        rank = int(np.sum(sizes > ALL_LINKS * sizes.max(initial=0.0)))
+        found.append(Cause(link.name, "link", link.name, "mass, centre of mass or inertia", "", np.nan, left[:, :rank]))
+    largest = np.abs(K).max(initial=0.0)
+    return tuple(c for c in found if np.abs(c.directions).max(initial=0.0) > ALL_LINKS * largest * _least(c))
+
+
+def _least(cause: Cause) -> float:
+    return abs(cause.nominal) if np.isfinite(cause.nominal) else 1.0
+
+
+def variations(model: Model, causes: tuple[Cause, ...]) -> Array:
+    """Return the directions in which siblings are taken to vary, each by an amount of its own, (n_b, c).
+
+    Single parameters of links and drives, all friction of a drive together, all of a link together: what assembly,
+    temperature and castings change.
+    """
+    K = model.base_parameters().K
+    together = [cause.directions for cause in causes if cause.kind in ("friction", "mass")]
+    found = np.column_stack([K, *together])
+    sizes = np.abs(found).max(axis=0)
+    return np.asarray(found[:, sizes > ALL_LINKS * sizes.max(initial=0.0)])

@@ -1,0 +1,637 @@
+"""Many robots: each estimated by itself, held against its siblings, and against what it was."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any, Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+from steelyard.display import text_table
+from steelyard.dynamics import Model
+from steelyard.dynamics.threads import in_one_thread
+from steelyard.errors import SteelyardError
+from steelyard.identification.log_reader import Progress
+
+from .causes import Cause, possible_causes, variations
+from .checkpoints import Checkpoints, checkpoint_key
+from .executors import Executor, Here
+from .log_reduction import first_of, run_in_order
+from .manifest import FleetEntry, FleetManifest
+from .packed import unpacked
+from .robot_estimate import inputs_of, known_of, robot_estimate, task_of
+from .siblings import FEWEST, Deviation, SiblingComparison, compare_siblings
+
+__all__ = ["Finding", "Fleet", "RobotGroup", "RobotRow", "identify_fleet"]
+
+Array = NDArray[np.float64]
+NORMAL = 1.959963984540054
+"""The 0.975 quantile of the normal distribution."""
+MOST_SENTENCES = 40
+"""That are printed; the tables have all."""
+LINES = 20
+"""Of progress while robots are estimated."""
+SURE = 0.05
+"""Probability, of all causes of a group together, by which the siblings as a whole have drifted."""
+
+
+@dataclass(frozen=True, eq=False)
+class RobotRow:
+    """A robot at a time, and what came of it.
+
+    Attributes
+    ----------
+    entry : FleetEntry
+    reason : str
+        Why nothing came of it; empty where something did.
+    values : mapping
+        What `robot_estimate` told: ``"base"``, ``"covariance"``, ``"parameters"``, ``"word"`` and so on.
+    """
+
+    entry: FleetEntry
+    reason: str
+    values: Mapping[str, Any] = field(repr=False)
+
+
+@dataclass(frozen=True, eq=False)
+class Finding:
+    """A robot that differs from its siblings, or from what it was, in one part.
+
+    Attributes
+    ----------
+    kind : {"siblings", "drift"}
+    robot, group, date : str
+    since : str
+        Of a drift: the first date at which it was half of what it is.
+    deviation : Deviation
+    sentence : str
+    history : tuple of (str, float)
+        Of a drift: the date and the amplitude against the first date, of each later one.
+    """
+
+    kind: Literal["siblings", "drift"]
+    robot: str
+    group: str
+    date: str
+    since: str
+    deviation: Deviation = field(repr=False)
+    sentence: str
+    history: tuple[tuple[str, float], ...] = field(default=(), repr=False)
+
+
+@dataclass(frozen=True, eq=False)
+class RobotGroup:
+    """Robots that are built alike.
+
+    Attributes
+    ----------
+    name : str
+    model : Model
+    latest : tuple of int
+        For each robot the number, among the rows of the fleet, of its latest date.
+    first : tuple of int
+        Of the robots with several dates: the number of the first.
+    last : tuple of int
+        Likewise the latest.
+    siblings : SiblingComparison or None
+        None where there are fewer than three robots.
+    drift : SiblingComparison or None
+        Of what changed from the first date to the latest; None where fewer than three robots have several dates.
+    common_drift : tuple of (Cause, float, float, float)
+        What changed in all robots on average: amplitude and both ends of its interval.
+    """
+
+    name: str
+    model: Model = field(repr=False)
+    latest: tuple[int, ...] = field(repr=False)
+    first: tuple[int, ...] = field(repr=False)
+    last: tuple[int, ...] = field(repr=False)
+    siblings: SiblingComparison | None = field(default=None, repr=False)
+    drift: SiblingComparison | None = field(default=None, repr=False)
+    common_drift: tuple[tuple[Cause, float, float, float], ...] = field(default=(), repr=False)
+
+
+@dataclass(frozen=True, eq=False)
+class Fleet:
+    """The result of :func:`identify_fleet`.
+
+    Attributes
+    ----------
+    manifest : FleetManifest
+    rows : tuple of RobotRow
+        In the order of the manifest.
+    groups : tuple of RobotGroup
+    findings : tuple of Finding
+        The surest first; those against siblings, then those in time.
+    remarks : tuple of str
+    """
+
+    manifest: FleetManifest
+    rows: tuple[RobotRow, ...] = field(repr=False)
+    groups: tuple[RobotGroup, ...] = field(repr=False)
+    findings: tuple[Finding, ...] = field(repr=False)
+    remarks: tuple[str, ...] = field(default=(), repr=False)
+
+    @property
+    def failed(self) -> tuple[RobotRow, ...]:
+        """Rows of which nothing came."""
+        return tuple(row for row in self.rows if row.reason)
+
+    @property
+    def differing(self) -> tuple[str, ...]:
+        """Robots that differ from their siblings, the surest first."""
+        return tuple(dict.fromkeys(one.robot for one in self.findings if one.kind == "siblings"))
+
+    @property
+    def drifted(self) -> tuple[str, ...]:
+        """Robots that drifted, the surest first."""
+        return tuple(dict.fromkeys(one.robot for one in self.findings if one.kind == "drift"))
+
+    @property
+    def headline(self) -> str:
+        """What was found, in one sentence."""
+        count = len({row.entry.id for row in self.rows})
+        robots = f"{count} robot{'s' * (count != 1)}"
+        parts = []
+        if any(group.siblings is not None for group in self.groups):
+            number = len(self.differing)
+            parts.append(f"{number or 'none'} {'differ' if number > 1 else 'differs'} from {_their(number)} siblings")
+        if any(group.drift is not None for group in self.groups):
+            number = len(self.drifted)
+            parts.append(f"{number or 'none'} ha{'ve' if number > 1 else 's'} drifted")
+        if self.failed:
+            parts.append(f"nothing came of {len(self.failed)} of {len(self.rows)} entries")
+        return (
+            f"{robots}: {', '.join(parts)}." if parts else f"{robots}, of which none has siblings to compare it with."
+        )
+
+    @property
+    def sentences(self) -> tuple[str, ...]:
+        """The headline, and a sentence for each finding."""
+        return (self.headline, *(f"{one.robot}: {one.sentence}" for one in self.findings), *self.remarks)
+
+    def __str__(self) -> str:
+        lines = [self.headline]
+        lines += [f"{one.robot}: {one.sentence}" for one in self.findings[:MOST_SENTENCES]]
+        if len(self.findings) > MOST_SENTENCES:
+            lines.append(f"({len(self.findings) - MOST_SENTENCES} more; findings.parquet and fleet.html have all.)")
+        lines += self.remarks
+        if self.failed:
+            rows = [(row.entry.label, row.reason) for row in self.failed[:MOST_SENTENCES]]
+            lines.append(text_table(("robot", "nothing came of it, because"), rows))
+        return "\n".join(lines)
+
+    def to_dict(self) -> dict[str, Any]:
+        """As plain data: the findings and the reasons; the tables are files of their own."""
+        return {
+            "format": "steelyard-fleet-1",
+            "name": self.manifest.name,
+            "headline": self.headline,
+            "false_discovery_rate": self.manifest.false_discovery_rate,
+            "differing": list(self.differing),
+            "drifted": list(self.drifted),
+            "findings": [_finding_row(one) | {"history": list(one.history)} for one in self.findings],
+            "failed": [{"robot": r.entry.id, "date": r.entry.date, "reason": r.reason} for r in self.failed],
+            "remarks": list(self.remarks),
+        }
+
+    def robot_rows(self) -> list[dict[str, Any]]:
+        """One mapping for each robot and date: what came of it, both verdicts, and what differs."""
+        differing: dict[tuple[str, str], list[Finding]] = {}
+        for one in self.findings:
+            differing.setdefault((one.robot, one.date), []).append(one)
+        chance: dict[int, float] = {}
+        for group in self.groups:
+            if group.siblings is not None:
+                chance.update(zip(group.latest, map(float, group.siblings.robot_probability), strict=True))
+        found = []
+        for number, row in enumerate(self.rows):
+            own, values = differing.get((row.entry.id, row.entry.date), []), row.values
+            model = _model_of(row)
+            mass = None
+            if model is not None:
+                mass = float(sum(values["parameters"][columns[9]] for columns in model.link_columns))
+            found.append(
+                {
+                    "robot": row.entry.id,
+                    "group": row.entry.group,
+                    "date": row.entry.date,
+                    "reason": row.reason,
+                    "rows": values.get("rows"),
+                    "least_squares": values.get("feasible"),
+                    "possible": values.get("possible"),
+                    "prediction": values.get("word"),
+                    "predicted": values.get("source"),
+                    "model_error": values.get("model_error"),
+                    "relative_error": values.get("relative_error"),
+                    "condition_number": values.get("condition_number"),
+                    "total_mass": mass,
+                    "differs": None if number not in chance else any(one.kind == "siblings" for one in own),
+                    "probability": chance.get(number),
+                    "drifted": any(one.kind == "drift" for one in own),
+                    "cause": own[0].deviation.cause.name if own else None,
+                    "sentence": " ".join(one.sentence for one in own) or None,
+                    "remarks": " ".join(values.get("remarks", ())) or None,
+                }
+            )
+        return found
+
+    def finding_rows(self) -> list[dict[str, Any]]:
+        """One mapping for each finding."""
+        return [_finding_row(one) for one in self.findings]
+
+    def parameter_columns(self) -> dict[str, list[Any] | Array]:
+        """The long table: each parameter of each robot and date, and each cause against the siblings, by column.
+
+        Base parameters have the interval of the data alone; standard parameters are those of the answer; those of
+        siblings are ratios or differences, drawn towards the siblings by as much as the data leaves open.
+        """
+        parts: list[dict[str, Any]] = []
+
+        def add(row: RobotRow, kind: str, names: Sequence[str], value: Array, lower: Array, upper: Array) -> None:
+            parts.append(
+                {"row": row, "kind": kind, "names": list(names), "value": value, "lower": lower, "upper": upper}
+            )
+
+        for row in self.rows:
+            model = _model_of(row)
+            if model is None:
+                continue
+            values = row.values
+            base = np.asarray(values["base"])
+            half = np.full(len(base), np.nan)
+            if not values["filtered"]:
+                half = NORMAL * np.sqrt(np.diagonal(values["covariance"]))
+            half = np.where(np.isfinite(half), half, np.nan)
+            add(row, "base", model.base_parameters().expressions, base, base - half, base + half)
+            parameters = np.asarray(values["parameters"])
+            open_ended = np.full(len(parameters), np.nan)
+            if values["table"]:
+                rows = values["table"]
+                told = [np.array([_number(one[key]) for one in rows]) for key in ("value", "lower", "upper")]
+                add(row, "answer", [one["name"] for one in rows], *told)
+            else:
+                add(row, "answer", [str(name) for name in model.parameter_names], parameters, open_ended, open_ended)
+        for group in self.groups:
+            for kind, numbers, compared in (
+                ("beside siblings", group.latest, group.siblings),
+                ("drift", group.last, group.drift),
+            ):
+                if compared is None:
+                    continue
+                kept = [k for k, cause in enumerate(compared.causes) if cause.kind != "link"]
+                names = [compared.causes[k].name for k in kept]
+                nominal = np.array([compared.causes[k].nominal for k in kept])
+                value, error = (nominal * one[:, kept] for one in compared.shrunk)
+                for place, number in enumerate(numbers):
+                    half = NORMAL * error[place]
+                    add(self.rows[number], kind, names, value[place], value[place] - half, value[place] + half)
+        counts = [len(part["names"]) for part in parts]
+        whose = [part["row"].entry for part, count in zip(parts, counts, strict=True) for _ in range(count)]
+        columns: dict[str, list[Any] | Array] = {
+            "robot": [entry.id for entry in whose],
+            "date": [entry.date for entry in whose],
+        }
+        columns["kind"] = [part["kind"] for part, count in zip(parts, counts, strict=True) for _ in range(count)]
+        columns["parameter"] = [name for part in parts for name in part["names"]]
+        for key in ("value", "lower", "upper"):
+            columns[key] = np.concatenate([part[key] for part in parts]) if parts else np.zeros(0)
+        return columns
+
+
+def _their(number: int) -> str:
+    return "their" if number > 1 else "its"
+
+
+def _number(value: Any) -> float:
+    return float("nan") if value is None else float(value)
+
+
+def _model_of(row: RobotRow) -> Model | None:
+    return None if row.reason else known_of(str(row.entry.robot), bool(row.values["with_rotors"])).model
+
+
+def _finding_row(one: Finding) -> dict[str, Any]:
+    deviation, cause = one.deviation, one.deviation.cause
+    scale = cause.nominal
+    return {
+        "kind": one.kind,
+        "robot": one.robot,
+        "group": one.group,
+        "date": one.date,
+        "since": one.since,
+        "cause": cause.name,
+        "part": cause.part,
+        "what": cause.what,
+        "unit": cause.unit,
+        "change": scale * deviation.amplitude,
+        "lower": scale * deviation.lower,
+        "upper": scale * deviation.upper,
+        "ratio": 1.0 + deviation.amplitude if cause.has_ratio else float("nan"),
+        "standard_deviations": deviation.deviations,
+        "probability": deviation.probability,
+        "alternatives": ", ".join(other.name for other in deviation.alternatives),
+        "sentence": one.sentence,
+    }
+
+
+@in_one_thread
+def identify_fleet(
+    manifest: FleetManifest | str | Path,
+    *,
+    executor: Executor | None = None,
+    checkpoints: Checkpoints | None = None,
+    progress: Progress | None = None,
+) -> Fleet:
+    """Estimate the robots of a fleet, and tell which differ from their siblings, and which have drifted.
+
+    Each robot is estimated by itself, as by :func:`steelyard.identify`. Robots of one group and one model are siblings;
+    see :func:`compare_siblings` for how they are compared. A robot with several dates is compared with its siblings as
+    it was last, and what changed since its first date with what changed in its siblings. A robot of which nothing
+    comes keeps no other from being estimated: its row tells the reason.
+
+    Parameters
+    ----------
+    manifest : FleetManifest or path
+    executor : Executor, optional
+        Where robots are estimated: ``Here()`` by default, ``Workers(2)`` for two processes, or a cluster. No byte of
+        the result depends on it.
+    checkpoints : Checkpoints, optional
+        Keep what is finished, and take what an earlier run has finished.
+    progress : callable, optional
+        Called with a few words before each step.
+
+    Returns
+    -------
+    Fleet
+
+    Raises
+    ------
+    InputError
+        If the manifest cannot be used.
+
+    Examples
+    --------
+    Pendulums, of which one has twice the friction of the others:
+
+    >>> import numpy as np, tempfile, pathlib
+    >>> import steelyard as sy
+    >>> robot = "[description]\\nrows = [[0.0, 0.3, 0.0, 'q']]\\n[[terms]]\\nkind = 'viscous'"
+    >>> folder = pathlib.Path(tempfile.mkdtemp())
+    >>> _ = (folder / "robot.toml").write_text(robot)
+    >>> model = sy.Model.load(folder / "robot.toml")
+    >>> t, random = np.arange(0.0, 8.0, 0.01)[:, None], np.random.default_rng(1)
+    >>> q, dq, ddq, lines = np.sin(3 * t), 3 * np.cos(3 * t), -9 * np.sin(3 * t), ["id,robot,informations"]
+    >>> for k in range(5):
+    ...     torque = 0.6 * ddq + (2.0 if k == 3 else 1.0) * dq + 0.01 * random.normal(size=t.shape)
+    ...     samples = sy.Samples(q=q, dq=dq, ddq=ddq, torque=torque)
+    ...     sy.Information.from_samples(model, samples).save(folder / f"{k}.json")
+    ...     lines.append(f"A-{k},robot.toml,{k}.json")
+    >>> _ = (folder / "robots.csv").write_text("\\n".join(lines))
+    >>> fleet = sy.fleet.identify_fleet(folder / "robots.csv")
+    >>> fleet.differing
+    ('A-3',)
+    """
+    say = progress or (lambda _: None)
+    given = manifest if isinstance(manifest, FleetManifest) else FleetManifest.load(manifest)
+    say(f"{given.name}: {len(given.entries)} entries")
+    rows = _estimated(given, Here() if executor is None else executor, checkpoints, say)
+    groups, findings, remarks = [], [], []
+    for (name, _), numbers in _grouped(rows).items():
+        say(f"siblings{f' of {name}' if name else ''}: {len({rows[k].entry.id for k in numbers})} robots")
+        group, found, told = _compared(name, rows, numbers, given.false_discovery_rate)
+        groups.append(group)
+        findings += found
+        remarks += told
+    findings.sort(key=lambda one: (one.kind == "drift", one.deviation.probability, one.robot, one.deviation.cause.name))
+    filtered = sum(bool(row.values.get("filtered")) for row in rows)
+    if filtered:
+        remarks.append(
+            f"The torques of {filtered} entries were filtered and their regressor was not, so that no interval holds: "
+            "they are left out of the comparison of siblings."
+        )
+    return Fleet(given, tuple(rows), tuple(groups), tuple(findings), tuple(dict.fromkeys(remarks)))
+
+
+def _estimated(
+    manifest: FleetManifest, executor: Executor, checkpoints: Checkpoints | None, say: Progress
+) -> list[RobotRow]:
+    """Estimate each robot; what was finished before is taken from the checkpoints."""
+    found: list[dict[str, Any]] = [{} for _ in manifest.entries]
+    numbers, tasks, keys = [], [], []
+    for number, entry in enumerate(manifest.entries):
+        try:
+            task = task_of(entry, manifest.intervals)
+            keys.append("" if checkpoints is None else checkpoint_key("robot", *inputs_of(task)))
+        except SteelyardError as error:
+            found[number] = {"reason": str(error)}
+        else:
+            numbers.append(number)
+            tasks.append([task])
+    every = max(len(tasks) // LINES, 1)
+    kept = keys if checkpoints is not None else None
+    contents = run_in_order(robot_estimate, first_of, None, tasks, executor, kept, checkpoints)
+    for done, (number, content) in enumerate(zip(numbers, contents, strict=True), start=1):
+        found[number] = unpacked(content)
+        if done % every == 0 or done == len(tasks):
+            say(f"estimated {done} of {len(tasks)} ({manifest.entries[number].label})")
+    return [
+        RobotRow(entry, str(values["reason"]), values) for entry, values in zip(manifest.entries, found, strict=True)
+    ]
+
+
+def _grouped(rows: Sequence[RobotRow]) -> dict[tuple[str, tuple[str, ...]], list[int]]:
+    """Numbers of the rows of each group; robots whose base parameters are others are no siblings."""
+    found: dict[tuple[str, tuple[str, ...]], list[int]] = {}
+    for number, row in enumerate(rows):
+        model = _model_of(row)
+        if model is None or row.values["filtered"]:
+            continue
+        names = (*map(str, model.parameter_names), *model.base_parameters().names)
+        found.setdefault((row.entry.group, names), []).append(number)
+    return found
+
+
+def _compared(
+    name: str, rows: Sequence[RobotRow], numbers: Sequence[int], rate: float
+) -> tuple[RobotGroup, list[Finding], list[str]]:
+    by_robot: dict[str, list[int]] = {}
+    for number in numbers:
+        by_robot.setdefault(rows[number].entry.id, []).append(number)
+    dates = [sorted(own, key=lambda k: rows[k].entry.date) for own in by_robot.values()]
+    latest = [own[-1] for own in dates]
+    several = [own for own in dates if len(own) > 1]
+    model = _model_of(rows[numbers[0]])
+    assert model is not None
+    parameters = np.median([rows[k].values["parameters"] for k in latest], axis=0)
+    base = np.median([rows[k].values["base"] for k in latest], axis=0)
+    causes = possible_causes(model, parameters, base)
+    directions = variations(model, causes)
+    findings: list[Finding] = []
+    remarks: list[str] = []
+    called = f"the group {name}" if name else "the fleet"
+    siblings = drift = None
+    common: list[tuple[Cause, float, float, float]] = []
+    if len(latest) >= FEWEST:
+        bases, covariances = _arrays(rows, latest)
+        siblings = compare_siblings(bases, covariances, causes, directions, rate=rate)
+        for one in siblings.deviations:
+            row = rows[latest[one.robot]]
+            findings.append(Finding("siblings", row.entry.id, name, row.entry.date, "", one, sentence(one, "siblings")))
+        if len(latest) < 10:
+            remarks.append(
+                f"With {len(latest)} robots in {called}, what is usual among siblings is hardly known: only large "
+                "differences are told."
+            )
+    else:
+        remarks.append(
+            f"{called[0].upper()}{called[1:]} has {len(latest)} robot{'s' * (len(latest) > 1)} of which something "
+            f"came, and siblings are compared where there are {FEWEST} or more."
+        )
+    if len(several) >= FEWEST:
+        firsts, lasts = [own[0] for own in several], [own[-1] for own in several]
+        before, before_errors = _arrays(rows, firsts)
+        after, after_errors = _arrays(rows, lasts)
+        drift = compare_siblings(after - before, after_errors + before_errors, causes, directions, rate=rate)
+        common = _common(drift)
+        for one in drift.deviations:
+            own = several[one.robot]
+            history = _history(rows, own, one, drift.mean)
+            since = next((date for date, value in history if abs(value) >= 0.5 * abs(one.amplitude)), history[-1][0])
+            row = rows[own[-1]]
+            when = rows[own[0]].entry.date
+            told = sentence(one, "drift", when=when, since=since)
+            findings.append(Finding("drift", row.entry.id, name, row.entry.date, since, one, told, history))
+        for cause, value, lower, upper in common:
+            remarks.append(
+                f"In {called}, {_what(cause)} changed on average by {_amount(cause, value)} "
+                f"({_amount(cause, lower)} to {_amount(cause, upper)}) from the first date to the latest."
+            )
+    elif several:
+        remarks.append(
+            f"{len(several)} robot{'s' * (len(several) > 1)} of {called} have several dates, and drift is told from "
+            f"what changes in siblings where there are {FEWEST} or more; compare single ones with steelyard compare."
+        )
+    firsts, lasts = [own[0] for own in several], [own[-1] for own in several]
+    group = RobotGroup(name, model, tuple(latest), tuple(firsts), tuple(lasts), siblings, drift, tuple(common))
+    return group, findings, remarks
+
+
+def _arrays(rows: Sequence[RobotRow], numbers: Iterable[int]) -> tuple[Array, Array]:
+    chosen = [rows[k].values for k in numbers]
+    return np.array([v["base"] for v in chosen]), np.array([v["covariance"] for v in chosen])
+
+
+def _history(
+    rows: Sequence[RobotRow], own: Sequence[int], one: Deviation, mean: Array
+) -> tuple[tuple[str, float], ...]:
+    """The amplitude at each later date; what changed in all siblings is spread over the dates as it came at last."""
+    base = np.asarray(rows[own[0]].values["base"])
+    if one.weights is None:
+        return tuple((rows[k].entry.date, float("nan")) for k in own[1:])
+    return tuple(
+        (rows[k].entry.date, float(one.weights @ (np.asarray(rows[k].values["base"]) - base - mean))) for k in own[1:]
+    )
+
+
+def _common(drift: SiblingComparison) -> list[tuple[Cause, float, float, float]]:
+    """What changed in all siblings: causes whose mean change leaves zero out, all of them together."""
+    from scipy.special import stdtr, stdtrit
+
+    freedom = max(len(drift.robot_probability) - 1.0, 1.0)
+    inverse = np.linalg.pinv(drift.mean_covariance, hermitian=True)
+    found = []
+    mean = drift.mean.copy()
+    chosen: list[Array] = []
+    for _ in range(4):  # the likeliest, then what is left beside it
+        whole = inverse
+        if chosen:
+            taken = np.column_stack(chosen)
+            seen = inverse @ taken
+            whole = inverse - seen @ np.linalg.pinv(taken.T @ seen, hermitian=True) @ seen.T
+        best: tuple[float, Cause, float, float] | None = None
+        for cause in drift.causes:
+            if cause.kind == "link":
+                continue
+            g = cause.directions[:, 0]
+            told = float(g @ whole @ g)
+            if told <= 0.02 * float(g @ inverse @ g):
+                continue
+            value, error = float(g @ whole @ mean) / told, told**-0.5
+            chance = 2.0 * float(stdtr(freedom, -abs(value) / error))
+            if best is None or chance < best[0]:
+                best = (chance, cause, value, error)
+        if best is None or best[0] > SURE / len(drift.causes):
+            break
+        _, cause, value, error = best
+        reach = float(stdtrit(freedom, 0.975)) * error
+        found.append((cause, value, value - reach, value + reach))
+        chosen.append(cause.directions[:, 0])
+    return found
+
+
+def _what(cause: Cause) -> str:
+    if cause.kind == "friction":
+        return f"the friction of {cause.part}"
+    if cause.kind == "mass":
+        return f"the mass of {cause.part}"
+    return f"the {cause.what} of {cause.part}"
+
+
+def _amount(cause: Cause, value: float) -> str:
+    if cause.has_ratio:
+        return f"{100.0 * value:+.2g} %"
+    return f"{value * cause.nominal:+.2g} {cause.unit}".rstrip()
+
+
+def sentence(one: Deviation, kind: Literal["siblings", "drift"], *, when: str = "", since: str = "") -> str:
+    """Say in words in what a robot differs from its siblings, or from what it was.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> friction = Cause("Fcj3", "term", "elbow", "Coulomb friction", "N·m", 2.0, np.ones((1, 1)))
+    >>> sentence(Deviation(0, friction, 1.1, 0.1, 0.9, 1.3, 11.0, 1e-20), "siblings")
+    'The Coulomb friction of elbow is 2.1 times that of its siblings (1.9 to 2.3), 4.2 N·m where they have 2 N·m.'
+    >>> mass = Cause("mass of forearm", "mass", "forearm", "mass", "kg", 6.0, np.ones((1, 1)))
+    >>> sentence(Deviation(0, mass, 0.1, 0.01, 0.08, 0.12, 10.0, 1e-18), "siblings")
+    'The link forearm is 0.6 kg heavier than that of its siblings (0.48 to 0.72 kg), 10 %, if it is made like theirs.'
+    """
+    cause, low, high = one.cause, one.lower, one.upper
+    others = (
+        "that of its siblings" if kind == "siblings" else f"what it was on {when}, beyond what changed in its siblings"
+    )
+    if cause.kind == "link":
+        than = "than its siblings" if kind == "siblings" else f"than on {when}"
+        text = f"The link {cause.part} has another mass, centre of mass or inertia {than}"
+    elif cause.kind == "mass":
+        sign = 1.0 if one.amplitude >= 0.0 else -1.0
+        ends = sorted((sign * cause.nominal * low, sign * cause.nominal * high))
+        text = (
+            f"The link {cause.part} is {abs(cause.nominal * one.amplitude):.2g} kg "
+            f"{'heavier' if sign > 0.0 else 'lighter'} than {others} ({ends[0]:.2g} to {ends[1]:.2g} kg), "
+            f"{100.0 * abs(one.amplitude):.2g} %, if it is made like {'theirs' if kind == 'siblings' else 'it was'}"
+        )
+    elif cause.has_ratio:
+        text = f"{_what(cause)} is {1.0 + one.amplitude:.3g} times {others} ({1.0 + low:.3g} to {1.0 + high:.3g})"
+        if cause.kind == "term" and kind == "siblings":
+            value = cause.nominal * (1.0 + one.amplitude)
+            text += f", {value:.3g} {cause.unit} where they have {cause.nominal:.3g} {cause.unit}"
+    else:
+        size, unit = cause.nominal, f" {cause.unit}".rstrip()
+        higher = "higher" if one.amplitude >= 0.0 else "lower"
+        sign = 1.0 if one.amplitude >= 0.0 else -1.0
+        ends = sorted((sign * size * low, sign * size * high))
+        text = (
+            f"{_what(cause)} is {abs(size * one.amplitude):.2g}{unit} {higher} than {others} "
+            f"({ends[0]:.2g} to {ends[1]:.2g}{unit})"
+        )
+    if kind == "drift":
+        text += f", since {since}" if since else ""
+    if one.alternatives:
+        named = [_what(other) if other.kind != "link" else f"the link {other.part}" for other in one.alternatives[:3]]
+        text += f"; {' or '.join(named)} would explain it about as well"
+    return f"{text[0].upper()}{text[1:]}."

@@ -1,0 +1,243 @@
+"""One robot of a fleet, at one time: from its Informations, or its logs, to its estimate and both verdicts.
+
+It is what :func:`steelyard.identify` does once the logs are reduced; the model, the conditions and what is known of the
+robot beforehand are made once for all robots of one description.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import lru_cache
+from typing import Any
+
+import numpy as np
+
+from steelyard.dynamics import Model
+from steelyard.errors import InputError, SteelyardError
+from steelyard.estimators.cross_validation import FEWEST_FOLDS
+from steelyard.feasibility import FeasibleSet, check
+from steelyard.files import file_hash
+from steelyard.identification.default_terms import wider_model
+from steelyard.identification.given import given_constraints, given_logs
+from steelyard.identification.parameter_table import parameter_table
+from steelyard.identification.physical_prior import PhysicalPrior, physical_prior
+from steelyard.identification.plausible_fit import plausible_fit, tried_prior
+from steelyard.identification.prediction_verdict import prediction_verdict
+from steelyard.recording.formats import content_hash, hashed_log
+from steelyard.regression import Information, ParameterCovariance, least_squares
+from steelyard.robot import RobotFile
+
+from .data_sets import DataSet, reduce_data_sets
+from .manifest import FleetEntry
+from .packed import packed
+
+__all__ = ["Known", "inputs_of", "known_of", "robot_estimate", "task_of"]
+
+
+@dataclass(frozen=True, eq=False)
+class Known:
+    """What all robots of one description share.
+
+    Attributes
+    ----------
+    file : RobotFile
+    stated : Model
+        As the robot file states it.
+    model : Model
+        The same, or with the inertia of rotors.
+    feasible_set : FeasibleSet
+    prior : PhysicalPrior
+    """
+
+    file: RobotFile
+    stated: Model
+    model: Model
+    feasible_set: FeasibleSet
+    prior: PhysicalPrior
+
+
+@lru_cache(maxsize=4)
+def _file_and_models(robot: str) -> tuple[RobotFile, tuple[Model, ...]]:
+    file = RobotFile.load(robot)
+    model = Model.from_file(file)
+    wider = wider_model(file, model)
+    return file, (model,) if wider is None else (model, wider)
+
+
+@lru_cache(maxsize=4)
+def known_of(robot: str, with_rotors: bool) -> Known:
+    """Return what is known of the robots of a description, with rotor inertia at every joint or as it states."""
+    file, models = _file_and_models(robot)
+    model = models[-1 if with_rotors else 0]
+    constraints = given_constraints(file)
+    feasible_set = FeasibleSet(model, constraints=constraints)
+    return Known(file, models[0], model, feasible_set, physical_prior(model, constraints))
+
+
+def task_of(entry: FleetEntry, intervals: str) -> dict[str, Any]:
+    """Return what `robot_estimate` needs of a robot, as plain data."""
+    return {
+        "label": entry.label,
+        "robot": str(entry.robot),
+        "logs": list(entry.logs),
+        "informations": list(entry.files("informations")),
+        "validate": list(entry.files("validate")),
+        "intervals": intervals,
+    }
+
+
+def robot_estimate(common: Any, task: dict[str, Any]) -> bytes:
+    """Estimate one robot; what goes wrong is part of the answer, so that no robot stops the others.
+
+    Parameters
+    ----------
+    common : None
+    task : dict
+        What `task_of` returned.
+
+    Returns
+    -------
+    bytes
+        Packed: ``"reason"`` alone where nothing came of it.
+    """
+    try:
+        return packed(_estimate(task))
+    except SteelyardError as error:
+        return packed({"reason": str(error)})
+    except (ArithmeticError, LookupError, OSError, TypeError, ValueError, np.linalg.LinAlgError, MemoryError) as error:
+        told = " ".join(str(error).split())[:300]
+        return packed({"reason": f"a fault of steelyard, {type(error).__name__} ({told}); identify it by itself."})
+
+
+def _estimate(task: dict[str, Any]) -> dict[str, Any]:
+    robot = task["robot"]
+    if task["informations"]:
+        parts = [Information.load(path) for path in task["informations"]]
+        known = _known_for(robot, parts[0], task["informations"][0])
+        for path, part in zip(task["informations"], parts, strict=True):
+            _require_model(part, known.model, path)
+        information, stretches, remarks = Information.total(parts), tuple(parts), list(parts[0].remarks)
+        if len(parts) < FEWEST_FOLDS:
+            stretches = ()
+    else:
+        known, information, stretches, remarks = _reduced(robot, task["logs"])
+    model, feasible_set = known.model, known.feasible_set
+    if information.count <= information.base_count:
+        raise InputError(
+            f"{task['label']}: {information.count} rows do not suffice for {information.base_count} base parameters; "
+            "give longer logs."
+        )
+    unconstrained = least_squares(information)
+    covariance = ParameterCovariance.of(information, unconstrained.base, unconstrained.weights)
+    verdict = check(feasible_set, base=unconstrained.base)
+    tried = tried_prior(information, stretches, feasible_set, unconstrained, prior=known.prior)
+    plausible = plausible_fit(information, feasible_set, unconstrained, tried)
+    estimate = plausible.estimate
+    assert estimate.parameters is not None
+    held_out = None
+    if plausible.validation is not None:
+        held_out = plausible.validation.joint_errors[plausible.validation.chosen_index]
+    prediction = prediction_verdict(
+        information,
+        estimate.base,
+        validation=_validation(known, task["validate"]),
+        held_out_error=held_out,
+        fold_count=len(stretches),
+    )
+    rows: list[dict[str, Any]] = []
+    if task["intervals"] == "all":
+        table = parameter_table(
+            information,
+            plausible.plausible_set,
+            estimate,
+            unconstrained,
+            term_scales=plausible.term_deviations,
+        )
+        rows = [
+            {key: row[key] for key in ("name", "meaning", "unit", "value", "lower", "upper", "basis")}
+            for row in table.to_list()
+        ]
+    return {
+        "reason": "",
+        "with_rotors": model is not known.stated,
+        "rows": information.count,
+        "base": unconstrained.base,
+        "covariance": covariance.matrix,
+        "shown": ~covariance.unknown,
+        "parameters": estimate.parameters,
+        "answer": estimate.base,
+        "possible": bool(feasible_set.contains(estimate.parameters)),
+        "feasible": verdict.status,
+        "word": prediction.word,
+        "source": prediction.source,
+        "model_error": prediction.model_error,
+        "relative_error": prediction.relative_error,
+        "joint_relative_error": prediction.joint_relative_error,
+        "condition_number": information.condition_number,
+        "filtered": information.filtered_torque,
+        "table": rows,
+        "remarks": list(dict.fromkeys(remarks)),
+    }
+
+
+def _known_for(robot: str, information: Information, path: str) -> Known:
+    """What is known of the model of which an Information is; with rotors where it has them and nothing states terms."""
+    _, models = _file_and_models(robot)
+    for index, model in enumerate(models):
+        if model.base_parameters().expressions == information.base_expressions:
+            return known_of(robot, index > 0)
+    raise _other_model(path, models[0], information)
+
+
+def _require_model(information: Information, model: Model, path: str) -> None:
+    if model.base_parameters().expressions != information.base_expressions:
+        raise _other_model(path, model, information)
+
+
+def _other_model(path: str, model: Model, information: Information) -> InputError:
+    own, given = model.base_parameters().expressions, information.base_expressions
+    alone = next((one for one in given if one not in own), None)
+    told = f"; it alone has {_shortened(alone)}" if alone is not None else ""
+    return InputError(
+        f"{path}: is of another robot or of other terms than {model.robot.name}: {len(given)} base parameters where "
+        f"this has {len(own)}{told}; reduce the logs with the robot of the manifest."
+    )
+
+
+def _shortened(text: str, most: int = 60) -> str:
+    return text if len(text) <= most else f"{text[: most - 1]}…"
+
+
+def _reduced(robot: str, logs: Sequence[str]) -> tuple[Known, Information, tuple[Information, ...], list[str]]:
+    """Reduce logs; the rotors of robots whose terms nobody states belong to the model, as siblings have the same."""
+    file, models = _file_and_models(robot)
+    known = known_of(robot, len(models) > 1)
+    (found,) = reduce_data_sets([DataSet(file, logs, rotors=True)])
+    return known, found.information, found.stretches, list(found.remarks)
+
+
+def _validation(known: Known, paths: Sequence[str]) -> list[Information]:
+    """Informations, or logs that are reduced, of what the fit does not see."""
+    found = []
+    for path in paths:
+        if path.lower().endswith(".json"):
+            information = Information.load(path)
+        else:
+            (reduced,) = reduce_data_sets([DataSet(known.file, [path], rotors=known.model is not known.stated)])
+            information = reduced.information
+        _require_model(information, known.model, path)
+        found.append(information)
+    return found
+
+
+def inputs_of(task: dict[str, Any]) -> list[str]:
+    """Return what the result of a task follows from, as texts: hashes of files, and the model of the robot."""
+    file, models = _file_and_models(task["robot"])
+    model = models[-1]
+    sections = [file.section(name) for name in ("log", "processing", "constraints")]
+    described = [*model.parameter_names, *model.base_parameters().expressions, *map(repr, model.robot.parameters)]
+    logs = [str(log) for log in given_logs(task["logs"], None)[0]] if task["logs"] else []
+    files = [*logs, *task["informations"], *task["validate"]]
+    hashes = [content_hash(entry) for path in files for entry in hashed_log(path)]
+    return [task["intervals"], repr(sections), file_hash(file.path) if file.path.is_file() else "", *described, *hashes]

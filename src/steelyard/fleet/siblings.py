@@ -1,0 +1,542 @@
+"""Siblings beside each other: how much robots of one kind vary, and which of them vary by more, in what part.
+
+Each robot has base parameters ``y_r = mu + b_r + e_r``: what all siblings have, what is its own, and the error of its
+estimate. The error has the covariance that its own data tells, ``C_r``; what is its own has one covariance for all
+siblings, ``T = sum_j tau_j² v_j v_j'`` over the directions in which assembly, temperature and castings change robots.
+The variances tau_j² are those of restricted maximum likelihood (REML), found by the iteration of H. Zhou et al., MM
+algorithms for variance components models, J. Comput. Graph. Stat. 28, 2019, in which the square of each standardised
+deviation is bounded as in Huber's second proposal, so that robots that are out of order do not widen what counts as
+usual. A robot is held against the mean of the others, by generalised least squares with ``C_r + T``, which uses all
+correlations of its parameters; the amplitude of each cause has a standard error, and Student's distribution, whose
+degrees of freedom count the siblings.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from steelyard.errors import InputError
+
+from .causes import Cause
+
+__all__ = ["Deviation", "SiblingComparison", "compare_siblings", "false_discoveries"]
+
+Array = NDArray[np.float64]
+
+FEWEST = 3
+"""Siblings, without which nothing can be said: of two that differ, nobody knows which is unusual."""
+
+NOISE_FREEDOM = 30.0
+"""Degrees of freedom of the covariance of one estimate, as where two results are compared: tens of batches."""
+
+BOUND = 1.5
+"""Standardised deviations beyond which a robot no longer widens what counts as usual. So up to E[min(z², BOUND²)] over
+BOUND², a third, of the robots may be far out in the same part; with 2 it would be a quarter."""
+
+WHOLE = 0.99
+"""Robots as far from the mean as one in a hundred normal ones count less in the mean, by the square of how far."""
+
+ITERATIONS, SETTLED = 60, 0.02
+"""Of the variances, and the relative change of the spread of every cause below which they have settled."""
+
+SUBSET = 200
+"""Siblings from which the variances are begun; all of them settle them afterwards."""
+
+ROUNDS = 3
+"""Times that the variances are found anew without what was found to be unusual."""
+
+MOST_CAUSES = 4
+"""Of one robot; what differs in more parts is another robot."""
+
+HIDDEN = 0.02
+"""Part of what a cause shows beside those that are found already, below which it cannot be told from them."""
+
+LIKELY = 100.0
+"""Times as probable by chance as the best: other causes up to this are told beside it."""
+
+UNKNOWN = 1e4
+"""Standard deviations, in units of what is usual, of combinations of parameters that a robot's data does not show."""
+
+
+@dataclass(frozen=True, eq=False)
+class Deviation:
+    """A robot that differs, in one part.
+
+    Attributes
+    ----------
+    robot : int
+        Its number among the siblings.
+    cause : Cause
+    amplitude, standard_error : float
+        In units of `cause.nominal`; NaN for a link as a whole. The error is that of its own data and of the mean of its
+        siblings, and what siblings vary by.
+    lower, upper : float
+        Of 95 %.
+    deviations : float
+        How far out it is, in standard deviations of what siblings and noise make likely.
+    probability : float
+        Of one sibling being so far out by chance in this part.
+    alternatives : tuple of Cause
+        Other causes that explain it about as well, the likeliest first.
+    weights : ndarray or None
+        (n_b,): the amplitude is their product with the deviation of the base parameters from those of the siblings.
+    """
+
+    robot: int
+    cause: Cause
+    amplitude: float
+    standard_error: float
+    lower: float
+    upper: float
+    deviations: float
+    probability: float
+    alternatives: tuple[Cause, ...] = ()
+    weights: Array | None = field(default=None, repr=False)
+
+
+@dataclass(frozen=True, eq=False)
+class SiblingComparison:
+    """What robots of one kind have in common, and where single ones differ.
+
+    Attributes
+    ----------
+    causes : tuple of Cause
+    mean : ndarray
+        (n_b,) of the siblings.
+    mean_covariance : ndarray
+        (n_b, n_b) of its error.
+    amplitude, error : ndarray
+        (R, len(causes)) of each robot against the mean of the others, each cause by itself, and the standard deviation
+        that noise and what siblings vary by give it; NaN for links as a whole.
+    among : ndarray
+        (R, len(causes)) the part of that standard deviation by which siblings vary.
+    probability : ndarray
+        (R, len(causes)) of being as far out by chance.
+    robot_probability : ndarray
+        (R,) of any cause being so, for one robot.
+    deviations : tuple of Deviation
+        Of robots that differ, the surest first.
+    threshold : float
+        Probability of a cause of a robot below which it is named.
+    """
+
+    causes: tuple[Cause, ...]
+    mean: Array = field(repr=False)
+    mean_covariance: Array = field(repr=False)
+    amplitude: Array = field(repr=False)
+    error: Array = field(repr=False)
+    among: Array = field(repr=False)
+    probability: Array = field(repr=False)
+    robot_probability: Array = field(repr=False)
+    deviations: tuple[Deviation, ...] = field(repr=False)
+    threshold: float = 0.0
+
+    @property
+    def spread(self) -> Array:
+        """(len(causes),): standard deviation of each amplitude among siblings, NaN for links as a whole."""
+        return np.asarray(np.median(self.among, axis=0))
+
+    @property
+    def shrunk(self) -> tuple[Array, Array]:
+        """Amplitudes of least expected error, where siblings are all that is known beforehand, and their errors.
+
+        (R, len(causes)) each: what noise alone may have made is taken away, the more the less a robot's data tells
+        (empirical Bayes).
+        """
+        share = (self.among / self.error) ** 2
+        return self.amplitude * share, self.among * np.sqrt(np.maximum(1.0 - share, 0.0))
+
+    @property
+    def differs(self) -> tuple[int, ...]:
+        """Numbers of the robots that differ, in ascending order."""
+        return tuple(sorted({one.robot for one in self.deviations}))
+
+    @property
+    def least_named(self) -> Array:
+        """(len(causes),): the amplitude of each cause that half of the robots that have it would be named for."""
+        from scipy.special import ndtri
+
+        return np.asarray(-ndtri(0.5 * max(self.threshold, 1e-300)) * np.median(self.error, axis=0))
+
+
+def false_discoveries(probabilities: ArrayLike, rate: float) -> NDArray[np.bool_]:
+    """Tell which of many hypotheses are rejected, so that at most this part of the rejected ones is true as a rule.
+
+    The least probability is held against the rate over their number, the next against twice that, and so on, up to the
+    last one that is below (Y. Benjamini and Y. Hochberg, Controlling the false discovery rate, 1995).
+
+    Examples
+    --------
+    >>> false_discoveries([0.01, 0.04, 0.03, 0.5], 0.05).tolist()
+    [True, False, False, False]
+    >>> false_discoveries([0.01, 0.02, 0.03, 0.5], 0.05).tolist()
+    [True, True, True, False]
+    """
+    given = np.asarray(probabilities, dtype=float)
+    order = np.argsort(given, kind="stable")
+    kept = np.nonzero(given[order] <= rate * np.arange(1, len(given) + 1) / max(len(given), 1))[0]
+    rejected = np.zeros(len(given), dtype=bool)
+    if kept.size:
+        rejected[order[: kept[-1] + 1]] = True
+    return rejected
+
+
+def compare_siblings(
+    bases: ArrayLike,
+    covariances: ArrayLike,
+    causes: Sequence[Cause],
+    directions: ArrayLike,
+    *,
+    rate: float = 0.05,
+    confidence: float = 0.95,
+) -> SiblingComparison:
+    """Tell which robots differ from their siblings, in which part, and by how much.
+
+    Parameters
+    ----------
+    bases : (R, n_b)
+        Base parameters of each robot by its data alone.
+    covariances : (R, n_b, n_b)
+        Of their errors; infinite on the diagonal, and zero beside it, where the data shows nothing.
+    causes : sequence of Cause
+    directions : (n_b, c)
+        In which siblings vary, see `variations`.
+    rate : float
+        At most this part of the robots that are named differ by chance (Benjamini and Hochberg over the robots; the
+        causes of one robot by Bonferroni).
+    confidence : float
+        Of intervals.
+
+    Returns
+    -------
+    SiblingComparison
+
+    Raises
+    ------
+    InputError
+        If there are fewer than three robots.
+
+    Examples
+    --------
+    Twenty pendulums, one of them with half as much friction again:
+
+    >>> import numpy as np, steelyard as sy
+    >>> from steelyard.fleet.causes import possible_causes, variations
+    >>> robot = sy.Robot.from_dh([(0, 1.0, 0, "q")], gravity=(0, -9.81, 0)).with_terms(sy.Viscous(), sy.Coulomb())
+    >>> model = sy.Model(robot)
+    >>> usual = np.array([0, 0, 0, 0, 0, 0.3, 0.5, 0, 0, 1, 0.1, 2])
+    >>> causes = possible_causes(model, usual)
+    >>> random = np.random.default_rng(2)
+    >>> base = model.base_parameters().K @ usual
+    >>> bases = base * (1 + 0.02 * random.normal(size=(20, len(base))))
+    >>> bases[7, -2:] *= 1.5
+    >>> covariances = np.broadcast_to(np.diag((0.01 * base) ** 2 + 1e-8), (20, len(base), len(base)))
+    >>> found = compare_siblings(bases, covariances, causes, variations(model, causes))
+    >>> [(one.robot, one.cause.name, round(one.amplitude, 1)) for one in found.deviations]
+    [(7, 'friction of joint1', 0.5)]
+    """
+    given, errors = np.asarray(bases, dtype=float), np.asarray(covariances, dtype=float)
+    if len(given) < FEWEST:
+        raise InputError(f"Siblings are compared where there are {FEWEST} or more; there are {len(given)}.")
+    scale = _scale(given, errors)
+    problem = _Problem(given / scale, _scaled(errors, scale), np.asarray(directions) / scale[:, None])
+    scaled = [cause.directions / scale[:, None] for cause in causes]
+    tests = _Tests(problem, scaled, scale, rate)
+    moved = problem.bases
+    found: list[_Found] = []
+    for _ in range(ROUNDS):
+        problem.settle(moved)
+        again = tests.run()
+        same = [(one.robot, one.cause) for one in again] == [(one.robot, one.cause) for one in found]
+        found = again
+        if same:
+            break
+        moved = problem.bases.copy()
+        for one in found:  # the part that is unusual does not say how much siblings vary
+            moved[one.robot] -= one.change
+    deviations = [
+        _deviation(one, tests, causes, scaled, confidence)
+        for one in sorted(found, key=lambda one: (one.probability, one.robot))
+    ]
+    return SiblingComparison(
+        tuple(causes),
+        scale * problem.mean,
+        np.outer(scale, scale) * problem.mean_covariance,
+        tests.amplitude,
+        tests.error,
+        tests.among,
+        tests.probability,
+        tests.robot_probability,
+        tuple(deviations),
+        tests.threshold,
+    )
+
+
+def _scale(bases: Array, errors: Array) -> Array:
+    """How far base parameters are from each other as a rule, (n_b,), so that matrices are well conditioned."""
+    middle = np.median(bases, axis=0)
+    away = 1.4826 * np.median(np.abs(bases - middle), axis=0)
+    variances = np.diagonal(errors, axis1=1, axis2=2)
+    own = np.sqrt(np.median(np.where(np.isfinite(variances), variances, 0.0), axis=0))
+    size = np.hypot(away, own)
+    return np.asarray(np.maximum(size, 1e-9 * np.maximum(np.abs(middle), np.abs(middle).max(initial=1.0))))
+
+
+def _scaled(errors: Array, scale: Array) -> Array:
+    found = errors / np.outer(scale, scale)
+    return np.where(np.isfinite(found), found, UNKNOWN**2)
+
+
+class _Problem:
+    """Base parameters of siblings, their errors, and how siblings vary; all in units of `_scale`."""
+
+    def __init__(self, bases: Array, errors: Array, directions: Array) -> None:
+        self.bases, self.errors = bases, errors
+        lengths = np.linalg.norm(directions, axis=0)
+        self.directions = directions / np.where(lengths > 0.0, lengths, 1.0)
+        self.count, self.width = bases.shape
+        noise = np.median(np.diagonal(errors, axis1=1, axis2=2), axis=0)
+        away = (1.4826 * np.median(np.abs(bases - np.median(bases, axis=0)), axis=0)) ** 2
+        usual = np.maximum(away - noise, 0.05 * away + 1e-6)
+        self.variances = (self.directions**2).T @ usual / max(1, self.directions.shape[1] // self.width)
+        self.spread_matrix = (self.directions * self.variances) @ self.directions.T  # T, (n_b, n_b)
+        self.weights = np.ones(self.count)
+        self.mean = np.median(bases, axis=0)
+        self.mean_covariance = np.eye(self.width)
+        self.inverses = np.zeros_like(errors)
+        self.precision = np.eye(self.width)
+
+    def settle(self, moved: Array) -> None:
+        """Find the variances, the mean and the weights from bases from which unusual parts were taken away."""
+        self.moved = moved
+        if self.count > 2 * SUBSET:
+            self._iterate(np.linspace(0, self.count - 1, SUBSET).round().astype(int), ITERATIONS)
+        self._iterate(np.arange(self.count), ITERATIONS)
+        self._means(np.arange(self.count))
+
+    def _means(self, chosen: NDArray[np.intp]) -> tuple[Array, Array]:
+        """Find the mean of some siblings; return the inverses of their covariances and their deviations from it."""
+        from scipy.special import chdtri
+
+        inverses = np.linalg.inv(self.errors[chosen] + self.spread_matrix)
+        inverses = 0.5 * (inverses + inverses.transpose(0, 2, 1))
+        bases = self.moved[chosen]
+        for _ in range(2):  # the first mean is the median, so that no robot draws it before its weight is known
+            away = bases - self.mean
+            distance = np.einsum("ri,rij,rj->r", away, inverses, away)
+            weights = np.minimum(1.0, float(chdtri(self.width, 1.0 - WHOLE)) / np.maximum(distance, 1e-300))
+            weighted = weights[:, None, None] * inverses
+            precision = weighted.sum(axis=0)
+            self.mean_covariance = np.linalg.inv(precision)
+            self.mean = self.mean_covariance @ np.einsum("rij,rj->i", weighted, bases)
+        away = bases - self.mean
+        self.weights[chosen] = weights
+        if len(chosen) == self.count:
+            self.inverses, self.precision = inverses, precision
+            self.mean_weights = weighted
+        return inverses, away
+
+    def _iterate(self, chosen: NDArray[np.intp], times: int) -> None:
+        for _ in range(times):
+            inverses, away = self._means(chosen)
+            shown = inverses @ self.directions  # (R, n_b, c)
+            told = np.sum(self.directions * shown, axis=1)
+            lost = np.sum((np.linalg.cholesky(self.mean_covariance).T @ shown) ** 2, axis=1)
+            usual = np.maximum(told - lost, 1e-3 * told)  # REML: the mean has taken some of it
+            squares = (away[:, None, :] @ shown)[:, 0, :] ** 2
+            bounded = np.minimum(squares, BOUND**2 * usual) / EXPECTED
+            before = np.sqrt(np.maximum(np.diagonal(self.spread_matrix), 1e-300))
+            ratio = bounded.sum(axis=0) / np.maximum(usual.sum(axis=0), 1e-300)
+            self.variances = self.variances * np.sqrt(ratio)
+            self.spread_matrix = (self.directions * self.variances) @ self.directions.T
+            after = np.sqrt(np.maximum(np.diagonal(self.spread_matrix), 1e-300))
+            if np.max(np.abs(after - before) / np.maximum(before, 0.02)) < SETTLED:
+                break
+
+
+def _expected(bound: float) -> float:
+    """Of the square of a normal deviate that is bounded."""
+    from math import erf, exp, pi, sqrt
+
+    inside = erf(bound / sqrt(2.0)) - 2.0 * bound * exp(-0.5 * bound**2) / sqrt(2.0 * pi)
+    return inside + bound**2 * (1.0 - erf(bound / sqrt(2.0)))
+
+
+EXPECTED = _expected(BOUND)
+
+
+@dataclass(frozen=True, eq=False)
+class _Found:
+    robot: int
+    cause: int
+    probability: float
+    others: tuple[int, ...]  # that explain it about as well
+    beside: tuple[int, ...]  # that were found in this robot before
+    change: Array = field(repr=False)  # of base parameters
+
+
+class _Tests:
+    """Each robot against the mean of the others, cause by cause."""
+
+    def __init__(self, problem: _Problem, directions: Sequence[Array], scale: Array, rate: float) -> None:
+        self.problem, self.directions, self.scale, self.rate = problem, directions, scale, rate
+        self.single = [k for k, one in enumerate(directions) if one.shape[1] == 1]
+        self.several = [k for k, one in enumerate(directions) if one.shape[1] > 1]
+        self.columns = (
+            np.column_stack([directions[k][:, 0] for k in self.single]) if self.single else np.zeros((problem.width, 0))
+        )
+
+    def run(self) -> list[_Found]:
+        count, causes = self.problem.count, len(self.directions)
+        self.probability, self.amplitude = np.ones((count, causes)), np.full((count, causes), np.nan)
+        self.error, self.among = np.full((count, causes), np.nan), np.full((count, causes), np.nan)
+        for robot in range(count):
+            inverse, away = self.against_others(robot)
+            tested = self.tested(robot, inverse, away, inverse)
+            self.amplitude[robot], self.error[robot], self.among[robot], self.probability[robot] = tested
+        best = self.probability.min(axis=1, initial=1.0)
+        self.robot_probability = np.minimum(best * causes, 1.0)
+        named = false_discoveries(self.robot_probability, self.rate)
+        # Further causes of robots that are named are held to the same (Benjamini and Bogomolov, Selective inference on
+        # multiple families of hypotheses, 2014).
+        self.threshold = self.rate * max(int(named.sum()), 1) / max(count, 1) / max(causes, 1)
+        return [one for robot in np.nonzero(named)[0] for one in self.parts_of(int(robot))]
+
+    def against_others(self, robot: int) -> tuple[Array, Array]:
+        """The inverse covariance of a robot's deviation from the mean of the others, and the deviation."""
+        problem = self.problem
+        own = problem.mean_weights[robot]
+        left = np.linalg.inv(problem.precision - own)
+        total = problem.precision @ problem.mean
+        mean = left @ (total - own @ problem.moved[robot])
+        covariance = problem.errors[robot] + problem.spread_matrix + left
+        inverse = np.linalg.inv(covariance)
+        return 0.5 * (inverse + inverse.T), problem.bases[robot] - mean
+
+    def tested(self, robot: int, inverse: Array, away: Array, whole: Array) -> tuple[Array, Array, Array, Array]:
+        """Amplitudes, their standard deviations, the part that siblings vary by, and probabilities of all causes.
+
+        `inverse` is that of the covariance, without what causes that were found already explain; `whole` with it.
+        """
+        from scipy.special import fdtrc, stdtr
+
+        causes = len(self.directions)
+        amplitude, error, among = np.full((3, causes), np.nan)
+        probability = np.ones(causes)
+        weighed = inverse @ self.columns
+        told = np.einsum("ij,ij->j", self.columns, weighed)
+        all_told = np.einsum("ij,ij->j", self.columns, whole @ self.columns)
+        seen = told > HIDDEN * np.maximum(all_told, 1e-300)
+        safe = np.where(seen, told, 1.0)
+        score = weighed.T @ away
+        weights = weighed / safe
+        freedom = self.freedom(robot, weights)
+        varied = np.einsum("ik,ik->k", weights, self.problem.spread_matrix @ weights)
+        among[self.single] = np.where(seen, np.sqrt(np.maximum(varied, 0.0)), np.nan)
+        amplitude[self.single] = np.where(seen, score / safe, np.nan)
+        error[self.single] = np.where(seen, 1.0 / np.sqrt(safe), np.nan)
+        chance = np.minimum(2.0 * stdtr(freedom, -np.abs(score) / np.sqrt(safe)), 1.0)
+        probability[self.single] = np.where(seen, chance, 1.0)
+        for k in self.several:
+            own = self.directions[k]
+            weighed = inverse @ own
+            matrix, score = own.T @ weighed, weighed.T @ away
+            values, vectors = np.linalg.eigh(matrix)
+            shown = values > 1e-6 * max(float(np.linalg.eigvalsh(own.T @ whole @ own)[-1]), 1e-300)
+            if not shown.any():
+                continue
+            along = (vectors[:, shown].T @ score) / np.sqrt(values[shown])
+            degrees = self.freedom(robot, (weighed @ vectors[:, shown]) / values[shown])
+            size = int(shown.sum())
+            probability[k] = float(fdtrc(size, float(np.min(degrees)), float(along @ along) / size))
+        return amplitude, error, among, probability
+
+    def freedom(self, robot: int, weights: Array) -> Array:
+        """Degrees of freedom of the variances of combinations of base parameters, (k,), by Satterthwaite's rule."""
+        problem = self.problem
+        noise = np.maximum(np.einsum("ik,ik->k", weights, problem.errors[robot] @ weights), 0.0)
+        among = np.maximum(np.einsum("ik,ik->k", weights, problem.spread_matrix @ weights), 0.0)
+        siblings = max(float(problem.weights.sum()) - 1.0, 1.0)
+        spread = noise**2 / NOISE_FREEDOM + among**2 / siblings
+        return np.asarray((noise + among) ** 2 / np.maximum(spread, 1e-300))
+
+    def parts_of(self, robot: int) -> list[_Found]:
+        """The causes that differ in one robot: the likeliest, then what is left beside it, and so on."""
+        whole, away = self.against_others(robot)
+        inverse, probability = whole, self.probability[robot]
+        parts: list[tuple[int, float, tuple[int, ...]]] = []
+        while len(parts) < MOST_CAUSES:
+            best = int(np.argmin(probability))
+            if probability[best] > self.threshold and parts:
+                break
+            near = [
+                int(k)
+                for k in np.argsort(probability, kind="stable")
+                if k != best and probability[k] <= min(LIKELY * max(probability[best], 1e-300), self.threshold)
+            ]
+            parts.append((best, float(probability[best]), tuple(near)))
+            taken = np.column_stack([self.directions[k] for k, _, _ in parts])
+            seen = whole @ taken
+            inverse = whole - seen @ np.linalg.pinv(taken.T @ seen, rcond=1e-9, hermitian=True) @ seen.T
+            inverse = 0.5 * (inverse + inverse.T)
+            probability = self.tested(robot, inverse, away, whole)[3]
+            probability[[k for k, _, _ in parts]] = 1.0
+        taken = np.column_stack([self.directions[k] for k, _, _ in parts])
+        seen = whole @ taken
+        amplitudes = np.linalg.pinv(taken.T @ seen, rcond=1e-9, hermitian=True) @ (seen.T @ away)
+        found, column = [], 0
+        for index, (k, chance, likely) in enumerate(parts):
+            width = self.directions[k].shape[1]
+            change = self.directions[k] @ amplitudes[column : column + width]
+            column += width
+            beside = tuple(other for other, _, _ in parts if other != k)
+            found.append(_Found(robot, k, chance, likely if index == 0 else (), beside, change))
+        return found
+
+
+def _deviation(
+    one: _Found,
+    tests: _Tests,
+    causes: Sequence[Cause],
+    directions: Sequence[Array],
+    confidence: float,
+) -> Deviation:
+    """Tell the size of a cause, beside the others of that robot."""
+    from scipy.special import ndtri, stdtrit
+
+    cause, own = causes[one.cause], directions[one.cause]
+    alternatives = tuple(causes[k] for k in one.others)
+    out = float(-ndtri(0.5 * max(one.probability, 1e-300)))
+    if own.shape[1] > 1:
+        unknown = float("nan")
+        return Deviation(one.robot, cause, unknown, unknown, unknown, unknown, out, one.probability, alternatives)
+    whole, away = tests.against_others(one.robot)
+    beside = [directions[k] for k in one.beside]
+    inverse = whole
+    if beside:
+        taken = np.column_stack(beside)
+        seen = whole @ taken
+        inverse = whole - seen @ np.linalg.pinv(taken.T @ seen, rcond=1e-9, hermitian=True) @ seen.T
+    weighed = inverse @ own[:, 0]
+    told = float(own[:, 0] @ weighed)
+    weights = weighed / told
+    amplitude = float(weights @ away)
+    error = float(1.0 / np.sqrt(told))
+    freedom = float(tests.freedom(one.robot, weights[:, None])[0])
+    reach = float(stdtrit(freedom, 0.5 + 0.5 * confidence)) * error
+    return Deviation(
+        one.robot,
+        cause,
+        amplitude,
+        error,
+        amplitude - reach,
+        amplitude + reach,
+        out,
+        one.probability,
+        alternatives,
+        weights / tests.scale,
+    )

@@ -1,0 +1,348 @@
+"""The page of a fleet: which robots differ from their siblings, which have drifted, and what is usual among them."""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Sequence
+
+import numpy as np
+
+from steelyard.fleet import Cause, Finding, Fleet, RobotGroup, SiblingComparison
+
+from .html_document import Markup, Section, escape, html_document, number, percent, table
+from .interval_bars import across, bar
+from .sections import versions
+
+__all__ = ["fleet_html"]
+
+MOST_FINDINGS, MOST_FAILED, MOST_ROBOTS = 200, 100, 300
+"""Rows of tables: a page of 2000 robots opens at once, and the Parquet files have all."""
+_BAR = 120.0  # pixels
+_WIDTH, _ROW, _LEFT = 720.0, 22, 210  # of the picture
+_REACH = 10.0  # standard deviations to either side that the picture shows
+_WORDS = {"good": "predicts well", "usable": "usable", "poor": "poor", "wrong": "wrong"}
+
+
+def fleet_html(fleet: Fleet) -> str:
+    """Return the page of a fleet, an HTML document without references to anything outside.
+
+    Parameters
+    ----------
+    fleet : Fleet
+        What :func:`steelyard.fleet.identify_fleet` returned.
+
+    Returns
+    -------
+    str
+    """
+    parts = (
+        ("siblings", "Robots that differ from their siblings", _findings(fleet, "siblings")),
+        ("drift", "Robots that have drifted", _findings(fleet, "drift")),
+        ("picture", "How far out each robot is", _pictures(fleet)),
+        ("usual", "What is usual among siblings", _usual(fleet)),
+        ("verdicts", "Verdicts", _verdicts(fleet)),
+        ("failed", "Entries of which nothing came", _failed(fleet)),
+        ("robots", "All robots", _robots(fleet)),
+        ("remarks", "Remarks", _remarks(fleet)),
+        ("how", "How robots are compared", _how(fleet)),
+        ("sources", "Versions", table("Versions", ("", ""), list(versions().items()), identifier="run", texts=(1,))),
+    )
+    return html_document(
+        f"{fleet.manifest.name}: fleet",
+        "Steelyard fleet",
+        fleet.manifest.name,
+        _lead(fleet),
+        [Section(key, title, content) for key, title, content in parts if content],
+    )
+
+
+def _lead(fleet: Fleet) -> Markup:
+    robots = len({row.entry.id for row in fleet.rows})
+    figures = [
+        ("Robots", f"{robots}", f"{len(fleet.rows)} entries" if len(fleet.rows) != robots else ""),
+        ("Differ from their siblings", f"{len(fleet.differing)}", ""),
+        ("Have drifted", f"{len(fleet.drifted)}", ""),
+        ("Nothing came of", f"{len(fleet.failed)}", "the reasons are below" if fleet.failed else ""),
+    ]
+    if not any(group.drift for group in fleet.groups):
+        del figures[2]
+    drawn = "".join(
+        f"<div><dt>{escape(name)}</dt><dd>{escape(value)}<span>{escape(aside)}</span></dd></div>"
+        for name, value, aside in figures
+    )
+    return Markup(f'<p class="lead">{escape(fleet.headline)}</p><dl class="figures">{drawn}</dl>')
+
+
+def _findings(fleet: Fleet, kind: str) -> Markup:
+    found = [one for one in fleet.findings if one.kind == kind]
+    compared = [g for g in fleet.groups if (g.siblings if kind == "siblings" else g.drift) is not None]
+    if not compared:
+        return Markup("")
+    if not found:
+        what = "differs from its siblings" if kind == "siblings" else "has drifted"
+        return Markup(f"<p>No robot {what} by more than noise and what siblings vary by make likely.</p>")
+    several = len(fleet.groups) > 1
+    rows = []
+    for one in found[:MOST_FINDINGS]:
+        deviation = one.deviation
+        rows.append(
+            (
+                one.robot,
+                *((one.group,) if several else ()),
+                _day(one.date),
+                one.sentence,
+                f"{deviation.deviations:.1f}",
+                _bar(one),
+            )
+        )
+    heads = (
+        "Robot",
+        *(("Group",) if several else ()),
+        "Date",
+        "What differs" if kind == "siblings" else "What changed",
+        "Standard deviations",
+        Markup('<span class="hidden">Drawn</span>'),
+    )
+    texts = tuple(k for k in range(1, len(heads)) if k != len(heads) - 2)
+    left = len(found) - len(rows)
+    count = len({one.robot for one in found})
+    rate = fleet.manifest.false_discovery_rate
+    text = (
+        f"{count} robot{'s' * (count != 1)}, the surest first. Intervals are of 95 %. Of the robots that are named "
+        f"here, at most {100 * rate:g} % are so by chance as a rule."
+        + (f" {left} more findings are in findings.parquet." if left else "")
+    )
+    caption = "Differences from siblings" if kind == "siblings" else "Changes between the first date and the latest"
+    return Markup(f"<p>{escape(text)}</p>{table(caption, heads, rows, identifier=f'{kind}-found', texts=texts)}")
+
+
+def _day(date: str) -> Markup:
+    """A date that is not broken at its hyphens."""
+    return Markup(escape(date).replace("-", "\u2011"))
+
+
+def _bar(one: Finding) -> Markup:
+    """The interval of the amplitude beside zero; or how it came, where there are several dates."""
+    deviation = one.deviation
+    if not np.isfinite(deviation.amplitude):
+        return Markup("")
+    ends = (deviation.lower, deviation.upper, 0.0)
+    margin = 0.15 * (max(ends) - min(ends)) or 1.0
+    scale = (min(ends) - margin, max(ends) + margin)
+    begin, end, zero, at = (across(v, scale, _BAR) for v in (*ends, deviation.amplitude))
+    if len(one.history) > 1:
+        values = [0.0, *(value for _, value in one.history)]
+        scale = (min(values), max(max(values), min(values) + 1e-9))
+        points = " ".join(
+            f"{4 + (_BAR - 8) * k / (len(values) - 1):.1f},{22 - across(v, scale, 24.0):.1f}"
+            for k, v in enumerate(values)
+        )
+        return bar(f'<path class="cad" d="M{points.replace(" ", "L")}"/>', _BAR, 24, "assumed")
+    return bar(
+        f'<path class="span" d="M{begin:.1f} 7H{end:.1f}"/><path class="cad" d="M{zero:.1f} 1V13"/>'
+        f'<circle cx="{at:.1f}" cy="7" r="3.2"/>',
+        _BAR,
+        kind="assumed",
+    )
+
+
+def _named(group: RobotGroup) -> str:
+    return f" of {group.name}" if group.name else ""
+
+
+def _pictures(fleet: Fleet) -> Markup:
+    drawn = []
+    for group in fleet.groups:
+        for compared, kind in ((group.siblings, "siblings"), (group.drift, "drift")):
+            if compared is not None:
+                title = "Beside siblings" if kind == "siblings" else "Change in time, beside that of siblings"
+                drawn.append(f"<h3>{escape(title + _named(group))}</h3>{_picture(fleet, group, compared, kind)}")
+    if not drawn:
+        return Markup("")
+    text = (
+        "Each line is a part of the robot. The thick bar holds 90 of 100 of the robots that are not named, the thin "
+        "one all of them, in standard deviations of what noise and the variation of siblings make likely. A dot is a "
+        "robot that is named; those beyond 10 stand at the edge. Between the dashed lines nobody is named."
+    )
+    return Markup(f"<p>{text}</p>{''.join(drawn)}")
+
+
+def _picture(fleet: Fleet, group: RobotGroup, compared: SiblingComparison, kind: str) -> Markup:
+    chosen = [k for k, cause in enumerate(compared.causes) if _is_drawn(cause, compared)]
+    scores = compared.amplitude[:, chosen] / compared.error[:, chosen]
+    limit = _limit(compared)
+    height = _ROW * len(chosen) + 34
+    scale = (-_REACH, _REACH)
+
+    def x(value: float) -> float:
+        return _LEFT + across(value, scale, _WIDTH - _LEFT)
+
+    parts = [
+        f'<path stroke-dasharray="4 4" d="M{x(-limit):.1f} 4V{height - 28}"/>',
+        f'<path stroke-dasharray="4 4" d="M{x(limit):.1f} 4V{height - 28}"/>',
+        f'<path class="cad" d="M{x(0.0):.1f} 4V{height - 28}"/>',
+    ]
+    differs = {one.robot for one in compared.deviations}
+    usual = np.array([k not in differs for k in range(len(scores))], dtype=bool)
+    numbers = group.latest if kind == "siblings" else group.last
+    for line, k in enumerate(chosen):
+        y = 14 + _ROW * line
+        own = scores[:, line]
+        own = own[usual & np.isfinite(own)]
+        parts.append(
+            f'<text x="{_LEFT - 10}" y="{y + 4}" text-anchor="end">{escape(_short(compared.causes[k].name))}</text>'
+        )
+        if own.size:
+            low, five, most, high = np.quantile(own, (0.0, 0.05, 0.95, 1.0))
+            parts.append(f'<path d="M{x(low):.1f} {y}H{x(high):.1f}"/>')
+            parts.append(f'<path class="span" d="M{x(five):.1f} {y}H{x(most):.1f}"/>')
+        for one in compared.deviations:
+            if compared.causes[k] is one.cause:
+                score = np.copysign(one.deviations, one.amplitude)
+                robot = escape(fleet.rows[numbers[one.robot]].entry.id)
+                parts.append(f'<circle cx="{x(score):.1f}" cy="{y}" r="4"><title>{robot}</title></circle>')
+    for value in range(-int(_REACH), int(_REACH) + 1, 2):
+        parts.append(f'<text x="{x(value):.1f}" y="{height - 10}" text-anchor="middle">{value}</text>')
+    count = len(compared.deviations)
+    label = f"{len(chosen)} parts of {len(scores)} robots; {count} findings stand out, all of them in the table above"
+    return Markup(
+        f'<div class="scroll" role="region" tabindex="0" aria-label="Picture">'
+        f'<svg class="interval assumed fleet" role="img" aria-label="{escape(label)}" '
+        f'viewBox="0 0 {_WIDTH:.0f} {height}" width="{_WIDTH:.0f}" height="{height}" font-size="13" '
+        f'fill="currentColor">{"".join(parts)}</svg></div>'
+    )
+
+
+def _limit(compared: SiblingComparison) -> float:
+    from scipy.special import ndtri
+
+    return float(-ndtri(0.5 * max(compared.threshold, 1e-300)))
+
+
+def _is_drawn(cause: Cause, compared: SiblingComparison) -> bool:
+    """Friction and masses, and what was found."""
+    return cause.kind in ("friction", "mass") or any(
+        one.cause is cause and np.isfinite(one.amplitude) for one in compared.deviations
+    )
+
+
+def _short(name: str, most: int = 30) -> str:
+    return name if len(name) <= most else f"{name[: most - 1]}…"
+
+
+def _usual(fleet: Fleet) -> Markup:
+    drawn = []
+    for place, group in enumerate(fleet.groups):
+        compared = group.siblings
+        if compared is None:
+            continue
+        rows = []
+        for k, cause in enumerate(compared.causes):
+            if cause.kind == "link":
+                continue
+            spread, least = float(compared.spread[k]), float(compared.least_named[k])
+            ratio = cause.has_ratio
+            usual = "" if cause.kind == "friction" else _size(cause.nominal if ratio else 0.0)
+            rows.append(
+                (
+                    f"{cause.name}" if cause.kind != "term" else f"{cause.name}: {cause.what} of {cause.part}",
+                    cause.unit,
+                    usual if ratio else "",
+                    _amount(spread, cause),
+                    _amount(least, cause),
+                )
+            )
+        heads = ("Part", "Unit", "Usual", "Siblings vary by", "Change that half would be named for")
+        count = len(compared.robot_probability)
+        caption = f"{count} robots{_named(group)}"
+        drawn.append(table(caption, heads, rows, identifier=f"usual-{place + 1}", texts=(1,)))
+    if not drawn:
+        return Markup("")
+    text = (
+        "Siblings vary by the standard deviation that is left when the noise of the logs is taken away. Of robots with "
+        "a change as large as in the last column, half would be named: smaller changes mostly go unseen in logs like "
+        "these. Above 100 % the logs do not show the part by itself."
+    )
+    return Markup(f"<p>{text}</p>{''.join(drawn)}")
+
+
+def _size(value: float) -> str:
+    return f"{value:.3g}"
+
+
+def _amount(value: float, cause: Cause) -> str:
+    if not np.isfinite(value):
+        return "–"
+    return f"{100.0 * value:.2g} %" if cause.has_ratio else f"{value * cause.nominal:.2g}"
+
+
+def _verdicts(fleet: Fleet) -> Markup:
+    values = [row.values for row in fleet.rows if not row.reason]
+    if not values:
+        return Markup("")
+    words = Counter(v["word"] for v in values)
+    feasible = Counter(v["feasible"] for v in values)
+    errors = np.array([v["relative_error"] for v in values])
+    rows = [("The model " + _WORDS.get(word, word), f"{words[word]}") for word in _WORDS if words[word]]
+    rows += [(f"Plain least squares: {status}", f"{count}") for status, count in sorted(feasible.items())]
+    rows.append(("The answer can exist", f"{sum(bool(v['possible']) for v in values)}"))
+    middle = f"{percent(float(np.median(errors)))} % ({percent(float(errors.min()))} to {percent(float(errors.max()))})"
+    rows.append(("Error of the torques: median, least and largest", middle))
+    sources = Counter(v["source"] for v in values).most_common(1)[0][0]
+    text = f"What was predicted is {sources}." if len({v["source"] for v in values}) == 1 else ""
+    counted = table("Entries by their verdicts", ("Verdict", "Entries"), rows, identifier="verdict-counts")
+    return Markup(f"<p>{escape(text)}</p>{counted}" if text else counted)
+
+
+def _failed(fleet: Fleet) -> Markup:
+    if not fleet.failed:
+        return Markup("")
+    rows = [(row.entry.id, row.entry.date, row.reason) for row in fleet.failed[:MOST_FAILED]]
+    left = len(fleet.failed) - len(rows)
+    text = f"<p>{left} more are in robots.parquet.</p>" if left else ""
+    told = table("Entries and reasons", ("Robot", "Date", "Reason"), rows, identifier="reasons", texts=(1, 2))
+    return Markup(told + text)
+
+
+def _robots(fleet: Fleet) -> Markup:
+    rows: list[Sequence[str]] = []
+    for told in fleet.robot_rows()[:MOST_ROBOTS]:
+        if told["reason"]:
+            rows.append((told["robot"], told["group"], told["date"], "nothing came of it", "", "", ""))
+            continue
+        named = [word for word, key in (("differs", "differs"), ("drifted", "drifted")) if told[key]]
+        rows.append(
+            (
+                told["robot"],
+                told["group"],
+                told["date"],
+                _WORDS.get(told["prediction"], told["prediction"]),
+                percent(told["relative_error"]),
+                number(told["total_mass"], 2),
+                ", ".join(named),
+            )
+        )
+    heads = ("Robot", "Group", "Date", "Prediction", "Error, %", "Mass, kg", "Named")
+    left = len(fleet.rows) - len(rows)
+    text = f"<p>{left} more are in robots.parquet.</p>" if left else ""
+    drawn = table("Robots in the order of the manifest", heads, rows, identifier="all-robots", texts=(1, 2, 3, 6))
+    return Markup(f"<details><summary>{len(rows)} robots</summary>{drawn}{text}</details>")
+
+
+def _remarks(fleet: Fleet) -> Markup:
+    items = "".join(f"<li>{escape(remark)}</li>" for remark in fleet.remarks)
+    return Markup(f"<ul>{items}</ul>" if items else "")
+
+
+def _how(fleet: Fleet) -> Markup:
+    rate = fleet.manifest.false_discovery_rate
+    return Markup(
+        "<p>Each robot is estimated from its own data. What plain least squares make of it is held against the mean of "
+        "the others, with the covariance of its own error and that by which siblings vary, which is estimated from all "
+        "of them (restricted maximum likelihood, with the influence of unusual robots bounded). For each cause, such "
+        "as more friction in one joint or a heavier link, generalised least squares tell the amplitude and its "
+        "standard error. The largest is kept where it is beyond chance over all robots and causes (Benjamini and "
+        f"Hochberg, a rate of false discoveries of {100 * rate:g} %); what is left beside it is tried in turn.</p>"
+        "<p>Robots that all differ in the same way differ from no sibling. A cause that is not in the list, such as a "
+        "wrong torque constant, shows as several of the others.</p>"
+    )

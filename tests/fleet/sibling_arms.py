@@ -1,0 +1,68 @@
+"""Arms of three joints that are built alike, reduced to Informations: what a fleet is made of."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+from scipy.signal import lfilter
+
+import steelyard as sy
+
+ROBOT = """\
+[description]
+rows = [[0.0, 0.4, 0.0, "q"], ["pi/2", 0.3, 0.1, "q"], [0.0, 0.25, 0.0, "q"]]
+gravity = [0.0, -9.81, 0.0]
+
+[[terms]]
+kind = "viscous"
+
+[[terms]]
+kind = "coulomb"
+"""
+MASSES = (6.0, 4.0, 2.0)
+FRICTION = ((1.0, 2.0), (0.8, 1.5), (0.5, 1.0))
+
+
+class Arms:
+    """Arms whose links vary by 1 %, friction by 5 %; a fault multiplies friction of a joint, or all of a link."""
+
+    def __init__(self, folder: Path) -> None:
+        self.folder = folder
+        (folder / "robot.toml").write_text(ROBOT, encoding="utf-8")
+        self.model = sy.Model.load(folder / "robot.toml")
+        self.names = [str(name) for name in self.model.parameter_names]
+        values = []
+        for k, (mass, friction) in enumerate(zip(MASSES, FRICTION, strict=True)):
+            inertia = sy.Inertia.from_com(mass, [-0.15, 0.02, 0.03 * k], 0.02 * mass * np.diag([0.4, 1.0, 1.1]))
+            values += [*inertia.parameters, *friction]
+        self.usual = np.array(values)
+
+    def information(self, number: int, fault: str = "", factor: float = 1.0, epoch: int = 0) -> sy.Information:
+        random = np.random.default_rng([number, 1])
+        values = self.usual.copy()
+        for columns in self.model.link_columns:
+            values[columns] *= 1.0 + 0.01 * random.normal()
+        for index, name in enumerate(self.names):
+            if name.startswith("F"):
+                values[index] *= 1.0 + 0.05 * random.normal()
+            if fault.startswith("joint") and name in (f"Fvj{fault[5:]}", f"Fcj{fault[5:]}"):
+                values[index] *= factor
+        if fault.startswith("link"):
+            values[self.model.link_columns[int(fault[4:]) - 1]] *= factor
+        t = np.arange(0.0, 20.0, 0.01)[:, None]
+        w, phase = 2 * np.pi * np.array([0.2, 0.31, 0.43]), random.uniform(0.0, 6.0, 3)
+        q = np.sin(w * t + phase) + 0.3 * np.sin(2.3 * w * t)
+        dq = w * np.cos(w * t + phase) + 0.69 * w * np.cos(2.3 * w * t)
+        ddq = -(w**2) * np.sin(w * t + phase) - 0.3 * (2.3 * w) ** 2 * np.sin(2.3 * w * t)
+        torque = self.model.inverse_dynamics(q, dq, ddq, values)
+        noise = np.random.default_rng([number, 2, epoch])
+        lasting = lfilter([np.sqrt(1 - 0.9**2)], [1.0, -0.9], noise.normal(size=torque.shape), axis=0)
+        torque = torque + 0.2 * (lasting + noise.normal(size=torque.shape))
+        return sy.Information.from_samples(self.model, sy.Samples(q=q, dq=dq, ddq=ddq, torque=torque))
+
+    def manifest(self, rows: list[str], *, more: str = "") -> Path:
+        (self.folder / "robots.csv").write_text("\n".join(["id,date,informations", *rows]) + "\n", encoding="utf-8")
+        path = self.folder / "fleet.toml"
+        path.write_text(f'robot = "robot.toml"\ntable = "robots.csv"\n{more}', encoding="utf-8")
+        return path

@@ -1,0 +1,168 @@
+"""A small fleet from its manifest to its tables and its page: planted faults, drift, bad entries, the same bytes."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import polars as pl
+import pytest
+
+import steelyard as sy
+from steelyard.cli import main
+from steelyard.fleet import Checkpoints, FleetManifest, identify_fleet
+from steelyard.report import fleet_html, save_fleet
+
+from .sibling_arms import Arms
+
+DATES = ("2026-01-01", "2026-04-01", "2026-07-01")
+
+
+Called = Callable[..., tuple[int, str]]
+
+
+@pytest.fixture
+def arms(tmp_path: Path) -> Arms:
+    return Arms(tmp_path)
+
+
+@pytest.fixture
+def called(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> Called:
+    def run(*arguments: object) -> tuple[int, str]:
+        monkeypatch.setattr("sys.argv", ["steelyard", *map(str, arguments)])
+        with pytest.raises(SystemExit) as ended:
+            main()
+        told = capsys.readouterr()
+        return int(ended.value.code or 0), told.out + told.err
+
+    return run
+
+
+@pytest.fixture
+def rows(arms: Arms) -> list[str]:
+    """Thirty arms: 4 has a worn second joint, 9 a heavy third link, 17 wears out in time; 30 has no file."""
+    found = []
+    for number in range(30):
+        for epoch, date in enumerate(DATES if number < 12 or number == 17 else DATES[-1:]):
+            fault = {4: ("joint2", 1.6), 9: ("link3", 1.15)}.get(number, ("", 1.0))
+            if number == 17 and epoch:
+                fault = ("joint3", 1.0 + 0.35 * epoch)
+            arms.information(number, *fault, epoch=epoch).save(arms.folder / f"{number}-{epoch}.json")
+            found.append(f"R{number},{date},{number}-{epoch}.json")
+    return [*found, "R30,2026-07-01,none.json"]
+
+
+@pytest.mark.slow
+def test_planted_faults_are_found_and_named(arms: Arms, rows: list[str], called: Called) -> None:
+    manifest, folder = arms.manifest(rows), arms.folder
+    code, said = called("fleet", manifest, "--output", folder / "one", "--quiet")
+    assert code == 3, said  # nothing came of one entry
+    document = json.loads((folder / "one" / "fleet.json").read_text(encoding="utf-8"))
+    assert document["failed"][0]["robot"] == "R30"
+    assert "none.json" in document["failed"][0]["reason"]
+    parts = {(one["kind"], one["robot"]): one for one in reversed(document["findings"])}
+    assert parts["siblings", "R4"]["part"] == "joint2"
+    assert parts["siblings", "R9"]["cause"] == "mass of link3"
+    assert parts["siblings", "R9"]["change"] == pytest.approx(0.15 * 2.0, rel=0.2)  # its own mass varies by 1 %
+    assert parts["siblings", "R17"]["part"] == "joint3"
+    assert parts["drift", "R17"]["part"] == "joint3"
+    assert parts["drift", "R17"]["since"] == DATES[1]
+    assert parts["drift", "R17"]["ratio"] == pytest.approx(1.7, abs=0.1)
+    assert {robot for _, robot in parts} == {"R4", "R9", "R17"}
+
+    robots = pl.read_parquet(folder / "one" / "robots.parquet")
+    assert robots.height == len(rows)
+    assert robots.filter(pl.col("differs"))["robot"].to_list() == ["R4", "R9", "R17"]
+    assert robots["possible"].drop_nulls().all()
+    table = pl.read_parquet(folder / "one" / "parameters.parquet")
+    base = table.filter((pl.col("kind") == "base") & (pl.col("robot") == "R3") & (pl.col("date") == DATES[0]))
+    estimate = sy.least_squares(sy.Information.load(folder / "3-0.json"))
+    assert np.allclose(base["value"], estimate.base, rtol=1e-9, atol=1e-12)
+    assert np.allclose(base["upper"] - base["lower"], 2 * 1.959963984540054 * estimate.standard_error, rtol=1e-6)
+
+    # Two processes, and another order of finishing, change no byte; nor does a run that goes on where one was killed.
+    assert called("fleet", manifest, "--output", folder / "two", "--workers", "2", "--quiet")[0] == 3
+    (folder / "three").mkdir()
+    with Checkpoints(folder / "three") as kept:
+        first = replace(FleetManifest.load(manifest), entries=FleetManifest.load(manifest).entries[:20])
+        identify_fleet(first, checkpoints=kept)
+        assert len(kept.names) == 20
+    assert called("fleet", manifest, "--output", folder / "three", "--quiet")[0] == 3
+    names = sorted(path.name for path in (folder / "one").iterdir())
+    assert names == ["findings.parquet", "fleet.html", "fleet.json", "parameters.parquet", "robots.parquet"]
+    for other in ("two", "three"):
+        assert sorted(path.name for path in (folder / other).iterdir()) == names
+        for name in names:
+            assert (folder / other / name).read_bytes() == (folder / "one" / name).read_bytes(), name
+
+    fleet = identify_fleet(manifest)
+    many = replace(fleet, rows=fleet.rows * 40)
+    assert len(many.rows) > 2000
+    assert len(fleet_html(many)) < 250_000
+    assert "all-robots" in fleet_html(many)
+
+
+@pytest.mark.slow
+def test_a_fleet_without_siblings_says_so(arms: Arms) -> None:
+    for number in range(2):
+        arms.information(number).save(arms.folder / f"{number}.json")
+    manifest = arms.manifest(["A,2026-01-01,0.json", "B,2026-01-01,1.json"])
+    fleet = identify_fleet(manifest)
+    assert fleet.headline == "2 robots, of which none has siblings to compare it with."
+    assert "siblings are compared where there are 3 or more" in fleet.remarks[0]
+    save_fleet(fleet, arms.folder / "result")
+    assert pl.read_parquet(arms.folder / "result" / "findings.parquet").height == 0
+    assert pl.read_parquet(arms.folder / "result" / "robots.parquet")["differs"].null_count() == 2
+
+
+@pytest.mark.slow
+def test_what_is_wrong_with_one_robot_is_its_row(arms: Arms) -> None:
+    """Another robot's Information, a damaged file, too few rows, a missing robot: each has its reason, others go on."""
+    folder = arms.folder
+    for number in range(3):
+        arms.information(number).save(folder / f"{number}.json")
+    other = sy.Model(sy.Robot.from_dh([(0, 1.0, 0, "q")], gravity=(0, -9.81, 0)))
+    sy.Information.empty(other).save(folder / "other.json")
+    sy.Information.empty(arms.model).save(folder / "empty.json")
+    (folder / "damaged.json").write_text("{", encoding="utf-8")
+    rows = [*(f"R{k},,{k}.json" for k in range(3)), "X,,other.json", "Y,,damaged.json", "Z,,empty.json"]
+    fleet = identify_fleet(arms.manifest(rows))
+    reasons = {row.entry.id: row.reason for row in fleet.failed}
+    assert set(reasons) == {"X", "Y", "Z"}
+    assert "is of another robot or of other terms" in reasons["X"]
+    assert "damaged.json" in reasons["Y"]
+    assert "0 rows do not suffice" in reasons["Z"]
+    assert fleet.groups[0].siblings is not None
+
+
+@pytest.mark.slow
+def test_logs_are_reduced_on_the_way(arms: Arms) -> None:
+    """From logs of three robots; the estimate is that of their reduction by hand."""
+    random = np.random.default_rng(1)
+    t = np.arange(0.0, 12.0, 0.01)
+    for number in range(3):
+        w = 2 * np.pi * np.array([0.2, 0.31, 0.43])
+        q = np.sin(w * t[:, None] + number)
+        torque = arms.model.inverse_dynamics(q, w * np.cos(w * t[:, None] + number), -(w**2) * q, arms.usual)
+        torque = torque + 0.1 * random.normal(size=torque.shape)
+        sy.Recording(t=t, q=q, torque=torque, source="log").save(arms.folder / f"log{number}.csv")
+    text = 'robot = "robot.toml"\n' + "".join(f'[[robots]]\nid = "R{k}"\nlogs = ["log{k}.csv"]\n' for k in range(3))
+    path: Path = arms.folder / "fleet.toml"
+    path.write_text(text, encoding="utf-8")
+    fleet = identify_fleet(path)
+    assert fleet.failed == ()
+    [reduced] = sy.fleet.reduce_data_sets([sy.fleet.DataSet(arms.folder / "robot.toml", [arms.folder / "log1.csv"])])
+    assert np.array_equal(fleet.rows[1].values["base"], sy.least_squares(reduced.information).base)
+
+
+def test_the_manifest_is_not_replaced_by_results(arms: Arms, called: Called) -> None:
+    frame = pl.DataFrame({"id": ["A"], "robot": ["robot.toml"], "informations": ["a.json"]})
+    frame.write_parquet(arms.folder / "robots.parquet")
+    before = (arms.folder / "robots.parquet").read_bytes()
+    code, said = called("fleet", arms.folder / "robots.parquet", "--output", arms.folder)
+    assert code == 2
+    assert "is read, and the results would replace it" in said
+    assert (arms.folder / "robots.parquet").read_bytes() == before

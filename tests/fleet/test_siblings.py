@@ -1,0 +1,125 @@
+"""Siblings are compared as theory says: variances, intervals, false alarms, and correlated parameters."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from scipy.stats import false_discovery_control
+
+import steelyard as sy
+from steelyard.fleet import Cause, compare_siblings, possible_causes, variations
+from steelyard.fleet.siblings import false_discoveries
+
+ONE = Cause("Fc1", "term", "joint1", "Coulomb friction", "N·m", 1.0, np.eye(2)[:, :1])
+OTHER = Cause("Fc2", "term", "joint2", "Coulomb friction", "N·m", 1.0, np.eye(2)[:, 1:])
+
+
+def test_false_discoveries_are_those_of_scipy() -> None:
+    random = np.random.default_rng(1)
+    for _ in range(20):
+        values = random.uniform(size=30) ** random.uniform(1, 6)
+        assert np.array_equal(false_discoveries(values, 0.05), false_discovery_control(values) <= 0.05)
+
+
+def test_the_spread_of_siblings_is_that_with_which_they_were_made() -> None:
+    """Noise is taken away from the scatter: in the balanced case REML is the variance of the estimates less theirs."""
+    random = np.random.default_rng(2)
+    spread, noise = np.array([0.3, 0.05]), np.array([0.2, 0.3])
+    bases = np.array([2.0, 5.0]) + random.normal(size=(400, 2)) * np.hypot(spread, noise)
+    covariances = np.broadcast_to(np.diag(noise**2), (400, 2, 2))
+    found = compare_siblings(bases, covariances, (ONE, OTHER), np.eye(2))
+    closed = np.sqrt(bases.var(axis=0, ddof=1) - noise**2)
+    assert found.deviations == ()
+    assert found.spread[0] == pytest.approx(closed[0], rel=0.1)
+    assert found.spread[1] < 0.1
+    value, error = found.shrunk  # what noise alone may have made is taken away
+    truth_share = closed[0] ** 2 / (closed[0] ** 2 + 0.04)
+    slope = np.polyfit(bases[:, 0] - found.mean[0], value[:, 0], 1)[0]
+    assert slope == pytest.approx(truth_share, rel=0.1)
+    assert np.median(error[:, 0]) == pytest.approx(closed[0] * np.sqrt(1 - truth_share), rel=0.15)
+
+
+def test_robots_that_are_out_of_order_do_not_hide_each_other() -> None:
+    random = np.random.default_rng(3)
+    bases = random.normal(size=(40, 2)) * 0.1
+    bases[:6, 0] += 1.5
+    covariances = np.broadcast_to(np.diag([0.01, 0.01]), (40, 2, 2))
+    found = compare_siblings(bases, covariances, (ONE, OTHER), np.eye(2))
+    assert set(range(6)) <= set(found.differs)
+    surest = {one.robot: one.cause.name for one in reversed(found.deviations)}
+    assert {surest[robot] for robot in range(6)} == {"Fc1"}
+    assert found.spread[0] < 0.25  # with the six in it, it would be 0.55
+
+
+def test_correlations_tell_what_no_parameter_by_itself_does() -> None:
+    """Errors of 0.9 correlation: two parameters that move against each other are out of order, apart they are not."""
+    random = np.random.default_rng(4)
+    matrix = np.array([[1.0, 0.99], [0.99, 1.0]])
+    bases = random.multivariate_normal([0, 0], matrix, size=60)
+    bases[7] = [0.8, -0.8]
+    found = compare_siblings(bases, np.broadcast_to(matrix, (60, 2, 2)), (ONE, OTHER), 1e-3 * np.eye(2))
+    assert found.differs == (7,)
+
+
+def test_of_few_siblings_only_large_differences_are_told() -> None:
+    random = np.random.default_rng(5)
+    for size, named in ((1.0, ()), (1000.0, (2,))):
+        bases = random.normal(size=(4, 2))
+        bases[2, 0] += size
+        covariances = np.broadcast_to(1e-4 * np.eye(2), (4, 2, 2))
+        assert compare_siblings(bases, covariances, (ONE, OTHER), np.eye(2)).differs == named
+    with pytest.raises(sy.errors.InputError, match="3 or more; there are 2"):
+        compare_siblings(bases[:2], covariances[:2], (ONE, OTHER), np.eye(2))
+
+
+def test_what_data_does_not_show_is_not_compared() -> None:
+    random = np.random.default_rng(6)
+    bases = random.normal(size=(20, 2))
+    covariances = np.tile(0.01 * np.eye(2), (20, 1, 1))
+    bases[3, 0], covariances[3, 0, 0] = 500.0, np.inf
+    found = compare_siblings(bases, covariances, (ONE, OTHER), np.eye(2))
+    assert 3 not in found.differs
+
+
+def test_causes_are_columns_of_the_base_parameters() -> None:
+    robot = sy.Robot.from_dh([(0, 0.4, 0, "q"), (0, 0.3, 0, "q")], gravity=(0, -9.81, 0))
+    model = sy.Model(robot.with_terms(sy.Viscous(), sy.Coulomb(), sy.Offset(), sy.RotorInertia()))
+    values = np.linspace(1.0, 2.0, model.parameter_count)
+    causes = {cause.name: cause for cause in possible_causes(model, values)}
+    base = model.base_parameters()
+    heavier = values.copy()
+    heavier[model.link_columns[1]] *= 1.5
+    assert np.allclose(causes["mass of link2"].directions[:, 0] * 0.5, base.values(heavier) - base.values(values))
+    worn = values.copy()
+    for name in ("Fvj1", "Fcj1"):
+        worn[list(model.parameter_names).index(name)] *= 1.2
+    assert np.allclose(causes["friction of joint1"].directions[:, 0] * 0.2, base.values(worn) - base.values(values))
+    assert {"Foj1", "Ia2", "link1"} <= set(causes)
+    assert variations(model, tuple(causes.values())).shape[0] == base.count
+
+
+@pytest.mark.slow
+def test_false_alarms_and_intervals_are_what_they_are_said_to_be() -> None:
+    """60 fleets of 40 pendulums, two of them worn: false discoveries, power, and how often intervals hold the truth."""
+    robot = sy.Robot.from_dh([(0, 1.0, 0, "q"), (0, 0.5, 0, "q")], gravity=(0, -9.81, 0))
+    model = sy.Model(robot.with_terms(sy.Viscous(), sy.Coulomb()))
+    usual = np.array([0, 0, 0, 0, 0, 0.3, 0.5, 0, 0, 1, 0.1, 2] * 2)
+    causes = possible_causes(model, usual)
+    K, directions = model.base_parameters().K, variations(model, causes)
+    covariance = np.diag((0.01 * np.abs(K @ usual) + 1e-3) ** 2)
+    rates, inside, count = [], 0, 0
+    for seed in range(60):
+        random = np.random.default_rng(seed)
+        own = usual * (1 + 0.02 * random.normal(size=(40, len(usual))))
+        own[:2, 11] *= 1.5
+        bases = own @ K.T + random.multivariate_normal(np.zeros(len(K)), covariance, size=40)
+        found = compare_siblings(bases, np.broadcast_to(covariance, (40, *covariance.shape)), causes, directions)
+        assert {0, 1} <= set(found.differs)
+        rates.append(len(set(found.differs) - {0, 1}) / len(found.differs))
+        for one in found.deviations:
+            if one.robot < 2 and one.cause.name == "Fcj1":
+                count += 1
+                inside += one.lower <= own[one.robot, 11] / 2.0 - 1.0 <= one.upper
+    assert np.mean(rates) < 0.08
+    assert count > 100
+    assert inside / count > 0.93
