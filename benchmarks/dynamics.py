@@ -6,6 +6,7 @@ of several rounds in which all take turns.
 
 import argparse
 import os
+import resource
 import subprocess
 import sys
 import tempfile
@@ -219,45 +220,122 @@ def times(samples, rounds):
         print(f"left out: {line}")
 
 
+def processor_times(actions, rounds):
+    """Return the least time on the clock and the least time of processors of each action, all taking turns."""
+    best = [[float("inf")] * 2 for _ in actions]
+    for action in actions:
+        action()
+    for _ in range(rounds):
+        for row, action in zip(best, actions, strict=True):
+            clock, processor = time.perf_counter(), time.process_time()
+            action()
+            for k, spent in enumerate((time.perf_counter() - clock, time.process_time() - processor)):
+                row[k] = min(row[k], spent)
+    return best
+
+
 def threads(samples, rounds):
-    """Print how much faster two threads are with large batches."""
-    print("\ntwo threads: times faster than one, large batches")
+    """Print how much faster two threads are with large batches.
+
+    Where others use the machine, the clock tells little; that two threads together need hardly more of the processors
+    than one tells how much faster they are where two are free.
+    """
+    print("\ntwo threads, large batches: times faster by the clock (at most, by the time of the processors)")
     for name, whole, _ in cases(64 * samples):
         print(f"  {name:13s}", end="")
         for function in peers.FUNCTIONS:
             case = whole.few(128 * CACHE // (8 * whole.model.kernel(function).width))
-            one, two = least([ours(case, function), ours(case, function, threads=2)], rounds)
-            print(f"  {function} {one / two:.2f}", end="")
+            (one, alone), (two, both) = processor_times(
+                [ours(case, function), ours(case, function, threads=2)], 2 * rounds
+            )
+            print(f"  {function} {one / two:.2f} ({2 * alone / both:.2f})", end="")
         print()
 
 
-def single_samples(rounds):
-    """Print ns of one call from Python for one sample."""
-    print("\nns a call for one sample from Python")
-    for name, case, _ in cases(1):
-        kernel = case.model.kernel("inverse_dynamics")
-        q, dq, ddq = case.q[0], case.dq[0], case.ddq[0]
-        out = np.empty(case.robot.dof)
-
-        def repeat(call):
-            return lambda: [call() for _ in range(500)]
-
-        given, batch = (q, dq, ddq, case.delta), case.arguments("inverse_dynamics")
-        actions = {
-            "kernel.sample": partial(kernel.sample, *given),
-            "kernel.sample, out": partial(kernel.sample, *given, out=out),
-            "kernel, batch of one": partial(kernel, *batch),
-            "model": partial(case.model.inverse_dynamics, *given),
-        }
+def every_size(samples, rounds):
+    """Print how many times faster the regressor of a batch is than Pinocchio's loop, at every size."""
+    print(
+        "\nregressor from Python: ns a sample by the clock and of the processor, in brackets how many times faster than"
+    )
+    print("Pinocchio's loop by each; page faults a call")
+    for name, whole, _ in cases(64 * samples):
+        sizes = [k for k in (1, 2, 4, 8, 9, 16, 64, 256, 1024, 4096, 16384, 65536, 131072) if k <= len(whole.q)]
+        width = whole.model.kernel("regressor").width
+        sizes = [k for k in sizes if 8 * k * width <= 640 << 20]  # bytes
         try:
-            import pinocchio
-
-            model = peers.pinocchio_model(case)
-            actions["Pinocchio"] = partial(pinocchio.rnea, model, model.createData(), q, dq, ddq)
+            loop = peers.pinocchio_loop(whole.few(256), "regressor")
         except ImportError:
-            pass
-        measured = least([repeat(a) for a in actions.values()], rounds)
-        print(f"  {name:13s}" + " | ".join(f"{k} {1e9 * t / 500:.0f}" for k, t in zip(actions, measured, strict=True)))
+            print("  Pinocchio is not installed")
+            return
+        peer = [t / 256 for t in processor_times([loop], 3 * rounds)[0]]
+        print(f"  {name}: Pinocchio {1e9 * peer[0]:.0f} by the clock, {1e9 * peer[1]:.0f} of the processor")
+        for size in sizes:
+            case = whole.few(size)
+            out = np.zeros((size, whole.robot.dof, len(whole.delta)))
+            repeats = max(1, 400 // size)
+
+            def call(case=case, repeats=repeats, out=None):
+                for _ in range(repeats):
+                    case.model.regressor(case.q, case.dq, case.ddq, out=out)
+
+            measured = processor_times([call, partial(call, out=out)], max(rounds, min(200, 20000 // size)))
+            faults = resource.getrusage(resource.RUSAGE_SELF).ru_minflt
+            call()
+            faults = (resource.getrusage(resource.RUSAGE_SELF).ru_minflt - faults) / repeats
+            print(f"    {size:7d} samples", end="")
+            for what, row in zip((": ", ", with out "), measured, strict=True):
+                clock, processor = (1e9 * t / (size * repeats) for t in row)
+                times_faster = f"{1e9 * peer[0] / clock:.1f}, {1e9 * peer[1] / processor:.1f}"
+                print(f"{what}{clock:6.0f} {processor:6.0f} ({times_faster})", end="")
+            print(f"; {faults:.0f}")
+
+
+def single_samples(rounds):
+    """Print ns of one call from Python for one sample, ours and Pinocchio's."""
+    print("\nns a call for one sample from Python: ours, with out, Pinocchio (how many times ours)")
+    for name, case, _ in cases(1):
+        model = case.model
+        q, dq, ddq, tau = case.q[0], case.dq[0], case.ddq[0], case.tau[0]
+        given = {
+            "inverse_dynamics": (q, dq, ddq, case.delta),
+            "gravity": (q, case.delta),
+            "inertia_matrix": (q, case.delta),
+            "forward_dynamics": (q, dq, tau, case.delta),
+            "regressor": (q, dq, ddq),
+        }
+        theirs = pinocchio_calls(case)
+        print(f"  {name}")
+        for function, arguments in given.items():
+            method = getattr(model, function)
+            out = np.empty_like(method(*arguments))
+            actions = [partial(method, *arguments), partial(method, *arguments, out=out), theirs.get(function, int)]
+
+            def repeat(call):
+                def calls():
+                    for _ in range(500):
+                        call()
+
+                return calls
+
+            new, into, peer = (1e9 * t / 500 for t in least([repeat(action) for action in actions], 3 * rounds))
+            print(f"    {function:18s} {new:6.0f} {into:6.0f} {peer:6.0f}  ({peer / new:.1f})")
+
+
+def pinocchio_calls(case):
+    """Return Pinocchio's calls for the first sample, by the names of our functions."""
+    try:
+        import pinocchio
+    except ImportError:
+        return {}
+    model = peers.pinocchio_model(case)
+    data, q, dq, ddq, tau = model.createData(), case.q[0], case.dq[0], case.ddq[0], case.tau[0]
+    return {
+        "inverse_dynamics": partial(pinocchio.rnea, model, data, q, dq, ddq),
+        "gravity": partial(pinocchio.computeGeneralizedGravity, model, data, q),
+        "inertia_matrix": partial(pinocchio.crba, model, data, q),
+        "forward_dynamics": partial(pinocchio.aba, model, data, q, dq, tau),
+        "regressor": partial(pinocchio.computeJointTorqueRegressor, model, data, q, dq, ddq),
+    }
 
 
 def operations():
@@ -322,12 +400,18 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--samples", type=int, default=2048)
     parser.add_argument("--rounds", type=int, default=15)
+    parts = {
+        "times": lambda: times(options.samples, options.rounds),
+        "threads": lambda: threads(options.samples, options.rounds),
+        "sizes": lambda: every_size(options.samples, options.rounds),
+        "calls": lambda: single_samples(options.rounds),
+        "operations": operations,
+        "compile": lambda: compile_times(3),
+    }
+    parser.add_argument("--only", nargs="+", choices=parts, default=list(parts), help="parts to run, all by default")
     options = parser.parse_args()
-    times(options.samples, options.rounds)
-    threads(options.samples, options.rounds)
-    single_samples(options.rounds)
-    operations()
-    compile_times(3)
+    for part in options.only:
+        parts[part]()
 
 
 if __name__ == "__main__":
