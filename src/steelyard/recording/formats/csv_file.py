@@ -241,11 +241,13 @@ class CsvFile(LogFile):
     def _parsed(self, names: Sequence[str]) -> Iterator[Columns]:
         """Parse columns from the first row to the last, some megabytes at a time."""
         first_row, (size, most) = 0, READ
-        total = self.path.stat().st_size if not self._is_compressed else None
-        place = self._head.start
-        with self._open(place) as file:
+        start, whole = self._head.start, self.path.stat().st_size
+        place = start
+        with self._open(start) as file:
             while names and (data := file.read(size)):
-                tell(f"decoding {self.path.name}", 1e-6 * place, None if total is None else 1e-6 * total, "MB")
+                # The rows of a compressed file cannot be guessed from its length.
+                total = first_row * (whole - start) / (place - start) if first_row and not self._is_compressed else None
+                tell(f"decoding {self.path.name}", first_row, total, "rows")
                 data += self._rest_of_line(file)
                 place += len(data)
                 parsed = self._parse(data, names, first_row)
@@ -313,6 +315,8 @@ class CsvFile(LogFile):
 
     def _parse_quickly(self, data: bytes, names: Sequence[str]) -> Columns | None:
         """Parse lines of numbers, and of dates where there were some; None where they hold anything else."""
+        if not self._begins_with_a_row(data):
+            return None
         try:
             with reading_table(self.path, "CSV"):
                 frame = self._frame(data, names, self._dates & set(names))
@@ -328,21 +332,25 @@ class CsvFile(LogFile):
                 if series.null_count():
                     return None
             elif series.null_count():
-                # In a line that holds nothing, or ends early as the first, nothing is missing.
+                # In a line that holds nothing, nothing is missing.
                 if not self._is_regular(data):
                     return None
                 series = series.fill_null(float("nan"))
             columns[name] = series.to_numpy()
         return columns
 
-    def _is_regular(self, data: bytes) -> bool:
-        """Whether each line is a row, and the first one has all columns."""
+    def _begins_with_a_row(self, data: bytes) -> bool:
+        """Whether the first line has all columns: Polars takes as many fields of the others, and drops what is more."""
         dialect = self._head.dialect
-        begins = (b"\n", b"\r", b" ", b"\t", b"\v", b"\f", self._comment)
         separator = b" " if dialect.separator == BLANKS else dialect.separator.encode()
         first = data[: data.find(b"\n") + 1 or None]
-        whole = first.count(separator) == len(self.names) + dialect.ends_with_separator - 1
-        return whole and not data.startswith(begins) and not any(b"\n" + begin in data for begin in begins)
+        fields = len(self.names) + dialect.ends_with_separator
+        return first.count(separator) == fields - 1 and not self._skipped(first)
+
+    def _is_regular(self, data: bytes) -> bool:
+        """Whether each line is a row."""
+        begins = (b"\n", b"\r", b" ", b"\t", b"\v", b"\f", self._comment)
+        return not any(b"\n" + begin in data for begin in begins)
 
     def _frame(self, data: bytes, names: Sequence[str], texts: Collection[str]) -> Any:
         """Return the columns of lines, of which some are wanted as texts and the others as numbers."""
