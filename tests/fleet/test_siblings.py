@@ -72,6 +72,14 @@ def test_of_few_siblings_only_large_differences_are_told() -> None:
         compare_siblings(bases[:2], covariances[:2], (ONE, OTHER), np.eye(2))
 
 
+def test_exact_data_of_equal_robots_is_compared() -> None:
+    bases = np.tile([2.0, 5.0], (8, 1))
+    bases[5, 1] = 7.0
+    found = compare_siblings(bases, np.zeros((8, 2, 2)), (ONE, OTHER), np.eye(2))
+    assert [(one.robot, one.cause.name) for one in found.deviations] == [(5, "Fc2")]
+    assert found.deviations[0].amplitude == pytest.approx(2.0)
+
+
 def test_what_data_does_not_show_is_not_compared() -> None:
     random = np.random.default_rng(6)
     bases = random.normal(size=(20, 2))

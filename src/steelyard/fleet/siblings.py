@@ -58,8 +58,12 @@ HIDDEN = 0.02
 LIKELY = 100.0
 """Times as probable by chance as the best: other causes up to this are told beside it."""
 
+LEAST = 1e-3
+"""Standard deviation that every base parameter has at least, in the same units: exact data, as of a simulation without
+noise, would leave matrices that cannot be inverted."""
+
 UNKNOWN = 1e4
-"""Standard deviations, in units of what is usual, of combinations of parameters that a robot's data does not show."""
+"""Standard deviations, in units of what is usual, of parameters that a robot's data does not show."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -288,7 +292,7 @@ def _scale(bases: Array, errors: Array) -> Array:
 
 def _scaled(errors: Array, scale: Array) -> Array:
     found = errors / np.outer(scale, scale)
-    return np.where(np.isfinite(found), found, UNKNOWN**2)
+    return np.where(np.isfinite(found), found, UNKNOWN**2) + LEAST**2 * np.eye(len(scale))
 
 
 class _Problem:
