@@ -59,6 +59,14 @@ def _leaf(leaf: Leaf, common: Any, task: Task) -> bytes:
     return leaf(common, task)
 
 
+def _leaf_of_many(leaf: Leaf, common: Any, task: Task) -> bytes:
+    """Run a task in a worker, of which there are as many as cores: its sums leave the cores of the others alone."""
+    from threadpoolctl import threadpool_limits
+
+    with threadpool_limits(limits=1, user_api="blas"):
+        return _leaf(leaf, common, task)
+
+
 @in_one_thread
 def _combined(combine: Combine, common: Any, *results: bytes) -> bytes:
     return combine(common, results)
@@ -166,7 +174,7 @@ def _end_with(sentinel: int) -> None:
 
 
 def _do(task: Task) -> bytes:
-    return _leaf(_Here.leaf, _Here.common, task)
+    return _leaf_of_many(_Here.leaf, _Here.common, task)
 
 
 class Cluster:
@@ -200,7 +208,8 @@ class Cluster:
     def __init__(self, address: str, tls: Mapping[str, str | os.PathLike[str]] | None = None) -> None:
         if not isinstance(address, str) or not address.strip():
             raise InputError(f"The address of a cluster is such as tcp://10.0.0.7:8786, got {shown(address)}.")
-        self.address, self.tls = address, dict(tls or {})
+        self.address = address.strip() if "://" in address else f"tcp://{address.strip()}"
+        self.tls = dict(tls or {})
 
     def __repr__(self) -> str:
         return f"Cluster({self.address!r})"
@@ -223,7 +232,7 @@ class Cluster:
             def submit(number: int) -> None:
                 # Tasks are told apart by their places, not by a hash of what they hold.
                 options = {"pure": False, "retries": _ATTEMPTS, "priority": -number}
-                leaves = [client.submit(_leaf, leaf, everywhere, task, **options) for task in groups[number]]
+                leaves = [client.submit(_leaf_of_many, leaf, everywhere, task, **options) for task in groups[number]]
                 node = client.submit(_combined, combine, everywhere, *leaves, **options)
                 running[node] = number
                 gathered.add(node)
@@ -267,6 +276,9 @@ class Cluster:
                     raise InputError(f"{path} does not exist; give the PEM file of the cluster's TLS.")
             options["security"] = distributed.Security(require_encryption=True, **named)
         try:
+            # A client that was given an address of no scheduler would wait for it when it goes.
+            distributed.comm.registry.get_backend(distributed.comm.parse_address(self.address)[0])
+            distributed.comm.get_address_host_port(self.address, strict=True)
             return distributed.Client(self.address, timeout=self.TIMEOUT, set_as_default=False, **options)
         except (OSError, ValueError, TypeError) as error:
             reason = " ".join(str(error).split())[:200] or type(error).__name__

@@ -15,7 +15,7 @@ from steelyard.recording.formats import content_hash, hashed_log
 from steelyard.regression.batch_means import BatchMeansTree
 
 from .checkpoints import Checkpoints, checkpoint_key
-from .executors import Combine, Executor, Here, Leaf
+from .executors import Combine, Executor, Here, Leaf, Workers
 from .packed import is_whole, packed, unpacked
 
 __all__ = ["LogReduction", "run_in_order"]
@@ -148,7 +148,9 @@ class LogReduction:
         paths = [str(task.log) for group, here in zip(groups, local, strict=True) if not here for task in group]
         say(f"hashing {len(paths)} log{'s' * (len(paths) > 1)}")
         names = list(dict.fromkeys(paths))
-        hashes = run_in_order(hashed, first_of, None, [[name] for name in names], self.executor)
+        # Processes of this machine would take longer to start than files to be hashed.
+        where = Here() if isinstance(self.executor, Workers) else self.executor
+        hashes = run_in_order(hashed, first_of, None, [[name] for name in names], where)
         contents = {name: unpacked(one) for name, one in zip(names, hashes, strict=True)}
         shared = common.key()
 
