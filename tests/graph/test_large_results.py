@@ -109,6 +109,16 @@ def test_threads_that_take_and_give_back(monkeypatch):
     assert len(large_arrays._IDLE) <= large_arrays._MOST_BLOCKS
 
 
+@recycles
+def test_where_the_system_gives_no_huge_pages(monkeypatch):
+    def refuse(*_, **__):
+        raise OSError(12, "Cannot allocate memory")
+
+    monkeypatch.setattr(large_arrays, "_IDLE", [])
+    monkeypatch.setattr(large_arrays.mmap, "mmap", refuse)
+    assert large_arrays.large_array((300, 1001)).flags.owndata
+
+
 def test_without_such_memory_arrays_come_from_numpy(monkeypatch):
     monkeypatch.setattr(large_arrays, "_most_idle", lambda: 0)
     assert large_arrays.large_array((300, 1001)).flags.owndata
