@@ -60,8 +60,8 @@ def test_rows_that_come_in_tens_are_reduced_as_the_whole_log(model: sy.Model, mo
 def test_answers_are_those_of_the_batch_fit(model: sy.Model, motion: tuple[Array, ...]) -> None:
     t, q, _, _, torque = motion
     estimator = sy.OnlineEstimator(model)
-    for k in range(0, 5000, 50):
-        estimator.update(t[k : k + 50], q[k : k + 50], torque[k : k + 50])
+    for k in range(0, 5000, 250):
+        estimator.update(t[k : k + 250], q[k : k + 250], torque[k : k + 250])
         answer = estimator.estimate(accuracy=1e-10)
         assert estimator.feasible_set.contains(answer.parameters)
     batch = sy.fit(
@@ -189,8 +189,8 @@ def test_what_is_forgotten_counts_less_by_the_time_constant(model: sy.Model, mot
 def test_a_window_holds_the_newest_samples_alone(model: sy.Model, motion: tuple[Array, ...]) -> None:
     t, q, dq, ddq, torque = motion
     estimator = sy.OnlineEstimator(model, window=0.8, least_speed=0.0)
-    for k in range(0, 5000, 10):
-        part = slice(k, k + 10)
+    for k in range(0, 5000, 50):
+        part = slice(k, k + 50)
         estimator.update(t[part], q[part], torque[part], dq[part], ddq[part])
     newest = slice(5000 - 800, 5000)
     samples = sy.Samples(q=q[newest], dq=dq[newest], ddq=ddq[newest], torque=torque[newest])
