@@ -5,14 +5,13 @@ every interval), their Newton systems are small and all of one shape. Solved sid
 as many calls of a conic solver take. Answers that must be proved optimal are left to the conic solver.
 """
 
-import os
 from collections.abc import Sequence
-from concurrent.futures import ThreadPoolExecutor
 from typing import Protocol
 
 import numpy as np
 import numpy.typing as npt
 
+from steelyard.dynamics.threads import in_threads
 from steelyard.lmi import AffineBlock
 
 from .feasible_set import FeasibleSet
@@ -29,9 +28,6 @@ TOGETHER = 32
 
 MOST_TOGETHER = 10
 """Unknowns of rows whose part of a Hessian is made in one piece: those of a link."""
-
-MOST_THREADS = 4
-"""Solving systems of a hundred unknowns gains little from more."""
 
 ROUNDING = 1e-14
 """A matrix with a smaller pivot, relative to the element of its diagonal, is not positive definite to rounding."""
@@ -259,14 +255,7 @@ def newton_step(
         step[own], along[own] = solved[:, 0], solved[:, 1:]
         decrease[own] = np.maximum(-np.einsum("pi,pi->p", gradients, step[own]), 0.0)
 
-    starts = range(0, len(points), TOGETHER)
-    workers = min(os.cpu_count() or 1, MOST_THREADS, len(starts))
-    if workers > 1:
-        with ThreadPoolExecutor(workers) as pool:
-            list(pool.map(solve, starts))
-    else:
-        for start in starts:
-            solve(start)
+    in_threads(solve, range(0, len(points), TOGETHER))
     return step, decrease, along
 
 
