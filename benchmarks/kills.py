@@ -1,6 +1,6 @@
-"""Kills of `steelyard identify` at random moments: after a run to the end the results must be those of a quiet run.
+"""Kills of `identify` and `fleet` at random moments: after a run to the end the results must be those of a quiet run.
 
-    python benchmarks/kills.py [KILLS] [SEED]       1000 kills by default
+    python benchmarks/kills.py [KILLS] [SEED] [identify|fleet]       1000 kills of identify by default
 
 Each time a run is killed (SIGKILL, together with its worker processes' parent) one to four times, and then run to its
 end. All files of the output folder must be the bytes of a run that nobody disturbed, and neither the folder nor the one
@@ -40,8 +40,8 @@ cutoff = "none"
 """
 
 
-def write_job(folder: Path) -> list[str]:
-    """Write a robot and logs; return the arguments that identify it, but for the output."""
+def write_job(folder: Path, kind: str = "identify") -> list[str]:
+    """Write a robot and logs; return the arguments that identify it, or a fleet of such robots, but for the output."""
     (folder / "logs").mkdir()
     (folder / "robot.toml").write_text(ROBOT)
     model = sy.Model.load(folder / "robot.toml")
@@ -56,6 +56,10 @@ def write_job(folder: Path) -> list[str]:
         table = np.column_stack([t, q, torque])
         name = folder / "logs" / f"run{number}.csv"
         np.savetxt(name, table, delimiter=",", header="t,q1,q2,tau1,tau2", comments="", fmt="%.9g")
+    robots = [f'[[robots]]\nid = "R{number}"\nlogs = ["logs/run{number}.csv"]\n' for number in range(LOGS)]
+    (folder / "fleet.toml").write_text('robot = "robot.toml"\n' + "".join(robots))
+    if kind == "fleet":
+        return ["fleet", str(folder / "fleet.toml"), "--quiet"]
     return ["identify", str(folder / "robot.toml"), str(folder / "logs"), "--quiet"]
 
 
@@ -88,11 +92,12 @@ def contents(folder: Path) -> dict[str, bytes]:
 
 
 def main() -> None:
-    kills, seed = (int(text) for text in [*sys.argv[1:], *["1000", "1"][len(sys.argv) - 1 :]])
+    given = [*sys.argv[1:], *["1000", "1", "identify"][len(sys.argv) - 1 :]]
+    kills, seed, kind = int(given[0]), int(given[1]), given[2]
     dice = random.Random(seed)
     with tempfile.TemporaryDirectory(prefix="big-kills-") as text:
         folder = Path(text)
-        job = write_job(folder)
+        job = write_job(folder, kind)
         output = folder / "place" / "result"
         output.parent.mkdir()
         began = time.perf_counter()
