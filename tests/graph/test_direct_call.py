@@ -118,7 +118,7 @@ def test_references_are_neither_lost_nor_kept(direct):
 
 def test_kernels_that_have_no_such_function(monkeypatch):
     many = [Argument(f"a{k}", 1) for k in range(9)]
-    assert direct_call.direct_call(many, (1,), single=1, batch=1, few=1, most=1) is None
+    assert direct_call.direct_call(many, (1,), single=1, batch=1, few=1, alone=1, most=1) is None
     monkeypatch.setattr(direct_call, "_arrays_are_known", lambda: False)
     without = Kernel(pendulum(), cache=NO_CACHE)
     assert without.direct((2,)) is None

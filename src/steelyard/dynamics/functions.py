@@ -438,6 +438,11 @@ class _Call:
         """Numbers in the first argument up to which `few` computes a batch."""
         return self.kernel.most * self.kernel.arguments[0].width
 
+    @cached_property
+    def small(self) -> int:
+        """Numbers in the first argument up to which a result comes from NumPy, which `Kernel.empty` would find out."""
+        return self.kernel.most_small * self.kernel.arguments[0].width
+
     def _later(self, name: str) -> Callable[..., Any]:
         """Return a function that computes nothing, and after some calls puts another in its place."""
         calls = count(2)
@@ -509,7 +514,11 @@ class Evaluator:
                 if call.one(*given, result) is not None:
                     return result
             elif first.size <= call.most:
-                result = call.kernel.empty(first.shape[:-1] + call.shape) if out is None else out
+                if out is not None:
+                    result = out
+                else:
+                    shape = first.shape[:-1] + call.shape
+                    result = np.empty(shape) if first.size <= call.small else call.kernel.empty(shape)
                 if call.few(*given, result) is not None:
                     return result
         return self._compute_with_care(call, given, out)

@@ -33,8 +33,8 @@ _C_CONTIGUOUS, _ALIGNED, _WRITEABLE = 0x0001, 0x0100, 0x0400
 _DOUBLE = np.dtype(np.float64)
 
 # Words of the table that belongs to one compiled function.
-_SINGLE, _BATCH, _COUNT, _MOST, _FEW, _ARRAY, _DTYPE, _NONE, _WIDTH, _SHAPE_SIZE = range(10)
-_SHAPE = 10
+_SINGLE, _BATCH, _COUNT, _MOST, _FEW, _ALONE, _ARRAY, _DTYPE, _NONE, _WIDTH, _SHAPE_SIZE = range(11)
+_SHAPE = 11
 _ARGUMENTS = _SHAPE + _MOST_SHAPE
 _NAME = ctypes.c_char_p(b"direct")
 
@@ -49,7 +49,7 @@ class _MethodDefinition(ctypes.Structure):
 
 
 def direct_call(
-    arguments: Sequence[Argument], shape: tuple[int, ...], *, single: int, batch: int, few: int, most: int
+    arguments: Sequence[Argument], shape: tuple[int, ...], *, single: int, batch: int, few: int, alone: int, most: int
 ) -> DirectCall | None:
     """Return a built-in function that computes a compiled function for a few samples, or None where there is none.
 
@@ -67,7 +67,9 @@ def direct_call(
         Addresses of the functions that compute samples one by one and side by side, see
         :attr:`steelyard.graph.Kernel.batch_function`. They must live as long as what is returned is called.
     few : int
-        How many samples are computed one by one rather than in a register that would not be full.
+        How many samples that are left over are computed one by one rather than in a register that would not be full.
+    alone : int
+        How many samples are computed one by one where there are no others.
     most : int
         How many samples are computed at all. Other threads of Python wait meanwhile.
     """
@@ -80,6 +82,7 @@ def direct_call(
         len(arguments),
         most,
         few,
+        alone,
         id(np.ndarray),
         id(_DOUBLE),
         id(None),
@@ -200,7 +203,7 @@ def _source(triple: str, head: int, lanes: int) -> str:
     it = _Lines()
     table = it.at("%self", head + _DATA, "ptr")
     words = {"array": _ARRAY, "dtype": _DTYPE, "n": _COUNT, "width": _WIDTH, "tail": _SHAPE_SIZE, "most": _MOST}
-    for name, index in (words | {"few": _FEW}).items():
+    for name, index in (words | {"few": _FEW, "alone": _ALONE}).items():
         it.lines.append(f"  %{name} = load i64, ptr {it.moved(table, 'i64', index)}")
     for name, index in {"single": _SINGLE, "batch": _BATCH, "nothing": _NONE}.items():
         it.lines.append(f"  %{name} = load ptr, ptr {it.moved(table, 'ptr', index)}")
@@ -243,8 +246,8 @@ def _source(triple: str, head: int, lanes: int) -> str:
     it.same("lead", sizes, leading, before)
     first = it.new(f"ptrtoint ptr {read} to i64")
     rows = it.new(f"select i1 {uniform}, i64 1, i64 %count")
-    last = it.op("add", first, it.op("shl", it.op("mul", rows, width), 3))
-    begins, ends = it.new(f"icmp sge i64 {first}, {end}"), it.new(f"icmp sge i64 {start}, {last}")
+    stop = it.op("add", first, it.op("shl", it.op("mul", rows, width), 3))
+    begins, ends = it.new(f"icmp sge i64 {first}, {end}"), it.new(f"icmp sge i64 {start}, {stop}")
     it.require(f"or i1 {begins}, {ends}")
     it.lines.append(f"  store ptr {read}, ptr {it.moved('%pointers', 'ptr', '%k')}")
     step = it.new(f"select i1 {uniform}, i64 0, i64 {it.op('shl', width, 3)}")
@@ -257,7 +260,8 @@ def _source(triple: str, head: int, lanes: int) -> str:
     it.lines.append("compute:")
     left = it.op("and", "%count", lanes - 1)
     little = it.new(f"icmp sle i64 {left}, %few")
-    apart = it.new(f"select i1 {little}, i64 {left}, i64 0")
+    rest = it.new(f"select i1 {little}, i64 {left}, i64 0")
+    apart = it.new(f"select i1 {it.new('icmp sle i64 %count, %alone')}, i64 %count, i64 {rest}")
     together = it.op("sub", "%count", apart)
     target = it.moved(data, "double", it.op("mul", together, "%width"))
     cases = " ".join(f"i64 {k}, label %both{k}" for k in range(1, _MOST_ARGUMENTS + 1))
@@ -272,8 +276,8 @@ def _source(triple: str, head: int, lanes: int) -> str:
         it.label(f"middle{k}")
         it.fork(f"icmp sgt i64 {apart}, 0", f"single{k}", "done")
         it.lines.append(f"single{k}:")
-        rest = [it.moved(v, "i8", it.op("mul", together, it.item("%steps", j))) for j, v in enumerate(values)]
-        given = ", ".join(f"ptr {v}" for v in rest)
+        last = [it.moved(v, "i8", it.op("mul", together, it.item("%steps", j))) for j, v in enumerate(values)]
+        given = ", ".join(f"ptr {v}" for v in last)
         it.lines += [f"  call void %single(i64 {apart}, {given}, ptr {target}, i64 1)", "  br label %done"]
     return "\n".join(
         [

@@ -423,14 +423,17 @@ class Kernel:
             from .direct_call import direct_call  # only where small batches are computed
 
             single = self.function_pointer
-            batch, few = single, 1
+            batch, few, alone = single, 1, 1
             if several:
                 batch = self._code(batch_lanes()).addresses["kernel"]
                 # A register that is not full takes as long as 2 single samples, or nearly as long as its lanes where
-                # most of the time goes into writing.
-                few = batch_lanes() - 1 if self._width > 8 / 3 * self._cost else 2
+                # most of the time goes into writing. There the batch also begins with as much as two samples take.
+                writes = self._width > 8 / 3 * self._cost
+                few, alone = (batch_lanes() - 1, 2 * (batch_lanes() - 1)) if writes else (2, 2)
             most = self.most if several else 1
-            self._direct[key] = direct_call(self.arguments, shape, single=single, batch=batch, few=few, most=most)
+            self._direct[key] = direct_call(
+                self.arguments, shape, single=single, batch=batch, few=few, alone=alone, most=most
+            )
         return self._direct[key]
 
     @cached_property
@@ -439,6 +442,11 @@ class Kernel:
         if self.layout == "columns":
             return 1
         return max(batch_lanes(), min(int(_SHORT / self._cost), _LARGE // (8 * max(1, self._width))))
+
+    @property
+    def most_small(self) -> int:
+        """How many samples have a result that `empty` takes from NumPy."""
+        return (_RECYCLED - 1) // (8 * max(1, self._width))
 
     def sample(self, *arrays: Array, out: Array | None = None) -> Array:
         """Compute the outputs of one sample, with less to do around it than a batch of one.
