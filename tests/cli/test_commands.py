@@ -343,3 +343,17 @@ def test_a_designed_motion_is_simulated_and_identified(run, place):
         assert code == 0, err
         found = sy.Estimate.load(place / "again" / "estimate.json")
         assert found.relative_error < 0.02
+
+
+@pytest.mark.slow
+def test_generate_online_writes_the_estimator_with_the_constraints_of_the_file(run, place):
+    with (place / "robot.toml").open("a") as file:
+        file.write("\n[constraints]\ntotal_mass = { maximum = 30.0 }\n")
+    code, out, _ = run("generate", place / "robot.toml", "--online", "--output", place / "estimator")
+    assert code == 0
+    written = sorted(path.name for path in (place / "estimator").iterdir())
+    assert [place / "estimator" / name for name in written] == [type(place)(line) for line in out.split()]
+    source = (place / "estimator" / "pair_online.c").read_text()
+    assert re.search(r"scalar_constant\[\d+\] = \{[^}]*\b30\.0", source)
+    assert run("generate", place / "robot.toml", "--online")[0] == 2
+    assert run("generate", place / "robot.toml", "--online", "--base", "--output", place / "other")[0] == 2

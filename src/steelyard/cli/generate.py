@@ -41,6 +41,9 @@ def generate(
     estimate: Annotated[
         Path | None, typer.Option(help="estimate.json, whose parameters stand in the source as numbers.")
     ] = None,
+    online: Annotated[
+        bool, typer.Option("--online", help="The estimator that runs in a controller while the robot moves, as C99.")
+    ] = False,
     cad: Annotated[bool, typer.Option("--cad", help="The description's own values stand in the source.")] = False,
     quiet: Quiet = False,
     allow_extensions: AllowExtensions = False,
@@ -52,11 +55,15 @@ def generate(
       steelyard generate robot.toml --language c --output code
       steelyard generate robot.toml --language rust --function gravity --estimate estimate.json --output crate
       steelyard generate robot.toml --function list
+      steelyard generate robot.toml --online --output estimator
     """
     from steelyard.dynamics import DEFAULT_FUNCTIONS
     from steelyard.identification import model_of_estimate, parameters_for_source
     from steelyard.robot import RobotFile
 
+    if online:
+        _estimator(robot, language, output, function or base or estimate or cad, quiet, allow_extensions)
+        return
     model = model_of_estimate(None if cad else estimate, RobotFile.load(robot, allow_extensions=allow_extensions))
     if function == ["list"]:
         echo("\n".join(model.functions))
@@ -74,5 +81,27 @@ def generate(
             sign=sign,
             parameters=parameters,
         )
+    for path in written:
+        echo(path)
+
+
+def _estimator(
+    robot: Path, language: str | None, output: Path | None, further: object, quiet: bool, allow_extensions: bool
+) -> None:
+    """Write the estimator for a controller."""
+    from steelyard.feasibility import FeasibleSet
+    from steelyard.identification import model_of_estimate
+    from steelyard.identification.given import given_constraints
+    from steelyard.online import generate_online
+    from steelyard.robot import RobotFile
+
+    if output is None:
+        raise InputError("Give --output: the folder for the estimator.")
+    if further:
+        raise InputError("--online writes the estimator alone; leave out --function, --base, --estimate and --cad.")
+    file = RobotFile.load(robot, allow_extensions=allow_extensions)
+    with progress(quiet=quiet):
+        feasible_set = FeasibleSet(model_of_estimate(None, file), constraints=given_constraints(file))
+        written = generate_online(feasible_set, output, language=language or "c")
     for path in written:
         echo(path)

@@ -22,7 +22,7 @@ from steelyard.graph.expression import reachable
 from .reference import Reference, reference_of
 from .text import MARKER
 
-__all__ = ["LANGUAGES", "Constant", "Project", "files", "generate", "languages"]
+__all__ = ["LANGUAGES", "Constant", "Project", "files", "generate", "languages", "write_files"]
 
 _ALIASES = {"c99": "c", "c++": "cpp", "numpy": "python", "matlab": "octave"}
 _IDENTIFIER = re.compile(r"[A-Za-z][A-Za-z0-9_]*")
@@ -236,7 +236,38 @@ def generate(project: Project, language: str, directory: Path) -> tuple[Path, ..
     ...     [path.name for path in generate(project, "c", Path(folder))]
     ['CMakeLists.txt', 'README.md', 'pendulum.c', 'pendulum.h', 'pendulum_test.c']
     """
-    contents = {PurePosixPath(name): text.encode() for name, text in files(project, language).items()}
+    return write_files(files(project, language), directory)
+
+
+def write_files(texts: Mapping[str, str], directory: Path) -> tuple[Path, ...]:
+    """Write the files of a generated project: all of them or none, and never over a file that was not generated.
+
+    Parameters
+    ----------
+    texts : mapping
+        By relative path; the first line of each holds the marker.
+    directory : Path
+        Made where it is missing.
+
+    Returns
+    -------
+    tuple of Path
+        The files written, in the order of `texts`.
+
+    Raises
+    ------
+    InputError
+        As `generate`.
+
+    Examples
+    --------
+    >>> import tempfile
+    >>> from steelyard.codegen.text import marker
+    >>> with tempfile.TemporaryDirectory() as folder:
+    ...     [path.name for path in write_files({"notes.md": f"<!-- {marker('1.0')} -->"}, Path(folder))]
+    ['notes.md']
+    """
+    contents = {PurePosixPath(name): text.encode() for name, text in texts.items()}
     directory = Path(directory)
     targets = {directory / name: content for name, content in contents.items()}
     for target in targets:

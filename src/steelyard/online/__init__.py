@@ -15,5 +15,6 @@ if TYPE_CHECKING:
     from .pick_up import PickUpRun as PickUpRun
     from .pick_up import simulated_pick_up as simulated_pick_up
     from .pick_up import watch_pick_up as watch_pick_up
+    from .source_project import generate_online as generate_online
 
 __all__ = import_at_first_use(__name__, __file__)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, field
+from pathlib import Path
 from time import perf_counter
 from typing import Literal
 
@@ -30,6 +31,7 @@ from .causal_filter import CausalMotionFilter
 from .change_detector import Change, ChangeDetector
 from .counted_rows import CountedRows
 from .even_stream import EvenStream, Stretch
+from .source_project import generate_online
 from .warm_fit import WarmFit
 
 __all__ = ["OnlineEstimate", "OnlineEstimator"]
@@ -642,6 +644,35 @@ class OnlineEstimator:
             info = self._counted.information()
             center = solve(info.reduced(answer.weights))
             return center, ParameterCovariance.of(info, center, answer.weights)
+
+    def generate(self, language: str, directory: str | Path) -> tuple[Path, ...]:
+        """Write the estimator for a controller, see :func:`steelyard.online.generate_online`.
+
+        The feasible set is this one's. The prior has the same parameters; its distance is quadratic, that of
+        :class:`steelyard.estimators.ConstantPullbackPrior`. The filter stays here: the source takes rows of the regressor.
+
+        Parameters
+        ----------
+        language : str
+            ``"c"``.
+        directory : str or Path
+
+        Returns
+        -------
+        tuple of Path
+            The files.
+
+        Examples
+        --------
+        >>> import tempfile
+        >>> import steelyard as sy
+        >>> estimator = sy.OnlineEstimator(sy.Model(sy.Robot.from_dh([(0, 1.0, 0, "q")], name="arm")))
+        >>> with tempfile.TemporaryDirectory() as folder:
+        ...     len(estimator.generate("c", folder))
+        8
+        """
+        prior = ConstantPullbackPrior(self._reference)
+        return generate_online(self.feasible_set, directory, language=language, prior=prior)
 
     def proved(self) -> Estimate:
         """Return the last answer as an :class:`steelyard.Estimate`, with its proof and its errors, to save or write.

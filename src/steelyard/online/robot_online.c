@@ -942,7 +942,8 @@ static bool search_step(const structure *known, robot_online_workspace *work)
 
 /* Whether every condition is proved at these unknowns, in SI, at a distance from the boundary: by
  * Cholesky factorizations of matrices from which a bound of the rounding errors was subtracted
- * (S. M. Rump, Verification of positive definiteness, BIT 46, 2006). */
+ * (S. M. Rump, Verification of positive definiteness, BIT 46, 2006), twice, as matrices that are
+ * evaluated in another order differ by rounding, too. */
 static bool proved(robot_online_workspace *work, const double *unknowns, double distance)
 {
     conditions(unknowns, 1.0, distance, work->scalar_steps, work->steps);
@@ -958,7 +959,7 @@ static bool proved(robot_online_workspace *work, const double *unknowns, double 
         for (int32_t i = 0; i < size; ++i) {
             trace += fabs(matrix[(i * size) + i]);
         }
-        const double shift = (2.0 * (size + 2) * DBL_EPSILON * trace) + DBL_MIN;
+        const double shift = (4.0 * (size + 2) * DBL_EPSILON * trace) + DBL_MIN;
         for (int32_t i = 0; i < size; ++i) {
             matrix[(i * size) + i] -= shift;
         }
@@ -983,7 +984,7 @@ static void base_of(const double *unknowns, double constant, double *base)
 static void start_unknowns(double unit, double *unknowns)
 {
     for (int32_t i = 0; i < ROBOT_ONLINE_VARIABLES; ++i) {
-        unknowns[i] = ROBOT_ONLINE_IS_CONE ? start[i] : (start[i] / unit);
+        unknowns[i] = ROBOT_ONLINE_IS_CONE ? interior_point[i] : (interior_point[i] / unit);
     }
 }
 
@@ -1000,7 +1001,8 @@ static double dual_residual(const structure *known, robot_online_workspace *work
 }
 
 /* Whether the search may end: it reached its accuracy, or came close and rounding hinders it. */
-static bool has_ended(const robot_online_workspace *work, double residual, double size, double before)
+static bool has_ended(const robot_online_workspace *work, double residual, double size,
+                      double before)
 {
     const double goal = ROBOT_ONLINE_ACCURACY * size;
     const bool reached = (work->gap <= goal) && (residual <= ROBOT_ONLINE_DUAL_ACCURACY);
@@ -1030,7 +1032,7 @@ static void finish(robot_online_workspace *work, double unit, robot_online_statu
     }
     if (!inside) {
         for (int32_t i = 0; i < ROBOT_ONLINE_VARIABLES; ++i) {
-            unknowns[i] = start[i];
+            unknowns[i] = interior_point[i];
         }
     }
     for (int32_t r = 0; r < ROBOT_ONLINE_PARAMETER_COUNT; ++r) {
@@ -1169,7 +1171,8 @@ robot_online_status robot_online_correct(const double *base, robot_online_worksp
             iterations += moves ? 1 : 0;
         }
     }
-    if ((status == ROBOT_ONLINE_STOPPED) && (work->gap <= (ROBOT_ONLINE_FAIR * fmax(squared, ROBOT_ONLINE_FINE)))) {
+    if ((status == ROBOT_ONLINE_STOPPED) &&
+        (work->gap <= (ROBOT_ONLINE_FAIR * fmax(squared, ROBOT_ONLINE_FINE)))) {
         status = ROBOT_ONLINE_SOLVED;
     }
     answer->gap = work->gap * unit * unit;
@@ -1403,7 +1406,8 @@ robot_online_status robot_online_fit(const robot_online_data *data, const double
             iterations += moves ? 1 : 0;
         }
     }
-    if ((status == ROBOT_ONLINE_STOPPED) && (work->gap <= (ROBOT_ONLINE_FAIR * fmax(value, 0.0)))) {
+    if ((status == ROBOT_ONLINE_STOPPED) &&
+        (work->gap <= (ROBOT_ONLINE_FAIR * fmax(value, 0.0)))) {
         status = ROBOT_ONLINE_SOLVED;
     }
     finish(work, 1.0, status, answer);

@@ -1,0 +1,216 @@
+"""The estimator as C99: it compiles anywhere, agrees with other solvers, and what it hands out is possible."""
+
+import ctypes
+import re
+import shutil
+import subprocess
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import steelyard as sy
+from steelyard.errors import InputError
+from steelyard.identification.wam import true_parameters, wam_model
+from steelyard.online import generate_online
+
+FLAGS = ["-std=c99", "-O2", "-Wall", "-Wextra", "-Werror", "-pedantic", "-Wconversion", "-Wshadow"]
+FLAGS += ["-Wmissing-prototypes", "-Wstack-usage=8192"]
+STATUS = ("solved", "unchanged", "stopped", "refused")
+
+
+def need(tool: str) -> None:
+    if shutil.which(tool) is None:
+        pytest.skip(f"{tool} is not installed")
+
+
+def run(*command: object) -> str:
+    done = subprocess.run(list(map(str, command)), capture_output=True, text=True, check=False)
+    assert done.returncode == 0, done.stdout + done.stderr
+    return done.stdout
+
+
+def arm(**options: object) -> sy.FeasibleSet:
+    robot = sy.Robot.from_dh([("pi/2", 0, 0.3, "q"), (0, 0.5, 0, "q")], name="arm")
+    return sy.FeasibleSet(sy.Model(robot.with_terms(sy.Viscous(), sy.Coulomb())), **options)
+
+
+class Estimator:
+    """The compiled source."""
+
+    def __init__(self, feasible_set: sy.FeasibleSet, folder: Path) -> None:
+        need("gcc")
+        generate_online(feasible_set, folder)
+        self.name = feasible_set.model.robot.name
+        self.set, (n_b, n) = feasible_set, feasible_set.K.shape
+        library = folder / "online.so"
+        run("gcc", *FLAGS, "-shared", "-fPIC", folder / f"{self.name}_online.c", "-o", library, "-lm")
+        self.library = ctypes.CDLL(str(library))
+        fields = [("base", ctypes.c_double * n_b), ("parameters", ctypes.c_double * n), ("objective", ctypes.c_double)]
+        fields += [("gap", ctypes.c_double), ("iterations", ctypes.c_int32), ("status", ctypes.c_int)]
+        self.Answer = type("Answer", (ctypes.Structure,), {"_fields_": fields})
+        self.work = ctypes.create_string_buffer(4_000_000)
+        self.data = ctypes.create_string_buffer(400_000)
+        self.call("begin", self.data)
+
+    def call(self, function: str, *arguments: object) -> int:
+        def passed(value: object) -> object:
+            return ctypes.c_void_p(value.ctypes.data) if isinstance(value, np.ndarray) else value
+
+        return int(getattr(self.library, f"{self.name}_online_{function}")(*map(passed, arguments)))
+
+    def correct(self, base: np.ndarray) -> tuple[str, np.ndarray, np.ndarray, float]:
+        answer = self.Answer()
+        base = np.array(base, dtype=float)
+        status = self.call("correct", base, self.work, ctypes.byref(answer))
+        return STATUS[status], np.array(answer.base), np.array(answer.parameters), answer.objective
+
+    def fit(self, weights: np.ndarray, prior_weight: float) -> tuple[str, np.ndarray, np.ndarray, float]:
+        answer = self.Answer()
+        arguments = (
+            self.data,
+            np.array(weights, float),
+            ctypes.c_double(prior_weight),
+            self.work,
+            ctypes.byref(answer),
+        )
+        status = self.call("fit", *arguments)
+        return STATUS[status], np.array(answer.base), np.array(answer.parameters), answer.objective
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("consistency", ["full", "inertia"])
+def test_corrections_of_the_seven_joint_arm_are_those_of_clarabel(consistency: str, tmp_path: Path) -> None:
+    model = wam_model()
+    feasible_set = sy.FeasibleSet(model, consistency=consistency)
+    estimator, random = Estimator(feasible_set, tmp_path), np.random.default_rng(3)
+    truth = model.base_parameters().values(true_parameters())
+    ends = set()
+    for size in (0.0, 1e-3, 1e-1, 1.0, 10.0, 1e4):
+        for _ in range(3):
+            base = truth + size * random.normal(size=len(truth))
+            status, found, parameters, squared = estimator.correct(base)
+            expected = sy.correct(feasible_set, base=base)
+            assert feasible_set.contains(parameters)
+            assert squared == pytest.approx(np.sum((found - base) ** 2), rel=1e-9, abs=1e-20)
+            scale = np.linalg.norm(base)
+            # Clarabel's own error of the base parameters reaches 1e-5 of their size; see docs/decisions.md.
+            assert np.linalg.norm(found - expected.base) <= 5e-5 * scale
+            assert squared == pytest.approx(expected.squared_distance, rel=1e-4, abs=1e-9 * scale**2)
+            ends.add(status)
+    assert ends == {"solved", "unchanged"}
+
+
+@pytest.mark.slow
+def test_a_set_with_equations_bounds_and_a_box(tmp_path: Path) -> None:
+    constraints = [
+        sy.TotalMass(maximum=9.0),
+        sy.CenterOfMassBox("link2", lower=(-0.3, -0.1, -0.1), upper=(0.1, 0.1, 0.1)),
+        sy.feasibility.LinearBound("m1", minimum=2.0),
+        sy.feasibility.SymmetricLink("link2", plane="xz"),
+    ]
+    feasible_set = arm(constraints=constraints)
+    estimator, random = Estimator(feasible_set, tmp_path), np.random.default_rng(4)
+    for size in (0.1, 1.0, 10.0):
+        base = size * random.normal(size=feasible_set.K.shape[0])
+        status, found, parameters, squared = estimator.correct(base)
+        expected = sy.correct(feasible_set, base=base)
+        assert status == "solved"
+        assert feasible_set.contains(parameters)
+        np.testing.assert_allclose(found, expected.base, atol=1e-5 * np.linalg.norm(base))
+        assert squared == pytest.approx(expected.squared_distance, rel=1e-5)
+
+
+@pytest.mark.slow
+def test_updates_are_those_of_numpy_and_fits_those_of_clarabel(tmp_path: Path) -> None:
+    feasible_set = arm()
+    model, random = feasible_set.model, np.random.default_rng(5)
+    estimator = Estimator(feasible_set, tmp_path)
+    motion = random.normal(size=(3, 200, 2))
+    regressor = np.asarray(model.regressor(*motion)) @ np.linalg.pinv(feasible_set.K)
+    truth = feasible_set.K @ np.abs(random.normal(size=feasible_set.parameter_count))
+    torque = regressor @ truth + random.normal(size=(200, 2))
+    forget = 0.99
+    for rows, values in zip(regressor, torque, strict=True):
+        ended = estimator.call("update", estimator.data, np.ascontiguousarray(rows), values.copy(),
+                               ctypes.c_double(forget), estimator.work)  # fmt: skip
+        assert STATUS[ended] == "solved"
+    shares = np.sqrt(forget ** np.arange(199, -1, -1.0))
+    base, squares = random.normal(size=len(truth)), np.zeros(2)
+    estimator.call("squared_residuals", estimator.data, base, squares)
+    weighted = shares[:, None] * (regressor @ base - torque)
+    np.testing.assert_allclose(squares, np.sum(weighted**2, axis=0), rtol=1e-12)
+
+    weights = np.array([2.0, 0.5])
+    status, found, parameters, objective = estimator.fit(weights, 1e-9)
+    assert status == "solved"
+    assert feasible_set.contains(parameters)
+    rows = (weights[:, None] * shares[:, None, None] * regressor).reshape(-1, len(truth))
+    right = (weights * shares[:, None] * torque).ravel()
+    best = np.linalg.lstsq(rows, right)[0]
+    expected = sy.correct(feasible_set, base=best, metric=rows.T @ rows).base
+    np.testing.assert_allclose(found, expected, atol=1e-5 * np.abs(expected).max())
+    assert objective == pytest.approx(0.5 * np.sum((rows @ found - right) ** 2), rel=1e-6)
+
+
+@pytest.mark.slow
+def test_what_is_no_number_is_refused_with_possible_parameters(tmp_path: Path) -> None:
+    feasible_set = arm()
+    estimator = Estimator(feasible_set, tmp_path)
+    for bad in (np.nan, np.inf, -np.inf, 1e300):
+        base = np.zeros(feasible_set.K.shape[0])
+        base[1] = bad
+        status, _, parameters, _ = estimator.correct(base)
+        assert status == "refused"
+        assert feasible_set.contains(parameters)
+        rows, torque = np.zeros((2, len(base))), np.array([0.0, bad])
+        ended = estimator.call("update", estimator.data, rows, torque, ctypes.c_double(1.0), estimator.work)
+        assert STATUS[ended] == "refused"
+        assert estimator.fit(np.array([1.0, bad]), 1.0)[0] == "refused"
+    status, _, parameters, _ = estimator.correct(np.zeros(feasible_set.K.shape[0]))
+    assert status in ("solved", "unchanged")
+    assert feasible_set.contains(parameters)
+    status, _, parameters, _ = estimator.fit(np.ones(2), 1.0)  # of no data
+    assert feasible_set.contains(parameters)
+
+
+@pytest.mark.slow
+def test_the_source_has_no_allocation_and_no_undefined_behaviour(tmp_path: Path) -> None:
+    need("gcc")
+    generate_online(arm(), tmp_path)
+    source, test = tmp_path / "arm_online.c", tmp_path / "arm_online_test.c"
+    run("gcc", *FLAGS, "-c", source, "-o", tmp_path / "online.o")
+    wanted = set(re.findall(r" U (\w+)", run("nm", tmp_path / "online.o")))
+    assert wanted <= {"sqrt", "pow", "hypot", "fmax", "fmin", "memcpy", "memmove", "memset"}
+    sanitized = ["-g", "-fsanitize=address,undefined", "-fno-sanitize-recover=all"]
+    run("gcc", *FLAGS[:-1], *sanitized, source, test, "-o", tmp_path / "sanitized", "-lm")
+    assert "agree" in run(tmp_path / "sanitized")
+    need("g++")
+    run("g++", "-x", "c++", "-Wall", "-Wextra", "-Werror", source, test, "-o", tmp_path / "cpp", "-lm")
+    assert "agree" in run(tmp_path / "cpp")
+
+
+@pytest.mark.slow
+def test_the_self_test_notices_a_wrong_sign(tmp_path: Path) -> None:
+    need("gcc")
+    generate_online(arm(), tmp_path)
+    source = tmp_path / "arm_online.c"
+    text = source.read_text()
+    for right, wrong in (
+        ("-= 2.0 * base_value[e] * difference", "+= 2.0 * base_value[e] * difference"),
+        ("(cosine * above) + (sine * row[i + k])", "(cosine * above) - (sine * row[i + k])"),
+    ):
+        assert text.count(right) == 1
+        source.write_text(text.replace(right, wrong))
+        run("gcc", "-std=c99", "-O1", source, tmp_path / "arm_online_test.c", "-o", tmp_path / "test", "-lm")
+        assert subprocess.run([tmp_path / "test"], capture_output=True, check=False).returncode == 1
+
+
+def test_what_cannot_be_written_is_refused_in_a_sentence(tmp_path: Path) -> None:
+    with pytest.raises(InputError, match="as C99 alone, not as 'rust'"):
+        generate_online(arm(), tmp_path, language="rust")
+    body = sy.Inertia.from_com(1.0, [0, 0, 0], np.eye(3)).parameters
+    body = np.concatenate([body, [np.nan, np.nan], body, [np.nan, np.nan]])
+    with pytest.raises(InputError, match="not quadratic"):
+        generate_online(arm(), tmp_path, prior=sy.estimators.EntropicPrior(body))
+    assert list(tmp_path.iterdir()) == []
