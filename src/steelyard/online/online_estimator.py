@@ -649,7 +649,8 @@ class OnlineEstimator:
         """Write the estimator for a controller, see :func:`steelyard.online.generate_online`.
 
         The feasible set is this one's. The prior has the same parameters; its distance is quadratic, that of
-        :class:`steelyard.estimators.ConstantPullbackPrior`. The filter stays here: the source takes rows of the regressor.
+        :class:`steelyard.estimators.ConstantPullbackPrior`. The filter stays here: the source takes rows of the
+        regressor.
 
         Parameters
         ----------

@@ -7,6 +7,7 @@ import textwrap
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import scipy.sparse as sparse
@@ -27,6 +28,7 @@ from steelyard.lmi import AffineBlock
 __all__ = ["generate_online"]
 
 Array = NDArray[np.float64]
+Indices = NDArray[np.intp]
 
 LARGEST_BLOCK = 12
 """Rows of a condition, at most: its matrices stand on the stack, eight of them at a time."""
@@ -115,7 +117,7 @@ def generate_online(
     """
     if str(language).lower() not in ("c", "c99"):
         raise InputError(f'The estimator is generated as C99 alone, not as {language!r}; give language="c".')
-    model = feasible_set.model
+    model: Any = feasible_set.model
     with tempfile.TemporaryDirectory() as folder:
         made = model.generate("c", ["regressor"], directory=folder, base=True)
         texts = {path.name: path.read_text(encoding="utf-8") for path in made}
@@ -184,7 +186,7 @@ class _Tables:
         feasible_set, m = self.feasible_set, self.count
         _, blocks = feasible_set.rows(self.N, self.constant)
         identity = -feasible_set.stack.identity[:, None]
-        rows = Rows(sparse.hstack([blocks.matrix, -identity], format="csc"), blocks.right, *blocks.cones)
+        rows = Rows(sparse.csc_array(np.hstack([blocks.matrix.toarray(), -identity])), blocks.right, *blocks.cones)
         most = Rows(sparse.csc_array(([1.0], ([0], [m])), shape=(1, m + 1)), np.ones(1), Cone("nonnegative", 1))
         scaled = self.N / units[:, None]
         P = sparse.block_diag([1e-9 * (scaled.T @ scaled), np.zeros((1, 1))], format="csc")
@@ -212,11 +214,11 @@ class _Structure:
     order: list[int]
     column_start: list[int]
     row: list[int]
-    place: Array
+    place: Indices
     entry: dict[tuple[int, int], int]
 
     @classmethod
-    def of(cls, count: int, cliques: Sequence[Array]) -> _Structure:
+    def of(cls, count: int, cliques: Sequence[Indices]) -> _Structure:
         """Eliminate next what adds the fewest elements; each clique is a set of unknowns that belong together."""
         near: list[set[int]] = [set() for _ in range(count)]
         for clique in cliques:
@@ -232,7 +234,7 @@ class _Structure:
             left.discard(chosen)
             for u in near[chosen]:
                 near[u] = (near[u] | near[chosen]) - {u, chosen}
-        place = np.argsort(order)
+        place = np.argsort(np.array(order, dtype=np.intp))
         starts, rows = [0], []
         for j, under in enumerate(below):
             rows += [j, *sorted(int(place[u]) for u in under)]
@@ -323,7 +325,8 @@ def _condition_tables(tables: _Tables) -> tuple[dict[str, list[int]], dict[str, 
 
 def _online_files(name: str, tables: _Tables, feasible_set: FeasibleSet) -> dict[str, str]:
     """The header, the source and the self-test of the estimator."""
-    model, m = feasible_set.model, tables.count
+    m = tables.count
+    model: Any = feasible_set.model
     indices, reals = _condition_tables(tables)
     own = [*tables.scalars, *tables.matrices]
     cliques = [np.asarray(block.indices) for block in own]
@@ -495,7 +498,7 @@ def _reference_bases(tables: _Tables) -> Array:
 
 def _self_test(name: str, tables: _Tables, feasible_set: FeasibleSet) -> str:
     """The program that compares with Clarabel's answers, and with sums of squares that NumPy computed."""
-    model = feasible_set.model
+    model: Any = feasible_set.model
     given, expected = [], []
     for base in _reference_bases(tables):
         try:
