@@ -24,7 +24,10 @@ SHORTEST = 64
 
 HELD = 10240
 """Samples that are held as they are before they are reduced: half a dozen of blocks in which many short ones came
-together, so that no rows are reduced in small portions."""
+together, so that no rows are reduced in small portions. Of robots with many joints as many as `HELD_NUMBERS` allow."""
+
+FEWEST_HELD, HELD_NUMBERS = 2048, 2**22
+"""Samples that are held at least, and numbers otherwise: 32 MB."""
 
 
 class _Block:
@@ -92,6 +95,8 @@ class TimeBlocks:
 
     def __init__(self, empty: tuple[Factor, ...], most: int = MOST) -> None:
         self.empty, self.most = empty, most
+        width = sum(len(factor.columns) + 1 for factor in empty)
+        self._most_held = max(FEWEST_HELD, min(HELD, HELD_NUMBERS // max(width, 1)))
         self._blocks: list[_Block] = []
         self._length, self._filled, self._held = SHORTEST, 0, 0
 
@@ -108,7 +113,7 @@ class TimeBlocks:
             )
             self._filled, done = (0 if self.most == 1 else self._filled + take), done + take
             self._held += take
-            if self._held >= HELD:
+            if self._held >= self._most_held:
                 self._reduce()
 
     def _reduce(self) -> None:
