@@ -7,6 +7,7 @@ Walther 2008, section 3.2).
 
 from __future__ import annotations
 
+import copy
 from collections.abc import Iterator, Mapping
 
 import numpy as np
@@ -120,6 +121,12 @@ class RegressorInformation:
         joints, columns = np.divmod(self._regressor.places, self._count)
         self._joints = [(np.flatnonzero(joints == k), columns[joints == k]) for k in range(model.dof)]
         self._squares = np.asarray(joint_weights, dtype=np.float64) ** 2
+
+    def weighted(self, joint_weights: Array) -> RegressorInformation:
+        """Return the same with other weights (N,) of the joints, without compiling anew."""
+        found = copy.copy(self)
+        found._squares = np.asarray(joint_weights, dtype=np.float64) ** 2
+        return found
 
     def information(self, q: Array, dq: Array, ddq: Array) -> tuple[Array, list[Array]]:
         """Return the mean of the information of the samples, (n_b, n_b), and the parts that `vjp` needs."""

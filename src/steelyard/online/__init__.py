@@ -5,6 +5,8 @@ from typing import TYPE_CHECKING
 from steelyard.first_use import import_at_first_use
 
 if TYPE_CHECKING:
+    from .active_excitation import ActiveExcitation as ActiveExcitation
+    from .active_excitation import ExcitationStep as ExcitationStep
     from .change_detector import Change as Change
     from .change_detector import ChangeDetector as ChangeDetector
     from .online_estimator import OnlineEstimate as OnlineEstimate
