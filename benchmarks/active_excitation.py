@@ -3,8 +3,8 @@
     python benchmarks/active_excitation.py [--seeds 20] [--criterion prediction] [--json FILE]
 
 The seven-joint WAM of the thesis is simulated with random masses, friction and rotors. Trajectory A (thesis table 4.4)
-takes 37.5 s. It is followed perfectly ("A"), as only a controller can that knows the robot, and beside it in closed loop
-by the controller of the thesis (eq. 4.16 to 4.18), which knows the masses exactly and no friction ("A played").
+takes 37.5 s. It is followed perfectly ("A"), as only a controller can that knows the robot, and beside it in closed
+loop by the controller of the thesis (eq. 4.16 to 4.18), which knows the masses exactly and no friction ("A played").
 Excitation on the fly starts at rest with the kinematics alone, is simulated in closed loop, and must stay within the
 positions, velocities and accelerations that trajectory A itself has, and within the torques of the drives. All have the
 same encoders, the same noise of the torques, the same filters and the same estimator: the feasible fit without a prior.
@@ -85,7 +85,7 @@ class Judge:
 
 
 def process(model: sy.Model, recording: Recording) -> sy.Samples:
-    """The filters of the thesis (section 4.3.3), on torques and regressor as on positions, without joints that stick."""
+    """The filters of the thesis (section 4.3.3), of torques and regressor too, without joints that stick."""
     return recording.process(model=model, cutoff=4.8, order=3, trim=TRIM, torque_cutoff=4.8, velocity_threshold=0.05)
 
 
@@ -175,7 +175,7 @@ def one(seed: int, criterion: str) -> dict[str, object]:
     excitation = ActiveExcitation(model, limits, accuracy=1e-6, longest=DURATION, criterion=criterion, seed=seed)
     result = simulate(model, truth, start, np.zeros(model.dof), DURATION, excitation, sensors=sensors(), seed=seed)
     whole, curve = excitation.recording, []
-    for duration in np.arange(9.0, DURATION + 1e-9, 1.5):  # as if it had ended there
+    for duration in np.arange(10.5, DURATION + 1e-9, 3.0):  # as if it had ended there
         rows = slice(0, int(1000 * duration))
         part = Recording(t=whole.t[rows], q=whole.q[rows], torque=whole.torque[rows], source="part")
         information = sy.Information.from_samples(model, process(model, part), batch_means=False)

@@ -556,6 +556,41 @@ def excite(runs: Runs) -> Drawing:
 
 
 @picture
+def on_the_fly(runs: Runs) -> Drawing:
+    """Excitation on the fly of an arm of two joints: the motion, what is known, and the gains."""
+    from steelyard.online import ActiveExcitation
+    from steelyard.simulation import Sensors
+
+    robot = sy.Robot.from_dh([(0, 0.5, 0, "q"), (0, 0.4, 0, "q")], name="arm", gravity=(0, -9.81, 0))
+    model = sy.Model(robot.with_terms(sy.Viscous(), sy.Coulomb()))
+    bodies = [(3.0, [-0.2, 0.02, 0.0], 0.02, [0.6, 0.9]), (1.2, [-0.15, -0.01, 0.0], 0.006, [0.3, 0.4])]
+    truth = np.concatenate(
+        [[*sy.Inertia.from_com(m, c, i * np.eye(3)).parameters, *drive] for m, c, i, drive in bodies]
+    )
+    limits = {"lower": -2.0, "upper": 2.0, "velocity": 2.0, "acceleration": 6.0, "torque": [60.0, 30.0]}
+    excitation = ActiveExcitation(model, limits, accuracy=0.01, longest=18.0, cutoff=8.0)
+    sensors = Sensors(velocity="none", torque_noise=[0.3, 0.15], torque_time_constant=0.02)
+    run = sy.simulate(model, truth, [0.2, -0.3], [0.0, 0.0], 20.0, excitation, sensors=sensors)
+    times = np.array([step.time for step in excitation.steps])
+    drawing = Drawing("Excitation on the fly: motion, expected error, bandwidth of the feedback", 760, 400)
+    axes = Axes(drawing, (60, 40, 670, 110), (0, 20), (-2.2, 2.2), "", "", "position, rad", x_ticks=False)
+    for joint in range(2):
+        axes.curve(run.t[::20], run.q[::20, joint], COLORS[joint])
+    axes.level(2.0, RED)
+    axes.level(-2.0, RED)
+    errors = np.array([step.expected_error for step in excitation.steps])
+    axes = Axes(drawing, (60, 190, 670, 70), (0, 20), (0.005, 5.0), "", "", "expected torque error", "y", x_ticks=False)
+    axes.curve(np.repeat(times, 2)[1:], np.repeat(errors, 2)[:-1], BLUE, 1.6)
+    axes = Axes(drawing, (60, 300, 670, 60), (0, 20), (0.0, 60.0), "t, s", "", "bandwidth, rad/s")
+    for joint in range(2):
+        widths = np.array([step.bandwidth[joint] for step in excitation.steps])
+        axes.curve(np.repeat(times, 2)[1:], np.repeat(widths, 2)[:-1], COLORS[joint], 1.6)
+    drawing.figures["expected error"] = round(float(errors[-1]), 4)
+    drawing.figures["largest speed"] = round(float(np.abs(run.dq).max()), 3)
+    return drawing
+
+
+@picture
 def collision_free(runs: Runs) -> Drawing:
     """Distances of an arm from a table and of its links from each other during a designed motion."""
     from steelyard import collision

@@ -15,7 +15,7 @@ from steelyard.collision.surroundings import Surroundings
 from steelyard.control import FilteredDifference
 from steelyard.display import text_table
 from steelyard.dynamics import Model
-from steelyard.errors import InputError
+from steelyard.errors import InputError, SteelyardError
 from steelyard.estimators import EntropicPrior
 from steelyard.estimators.estimator import proved_estimate
 from steelyard.estimators.prior import PreparedPrior
@@ -48,6 +48,7 @@ expected torque error after 16 s was 0.25 of its noise with plans of 6 s of whic
 0.18 with 10 s and 8 s, which uses the new data less often."""
 SPACING = 0.8
 """s between control points. With 0.4 s, whose motions are smaller, the error after 16 s is a fifth larger."""
+RETRY = 0.2  # s after which another plan is asked for
 LEAD = 0.8  # s before a plan ends its played part, at which the next one is asked for
 BANDWIDTH = 50.0
 """rad/s of the feedback where the inertia is known; below it, as large a part of it as of the inertia is sure. At 1 kHz
@@ -67,9 +68,9 @@ LEAST_ROOM = 0.01
 FORGETTING = 0.6  # of the room, that stays from one motion to the next where tracking is better
 BLEND = 0.2  # s in which the torque passes from one model to the next
 SLOW = 0.02
-"""Of the limit of velocity: rows of joints that are slower are left out. Joints that stick are no Coulomb friction. With
-them the expected torque error of a simulated WAM after 37 s was 2.5 times as large, with torques that are not filtered
-as the motion is 1.7 times."""
+"""Of the limit of velocity: rows of joints that are slower are left out, since joints that stick have any friction.
+With them the torque error of a simulated WAM after 37 s was 2.5 times as large, with torques that are not filtered as
+the motion is 1.7 times."""
 TRIM = 0.5  # s at both ends of what was recorded, in which the filters ring
 SMOOTHNESS = 0.02  # width of the smooth sign of friction in the search, relative to the velocity limits
 SIGN_WIDTH = 0.01  # rad/s or m/s, in the torques that are fed forward
@@ -283,8 +284,8 @@ class ActiveExcitation:
         if outside.any():
             k = int(np.flatnonzero(outside)[0])
             raise InputError(
-                f"{self.model.robot.joint_names[k]} stands at {q[k]:.4g}, outside its limits {self.limits.lower[k]:.4g} "
-                f"to {self.limits.upper[k]:.4g}; bring it inside first."
+                f"{self.model.robot.joint_names[k]} stands at {q[k]:.4g}, outside its limits "
+                f"{self.limits.lower[k]:.4g} to {self.limits.upper[k]:.4g}; bring it inside first."
             )
         self._started = t
         self._last_time = t
@@ -415,9 +416,8 @@ class ActiveExcitation:
             )
             for step in self.steps
         ]
-        return text_table(
-            ("t in s", "stage", "expected error", "bandwidth in rad/s", "tracking"), rows, numbers=(0, 2, 3, 4)
-        )
+        heads = ("t in s", "stage", "expected error", "bandwidth in rad/s", "tracking")
+        return text_table(heads, rows, numbers=(0, 2, 3, 4))
 
     def __repr__(self) -> str:
         return (
@@ -583,7 +583,7 @@ class ActiveExcitation:
             self._regressor.weighted(1.0 / knowledge.noise),
             self._criterion(knowledge.noise),
             limits,
-            self._torque_constraints(limits, knowledge) + self._constraints,
+            self._torque_constraints(state, limits, knowledge) + self._constraints,
             duration=duration,
             spacing=SPACING if duration >= DURATION else 0.5,
             rate=1.0 / (self.sample_time * self._correlation),
@@ -627,14 +627,22 @@ class ActiveExcitation:
             limits, lower=lower, upper=upper, velocity=velocity, acceleration=acceleration, torque=none, power=none
         )
 
-    def _torque_constraints(self, limits: MotionLimits, knowledge: _Knowledge) -> tuple[MotionConstraint, ...]:
+    def _torque_constraints(
+        self, state: State, limits: MotionLimits, knowledge: _Knowledge
+    ) -> tuple[MotionConstraint, ...]:
+        """Torques by the present estimate, less three standard deviations of what is not known of them.
+
+        Where this leaves too little, half of the limit; and always what the present state needs and some more, so that
+        assumed masses that are too large do not forbid every motion. Commands stay within the limits in any case.
+        """
         bound = self.limits.torque
         if not np.isfinite(bound).any():
             return ()
         unknown = 3.0 * np.sqrt([np.sum(matrix * knowledge.covariance) for matrix in self._prediction])
+        now = np.abs(self._predicted((state[0][None], state[1][None], state[2][None]), knowledge.parameters)[0])
         vjp, held = self._torque_vjp
         held[:] = knowledge.parameters
-        return (TorqueLimit(vjp, limits.joint_names, np.maximum(bound - unknown, 0.5 * bound)),)
+        return (TorqueLimit(vjp, limits.joint_names, np.maximum.reduce([bound - unknown, 0.5 * bound, 1.5 * now])),)
 
     def _prepare(self, plan: _Plan, motion: State) -> None:
         """Compute what a plan is played with: torques, gains, and the bound of the torques."""
@@ -676,7 +684,8 @@ class ActiveExcitation:
     def _move_on(self, t: float) -> None:
         """Ask for the next plan when it is time, and take it over when it is there."""
         plan = self._plan
-        assert plan is not None and self._reference is not None
+        assert plan is not None
+        assert self._reference is not None
         if self._stage == "done":
             return
         if self._waiting is None and t >= self._asked:
@@ -709,9 +718,9 @@ class ActiveExcitation:
             if following.played == np.inf:
                 self._finish(t)
             elif following.reference is None or t > following.time + 2.0 * self.sample_time:
-                self._asked = t  # too late, or none was found: the motion goes on to rest meanwhile
+                self._asked = t + RETRY  # too late, or none was found: the motion goes on to rest meanwhile
                 if following.reference is None:
-                    self._pace = max(0.5 * self._pace, 0.1)
+                    self._pace = max(0.8 * self._pace, 0.1)
             else:
                 self._motions += 1
                 self._take(following, t, "cautious" if self._motions <= len(STAGES) else "exciting")
@@ -737,7 +746,7 @@ class ActiveExcitation:
             kept = np.maximum(1.5 * self._largest + LEAST_ROOM, FORGETTING * self._room)
             self._room = np.clip(kept, LEAST_ROOM, TRACKING)
             kept = np.maximum(1.5 * self._largest_speed, FORGETTING * self._speed_room)
-            self._speed_room = np.clip(kept, 0.05 * self.limits.velocity, 0.4 * self.limits.velocity)
+            self._speed_room = np.clip(kept, 0.1 * self.limits.velocity, 0.4 * self.limits.velocity)
             self._pace = min(1.0, 1.5 * self._pace)
         self._largest, self._largest_speed = np.zeros(self.model.dof), np.zeros(self.model.dof)
 
@@ -769,7 +778,7 @@ class ActiveExcitation:
         way = 0.5 * dq**2 / self.limits.acceleration
         for bad, what in (
             (np.abs(error) > TRACKING, "is far from its reference"),
-            (np.abs(dq) > 0.98 * self.limits.velocity, "is nearly at its limit of velocity"),
+            (np.abs(dq) > 0.95 * self.limits.velocity, "is nearly at its limit of velocity"),
             ((dq < 0.0) & (q - self.limits.lower < way), "could not stop before its lower limit"),
             ((dq > 0.0) & (self.limits.upper - q < way), "could not stop before its upper limit"),
         ):

@@ -1,0 +1,121 @@
+"""Excitation on the fly: segments that join, a cautious start, limits that hold on the simulated states."""
+
+import numpy as np
+import pytest
+
+import steelyard as sy
+from steelyard.excitation import MotionLimits
+from steelyard.online import ActiveExcitation
+from steelyard.online.credible_robots import CredibleRobots
+from steelyard.online.segments import Segment, SegmentFamily, starting_points
+from steelyard.simulation import Sensors, simulate
+
+LIMITS = {"lower": -2.0, "upper": 2.0, "velocity": 2.0, "acceleration": 6.0, "torque": [60.0, 30.0]}
+BODY = sy.Inertia.from_com(3.0, [-0.2, 0.02, 0.0], 0.02 * np.eye(3)).parameters
+LIGHT = sy.Inertia.from_com(1.2, [-0.15, -0.01, 0.0], 0.006 * np.eye(3)).parameters
+TRUE = np.concatenate([BODY, [0.6, 0.9, 0.05], LIGHT, [0.3, 0.4, 0.02]])
+
+
+@pytest.fixture(scope="module")
+def model() -> sy.Model:
+    arm = sy.Robot.from_dh([(0, 0.5, 0, "q"), (0, 0.4, 0, "q")], name="arm", gravity=(0, -9.81, 0))
+    return sy.Model(arm.with_terms(sy.Viscous(), sy.Coulomb(), sy.RotorInertia()))
+
+
+def test_a_segment_begins_in_any_state_and_ends_at_rest() -> None:
+    family = SegmentFamily(4.0, 8)
+    state = (np.array([0.3, -1.0]), np.array([0.7, 0.0]), np.array([-2.0, 1.5]))
+    points = np.hstack([starting_points(family, state), np.random.default_rng(0).normal(size=(2, 5))])
+    segment = Segment(points, 4.0)
+    for found, given in zip(segment.motion([0.0]), state, strict=True):
+        np.testing.assert_allclose(found[0], given, atol=1e-12)
+    q, dq, ddq = segment.motion([4.0 - 1e-9, 4.0, 5.0])
+    np.testing.assert_allclose(q, points[:, [-1, -1, -1]].T, atol=1e-12)
+    assert np.abs(dq).max() < 1e-7
+    assert np.abs(ddq).max() < 1e-6
+    # The derivatives are those of the positions.
+    t, step = np.linspace(0.1, 3.9, 50), 1e-5
+    (before, _, _), (here, speed, change), (after, _, _) = (segment.motion(t + k * step) for k in (-1, 0, 1))
+    np.testing.assert_allclose((after - before) / (2 * step), speed, atol=1e-6)
+    np.testing.assert_allclose((after - 2 * here + before) / step**2, change, atol=1e-3)
+    np.testing.assert_allclose(family.basis(t)[0] @ points.T, here, atol=1e-12)
+
+
+def test_credible_robots_are_possible_and_hold_a_true_one(model: sy.Model) -> None:
+    credible = CredibleRobots.of(model, MotionLimits.of(model.robot.joint_names, **LIMITS))
+    feasible = sy.FeasibleSet(model)
+    assert all(feasible.contains(one) for one in credible.drawn[:20])
+    error = np.asarray(model.base_parameters().K) @ (TRUE - credible.parameters)
+    assert error @ np.linalg.solve(credible.covariance, error) < 3.0 * len(error)
+
+
+@pytest.mark.parametrize(
+    ("limits", "options", "words"),
+    [
+        ({"lower": -1.0, "upper": 1.0}, {}, "no limit of velocity or acceleration"),
+        (LIMITS, {"criterion": "condition"}, "criterion must be"),
+        (LIMITS, {"accuracy": 0.0}, "accuracy"),
+    ],
+)
+def test_what_cannot_be_used_is_told(
+    model: sy.Model, limits: dict[str, object], options: dict[str, object], words: str
+) -> None:
+    with pytest.raises(sy.InputError, match=words):
+        ActiveExcitation(model, limits, **options)  # type: ignore[arg-type]
+
+
+@pytest.mark.slow
+def test_a_robot_of_which_only_the_kinematics_are_known(model: sy.Model) -> None:
+    excitation = ActiveExcitation(model, LIMITS, accuracy=0.02, longest=30.0, cutoff=8.0)
+    sensors = Sensors(
+        encoder_resolution=2e-5, velocity="none", torque_noise=[0.3, 0.15], torque_time_constant=0.02, seed=3
+    )
+    result = simulate(model, TRUE, [0.2, -0.3], [0.0, 0.0], 34.0, excitation, sensors=sensors)
+    assert result.status.value == "finished"
+    assert excitation.finished
+    assert excitation.interruptions == []
+    # The limits hold on the true states, which the controller does not see.
+    assert np.abs(result.q).max() <= 2.0
+    assert np.abs(result.dq).max() <= 2.0
+    assert np.all(np.abs(result.torque) <= [60.0, 30.0])
+    # The reference has no jump in its acceleration either, and keeps its limit.
+    change = np.diff(np.array(excitation.played), 2, axis=0) / 1e-6
+    assert np.abs(change).max() <= 6.0
+    assert np.abs(np.diff(change, axis=0)).max() < 0.2
+    # Confidence grows, the gains with it, and the band of torques narrows.
+    errors = [step.expected_error for step in excitation.steps]
+    assert errors[-1] <= 0.02
+    assert sorted(errors, reverse=True) == errors
+    first, last = excitation.steps[0], excitation.steps[-2]
+    assert np.all(last.bandwidth > first.bandwidth)
+    assert last.tracking_error.max() < 0.1
+    # What is expected is what is: on motions that were not made, within a factor.
+    random = np.random.default_rng(9)
+    motion = random.uniform(-2, 2, (300, 2)), random.uniform(-2, 2, (300, 2)), random.uniform(-6, 6, (300, 2))
+    estimate = excitation.estimate
+    assert estimate is not None
+    assert sy.FeasibleSet(model).contains(estimate.parameters)
+    true, found = (model.inverse_dynamics(*motion, parameters) for parameters in (TRUE, estimate.parameters))
+    assert np.linalg.norm(found - true) / np.linalg.norm(true) < 0.06
+
+
+@pytest.mark.slow
+def test_a_plan_that_comes_too_late_leaves_a_motion_that_stops(
+    model: sy.Model, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    excitation = ActiveExcitation(model, LIMITS, accuracy=1e-6, longest=30.0, sample_time=0.002)
+    truly, calls = excitation._next, []
+
+    def never(log: object, time: float, state: object) -> object:
+        calls.append(time)
+        if len(calls) == 1:
+            return truly(log, time, state)  # type: ignore[arg-type]
+        raise sy.SolverError("nothing was found")
+
+    monkeypatch.setattr(excitation, "_next", never)
+    result = simulate(model, TRUE, [0.2, -0.3], [0.0, 0.0], 6.0, excitation)
+    assert result.status.value == "finished"
+    assert excitation.finished
+    assert "nothing was found" in excitation.interruptions[0][1]
+    assert np.abs(result.dq[-1]).max() < 0.01
+    assert len(calls) == 2
