@@ -228,6 +228,18 @@ class ActiveExcitation:
     (True, False)
     """
 
+    _integral: Array
+    _jump: Array
+    _largest: Array
+    _largest_speed: Array
+    _room: Array
+    _speed_room: Array
+    _command: Array
+    _inertia: Array
+    _bandwidth: Array
+    _bound: Array
+    _stiffness: Array
+
     def __init__(
         self,
         model: Model,
@@ -439,11 +451,16 @@ class ActiveExcitation:
         self._used = 0.0
         self._started = self._last_time = self._switched = 0.0
         self._stage, self._motions, self._pace = "hold", 0, 1.0
-        self._integral, self._jump = np.zeros(size), np.zeros(size)
-        self._largest, self._largest_speed = np.zeros(size), np.zeros(size)
-        self._room, self._speed_room = np.full(size, FIRST_ROOM), 0.2 * self.limits.velocity
+        self._integral = np.zeros(size)
+        self._jump = np.zeros(size)
+        self._largest = np.zeros(size)
+        self._largest_speed = np.zeros(size)
+        self._room = np.full(size, FIRST_ROOM)
+        self._speed_room = 0.2 * self.limits.velocity
         self._command = np.zeros(size)
-        self._inertia, self._bandwidth, self._bound = np.zeros((1, size, size)), np.zeros(size), np.zeros(size)
+        self._inertia = np.zeros((1, size, size))
+        self._bandwidth = np.zeros(size)
+        self._bound = np.zeros(size)
         self._stiffness = np.zeros(size)
         self.steps.clear()
         self.interruptions.clear()
@@ -605,7 +622,7 @@ class ActiveExcitation:
     def _criterion(self, noise: Array) -> Criterion:
         count = self._base.count
         if self._criterion_name != "prediction":
-            return Criterion(self._criterion_name, Subset(self._base.expressions, np.eye(count), True))  # type: ignore[arg-type]
+            return Criterion(self._criterion_name, Subset(self._base.expressions, np.eye(count), True))
         whole = sum(matrix / s**2 for matrix, s in zip(self._prediction, noise, strict=True))
         values, vectors = np.linalg.eigh(whole)
         directions = vectors * np.sqrt(np.maximum(values, 0.0))
@@ -619,7 +636,9 @@ class ActiveExcitation:
         lower, upper = np.fmin(lower, middle - 1e-3), np.fmax(upper, middle + 1e-3)
         # Where the room has grown since, the present state may lie beyond; it is inside the limits themselves.
         lower, upper = np.minimum(lower, state[0] - 0.01), np.maximum(upper, state[0] + 0.01)
-        velocity = np.maximum(share * (limits.velocity - self._speed_room), 0.1 * share * limits.velocity)
+        # What is not known of the torques makes overshoots that no earlier, slower motion has shown.
+        room = self._speed_room + 0.5 * min(knowledge.expected_error, 0.6) * limits.velocity
+        velocity = share * np.maximum(limits.velocity - room, 0.3 * limits.velocity)
         velocity = np.maximum(velocity, 1.02 * np.abs(state[1]) + 1e-3)
         acceleration = np.maximum(0.97 * share * limits.acceleration, 1.02 * np.abs(state[2]) + 1e-3)
         none = np.full(self.model.dof, np.inf)
@@ -704,9 +723,9 @@ class ActiveExcitation:
                 except (SteelyardError, np.linalg.LinAlgError) as failure:
                     self._waiting.set_exception(failure)
         if self._waiting is not None and self._waiting.done():
-            failure = self._waiting.exception()
-            if failure is not None:  # a control loop must go on: the motion that is played ends at rest
-                self.interruptions.append((t - self._started, f"no further motion could be planned: {failure}"))
+            fault = self._waiting.exception()
+            if fault is not None:  # a control loop must go on: the motion that is played ends at rest
+                self.interruptions.append((t - self._started, f"no further motion could be planned: {fault}"))
                 self._waiting = None
                 self._finish(t)
                 return
