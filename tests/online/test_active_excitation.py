@@ -41,6 +41,7 @@ def test_a_segment_begins_in_any_state_and_ends_at_rest() -> None:
     np.testing.assert_allclose(family.basis(t)[0] @ points.T, here, atol=1e-12)
 
 
+@pytest.mark.slow
 def test_credible_robots_are_possible_and_hold_a_true_one(model: sy.Model) -> None:
     credible = CredibleRobots.of(model, MotionLimits.of(model.robot.joint_names, **LIMITS))
     feasible = sy.FeasibleSet(model)
@@ -66,11 +67,11 @@ def test_what_cannot_be_used_is_told(
 
 @pytest.mark.slow
 def test_a_robot_of_which_only_the_kinematics_are_known(model: sy.Model) -> None:
-    excitation = ActiveExcitation(model, LIMITS, accuracy=0.02, longest=30.0, cutoff=8.0)
+    excitation = ActiveExcitation(model, LIMITS, accuracy=0.03, longest=30.0, cutoff=8.0)
     sensors = Sensors(
         encoder_resolution=2e-5, velocity="none", torque_noise=[0.3, 0.15], torque_time_constant=0.02, seed=3
     )
-    result = simulate(model, TRUE, [0.2, -0.3], [0.0, 0.0], 34.0, excitation, sensors=sensors)
+    result = simulate(model, TRUE, [0.2, -0.3], [0.0, 0.0], 22.0, excitation, sensors=sensors)
     assert result.status.value == "finished"
     assert excitation.finished
     assert excitation.interruptions == []
@@ -84,7 +85,7 @@ def test_a_robot_of_which_only_the_kinematics_are_known(model: sy.Model) -> None
     assert np.abs(np.diff(change, axis=0)).max() < 0.2
     # Confidence grows, the gains with it, and the band of torques narrows.
     errors = [step.expected_error for step in excitation.steps]
-    assert errors[-1] <= 0.02
+    assert errors[-1] <= 0.03
     assert sorted(errors, reverse=True) == errors
     first, last = excitation.steps[0], excitation.steps[-2]
     assert np.all(last.bandwidth > first.bandwidth)

@@ -101,6 +101,13 @@ class ExcitationStep:
         (N,) N·m or N, beyond which no torque is commanded.
     tracking_error : ndarray
         (N,) largest of the part before, rad or m.
+
+    Examples
+    --------
+    >>> one = np.ones(2)
+    >>> step = ExcitationStep(5.8, "exciting", 0.19, 0.2 * one, 400 * one, 20 * one, 60 * one, 0.01 * one)
+    >>> step.stage, step.expected_error
+    ('exciting', 0.19)
     """
 
     time: float
