@@ -78,6 +78,19 @@ def test_exact_data_of_equal_robots_is_compared() -> None:
     found = compare_siblings(bases, np.zeros((8, 2, 2)), (ONE, OTHER), np.eye(2))
     assert [(one.robot, one.cause.name) for one in found.deviations] == [(5, "Fc2")]
     assert found.deviations[0].amplitude == pytest.approx(2.0)
+    assert found.deviations[0].alternatives == ()
+
+
+def test_a_cause_that_explains_less_is_no_alternative() -> None:
+    """Of parameters whose errors are correlated, the one that moved stands out; the other is not told beside it."""
+    random = np.random.default_rng(8)
+    matrix = 0.01 * np.array([[1.0, 0.9], [0.9, 1.0]])
+    bases = random.multivariate_normal([0, 0], matrix, size=200)
+    bases[9, 0] += 2.0
+    found = compare_siblings(bases, np.broadcast_to(matrix, (200, 2, 2)), (OTHER, ONE), 1e-3 * np.eye(2))
+    own = [one for one in found.deviations if one.robot == 9]
+    assert own[0].cause.name == "Fc1"
+    assert own[0].alternatives == ()
 
 
 def test_what_data_does_not_show_is_not_compared() -> None:

@@ -55,8 +55,9 @@ MOST_CAUSES = 4
 HIDDEN = 0.02
 """Part of what a cause shows beside those that are found already, below which it cannot be told from them."""
 
-LIKELY = 100.0
-"""Times as probable by chance as the best: other causes up to this are told beside it."""
+LIKELY = 7.6
+"""By how much another cause may explain less than the best, in squared standard deviations, to be told beside it: the
+square of the 0.995 quantile of Student's distribution for `NOISE_FREEDOM`. Beyond that, the best is needed, too."""
 
 LEAST = 1e-3
 """Standard deviation that every base parameter has at least, in the same units: exact data, as of a simulation without
@@ -459,6 +460,11 @@ class _Tests:
             probability[k] = float(fdtrc(size, float(np.min(degrees)), float(along @ along) / size))
         return amplitude, error, among, probability
 
+    @staticmethod
+    def squares(amplitude: Array, error: Array) -> Array:
+        """What each cause explains, in squared standard deviations; nothing of links as a whole, which explain more."""
+        return np.nan_to_num((amplitude / error) ** 2, nan=-1.0)
+
     def freedom(self, robot: int, weights: Array) -> Array:
         """Degrees of freedom of the variances of combinations of base parameters, (k,), by Satterthwaite's rule."""
         problem = self.problem
@@ -472,22 +478,22 @@ class _Tests:
         """The causes that differ in one robot: the likeliest, then what is left beside it, and so on."""
         whole, away = self.against_others(robot)
         inverse, probability = whole, self.probability[robot]
+        squares = self.squares(self.amplitude[robot], self.error[robot])
         parts: list[tuple[int, float, tuple[int, ...]]] = []
         while len(parts) < MOST_CAUSES:
-            best = int(np.argmin(probability))
+            # Where several are so far out that their probabilities are zero, the farthest is the likeliest.
+            best = int(np.lexsort((-squares, probability))[0])
             if probability[best] > self.threshold and parts:
                 break
-            near = [
-                int(k)
-                for k in np.argsort(probability, kind="stable")
-                if k != best and probability[k] <= min(LIKELY * max(probability[best], 1e-300), self.threshold)
-            ]
-            parts.append((best, float(probability[best]), tuple(near)))
+            as_well = (squares[best] - squares <= LIKELY) & (probability <= self.threshold)
+            near = tuple(int(k) for k in np.argsort(-squares, kind="stable") if as_well[k] and k != best)
+            parts.append((best, float(probability[best]), near))
             taken = np.column_stack([self.directions[k] for k, _, _ in parts])
             seen = whole @ taken
             inverse = whole - seen @ np.linalg.pinv(taken.T @ seen, rcond=1e-9, hermitian=True) @ seen.T
             inverse = 0.5 * (inverse + inverse.T)
-            probability = self.tested(robot, inverse, away, whole)[3]
+            amplitude, error, _, probability = self.tested(robot, inverse, away, whole)
+            squares = self.squares(amplitude, error)
             probability[[k for k, _, _ in parts]] = 1.0
         taken = np.column_stack([self.directions[k] for k, _, _ in parts])
         seen = whole @ taken

@@ -118,7 +118,7 @@ def _findings(fleet: Fleet, kind: str) -> Markup:
 
 def _day(date: str) -> Markup:
     """A date that is not broken at its hyphens."""
-    return Markup(escape(date).replace("-", "\u2011"))
+    return Markup(f'<span class="change">{escape(date)}</span>')
 
 
 def _bar(one: Finding) -> Markup:
