@@ -83,6 +83,10 @@ def test_a_robot_of_which_only_the_kinematics_are_known(model: sy.Model) -> None
     change = np.diff(np.array(excitation.played), 2, axis=0) / 1e-6
     assert np.abs(change).max() <= 6.0
     assert np.abs(np.diff(change, axis=0)).max() < 0.2
+    # Where a plan takes over, with another model and other gains, the torque has no jump.
+    joins = [round(1000 * step.time) for step in excitation.steps[1:-1]]
+    steps = np.abs(np.diff(result.torque, axis=0))
+    assert steps[[k + d for k in joins for d in (-2, -1, 0, 1)]].max() < 1.0
     # Confidence grows, the gains with it, and the band of torques narrows.
     errors = [step.expected_error for step in excitation.steps]
     assert errors[-1] <= 0.03

@@ -237,6 +237,7 @@ class ActiveExcitation:
 
     _integral: Array
     _jump: Array
+    _joins: bool
     _largest: Array
     _largest_speed: Array
     _room: Array
@@ -340,10 +341,12 @@ class ActiveExcitation:
         room, inertia, width = self._bound, self._inertia[k], self._bandwidth
         push = width * (inertia @ (width * error))
         self._integral = np.clip(self._integral + dt * INTEGRAL * push, -room, room)
-        carried = self._jump * np.exp(-(t - self._switched) / BLEND)
         root = np.sqrt(width)
         damping = 2.0 * DAMPING * root * (inertia @ (root * speed_error))
-        command = reference.torque[k] + carried + self._integral + push + damping
+        command = reference.torque[k] + self._integral + push + damping
+        if self._joins:  # other gains and another model: the torque passes over without a jump
+            self._jump, self._joins = self._command - command, False
+        command = command + self._jump * np.exp(-(t - self._switched) / BLEND)
         self._command = np.clip(command, -room, room)
         return self._command.copy()
 
@@ -469,6 +472,7 @@ class ActiveExcitation:
         self._bandwidth = np.zeros(size)
         self._bound = np.zeros(size)
         self._stiffness = np.zeros(size)
+        self._joins = False
         self.steps.clear()
         self.interruptions.clear()
         self.played.clear()
@@ -757,13 +761,9 @@ class ActiveExcitation:
         before = self._reference
         self._note(plan, t, stage)
         if before is not None:
-            torque, k = before.torque[before.index(t)], plan.reference.index(t)
-            carried = self._jump * np.exp(-(t - self._switched) / BLEND)
-            if plan.knowledge.information.count:
-                self._jump = torque + carried + self._integral - plan.reference.torque[k]
+            self._joins = True
+            if plan.knowledge.information.count:  # the model carries the weight that the integral carried so far
                 self._integral = np.zeros_like(self._integral)
-            else:  # the weight that the integral carries is still not in the model
-                self._jump = torque + carried - plan.reference.torque[k]
         self._plan, self._reference, self._switched, self._stage = plan, plan.reference, t, stage
         self._inertia, self._bandwidth, self._bound = plan.inertia, plan.bandwidth, plan.bound
         self._stiffness = plan.stiffness
