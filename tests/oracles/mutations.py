@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import copy
 import gzip
+import hashlib
 import json
 import math
 import random
@@ -31,6 +32,8 @@ from steelyard.excitation.motion_limits import limits_from_file
 from steelyard.feasibility import load_certificate, verify_document
 from steelyard.feasibility.constraints import constraints_from_dict
 from steelyard.feasibility.constraints.center_of_mass import read_points
+from steelyard.fleet import FleetManifest
+from steelyard.fleet.packed import is_whole, packed, unpacked
 from steelyard.identification.saved_result import SavedResult
 from steelyard.recording import LogColumns, Processing, process_chunks
 from steelyard.regression.least_squares import least_squares
@@ -131,6 +134,26 @@ upper = [1, 1, 1]
 [[constraints.center_of_mass_hull]]
 link = "link2"
 points = [[0, 0, 0], [1, 0, 0], [0, 1, 0], [0, 0, 1]]
+"""
+MANIFEST = """name = "two arms"
+robot = "robot.urdf"
+false_discovery_rate = 0.1
+intervals = "base"
+[[robots]]
+id = "A-17"
+group = "line 3"
+date = 2026-03-01
+informations = ["information.json"]
+[[robots]]
+id = "A-18"
+date = 2026-03-02
+logs = ["log*.csv"]
+validate = ["log.npz"]
+"""
+ROBOTS = """id,group,robot,informations,logs,date
+1,a,robot.urdf,information.json;information.json,,2026-01-01
+2,a,robot.urdf,,log.csv,2026-01-01T10:00:00
+3,b,robot.urdf,information.json,,2026-01-02
 """
 LIMITS = """lower = [-1, -1]
 upper = 1
@@ -266,6 +289,7 @@ def write_samples(folder: Path) -> dict[str, Path]:
     folder.mkdir(exist_ok=True)
     texts = {"robot.urdf": URDF, "robot.toml": ROBOT, "limits.toml": LIMITS, "robot.srdf": SRDF, "mesh.obj": OBJ}
     texts |= {"robot.xacro": XACRO, "robot.mjcf": MJCF, "robot.sdf": SDF, "program.dat-s": PROGRAM}
+    texts |= {"fleet.toml": MANIFEST, "robots.csv": ROBOTS}
     texts |= {"mesh.ply": PLY, "mesh.dae": DAE, "points.csv": "x,y,z\n0,0,0\n1,0,0\n0,1,0\n0,0,1\n"}
     for name, text in texts.items():
         (folder / name).write_text(text)
@@ -291,6 +315,7 @@ def write_samples(folder: Path) -> dict[str, Path]:
     torque = model.inverse_dynamics(q, dq, ddq, parameters) + rng.normal(0, 0.01, (60, 2))
     information = sy.Information.from_samples(model, sy.Samples(q=q, dq=dq, ddq=ddq, torque=torque), batch_means=False)
     information.save(folder / "information.json")
+    (folder / "reduced.checkpoint").write_bytes(packed({"information": information, "names": ("a", None), "count": 3}))
     estimate = sy.fit(information, sy.FeasibleSet(model))
     estimate.save(folder / "estimate.json")
     verdict = sy.check(sy.FeasibleSet(model), base=-estimate.base)
@@ -421,6 +446,23 @@ def _read_saved(path: Path) -> None:
     _ = repr(SavedResult.load(place).record)
 
 
+def _read_fleet(path: Path) -> None:
+    for entry in FleetManifest.load(path).entries:
+        _ = entry.label, [entry.files(key) for key in ("informations", "logs", "validate")]
+
+
+def _read_packed(path: Path) -> None:
+    data = path.read_bytes()
+    if is_whole(data):
+        unpacked(data)
+
+
+def _read_forged(path: Path) -> None:
+    """Read the file as if its hash were right."""
+    mark, _, content = path.read_bytes().partition(b"\n")
+    unpacked(b"".join([mark, b"\n", hashlib.sha256(content[32:]).digest(), content[32:]]))
+
+
 def _read_program(path: Path) -> None:
     program = SemidefiniteProgram.read(path)
     _finite([program.cost, program.value])
@@ -496,6 +538,9 @@ READERS: dict[str, tuple[Callable[[Path], None], ...]] = {
     "bag.db3": (_read_bag,),
     "metadata.yaml": (_read_bag,),
     "run.json": (_read_saved,),
+    "fleet.toml": (_read_fleet,),
+    "robots.csv": (_read_fleet,),
+    "reduced.checkpoint": (_read_packed, _read_forged),
     "program.dat-s": (_read_program,),
     "estimate.json": (_read_estimate, _read_certificate),
     "information.json": (_read_information,),
@@ -535,7 +580,7 @@ VALUES: list[Any] = [
 
 
 BINARY = (
-    ".npz", ".parquet", ".npy", ".stl", ".feather", ".gz", ".zst", ".mat", ".h5", ".bag", ".mcap", ".db3"
+    ".npz", ".parquet", ".npy", ".stl", ".feather", ".gz", ".zst", ".mat", ".h5", ".bag", ".mcap", ".db3", ".checkpoint"
 )  # fmt: skip
 
 
