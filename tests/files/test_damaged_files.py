@@ -248,6 +248,11 @@ def test_logs_with_numbers_that_no_robot_reaches(samples: Path) -> None:
     refuse("log.csv", samples, "\n".join(lines), "beyond 1e+15 in row 20")
 
 
+def test_a_name_that_is_longer_than_names_can_be(samples: Path) -> None:
+    text = f"id,robot,informations\n1,robot.urdf,{'9' * 5000}.json\n"
+    refuse("robots.csv", samples, text, "is longer than a path can be")
+
+
 def test_a_time_that_no_clock_shows(samples: Path) -> None:
     """Damage to one bit of a stored time, in a file without checksums."""
     lines = (samples / "log.csv").read_text().splitlines()

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import contextlib
+import errno
 import hashlib
 import json
 import math
@@ -74,6 +75,8 @@ def require_file(path: str | os.PathLike[str], remedy: str = "give the path of a
     try:
         mode = os.stat(path).st_mode
     except OSError as error:
+        if error.errno == errno.ENAMETOOLONG:
+            raise InputError(f"{shown(os.fspath(path))}: is longer than a path can be; {remedy}.") from None
         raise InputError(f"{path}: cannot be read ({error.strerror or error}); {remedy}.") from None
     except ValueError:
         raise InputError(f"{shown(os.fspath(path))}: is no path that can exist; {remedy}.") from None

@@ -74,7 +74,9 @@ class FleetEntry:
                 continue
             files = sorted(one for one in glob.glob(pattern, recursive=True) if os.path.isfile(one))
             if not files:
-                raise InputError(f"{shown(pattern)}: no file has such a name; correct {key} of {self.label} in the manifest.")
+                raise InputError(
+                    f"{shown(pattern)}: no file has such a name; correct {key} of {self.label} in the manifest."
+                )
             found += files
         return tuple(dict.fromkeys(found))
 
