@@ -85,8 +85,8 @@ class SimulatedFleet:
         self.sizes = size
         return values
 
-    def robot(self, number, fault=None, size=0.0, epoch=0):
-        """The Information of a robot's minute; `fault` is None, ("gearbox", joint) or ("link", link), from one."""
+    def parameters(self, number, fault=None, size=0.0):
+        """The true parameters of a robot, what its friction near standstill is, and what its other draws come from."""
         model, names = self.model, self.names
         random = np.random.default_rng([self.seed, 1, number])
         values = self.usual.copy()
@@ -103,6 +103,12 @@ class SimulatedFleet:
                 values[names.index(f"{symbol}{fault[1]}")] *= 1.0 + size
         elif fault is not None:
             values[model.link_columns[fault[1] - 1]] *= 1.0 + size
+        return values, standstill, random
+
+    def robot(self, number, fault=None, size=0.0, epoch=0):
+        """The Information of a robot's minute; `fault` is None, ("gearbox", joint) or ("link", link), from one."""
+        model, names = self.model, self.names
+        values, standstill, random = self.parameters(number, fault, size)
         motion = self.motions[int(random.integers(MOTIONS))]
         torque = model.inverse_dynamics(*motion, values)
         dq = motion[1]
