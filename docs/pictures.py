@@ -473,6 +473,95 @@ def validate(runs: Runs) -> Drawing:
     return drawing
 
 
+def _logs_of_two_links(runs: Runs, counts: list[int]) -> list[tuple[Path, sy.Information]]:
+    """Logs of an arm of two links with so many rows, and the Information of each."""
+    model, truth, design, _ = runs.two_links
+    random, found = np.random.default_rng(5), []
+    for number, count in enumerate(counts):
+        t = np.arange(count) / 200.0
+        q, dq, ddq = design.trajectory.motion(t % design.trajectory.duration)
+        torque = model.inverse_dynamics(q, dq, ddq, truth) + 0.2 * random.normal(size=q.shape)
+        path = runs.folder / f"two-links-{number}.csv"
+        table = np.column_stack([t, q, torque])
+        np.savetxt(path, table, fmt="%.9g", delimiter=",", header="t,q1,q2,tau1,tau2", comments="")
+        samples = sy.Samples(q=q, dq=dq, ddq=ddq, torque=torque)
+        found.append((path, sy.Information.from_samples(model, samples, batch_means=False)))
+    return found
+
+
+@picture
+def long_logs(runs: Runs) -> Drawing:
+    """What a log takes, and what is left of it when it is reduced."""
+    from steelyard.fleet.packed import packed
+
+    counts = [1000, 4000, 16000, 64000]
+    logs = _logs_of_two_links(runs, counts)
+    sizes = {
+        "the log as CSV": ([path.stat().st_size / 1e3 for path, _ in logs], GREY),
+        "its Information": ([len(packed(information)) / 1e3 for _, information in logs], BLUE),
+    }
+    drawing = Drawing("A log grows with its length; what it is reduced to does not", 760, 290)
+    axes = Axes(drawing, (70, 40, 660, 190), (800, 80000), (1, 6000), "rows", "", "kB", logarithmic="xy")
+    for name, (values, color) in sizes.items():
+        axes.curve(counts, values, color, 2.0)
+        axes.dots(counts, values, color)
+        drawing.figures[f"{name}, kB"] = values[-1]
+    drawing.legend(70, 280, [(name, color) for name, (_, color) in sizes.items()])
+    return drawing
+
+
+def _tree(runs: Runs, places: list[tuple[str, str]], title: str) -> Drawing:
+    """How four logs become one Information: each is reduced where `places` says (name, color), and pairs are added."""
+    from steelyard.fleet.packed import packed
+
+    logs = _logs_of_two_links(runs, [4000, 6000, 3000, 5000])
+    drawing = Drawing(title, 760, 290)
+
+    def box(x: float, y: float, words: str, more: str, color: str) -> None:
+        drawing.add(
+            f'<rect x="{x:g}" y="{y:g}" width="150" height="44" rx="6" fill="#eef2f5" stroke="{color}" '
+            'stroke-width="1.6"/>'
+        )
+        drawing.text(x + 75, y + 19, words, 13, TEXT, "middle", bold=True)
+        drawing.text(x + 75, y + 35, more, 11, SOFT, "middle")
+
+    def arrow(x: float, y: float, to_x: float, to_y: float) -> None:
+        drawing.add(f'<path d="M{x:g} {y:g}L{to_x:g} {to_y:g}" stroke="{GREY}" stroke-width="1.5"/>')
+
+    tops = [14.0 + 68 * k for k in range(4)]
+    for top, (path, information), (name, color) in zip(tops, logs, places, strict=True):
+        number = path.stem[-1]
+        drawing.text(20, top + 19, f"run{int(number) + 1}.csv", 13, TEXT, bold=True)
+        drawing.text(20, top + 35, f"{path.stat().st_size / 1e3:.0f} kB{name}", 11, color if name else SOFT)
+        arrow(148, top + 22, 178, top + 22)
+        box(180, top, "Information", f"{len(packed(information)) / 1e3:.1f} kB", color)
+    for k in (0, 2):
+        middle = (tops[k] + tops[k + 1]) / 2
+        box(400, middle, "sum", f"runs {k + 1} and {k + 2}", GREY)
+        arrow(330, tops[k] + 22, 398, middle + 22)
+        arrow(330, tops[k + 1] + 22, 398, middle + 22)
+    total = sum((information for _, information in logs[1:]), logs[0][1])
+    middle = (tops[0] + tops[3]) / 2
+    for top in ((tops[0] + tops[1]) / 2, (tops[2] + tops[3]) / 2):
+        arrow(550, top + 22, 598, middle + 22)
+    box(600, middle, "sum", f"{len(packed(total)) / 1e3:.1f} kB, then the fit", BLUE)
+    drawing.figures["kB"] = len(packed(total)) / 1e3
+    return drawing
+
+
+@picture
+def many_logs(runs: Runs) -> Drawing:
+    """Logs, what they are reduced to, and the order of the sums."""
+    return _tree(runs, [("", BLUE)] * 4, "Each log is reduced by itself; sums are formed in the order of the logs")
+
+
+@picture
+def cluster(runs: Runs) -> Drawing:
+    """The same, where two machines reduce the logs."""
+    one, two = (", on machine 1", BLUE), (", on machine 2", ORANGE)
+    return _tree(runs, [one, two, two, one], "Whichever machine reduces a log, the sums have one order")
+
+
 @picture
 def fleet(runs: Runs) -> Drawing:
     """Thirty arms beside each other; in two a joint runs hard, in two a link is heavier."""

@@ -71,9 +71,9 @@ DEFAULTS = {
 }
 
 OLD = {"information", "feasible", "posture", "others", "complement", "safety", "believed", "noise_factor", "preference"}
-NOT_OPTIONS = {"weights": {"estimators.proved_estimate"}, "prior": {".identify"}, "prior_weight": {".identify"}}
+NOT_OPTIONS = {"weights": {"estimators.proved_estimate"}, "prior": {".identify"}, "prior_weight": {".identify", ".OnlineEstimator.__init__"}}
 """Functions in which the argument is no option but a result that is handed on, and those that choose it themselves: the
-main job gathers its prior from the robot, and finds its weight from the data."""
+main job gathers its prior from the robot, and finds its weight from the data, as the estimator while it moves does."""
 
 
 def functions() -> Iterator[tuple[str, Callable[..., Any]]]:

@@ -433,7 +433,7 @@ def test_the_loop_in_cpp_compiles_and_links(place: Path) -> None:
 
 def test_every_language_of_a_block_is_known() -> None:
     """A block without a language is shown and not run: texts that are printed, and file formats."""
-    known = {"python", "console", "toml", "sh", "text", "json", "xml", "cpp", ""}
+    known = {"python", "console", "toml", "sh", "text", "json", "xml", "c", "cpp", ""}
     found = {f["language"] for page in PAGES for f in FENCE.finditer((ROOT / page).read_text(encoding="utf-8"))}
     assert found <= known
     shown = [

@@ -33,28 +33,27 @@ _DECODED: dict[Hashable, Any] = {}
 def decoded_once(path: Path, options: Hashable, decode: Callable[[], Decoded]) -> Decoded:
     """Return what `decode` makes of a file, or made of it as long as the file, or one in the folder, is not written.
 
-        Parameters
-        ----------
-        path : Path
-            A file or folder.
-        options : hashable
-            What else the outcome depends on.
-        decode : callable
-            Its outcome is used by several, none of which changes it.
+    Parameters
+    ----------
+    path : Path
+        A file or folder.
+    options : hashable
+        What else the outcome depends on.
+    decode : callable
+        Its outcome is used by several, none of which changes it.
 
-        Examples
-        --------
-        >>> import tempfile
-    import weakref
-        >>> path = Path(tempfile.mkdtemp()) / "log.txt"
-        >>> for text in ("one", "one", "three"):
-        ...     _ = path.write_text(text) if not path.exists() or path.read_text() != text else None
-        ...     decoded_once(path, "lengths", lambda: print("decoding") or len(path.read_text()))
-        decoding
-        3
-        3
-        decoding
-        5
+    Examples
+    --------
+    >>> import tempfile
+    >>> path = Path(tempfile.mkdtemp()) / "log.txt"
+    >>> for text in ("one", "one", "three"):
+    ...     _ = path.write_text(text) if not path.exists() or path.read_text() != text else None
+    ...     decoded_once(path, "lengths", lambda: print("decoding") or len(path.read_text()))
+    decoding
+    3
+    3
+    decoding
+    5
     """
     key = (str(path), options, _state(path))
     if key not in _DECODED:
