@@ -71,9 +71,14 @@ DEFAULTS = {
 }
 
 OLD = {"information", "feasible", "posture", "others", "complement", "safety", "believed", "noise_factor", "preference"}
-NOT_OPTIONS = {"weights": {"estimators.proved_estimate"}, "prior": {".identify"}, "prior_weight": {".identify", ".OnlineEstimator.__init__"}}
+NOT_OPTIONS = {
+    "weights": {"estimators.proved_estimate"},
+    "prior": {".identify"},
+    "prior_weight": {".identify", ".OnlineEstimator.__init__"},
+}
 """Functions in which the argument is no option but a result that is handed on, and those that choose it themselves: the
-main job gathers its prior from the robot, and finds its weight from the data, as the estimator while it moves does."""
+main job gathers its prior from the robot, and finds its weight from the data, as the estimator that runs with it does.
+"""
 
 
 def functions() -> Iterator[tuple[str, Callable[..., Any]]]:
