@@ -119,7 +119,7 @@ def played_a(model: sy.Model, truth: np.ndarray, seed: int) -> Recording:
     known[links] = truth[links]
     motion = RestToRestTrajectory(wam.TRAJECTORIES["A"], 2.0, 3)
     controller = FeedforwardTracking(
-        model, known, motion, kp=625.0, kd=40.0, coupled=True, velocity=FilteredDifference(40.0)
+        model, known, motion, kp=2500.0, kd=80.0, coupled=True, velocity=FilteredDifference(60.0)
     )
     begin = motion.motion([0.0])[0][0]
     result = simulate(model, truth, begin, np.zeros(model.dof), 41.5, controller, sensors=sensors(), seed=seed)
