@@ -175,6 +175,11 @@ def workshop(tmp_path_factory: pytest.TempPathFactory) -> Path:
         recording(model, carried, 5).save(folder / name)
     rows = "".join(f'\n[[robots]]\nid = "{k}"\nlogs = ["run{k}.csv"]\n' for k in (1, 2, 3))
     (folder / "fleet.toml").write_text(f'robot = "robot.toml"\n{rows}', encoding="utf-8")
+    rows = "".join(f"{k},robot.toml,run{k}.csv\n" for k in (1, 2, 3))
+    (folder / "robots.csv").write_text(f"id,robot,logs\n{rows}", encoding="utf-8")
+    for day in (1, 2):
+        (folder / "logs" / f"day{day}").mkdir(parents=True)
+        recording(model, parameters, day).save(folder / "logs" / f"day{day}" / "run.parquet")
     currents = '[log]\ntorque_unit = "A"\ngain = "find"\n'
     (folder / "currents.toml").write_text(f"{ROBOT_FILE}{currents}", encoding="utf-8")
     (folder / "result").mkdir()
