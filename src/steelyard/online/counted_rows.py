@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from steelyard.dynamics import Model
-from steelyard.regression import Factor, Information
+from steelyard.regression import Information
 
 from .running_information import RunningInformation
 
@@ -52,13 +52,7 @@ class CountedRows:
             for part in self._parts[1:]:
                 self._older.merge(part)
 
-    def factors(self) -> tuple[Factor, ...]:
-        """One for each joint."""
-        if self._older is None:
-            return self._current.factors()
-        return tuple(a + b for a, b in zip(self._older.factors(), self._current.factors(), strict=True))
-
-    def information(self) -> Information:
-        """All of it, with sums of neighbouring rows."""
-        current = self._current.information()
-        return current if self._older is None else self._older.information() + current
+    def information(self, batch_means: bool = True) -> Information:
+        """All of it, with sums of neighbouring rows or, at once, without."""
+        current = self._current.information(batch_means)
+        return current if self._older is None else self._older.information(batch_means) + current

@@ -23,7 +23,7 @@ from steelyard.feasibility import FeasibleSet
 from steelyard.identification.physical_prior import PhysicalPrior, physical_prior
 from steelyard.identification.plausible_fit import UNTESTED_WEIGHT
 from steelyard.regression import Estimate, Factor, Information, ParameterCovariance
-from steelyard.regression.factor import Reduced, column_lengths, combined, is_well_conditioned, solve
+from steelyard.regression.factor import Reduced, column_lengths, is_well_conditioned, solve
 from steelyard.regression.joint_weights import given_weights, inverse_deviations
 from steelyard.regression.parameter_covariance import NORMAL
 
@@ -446,7 +446,7 @@ class OnlineEstimator:
 
     def factors(self) -> tuple[Factor, ...]:
         """The triangular factors of `information`, one for each joint, without sums of neighbouring rows: at once."""
-        return self._counted.factors()
+        return self._counted.information(batch_means=False).factors
 
     @property
     def information(self) -> Information:
@@ -514,14 +514,14 @@ class OnlineEstimator:
             return self._estimated(begun, accuracy, seconds)
 
     def _estimated(self, begun: float, accuracy: float, seconds: float) -> OnlineEstimate:
-        factors = self._counted.factors()
-        rows = sum(f.count for f in factors)
-        if not rows or not any(f.norm2 > 0.0 for f in factors):
+        info = self._counted.information(batch_means=False)
+        rows = info.count
+        if not rows or not any(f.norm2 > 0.0 for f in info.factors):
             return self._without_data(begun, rows)
         slow = self._slow
         if slow is None or rows > GROWTH * slow.rows or rows < slow.rows / GROWTH:
-            slow = self._slow = self._slowly(factors, rows)
-        problem = _reduced(factors, slow.weights, self._set.K.shape[0])
+            slow = self._slow = self._slowly(info)
+        problem = info.reduced(slow.weights)
         variance = _variance(problem)
         left = max(seconds - (perf_counter() - begun), 0.0) if np.isfinite(seconds) else np.inf
         found = self._search.solve(
@@ -560,9 +560,8 @@ class OnlineEstimator:
         seconds = perf_counter() - begun
         return OnlineEstimate(self._t, self._set.K @ start, start, False, text, rows, ones, prior, 0.0, 0, seconds)
 
-    def _slowly(self, factors: tuple[Factor, ...], rows: int) -> _Slow:
-        base, names = self.model.base_parameters(), tuple(self.model.robot.joint_names)
-        info = Information(base.names, base.expressions, names, factors)
+    def _slowly(self, info: Information) -> _Slow:
+        rows = info.count
         if self._known.scale_is_free and rows > SCALING * self._scaled_rows and not self.changes:
             self._scale_known(info)
         deviations = term_deviations(info, self._set)
@@ -710,13 +709,6 @@ def _jumping_rows(model: Model) -> NDArray[np.bool_]:
     slow = 1e-7 * random.uniform(1.0, 2.0, size=(1, model.dof))
     forth, back = (columns.by_joint(columns.entries(q, sign * slow, ddq)) for sign in (1.0, -1.0))
     return np.array([bool(np.abs(a - b).max(initial=0.0) > 0.1) for a, b in zip(forth, back, strict=True)])
-
-
-def _reduced(factors: tuple[Factor, ...], weights: Array, width: int) -> Reduced:
-    triangle = combined(factors, weights, width)
-    count = sum(f.count for f in factors)
-    R, rho = triangle[:width, :width], triangle[:width, width]
-    return Reduced(R, rho, float(triangle[width, width] ** 2), count, float(np.sum(triangle[:, width] ** 2)))
 
 
 def _variance(problem: Reduced) -> float:

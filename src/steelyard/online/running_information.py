@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -10,7 +11,6 @@ from numpy.typing import NDArray
 from steelyard.dynamics import Model
 from steelyard.regression import Factor, Information
 from steelyard.regression.batch_means import BATCH_LENGTHS
-from steelyard.regression.reduction import empty_factors
 
 __all__ = ["RunningInformation", "stacked"]
 
@@ -41,21 +41,16 @@ class RunningInformation:
     """
 
     def __init__(self, model: Model) -> None:
-        self.model = model
-        self.empty = empty_factors(model)
-        self._triangles = [np.asfortranarray(f.triangle) for f in self.empty]
-        self._weights = np.zeros(len(self.empty))
-        self._levels = [[np.asfortranarray(f.triangle) for f in self.empty] for _ in BATCH_LENGTHS]
-        self._level_weights = np.zeros((len(BATCH_LENGTHS), len(self.empty)))
-        self._block = [np.zeros((LONGEST, len(f.triangle))) for f in self.empty]
+        self._nothing = Information.empty(model)
+        empty = self._nothing.factors
+        self._triangles = [np.asfortranarray(f.triangle) for f in empty]
+        self._weights = np.zeros(len(empty))
+        self._levels = [[np.asfortranarray(f.triangle) for f in empty] for _ in BATCH_LENGTHS]
+        self._level_weights = np.zeros((len(BATCH_LENGTHS), len(empty)))
+        self._block = [np.zeros((LONGEST, len(f.triangle))) for f in empty]
         self._filled = 0
         # Joints whose full block waits to be summed; one at a time, so that no update takes long.
         self._waiting: list[tuple[int, Array]] = []
-
-    @property
-    def rows(self) -> int:
-        """Rows of all joints that were added; after forgetting, those that they count for."""
-        return round(float(self._weights.sum()))
 
     def add(self, rows: Sequence[Array], used: NDArray[np.bool_], keep: float = 1.0) -> None:
         """Add rows ``[W omega]`` (samples, c + 1) of every joint, of which the mask (samples, N) tells which count.
@@ -129,7 +124,7 @@ class RunningInformation:
     def copy(self) -> RunningInformation:
         """Return a copy that grows by itself."""
         found = object.__new__(RunningInformation)
-        found.model, found.empty, found._filled = self.model, self.empty, self._filled
+        found._nothing, found._filled = self._nothing, self._filled
         found._triangles = [t.copy(order="F") for t in self._triangles]
         found._weights = self._weights.copy()
         found._levels = [[t.copy(order="F") for t in level] for level in self._levels]
@@ -140,29 +135,24 @@ class RunningInformation:
 
     def merge(self, other: RunningInformation) -> None:
         """Add what another part, which is ended, holds."""
-        for k in range(len(self.empty)):
+        for k in range(len(self._triangles)):
             self._triangles[k] = stacked(self._triangles[k], other._triangles[k])
             for own, further in zip(self._levels, other._levels, strict=True):
                 own[k] = stacked(own[k], further[k])
         self._weights += other._weights
         self._level_weights += other._level_weights
 
-    def factors(self) -> tuple[Factor, ...]:
-        """One for each joint, of all the rows."""
-        return _factors(self.empty, self._triangles, self._weights)
-
     def information(self, batch_means: bool = True) -> Information:
         """Return all the rows as an Information, with sums of neighbouring rows or without."""
-        base = self.model.base_parameters()
+        empty = self._nothing.factors
         levels: tuple[tuple[Factor, ...], ...] = ()
         if batch_means:
             whole = self.copy().ended()
             levels = tuple(
-                _factors(self.empty, triangles, weights)
+                _factors(empty, triangles, weights)
                 for triangles, weights in zip(whole._levels, whole._level_weights, strict=True)
             )
-        names = tuple(self.model.robot.joint_names)
-        return Information(base.names, base.expressions, names, self.factors(), batch_means=levels)
+        return replace(self._nothing, factors=_factors(empty, self._triangles, self._weights), batch_means=levels)
 
 
 def _factors(empty: Sequence[Factor], triangles: Sequence[Array], weights: Array) -> tuple[Factor, ...]:
