@@ -10,6 +10,7 @@ import pytest
 
 import steelyard as sy
 from steelyard.files.writing import beside
+from steelyard.fleet import robot_estimate
 from steelyard.fleet.executors import Here
 from steelyard.fleet.log_reduction import run_in_order
 from steelyard.fleet.packed import is_whole, packed, unpacked
@@ -24,6 +25,33 @@ def test_a_key_tells_content_options_and_versions_apart(monkeypatch: pytest.Monk
     monkeypatch.setattr("steelyard.fleet.checkpoints.__version__", "9.9")
     others.add(sy.fleet.checkpoint_key("content", {"cutoff": 4.8}))
     assert len(others - {key}) == 3
+
+
+SHAPED = """\
+<robot name="arm">
+  <link name="base"/>
+  <link name="rod"><collision><geometry><box size="0.1 0.1 {length}"/></geometry></collision></link>
+  <joint name="turn" type="revolute">
+    <parent link="base"/><child link="rod"/><axis xyz="0 1 0"/>
+    <limit lower="-1" upper="1" effort="1" velocity="1"/>
+  </joint>
+</robot>
+"""
+
+
+def test_a_robot_whose_description_changed_is_estimated_again(tmp_path: Path) -> None:
+    """Shapes of links say what is known of them beforehand, though no base parameter follows from them."""
+    (tmp_path / "robot.toml").write_text('[description]\nurdf = "arm.urdf"\n')
+    (tmp_path / "data.json").write_text("{}")
+    entry = sy.fleet.FleetEntry("A", "", "", tmp_path / "robot.toml", informations=(str(tmp_path / "data.json"),))
+    keys = []
+    for length in ("0.3", "0.3", "0.7"):
+        (tmp_path / "arm.urdf").write_text(SHAPED.format(length=length))
+        robot_estimate._file_and_models.cache_clear()
+        inputs = robot_estimate.inputs_of(robot_estimate.task_of(entry, "base"))
+        keys.append(sy.fleet.checkpoint_key(*inputs))
+    assert keys[0] == keys[1]
+    assert keys[1] != keys[2]
 
 
 @posix

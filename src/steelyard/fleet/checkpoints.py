@@ -19,8 +19,9 @@ from steelyard import __version__
 from steelyard.errors import InputError
 from steelyard.files import plain, write_bytes
 from steelyard.files.writing import SUFFIX, locked, refusal, remove_leftovers
+from steelyard.robot import Robot
 
-__all__ = ["Checkpoints", "checkpoint_key"]
+__all__ = ["Checkpoints", "checkpoint_key", "robot_content"]
 
 _PREFIX, _ENDING = "reduced-", ".checkpoint"
 _NAME = re.compile(re.escape(_PREFIX) + "[0-9a-f]{64}" + re.escape(_ENDING))
@@ -43,6 +44,11 @@ def checkpoint_key(*parts: Any) -> str:
     versions = (__version__, np.__version__, scipy.__version__, sys.version.split()[0], sys.byteorder)
     text = json.dumps([versions, plain(parts)], sort_keys=True, ensure_ascii=True, default=repr)
     return hashlib.sha256(text.encode()).hexdigest()
+
+
+def robot_content(robot: Robot) -> dict[str, Any]:
+    """Return what a robot is, as plain data, without where and with which remarks it was read."""
+    return {**plain(robot), "source": None, "remarks": None}
 
 
 class Checkpoints:

@@ -12,14 +12,14 @@ from steelyard.files import plain
 from steelyard.identification.default_terms import wider_model
 from steelyard.identification.given import GivenLog, given_logs, given_robot, given_settings
 from steelyard.identification.log_reader import LogReader, LogTask
-from steelyard.recording.formats import hashed_log
+from steelyard.recording.formats import content_hash, hashed_log
 from steelyard.regression import Information
 from steelyard.regression.batch_means import BatchMeansTree
 from steelyard.regression.reduction import empty_factors
 from steelyard.regression.time_blocks import TimeBlocks
 from steelyard.robot import Robot, RobotFile
 
-from .checkpoints import Checkpoints, checkpoint_key
+from .checkpoints import Checkpoints, checkpoint_key, robot_content
 from .executors import Executor, Here
 from .log_reduction import first_of, run_in_order
 from .packed import packed, unpacked
@@ -110,9 +110,7 @@ def _reduced(common: Any, task: _Task) -> bytes:
 
 
 def _hashed(common: Any, task: _Task) -> bytes:
-    return packed(
-        [[str(log), *(entry.get("sha256") or entry["etag"] for entry in hashed_log(str(log)))] for log in task.logs]
-    )
+    return packed([[str(log), *map(content_hash, hashed_log(str(log)))] for log in task.logs])
 
 
 def reduce_data_sets(
@@ -164,6 +162,6 @@ def reduce_data_sets(
 
 def _key(task: _Task, contents: Any) -> str:
     file = task.file
-    robot = {**plain(file.robot), "source": None, "remarks": None}
     sections = [file.section("log"), file.section("processing")]
+    robot = robot_content(file.robot)
     return checkpoint_key("data set", robot, file.terms, sections, file.terms_are_default, task.rotors, contents)

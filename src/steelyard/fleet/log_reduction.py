@@ -9,12 +9,12 @@ from pathlib import Path
 from typing import Any
 
 from steelyard.dynamics import Model
-from steelyard.files import plain, tell
+from steelyard.files import tell
 from steelyard.identification.log_reader import LogReader, LogTask, Progress, ReducedGroup, ReducedLog
 from steelyard.recording.formats import content_hash, hashed_log
 from steelyard.regression.batch_means import BatchMeansTree
 
-from .checkpoints import Checkpoints, checkpoint_key
+from .checkpoints import Checkpoints, checkpoint_key, robot_content
 from .executors import Combine, Executor, Here, Leaf, Workers
 from .packed import is_whole, packed, unpacked
 
@@ -50,7 +50,7 @@ class _Common:
 
     def key(self) -> str:
         """Name everything but the logs that the result follows from."""
-        robots = [{**plain(model.robot), "source": None, "remarks": None} for model in self.models]
+        robots = [robot_content(model.robot) for model in self.models]
         kinds = [[type(term).__qualname__ for term in model.robot.terms] for model in self.models]
         log = self.file.section("log")
         return checkpoint_key(robots, kinds, log, self.processing.to_dict(), self.chunk_rows)

@@ -28,6 +28,7 @@ from steelyard.recording.formats import content_hash, hashed_log
 from steelyard.regression import Information, ParameterCovariance, least_squares
 from steelyard.robot import RobotFile
 
+from .checkpoints import robot_content
 from .data_sets import DataSet, reduce_data_sets
 from .manifest import FleetEntry
 from .packed import packed
@@ -231,13 +232,13 @@ def _validation(known: Known, paths: Sequence[str]) -> list[Information]:
     return found
 
 
-def inputs_of(task: dict[str, Any]) -> list[str]:
-    """Return what the result of a task follows from, as texts: hashes of files, and the model of the robot."""
-    file, models = _file_and_models(task["robot"])
-    model = models[-1]
+def inputs_of(task: dict[str, Any]) -> list[Any]:
+    """Return what the result of a task follows from, as plain data: hashes of files, and the robot."""
+    file, _ = _file_and_models(task["robot"])
     sections = [file.section(name) for name in ("log", "processing", "constraints")]
-    described = [*model.parameter_names, *model.base_parameters().expressions, *map(repr, model.robot.parameters)]
+    # The shapes of links, which decide what is known of them, stand in the description alone.
+    described = [file_hash(path) for path in (file.path, file.robot.source) if path is not None and path.is_file()]
     logs = [str(log) for log in given_logs(task["logs"], None)[0]] if task["logs"] else []
     files = [*logs, *task["informations"], *task["validate"]]
     hashes = [content_hash(entry) for path in files for entry in hashed_log(path)]
-    return [task["intervals"], repr(sections), file_hash(file.path) if file.path.is_file() else "", *described, *hashes]
+    return [task["intervals"], sections, described, robot_content(file.robot), hashes]
