@@ -16,7 +16,17 @@ from steelyard.lmi import AffineBlock
 
 from .feasible_set import FeasibleSet
 
-__all__ = ["Barrier", "Function", "add_log_determinants", "damped", "log_determinants", "minimise", "newton_step"]
+__all__ = [
+    "Barrier",
+    "Function",
+    "add_log_determinants",
+    "damped",
+    "linear_conditions",
+    "log_determinants",
+    "matrix_conditions",
+    "minimise",
+    "newton_step",
+]
 
 Vector = npt.NDArray[np.float64]
 Matrix = npt.NDArray[np.float64]
@@ -81,25 +91,10 @@ class Barrier:
     def __init__(self, feasible_set: FeasibleSet, further: Sequence[AffineBlock] = ()) -> None:
         self.size = feasible_set.parameter_count
         blocks = (*feasible_set.blocks, *further)
-        lines = [block for block in blocks if block.size == 1]
-        self._rows = np.zeros((len(lines), self.size))
-        for row, block in zip(self._rows, lines, strict=True):
-            np.add.at(row, block.indices, block.coefficients[:, 0, 0])
-        self._constants = np.array([block.constant[0, 0] for block in lines])
+        self._rows, self._constants = linear_conditions(blocks, self.size)
         self._single = np.count_nonzero(self._rows, axis=1) == 1
         self._clusters = _clusters(self._rows, np.flatnonzero(~self._single))
-        groups: dict[tuple[int, int], list[AffineBlock]] = {}
-        for block in blocks:
-            if block.size > 1:
-                groups.setdefault((block.size, len(block.indices)), []).append(block)
-        self._groups = [
-            (
-                np.array([block.indices for block in group]),
-                np.array([block.coefficients for block in group]),
-                np.array([block.constant for block in group]),
-            )
-            for group in groups.values()
-        ]
+        self._groups = matrix_conditions(blocks)
         self.degree = sum(block.size for block in blocks)
 
     def value(self, points: Matrix) -> Vector:
@@ -127,6 +122,31 @@ class Barrier:
         for indices, coefficients, constants in self._groups:
             matrices = constants + np.einsum("pbi,biac->pbac", points[:, indices], coefficients)
             add_log_determinants(matrices, coefficients, indices, -factors, gradients, hessians)
+
+
+def linear_conditions(blocks: Sequence[AffineBlock], size: int) -> tuple[Matrix, Vector]:
+    """The 1 x 1 blocks among some as rows (b, n) and constants (b,)."""
+    lines = [block for block in blocks if block.size == 1]
+    rows = np.zeros((len(lines), size))
+    for row, block in zip(rows, lines, strict=True):
+        np.add.at(row, block.indices, block.coefficients[:, 0, 0])
+    return rows, np.array([block.constant[0, 0] for block in lines])
+
+
+def matrix_conditions(blocks: Sequence[AffineBlock]) -> list[tuple[Indices, Tensor, Tensor]]:
+    """The larger blocks among some: indices (b, c), coefficients (b, c, d, d) and constants of those of each shape."""
+    groups: dict[tuple[int, int], list[AffineBlock]] = {}
+    for block in blocks:
+        if block.size > 1:
+            groups.setdefault((block.size, len(block.indices)), []).append(block)
+    return [
+        (
+            np.array([block.indices for block in group]),
+            np.array([block.coefficients for block in group]),
+            np.array([block.constant for block in group]),
+        )
+        for group in groups.values()
+    ]
 
 
 def _clusters(rows: Matrix, numbers: Sequence[int] | Indices) -> list[tuple[Indices, Indices]]:

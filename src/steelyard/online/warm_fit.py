@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from steelyard.errors import SolverError
 from steelyard.estimators.prior import PreparedPrior
 from steelyard.feasibility import FeasibleSet
-from steelyard.lmi import AffineBlock
+from steelyard.feasibility.barrier import RIDGE, add_log_determinants, linear_conditions, matrix_conditions
 
 __all__ = ["WarmAnswer", "WarmFit"]
 
@@ -36,9 +36,6 @@ STATIONARY = 1e-9
 MOST_STEPS = 80
 """Far more than any start needs; it ends searches that rounding keeps from their end."""
 
-RIDGE = 1e-13
-"""Added to the diagonal of matrices that were scaled to ones there; see `steelyard.feasibility.barrier`."""
-
 
 @dataclass(frozen=True, eq=False)
 class WarmAnswer:
@@ -49,18 +46,15 @@ class WarmAnswer:
     parameters : (n,)
         Inside the set, whether or not the search ended.
     converged : bool
-        Whether the optimum was reached to `complementarity`, before the time or the steps ran out.
+        Whether the optimum was reached to the accuracy that was asked for, before the time or the steps ran out.
     steps : int
     seconds : float
-    complementarity : float
-        Largest product of a linear condition and its multiplier.
     """
 
     parameters: Array = field(repr=False)
     converged: bool
     steps: int
     seconds: float
-    complementarity: float
 
 
 class WarmFit:
@@ -79,15 +73,16 @@ class WarmFit:
     def __init__(self, feasible_set: FeasibleSet) -> None:
         self.feasible_set = feasible_set
         self.K = np.asarray(feasible_set.K)
-        lines = [block for block in feasible_set.blocks if block.size == 1]
-        self._rows = np.zeros((len(lines), feasible_set.parameter_count))
-        for row, block in zip(self._rows, lines, strict=True):
-            np.add.at(row, block.indices, block.coefficients[:, 0, 0])
-        self._constants = np.array([block.constant[0, 0] - feasible_set.margin for block in lines])
-        self._groups = _groups([block for block in feasible_set.blocks if block.size > 1], feasible_set.margin)
+        margin = feasible_set.margin
+        self._rows, constants = linear_conditions(feasible_set.blocks, feasible_set.parameter_count)
+        self._constants = constants - margin
+        self._groups = [
+            (own, coefficients, constants - margin * np.eye(constants.shape[-1]))
+            for own, coefficients, constants in matrix_conditions(feasible_set.blocks)
+        ]
         self._basis = feasible_set.equation_directions
         self.start: Array | None = None
-        self._multipliers = np.ones(len(lines))
+        self._multipliers = np.ones(len(self._rows))
 
     def inside(self, parameters: Array) -> bool:
         """Whether every condition holds with the margin, and matrices have the factors that a step needs."""
@@ -187,17 +182,12 @@ class WarmFit:
             if centered:
                 barrier = max(accuracy, REDUCTION * barrier)
         self.start, self._multipliers = point, multipliers
-        reached = float(np.max(slacks * multipliers, initial=0.0))
-        return WarmAnswer(point, converged, steps, perf_counter() - begun, reached)
+        return WarmAnswer(point, converged, steps, perf_counter() - begun)
 
     def _add_barriers(self, point: Array, factor: float, gradient: Array, hessian: Array) -> None:
         for own, coefficients, constants in self._groups:
             matrices = constants + np.einsum("bi,biac->bac", point[own], coefficients)
-            roots = np.linalg.inv(np.linalg.cholesky(matrices))[:, None]
-            products = roots @ coefficients @ roots.swapaxes(-1, -2)
-            flat = products.reshape(*products.shape[:2], -1)
-            np.subtract.at(gradient, own, factor * np.einsum("bcii->bc", products))
-            np.add.at(hessian, (own[:, :, None], own[:, None, :]), factor * (flat @ flat.swapaxes(-1, -2)))
+            add_log_determinants(matrices[None], coefficients, own, np.array([-factor]), gradient[None], hessian[None])
 
     def _newton(self, gradient: Array, hessian: Array) -> Array:
         from scipy.linalg.lapack import dposv
@@ -225,20 +215,3 @@ class WarmFit:
             if least < 0.0:
                 longest = min(longest, -1.0 / least)
         return longest
-
-
-def _groups(
-    blocks: list[AffineBlock], margin: float
-) -> list[tuple[NDArray[np.intp], NDArray[np.float64], NDArray[np.float64]]]:
-    """Indices, coefficients and constants, less the margin, of blocks of the same shape."""
-    found: dict[tuple[int, int], list[AffineBlock]] = {}
-    for block in blocks:
-        found.setdefault((block.size, len(block.indices)), []).append(block)
-    return [
-        (
-            np.array([block.indices for block in group]),
-            np.array([block.coefficients for block in group]),
-            np.array([block.constant for block in group]) - margin * np.eye(size),
-        )
-        for (size, _), group in found.items()
-    ]
