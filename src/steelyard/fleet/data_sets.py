@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import os
 from collections.abc import Generator, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, fields, replace
 from typing import Any
 
 from steelyard.dynamics import Model
@@ -24,7 +24,7 @@ from .executors import Executor, Here
 from .log_reduction import first_of, run_in_order
 from .packed import packed, unpacked
 
-__all__ = ["DataSet", "ReducedDataSet", "reduce_data_sets"]
+__all__ = ["DataSet", "ReducedDataSet", "reduce_data_sets", "reduced_logs"]
 
 CHUNK_ROWS = 200_000
 FEW = 100
@@ -91,22 +91,26 @@ class _Task:
         return (wider_model(self.file, model) or model) if self.rotors else model
 
 
-def _reduced(common: Any, task: _Task) -> bytes:
-    model = task.model()
-    reader = LogReader(task.file, model, CHUNK_ROWS)
-    reader.decide(task.logs, lambda _: None)
+def reduced_logs(file: RobotFile, model: Model, logs: Sequence[GivenLog]) -> ReducedDataSet:
+    """Reduce the logs of one robot in this process, in the base parameters of a model."""
+    reader = LogReader(file, model, CHUNK_ROWS)
+    reader.decide(logs, lambda _: None)
     tree, blocks, parts = BatchMeansTree(), TimeBlocks(empty_factors(model)), []
-    for log in task.logs:
-        one = reader.reduced(LogTask(log, FEW, FEW, len(task.logs), True), model)
+    for log in logs:
+        one = reader.reduced(LogTask(log, FEW, FEW, len(logs), True), model)
         reader.note(one)
         tree.add(one.information.batch_means)
         blocks.append(TimeBlocks.of_held(blocks.empty, one.blocks))
         parts.append(replace(one.information, batch_means=()))
     total = replace(Information.total(parts), batch_means=tree.total())
-    names = tuple(map(str, task.logs))
-    stretches = total.stretches(blocks)
+    names, remarks = tuple(map(str, logs)), tuple(dict.fromkeys(reader.remarks))
     decided = {name: plain(value) for name, value in reader.decided.items()}
-    return packed((total, tuple(parts), stretches, names, tuple(dict.fromkeys(reader.remarks)), decided))
+    return ReducedDataSet(total, tuple(parts), total.stretches(blocks), names, remarks, decided)
+
+
+def _reduced(common: Any, task: _Task) -> bytes:
+    found = reduced_logs(task.file, task.model(), task.logs)
+    return packed([getattr(found, one.name) for one in fields(found)])
 
 
 def _hashed(common: Any, task: _Task) -> bytes:

@@ -15,6 +15,7 @@ from steelyard.dynamics import Model
 from steelyard.dynamics.threads import in_one_thread
 from steelyard.errors import SteelyardError
 from steelyard.identification.log_reader import Progress
+from steelyard.regression.parameter_covariance import NORMAL
 
 from .causes import Cause, possible_causes, variations
 from .checkpoints import Checkpoints, checkpoint_key
@@ -22,14 +23,12 @@ from .executors import Executor, Here
 from .log_reduction import first_of, run_in_order
 from .manifest import FleetEntry, FleetManifest
 from .packed import unpacked
-from .robot_estimate import inputs_of, known_of, robot_estimate, task_of
+from .robot_estimate import inputs_of, model_of, robot_estimate, task_of
 from .siblings import FEWEST, Deviation, SiblingComparison, compare_siblings
 
 __all__ = ["Finding", "Fleet", "RobotGroup", "RobotRow", "identify_fleet"]
 
 Array = NDArray[np.float64]
-NORMAL = 1.959963984540054
-"""The 0.975 quantile of the normal distribution."""
 MOST_SENTENCES = 40
 """That are printed; the tables have all."""
 LINES = 20
@@ -311,7 +310,7 @@ def _number(value: Any) -> float:
 
 
 def _model_of(row: RobotRow) -> Model | None:
-    return None if row.reason else known_of(str(row.entry.robot), bool(row.values["with_rotors"])).model
+    return None if row.reason else model_of(str(row.entry.robot), bool(row.values["with_rotors"]))
 
 
 def _finding_row(one: Finding) -> dict[str, Any]:
@@ -425,15 +424,14 @@ def _estimated(
     for number, entry in enumerate(manifest.entries):
         try:
             task = task_of(entry, manifest.intervals)
-            keys.append("" if checkpoints is None else checkpoint_key("robot", *inputs_of(task)))
+            keys.append(None if checkpoints is None else checkpoint_key("robot", *inputs_of(task)))
         except SteelyardError as error:
             found[number] = {"reason": str(error)}
         else:
             numbers.append(number)
             tasks.append([task])
     every = max(len(tasks) // LINES, 1)
-    kept = keys if checkpoints is not None else None
-    contents = run_in_order(robot_estimate, first_of, None, tasks, executor, kept, checkpoints)
+    contents = run_in_order(robot_estimate, first_of, None, tasks, executor, keys, checkpoints)
     for done, (number, content) in enumerate(zip(numbers, contents, strict=True), start=1):
         found[number] = unpacked(content)
         if done % every == 0 or done == len(tasks):
@@ -464,6 +462,7 @@ def _compared(
     dates = [sorted(own, key=lambda k: rows[k].entry.date) for own in by_robot.values()]
     latest = [own[-1] for own in dates]
     several = [own for own in dates if len(own) > 1]
+    firsts, lasts = [own[0] for own in several], [own[-1] for own in several]
     model = _model_of(rows[numbers[0]])
     assert model is not None
     parameters = np.median([rows[k].values["parameters"] for k in latest], axis=0)
@@ -492,7 +491,6 @@ def _compared(
             f"came, and siblings are compared where there are {FEWEST} or more."
         )
     if len(several) >= FEWEST:
-        firsts, lasts = [own[0] for own in several], [own[-1] for own in several]
         before, before_errors = _arrays(rows, firsts)
         after, after_errors = _arrays(rows, lasts)
         drift = compare_siblings(after - before, after_errors + before_errors, causes, directions, rate=rate)
@@ -515,7 +513,6 @@ def _compared(
             f"{len(several)} robot{'s' * (len(several) > 1)} of {called} have several dates, and drift is told from "
             f"what changes in siblings where there are {FEWEST} or more; compare single ones with steelyard compare."
         )
-    firsts, lasts = [own[0] for own in several], [own[-1] for own in several]
     group = RobotGroup(name, model, tuple(latest), tuple(firsts), tuple(lasts), siblings, drift, tuple(common))
     return group, findings, remarks
 

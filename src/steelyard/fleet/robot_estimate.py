@@ -29,11 +29,11 @@ from steelyard.regression import Information, ParameterCovariance, least_squares
 from steelyard.robot import RobotFile
 
 from .checkpoints import robot_content
-from .data_sets import DataSet, reduce_data_sets
+from .data_sets import reduced_logs
 from .manifest import FleetEntry
 from .packed import packed
 
-__all__ = ["Known", "inputs_of", "known_of", "robot_estimate", "task_of"]
+__all__ = ["Known", "inputs_of", "known_of", "model_of", "robot_estimate", "task_of"]
 
 
 @dataclass(frozen=True, eq=False)
@@ -58,7 +58,7 @@ class Known:
     prior: PhysicalPrior
 
 
-@lru_cache(maxsize=4)
+@lru_cache(maxsize=64)  # asked for row by row, of which neighbours may be of other descriptions
 def _file_and_models(robot: str) -> tuple[RobotFile, tuple[Model, ...]]:
     file = RobotFile.load(robot)
     model = Model.from_file(file)
@@ -66,11 +66,16 @@ def _file_and_models(robot: str) -> tuple[RobotFile, tuple[Model, ...]]:
     return file, (model,) if wider is None else (model, wider)
 
 
+def model_of(robot: str, with_rotors: bool) -> Model:
+    """Return the model of a description, with rotor inertia at every joint or as it states."""
+    return _file_and_models(robot)[1][-1 if with_rotors else 0]
+
+
 @lru_cache(maxsize=4)
 def known_of(robot: str, with_rotors: bool) -> Known:
     """Return what is known of the robots of a description, with rotor inertia at every joint or as it states."""
     file, models = _file_and_models(robot)
-    model = models[-1 if with_rotors else 0]
+    model = model_of(robot, with_rotors)
     constraints = given_constraints(file)
     feasible_set = FeasibleSet(model, constraints=constraints)
     return Known(file, models[0], model, feasible_set, physical_prior(model, constraints))
@@ -165,16 +170,13 @@ def _estimate(task: dict[str, Any]) -> dict[str, Any]:
         "rows": information.count,
         "base": unconstrained.base,
         "covariance": covariance.matrix,
-        "shown": ~covariance.unknown,
         "parameters": estimate.parameters,
-        "answer": estimate.base,
         "possible": bool(feasible_set.contains(estimate.parameters)),
         "feasible": verdict.status,
         "word": prediction.word,
         "source": prediction.source,
         "model_error": prediction.model_error,
         "relative_error": prediction.relative_error,
-        "joint_relative_error": prediction.joint_relative_error,
         "condition_number": information.condition_number,
         "filtered": information.filtered_torque,
         "table": rows,
@@ -212,9 +214,8 @@ def _shortened(text: str, most: int = 60) -> str:
 
 def _reduced(robot: str, logs: Sequence[str]) -> tuple[Known, Information, tuple[Information, ...], list[str]]:
     """Reduce logs; the rotors of robots whose terms nobody states belong to the model, as siblings have the same."""
-    file, models = _file_and_models(robot)
-    known = known_of(robot, len(models) > 1)
-    (found,) = reduce_data_sets([DataSet(file, logs, rotors=True)])
+    known = known_of(robot, True)
+    found = reduced_logs(known.file, known.model, given_logs(list(logs), None)[0])
     return known, found.information, found.stretches, list(found.remarks)
 
 
@@ -225,8 +226,7 @@ def _validation(known: Known, paths: Sequence[str]) -> list[Information]:
         if path.lower().endswith(".json"):
             information = Information.load(path)
         else:
-            (reduced,) = reduce_data_sets([DataSet(known.file, [path], rotors=known.model is not known.stated)])
-            information = reduced.information
+            information = reduced_logs(known.file, known.model, given_logs([path], None)[0]).information
         _require_model(information, known.model, path)
         found.append(information)
     return found
