@@ -226,7 +226,20 @@ static void add_adjoint(double factor, const double *scalars, const double *matr
  * extending the available precision, Numerische Mathematik 18, 1971). Near the boundary the Newton
  * matrix needs them: its largest elements are 1e20 times those that decide how heavy a link is. */
 
-static robot_online_pair product_of(double first, double second)
+static robot_online_pair pair_of(double value)
+{
+    robot_online_pair result;
+    result.high = value;
+    result.low = 0.0;
+    return result;
+}
+
+static double rounded_pair(robot_online_pair value)
+{
+    return value.high + value.low;
+}
+
+static robot_online_pair pair_product(double first, double second)
 {
     const double split = 134217729.0; /* 2^27 + 1 */
     const double first_scaled = split * first;
@@ -243,26 +256,14 @@ static robot_online_pair product_of(double first, double second)
     return product;
 }
 
-static robot_online_pair sum_of(robot_online_pair first, robot_online_pair second)
+static robot_online_pair pair_times(robot_online_pair first, robot_online_pair second)
 {
-    const double sum = first.high + second.high;
-    const double part = sum - first.high;
-    const double error = (first.high - (sum - part)) + (second.high - part);
-    const double low = error + (first.low + second.low);
-    robot_online_pair result;
-    result.high = sum + low;
-    result.low = low - (result.high - sum);
-    return result;
-}
-
-static robot_online_pair times(robot_online_pair first, robot_online_pair second)
-{
-    robot_online_pair product = product_of(first.high, second.high);
+    robot_online_pair product = pair_product(first.high, second.high);
     product.low += (first.high * second.low) + (first.low * second.high);
     return product;
 }
 
-static robot_online_pair negative(robot_online_pair value)
+static robot_online_pair negative_pair(robot_online_pair value)
 {
     robot_online_pair result;
     result.high = -value.high;
@@ -270,83 +271,74 @@ static robot_online_pair negative(robot_online_pair value)
     return result;
 }
 
-static robot_online_pair pair_of(double value)
+static void add_pair(robot_online_pair *sum, robot_online_pair value)
 {
-    robot_online_pair result;
-    result.high = value;
-    result.low = 0.0;
-    return result;
+    const double high = sum->high + value.high;
+    const double part = high - sum->high;
+    const double error = (sum->high - (high - part)) + (value.high - part);
+    const double low = error + (sum->low + value.low);
+    sum->high = high + low;
+    sum->low = low - (sum->high - high);
 }
 
-/* Add the curvature of the conditions: for unknowns v and w of a condition, tr(A_w Z A_v S^-1),
- * from the same for single elements of the condition. */
-static void add_curvature(const structure *known, robot_online_workspace *work)
+/* 1 / sqrt(pivot). A pivot that rounding made negative stands for a direction that nothing
+ * determines: the step leaves it alone. */
+static robot_online_pair inverse_root_of_pair(robot_online_pair pivot, robot_online_pair diagonal)
 {
-    const robot_online_index *place = known->condition_entry;
-    int32_t next = 0;
-    for (int32_t b = 0; b < ROBOT_ONLINE_SCALARS; ++b) {
-        const double ratio = work->scalar_multipliers[b] / work->scalars[b];
-        for (int32_t v = scalar_start[b]; v < scalar_start[b + 1]; ++v) {
-            const double scaled = ratio * scalar_value[v];
-            for (int32_t w = scalar_start[b]; w <= v; ++w) {
-                work->matrix[place[next]] += scaled * scalar_value[w];
-                ++next;
-            }
-        }
+    const double least = ROBOT_ONLINE_ROUNDING * ROBOT_ONLINE_ROUNDING * diagonal.high;
+    robot_online_pair inverse = pair_of(1.0 / ROBOT_ONLINE_BLOCKED);
+    if (pivot.high > least) {
+        /* Newton's step for 1 / sqrt(pivot): x + x (1 - pivot x^2) / 2. */
+        const double guess = 1.0 / sqrt(pivot.high);
+        robot_online_pair error = pair_of(1.0);
+        add_pair(&error, negative_pair(pair_times(pivot, pair_product(guess, guess))));
+        inverse = pair_of(guess);
+        add_pair(&inverse, pair_of(0.5 * guess * error.high));
     }
-    for (int32_t b = 0; b < ROBOT_ONLINE_MATRICES; ++b) {
-        const int32_t size = matrix_size[b];
-        const double *z = &work->multipliers[matrix_place[b]];
-        const double *s = &work->inverses[matrix_place[b]];
-        double *products = work->products;
-        int32_t first = 0;
-        for (int32_t r = 0; r < size; ++r) {
-            for (int32_t c = r; c < size; ++c) {
-                int32_t second = 0;
-                for (int32_t i = 0; i <= r; ++i) {
-                    for (int32_t j = i; (j < size) && (second <= first); ++j) {
-                        double sum = (z[(i * size) + r] * s[(c * size) + j]);
-                        if (i != j) {
-                            sum += (z[(j * size) + r] * s[(c * size) + i]);
-                        }
-                        if (r != c) {
-                            sum += (z[(i * size) + c] * s[(r * size) + j]);
-                            if (i != j) {
-                                sum += (z[(j * size) + c] * s[(r * size) + i]);
-                            }
-                        }
-                        products[(first * ROBOT_ONLINE_TRIANGLE) + second] = sum;
-                        products[(second * ROBOT_ONLINE_TRIANGLE) + first] = sum;
-                        ++second;
-                    }
-                }
-                ++first;
-            }
-        }
-        for (int32_t v = matrix_start[b]; v < matrix_start[b + 1]; ++v) {
-            for (int32_t w = matrix_start[b]; w <= v; ++w) {
-                double sum = 0.0;
-                for (int32_t e = element_start[v]; e < element_start[v + 1]; ++e) {
-                    const double *row = &products[element_number[e] * ROBOT_ONLINE_TRIANGLE];
-                    double part = 0.0;
-                    for (int32_t f = element_start[w]; f < element_start[w + 1]; ++f) {
-                        part += element_value[f] * row[element_number[f]];
-                    }
-                    sum += element_value[e] * part;
-                }
-                work->matrix[place[next]] += sum;
-                ++next;
-            }
-        }
-    }
+    return inverse;
 }
 
-static void add_to(robot_online_pair *sum, robot_online_pair value)
+/* The same of single numbers. */
+
+static double double_of(double value)
 {
-    *sum = sum_of(*sum, value);
+    return value;
 }
 
-/* The same in pairs. */
+static double rounded_double(double value)
+{
+    return value;
+}
+
+static double double_product(double first, double second)
+{
+    return first * second;
+}
+
+static double double_times(double first, double second)
+{
+    return first * second;
+}
+
+static double negative_double(double value)
+{
+    return -value;
+}
+
+static void add_double(double *sum, double value)
+{
+    *sum += value;
+}
+
+static double inverse_root_of_double(double pivot, double diagonal)
+{
+    const double least = ROBOT_ONLINE_ROUNDING * diagonal;
+    return 1.0 / ((pivot > least) ? sqrt(pivot) : ROBOT_ONLINE_BLOCKED);
+}
+
+/*TWICE*/
+/* In pairs: add the curvature of the conditions: for unknowns v and w of a condition,
+ * tr(A_w Z A_v S^-1), from the same for single elements of the condition. */
 static void add_curvature_in_pairs(const structure *known, robot_online_workspace *work)
 {
     const robot_online_index *place = known->condition_entry;
@@ -354,9 +346,10 @@ static void add_curvature_in_pairs(const structure *known, robot_online_workspac
     for (int32_t b = 0; b < ROBOT_ONLINE_SCALARS; ++b) {
         const double ratio = work->scalar_multipliers[b] / work->scalars[b];
         for (int32_t v = scalar_start[b]; v < scalar_start[b + 1]; ++v) {
-            const robot_online_pair scaled = product_of(ratio, scalar_value[v]);
+            const robot_online_pair scaled = pair_product(ratio, scalar_value[v]);
             for (int32_t w = scalar_start[b]; w <= v; ++w) {
-                add_to(&work->matrix_pairs[place[next]], times(scaled, pair_of(scalar_value[w])));
+                add_pair(&work->matrix_pairs[place[next]],
+                         pair_times(scaled, pair_of(scalar_value[w])));
                 ++next;
             }
         }
@@ -372,14 +365,14 @@ static void add_curvature_in_pairs(const structure *known, robot_online_workspac
                 int32_t second = 0;
                 for (int32_t i = 0; i <= r; ++i) {
                     for (int32_t j = i; (j < size) && (second <= first); ++j) {
-                        robot_online_pair sum = product_of(z[(i * size) + r], s[(c * size) + j]);
+                        robot_online_pair sum = pair_product(z[(i * size) + r], s[(c * size) + j]);
                         if (i != j) {
-                            add_to(&sum, product_of(z[(j * size) + r], s[(c * size) + i]));
+                            add_pair(&sum, pair_product(z[(j * size) + r], s[(c * size) + i]));
                         }
                         if (r != c) {
-                            add_to(&sum, product_of(z[(i * size) + c], s[(r * size) + j]));
+                            add_pair(&sum, pair_product(z[(i * size) + c], s[(r * size) + j]));
                             if (i != j) {
-                                add_to(&sum, product_of(z[(j * size) + c], s[(r * size) + i]));
+                                add_pair(&sum, pair_product(z[(j * size) + c], s[(r * size) + i]));
                             }
                         }
                         products[(first * ROBOT_ONLINE_TRIANGLE) + second] = sum;
@@ -398,48 +391,19 @@ static void add_curvature_in_pairs(const structure *known, robot_online_workspac
                         &products[element_number[e] * ROBOT_ONLINE_TRIANGLE];
                     robot_online_pair part = pair_of(0.0);
                     for (int32_t f = element_start[w]; f < element_start[w + 1]; ++f) {
-                        add_to(&part, times(row[element_number[f]], pair_of(element_value[f])));
+                        add_pair(&part,
+                                 pair_times(row[element_number[f]], pair_of(element_value[f])));
                     }
-                    add_to(&sum, times(part, pair_of(element_value[e])));
+                    add_pair(&sum, pair_times(part, pair_of(element_value[e])));
                 }
-                add_to(&work->matrix_pairs[place[next]], sum);
+                add_pair(&work->matrix_pairs[place[next]], sum);
                 ++next;
             }
         }
     }
 }
 
-/* The Cholesky factor of the Newton matrix. A pivot that rounding made negative stands for a
- * direction that nothing determines: the step leaves it alone. */
-static void factorize(const structure *known, robot_online_workspace *work)
-{
-    double *factor = work->factor;
-    double *column = work->column;
-    for (int32_t j = 0; j < ROBOT_ONLINE_VARIABLES; ++j) {
-        const int32_t start = known->column_start[j];
-        const int32_t end = known->column_start[j + 1];
-        for (int32_t p = start; p < end; ++p) {
-            column[known->row[p]] = work->matrix[p];
-        }
-        for (int32_t k = known->left_start[j]; k < known->left_start[j + 1]; ++k) {
-            const int32_t first = known->left_entry[k];
-            const int32_t last = known->column_start[known->left_column[k] + 1];
-            const double value = factor[first];
-            for (int32_t p = first; p < last; ++p) {
-                column[known->row[p]] -= value * factor[p];
-            }
-        }
-        const double least = ROBOT_ONLINE_ROUNDING * work->matrix[start];
-        const double root = (column[j] > least) ? sqrt(column[j]) : ROBOT_ONLINE_BLOCKED;
-        const double inverse = 1.0 / root;
-        factor[start] = inverse;
-        for (int32_t p = start + 1; p < end; ++p) {
-            factor[p] = column[known->row[p]] * inverse;
-        }
-    }
-}
-
-/* The same in pairs. On the diagonal of a factor are the inverses of its elements. */
+/* The Cholesky factor of the Newton matrix, with the inverses of its elements on the diagonal. */
 static void factorize_in_pairs(const structure *known, robot_online_workspace *work)
 {
     robot_online_pair *factor = work->factor_pairs;
@@ -453,61 +417,31 @@ static void factorize_in_pairs(const structure *known, robot_online_workspace *w
         for (int32_t k = known->left_start[j]; k < known->left_start[j + 1]; ++k) {
             const int32_t first = known->left_entry[k];
             const int32_t last = known->column_start[known->left_column[k] + 1];
-            const robot_online_pair value = negative(factor[first]);
+            const robot_online_pair value = negative_pair(factor[first]);
             for (int32_t p = first; p < last; ++p) {
-                add_to(&column[known->row[p]], times(value, factor[p]));
+                add_pair(&column[known->row[p]], pair_times(value, factor[p]));
             }
         }
-        const robot_online_pair pivot = column[j];
-        const double least = ROBOT_ONLINE_ROUNDING * ROBOT_ONLINE_ROUNDING *
-                             work->matrix_pairs[start].high;
-        robot_online_pair inverse = pair_of(1.0 / ROBOT_ONLINE_BLOCKED);
-        if (pivot.high > least) {
-            /* Newton's step for 1 / sqrt(pivot): x + x (1 - pivot x^2) / 2. */
-            const double guess = 1.0 / sqrt(pivot.high);
-            robot_online_pair error = times(pivot, product_of(guess, guess));
-            error = sum_of(pair_of(1.0), negative(error));
-            inverse = sum_of(pair_of(guess), pair_of(0.5 * guess * error.high));
-        }
+        const robot_online_pair inverse = inverse_root_of_pair(column[j], work->matrix_pairs[start]);
         factor[start] = inverse;
         for (int32_t p = start + 1; p < end; ++p) {
-            factor[p] = times(column[known->row[p]], inverse);
+            factor[p] = pair_times(column[known->row[p]], inverse);
         }
     }
+}
+
+/* The matrix of the Newton system and its factor. */
+static void prepare_in_pairs(const structure *known, robot_online_workspace *work)
+{
+    for (int32_t i = 0; i < known->entries; ++i) {
+        work->matrix_pairs[i] = pair_of(work->curvature[i]);
+    }
+    add_curvature_in_pairs(known, work);
+    factorize_in_pairs(known, work);
 }
 
 /* Solve the Newton system in place. */
-static void solve_newton(const structure *known, robot_online_workspace *work, double *vector)
-{
-    const double *factor = work->factor;
-    double *permuted = work->column;
-    for (int32_t j = 0; j < ROBOT_ONLINE_VARIABLES; ++j) {
-        permuted[j] = vector[known->order[j]];
-    }
-    for (int32_t j = 0; j < ROBOT_ONLINE_VARIABLES; ++j) {
-        const int32_t start = known->column_start[j];
-        const double value = permuted[j] * factor[start];
-        permuted[j] = value;
-        for (int32_t p = start + 1; p < known->column_start[j + 1]; ++p) {
-            permuted[known->row[p]] -= factor[p] * value;
-        }
-    }
-    for (int32_t j = ROBOT_ONLINE_VARIABLES - 1; j >= 0; --j) {
-        const int32_t start = known->column_start[j];
-        double value = permuted[j];
-        for (int32_t p = start + 1; p < known->column_start[j + 1]; ++p) {
-            value -= factor[p] * permuted[known->row[p]];
-        }
-        permuted[j] = value * factor[start];
-    }
-    for (int32_t j = 0; j < ROBOT_ONLINE_VARIABLES; ++j) {
-        vector[known->order[j]] = permuted[j];
-    }
-}
-
-/* The same in pairs. */
-static void solve_newton_in_pairs(const structure *known, robot_online_workspace *work,
-                                  double *vector)
+static void solve_in_pairs(const structure *known, robot_online_workspace *work, double *vector)
 {
     const robot_online_pair *factor = work->factor_pairs;
     robot_online_pair *permuted = work->column_pairs;
@@ -516,49 +450,41 @@ static void solve_newton_in_pairs(const structure *known, robot_online_workspace
     }
     for (int32_t j = 0; j < ROBOT_ONLINE_VARIABLES; ++j) {
         const int32_t start = known->column_start[j];
-        permuted[j] = times(permuted[j], factor[start]);
-        const robot_online_pair value = negative(permuted[j]);
+        permuted[j] = pair_times(permuted[j], factor[start]);
+        const robot_online_pair value = negative_pair(permuted[j]);
         for (int32_t p = start + 1; p < known->column_start[j + 1]; ++p) {
-            add_to(&permuted[known->row[p]], times(factor[p], value));
+            add_pair(&permuted[known->row[p]], pair_times(factor[p], value));
         }
     }
     for (int32_t j = ROBOT_ONLINE_VARIABLES - 1; j >= 0; --j) {
         const int32_t start = known->column_start[j];
         robot_online_pair value = permuted[j];
         for (int32_t p = start + 1; p < known->column_start[j + 1]; ++p) {
-            add_to(&value, times(factor[p], negative(permuted[known->row[p]])));
+            add_pair(&value, pair_times(factor[p], negative_pair(permuted[known->row[p]])));
         }
-        permuted[j] = times(value, factor[start]);
+        permuted[j] = pair_times(value, factor[start]);
     }
     for (int32_t j = 0; j < ROBOT_ONLINE_VARIABLES; ++j) {
-        vector[known->order[j]] = permuted[j].high + permuted[j].low;
+        vector[known->order[j]] = rounded_pair(permuted[j]);
     }
 }
 
-/* The matrix of the Newton system and its factor. */
+/*TWICE*/
 static void prepare_newton(const structure *known, robot_online_workspace *work)
 {
     if (work->in_pairs) {
-        for (int32_t i = 0; i < known->entries; ++i) {
-            work->matrix_pairs[i] = pair_of(work->curvature[i]);
-        }
-        add_curvature_in_pairs(known, work);
-        factorize_in_pairs(known, work);
+        prepare_in_pairs(known, work);
     } else {
-        for (int32_t i = 0; i < known->entries; ++i) {
-            work->matrix[i] = work->curvature[i];
-        }
-        add_curvature(known, work);
-        factorize(known, work);
+        prepare_in_doubles(known, work);
     }
 }
 
 static void newton(const structure *known, robot_online_workspace *work, double *vector)
 {
     if (work->in_pairs) {
-        solve_newton_in_pairs(known, work, vector);
+        solve_in_pairs(known, work, vector);
     } else {
-        solve_newton(known, work, vector);
+        solve_in_doubles(known, work, vector);
     }
 }
 

@@ -48,14 +48,14 @@ typedef struct {
     double gradient[ROBOT_ONLINE_VARIABLES];
     double linear[ROBOT_ONLINE_VARIABLES];
     double residual[ROBOT_ONLINE_VARIABLES];
-    double column[ROBOT_ONLINE_VARIABLES];
-    double matrix[ROBOT_ONLINE_MOST_ENTRIES];
-    double factor[ROBOT_ONLINE_MOST_ENTRIES];
+    double column_doubles[ROBOT_ONLINE_VARIABLES];
+    double matrix_doubles[ROBOT_ONLINE_MOST_ENTRIES];
+    double factor_doubles[ROBOT_ONLINE_MOST_ENTRIES];
     double curvature[ROBOT_ONLINE_MOST_ENTRIES];
     robot_online_pair matrix_pairs[ROBOT_ONLINE_ENTRIES];
     robot_online_pair factor_pairs[ROBOT_ONLINE_ENTRIES];
     robot_online_pair column_pairs[ROBOT_ONLINE_VARIABLES];
-    double products[ROBOT_ONLINE_TRIANGLE * ROBOT_ONLINE_TRIANGLE];
+    double product_doubles[ROBOT_ONLINE_TRIANGLE * ROBOT_ONLINE_TRIANGLE];
     robot_online_pair product_pairs[ROBOT_ONLINE_TRIANGLE * ROBOT_ONLINE_TRIANGLE];
     double scalars[ROBOT_ONLINE_SCALAR_PLACES];
     double scalar_steps[ROBOT_ONLINE_SCALAR_PLACES];

@@ -440,8 +440,11 @@ def _literal(value: float) -> str:
 
 
 def _template(suffix: str, name: str) -> str:
+    """A template for a robot. What stands between two marks in pairs of numbers comes in doubles first."""
     text = Path(__file__).with_name(f"robot_online{suffix}").read_text(encoding="utf-8")
-    return text.replace("robot_online", f"{name}_online").replace("ROBOT_ONLINE", f"{name}_online".upper())
+    parts = text.split("/*TWICE*/\n")
+    parts[1::2] = [part.replace("robot_online_pair", "double").replace("pair", "double") + part for part in parts[1::2]]
+    return "".join(parts).replace("robot_online", f"{name}_online").replace("ROBOT_ONLINE", f"{name}_online".upper())
 
 
 def _with_estimator(text: str, name: str) -> str:
