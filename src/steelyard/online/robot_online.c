@@ -516,40 +516,31 @@ static void gradient_of(const structure *known, const robot_online_workspace *wo
  * strictly feasible, so that it can stop at any time.
  * ------------------------------------------------------------------------------------------- */
 
-/* Factors and inverses of the conditions; false where one is not positive definite. */
-static bool invert_conditions(robot_online_workspace *work)
+/* The inverse Cholesky factors of scalars and matrices; false where one is not positive definite. */
+static bool invert_factors(const double *scalars, const double *matrices, double *roots)
 {
     bool inside = true;
     for (int32_t b = 0; b < ROBOT_ONLINE_SCALARS; ++b) {
-        inside = inside && (work->scalars[b] > 0.0);
+        inside = inside && (scalars[b] > 0.0);
     }
     for (int32_t b = 0; (b < ROBOT_ONLINE_MATRICES) && inside; ++b) {
-        const int32_t size = matrix_size[b];
         const int32_t at = matrix_place[b];
         double factor[ROBOT_ONLINE_LARGEST * ROBOT_ONLINE_LARGEST];
-        inside = cholesky(size, &work->matrices[at], factor);
+        inside = cholesky(matrix_size[b], &matrices[at], factor);
         if (inside) {
-            inverse_of_triangle(size, factor, &work->roots[at]);
-            inverse_of_product(size, &work->roots[at], &work->inverses[at]);
+            inverse_of_triangle(matrix_size[b], factor, &roots[at]);
         }
     }
     return inside;
 }
 
-/* The inverse Cholesky factors of the multipliers; false where one is not positive definite. */
-static bool invert_multipliers(robot_online_workspace *work)
+/* These and the inverses of the conditions; false where one is not positive definite. */
+static bool invert_conditions(robot_online_workspace *work)
 {
-    bool inside = true;
-    for (int32_t b = 0; b < ROBOT_ONLINE_SCALARS; ++b) {
-        inside = inside && (work->scalar_multipliers[b] > 0.0);
-    }
+    const bool inside = invert_factors(work->scalars, work->matrices, work->roots);
     for (int32_t b = 0; (b < ROBOT_ONLINE_MATRICES) && inside; ++b) {
         const int32_t at = matrix_place[b];
-        double factor[ROBOT_ONLINE_LARGEST * ROBOT_ONLINE_LARGEST];
-        inside = cholesky(matrix_size[b], &work->multipliers[at], factor);
-        if (inside) {
-            inverse_of_triangle(matrix_size[b], factor, &work->multiplier_roots[at]);
-        }
+        inverse_of_product(matrix_size[b], &work->roots[at], &work->inverses[at]);
     }
     return inside;
 }
@@ -784,7 +775,8 @@ static void refine(const structure *known, robot_online_workspace *work)
 /* One step of the method; false where it moves no further. */
 static bool search_step(const structure *known, robot_online_workspace *work)
 {
-    bool moves = invert_multipliers(work);
+    bool moves = invert_factors(work->scalar_multipliers, work->multipliers,
+                                work->multiplier_roots);
     if (moves) {
         gradient_of(known, work, work->unknowns, work->gradient);
         prepare_newton(known, work);
