@@ -25,6 +25,7 @@ __all__ = [
     "log_determinants",
     "matrix_conditions",
     "minimise",
+    "newton_solutions",
     "newton_step",
 ]
 
@@ -271,7 +272,7 @@ def newton_step(
     def solve(start: int) -> None:
         own = slice(start, start + TOGETHER)
         gradients, hessians = function.derivatives(points[own], problems[own])
-        solved = _solved(hessians, np.concatenate([-gradients[:, None], further[own]], axis=1), basis)
+        solved = newton_solutions(hessians, np.concatenate([-gradients[:, None], further[own]], axis=1), basis)
         step[own], along[own] = solved[:, 0], solved[:, 1:]
         decrease[own] = np.maximum(-np.einsum("pi,pi->p", gradients, step[own]), 0.0)
 
@@ -279,8 +280,11 @@ def newton_step(
     return step, decrease, along
 
 
-def _solved(hessians: Tensor, rows: Tensor, basis: Matrix | None) -> Tensor:
-    """H⁻¹ times the vectors (p, k, n) of each problem, within the directions of a basis."""
+def newton_solutions(hessians: Tensor, rows: Tensor, basis: Matrix | None) -> Tensor:
+    """H⁻¹ times the vectors (p, k, n) of each problem, within the directions of a basis.
+
+    Where rounding leaves a Hessian that is not positive definite, its least singular values count as none.
+    """
     from scipy.linalg.lapack import dposv
 
     if basis is not None:
@@ -296,7 +300,7 @@ def _solved(hessians: Tensor, rows: Tensor, basis: Matrix | None) -> Tensor:
         hessian[diagonal, diagonal] += RIDGE
         # Symmetric, so that its transpose, which LAPACK takes without a copy, is the same; half of the time of LU.
         _, solved, fails = dposv(hessian.T, own.T, lower=1)
-        own[:] = np.linalg.solve(hessian, own.T).T if fails else solved.T
+        own[:] = np.linalg.lstsq(hessian, own.T, rcond=1e-14)[0].T if fails else solved.T
     found *= scales[:, None]
     return found if basis is None else np.asarray(found @ basis.T)
 

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from steelyard.errors import SolverError
 from steelyard.estimators.prior import PreparedPrior
 from steelyard.feasibility import FeasibleSet
-from steelyard.feasibility.barrier import RIDGE, add_log_determinants, linear_conditions, matrix_conditions
+from steelyard.feasibility.barrier import add_log_determinants, linear_conditions, matrix_conditions, newton_solutions
 
 __all__ = ["WarmAnswer", "WarmFit"]
 
@@ -156,7 +156,7 @@ class WarmFit:
             stiffness = multipliers / slacks
             hessian += (self._rows.T * stiffness) @ self._rows
             gradient -= self._rows.T @ (barrier / slacks)
-            step = self._newton(gradient, hessian)
+            step = newton_solutions(hessian[None], -gradient[None, None], self._basis)[0, 0]
             decrease = -float(gradient @ step)
             change = self._rows @ step
             change_of_multipliers = barrier / slacks - multipliers - stiffness * change
@@ -188,20 +188,6 @@ class WarmFit:
         for own, coefficients, constants in self._groups:
             matrices = constants + np.einsum("bi,biac->bac", point[own], coefficients)
             add_log_determinants(matrices[None], coefficients, own, np.array([-factor]), gradient[None], hessian[None])
-
-    def _newton(self, gradient: Array, hessian: Array) -> Array:
-        from scipy.linalg.lapack import dposv
-
-        if self._basis is not None:
-            gradient, hessian = self._basis.T @ gradient, self._basis.T @ hessian @ self._basis
-        scale = 1.0 / np.sqrt(np.maximum(np.diagonal(hessian), 1e-300))
-        hessian = hessian * scale[:, None] * scale
-        hessian[np.diag_indices_from(hessian)] += RIDGE
-        _, step, fails = dposv(hessian, -gradient * scale, lower=1)
-        if fails:
-            step = np.linalg.lstsq(hessian, -gradient * scale, rcond=1e-14)[0]
-        step = step * scale
-        return np.asarray(step if self._basis is None else self._basis @ step)
 
     def _longest(self, point: Array, step: Array, slacks: Array, change: Array) -> float:
         """How many times the step reaches the boundary of the set."""
