@@ -13,8 +13,8 @@ from steelyard.errors import InputError
 from steelyard.estimators.carried_body import CarriedBody, mounting
 from steelyard.estimators.payload_estimate import LENGTH, PRECISE, PayloadQuantity
 from steelyard.regression import Factor, Information, ParameterCovariance
-from steelyard.regression.factor import RANK, column_lengths, triangular
-from steelyard.regression.parameter_covariance import NORMAL
+from steelyard.regression.factor import triangular
+from steelyard.regression.parameter_covariance import NORMAL, inverse_root
 from steelyard.robot.inertia import PSEUDO_INERTIA, parameters_of_pseudo_inertia, pseudo_inertia
 
 from .online_estimator import OnlineEstimator
@@ -166,8 +166,6 @@ class _KnownRows:
     """The rows without payload, in the form in which those with it are added to them."""
 
     def __init__(self, information: Information, effects: Array) -> None:
-        from scipy.special import stdtrit
-
         self.information, self.effects = information, effects
         self.weights = information.joint_weights("joint")
         covariance = ParameterCovariance.of(information, weights=self.weights)
@@ -176,9 +174,7 @@ class _KnownRows:
         self.deviation2 = np.ones(count) if correlation is None else correlation.variance * self.weights**2
         self.long_run = np.ones(count)
         if correlation is not None:
-            # As `ParameterCovariance` does: normal intervals are to be as wide as Student's.
-            widening = (stdtrit(correlation.degrees_of_freedom, 0.975) / NORMAL) ** 2
-            self.long_run = widening * correlation.long_run_variance * self.weights**2
+            self.long_run = correlation.widening * correlation.long_run_variance * self.weights**2
         reduced = information.reduced(self.weights)
         self.triangle = np.column_stack([reduced.R, np.zeros((len(reduced.R), 10)), reduced.rho])
 
@@ -194,12 +190,7 @@ class _KnownRows:
         triangle = triangular(np.vstack([self.triangle, *loaded]))
         whole, target = triangle[:-1, :-1], triangle[:-1, -1]
         R, rho = whole[n:, n:], target[n:]
-        lengths = column_lengths(whole)
-        scale = np.where(lengths > 0.0, lengths, 1.0)
-        _, values, right = np.linalg.svd(whole / scale)
-        shown = values > RANK * values.max(initial=0.0)
-        unknown = column_lengths(right[~shown][:, n:]) > 1e-6 if not shown.all() else np.zeros(10, dtype=bool)
-        inverse = (right[shown].T / values[shown]) / scale[:, None]
+        inverse, _, unknown = inverse_root(whole)
         solution = inverse @ (inverse.T @ (whole.T @ target))
         of_payload = inverse @ inverse[n:].T
         covariance = np.zeros((10, 10))
@@ -211,7 +202,7 @@ class _KnownRows:
                 (rows[:, :-1] @ of_payload, max(1.0, larger)),
             ):
                 covariance += self.long_run[k] * noise * own.T @ own
-        return _Told(R, rho, solution[n:], covariance, unknown)
+        return _Told(R, rho, solution[n:], covariance, unknown[n:])
 
 
 def _possible(told: _Told) -> Array:

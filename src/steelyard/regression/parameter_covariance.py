@@ -15,7 +15,7 @@ from .batch_means import BATCH_LENGTHS
 from .factor import RANK, Factor, Reduced, column_lengths, solve
 from .information import Information
 
-__all__ = ["ParameterCovariance", "ResidualCorrelation"]
+__all__ = ["ParameterCovariance", "ResidualCorrelation", "inverse_root"]
 
 Array = NDArray[np.float64]
 
@@ -72,6 +72,13 @@ class ResidualCorrelation:
     def effective_count(self) -> Array:
         """(N,): number of independent rows that would tell as much."""
         return np.asarray(self.count / np.maximum(self.inflation, 1e-12))
+
+    @property
+    def widening(self) -> Array:
+        """(N,): by which covariances are raised, so that normal intervals have the width of Student's."""
+        from scipy.special import stdtrit
+
+        return np.asarray((stdtrit(self.degrees_of_freedom, 0.975) / NORMAL) ** 2)
 
     def __repr__(self) -> str:
         least, most = float(np.min(self.inflation)), float(np.max(self.inflation))
@@ -204,7 +211,7 @@ class ParameterCovariance:
         beta = solve(problem) if base is None else np.asarray(base, dtype=np.float64)
         if beta.shape != (info.base_count,):
             raise InputError(f"There are {info.base_count} base parameters: got an array of shape {beta.shape}.")
-        inverse, unidentifiable, unknown = _inverse(problem.R)
+        inverse, unidentifiable, unknown = inverse_root(problem.R)
         unknown = unknown | info.unidentifiable_mask
         if not info.batch_means:
             root = np.sqrt(_residual_variance(problem, beta)) * inverse
@@ -229,7 +236,7 @@ class ParameterCovariance:
         ParameterCovariance
         """
         beta = solve(problem) if base is None else np.asarray(base, dtype=np.float64)
-        inverse, unidentifiable, unknown = _inverse(problem.R)
+        inverse, unidentifiable, unknown = inverse_root(problem.R)
         return cls(np.sqrt(_residual_variance(problem, beta)) * inverse, unidentifiable, unknown)
 
     @classmethod
@@ -274,7 +281,7 @@ class ParameterCovariance:
         return cls(root, np.zeros((count, 0)), np.zeros(count, dtype=bool))
 
 
-def _inverse(R: Array) -> tuple[Array, Array, NDArray[np.bool_]]:
+def inverse_root(R: Array) -> tuple[Array, Array, NDArray[np.bool_]]:
     """A square root of (R'R)⁻¹ in what R shows, (n_b, r), what it does not show, (n_b, n_b - r), and of which unknowns.
 
     Columns are scaled to length one; less than `RANK` of what is shown best counts as not shown.
@@ -295,8 +302,6 @@ def _residual_variance(problem: Reduced, base: Array) -> float:
 
 def _long_run(info: Information, beta: Array, used: Array, inverse: Array) -> tuple[Array, ResidualCorrelation]:
     """Return the middle of the sandwich in the coordinates of `inverse`, (r, r), and the correlation it comes from."""
-    from scipy.special import stdtrit
-
     factors = info.factors
 
     def seen(factor: Factor, weight: float) -> Array:
@@ -317,13 +322,11 @@ def _long_run(info: Information, beta: Array, used: Array, inverse: Array) -> tu
     matrix += np.diag([count - 2.0 * np.trace(one) for count, one in zip(counts, own, strict=True)])
     target = np.array([levels[c].squares[k] for k, c in enumerate(chosen)])
     long_run = _positive(matrix, target, counts)
-    widening = (stdtrit(freedom, 0.975) / NORMAL) ** 2
-    middle = np.sum([u * share for u, share in zip(widening * long_run, shares, strict=True)], axis=0)
     names = info.joint_names if len(info.joint_names) == len(factors) else ("all",) * len(factors)
     lengths = np.array([BATCH_LENGTHS[c] for c in chosen])
-    return np.asarray(middle), ResidualCorrelation(
-        names, variance / used**2, long_run / used**2, lengths, counts, settled, freedom
-    )
+    correlation = ResidualCorrelation(names, variance / used**2, long_run / used**2, lengths, counts, settled, freedom)
+    widened = correlation.widening * long_run
+    return np.asarray(np.sum([u * share for u, share in zip(widened, shares, strict=True)], axis=0)), correlation
 
 
 class _Level:
