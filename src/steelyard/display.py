@@ -7,7 +7,16 @@ from collections.abc import Iterable, Sequence
 from decimal import ROUND_CEILING, ROUND_FLOOR, Decimal
 from html import escape
 
-__all__ = ["combination", "few_digits", "html_sentences", "html_table", "outward", "percent", "text_table"]
+__all__ = [
+    "combination",
+    "few_digits",
+    "html_sentences",
+    "html_table",
+    "outward",
+    "percent",
+    "shortened",
+    "text_table",
+]
 
 
 def text_table(heads: Sequence[str], rows: Sequence[Sequence[str]], numbers: Sequence[int] = ()) -> str:
@@ -88,6 +97,17 @@ def _html_row(cells: Sequence[object], tag: str) -> str:
 def _html_text(value: object, longest: int = LONGEST) -> str:
     text = str(value)
     return escape(text if len(text) <= longest else f"{text[:longest]}…")
+
+
+def shortened(text: str, most: int) -> str:
+    """A text of at most so many characters, of which the last shows where more was left out.
+
+    Examples
+    --------
+    >>> shortened("elbow", 5), shortened("shoulder", 5)
+    ('elbow', 'shou…')
+    """
+    return text if len(text) <= most else f"{text[: most - 1]}…"
 
 
 def few_digits(value: float, digits: int = 4) -> str:

@@ -13,6 +13,7 @@ from typing import Any
 
 import numpy as np
 
+from steelyard.display import shortened
 from steelyard.dynamics import Model
 from steelyard.errors import InputError, SteelyardError
 from steelyard.estimators.cross_validation import FEWEST_FOLDS
@@ -201,15 +202,11 @@ def _require_model(information: Information, model: Model, path: str) -> None:
 def _other_model(path: str, model: Model, information: Information) -> InputError:
     own, given = model.base_parameters().expressions, information.base_expressions
     alone = next((one for one in given if one not in own), None)
-    told = f"; it alone has {_shortened(alone)}" if alone is not None else ""
+    told = f"; it alone has {shortened(alone, 60)}" if alone is not None else ""
     return InputError(
         f"{path}: is of another robot or of other terms than {model.robot.name}: {len(given)} base parameters where "
         f"this has {len(own)}{told}; reduce the logs with the robot of the manifest."
     )
-
-
-def _shortened(text: str, most: int = 60) -> str:
-    return text if len(text) <= most else f"{text[: most - 1]}…"
 
 
 def _reduced(robot: str, logs: Sequence[str]) -> tuple[Known, Information, tuple[Information, ...], list[str]]:

@@ -11,7 +11,7 @@ from typing import Any, Literal
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from steelyard.display import html_table, text_table
+from steelyard.display import html_table, shortened, text_table
 from steelyard.dynamics import Model
 from steelyard.dynamics.threads import in_one_thread
 from steelyard.errors import InputError
@@ -137,7 +137,7 @@ class Comparison:
         verb = "differs beyond its" if len(differing) == 1 else "differ beyond their"
         found = [
             f"{len(differing)} of {count} {what} {verb} {level} "
-            f"interval{'s' * (len(differing) > 1)}: {_listed([_short(one.name) for one in differing])}."
+            f"interval{'s' * (len(differing) > 1)}: {_listed([shortened(one.name, WIDEST) for one in differing])}."
         ]
         for first, second, parts in self.explanations:
             if parts:
@@ -160,7 +160,7 @@ class Comparison:
         shown += [one for one in kind if not one.differs][: max(MOST_ROWS - len(shown), 0)]
         return [
             (
-                _short(one.name),
+                shortened(one.name, WIDEST),
                 *((one.second,) if several else ()),
                 f"{one.first_value:.4g}",
                 f"{one.second_value:.4g}",
@@ -216,10 +216,6 @@ class Comparison:
     def save(self, path: str | Path) -> None:
         """Write it as JSON, numbers that are not known as null; the file appears whole or not at all."""
         write_json(self.to_dict(), path)
-
-
-def _short(name: str) -> str:
-    return name if len(name) <= WIDEST else f"{name[: WIDEST - 1]}…"
 
 
 def _listed(names: Sequence[str]) -> str:
@@ -413,9 +409,8 @@ def _not_shown(loaded: Sequence[SavedResult]) -> list[str]:
     found = []
     for one in loaded:
         estimate = one.estimate
-        names = [
-            _short(n) for n, e in zip(estimate.base_expressions, estimate.standard_error, strict=True) if e == np.inf
-        ]
+        both = zip(estimate.base_expressions, estimate.standard_error, strict=True)
+        names = [shortened(name, WIDEST) for name, error in both if error == np.inf]
         if estimate.filtered_torque:
             found.append(f"The torques of {one.name} were filtered, so that its base parameters could not be compared.")
         elif names and not one.is_description:

@@ -12,7 +12,7 @@ from typing import Any
 
 import numpy as np
 
-from steelyard.display import html_table, text_table
+from steelyard.display import html_table, shortened, text_table
 from steelyard.dynamics import Model
 from steelyard.dynamics.threads import in_one_thread
 from steelyard.errors import InputError
@@ -91,7 +91,7 @@ class FirstRobotFile:
 
     def __str__(self) -> str:
         rows = [
-            (f"[{one.section}]", one.key, _shortened(one.value), _shortened(one.reason, 90)) for one in self.guesses
+            (f"[{one.section}]", one.key, shortened(one.value, 44), shortened(one.reason, 90)) for one in self.guesses
         ]
         return text_table(("section", "key", "value", "reason"), rows)
 
@@ -498,10 +498,6 @@ class _Sheet:
 def _plain(words: str) -> str:
     """Return words without what would end a comment."""
     return " ".join("".join(one if one.isprintable() else " " for one in words).split())
-
-
-def _shortened(value: str, most: int = 44) -> str:
-    return value if len(value) <= most else f"{value[: most - 1]}…"
 
 
 def _gear_ratios(source: Path) -> list[float]:

@@ -7,6 +7,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from steelyard.display import shortened
 from steelyard.fleet import Cause, Finding, Fleet, RobotGroup, SiblingComparison
 
 from .html_document import Markup, Section, escape, html_document, number, percent, table
@@ -189,9 +190,8 @@ def _picture(fleet: Fleet, group: RobotGroup, compared: SiblingComparison, kind:
         y = 14 + _ROW * line
         own = scores[:, line]
         own = own[usual & np.isfinite(own)]
-        parts.append(
-            f'<text x="{_LEFT - 10}" y="{y + 4}" text-anchor="end">{escape(_short(compared.causes[k].name))}</text>'
-        )
+        name = escape(shortened(compared.causes[k].name, 30))
+        parts.append(f'<text x="{_LEFT - 10}" y="{y + 4}" text-anchor="end">{name}</text>')
         if own.size:
             low, five, most, high = np.quantile(own, (0.0, 0.05, 0.95, 1.0))
             parts.append(f'<path d="M{x(low):.1f} {y}H{x(high):.1f}"/>')
@@ -224,10 +224,6 @@ def _is_drawn(cause: Cause, compared: SiblingComparison) -> bool:
     return cause.kind in ("friction", "mass") or any(
         one.cause is cause and np.isfinite(one.amplitude) for one in compared.deviations
     )
-
-
-def _short(name: str, most: int = 30) -> str:
-    return name if len(name) <= most else f"{name[: most - 1]}…"
 
 
 def _usual(fleet: Fleet) -> Markup:

@@ -8,6 +8,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
+from steelyard.display import shortened
 from steelyard.files import write_text
 from steelyard.identification import Identification, Prediction
 
@@ -133,7 +134,7 @@ def _headlines(identification: Identification, prediction: Prediction) -> str:
 
 def _headline(left: float, right: float, label: str, verdict: str, reason: str, color: str, mark: str) -> str:
     longest = int((right - left) / 7.2)  # characters of the small text that have room
-    short = reason if len(reason) <= longest else reason[: longest - 1] + "…"
+    short = shortened(reason, longest)
     return (
         f'<path d="M{left:g} 26H{right:g}" stroke="{color}" stroke-width="3"/>'
         f'<text x="{left:g}" y="50" font-size="14" fill="{_SOFT}">{label}</text>'

@@ -10,7 +10,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from steelyard.display import html_table
+from steelyard.display import html_table, shortened
 
 __all__ = ["Curve", "CutoffChoice", "Plot"]
 
@@ -200,4 +200,4 @@ def _thinned(curve: Curve) -> Curve:
 
 def _short(name: str, width: float) -> str:
     most = max(1, int((width - 18) / 6.2))
-    return name if len(name) <= most else name[: most - 1] + "…"
+    return shortened(name, most)
