@@ -24,7 +24,7 @@ from .log_reduction import first_of, run_in_order
 from .manifest import FleetEntry, FleetManifest
 from .packed import unpacked
 from .robot_estimate import inputs_of, model_of, robot_estimate, task_of
-from .siblings import FEWEST, Deviation, SiblingComparison, compare_siblings
+from .siblings import FEWEST, Deviation, SiblingComparison, compare_siblings, unexplained
 
 __all__ = ["Finding", "Fleet", "RobotGroup", "RobotRow", "identify_fleet"]
 
@@ -541,14 +541,9 @@ def _common(drift: SiblingComparison) -> list[tuple[Cause, float, float, float]]
     freedom = max(len(drift.robot_probability) - 1.0, 1.0)
     inverse = np.linalg.pinv(drift.mean_covariance, hermitian=True)
     found = []
-    mean = drift.mean.copy()
     chosen: list[Array] = []
     for _ in range(4):  # the likeliest, then what is left beside it
-        whole = inverse
-        if chosen:
-            taken = np.column_stack(chosen)
-            seen = inverse @ taken
-            whole = inverse - seen @ np.linalg.pinv(taken.T @ seen, hermitian=True) @ seen.T
+        whole = unexplained(inverse, np.column_stack(chosen)) if chosen else inverse
         best: tuple[float, Cause, float, float] | None = None
         for cause in drift.causes:
             if cause.kind == "link":
@@ -557,7 +552,7 @@ def _common(drift: SiblingComparison) -> list[tuple[Cause, float, float, float]]
             told = float(g @ whole @ g)
             if told <= 0.02 * float(g @ inverse @ g):
                 continue
-            value, error = float(g @ whole @ mean) / told, told**-0.5
+            value, error = float(g @ whole @ drift.mean) / told, told**-0.5
             chance = 2.0 * float(stdtr(freedom, -abs(value) / error))
             if best is None or chance < best[0]:
                 best = (chance, cause, value, error)

@@ -23,7 +23,14 @@ from steelyard.errors import InputError
 
 from .causes import Cause
 
-__all__ = ["Deviation", "SiblingComparison", "compare_siblings", "false_discoveries"]
+__all__ = [
+    "Deviation",
+    "SiblingComparison",
+    "compare_siblings",
+    "deviations_of",
+    "false_discoveries",
+    "unexplained",
+]
 
 Array = NDArray[np.float64]
 
@@ -163,9 +170,30 @@ class SiblingComparison:
     @property
     def least_named(self) -> Array:
         """(len(causes),): the amplitude of each cause that half of the robots that have it would be named for."""
-        from scipy.special import ndtri
+        return np.asarray(deviations_of(self.threshold) * np.median(self.error, axis=0))
 
-        return np.asarray(-ndtri(0.5 * max(self.threshold, 1e-300)) * np.median(self.error, axis=0))
+
+def deviations_of(probability: float) -> float:
+    """Return beyond how many standard deviations, to either side, a normal deviate is with a probability.
+
+    Examples
+    --------
+    >>> round(deviations_of(0.05), 2)
+    1.96
+    """
+    from scipy.special import ndtri
+
+    return float(-ndtri(0.5 * max(probability, 1e-300)))
+
+
+def unexplained(inverse: Array, taken: Array) -> Array:
+    """Return the inverse of a covariance, (n_b, n_b), without what changes along the columns of `taken` explain."""
+    seen = inverse @ taken
+    return np.asarray(inverse - seen @ _inverse(taken.T @ seen) @ seen.T)
+
+
+def _inverse(gram: Array) -> Array:
+    return np.asarray(np.linalg.pinv(gram, rcond=1e-9, hermitian=True))
 
 
 def false_discoveries(probabilities: ArrayLike, rate: float) -> NDArray[np.bool_]:
@@ -488,16 +516,14 @@ class _Tests:
             as_well = (squares[best] - squares <= LIKELY) & (probability <= self.threshold)
             near = tuple(int(k) for k in np.argsort(-squares, kind="stable") if as_well[k] and k != best)
             parts.append((best, float(probability[best]), near))
-            taken = np.column_stack([self.directions[k] for k, _, _ in parts])
-            seen = whole @ taken
-            inverse = whole - seen @ np.linalg.pinv(taken.T @ seen, rcond=1e-9, hermitian=True) @ seen.T
+            inverse = unexplained(whole, np.column_stack([self.directions[k] for k, _, _ in parts]))
             inverse = 0.5 * (inverse + inverse.T)
             amplitude, error, _, probability = self.tested(robot, inverse, away, whole)
             squares = self.squares(amplitude, error)
             probability[[k for k, _, _ in parts]] = 1.0
         taken = np.column_stack([self.directions[k] for k, _, _ in parts])
         seen = whole @ taken
-        amplitudes = np.linalg.pinv(taken.T @ seen, rcond=1e-9, hermitian=True) @ (seen.T @ away)
+        amplitudes = _inverse(taken.T @ seen) @ (seen.T @ away)
         found, column = [], 0
         for index, (k, chance, likely) in enumerate(parts):
             width = self.directions[k].shape[1]
@@ -516,21 +542,16 @@ def _deviation(
     confidence: float,
 ) -> Deviation:
     """Tell the size of a cause, beside the others of that robot."""
-    from scipy.special import ndtri, stdtrit
+    from scipy.special import stdtrit
 
     cause, own = causes[one.cause], directions[one.cause]
     alternatives = tuple(causes[k] for k in one.others)
-    out = float(-ndtri(0.5 * max(one.probability, 1e-300)))
+    out = deviations_of(one.probability)
     if own.shape[1] > 1:
         unknown = float("nan")
         return Deviation(one.robot, cause, unknown, unknown, unknown, unknown, out, one.probability, alternatives)
     whole, away = tests.against_others(one.robot)
-    beside = [directions[k] for k in one.beside]
-    inverse = whole
-    if beside:
-        taken = np.column_stack(beside)
-        seen = whole @ taken
-        inverse = whole - seen @ np.linalg.pinv(taken.T @ seen, rcond=1e-9, hermitian=True) @ seen.T
+    inverse = unexplained(whole, np.column_stack([directions[k] for k in one.beside])) if one.beside else whole
     weighed = inverse @ own[:, 0]
     told = float(own[:, 0] @ weighed)
     weights = weighed / told

@@ -9,6 +9,7 @@ import numpy as np
 
 from steelyard.display import shortened
 from steelyard.fleet import Cause, Finding, Fleet, RobotGroup, SiblingComparison
+from steelyard.fleet.siblings import deviations_of
 
 from .html_document import Markup, Section, escape, html_document, number, percent, table
 from .interval_bars import across, bar
@@ -171,7 +172,7 @@ def _pictures(fleet: Fleet) -> Markup:
 def _picture(fleet: Fleet, group: RobotGroup, compared: SiblingComparison, kind: str) -> Markup:
     chosen = [k for k, cause in enumerate(compared.causes) if _is_drawn(cause, compared)]
     scores = compared.amplitude[:, chosen] / compared.error[:, chosen]
-    limit = _limit(compared)
+    limit = deviations_of(compared.threshold)
     height = _ROW * len(chosen) + 34
     scale = (-_REACH, _REACH)
 
@@ -211,12 +212,6 @@ def _picture(fleet: Fleet, group: RobotGroup, compared: SiblingComparison, kind:
         f'viewBox="0 0 {_WIDTH:.0f} {height}" width="{_WIDTH:.0f}" height="{height}" font-size="13" '
         f'fill="currentColor">{"".join(parts)}</svg></div>'
     )
-
-
-def _limit(compared: SiblingComparison) -> float:
-    from scipy.special import ndtri
-
-    return float(-ndtri(0.5 * max(compared.threshold, 1e-300)))
 
 
 def _is_drawn(cause: Cause, compared: SiblingComparison) -> bool:
