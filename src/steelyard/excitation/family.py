@@ -12,10 +12,19 @@ from numpy.typing import NDArray
 from steelyard.errors import InputError
 
 from .fourier import FourierTrajectory, RestToRestTrajectory
-from .spline import DEGREE, QuinticTrajectory, SplineTrajectory, clamped_knots, hermite
+from .spline import QuinticTrajectory, SplineTrajectory, hermite, splines
 from .trajectory import Trajectory
 
-__all__ = ["FAMILIES", "Basis", "Family", "FourierFamily", "QuinticFamily", "SplineFamily", "make_family"]
+__all__ = [
+    "FAMILIES",
+    "Basis",
+    "Family",
+    "FourierFamily",
+    "PointFamily",
+    "QuinticFamily",
+    "SplineFamily",
+    "make_family",
+]
 
 Array = NDArray[np.float64]
 Basis = tuple[Array, Array, Array]
@@ -145,8 +154,8 @@ class FourierFamily:
 
 
 @dataclass(frozen=True)
-class _PointFamily:
-    """Base of the families that are defined by points, which start and end at rest without a ramp."""
+class PointFamily:
+    """Base of the families that are defined by points, which end at rest without a ramp."""
 
     period: float
     size: int
@@ -163,12 +172,12 @@ class _PointFamily:
 
     @property
     def duration(self) -> float:
-        """From rest to rest, s."""
+        """Of the whole motion, s."""
         return self.period
 
 
 @dataclass(frozen=True)
-class SplineFamily(_PointFamily):
+class SplineFamily(PointFamily):
     """B-splines of degree five that end where they began; the coefficients are P control points.
 
     Attributes
@@ -188,14 +197,10 @@ class SplineFamily(_PointFamily):
 
     def basis(self, t: Array) -> Basis:
         """Return the basis at times (S,)."""
-        from scipy.interpolate import BSpline
-
-        count = self.size + 5
-        spline = BSpline(clamped_knots(count, self.period), np.eye(count), DEGREE)
         clipped = np.clip(t, 0.0, self.period)
         folded = []
-        for order in range(3):
-            values = np.asarray((spline.derivative(order) if order else spline)(clipped))
+        for one in splines(np.eye(self.size + 5), self.period):
+            values = np.asarray(one(clipped))
             own = values[:, 2 : 2 + self.size].copy()
             own[:, 0] += values[:, 0] + values[:, 1] + values[:, -3:].sum(axis=1)
             folded.append(own)
@@ -211,7 +216,7 @@ class SplineFamily(_PointFamily):
 
 
 @dataclass(frozen=True)
-class QuinticFamily(_PointFamily):
+class QuinticFamily(PointFamily):
     """Moves of equal duration from point to point and back to the first; the coefficients are the P points.
 
     Attributes

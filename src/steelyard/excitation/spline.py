@@ -14,17 +14,31 @@ from steelyard.errors import InputError
 
 from .trajectory import SampledTrajectory, times_of
 
-__all__ = ["DEGREE", "QuinticTrajectory", "SplineTrajectory", "clamped_knots", "hermite"]
+__all__ = ["QuinticTrajectory", "SplineTrajectory", "hermite", "splines"]
 
 Array = NDArray[np.float64]
 
 DEGREE = 5
 
 
-def clamped_knots(count: int, duration: float) -> Array:
-    """Return evenly spaced knots for `count` control points, with the first and last point as ends of the curve."""
-    inner = np.linspace(0.0, duration, count - DEGREE + 1)
-    return np.concatenate([np.zeros(DEGREE), inner, np.full(DEGREE, duration)])
+def splines(points: Array, duration: float) -> tuple[Any, Any, Any]:
+    """Return B-splines of degree five and their first and second derivatives, as functions of times from 0 to an end.
+
+    The knots are evenly spaced, with the first and the last control point as ends of the curve.
+
+    Parameters
+    ----------
+    points : ndarray
+        (N, P) control points, P at least 6.
+    duration : float
+        s.
+    """
+    from scipy.interpolate import BSpline
+
+    inner = np.linspace(0.0, duration, points.shape[1] - DEGREE + 1)
+    knots = np.concatenate([np.zeros(DEGREE), inner, np.full(DEGREE, duration)])
+    spline = BSpline(knots, points.T, DEGREE)
+    return spline, spline.derivative(1), spline.derivative(2)
 
 
 @dataclass(frozen=True, eq=False)
@@ -72,11 +86,8 @@ class SplineTrajectory(SampledTrajectory):
 
     @cached_property
     def _splines(self) -> tuple[Any, Any, Any]:
-        from scipy.interpolate import BSpline
-
         whole = np.concatenate([self.points[:, [0, 0]], self.points, self.points[:, [-1, -1]]], axis=1)
-        spline = BSpline(clamped_knots(whole.shape[1], self.duration), whole.T, DEGREE)
-        return spline, spline.derivative(1), spline.derivative(2)
+        return splines(whole, self.duration)
 
     def motion(self, t: ArrayLike) -> tuple[Array, Array, Array]:
         """Return q, dq and ddq, (S, N) each, at times (S,); at rest before the start and after the end."""

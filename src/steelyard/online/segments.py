@@ -5,17 +5,18 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from steelyard.excitation.criterion import Criterion
 from steelyard.excitation.design_problem import DesignProblem, Iterate, coefficient_scale, minimise
-from steelyard.excitation.family import Basis
+from steelyard.excitation.family import Basis, PointFamily
 from steelyard.excitation.limit_margins import Verifier
 from steelyard.excitation.motion_constraints import MotionConstraint, joint_limits
 from steelyard.excitation.motion_limits import MotionLimits
-from steelyard.excitation.spline import DEGREE, clamped_knots
+from steelyard.excitation.spline import splines
 from steelyard.excitation.trajectory import SampledTrajectory, times_of
 from steelyard.excitation.vjp import RegressorInformation
 
@@ -35,7 +36,7 @@ the expected error of a simulated WAM after 24 s was 0.27 of its noise, with the
 
 
 @dataclass(frozen=True)
-class SegmentFamily:
+class SegmentFamily(PointFamily):
     """B-splines of degree five from any state to rest; the coefficients are the control points.
 
     The first three points follow from position, velocity and acceleration at the beginning, and the last one stands for
@@ -49,24 +50,7 @@ class SegmentFamily:
         Number P of control points, the last three counted once; at least 5.
     """
 
-    period: float
-    size: int
     name: str = "segment"
-
-    @cached_property
-    def constant(self) -> Array:
-        """Coefficients of a joint that rests at 1."""
-        return np.ones(self.size)
-
-    @property
-    def window(self) -> tuple[float, float]:
-        """Beginning and end, s."""
-        return 0.0, self.period
-
-    @property
-    def duration(self) -> float:
-        """To rest, s."""
-        return self.period
 
     @property
     def step(self) -> float:
@@ -75,14 +59,10 @@ class SegmentFamily:
 
     def basis(self, t: Array) -> Basis:
         """Return the basis at times (S,)."""
-        from scipy.interpolate import BSpline
-
-        count = self.size + 2
-        spline = BSpline(clamped_knots(count, self.period), np.eye(count), DEGREE)
         clipped = np.clip(t, 0.0, self.period)
         folded = []
-        for order in range(3):
-            values = np.asarray((spline.derivative(order) if order else spline)(clipped))
+        for one in splines(np.eye(self.size + 2), self.period):
+            values = np.asarray(one(clipped))
             own = values[:, : self.size].copy()
             own[:, -1] += values[:, self.size :].sum(axis=1)
             folded.append(own)
@@ -94,7 +74,7 @@ class SegmentFamily:
 
     def trajectory(self, coefficients: Array) -> Segment:
         """Return the motion."""
-        return Segment(coefficients, self.period)
+        return self.excitation(coefficients)
 
 
 def starting_points(family: SegmentFamily, state: State) -> Array:
@@ -131,18 +111,14 @@ class Segment(SampledTrajectory):
         return len(self.points)
 
     @cached_property
-    def _splines(self) -> tuple[object, object, object]:
-        from scipy.interpolate import BSpline
-
-        whole = np.concatenate([self.points, self.points[:, [-1, -1]]], axis=1)
-        spline = BSpline(clamped_knots(whole.shape[1], self.duration), whole.T, DEGREE)
-        return spline, spline.derivative(1), spline.derivative(2)
+    def _splines(self) -> tuple[Any, Any, Any]:
+        return splines(np.concatenate([self.points, self.points[:, [-1, -1]]], axis=1), self.duration)
 
     def motion(self, t: ArrayLike) -> State:
         """Return q, dq and ddq, (S, N) each, at times (S,); at rest after the end."""
         times = times_of(t)
         clipped = np.clip(times, 0.0, self.duration)
-        q, dq, ddq = (np.asarray(s(clipped), dtype=np.float64) for s in self._splines)  # type: ignore[operator]
+        q, dq, ddq = (np.asarray(s(clipped), dtype=np.float64) for s in self._splines)
         over = times >= self.duration
         dq[over] = ddq[over] = 0.0
         return q, dq, ddq
@@ -242,7 +218,7 @@ class SegmentPlanner:
             if attempt >= self.starts:  # a smaller motion keeps its limits more easily
                 start *= 0.3
             found = minimise(problem, Iterate(start, []), _ROUNDS, lambda: False)
-            kept = self._kept(problem, found.x)
+            kept = self._verifier.repaired(problem, found.x)
             if kept is None:
                 continue
             figure = problem.criterion.figure(problem.spectrum(*problem.motion(kept))[0])
@@ -289,7 +265,3 @@ class SegmentPlanner:
         x = np.zeros(shape)
         x[:, _FIXED:] = 0.3 * wanted / np.where(problem.scale[:, _FIXED:] > 0.0, problem.scale[:, _FIXED:], 1.0)
         return np.clip(x, -2.0, 2.0).ravel()
-
-    def _kept(self, problem: _SegmentProblem, x: Array) -> Array | None:
-        """Return coefficients near these that keep every limit at 1 kHz."""
-        return self._verifier.repaired(problem, x)
