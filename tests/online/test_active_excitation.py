@@ -5,9 +5,11 @@ import pytest
 
 import steelyard as sy
 from steelyard.excitation import MotionLimits
+from steelyard.excitation.criterion import Criterion, Subset
+from steelyard.excitation.vjp import RegressorInformation
 from steelyard.online import ActiveExcitation
 from steelyard.online.credible_robots import CredibleRobots
-from steelyard.online.segments import Segment, SegmentFamily, starting_points
+from steelyard.online.segments import Segment, SegmentFamily, SegmentPlanner, starting_points
 from steelyard.simulation import Sensors, simulate
 
 LIMITS = {"lower": -2.0, "upper": 2.0, "velocity": 2.0, "acceleration": 6.0, "torque": [60.0, 30.0]}
@@ -39,6 +41,23 @@ def test_a_segment_begins_in_any_state_and_ends_at_rest() -> None:
     np.testing.assert_allclose((after - before) / (2 * step), speed, atol=1e-6)
     np.testing.assert_allclose((after - 2 * here + before) / step**2, change, atol=1e-3)
     np.testing.assert_allclose(family.basis(t)[0] @ points.T, here, atol=1e-12)
+
+
+@pytest.mark.parametrize("lower", [-np.inf, [-np.inf, -2.0], [-1.0, -np.inf]])
+def test_joints_without_limits_of_position_are_moved_too(lower: float | list[float]) -> None:
+    model = sy.Model(sy.Robot.from_dh([(0, 0.5, 0, "q"), (0, 0.4, 0, "q")], gravity=(0, -9.81, 0)))
+    limits = MotionLimits.of(model.robot.joint_names, lower=lower, velocity=2.0, acceleration=6.0)
+    base = model.base_parameters()
+    criterion = Criterion("a", Subset(base.expressions, np.eye(base.count), True))
+    regressor = RegressorInformation(model, 0.04, np.ones(2))
+    planner = SegmentPlanner(regressor, criterion, limits, duration=2.5, starts=1)
+    found = planner.plan((np.zeros(2), np.zeros(2), np.zeros(2)), np.eye(base.count))
+    assert found is not None
+    q, dq, ddq = found.segment.motion(np.linspace(0.0, 2.5, 2501))
+    assert np.all(q >= limits.lower)
+    assert np.all(np.ptp(q, axis=0) > 0.1)
+    assert np.abs(dq).max() <= 2.0
+    assert np.abs(ddq).max() <= 6.0
 
 
 @pytest.mark.slow

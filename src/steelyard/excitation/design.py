@@ -354,9 +354,7 @@ def _problem(
     leads = np.concatenate([np.arange(0.0, begin, family.step), [end]])
     if begin > 0.0:
         leads = np.concatenate([leads, np.arange(family.duration, family.duration - begin, -family.step)])
-    # A joint without limits on both sides moves about 0, or about a point that is 1 rad or m from its only limit.
-    lower = np.where(np.isfinite(limits.lower), limits.lower, np.minimum(limits.upper - 2.0, -1.0))
-    upper = np.where(np.isfinite(limits.upper), limits.upper, np.maximum(lower + 2.0, 1.0))
+    lower, upper = limits.ranges
     scale = coefficient_scale(limits, family.basis(period))
     # A typical velocity of a motion within its limits.
     fast = np.sqrt(np.mean(scale**2)) * float(np.abs(family.basis(period)[1]).max())

@@ -205,6 +205,15 @@ class MotionLimits:
         return replace(self, lower=self.lower + room, upper=self.upper - room, **scaled)
 
     @property
+    def ranges(self) -> tuple[Array, Array]:
+        """Positions (N,) between which motions lie: the limits, and for a joint without any 1 rad or m either way of 0.
+
+        A single limit is one end, and the other lies 1 beyond 0, or farther where less than 2 would be left.
+        """
+        lower = np.where(np.isfinite(self.lower), self.lower, np.minimum(self.upper - 2.0, -1.0))
+        return lower, np.where(np.isfinite(self.upper), self.upper, np.maximum(lower + 2.0, 1.0))
+
+    @property
     def needs_torque(self) -> bool:
         """Whether there is a limit of torque or power."""
         return bool(np.isfinite([*self.torque, *self.power, self.total_power]).any())

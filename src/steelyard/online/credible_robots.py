@@ -37,8 +37,7 @@ _STATES = 400  # random states within the limits, over which torques are average
 def random_motions(limits: MotionLimits, count: int, seed: int = 0) -> tuple[Array, Array, Array]:
     """Return random q, dq and ddq within limits, (count, N) each; without a limit within 1 of the nearest one or 0."""
     random = np.random.default_rng([seed, count])
-    lower = np.where(np.isfinite(limits.lower), limits.lower, np.minimum(limits.upper - 2.0, -1.0))
-    upper = np.where(np.isfinite(limits.upper), limits.upper, np.maximum(lower + 2.0, 1.0))
+    lower, upper = limits.ranges
     size = len(lower)
     speed = np.where(np.isfinite(limits.velocity), limits.velocity, 1.0)
     change = np.where(np.isfinite(limits.acceleration), limits.acceleration, 3.0)

@@ -255,9 +255,8 @@ class SegmentPlanner:
     def _random_start(self, problem: _SegmentProblem, random: np.random.Generator) -> Array:
         """Return coefficients of a random walk between random positions within the limits."""
         shape = problem.scale.shape
-        span = self.limits.upper - self.limits.lower
-        span = np.where(np.isfinite(span), span, 2.0)
-        middle = np.where(np.isfinite(span), 0.5 * (self.limits.upper + self.limits.lower), 0.0)
+        lower, upper = self.limits.ranges
+        span, middle = upper - lower, 0.5 * (upper + lower)
         knots = random.uniform(-0.45, 0.45, (shape[0], 4)) * span[:, None] + middle[:, None]
         places = np.linspace(0.0, 3.0, shape[1] - _FIXED)
         targets = np.array([np.interp(places, np.arange(4), row) for row in knots])
