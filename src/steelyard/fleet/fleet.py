@@ -539,7 +539,7 @@ def _common(drift: SiblingComparison) -> list[tuple[Cause, float, float, float]]
     from scipy.special import stdtr, stdtrit
 
     freedom = max(len(drift.robot_probability) - 1.0, 1.0)
-    inverse = np.linalg.pinv(drift.mean_covariance, hermitian=True)
+    inverse = np.asarray(np.linalg.pinv(drift.mean_covariance, hermitian=True))
     found = []
     chosen: list[Array] = []
     for _ in range(4):  # the likeliest, then what is left beside it
