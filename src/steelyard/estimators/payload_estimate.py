@@ -34,7 +34,7 @@ from steelyard.robot.placement import translation
 from .carried_body import PAYLOAD, CarriedBody, CarryingModel, OfTheRobot
 from .pooling import Share, pooled
 
-__all__ = ["KnownRobot", "PayloadEstimate", "PayloadQuantity", "estimate_payload"]
+__all__ = ["KnownRobot", "PayloadEstimate", "PayloadQuantities", "PayloadQuantity", "estimate_payload"]
 
 Array = NDArray[np.float64]
 
@@ -87,8 +87,35 @@ class PayloadQuantity:
         return f"{self.meaning}: {value} ({low} to {high} {self.unit}), {self.standing}"
 
 
+class PayloadQuantities:
+    """What is told of a payload, by the names of its quantities."""
+
+    quantities: tuple[PayloadQuantity, ...]
+
+    def __getitem__(self, name: str) -> PayloadQuantity:
+        for quantity in self.quantities:
+            if quantity.name == name:
+                return quantity
+        raise InputError(f"a payload has no {name!r}; it has {', '.join(q.name for q in self.quantities)}.")
+
+    @property
+    def mass(self) -> float:
+        """kg; NaN where the motion does not show it."""
+        return self["mass"].value
+
+    @property
+    def center_of_mass(self) -> Array:
+        """(3,) m in the mounting frame; NaN where the motion does not show it."""
+        return np.array([self[f"c{axis}"].value for axis in "xyz"])
+
+    @property
+    def inertia(self) -> Array:
+        """(3, 3) kg m² about the centre of mass, in the axes of the mounting frame; NaN where it is not shown."""
+        return np.array([[self["I" + "".join(sorted(a + b))].value for b in "xyz"] for a in "xyz"])
+
+
 @dataclass(frozen=True, eq=False)
-class PayloadEstimate:
+class PayloadEstimate(PayloadQuantities):
     """A payload, with 95 % intervals.
 
     Attributes
@@ -140,27 +167,6 @@ class PayloadEstimate:
     inflation: Array = field(repr=False)
     certificate: dict[str, Any] = field(repr=False)
     remarks: tuple[str, ...] = ()
-
-    def __getitem__(self, name: str) -> PayloadQuantity:
-        for quantity in self.quantities:
-            if quantity.name == name:
-                return quantity
-        raise InputError(f"a payload has no {name!r}; it has {', '.join(q.name for q in self.quantities)}.")
-
-    @property
-    def mass(self) -> float:
-        """kg; NaN where the motion does not show it."""
-        return self["mass"].value
-
-    @property
-    def center_of_mass(self) -> Array:
-        """(3,) m in the mounting frame; NaN where the motion does not show it."""
-        return np.array([self[f"c{axis}"].value for axis in "xyz"])
-
-    @property
-    def inertia(self) -> Array:
-        """(3, 3) kg m² about the centre of mass, in the axes of the mounting frame; NaN where it is not shown."""
-        return np.array([[self["I" + "".join(sorted(a + b))].value for b in "xyz"] for a in "xyz"])
 
     def _rows(self) -> list[tuple[str, ...]]:
         rows: list[tuple[str, ...]] = []

@@ -9,13 +9,13 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from steelyard.dynamics.threads import one_thread
-from steelyard.errors import InputError
 from steelyard.estimators.carried_body import CarriedBody, mounting
-from steelyard.estimators.payload_estimate import LENGTH, PRECISE, PayloadQuantity
+from steelyard.estimators.payload_estimate import LENGTH, PRECISE, PayloadQuantities, PayloadQuantity
 from steelyard.feasibility.barrier import add_log_determinants, log_determinants, minimise
 from steelyard.regression import Factor, Information, ParameterCovariance
 from steelyard.regression.factor import triangular
 from steelyard.regression.parameter_covariance import NORMAL, inverse_root
+from steelyard.robot import Inertia
 from steelyard.robot.inertia import PSEUDO_INERTIA, parameters_of_pseudo_inertia, pseudo_inertia
 
 from .online_estimator import OnlineEstimator
@@ -37,7 +37,7 @@ ACCURACY = 5e-9
 
 
 @dataclass(frozen=True, eq=False)
-class OnlinePayloadEstimate:
+class OnlinePayloadEstimate(PayloadQuantities):
     """A payload at a moment, with 95 % intervals.
 
     Attributes
@@ -57,17 +57,6 @@ class OnlinePayloadEstimate:
     since: float
     parameters: Array = field(repr=False)
     quantities: tuple[PayloadQuantity, ...]
-
-    def __getitem__(self, name: str) -> PayloadQuantity:
-        for quantity in self.quantities:
-            if quantity.name == name:
-                return quantity
-        raise InputError(f"a payload has no {name!r}; it has {', '.join(q.name for q in self.quantities)}.")
-
-    @property
-    def mass(self) -> float:
-        """kg."""
-        return float(self.parameters[9])
 
 
 class OnlinePayload:
@@ -248,11 +237,8 @@ _MEANINGS = {
 
 def _values(parameters: Array) -> Array:
     """Mass, centre of mass, and inertia about it, (10,)."""
-    mass = parameters[9]
-    com = parameters[6:9] / mass
-    about_origin = parameters[:6]
-    steiner = mass * (float(com @ com) * np.eye(3) - np.outer(com, com))[np.triu_indices(3)]
-    return np.concatenate([[mass], com, about_origin - steiner])
+    body = Inertia.from_parameters(parameters)
+    return np.concatenate([[body.mass], body.com, body.about_com[np.triu_indices(3)]])
 
 
 def _quantities(told: _Told, parameters: Array) -> tuple[PayloadQuantity, ...]:
