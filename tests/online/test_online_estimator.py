@@ -248,6 +248,7 @@ def test_intervals_hold_the_truth(model: sy.Model, motion: tuple[Array, ...]) ->
         ({"window": np.nan}, "window must be a positive number"),
         ({"prior_weight": "much"}, 'positive number or "auto"'),
         ({"weights": [1.0]}, "2 positive numbers"),
+        ({"weights": "joints"}, "must be None, 'joint' or one number"),
         ({"least_speed": -1.0}, "at least 0"),
     ],
 )

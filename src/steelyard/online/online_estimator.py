@@ -20,11 +20,13 @@ from steelyard.estimators.estimator import proved_estimate
 from steelyard.estimators.prior import PreparedPrior, Prior
 from steelyard.estimators.reduced_fit import fit_reduced
 from steelyard.feasibility import FeasibleSet
+from steelyard.feasibility.bounds.quantities import standard_errors
+from steelyard.files.arguments import read_number
 from steelyard.identification.physical_prior import PhysicalPrior, physical_prior
 from steelyard.identification.plausible_fit import UNTESTED_WEIGHT
 from steelyard.regression import Estimate, Factor, Information, ParameterCovariance
 from steelyard.regression.factor import Reduced, column_lengths, is_well_conditioned, solve
-from steelyard.regression.joint_weights import given_weights, inverse_deviations
+from steelyard.regression.joint_weights import inverse_deviations
 from steelyard.regression.parameter_covariance import NORMAL
 
 from .causal_filter import CausalMotionFilter
@@ -219,26 +221,22 @@ class OnlineEstimator:
         least_speed: float = 1e-3,
     ) -> None:
         for name, value in (("rate", rate), ("cutoff", cutoff), ("longest_gap", longest_gap)):
-            _require_positive(name, value)
+            read_number(value, name, "a positive number", above=0)
         for name, given in (("forget", forget), ("window", window)):
             if given is not None:
-                _require_positive(name, given)
+                read_number(given, name, "a positive number", above=0)
         if feasible_set is not None and feasible_set.model is not model:
             raise InputError("The feasible set is of another model; make it of the model that is estimated.")
-        if least_speed < 0.0 or not np.isfinite(least_speed):
-            raise InputError(f"least_speed must be a speed, at least 0, got {least_speed!r}.")
         self.model, self.rate, self.detect_changes = model, float(rate), bool(detect_changes)
         self._given_set = FeasibleSet(model) if feasible_set is None else feasible_set
         self._known = physical_prior(model, self._given_set.constraints) if prior is None else prior
-        self._prior_weight = (
-            prior_weight if isinstance(prior_weight, str) else _require_positive("prior_weight", prior_weight)
-        )
-        if isinstance(prior_weight, str) and prior_weight != "auto":
-            raise InputError(f'prior_weight must be a positive number or "auto", got {prior_weight!r}.')
+        self._prior_weight: float | None = None
+        if not (isinstance(prior_weight, str) and prior_weight == "auto"):
+            self._prior_weight = read_number(prior_weight, "prior_weight", 'a positive number or "auto"', above=0)
         self._weights = weights
-        if weights is not None and not isinstance(weights, str):
-            given_weights(weights, model.dof)
-        self._least_speed, self._jumps = float(least_speed), _jumping_rows(model)
+        Information.empty(model).joint_weights(weights)  # checks them
+        self._least_speed = read_number(least_speed, "least_speed", "a speed, at least 0", least=0)
+        self._jumps = _jumping_rows(model)
         self._options = (rate, cutoff, order)
         self._stream = EvenStream(self.rate, model.dof, longest_gap)
         self._filter: CausalMotionFilter | None = None
@@ -567,7 +565,7 @@ class OnlineEstimator:
         deviations = term_deviations(info, self._set)
         prior = self._prior(deviations)
         weight = self._prior_weight
-        if isinstance(weight, str):
+        if weight is None:
             weight = UNTESTED_WEIGHT * max(rows / TYPICAL_COUNT, 1.0)
         if self._possible is None or self._stuck:
             self._possible, self._stuck = self._inside(deviations), False
@@ -632,8 +630,7 @@ class OnlineEstimator:
                 f"Combinations of {self._set.K.shape[0]} base parameters need as many columns, got {rows.shape}."
             )
         center, covariance = self._with_covariance()
-        half = NORMAL * np.sqrt(np.sum((rows @ covariance.root) ** 2, axis=1))
-        half[np.any(rows[:, covariance.unknown] != 0.0, axis=1)] = np.inf
+        half = NORMAL * standard_errors(self._set, covariance, rows @ self._set.K)
         values = rows @ center
         return np.column_stack([values - half, values + half])
 
@@ -693,12 +690,6 @@ class OnlineEstimator:
                 weights=answer.weights,
                 remarks=remarks,
             )
-
-
-def _require_positive(name: str, value: float) -> float:
-    if isinstance(value, bool) or not isinstance(value, (int, float)) or not 0.0 < value < np.inf:
-        raise InputError(f"{name} must be a positive number, got {value!r}.")
-    return float(value)
 
 
 def _jumping_rows(model: Model) -> NDArray[np.bool_]:
