@@ -113,6 +113,11 @@ class CsvFile(LogFile):
         return cls(path, columns.header)
 
     @property
+    def _fields(self) -> int:
+        """How many fields a line of data has."""
+        return len(self.names) + self._head.dialect.ends_with_separator
+
+    @property
     def _is_compressed(self) -> bool:
         return self.path.suffix.lower() in (".gz", ".zst", ".zstd")
 
@@ -199,15 +204,13 @@ class CsvFile(LogFile):
         """Count the rows that hold data."""
         if self.kept:
             return self._decoded(self.kept).count
-        # A line of these begins with one of them; searching for all lines that hold no data takes ten times as long.
-        suspects = [b"\n" + begin for begin in (b"\n", b"\r", b" ", b"\t", b"\v", b"\f", self._comment)]
         count = done = 0
         with self._open(self._head.start) as file:
             while block := file.read(COUNTED):
                 block += file.readline()
-                lines = block.count(b"\n") + (not block.endswith(b"\n"))
-                whole = b"\n" + block
-                if any(one in whole for one in suspects):
+                if self._is_regular(b"\n" + block):
+                    lines = block.count(b"\n") + (not block.endswith(b"\n"))
+                else:
                     lines = sum(not self._skipped(line) for line in block.split(b"\n"))
                 count, done = count + lines, done + len(block)
                 tell(f"counting the rows of {self.path.name}", 1e-6 * done, None, "MB")
@@ -341,14 +344,13 @@ class CsvFile(LogFile):
 
     def _begins_with_a_row(self, data: bytes) -> bool:
         """Whether the first line has all columns: Polars takes as many fields of the others, and drops what is more."""
-        dialect = self._head.dialect
-        separator = b" " if dialect.separator == BLANKS else dialect.separator.encode()
         first = data[: data.find(b"\n") + 1 or None]
-        fields = len(self.names) + dialect.ends_with_separator
-        return first.count(separator) == fields - 1 and not self._skipped(first)
+        separators = first.count(self._head.dialect.separator.encode())
+        return separators == self._fields - 1 and not self._skipped(first)
 
     def _is_regular(self, data: bytes) -> bool:
-        """Whether each line is a row."""
+        """Whether each line but the first is sure to be a row."""
+        # A line that holds no data begins with one of these; searching for all such lines takes ten times as long.
         begins = (b"\n", b"\r", b" ", b"\t", b"\v", b"\f", self._comment)
         return not any(b"\n" + begin in data for begin in begins)
 
@@ -359,13 +361,12 @@ class CsvFile(LogFile):
         dialect = self._head.dialect
         wanted = {self.names.index(name) for name in names}
         numbers = {self.names.index(name) for name in names if name not in texts}
-        width = len(self.names) + dialect.ends_with_separator
         return pl.read_csv(
             data,
             has_header=False,
             separator=dialect.separator,
             comment_prefix=self._head.comment,
-            schema={str(i): pl.Float64() if i in numbers else pl.String() for i in range(width)},
+            schema={str(i): pl.Float64() if i in numbers else pl.String() for i in range(self._fields)},
             columns=sorted(wanted),
             decimal_comma=dialect.decimal_comma and dialect.separator != ",",
             encoding="utf8-lossy",
@@ -379,7 +380,7 @@ class CsvFile(LogFile):
         lines = [line for line in data.splitlines(keepends=True) if not self._skipped(line)]
         if not lines:
             return dict.fromkeys(names, np.empty(0))
-        separator, most = dialect.separator.encode(), len(self.names) + dialect.ends_with_separator
+        separator, most = dialect.separator.encode(), self._fields
         for row, line in enumerate(lines):
             if b'"' not in line and line.count(separator) >= most:
                 raise InputError(
