@@ -26,7 +26,7 @@ def _products_of_few_rows():
         for name, value in {"FEW_NUMBERS": 60, "PIECE": 300, "NUMBERS": 512, "STEP": 5}.items():
             patch.setattr(factor, name, value)
         patch.setattr(time_blocks, "HELD", 200)
-        patch.setattr(time_blocks, "FEWEST_HELD", 100)
+        patch.setattr(factor, "FEWEST_HELD", 100)
         yield
 
 

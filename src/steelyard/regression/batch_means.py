@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from steelyard.dynamics.threads import in_threads
 
-from .factor import Factor, extended
+from .factor import Factor, extended, most_held
 
 __all__ = ["BATCH_LENGTHS", "BatchMeans", "BatchMeansTree", "BatchSums", "added"]
 
@@ -24,10 +24,7 @@ filters."""
 
 BATCHES_HELD = 8192
 """Shortest batches that are reduced together, a multiple of the longest: a minute at 1 kHz, so that also the longest
-batches are not reduced a few at a time. Of robots with many joints as many as `HELD_NUMBERS` allow."""
-
-FEWEST_HELD, HELD_NUMBERS = 2048, 2**22
-"""Batches that are held at least, and numbers otherwise: 32 MB."""
+batches are not reduced a few at a time. Of robots with many joints fewer, see `most_held`."""
 
 
 class BatchSums:
@@ -52,8 +49,7 @@ class BatchSums:
         """
         for held, own in zip(self.held, rows, strict=True):
             held.append(_summed(own, BATCH_LENGTHS[0]))
-        numbers = sum(own[0].size for own in rows)
-        if sum(map(len, self.held[0])) >= max(FEWEST_HELD, min(BATCHES_HELD, HELD_NUMBERS // numbers)):
+        if sum(map(len, self.held[0])) >= most_held(BATCHES_HELD, sum(own[0].size for own in rows)):
             self._reduce_all()
 
     def end(self) -> None:

@@ -18,6 +18,7 @@ __all__ = [
     "extended",
     "inverse_of_triangle",
     "is_well_conditioned",
+    "most_held",
     "solve",
     "triangular",
     "unidentifiable_columns",
@@ -58,6 +59,14 @@ WORST_SQUARE = 256.0
 
 ROUNDING = 8 * float(np.finfo(np.float64).eps)
 """Least diagonal of a preconditioner, relative to its column."""
+
+FEWEST_HELD, HELD_NUMBERS = 2048, 2**22
+"""Rows that are held at least before they are reduced together, and numbers otherwise: 32 MB."""
+
+
+def most_held(rows: int, width: int) -> int:
+    """Return how many rows of so many numbers each are held: `rows`, or as many as `HELD_NUMBERS` allow."""
+    return max(FEWEST_HELD, min(rows, HELD_NUMBERS // max(width, 1)))
 
 
 def triangular(rows: Array) -> Array:

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from steelyard.dynamics.threads import in_threads
 
-from .factor import Factor, extended, triangular
+from .factor import Factor, extended, most_held, triangular
 
 __all__ = ["TimeBlocks"]
 
@@ -24,10 +24,7 @@ SHORTEST = 64
 
 HELD = 10240
 """Samples that are held as they are before they are reduced: half a dozen of blocks in which many short ones came
-together, so that no rows are reduced in small portions. Of robots with many joints as many as `HELD_NUMBERS` allow."""
-
-FEWEST_HELD, HELD_NUMBERS = 2048, 2**22
-"""Samples that are held at least, and numbers otherwise: 32 MB."""
+together, so that no rows are reduced in small portions. Of robots with many joints fewer, see `most_held`."""
 
 
 class _Block:
@@ -57,17 +54,16 @@ class _Block:
         """Return the triangular factor of the rows of a joint."""
         triangle, rows = self.triangles[joint], self.rows[joint]
         if triangle is None:
-            return triangular(np.concatenate([np.zeros((0, self.widths[joint])), *rows]))
+            return triangular(self._together(joint))
         return extended(triangle, *rows) if rows else triangle
 
     @property
     def kept(self) -> tuple[Array, ...]:
         """Rows of each joint that have the same factor as all, once they are reduced."""
-        parts = zip(self.triangles, self.rows, self.widths, strict=True)
-        return tuple(
-            triangle if triangle is not None else np.concatenate([np.zeros((0, width)), *rows])
-            for triangle, rows, width in parts
-        )
+        return tuple(self._together(k) if triangle is None else triangle for k, triangle in enumerate(self.triangles))
+
+    def _together(self, joint: int) -> Array:
+        return np.concatenate([np.zeros((0, self.widths[joint])), *self.rows[joint]])
 
     def merge(self, other: _Block) -> None:
         self.counts = self.counts + other.counts
@@ -95,8 +91,7 @@ class TimeBlocks:
 
     def __init__(self, empty: tuple[Factor, ...], most: int = MOST) -> None:
         self.empty, self.most = empty, most
-        width = sum(len(factor.columns) + 1 for factor in empty)
-        self._most_held = max(FEWEST_HELD, min(HELD, HELD_NUMBERS // max(width, 1)))
+        self._most_held = most_held(HELD, sum(len(factor.columns) + 1 for factor in empty))
         self._blocks: list[_Block] = []
         self._length, self._filled, self._held = SHORTEST, 0, 0
 
