@@ -22,17 +22,18 @@ _ALLOWED: ContextVar[int | None] = ContextVar("allowed", default=None)
 
 
 @contextmanager
-def one_thread() -> Iterator[None]:
-    """Return a context in which BLAS works in one thread.
+def one_thread() -> Iterator[int]:
+    """Return a context in which BLAS works in one thread; it tells how many there may be outside of all such contexts.
 
     The factorisation of a narrow block has hundreds of points at which threads wait for each other. On a machine that
     is busy with anything else each of them can cost a time slice: together two hundred times the work itself.
     """
     controller = _controller(len(sys.modules))
-    token = _ALLOWED.set(_allowed(controller))
+    allowed = _allowed(controller)
+    token = _ALLOWED.set(allowed)
     try:
         with controller.limit(limits=1, user_api="blas"):
-            yield
+            yield allowed
     finally:
         _ALLOWED.reset(token)
 
@@ -54,8 +55,8 @@ def in_threads(function: Callable[[Item], Result], items: Sequence[Item]) -> lis
     There are as many threads as BLAS may use where none of it is limited by :func:`one_thread`, so that what the user
     allows it (`OPENBLAS_NUM_THREADS`, `threadpoolctl`) holds for these, too. Calls from one of them are serial.
     """
-    threads = min(_allowed(_controller(len(sys.modules))), len(items))
-    with one_thread():
+    with one_thread() as allowed:
+        threads = min(allowed, len(items))
         if threads < 2:
             return [function(item) for item in items]
         return list(_pool(os.getpid(), threads).map(function, items))
