@@ -12,7 +12,7 @@ from steelyard.identification.parameter_table import BASES, HEADS, ParameterRow,
 from steelyard.robot import Robot
 
 from .charts import Chart, Curve, charts_markup
-from .html_document import Markup, escape, percent, table
+from .html_document import Markup, bullets, escape, percent, table
 from .interval_bars import across, bar
 
 __all__ = ["has_price", "number_tables", "parameters", "prediction", "price", "prior"]
@@ -242,7 +242,6 @@ def prior(identification: Identification) -> Markup:
     plausible = identification.plausible
     if plausible is None:
         return Markup("")
-    items = "".join(f"<li>{escape(sentence)}</li>" for sentence in plausible.prior.sentences)
     weight = f"The weight of all this is {plausible.prior_weight:.4g}"
     if plausible.validation is None:
         weight += ", which was given, or follows from the length of logs that are too short to choose it."
@@ -260,7 +259,7 @@ def prior(identification: Identification) -> Markup:
         rows.append((link.link, source, _short_value(float(link.parameters[9])), *after))
     heads = ("Link", "Known from", "Mass beforehand, kg", *(["Mass in the answer, kg"] if found else []))
     return Markup(
-        f"<ul>{items}</ul><p>{escape(weight)}</p>"
+        f"{bullets(plausible.prior.sentences)}<p>{escape(weight)}</p>"
         + table("The links beforehand", heads, rows, identifier="prior-links", texts=[1])
     )
 

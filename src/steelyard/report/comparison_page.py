@@ -14,8 +14,8 @@ from steelyard.identification.comparison import ParameterDifference
 from steelyard.identification.prediction_difference import labels
 
 from .drawing import turnable
-from .html_document import Markup, Section, escape, html_document, percent, table
-from .interval_bars import across, bar
+from .html_document import Markup, Section, bullets, escape, html_document, percent, table
+from .interval_bars import across, bar, interval_bar
 from .link_bodies import link_body
 from .robot_picture import DrawnLink, drawing_of_links
 from .sections import hashed_file, versions
@@ -70,7 +70,7 @@ def comparison_html(comparison: Comparison) -> str:
         ("links", "Links and joints", _links(comparison)),
         ("base", "What the data says", _base_parameters(comparison)),
         ("prediction", "What they predict", _prediction(comparison)),
-        ("remarks", "Remarks", _remarks(comparison)),
+        ("remarks", "Remarks", bullets(comparison.remarks)),
         ("sources", "Provenance", _sources(comparison)),
     )
     name = "Results" if comparison.model is None else comparison.model.robot.name
@@ -254,12 +254,8 @@ def _base_parameters(comparison: Comparison) -> Markup:
 
 def _difference_bar(one: ParameterDifference) -> Markup:
     times = one.times if one.second_value >= one.first_value else -one.times
-    begin, middle, end, at = (across(value, (-_REACH, _REACH), _BAR) for value in (-1.0, 0.0, 1.0, times))
-    drawn = (
-        f'<path class="span" d="M{begin:.1f} 7H{end:.1f}"/><path class="cad" d="M{middle:.1f} 1V13"/>'
-        f'<circle cx="{at:.1f}" cy="7" r="3.2"/>'
-    )
-    return bar(drawn, _BAR, kind="assumed" if one.differs else "measured")
+    kind = "assumed" if one.differs else "measured"
+    return interval_bar((-1.0, 1.0), 0.0, times, (-_REACH, _REACH), _BAR, kind)
 
 
 def _prediction(comparison: Comparison) -> Markup:
@@ -271,11 +267,6 @@ def _prediction(comparison: Comparison) -> Markup:
     sentences = "".join(f"<p>{escape(sentence)}</p>" for sentence in told.sentences)
     drawn = table("Root mean squares, N·m or N", heads, rows, identifier="predicted")
     return Markup(f"{sentences}{drawn}")
-
-
-def _remarks(comparison: Comparison) -> Markup:
-    items = "".join(f"<li>{escape(remark)}</li>" for remark in comparison.remarks)
-    return Markup(f"<ul>{items}</ul>" if items else "")
 
 
 def _sources(comparison: Comparison) -> Markup:

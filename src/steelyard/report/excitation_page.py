@@ -23,7 +23,7 @@ from .answer_sections import number_tables
 from .charts import Chart, Curve, charts_markup
 from .drawing import LOOKS, Drawing, turnable
 from .head import card
-from .html_document import Markup, Section, escape, html_document, number, table
+from .html_document import Markup, Section, bullets, escape, html_document, number, table
 from .link_bodies import link_body
 from .robot_picture import PlacedRobot, ground, skeleton
 from .robot_scene import robot_scene
@@ -311,15 +311,13 @@ def _distances(design: ExcitationDesign, motion: _Motion) -> Markup:
             f"<p>{escape(f'The nearest of {clearance.shape[1]}.{more}{beyond}')}</p>"
             + charts_markup([chart], identifier=f"distance{place}")
         )
-    unchecked = "".join(f"<li>{escape(sentence)}</li>" for sentence in design.unchecked)
-    if unchecked:
-        parts.append(f"<ul>{unchecked}</ul>")
+    parts.append(bullets(design.unchecked))
     return Markup("".join(parts) or "<p>No distances were asked for.</p>")
 
 
 def _shows(model: Model, expected: PredictedIntervals) -> Markup:
-    told = "".join(f"<li>{escape(sentence)}</li>" for sentence in expected.sentences)
-    intro = f"<p>What an identification with this motion alone is expected to tell, without a prior:</p><ul>{told}</ul>"
+    told = bullets(expected.sentences)
+    intro = f"<p>What an identification with this motion alone is expected to tell, without a prior:</p>{told}"
     if expected.table is None:
         return Markup(intro)
     basis = (
@@ -372,7 +370,7 @@ def _sources(design: ExcitationDesign) -> Markup:
         ),
     ]
     options += [(name, version) for name, version in versions(_LIBRARIES).items()]
-    remarks = "".join(f"<li>{escape(one)}</li>" for one in design.remarks if one not in design.warnings)
+    remarks = bullets(one for one in design.remarks if one not in design.warnings)
     nearest = table(
         "The nearest part of each limit",
         ("Limit", "Part", "Margin", "At, s"),
@@ -381,4 +379,4 @@ def _sources(design: ExcitationDesign) -> Markup:
         texts=(1,),
     )
     how = table("Options and versions", ("", ""), options, identifier="options", texts=(1,))
-    return Markup(f"{nearest}{f'<ul>{remarks}</ul>' if remarks else ''}{how}")
+    return Markup(f"{nearest}{remarks}{how}")

@@ -11,8 +11,8 @@ from steelyard.display import shortened
 from steelyard.fleet import Cause, Finding, Fleet, RobotGroup, SiblingComparison
 from steelyard.fleet.siblings import deviations_of
 
-from .html_document import Markup, Section, escape, html_document, number, percent, table
-from .interval_bars import across, bar
+from .html_document import Markup, Section, bullets, escape, figures, html_document, number, percent, table
+from .interval_bars import across, bar, interval_bar
 from .sections import versions
 
 __all__ = ["fleet_html"]
@@ -45,7 +45,7 @@ def fleet_html(fleet: Fleet) -> str:
         ("verdicts", "Verdicts", _verdicts(fleet)),
         ("failed", "Entries of which nothing came", _failed(fleet)),
         ("robots", "All robots", _robots(fleet)),
-        ("remarks", "Remarks", _remarks(fleet)),
+        ("remarks", "Remarks", bullets(fleet.remarks)),
         ("how", "How robots are compared", _how(fleet)),
         ("sources", "Versions", table("Versions", ("", ""), list(versions().items()), identifier="run", texts=(1,))),
     )
@@ -60,19 +60,15 @@ def fleet_html(fleet: Fleet) -> str:
 
 def _lead(fleet: Fleet) -> Markup:
     robots = len({row.entry.id for row in fleet.rows})
-    figures = [
+    told = [
         ("Robots", f"{robots}", f"{len(fleet.rows)} entries" if len(fleet.rows) != robots else ""),
         ("Differ from their siblings", f"{len(fleet.differing)}", ""),
         ("Have drifted", f"{len(fleet.drifted)}", ""),
         ("Nothing came of", f"{len(fleet.failed)}", "the reasons are below" if fleet.failed else ""),
     ]
     if not any(group.drift for group in fleet.groups):
-        del figures[2]
-    drawn = "".join(
-        f"<div><dt>{escape(name)}</dt><dd>{escape(value)}<span>{escape(aside)}</span></dd></div>"
-        for name, value, aside in figures
-    )
-    return Markup(f'<p class="lead">{escape(fleet.headline)}</p><dl class="figures">{drawn}</dl>')
+        del told[2]
+    return Markup(f'<p class="lead">{escape(fleet.headline)}</p><dl class="figures">{figures(told)}</dl>')
 
 
 def _findings(fleet: Fleet, kind: str) -> Markup:
@@ -128,10 +124,6 @@ def _bar(one: Finding) -> Markup:
     deviation = one.deviation
     if not np.isfinite(deviation.amplitude):
         return Markup("")
-    ends = (deviation.lower, deviation.upper, 0.0)
-    margin = 0.15 * (max(ends) - min(ends)) or 1.0
-    scale = (min(ends) - margin, max(ends) + margin)
-    begin, end, zero, at = (across(v, scale, _BAR) for v in (*ends, deviation.amplitude))
     if len(one.history) > 1:
         values = [0.0, *(value for _, value in one.history)]
         scale = (min(values), max(max(values), min(values) + 1e-9))
@@ -140,12 +132,10 @@ def _bar(one: Finding) -> Markup:
             for k, v in enumerate(values)
         )
         return bar(f'<path class="cad" d="M{points.replace(" ", "L")}"/>', _BAR, 24, "assumed")
-    return bar(
-        f'<path class="span" d="M{begin:.1f} 7H{end:.1f}"/><path class="cad" d="M{zero:.1f} 1V13"/>'
-        f'<circle cx="{at:.1f}" cy="7" r="3.2"/>',
-        _BAR,
-        kind="assumed",
-    )
+    low, high = min(deviation.lower, 0.0), max(deviation.upper, 0.0)
+    margin = 0.15 * (high - low) or 1.0
+    interval = (deviation.lower, deviation.upper)
+    return interval_bar(interval, 0.0, deviation.amplitude, (low - margin, high + margin), _BAR, "assumed")
 
 
 def _named(group: RobotGroup) -> str:
@@ -318,11 +308,6 @@ def _robots(fleet: Fleet) -> Markup:
     text = f"<p>{left} more are in robots.parquet.</p>" if left else ""
     drawn = table("Robots in the order of the manifest", heads, rows, identifier="all-robots", texts=(1, 2, 3, 6))
     return Markup(f"<details><summary>{len(rows)} robots</summary>{drawn}{text}</details>")
-
-
-def _remarks(fleet: Fleet) -> Markup:
-    items = "".join(f"<li>{escape(remark)}</li>" for remark in fleet.remarks)
-    return Markup(f"<ul>{items}</ul>" if items else "")
 
 
 def _how(fleet: Fleet) -> Markup:

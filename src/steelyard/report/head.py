@@ -10,7 +10,7 @@ from steelyard.identification import Identification
 from steelyard.identification.next_steps import NextStep, found, next_steps
 
 from .extent import gathered, short_names, shown_logs
-from .html_document import Markup, escape, percent
+from .html_document import Markup, bullets, escape, figures, percent
 
 __all__ = ["card", "head", "remarks"]
 
@@ -32,7 +32,7 @@ def head(identification: Identification) -> Markup:
         f'<div class="outcome"><section aria-labelledby="found"><h2 id="found">What was found</h2>{sentences}</section>'
         f'<section aria-labelledby="next"><h2 id="next">What to do next</h2><ol class="steps">{steps}</ol></section>'
         "</div>\n"
-        f'<dl class="figures" aria-label="Key figures">{_figures(identification)}</dl>\n'
+        f'<dl class="figures" aria-label="Key figures">{figures(_figures(identification))}</dl>\n'
     )
 
 
@@ -44,13 +44,8 @@ def remarks(identification: Identification) -> Markup:
     """Return what is to be known about data and fit, without repetition; nothing where there is nothing."""
     told = set(identification.mistake_sentences)  # which stand among what to do next
     said = [*identification.estimate.remarks, *identification.unconstrained.remarks, *identification.remarks]
-    items = "".join(
-        f"<li>{escape(remark)}</li>"
-        for remark in gathered(
-            [one for one in said if one not in told], (*identification.logs, *identification.validation_logs)
-        )
-    )
-    return Markup(f"<ul>{items}</ul>" if items else "")
+    logs = (*identification.logs, *identification.validation_logs)
+    return bullets(gathered([one for one in said if one not in told], logs))
 
 
 def card(title: str, kind: str, word: str, lines: Sequence[str]) -> str:
@@ -101,38 +96,35 @@ def _verdict_of_least_squares(identification: Identification) -> str:
     return card("For comparison: plain least squares", "plain", word, lines)
 
 
-def _figures(identification: Identification) -> str:
+def _figures(identification: Identification) -> list[tuple[str, str, str]]:
     unconstrained, estimate, told = identification.unconstrained, identification.estimate, identification.prediction
     noise = "white noise could not be told apart"
     if not np.isnan(told.relative_noise):
         noise = f"noise floor {percent(told.relative_noise)} %; on {told.source}"
     error = Markup(f"{percent(told.relative_error)} <small>%</small>")
-    figures = [("Error of the prediction", error, noise)]
-    figures.append(("Relative error, identification", *_change(unconstrained.relative_error, estimate.relative_error)))
+    entries: list[tuple[str, str, str]] = [("Error of the prediction", error, noise)]
+    entries.append(("Relative error, identification", *_change(unconstrained.relative_error, estimate.relative_error)))
     names = short_names(identification)
     for index in shown_logs(identification):
         name, prediction = names[index], identification.predictions[index]
         if prediction.role == "validation":
             change = _change(prediction.unconstrained_error, prediction.feasible_error)
-            figures.append((f"Relative error, validation on {name}", *change))
+            entries.append((f"Relative error, validation on {name}", *change))
     table = identification.parameters
     if table is not None:
         total = table["total mass"]
         note = "of all moving links"
         if table.confidence is not None:
             note = f"{total.basis}; {total.lower:.4g} to {total.upper:.4g} kg at 95 %"
-        figures.append(("Total mass", Markup(f"{total.value:.4g} <small>kg</small>"), note))
+        entries.append(("Total mass", Markup(f"{total.value:.4g} <small>kg</small>"), note))
         if table.confidence is not None:
             note = f"of {len(table)} numbers; {table.count('bounded')} bounded, {table.count('assumed')} assumed"
-            figures.append(("Measured", Markup(str(table.count("measured"))), note))
+            entries.append(("Measured", Markup(str(table.count("measured"))), note))
     condition = identification.information.condition_number
     text = f"{condition:.4g}" if np.isfinite(condition) else "∞"
     count = len(unconstrained.base)
-    figures.append(("Condition number", Markup(text), f"how evenly the motion shows the {count} base parameters"))
-    return "".join(
-        f"<div><dt>{escape(term)}</dt><dd>{value}<span>{escape(note)}</span></dd></div>"
-        for term, value, note in figures
-    )
+    entries.append(("Condition number", Markup(text), f"how evenly the motion shows the {count} base parameters"))
+    return entries
 
 
 def _change(before: float, after: float) -> tuple[Markup, str]:

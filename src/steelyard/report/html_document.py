@@ -15,8 +15,10 @@ from importlib import resources
 __all__ = [
     "Markup",
     "Section",
+    "bullets",
     "compressed",
     "escape",
+    "figures",
     "html_document",
     "number",
     "package_text",
@@ -41,6 +43,28 @@ class Markup(str):
 def escape(text: object) -> Markup:
     """Return text as it may stand in an element or between the quotes of an attribute."""
     return text if isinstance(text, Markup) else Markup(html.escape(str(text), quote=True))
+
+
+def bullets(sentences: Iterable[str]) -> Markup:
+    """Return a list of sentences; nothing where there is none.
+
+    Examples
+    --------
+    >>> bullets(["a < b"]), bullets([])
+    ('<ul><li>a &lt; b</li></ul>', '')
+    """
+    items = "".join(f"<li>{escape(sentence)}</li>" for sentence in sentences)
+    return Markup(f"<ul>{items}</ul>" if items else "")
+
+
+def figures(told: Iterable[tuple[str, str, str]]) -> Markup:
+    """Return the elements of a list of key figures: of each its name, its value and a note."""
+    return Markup(
+        "".join(
+            f"<div><dt>{escape(name)}</dt><dd>{escape(value)}<span>{escape(note)}</span></dd></div>"
+            for name, value, note in told
+        )
+    )
 
 
 def script_data(content: object) -> Markup:

@@ -10,7 +10,7 @@ from steelyard.feasibility import explain_infeasibility
 from steelyard.identification import Identification
 from steelyard.robot import Inertia
 
-from .html_document import Markup, escape, table
+from .html_document import Markup, bullets, escape, table
 
 __all__ = ["defects", "impossible"]
 
@@ -77,8 +77,7 @@ def impossible(identification: Identification) -> Markup:
     ]
     reasons = _reasons(identification)
     if reasons:
-        items = "".join(f"<li>{escape(one)}</li>" for one in reasons)
-        parts.append(f"<p>Whatever the motion does not show, these combinations cannot be:</p><ul>{items}</ul>")
+        parts.append(f"<p>Whatever the motion does not show, these combinations cannot be:</p>{bullets(reasons)}")
     return Markup("".join(parts))
 
 

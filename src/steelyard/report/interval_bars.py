@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from .html_document import Markup
 
-__all__ = ["across", "bar"]
+__all__ = ["across", "bar", "interval_bar"]
 
 _EDGE = 4.0  # pixels that are left at each end for a dot or an arrow
 
@@ -26,4 +26,17 @@ def bar(drawn: str, width: float, height: int = 14, kind: str = "") -> Markup:
     return Markup(
         f'<svg class="{f"interval {kind}".rstrip()}" viewBox="0 0 {width:.0f} {height}" width="{width:.0f}" '
         f'height="{height}" aria-hidden="true">{drawn}</svg>'
+    )
+
+
+def interval_bar(
+    interval: tuple[float, float], mark: float, value: float, scale: tuple[float, float], width: float, kind: str
+) -> Markup:
+    """Return the picture of an interval with a mark across it, such as zero, and a dot at a value."""
+    begin, end, middle, at = (across(one, scale, width) for one in (*interval, mark, value))
+    return bar(
+        f'<path class="span" d="M{begin:.1f} 7H{end:.1f}"/><path class="cad" d="M{middle:.1f} 1V13"/>'
+        f'<circle cx="{at:.1f}" cy="7" r="3.2"/>',
+        width,
+        kind=kind,
     )

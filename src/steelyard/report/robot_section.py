@@ -7,7 +7,7 @@ import numpy as np
 from steelyard.identification import Identification
 
 from .drawing import LOOKS, turnable
-from .html_document import Markup, escape
+from .html_document import Markup, bullets, escape
 from .robot_picture import KEY, DrawnLink, drawing_of_links, drawn_links, remarks_on_drawing
 from .robot_scene import robot_scene
 
@@ -36,7 +36,7 @@ def robot(identification: Identification) -> Markup:
             "are measured or bounded."
         )
         key = f'<p class="key">{"".join(KEY.format(basis) for basis in ("measured", "bounded", "assumed"))}</p>'
-    remarks = "".join(f"<li>{escape(one)}</li>" for one in remarks_on_drawing(links, scene))
+    remarks = bullets(remarks_on_drawing(links, scene))
     shows = [("answer", "Answer", has_answer), ("cad", "CAD", has_cad), ("numbers", "Numbers", True)]
     boxes = "".join(
         f'<label><input type="checkbox" checked autocomplete="off" data-shows="{name}">{label}</label>'
@@ -54,10 +54,7 @@ def robot(identification: Identification) -> Markup:
         f"{boxes}{LOOKS}{zoom}",
         f'<ol class="links-of-drawing" tabindex="0" aria-label="Links">{items}</ol>',
     )
-    return Markup(
-        f"<p>The robot with all joints at zero.</p>{key}{f'<ul>{remarks}</ul>' if remarks else ''}{drawing}"
-        f"<p>{escape(' '.join(text))}</p>"
-    )
+    return Markup(f"<p>The robot with all joints at zero.</p>{key}{remarks}{drawing}<p>{escape(' '.join(text))}</p>")
 
 
 def _item(link: DrawnLink) -> str:
