@@ -379,6 +379,5 @@ def verdicts(model, samples, found):
     stretches = info.stretches(blocks)
     feasible_set, unconstrained = sy.FeasibleSet(model), sy.least_squares(info)
     fit = plausible_fit(info, feasible_set, unconstrained, tried_prior(info, stretches, feasible_set, unconstrained))
-    held_out = fit.validation.joint_errors[fit.validation.chosen_index]
-    told = prediction_verdict(info, fit.estimate.base, held_out_error=held_out, fold_count=len(stretches))
+    told = prediction_verdict(info, fit.estimate.base, held_out_error=fit.held_out_error, fold_count=len(stretches))
     return told, told.with_mistakes([found])

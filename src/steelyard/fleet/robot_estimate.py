@@ -142,14 +142,11 @@ def _estimate(task: dict[str, Any]) -> dict[str, Any]:
     plausible = plausible_fit(information, feasible_set, unconstrained, tried)
     estimate = plausible.estimate
     assert estimate.parameters is not None
-    held_out = None
-    if plausible.validation is not None:
-        held_out = plausible.validation.joint_errors[plausible.validation.chosen_index]
     prediction = prediction_verdict(
         information,
         estimate.base,
         validation=_validation(known, task["validate"]),
-        held_out_error=held_out,
+        held_out_error=plausible.held_out_error,
         fold_count=len(stretches),
     )
     rows: list[dict[str, Any]] = []

@@ -184,7 +184,7 @@ def identify(
     information = Information.total([p[2] for p in parts if p[1] == "identification"])
     information = replace(information, batch_means=means.total())
     folds = FEWEST_FOLDS if model.parameter_count > MANY_PARAMETERS else 5
-    stretches, held_out = information.stretches(blocks, folds), None
+    stretches = information.stretches(blocks, folds)
     rotors: RotorDecision | None = None
     if wider is not None:
         say("have the rotors an inertia that shows?")
@@ -215,8 +215,7 @@ def identify(
             tried = tried_prior(information, stretches, feasible_set, unconstrained, prior_weight=prior_weight)
         known, plausible = tried.known, plausible_fit(information, feasible_set, unconstrained, tried)
         estimate = plausible.estimate
-        if plausible.validation is not None:
-            held_out = plausible.validation.joint_errors[plausible.validation.chosen_index]
+        held_out = plausible.held_out_error
     else:
         if prefer == "auto":
             prefer = "cad" if _has_cad(model) else "lightest"

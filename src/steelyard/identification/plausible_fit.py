@@ -123,6 +123,11 @@ class PlausibleFit:
     validation: CrossValidation | None = field(default=None, repr=False)
     price: PriceOfPlausibility | None = field(default=None, repr=False)
 
+    @property
+    def held_out_error(self) -> Array | None:
+        """(N,): root mean square of the residuals of each joint on stretches that are left out in turn."""
+        return None if self.validation is None else self.validation.joint_errors[self.validation.chosen_index]
+
 
 @dataclass(frozen=True, eq=False)
 class TriedPrior:
