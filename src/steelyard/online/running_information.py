@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from copy import deepcopy
 from dataclasses import replace
 
 import numpy as np
@@ -10,7 +11,7 @@ from numpy.typing import NDArray
 
 from steelyard.dynamics import Model
 from steelyard.regression import Factor, Information
-from steelyard.regression.batch_means import BATCH_LENGTHS
+from steelyard.regression.batch_means import BATCH_LENGTHS, summed, sums_of_all_lengths
 
 __all__ = ["RunningInformation", "stacked"]
 
@@ -102,11 +103,7 @@ class RunningInformation:
             self._sum(*self._waiting.pop())
 
     def _sum(self, joint: int, block: Array) -> None:
-        sums = block
-        for level, length in enumerate(BATCH_LENGTHS):
-            factor = length if level == 0 else 2
-            sums = np.einsum("abc->ac", sums.reshape(-1, factor, sums.shape[-1]))
-            shown = sums[np.any(sums != 0.0, axis=1)]
+        for level, shown in enumerate(sums_of_all_lengths(summed(block, BATCH_LENGTHS[0]))):
             if len(shown):
                 self._levels[level][joint] = stacked(self._levels[level][joint], shown)
                 self._level_weights[level, joint] += len(shown)
@@ -123,15 +120,7 @@ class RunningInformation:
 
     def copy(self) -> RunningInformation:
         """Return a copy that grows by itself."""
-        found = object.__new__(RunningInformation)
-        found._nothing, found._filled = self._nothing, self._filled
-        found._triangles = [t.copy(order="F") for t in self._triangles]
-        found._weights = self._weights.copy()
-        found._levels = [[t.copy(order="F") for t in level] for level in self._levels]
-        found._level_weights = self._level_weights.copy()
-        found._block = [block.copy() for block in self._block]
-        found._waiting = [(k, block.copy()) for k, block in self._waiting]
-        return found
+        return deepcopy(self, {id(self._nothing): self._nothing})
 
     def merge(self, other: RunningInformation) -> None:
         """Add what another part, which is ended, holds."""

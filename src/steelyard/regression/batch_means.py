@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 
 import numpy as np
 from numpy.typing import NDArray
@@ -11,7 +11,7 @@ from steelyard.dynamics.threads import in_threads
 
 from .factor import Factor, extended, most_held
 
-__all__ = ["BATCH_LENGTHS", "BatchMeans", "BatchMeansTree", "BatchSums", "added"]
+__all__ = ["BATCH_LENGTHS", "BatchMeans", "BatchMeansTree", "BatchSums", "added", "summed", "sums_of_all_lengths"]
 
 Array = NDArray[np.float64]
 BatchMeans = tuple[tuple[Factor, ...], ...]
@@ -48,7 +48,7 @@ class BatchSums:
         Each call but the last must bring a multiple of 1024 samples; a batch that is begun ends with its call.
         """
         for held, own in zip(self.held, rows, strict=True):
-            held.append(_summed(own, BATCH_LENGTHS[0]))
+            held.append(summed(own, BATCH_LENGTHS[0]))
         if sum(map(len, self.held[0])) >= most_held(BATCHES_HELD, sum(own[0].size for own in rows)):
             self._reduce_all()
 
@@ -81,16 +81,21 @@ class BatchSums:
             return
         sums = held[0] if len(held) == 1 else np.concatenate(held)
         held.clear()
-        for level in range(len(BATCH_LENGTHS)):
-            if level:
-                sums = _summed(sums, 2)
-            rows = sums.reshape(-1, sums.shape[-1])
-            rows = rows[np.any(rows != 0.0, axis=1)]
+        for level, rows in enumerate(sums_of_all_lengths(sums)):
             self.counts[level][index] += len(rows)
             self.triangles[level][index] = extended(self.triangles[level][index], rows)
 
 
-def _summed(rows: Array, size: int) -> Array:
+def sums_of_all_lengths(sums: Array) -> Iterator[Array]:
+    """Yield for each of `BATCH_LENGTHS` the sums that are not zero, (batches, c + 1), from those of the first."""
+    for level in range(len(BATCH_LENGTHS)):
+        if level:
+            sums = summed(sums, 2)
+        rows = sums.reshape(-1, sums.shape[-1])
+        yield rows[np.any(rows != 0.0, axis=1)]
+
+
+def summed(rows: Array, size: int) -> Array:
     """Return sums over `size` neighbours along the first axis; the last sum is over the remaining rows."""
     missing = -len(rows) % size
     if missing:
