@@ -28,6 +28,7 @@ from steelyard.regression import Estimate, Factor, Information, ParameterCovaria
 from steelyard.regression.factor import Reduced, column_lengths, is_well_conditioned, solve
 from steelyard.regression.joint_weights import inverse_deviations
 from steelyard.regression.parameter_covariance import NORMAL
+from steelyard.regression.reduction import residuals_of_rows, rows_of_entries
 
 from .causal_filter import CausalMotionFilter
 from .change_detector import Change, ChangeDetector
@@ -387,14 +388,12 @@ class OnlineEstimator:
             self._reduce(t, motion[:, 0], motion[:, 1], motion[:, 2], torque, used)
 
     def _reduce(self, t: Array, q: Array, dq: Array, ddq: Array, torque: Array, used: NDArray[np.bool_]) -> None:
-        columns = self.model.base_columns
         if self._jumps.any():
             resting = self._jumps & (np.abs(dq) < self._least_speed)
             if resting.any():
                 self._at_rest += int(np.sum(resting & used))
                 used = used & ~resting
-        entries = columns.by_joint(columns.entries(q, dq, ddq))
-        rows = [np.column_stack([own, torque[:, k]]) for k, own in enumerate(entries)]
+        rows = rows_of_entries(self.model, self.model.base_columns.entries(q, dq, ddq), torque)
         if np.isnan(self._began):
             self._began = float(t[0])
         self._t = float(t[-1])
@@ -410,9 +409,7 @@ class OnlineEstimator:
             answer = self._answer
             if answer is None or not self._t - DETECTION <= answer.t:
                 answer = self.estimate()
-            joints = self.model.base_columns.joints
-            left = np.column_stack([r[:, -1] - r[:, :-1] @ answer.base[c] for r, c in zip(rows, joints, strict=True)])
-            if self._detector.add(t, left, used):
+            if self._detector.add(t, residuals_of_rows(self.model, rows, answer.base), used):
                 self._begin_after(float(t[-1]))
                 return True
         self._doubtful.append((len(t), rows, used))

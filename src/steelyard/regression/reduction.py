@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import replace
 from typing import TYPE_CHECKING
 
@@ -33,6 +33,8 @@ __all__ = [
     "reduce_by_joint",
     "require_joints",
     "residuals",
+    "residuals_of_rows",
+    "rows_of_entries",
 ]
 
 Array = NDArray[np.float64]
@@ -78,8 +80,18 @@ def joint_rows(model: Model, samples: Samples, block: int = BLOCK) -> Iterator[t
             entries = columns.entries(samples.q[part], samples.dq[part], samples.ddq[part])
         else:
             entries = filtered[part]
-        torque = samples.torque[part]
-        yield part, [np.column_stack([w, torque[:, k]]) for k, w in enumerate(columns.by_joint(entries))]
+        yield part, rows_of_entries(model, entries, samples.torque[part])
+
+
+def rows_of_entries(model: Model, entries: Array, torque: Array) -> list[Array]:
+    """The rows ``[W omega]`` of each joint, (samples, c + 1), by the entries of the base regressor and the torques."""
+    return [np.column_stack([w, torque[:, k]]) for k, w in enumerate(model.base_columns.by_joint(entries))]
+
+
+def residuals_of_rows(model: Model, rows: Sequence[Array], base: Array) -> Array:
+    """``omega - W beta`` of the rows of each joint, (samples, N)."""
+    joints = model.base_columns.joints
+    return np.column_stack([own[:, -1] - own[:, :-1] @ base[c] for own, c in zip(rows, joints, strict=True)])
 
 
 def narrowing(wider: Model, model: Model) -> Array:
@@ -234,12 +246,6 @@ class WhitenedReduction:
 
 def residuals(model: Model, samples: Samples, base: Array) -> Iterator[tuple[slice, Array]]:
     """For some samples at a time, ``omega - W beta`` of all joints, (samples, N), also where masked."""
-    columns = model.base_columns.joints
     with one_thread():
-        for part, rows_of_joints in joint_rows(model, samples):
-            yield (
-                part,
-                np.column_stack(
-                    [rows[:, -1] - rows[:, :-1] @ base[own] for rows, own in zip(rows_of_joints, columns, strict=True)]
-                ),
-            )
+        for part, rows in joint_rows(model, samples):
+            yield part, residuals_of_rows(model, rows, base)
