@@ -11,6 +11,7 @@ __all__ = [
     "LOG",
     "AllowExtensions",
     "ChunkRows",
+    "ClusterAddress",
     "ConsistencyOption",
     "EstimateArgument",
     "Json",
@@ -18,9 +19,11 @@ __all__ = [
     "Logs",
     "Quiet",
     "RobotArgument",
+    "Tls",
     "Topic",
     "Verbose",
     "WeightsOption",
+    "Workers",
     "numbers",
 ]
 
@@ -33,6 +36,17 @@ Logs = Annotated[list[str], typer.Argument(metavar="LOG...", help=LOG)]
 EstimateArgument = Annotated[Path, typer.Argument(help="The estimate.json that identify saved.")]
 
 ChunkRows = Annotated[int, typer.Option(help="Rows of a log that stand in memory together.", min=1000)]
+
+Workers = Annotated[int, typer.Option("--workers", help="Processes of this machine.", min=1, max=1024)]
+
+ClusterAddress = Annotated[
+    str | None, typer.Option("--cluster", metavar="ADDRESS", help="Scheduler of a Dask cluster.")
+]
+
+Tls = Annotated[
+    list[str] | None,
+    typer.Option("--tls", metavar="NAME=FILE", help="TLS of the cluster: ca_file=, cert=, key= of PEM files."),
+]
 
 JsonFile = Annotated[Path | None, typer.Option("--output", "-o", help="File for the same as JSON.")]
 

@@ -7,7 +7,7 @@ from typing import Annotated
 
 import typer
 
-from .choices import Json, Quiet
+from .choices import ClusterAddress, Json, Quiet, Tls, Workers
 from .many_logs import executor_of
 from .terminal import echo, print_json, progress
 
@@ -17,14 +17,9 @@ __all__ = ["fleet"]
 def fleet(
     manifest: Annotated[Path, typer.Argument(help="TOML, CSV or Parquet that names robots and their data.")],
     output: Annotated[Path, typer.Option("--output", "-o", help="Folder for the results.")],
-    workers: Annotated[int, typer.Option("--workers", help="Processes of this machine.", min=1, max=1024)] = 1,
-    cluster: Annotated[
-        str | None, typer.Option("--cluster", metavar="ADDRESS", help="Scheduler of a Dask cluster.")
-    ] = None,
-    tls: Annotated[
-        list[str] | None,
-        typer.Option("--tls", metavar="NAME=FILE", help="TLS of the cluster: ca_file=, cert=, key= of PEM files."),
-    ] = None,
+    workers: Workers = 1,
+    cluster: ClusterAddress = None,
+    tls: Tls = None,
     json: Json = False,
     quiet: Quiet = False,
 ) -> None:

@@ -10,14 +10,17 @@ import typer
 from .choices import (
     AllowExtensions,
     ChunkRows,
+    ClusterAddress,
     ConsistencyOption,
     Json,
     Logs,
     Quiet,
     RobotArgument,
+    Tls,
     Topic,
     Verbose,
     WeightsOption,
+    Workers,
 )
 from .many_logs import many_logs
 from .robot_argument import SetLines, load_robot
@@ -56,17 +59,9 @@ def identify(
         str, typer.Option(help="What estimates the parameters: fit, or one that a package adds.")
     ] = "fit",
     chunk_rows: ChunkRows = 200_000,
-    workers: Annotated[
-        int, typer.Option("--workers", help="Processes of this machine that read the logs.", min=1, max=1024)
-    ] = 1,
-    cluster: Annotated[
-        str | None,
-        typer.Option("--cluster", metavar="ADDRESS", help="Scheduler of a Dask cluster that reads the logs."),
-    ] = None,
-    tls: Annotated[
-        list[str] | None,
-        typer.Option("--tls", metavar="NAME=FILE", help="TLS of the cluster: ca_file=, cert=, key= of PEM files."),
-    ] = None,
+    workers: Workers = 1,
+    cluster: ClusterAddress = None,
+    tls: Tls = None,
     table: Annotated[bool, typer.Option("--table", help="Print all the parameters, as in parameters.csv.")] = False,
     verbose: Verbose = False,
     topic: Topic = None,

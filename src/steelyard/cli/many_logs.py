@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 from collections.abc import Iterator, Sequence
 from contextlib import AbstractContextManager, contextmanager
 from pathlib import Path
@@ -54,8 +53,11 @@ def many_logs(
 ) -> AbstractContextManager[Kept] | None:
     """Return what reduces logs with checkpoints in the folder of the results; None for one log in this process."""
     executor = executor_of(workers, cluster, tls)
-    one = len(logs) == 1 and "://" not in logs[0] and not any(mark in logs[0] for mark in "*?[")
-    if executor is None and one and not os.path.isdir(logs[0]) and not _has_checkpoints(output):
+    from steelyard.fleet.checkpoints import has_checkpoints
+    from steelyard.identification.given import may_be_several
+
+    one = len(logs) == 1 and not may_be_several(logs[0])
+    if executor is None and one and not has_checkpoints(output):
         return None
     return _many_logs(output, executor)
 
@@ -66,8 +68,3 @@ def _many_logs(output: Path, executor: Executor | None) -> Iterator[Kept]:
 
     with Checkpoints(output) as checkpoints:
         yield Kept(checkpoints, LogReduction(executor, checkpoints))
-
-
-def _has_checkpoints(output: Path) -> bool:
-    """Tell whether a run that was killed left some, which go with the next results."""
-    return any(name.endswith(".checkpoint") or ".checkpoint." in name for name in os.listdir(output))

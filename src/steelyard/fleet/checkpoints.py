@@ -21,7 +21,7 @@ from steelyard.files import plain, write_bytes
 from steelyard.files.writing import SUFFIX, locked, refusal, remove_leftovers
 from steelyard.robot import Robot
 
-__all__ = ["Checkpoints", "checkpoint_key", "robot_content"]
+__all__ = ["Checkpoints", "checkpoint_key", "has_checkpoints", "robot_content"]
 
 _PREFIX, _ENDING = "reduced-", ".checkpoint"
 _NAME = re.compile(re.escape(_PREFIX) + "[0-9a-f]{64}" + re.escape(_ENDING))
@@ -44,6 +44,11 @@ def checkpoint_key(*parts: Any) -> str:
     versions = (__version__, np.__version__, scipy.__version__, sys.version.split()[0], sys.byteorder)
     text = json.dumps([versions, plain(parts)], sort_keys=True, ensure_ascii=True, default=repr)
     return hashlib.sha256(text.encode()).hexdigest()
+
+
+def has_checkpoints(folder: Path) -> bool:
+    """Tell whether a run that was killed left something in a folder, which goes with the next results."""
+    return any(_NAME.fullmatch(name) or _LEFTOVER.fullmatch(name) for name in os.listdir(folder))
 
 
 def robot_content(robot: Robot) -> dict[str, Any]:

@@ -31,6 +31,7 @@ __all__ = [
     "given_logs",
     "given_robot",
     "given_settings",
+    "may_be_several",
 ]
 
 
@@ -150,10 +151,15 @@ def _listed(data: object, name: str) -> list[tuple[str, Any]]:
     return [(_own_name(one), one) for one in found]
 
 
+def may_be_several(text: str) -> bool:
+    """Whether a path looks like one that stands for others: an address, a pattern or a folder, which may be a bag."""
+    return "://" in text or any(mark in text for mark in "*?[") or os.path.isdir(text)
+
+
 def _expanded(paths: Sequence[str | os.PathLike[str]]) -> list[str | os.PathLike[str]]:
     """Return the logs that paths, folders, patterns and addresses stand for; what a set finds again counts once."""
     texts = [os.fspath(path) for path in paths]
-    if not any("://" in text or any(mark in text for mark in "*?[") or os.path.isdir(text) for text in texts):
+    if not any(map(may_be_several, texts)):
         return list(paths)
     from steelyard.recording.formats.log_sets import is_log_set, logs_in  # what is not asked for is not loaded
 
