@@ -96,7 +96,6 @@ class CausalMotionFilter:
         self.kernels = motion_kernels(rate, cutoff, order)
         self.delay = self.kernels.shape[1] // 2
         self.joints, self.derived = joints, derived
-        self._matrices: dict[int, Array] = {}
         self.restart()
 
     def restart(self) -> None:
@@ -112,15 +111,8 @@ class CausalMotionFilter:
             self._held = held
             return np.zeros((0, 3, self.joints))
         self._held = held[count:]
-        if count not in self._matrices:
-            matrix = np.zeros((3, count, len(held)))
-            for row in range(count):
-                matrix[:, row, row : row + length] = self.kernels
-            if len(self._matrices) > 32:
-                self._matrices.clear()
-            self._matrices[count] = matrix.reshape(3 * count, -1)
-        out = (self._matrices[count] @ held).reshape(3, count, -1)
+        out = self.kernels @ np.lib.stride_tricks.sliding_window_view(held, length, axis=0).swapaxes(1, 2)
         if not self.derived:
-            return np.asarray(out.transpose(1, 0, 2))
+            return np.asarray(out)
         N = self.joints
-        return np.stack([out[0, :, :N], out[0, :, N:], out[1, :, N:]], axis=1)
+        return np.stack([out[:, 0, :N], out[:, 0, N:], out[:, 1, N:]], axis=1)
