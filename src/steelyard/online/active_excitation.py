@@ -30,7 +30,7 @@ from steelyard.regression import Estimate, Information
 from steelyard.simulation import Measurement
 
 from .credible_robots import CredibleRobots, random_motions
-from .segments import Segment, SegmentPlanner, State
+from .segments import SegmentPlanner, State
 from .warm_fit import WarmFit
 
 __all__ = ["ActiveExcitation", "ExcitationStep"]
@@ -164,7 +164,6 @@ class _Plan:
 
     time: float
     knowledge: _Knowledge
-    segment: Segment | None
     played: float
     reference: _Reference | None = None
     inertia: Array = field(default_factory=lambda: np.zeros((0, 0, 0)))
@@ -243,10 +242,6 @@ class ActiveExcitation:
     _room: Array
     _speed_room: Array
     _command: Array
-    _inertia: Array
-    _bandwidth: Array
-    _bound: Array
-    _stiffness: Array
 
     def __init__(
         self,
@@ -310,7 +305,7 @@ class ActiveExcitation:
         self._started = t
         self._last_time = t
         still = np.zeros_like(q)
-        plan = _Plan(t, self._knowledge, None, HOLD)
+        plan = _Plan(t, self._knowledge, HOLD)
         self._prepare(plan, (np.array([q, q]), np.array([still, still]), np.array([still, still])))
         self._take(plan, t, "hold")
 
@@ -338,7 +333,9 @@ class ActiveExcitation:
         self._largest_speed = np.maximum(self._largest_speed, np.abs(speed_error))
         dt = min(max(t - self._last_time, 0.0), 5.0 * self.sample_time)
         self._last_time = t
-        room, inertia, width = self._bound, self._inertia[k], self._bandwidth
+        plan = self._plan
+        assert plan is not None
+        room, inertia, width = plan.bound, plan.inertia[k], plan.bandwidth
         push = width * (inertia @ (width * error))
         self._integral = np.clip(self._integral + dt * INTEGRAL * push, -room, room)
         root = np.sqrt(width)
@@ -468,10 +465,6 @@ class ActiveExcitation:
         self._room = np.full(size, FIRST_ROOM)
         self._speed_room = 0.2 * self.limits.velocity
         self._command = np.zeros(size)
-        self._inertia = np.zeros((1, size, size))
-        self._bandwidth = np.zeros(size)
-        self._bound = np.zeros(size)
-        self._stiffness = np.zeros(size)
         self._joins = False
         self.steps.clear()
         self.interruptions.clear()
@@ -604,7 +597,7 @@ class ActiveExcitation:
         knowledge, self._used = self._learnt(log, self._knowledge)
         done = knowledge.expected_error <= self.accuracy and knowledge.information.count > 0
         if done or time - self._started >= self.longest:
-            return _Plan(time, knowledge, None, np.inf)
+            return _Plan(time, knowledge, np.inf)
         share, duration, played = STAGES[self._motions] if self._motions < len(STAGES) else (1.0, DURATION, PLAYED)
         limits = self._planning_limits(state, share * self._pace, knowledge)
         planner = SegmentPlanner(
@@ -619,7 +612,7 @@ class ActiveExcitation:
             seed=self._seed + 1000 * len(self.steps),
         )
         found = planner.plan(state, knowledge.root)
-        plan = _Plan(time, knowledge, None if found is None else found.segment, played)
+        plan = _Plan(time, knowledge, played)
         if found is not None:
             times = np.arange(0.0, found.segment.duration + self.sample_time, self.sample_time)
             self._prepare(plan, found.segment.motion(times))
@@ -686,8 +679,9 @@ class ActiveExcitation:
         plan.inertia = inertia.reshape(len(motion[0]), size, size)
         own = np.diagonal(plan.inertia, axis1=1, axis2=2).mean(axis=0)
         plan.bandwidth = BANDWIDTH * self._sure_share(q, knowledge)
-        if self._stiffness.any():
-            plan.bandwidth = np.minimum(plan.bandwidth, np.sqrt(GROWTH * self._stiffness / own))
+        before = self._plan
+        if before is not None and before.stiffness.any():
+            plan.bandwidth = np.minimum(plan.bandwidth, np.sqrt(GROWTH * before.stiffness / own))
         plan.stiffness = plan.bandwidth**2 * own
         rows = np.asarray(self.model.kernel("regressor", base=True)(q, dq, ddq)).reshape(len(q), self.model.dof, -1)
         spread = np.sqrt(np.einsum("skb,bc,skc->sk", rows, knowledge.covariance, rows)).max(axis=0)
@@ -765,8 +759,6 @@ class ActiveExcitation:
             if plan.knowledge.information.count:  # the model carries the weight that the integral carried so far
                 self._integral = np.zeros_like(self._integral)
         self._plan, self._reference, self._switched, self._stage = plan, plan.reference, t, stage
-        self._inertia, self._bandwidth, self._bound = plan.inertia, plan.bandwidth, plan.bound
-        self._stiffness = plan.stiffness
         self._asked = plan.time + max(plan.played - LEAD, 0.0)
         if before is not None and stage != "stopping":
             kept = np.maximum(1.5 * self._largest + LEAST_ROOM, FORGETTING * self._room)
@@ -826,6 +818,6 @@ class ActiveExcitation:
             np.array([0.0, duration]), np.array([q, end]), np.array([dq, still]), np.array([still, still])
         )
         times = np.arange(0.0, duration + self.sample_time, self.sample_time)
-        plan = _Plan(t, self._knowledge, None, duration + 0.5)
+        plan = _Plan(t, self._knowledge, duration + 0.5)
         self._prepare(plan, way.motion(times))
         self._take(plan, t, "stopping")
