@@ -395,7 +395,7 @@ class ActiveExcitation:
             return None
         return proved_estimate(
             known.information,
-            FeasibleSet(self.model),
+            self._search[0].feasible_set,
             known.parameters,
             "online plausible fit",
             weights=1.0 / known.noise,
@@ -474,12 +474,15 @@ class ActiveExcitation:
     def _base(self) -> Any:
         return self.model.base_parameters()
 
+    def _rows(self, q: Array, dq: Array, ddq: Array) -> Array:
+        """The base regressor, (S, N, n_b)."""
+        return np.asarray(self.model.kernel("regressor", base=True)(q, dq, ddq)).reshape(len(q), self.model.dof, -1)
+
     @cached_property
     def _prediction(self) -> list[Array]:
         """For each joint the mean of y'y of its rows over motions within the limits, (n_b, n_b)."""
-        q, dq, ddq = random_motions(self.limits, 600)
-        rows = np.asarray(self.model.kernel("regressor", base=True)(q, dq, ddq)).reshape(len(q), self.model.dof, -1)
-        return [rows[:, k].T @ rows[:, k] / len(q) for k in range(self.model.dof)]
+        rows = self._rows(*random_motions(self.limits, 600))
+        return [rows[:, k].T @ rows[:, k] / len(rows) for k in range(self.model.dof)]
 
     @cached_property
     def _search(self) -> tuple[WarmFit, PreparedPrior]:
@@ -683,21 +686,20 @@ class ActiveExcitation:
         if before is not None and before.stiffness.any():
             plan.bandwidth = np.minimum(plan.bandwidth, np.sqrt(GROWTH * before.stiffness / own))
         plan.stiffness = plan.bandwidth**2 * own
-        rows = np.asarray(self.model.kernel("regressor", base=True)(q, dq, ddq)).reshape(len(q), self.model.dof, -1)
+        rows = self._rows(q, dq, ddq)
         spread = np.sqrt(np.einsum("skb,bc,skc->sk", rows, knowledge.covariance, rows)).max(axis=0)
         reserve = 0.1 * plan.stiffness + 3.0 * knowledge.noise
         plan.bound = np.minimum(self.limits.torque, np.abs(torque).max(axis=0) + TORQUE_BAND * spread + reserve)
 
     def _sure_share(self, q: Array, knowledge: _Knowledge) -> Array:
         """Part of the estimated inertia of each joint that is there but for two standard deviations, (N,)."""
-        kernel, size = self.model.kernel("regressor", base=True), self.model.dof
         still = np.zeros_like(q)
-        at_rest = np.asarray(kernel(q, still, still)).reshape(len(q), size, -1)
-        found = np.zeros(size)
-        for k in range(size):
+        at_rest = self._rows(q, still, still)
+        found = np.zeros(self.model.dof)
+        for k in range(len(found)):
             one = still.copy()
             one[:, k] = 1.0
-            rows = np.asarray(kernel(q, still, one)).reshape(len(q), size, -1)[:, k] - at_rest[:, k]
+            rows = self._rows(q, still, one)[:, k] - at_rest[:, k]
             value = np.maximum(rows @ knowledge.base, 1e-12)
             spread = np.sqrt(np.einsum("sb,bc,sc->s", rows, knowledge.covariance, rows))
             found[k] = np.min(1.0 - SURE * spread / value)
