@@ -116,7 +116,7 @@ class CredibleRobots:
             shift = SHIFT if link.source != "description" else 0.3 * SHIFT
             change[:, :3, 3] = shift * radius * random.standard_normal((_COUNT, 3))
             moved = factor[:, None, None] * (change @ matrix @ np.swapaxes(change, 1, 2))
-            found[:, np.asarray(columns)] = [parameters_of_pseudo_inertia(one) for one in moved]
+            found[:, np.asarray(columns)] = parameters_of_pseudo_inertia(moved)
         terms = np.flatnonzero(np.isfinite(self.term_deviations))
         values = self.term_deviations[terms] * random.standard_normal((_COUNT, len(terms)))
         signs = nonnegative_terms(model)[terms]
