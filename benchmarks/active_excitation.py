@@ -93,16 +93,6 @@ def estimated(model: sy.Model, information: sy.Information) -> np.ndarray:
     return np.asarray(sy.fit(information, sy.FeasibleSet(model)).base)
 
 
-def logged_a(model: sy.Model, truth: np.ndarray, seed: int) -> Recording:
-    """Trajectory A as `simulated_log` has it, of another robot."""
-    keep = wam.true_parameters
-    try:
-        wam.true_parameters = lambda: truth
-        return wam.simulated_log(model, "A", seed)
-    finally:
-        wam.true_parameters = keep
-
-
 def sensors() -> Sensors:
     return Sensors(
         encoder_resolution=2.0 * np.pi / wam.ENCODER_COUNTS,
@@ -132,7 +122,7 @@ def played_a(model: sy.Model, truth: np.ndarray, seed: int) -> Recording:
 def violations(result: object, limits: MotionLimits, excitation: ActiveExcitation) -> dict[str, float]:
     """Largest use of every limit, 1 at the limit: of the true states, and of the reference for accelerations."""
     middle, half = 0.5 * (limits.lower + limits.upper), 0.5 * (limits.upper - limits.lower)
-    reference = np.array([excitation.played[k] for k in range(len(excitation.played))])
+    reference = np.array(excitation.played)
     change = np.diff(reference, 2, axis=0) / excitation.sample_time**2
     for time_, _ in excitation.interruptions:  # where the motion is broken off, it goes on from the measured state
         change[max(round(time_ / excitation.sample_time) - 3, 0) : round(time_ / excitation.sample_time) + 3] = 0.0
@@ -163,7 +153,7 @@ def one(seed: int, criterion: str) -> dict[str, object]:
         {"torque": list(TORQUE)}
     )
     judge = Judge(model, limits, truth)
-    of_a = process(model, logged_a(model, truth, seed))
+    of_a = process(model, wam.simulated_log(model, "A", seed, parameters=truth))
     info_a = sy.Information.from_samples(model, of_a)
     errors_a = judge.errors(estimated(model, info_a))
 

@@ -153,10 +153,17 @@ def wrong_cad() -> dict[str, Inertia]:
     return found
 
 
-def simulated_log(model: Model, trajectory: str, seed: int, rate: float = 1000.0, periods: float = 3.0) -> Recording:
+def simulated_log(
+    model: Model,
+    trajectory: str,
+    seed: int,
+    rate: float = 1000.0,
+    periods: float = 3.0,
+    parameters: Array | None = None,
+) -> Recording:
     """Return what a recording of a trajectory would hold: encoder positions and torques, both with their noise.
 
-    The arm follows the reference perfectly; its torques come from inverse dynamics at the true parameters.
+    The arm follows the reference perfectly; its torques come from inverse dynamics.
 
     Parameters
     ----------
@@ -169,6 +176,8 @@ def simulated_log(model: Model, trajectory: str, seed: int, rate: float = 1000.0
         Hz.
     periods : float
         Of 12.5 s.
+    parameters : ndarray, optional
+        (n,) of another arm than that of `true_parameters`.
 
     Returns
     -------
@@ -176,7 +185,7 @@ def simulated_log(model: Model, trajectory: str, seed: int, rate: float = 1000.0
     """
     generator = np.random.default_rng([seed, ord(trajectory)])
     t, q, dq, ddq = TRAJECTORIES[trajectory].sample(rate, periods)
-    torque = model.inverse_dynamics(q, dq, ddq, true_parameters())
+    torque = model.inverse_dynamics(q, dq, ddq, true_parameters() if parameters is None else parameters)
     torque += torque_deviations(generator.standard_normal(q.shape), rate)
     step = 2.0 * np.pi / ENCODER_COUNTS
     return Recording(
