@@ -53,7 +53,7 @@ def test_joints_without_limits_of_position_are_moved_too(lower: float | list[flo
     planner = SegmentPlanner(regressor, criterion, limits, duration=2.5, starts=1)
     found = planner.plan((np.zeros(2), np.zeros(2), np.zeros(2)), np.eye(base.count))
     assert found is not None
-    q, dq, ddq = found.segment.motion(np.linspace(0.0, 2.5, 2501))
+    q, dq, ddq = found.motion(np.linspace(0.0, 2.5, 2501))
     assert np.all(q >= limits.lower)
     assert np.all(np.ptp(q, axis=0) > 0.1)
     assert np.abs(dq).max() <= 2.0

@@ -224,6 +224,10 @@ class Criterion:
             return float(np.sqrt(values.max() / values.min()))
         return float(np.log(values).sum()) if self.kind == "d" else float((1.0 / values).sum())
 
+    def loss(self, figure: float) -> float:
+        """Return the criterion with the sign with which less is better."""
+        return -figure if self.kind == "d" else figure
+
     def _seen(self, spectrum: Spectrum) -> tuple[Array, Array]:
         """Return eigenvalues (r,), ascending, and eigenvectors of the information of the subset, or of its covariance.
 

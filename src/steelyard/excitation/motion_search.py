@@ -237,8 +237,7 @@ class Search:
     def _rank(self, candidate: Candidate) -> tuple[bool, float, int]:
         if candidate.x is None:
             return True, -candidate.worst.fraction, candidate.index
-        sign = -1.0 if self.problem.criterion.kind == "d" else 1.0
-        return False, sign * candidate.figure, candidate.index
+        return False, self.problem.criterion.loss(candidate.figure), candidate.index
 
     def _stopped(self) -> bool:
         return self._halt.is_set() or time.monotonic() > self._deadline

@@ -617,8 +617,8 @@ class ActiveExcitation:
         found = planner.plan(state, knowledge.root)
         plan = _Plan(time, knowledge, played)
         if found is not None:
-            times = np.arange(0.0, found.segment.duration + self.sample_time, self.sample_time)
-            self._prepare(plan, found.segment.motion(times))
+            times = np.arange(0.0, found.duration + self.sample_time, self.sample_time)
+            self._prepare(plan, found.motion(times))
         return plan
 
     @cached_property

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from functools import cached_property
 from typing import Any
 
@@ -20,7 +20,7 @@ from steelyard.excitation.spline import splines
 from steelyard.excitation.trajectory import SampledTrajectory, times_of
 from steelyard.excitation.vjp import RegressorInformation
 
-__all__ = ["PlannedSegment", "Segment", "SegmentFamily", "SegmentPlanner", "starting_points"]
+__all__ = ["Segment", "SegmentFamily", "SegmentPlanner", "starting_points"]
 
 Array = NDArray[np.float64]
 State = tuple[Array, Array, Array]
@@ -140,21 +140,6 @@ class _SegmentProblem(DesignProblem):
 
 
 @dataclass(frozen=True, eq=False)
-class PlannedSegment:
-    """A motion that keeps its limits at 1 kHz, and what it is expected to teach.
-
-    Attributes
-    ----------
-    segment : Segment
-    figure : float
-        The criterion that is expected after this motion, smooth sign of friction.
-    """
-
-    segment: Segment
-    figure: float
-
-
-@dataclass(eq=False)
 class SegmentPlanner:
     """Finds the motion from the present state to rest after which the parameters are known best.
 
@@ -186,7 +171,6 @@ class SegmentPlanner:
     rate: float = 10.0
     starts: int = 2
     seed: int = 0
-    _drawn: int = field(default=0, init=False)
 
     @cached_property
     def family(self) -> SegmentFamily:
@@ -197,8 +181,8 @@ class SegmentPlanner:
     def _verifier(self) -> Verifier:
         return Verifier(self.family)
 
-    def plan(self, state: State, known: Array) -> PlannedSegment | None:
-        """Return the best motion that was found, or None where none keeps the limits.
+    def plan(self, state: State, known: Array) -> Segment | None:
+        """Return the best motion that was found, which keeps its limits at 1 kHz, or None where none does.
 
         Parameters
         ----------
@@ -208,9 +192,9 @@ class SegmentPlanner:
             (n_b, n_b) factor R of the information R'R that there is already.
         """
         problem = self._problem(state, known)
-        random = np.random.default_rng([self.seed, self._drawn])
-        self._drawn += 1
-        best: PlannedSegment | None = None
+        random = np.random.default_rng(self.seed)
+        best: Segment | None = None
+        least = np.inf
         for attempt in range(self.starts + _MORE):
             if attempt >= self.starts and best is not None:
                 break
@@ -221,10 +205,9 @@ class SegmentPlanner:
             kept = self._verifier.repaired(problem, found.x)
             if kept is None:
                 continue
-            figure = problem.criterion.figure(problem.spectrum(*problem.motion(kept))[0])
-            value = -figure if problem.criterion.kind == "d" else figure
-            if best is None or value < best.figure:
-                best = PlannedSegment(self.family.trajectory(problem.coefficients(kept)), value)
+            loss = problem.criterion.loss(problem.criterion.figure(problem.spectrum(*problem.motion(kept))[0]))
+            if best is None or loss < least:
+                best, least = self.family.trajectory(problem.coefficients(kept)), loss
         return best
 
     def _problem(self, state: State, known: Array) -> _SegmentProblem:
