@@ -161,10 +161,8 @@ class _Tables:
         self.is_cone = not self.constant.any() and not any(block.constant.any() for block in self.blocks)
         self.K = feasible_set.K @ self.N
         self.base_constant = feasible_set.K @ self.constant
-        self.dependent = self.N[np.asarray(feasible_set.model.base_parameters().dependent, dtype=np.intp)]
-        self.dependent_constant = self.constant[
-            np.asarray(feasible_set.model.base_parameters().dependent, dtype=np.intp)
-        ]
+        dependent = np.asarray(feasible_set.model.base_parameters().dependent, dtype=np.intp)
+        self.dependent, self.dependent_constant = self.N[dependent], self.constant[dependent]
         units = Units.of(feasible_set).parameters
         curvature, reference = np.diag(RIDGE / units**2), np.zeros(n)
         if prior is None:
@@ -512,8 +510,8 @@ def _self_test(name: str, tables: _Tables, feasible_set: FeasibleSet) -> str:
         expected.append(found.squared_distance)
     random = np.random.default_rng(2)
     N = model.dof
-    motion = random.normal(size=(3, 3 * len(tables.K), N))
-    regressor = np.asarray(model.kernel("regressor", base=True)(*motion)).reshape(len(motion[0]), N, -1)
+    motion = random.normal(size=(3, SAMPLES, N))
+    regressor = np.asarray(model.kernel("regressor", base=True)(*motion)).reshape(SAMPLES, N, -1)
     truth = feasible_set.K @ (tables.constant + tables.N @ tables.interior)
     torque = regressor @ truth
     return _TEST.format(
@@ -524,9 +522,9 @@ def _self_test(name: str, tables: _Tables, feasible_set: FeasibleSet) -> str:
         bases=_rows(np.array(given)),
         expected=", ".join(map(number, expected)),
         samples=SAMPLES,
-        regressors=_rows(regressor[:SAMPLES].reshape(SAMPLES, -1)),
-        torques=_rows(torque[:SAMPLES]),
-        residuals=", ".join(number(v) for v in np.sum(torque[:SAMPLES] ** 2, axis=0)),
+        regressors=_rows(regressor.reshape(SAMPLES, -1)),
+        torques=_rows(torque),
+        residuals=", ".join(number(v) for v in np.sum(torque**2, axis=0)),
         truth=", ".join(number(v) for v in truth),
     )
 
