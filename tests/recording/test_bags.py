@@ -14,6 +14,8 @@ from log_writers import BAGS, START, State, states, write_mcap_json, write_ros1,
 
 from steelyard.errors import InputError, MissingExtraError
 from steelyard.recording import Processing, Recording, Samples, process_chunks
+from steelyard.recording.formats.joint_messages import JointRows
+from steelyard.recording.formats.ros_bag import Ros1Bag
 
 pytest.importorskip("rosbags", reason="bags are read with rosbags")
 pytest.importorskip("mcap", reason="MCAP files are read with mcap")
@@ -53,6 +55,28 @@ def test_every_bag_gives_the_numbers_that_were_written(name: str, tmp_path: Path
     processing = Processing(cutoff=None, trim=0.0, velocity_threshold=None)
     joined = Samples.joined(list(process_chunks(path, None, processing, 90, JOINTS)))
     np.testing.assert_array_equal(joined.torque, TORQUE)
+
+
+def test_rows_are_found_without_those_before_them(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    file = Ros1Bag(BAGS["ros1.bag"](tmp_path / "ros1.bag", {"/joint_states": STATES}))
+    taken = []
+    found = JointRows.columns
+    monkeypatch.setattr(JointRows, "columns", lambda *given: taken.append(given[2:]) or found(*given))
+    for start in (0, 7, 199, S - 1):
+        blocks = list(file.blocks_from(start, ["position[elbow]"], 100))
+        np.testing.assert_array_equal(np.concatenate([block["position[elbow]"] for block in blocks]), Q[start:, 1])
+        assert {len(block["position[elbow]"]) for block in blocks[:-1]} <= {100}
+    assert taken == [
+        (0, 100),
+        (100, 200),
+        (200, 300),
+        (7, 107),
+        (107, 207),
+        (207, 307),
+        (199, 299),
+        (299, 399),
+        (299, 399),
+    ]
 
 
 @pytest.mark.parametrize("storage", ["SQLITE3", "MCAP"])

@@ -122,12 +122,15 @@ class ArrayLog(LogFile):
 
     def blocks(self, names: Sequence[str], rows: int) -> Iterator[Columns]:
         """Read columns in blocks of rows; an array is read once for all of its columns."""
+        return self.blocks_from(0, names, rows)
+
+    def blocks_from(self, start: int, names: Sequence[str], rows: int) -> Iterator[Columns]:
+        """See `LogFile.blocks_from`."""
         total = self._rows(names)
         places = {name: self._columns[name] for name in names}
         matrices = dict.fromkeys(matrix for matrix, _ in places.values())
-        for start in range(0, total, rows):
-            stop = min(start + rows, total)
-            taken = {matrix: self._taken(matrix, start, stop) for matrix in matrices}
+        for first in range(start, total, rows):
+            taken = {matrix: self._taken(matrix, first, min(first + rows, total)) for matrix in matrices}
             yield {name: np.ascontiguousarray(taken[matrix][:, index]) for name, (matrix, index) in places.items()}
 
     def _taken(self, matrix: _Matrix, start: int, stop: int) -> NDArray[np.float64]:

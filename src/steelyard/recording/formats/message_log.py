@@ -182,9 +182,13 @@ class MessageLog(LogFile):
 
     def blocks(self, names: Sequence[str], rows: int) -> Iterator[Columns]:
         """Return columns in blocks of rows; memory is that of a block, since the numbers stand in a file."""
+        return self.blocks_from(0, names, rows)
+
+    def blocks_from(self, start: int, names: Sequence[str], rows: int) -> Iterator[Columns]:
+        """See `LogFile.blocks_from`."""
         table = self._rows
-        for start in range(0, table.count, rows):
-            yield table.columns(names, start, start + rows)
+        for first in range(start, table.count, rows):
+            yield table.columns(names, first, first + rows)
 
 
 def _held(topic: Topic) -> set[tuple[str, str]]:
