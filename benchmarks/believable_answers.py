@@ -48,14 +48,18 @@ WHITE, MEMORY = 0.7, 0.95
 """Of the noise: its white part relative to what lasts, and the correlation of what lasts with the sample before."""
 
 
-def described(name):
-    """The arm as example-robot-data describes it."""
-    path, tip = ARMS[name]
+def description(name):
+    """The path of the URDF of an arm in example-robot-data."""
     for place in sys.path:
         folder = Path(place, "cmeel.prefix", "share", "example-robot-data", "robots")
         if folder.is_dir():
-            return sy.Robot.from_urdf(folder / path, tip=tip)
+            return folder / ARMS[name][0]
     raise SystemExit("This needs the arms of example-robot-data: pip install example-robot-data")
+
+
+def described(name):
+    """The arm as example-robot-data describes it."""
+    return sy.Robot.from_urdf(description(name), tip=ARMS[name][1])
 
 
 def blurred(robot, random):

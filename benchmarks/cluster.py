@@ -10,17 +10,19 @@ half of the time. Each worker of Dask has a core of its own.
 import contextlib
 import hashlib
 import os
-import signal
 import subprocess
 import sys
 import tempfile
 import threading
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from pathlib import Path
 
 import numpy as np
 import polars as pl
+
+sys.path.insert(0, str(Path(__file__).resolve().parent.parent / "tests" / "oracles"))
+from dask_cluster import dask_workers, disturbed
 
 import steelyard as sy
 from steelyard.identification.wam import robot_toml, simulated_log, wam_model
@@ -49,36 +51,14 @@ def write_logs(folder: Path, logs: int, rows: int) -> Path:
 
 @contextlib.contextmanager
 def cluster(workers: int) -> Iterator[tuple[str, list[subprocess.Popen[bytes]]]]:
-    """Start a scheduler and workers as processes of their own."""
-    environment = {**os.environ, "OPENBLAS_NUM_THREADS": "1", "DASK_DISTRIBUTED__WORKER__PROFILE__ENABLED": "false"}
-    quiet = {"stdout": subprocess.DEVNULL, "stderr": subprocess.DEVNULL, "env": environment}
-    with tempfile.TemporaryDirectory() as place:
-        file = Path(place) / "scheduler.json"
-        dask = [sys.executable, "-m", "dask"]
-        scheduler = [*dask, "scheduler", "--host", "127.0.0.1", "--port", "0", "--no-dashboard"]
-        started = [subprocess.Popen([*scheduler, "--scheduler-file", str(file)], cwd=place, **quiet)]
-        command = [*dask, "worker", "--scheduler-file", str(file), "--nthreads", "1", "--no-nanny", "--no-dashboard"]
-        bound = ["--memory-limit", "1GiB"]
-        while not file.exists():
-            time.sleep(0.05)
-        cores = sorted(os.sched_getaffinity(0))
-        for number in range(workers):
-            # One worker a core: by itself one would take a part of a second one to read ahead.
-            pinned = ["taskset", "--cpu-list", str(cores[number % len(cores)])]
-            started.append(subprocess.Popen([*pinned, *command, *bound], cwd=place, **quiet))
-        import distributed
-
-        with distributed.Client(scheduler_file=str(file), set_as_default=False) as client:
-            client.wait_for_workers(workers, timeout=60)
-            address = client.scheduler.address
-        try:
-            yield address, started[1:]
-        finally:
-            for process in started:
-                with contextlib.suppress(ProcessLookupError):
-                    process.send_signal(signal.SIGCONT)
-                process.kill()
-                process.wait()
+    """Start a scheduler and workers, each on a core: by itself one would take a part of a second one to read ahead."""
+    cores = sorted(os.sched_getaffinity(0))
+    settings = {"OPENBLAS_NUM_THREADS": "1", "DASK_DISTRIBUTED__WORKER__PROFILE__ENABLED": "false"}
+    with (
+        tempfile.TemporaryDirectory() as place,
+        dask_workers(Path(place), workers, ("--memory-limit", "1GiB"), cores, **settings) as started,
+    ):
+        yield started
 
 
 class Peak:
@@ -118,28 +98,6 @@ def identify(folder: Path, logs: Path, name: str, executor: sy.fleet.Executor | 
     return steps[0], time.perf_counter() - began, told.hexdigest()[:16]
 
 
-def disturb(workers: list[subprocess.Popen[bytes]], delay: float) -> Callable[[], None]:
-    """Kill one worker after a while, and stop the other half of the time."""
-    over = threading.Event()
-
-    def slow() -> None:
-        time.sleep(delay)
-        workers[0].kill()
-        while not over.wait(0.2):
-            workers[1].send_signal(signal.SIGSTOP)
-            time.sleep(0.2)
-            workers[1].send_signal(signal.SIGCONT)
-
-    thread = threading.Thread(target=slow, daemon=True)
-    thread.start()
-
-    def end() -> None:
-        over.set()
-        thread.join()
-
-    return end
-
-
 def main() -> None:
     logs, rows = (int(text) for text in (sys.argv[1:] or ["20", "100000"]))
     with tempfile.TemporaryDirectory(prefix="big-cluster-") as text:
@@ -167,13 +125,8 @@ def main() -> None:
         show("2 processes of this machine", identify(folder, place, "processes", sy.fleet.Workers(2)))
         with cluster(2) as (address, workers):
             executor = sy.fleet.Cluster(address)
-            end = disturb(workers, times[2] / 2)
-            try:
-                show(
-                    "Dask, one of 2 killed, the other slow", identify(folder, place, "hard", sy.fleet.Cluster(address))
-                )
-            finally:
-                end()
+            with disturbed(workers, times[2] / 2, 0.2):
+                show("Dask, one of 2 killed, the other slow", identify(folder, place, "hard", executor))
         left = sorted({path.name for path in folder.rglob("*") if path.suffix in (".part", ".checkpoint")})
         print(f"files left beside the results: {left or 'none'}")
 

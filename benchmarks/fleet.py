@@ -31,7 +31,7 @@ import numpy as np
 from scipy.signal import lfilter
 
 sys.path.insert(0, str(Path(__file__).resolve().parent))
-from believable_answers import ARMS, described
+from believable_answers import ARMS, described, description
 
 import steelyard as sy
 from steelyard.fleet import compare_siblings, possible_causes, variations
@@ -155,13 +155,9 @@ def by_command(arguments, seed, folder):
     """Write the fleet, call `steelyard fleet`, and judge its findings."""
     fleet = SimulatedFleet(arguments.arm, seed)
     planted = fleet.planted(arguments.robots, arguments.each)
-    path, tip = ARMS[arguments.arm]
-    for place in sys.path:
-        source = Path(place, "cmeel.prefix", "share", "example-robot-data", "robots", path)
-        if source.is_file():
-            shutil.copy(source, folder / "robot.urdf")
+    shutil.copy(description(arguments.arm), folder / "robot.urdf")
     terms = "".join(f'\n[[terms]]\nkind = "{term.kind}"\n' for term in fleet.model.robot.terms)
-    (folder / "robot.toml").write_text(f'[description]\nurdf = "robot.urdf"\ntip = "{tip}"\n{terms}')
+    (folder / "robot.toml").write_text(f'[description]\nurdf = "robot.urdf"\ntip = "{ARMS[arguments.arm][1]}"\n{terms}')
     rows, begin = ["id,informations,date"], time.perf_counter()
     for number in range(arguments.robots):
         fault = planted.get(number)

@@ -108,7 +108,7 @@ def main() -> None:
         done = rounds = resumed = 0
 
         def told() -> str:
-            return f"{done} kills, {rounds} runs to the end, {resumed} of them from checkpoints: all equal,"
+            return f"{done} kills, {rounds} runs to the end, {resumed} of them from checkpoints: all equal"
 
         while done < kills:
             for one in sorted(output.rglob("*"), reverse=True):
@@ -133,10 +133,8 @@ def main() -> None:
                     (kept / name.replace("/", "-")).write_bytes(found.get(name, b""))
                 sys.exit(f"after {done} kills: exit {again}, different: {sorted(different)}; see {kept}")
             if rounds % 20 == 0:
-                print(
-                    f"{done} kills, {rounds} runs to the end, {resumed} of them from checkpoints: all equal", flush=True
-                )
-        print(told(), "nothing left beside the results")
+                print(told(), flush=True)
+        print(f"{told()}, nothing left beside the results")
 
 
 if __name__ == "__main__":

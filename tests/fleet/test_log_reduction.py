@@ -1,19 +1,17 @@
 """The same bytes, wherever logs are reduced, in whatever groups, and however often it was begun."""
 
-import contextlib
 import os
 import random
-import signal
 import subprocess
 import sys
 import threading
 import time
-from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
+from dask_cluster import dask_workers, disturbed
 
 import steelyard as sy
 from steelyard.fleet import log_reduction
@@ -149,55 +147,17 @@ def test_processes_give_the_same_bytes_and_outlive_a_kill(place: Path) -> None:
     thread.join()
 
 
-@contextlib.contextmanager
-def dask_workers(folder: Path, count: int) -> Iterator[tuple[str, list[subprocess.Popen[bytes]]]]:
-    distributed = pytest.importorskip("distributed")
-    file = folder / "scheduler.json"
-    dask = [sys.executable, "-m", "dask"]
-    quiet: dict[str, Any] = {"stdout": subprocess.DEVNULL, "stderr": subprocess.DEVNULL, "cwd": folder}
-    scheduler = ["scheduler", "--host", "127.0.0.1", "--port", "0", "--no-dashboard", "--scheduler-file", str(file)]
-    started = [subprocess.Popen([*dask, *scheduler], **quiet)]
-    try:
-        while not file.exists():
-            assert started[0].poll() is None
-            time.sleep(0.05)
-        worker = ["worker", "--scheduler-file", str(file), "--nthreads", "1", "--no-nanny", "--no-dashboard"]
-        started += [subprocess.Popen([*dask, *worker], **quiet) for _ in range(count)]
-        with distributed.Client(scheduler_file=str(file), set_as_default=False) as client:
-            client.wait_for_workers(count, timeout=60)
-            address = client.scheduler.address
-        yield address, started[1:]
-    finally:
-        for process in started:
-            with contextlib.suppress(ProcessLookupError):
-                process.send_signal(signal.SIGCONT)
-            process.kill()
-            process.wait()
-
-
 @pytest.mark.slow
 @pytest.mark.skipif(os.name != "posix", reason="processes are stopped by signals of POSIX")
 @pytest.mark.filterwarnings("ignore")  # of Dask about workers that are lost
 def test_a_cluster_with_a_killed_and_a_slow_worker_gives_the_same_bytes(place: Path, tmp_path: Path) -> None:
+    pytest.importorskip("distributed")
     plain = reduced(place, one_by_one)
     with dask_workers(tmp_path, 2) as (address, workers):
         cluster = sy.fleet.Cluster(address)
         assert same(reduced(place, sy.fleet.LogReduction(cluster)), plain)
-        over = threading.Event()
-
-        def disturb() -> None:
-            time.sleep(0.3)
-            workers[0].kill()
-            while not over.wait(0.1):
-                workers[1].send_signal(signal.SIGSTOP)
-                time.sleep(0.1)
-                workers[1].send_signal(signal.SIGCONT)
-
-        thread = threading.Thread(target=disturb, daemon=True)
-        thread.start()
-        assert same(reduced(place, sy.fleet.LogReduction(cluster)), plain)
-        over.set()
-        thread.join()
+        with disturbed(workers, 0.3, 0.1):
+            assert same(reduced(place, sy.fleet.LogReduction(cluster)), plain)
 
 
 @pytest.mark.slow
