@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 from steelyard.errors import InputError
 from steelyard.files import shown
 
+from .decoded import large_files
 from .log_file import Columns
 
 __all__ = [
@@ -205,7 +206,7 @@ class JointTable:
         self.source = source
         self._orders: dict[tuple[str, ...], _Order] = {}
         self._rows: dict[tuple[tuple[_Order, ...], bool], JointRows] = {}
-        self._file = tempfile.TemporaryFile()  # noqa: SIM115, it lives as long as the table
+        self._file = tempfile.TemporaryFile(prefix="steelyard-", dir=large_files())  # noqa: SIM115
         weakref.finalize(self, self._file.close)
         self._written = self._count = 0
         self._numbers: NDArray[np.float64] = np.empty(0)
