@@ -60,14 +60,12 @@ def blocks(rows: int) -> Iterator[NDArray[np.float64]]:
     _, q, dq, ddq = wam.TRAJECTORIES["A"].sample(1000.0, 1.0)
     period = len(q) - len(q) % 2500
     torque = model.inverse_dynamics(q, dq, ddq, parameters)
-    step = 2.0 * np.pi / wam.ENCODER_COUNTS
     for start in range(0, rows, BLOCK):
         numbers = np.arange(start, min(start + BLOCK, rows))
-        noise = wam.torque_deviations(random.standard_normal((len(numbers), 7)), 1000.0)
+        white = random.standard_normal((len(numbers), 7))
         off = TRACKING * lfilter([0.14], [1.0, -0.99], random.standard_normal((len(numbers), 7)), axis=0)
         place = numbers % period
-        position = np.round((q[place] + off) / step) * step
-        yield np.column_stack([numbers / 1000.0, position, np.round(torque[place] + noise, 5)])
+        yield np.column_stack([numbers / 1000.0, *wam.measured(q[place] + off, torque[place], white, 1000.0)])
 
 
 def write(rows: int, path: Path) -> None:

@@ -26,9 +26,9 @@ __all__ = [
     "TRAJECTORIES",
     "beside_truth",
     "demonstrate",
+    "measured",
     "robot_toml",
     "simulated_log",
-    "torque_deviations",
     "true_parameters",
     "wam_model",
     "wrong_cad",
@@ -186,19 +186,21 @@ def simulated_log(
     generator = np.random.default_rng([seed, ord(trajectory)])
     t, q, dq, ddq = TRAJECTORIES[trajectory].sample(rate, periods)
     torque = model.inverse_dynamics(q, dq, ddq, true_parameters() if parameters is None else parameters)
-    torque += torque_deviations(generator.standard_normal(q.shape), rate)
-    step = 2.0 * np.pi / ENCODER_COUNTS
-    return Recording(
-        t=t, q=np.round(q / step) * step, torque=np.round(torque, 5), source=f"simulated trajectory {trajectory}"
-    )
+    q, torque = measured(q, torque, generator.standard_normal(q.shape), rate)
+    return Recording(t=t, q=q, torque=torque, source=f"simulated trajectory {trajectory}")
 
 
-def torque_deviations(white: Array, rate: float) -> Array:
-    """Return how the torques of the arm deviate from its model: noise with a time constant, by white noise (S, 7)."""
+def measured(q: Array, torque: Array, white: Array, rate: float) -> tuple[Array, Array]:
+    """Return what the arm tells of positions and torques: steps of its encoders, and what its model does not explain.
+
+    The torques deviate from the model by noise with a time constant, which white noise (S, 7) is filtered to.
+    """
     from scipy.signal import lfilter
 
     keep = np.exp(-1.0 / (_TORQUE_TIME_CONSTANT * rate))
-    return np.asarray(_TORQUE_DEVIATION * lfilter([np.sqrt(1.0 - keep**2)], [1.0, -keep], white, axis=0))
+    deviations = _TORQUE_DEVIATION * lfilter([np.sqrt(1.0 - keep**2)], [1.0, -keep], white, axis=0)
+    step = 2.0 * np.pi / ENCODER_COUNTS
+    return np.round(q / step) * step, np.round(torque + deviations, 5)
 
 
 def robot_toml() -> str:

@@ -11,9 +11,8 @@ from numpy.typing import NDArray
 from steelyard.display import text_table
 from steelyard.dynamics import Model
 from steelyard.identification.wam import (
-    ENCODER_COUNTS,
     TRAJECTORIES,
-    torque_deviations,
+    measured,
     true_parameters,
     wam_model,
 )
@@ -145,9 +144,7 @@ def simulated_pick_up(
     torque = model.inverse_dynamics(q, dq, ddq, alone)
     held = t >= when
     torque[held] = model.inverse_dynamics(q[held], dq[held], ddq[held], loaded)
-    torque += torque_deviations(random.standard_normal(q.shape), rate)
-    step = 2.0 * np.pi / ENCODER_COUNTS
-    return PickUp(model, t, np.round(q / step) * step, np.round(torque, 5), when, payload)
+    return PickUp(model, t, *measured(q, torque, random.standard_normal(q.shape), rate), when, payload)
 
 
 def watch_pick_up(
