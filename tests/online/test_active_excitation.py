@@ -60,6 +60,15 @@ def test_joints_without_limits_of_position_are_moved_too(lower: float | list[flo
     assert np.abs(ddq).max() <= 6.0
 
 
+def test_a_robot_without_limits_of_position_is_held_and_moved_without_a_warning(model: sy.Model) -> None:
+    limits = {"lower": -np.inf, "upper": [np.inf, 2.0], "velocity": 2.0, "acceleration": 6.0}
+    excitation = ActiveExcitation(model, limits, sample_time=0.01)
+    for k in range(100):
+        excitation.command(0.01 * k, [0.2, -0.3])
+    assert excitation.interruptions == []
+    assert [step.stage for step in excitation.steps] == ["hold", "cautious"]
+
+
 @pytest.mark.slow
 def test_credible_robots_are_possible_and_hold_a_true_one(model: sy.Model) -> None:
     credible = CredibleRobots.of(model, MotionLimits.of(model.robot.joint_names, **LIMITS))

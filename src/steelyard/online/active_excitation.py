@@ -639,7 +639,7 @@ class ActiveExcitation:
         """Limits of the reference: room for tracking errors, and a part of the velocities where little is known."""
         limits = self.limits
         lower, upper = limits.lower + self._room, limits.upper - self._room
-        middle = 0.5 * (limits.lower + limits.upper)
+        middle = 0.5 * np.add(*limits.ranges)
         lower, upper = np.fmin(lower, middle - 1e-3), np.fmax(upper, middle + 1e-3)
         # Where the room has grown since, the present state may lie beyond; it is inside the limits themselves.
         lower, upper = np.minimum(lower, state[0] - 0.01), np.maximum(upper, state[0] + 0.01)
