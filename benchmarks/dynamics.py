@@ -184,17 +184,23 @@ def agree(case, function, found):
             print(f"  MuJoCo changed inertias that it does not accept; its result differs by {100 * error:.1g} %")
 
 
-def least(actions, rounds):
-    """Return the least time of each action, all taking turns."""
-    best = [float("inf")] * len(actions)
+def processor_times(actions, rounds):
+    """Return the least time on the clock and the least time of processors of each action, all taking turns."""
+    best = [[float("inf")] * 2 for _ in actions]
     for action in actions:
         action()
     for _ in range(rounds):
-        for k, action in enumerate(actions):
-            begin = time.perf_counter()
+        for row, action in zip(best, actions, strict=True):
+            clock, processor = time.perf_counter(), time.process_time()
             action()
-            best[k] = min(best[k], time.perf_counter() - begin)
+            for k, spent in enumerate((time.perf_counter() - clock, time.process_time() - processor)):
+                row[k] = min(row[k], spent)
     return best
+
+
+def least(actions, rounds):
+    """Return the least time on the clock of each action, all taking turns."""
+    return [clock for clock, _ in processor_times(actions, rounds)]
 
 
 def times(samples, rounds):
@@ -218,20 +224,6 @@ def times(samples, rounds):
                 print(f"    {peer:30s} {each:9.0f}  ({each / own:.1f})")
     for line in sorted(missing):
         print(f"left out: {line}")
-
-
-def processor_times(actions, rounds):
-    """Return the least time on the clock and the least time of processors of each action, all taking turns."""
-    best = [[float("inf")] * 2 for _ in actions]
-    for action in actions:
-        action()
-    for _ in range(rounds):
-        for row, action in zip(best, actions, strict=True):
-            clock, processor = time.perf_counter(), time.process_time()
-            action()
-            for k, spent in enumerate((time.perf_counter() - clock, time.process_time() - processor)):
-                row[k] = min(row[k], spent)
-    return best
 
 
 def threads(samples, rounds):
