@@ -4,15 +4,13 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from contextlib import closing
-from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 from steelyard.dynamics import Model
 from steelyard.files import tell
-from steelyard.identification.log_reader import LogReader, LogTask, Progress, ReducedGroup, ReducedLog
+from steelyard.identification.log_reader import LogReader, LogTask, Progress, ReducedGroup
 from steelyard.recording.formats import content_hash, hashed_log
-from steelyard.regression.batch_means import BatchMeansTree
 
 from .checkpoints import Checkpoints, checkpoint_key, robot_content
 from .executors import Combine, Executor, Here, Leaf, Workers
@@ -63,12 +61,8 @@ def reduced_log(common: _Common, task: LogTask) -> bytes:
 
 def grouped(common: Any, results: Sequence[bytes]) -> bytes:
     """Join reduced logs, in order, to a group; add their batch means."""
-    logs: list[ReducedLog] = [unpacked(one) for one in results]
-    tree = BatchMeansTree()
-    for log in logs:
-        tree.add(log.information.batch_means)
-    bare = [replace(log, information=replace(log.information, batch_means=())) for log in logs]
-    return packed((bare, tree.total()))
+    group = ReducedGroup.of([unpacked(one) for one in results])
+    return packed((list(group.logs), group.batch_means))
 
 
 def hashed(common: Any, task: str) -> bytes:

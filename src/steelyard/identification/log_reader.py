@@ -31,7 +31,7 @@ from steelyard.recording.recognition import Layout
 from steelyard.recording.samples import regrouped
 from steelyard.recording.survey import LogSurvey
 from steelyard.regression import Information
-from steelyard.regression.batch_means import BatchMeans, BatchSums
+from steelyard.regression.batch_means import BatchMeans, BatchMeansTree, BatchSums
 from steelyard.regression.reduction import empty_factors, joint_rows, narrowed, residuals
 from steelyard.regression.time_blocks import MOST, TimeBlocks
 from steelyard.robot import Robot, RobotFile
@@ -149,6 +149,15 @@ class ReducedGroup(NamedTuple):
     logs: tuple[ReducedLog, ...]
     batch_means: BatchMeans
 
+    @classmethod
+    def of(cls, logs: Sequence[ReducedLog]) -> ReducedGroup:
+        """Take the batch means out of reduced logs, and add them in order."""
+        tree = BatchMeansTree()
+        for log in logs:
+            tree.add(log.information.batch_means)
+        bare = (replace(log, information=replace(log.information, batch_means=())) for log in logs)
+        return cls(tuple(bare), tree.total())
+
 
 class LogReduction(Protocol):
     """What reduces logs: one by one in this process, in several processes, or on a cluster."""
@@ -166,9 +175,7 @@ def one_by_one(reader: LogReader, tasks: Sequence[LogTask], model: Model, say: P
         # One line for each of thousands of logs would push everything else off the screen.
         if number % max(len(tasks) // _READING_LINES, 1) == 0:
             say(f"reading {task.log}{f' ({number + 1} of {len(tasks)})' if len(tasks) > 1 else ''}")
-        reduced = reader.reduced(task, model)
-        means = reduced.information.batch_means
-        yield ReducedGroup((replace(reduced, information=replace(reduced.information, batch_means=())),), means)
+        yield ReducedGroup.of([reader.reduced(task, model)])
 
 
 class LogReader:
