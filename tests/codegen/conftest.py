@@ -2,13 +2,14 @@
 
 import ctypes
 import re
-import shutil
-import subprocess
 from collections.abc import Callable, Sequence
 from pathlib import Path
 
 import numpy as np
 import pytest
+from compilers import C_FLAGS as C_FLAGS
+from compilers import need as need
+from compilers import run as run
 from exported_functions import odd_function as odd_function
 from exported_functions import wam_with_friction as wam_with_friction
 from numpy.typing import NDArray
@@ -29,7 +30,6 @@ WAM_ROWS = [
     ("pi/2", 0, 0, "q"),
     (0, 0, 0.06, "q"),
 ]
-C_FLAGS = ["-std=c99", "-Wall", "-Wextra", "-Werror", "-pedantic", "-Wconversion", "-Wshadow", "-Wmissing-prototypes"]
 CPP_FLAGS = ["-std=c++17", "-Wall", "-Wextra", "-Werror", "-pedantic", "-Wconversion", "-Wshadow"]
 RUST_FLAGS = ["--edition", "2021", "-D", "warnings"]
 TOOLS = {"c": "gcc", "cpp": "g++", "rust": "rustc"}
@@ -126,18 +126,6 @@ def _odd() -> list[Function]:
 @pytest.fixture(scope="session")
 def odd_generated() -> Project:
     return project_of("7 odd/robots", _odd())
-
-
-def run(command: Sequence[str | Path], folder: Path) -> str:
-    """Run a command that must succeed; its output is in the failure."""
-    done = subprocess.run([str(part) for part in command], cwd=folder, capture_output=True, text=True, timeout=300)
-    assert done.returncode == 0, f"{' '.join(map(str, command))}\n{done.stdout}\n{done.stderr}"
-    return done.stdout
-
-
-def need(tool: str) -> None:
-    if shutil.which(tool) is None:
-        pytest.skip(f"{tool} is not installed")
 
 
 def source_of(language: str, folder: Path) -> Path:

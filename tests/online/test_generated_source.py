@@ -2,32 +2,20 @@
 
 import ctypes
 import re
-import shutil
 import subprocess
 from pathlib import Path
 
 import numpy as np
 import pytest
+from compilers import C_FLAGS, need, run
 
 import steelyard as sy
 from steelyard.errors import InputError
 from steelyard.identification.wam import true_parameters, wam_model
 from steelyard.online import generate_online
 
-FLAGS = ["-std=c99", "-O2", "-Wall", "-Wextra", "-Werror", "-pedantic", "-Wconversion", "-Wshadow"]
-FLAGS += ["-Wmissing-prototypes", "-Wstack-usage=8192"]
+FLAGS = [*C_FLAGS, "-O2", "-Wstack-usage=8192"]
 STATUS = ("solved", "unchanged", "stopped", "refused")
-
-
-def need(tool: str) -> None:
-    if shutil.which(tool) is None:
-        pytest.skip(f"{tool} is not installed")
-
-
-def run(*command: object) -> str:
-    done = subprocess.run(list(map(str, command)), capture_output=True, text=True, check=False)
-    assert done.returncode == 0, done.stdout + done.stderr
-    return done.stdout
 
 
 def arm(**options: object) -> sy.FeasibleSet:
@@ -44,7 +32,7 @@ class Estimator:
         self.name = feasible_set.model.robot.name
         self.set, (n_b, n) = feasible_set, feasible_set.K.shape
         library = folder / "online.so"
-        run("gcc", *FLAGS, "-shared", "-fPIC", folder / f"{self.name}_online.c", "-o", library, "-lm")
+        run(["gcc", *FLAGS, "-shared", "-fPIC", f"{self.name}_online.c", "-o", library, "-lm"], folder)
         self.library = ctypes.CDLL(str(library))
         fields = [("base", ctypes.c_double * n_b), ("parameters", ctypes.c_double * n), ("objective", ctypes.c_double)]
         fields += [("gap", ctypes.c_double), ("iterations", ctypes.c_int32), ("status", ctypes.c_int)]
@@ -179,15 +167,15 @@ def test_the_source_has_no_allocation_and_no_undefined_behaviour(tmp_path: Path)
     need("gcc")
     generate_online(arm(), tmp_path)
     source, test = tmp_path / "arm_online.c", tmp_path / "arm_online_test.c"
-    run("gcc", *FLAGS, "-c", source, "-o", tmp_path / "online.o")
-    wanted = set(re.findall(r" U (\w+)", run("nm", tmp_path / "online.o")))
+    run(["gcc", *FLAGS, "-c", source, "-o", "online.o"], tmp_path)
+    wanted = set(re.findall(r" U (\w+)", run(["nm", "online.o"], tmp_path)))
     assert wanted <= {"sqrt", "pow", "hypot", "fmax", "fmin", "memcpy", "memmove", "memset"}
     sanitized = ["-g", "-fsanitize=address,undefined", "-fno-sanitize-recover=all"]
-    run("gcc", *FLAGS[:-1], *sanitized, source, test, "-o", tmp_path / "sanitized", "-lm")
-    assert "agree" in run(tmp_path / "sanitized")
+    run(["gcc", *FLAGS[:-1], *sanitized, source, test, "-o", "sanitized", "-lm"], tmp_path)
+    assert "agree" in run([tmp_path / "sanitized"], tmp_path)
     need("g++")
-    run("g++", "-x", "c++", "-Wall", "-Wextra", "-Werror", source, test, "-o", tmp_path / "cpp", "-lm")
-    assert "agree" in run(tmp_path / "cpp")
+    run(["g++", "-x", "c++", "-Wall", "-Wextra", "-Werror", source, test, "-o", "cpp", "-lm"], tmp_path)
+    assert "agree" in run([tmp_path / "cpp"], tmp_path)
 
 
 @pytest.mark.slow
@@ -202,7 +190,7 @@ def test_the_self_test_notices_a_wrong_sign(tmp_path: Path) -> None:
     ):
         assert text.count(right) == 1
         source.write_text(text.replace(right, wrong))
-        run("gcc", "-std=c99", "-O1", source, tmp_path / "arm_online_test.c", "-o", tmp_path / "test", "-lm")
+        run(["gcc", "-std=c99", "-O1", source, "arm_online_test.c", "-o", "test", "-lm"], tmp_path)
         assert subprocess.run([tmp_path / "test"], capture_output=True, check=False).returncode == 1
 
 
