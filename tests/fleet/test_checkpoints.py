@@ -96,6 +96,16 @@ def test_what_killed_writers_left_is_removed(tmp_path: Path) -> None:
     assert [path.name for path in tmp_path.iterdir()] == ["notes.part"]
 
 
+def test_keeping_one_of_many_does_not_look_through_all(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Of a hundred thousand, it would take a hundred times as long as to write one."""
+    with sy.fleet.Checkpoints(tmp_path) as kept:
+        for looks in ("scandir", "listdir"):
+            monkeypatch.setattr(os, looks, lambda *_: pytest.fail("looked through the folder"))
+        kept.put(sy.fleet.checkpoint_key("log"), b"done")
+        assert kept.get(sy.fleet.checkpoint_key("log")) == b"done"
+        monkeypatch.undo()
+
+
 def _squared(common: int, task: int) -> bytes:
     DONE.append(task)
     return packed(common * task**2)

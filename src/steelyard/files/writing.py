@@ -35,7 +35,7 @@ SUFFIX = ".part"
 
 
 @contextlib.contextmanager
-def replaced_file(path: str | os.PathLike[str], *, durable: bool = True) -> Iterator[BinaryIO]:
+def replaced_file(path: str | os.PathLike[str], *, durable: bool = True, swept: bool = False) -> Iterator[BinaryIO]:
     """Open a file beside another one, which takes its place when the block ends well and vanishes otherwise.
 
     The file beside has a name of its own, so that several may write the same file: the last one wins, and no reader
@@ -47,6 +47,8 @@ def replaced_file(path: str | os.PathLike[str], *, durable: bool = True) -> Iter
         Of the file that is to appear; one that is there is replaced, and its permissions are kept.
     durable : bool
         Whether to wait until the disk has it, so that a loss of power leaves the old file or the new one.
+    swept : bool
+        Whether the folder was looked through for leftovers before, which takes the longer the more files it has.
 
     Raises
     ------
@@ -65,7 +67,8 @@ def replaced_file(path: str | os.PathLike[str], *, durable: bool = True) -> Iter
     target = Path(path)
     with _refusals_told(target):
         mode = _mode_of_regular(target)
-        remove_leftovers(target)
+        if not swept:
+            remove_leftovers(target)
         part, file = _created(target)
     try:
         with file:
@@ -88,9 +91,9 @@ def replaced_file(path: str | os.PathLike[str], *, durable: bool = True) -> Iter
             os.unlink(part)
 
 
-def write_bytes(content: bytes, path: str | os.PathLike[str], *, durable: bool = True) -> None:
+def write_bytes(content: bytes, path: str | os.PathLike[str], *, durable: bool = True, swept: bool = False) -> None:
     """Write bytes as in `replaced_file`."""
-    with replaced_file(path, durable=durable) as file:
+    with replaced_file(path, durable=durable, swept=swept) as file:
         file.write(content)
 
 

@@ -123,7 +123,7 @@ class Checkpoints:
 
     def put(self, key: str, content: bytes) -> None:
         """Keep bytes under a key; the file is there whole or not at all."""
-        write_bytes(content, self._path(key))
+        write_bytes(content, self._path(key), swept=True)
 
     def forget(self, keys: list[str] | tuple[str, ...]) -> None:
         """Remove what is kept under keys; keys without anything are passed over."""
