@@ -123,10 +123,6 @@ class Segment(SampledTrajectory):
         dq[over] = ddq[over] = 0.0
         return q, dq, ddq
 
-    def to_dict(self) -> dict[str, object]:
-        """Return the control points and the duration as plain data."""
-        return {"family": "segment", "points": self.points.tolist(), "duration": self.duration}
-
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class _SegmentProblem(DesignProblem):
