@@ -27,7 +27,16 @@ from steelyard.regression import Estimate, Information
 
 from .physical_prior import PhysicalPrior, physical_prior
 
-__all__ = ["PlausibleFit", "PriceOfPlausibility", "TriedPrior", "plausible_fit", "tried_prior"]
+__all__ = [
+    "PlausibleFit",
+    "PriceOfPlausibility",
+    "TriedPrior",
+    "distance_from",
+    "plausible_fit",
+    "set_with_habits",
+    "tried_prior",
+    "untested_weight",
+]
 
 Array = NDArray[np.float64]
 
@@ -194,13 +203,11 @@ def tried_prior(
     assert isinstance(model, Model)
     known = physical_prior(model, feasible_set.constraints) if prior is None else prior
     scaled = known.scaled_to(info, feasible_set)
-    constraints: list[Constraint] = [*feasible_set.constraints, *scaled.constraints]
-    plausible_set = FeasibleSet(model, feasible_set.consistency, constraints, feasible_set.margin)
+    plausible_set = set_with_habits(feasible_set, scaled)
     scales = term_deviations(info, feasible_set)
-    kind = EntropicPrior if feasible_set.consistency == "full" else ConstantPullbackPrior
-    distance = kind(scaled.parameters, term_deviations=scales)
+    distance = distance_from(scaled.parameters, feasible_set, scales)
     if prior_weight == "auto":
-        given, weight = None, UNTESTED_WEIGHT * max(info.count / TYPICAL_COUNT, 1.0)
+        given, weight = None, untested_weight(info.count)
     else:
         given, weight = [float(prior_weight)], float(prior_weight)
     validation = None
@@ -209,6 +216,27 @@ def tried_prior(
         validation = cross_validation(info, stretches, plausible_set, distance, weights=used, prior_weights=given)
         weight = validation.weight
     return TriedPrior(known, scaled, plausible_set, distance, scales, weight, validation)
+
+
+def set_with_habits(feasible_set: FeasibleSet, prior: PhysicalPrior) -> FeasibleSet:
+    """The set with the conditions of the prior beside its own."""
+    constraints: list[Constraint] = [*feasible_set.constraints, *prior.constraints]
+    return FeasibleSet(
+        feasible_set.model, feasible_set.consistency, constraints, feasible_set.margin, feasible_set.terms
+    )
+
+
+def distance_from(
+    parameters: Array, feasible_set: FeasibleSet, deviations: Array
+) -> EntropicPrior | ConstantPullbackPrior:
+    """The distance from parameters (n,), with the deviations (n,) of terms; quadratic without full consistency."""
+    kind = EntropicPrior if feasible_set.consistency == "full" else ConstantPullbackPrior
+    return kind(parameters, term_deviations=deviations)
+
+
+def untested_weight(count: int) -> float:
+    """The weight of the prior beside so many rows where nothing can be held out to choose it."""
+    return UNTESTED_WEIGHT * max(count / TYPICAL_COUNT, 1.0)
 
 
 def plausible_fit(

@@ -14,8 +14,8 @@ from numpy.typing import ArrayLike, NDArray
 from steelyard.dynamics import Model
 from steelyard.dynamics.threads import one_thread
 from steelyard.errors import InputError
-from steelyard.estimators import ConstantPullbackPrior, EntropicPrior
-from steelyard.estimators.cross_validation import TYPICAL_COUNT, term_deviations
+from steelyard.estimators import ConstantPullbackPrior
+from steelyard.estimators.cross_validation import START, term_deviations
 from steelyard.estimators.estimator import proved_estimate
 from steelyard.estimators.prior import PreparedPrior, Prior
 from steelyard.estimators.reduced_fit import fit_reduced
@@ -23,7 +23,7 @@ from steelyard.feasibility import FeasibleSet
 from steelyard.feasibility.bounds.quantities import standard_errors
 from steelyard.files.arguments import read_number
 from steelyard.identification.physical_prior import PhysicalPrior, physical_prior
-from steelyard.identification.plausible_fit import UNTESTED_WEIGHT
+from steelyard.identification.plausible_fit import distance_from, set_with_habits, untested_weight
 from steelyard.regression import Estimate, Factor, Information, ParameterCovariance
 from steelyard.regression.factor import Reduced, column_lengths, is_well_conditioned, solve
 from steelyard.regression.joint_weights import inverse_deviations
@@ -478,9 +478,7 @@ class OnlineEstimator:
     def _scale_known(self, info: Information | None) -> None:
         """Scale masses that are not known by the data, and make the set of what such a robot can be."""
         scaled = self._known if info is None else self._known.scaled_to(info, self._given_set)
-        given = self._given_set
-        constraints = [*given.constraints, *scaled.constraints]
-        self._set = FeasibleSet(self.model, given.consistency, constraints, given.margin, given.terms)
+        self._set = set_with_habits(self._given_set, scaled)
         self._reference = scaled.parameters
         self._search = WarmFit(self._set)
         self._scaled_rows = 0 if info is None else info.count
@@ -563,7 +561,7 @@ class OnlineEstimator:
         prior = self._prior(deviations)
         weight = self._prior_weight
         if weight is None:
-            weight = UNTESTED_WEIGHT * max(rows / TYPICAL_COUNT, 1.0)
+            weight = untested_weight(rows)
         if self._possible is None or self._stuck:
             self._possible, self._stuck = self._inside(deviations), False
             self._search.begin(self._possible)
@@ -581,12 +579,11 @@ class OnlineEstimator:
         return inverse_deviations(info.factors, solve_triangular(plain.R, plain.rho, check_finite=False))
 
     def _prior(self, deviations: Array) -> Prior:
-        kind = EntropicPrior if self._set.consistency == "full" else ConstantPullbackPrior
-        return kind(self._reference, term_deviations=deviations)
+        return distance_from(self._reference, self._set, deviations)
 
     def _inside(self, deviations: Array) -> Array:
         """Parameters well inside the set: the prior's, or, where conditions forbid these, the set's own."""
-        start = np.where(self._of_links, self._reference, 0.1 * deviations)
+        start = np.where(self._of_links, self._reference, START * deviations)
         if self._search.inside(start) and self._set.satisfies_equations(start):
             return np.asarray(start)
         given = self._set
