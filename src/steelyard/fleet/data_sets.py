@@ -11,7 +11,7 @@ from steelyard.dynamics import Model
 from steelyard.files import plain
 from steelyard.identification.default_terms import wider_model
 from steelyard.identification.given import GivenLog, given_logs, given_robot, given_settings
-from steelyard.identification.log_reader import LogReader, LogTask
+from steelyard.identification.log_reader import LogReader, LogTask, one_by_one
 from steelyard.recording.formats import content_hash, hashed_log
 from steelyard.regression import Information
 from steelyard.regression.batch_means import BatchMeansTree
@@ -96,12 +96,12 @@ def reduced_logs(file: RobotFile, model: Model, logs: Sequence[GivenLog]) -> Red
     reader = LogReader(file, model, CHUNK_ROWS)
     reader.decide(logs, lambda _: None)
     tree, blocks, parts = BatchMeansTree(), TimeBlocks(empty_factors(model)), []
-    for log in logs:
-        one = reader.reduced(LogTask(log, FEW, FEW, len(logs), True), model)
+    tasks = [LogTask(log, FEW, FEW, len(logs), True) for log in logs]
+    for (one,), means in one_by_one(reader, tasks, model, lambda _: None):
         reader.note(one)
-        tree.add(one.information.batch_means)
+        tree.add(means)
         blocks.append(TimeBlocks.of_held(blocks.empty, one.blocks))
-        parts.append(replace(one.information, batch_means=()))
+        parts.append(one.information)
     total = replace(Information.total(parts), batch_means=tree.total())
     names, remarks = tuple(map(str, logs)), tuple(dict.fromkeys(reader.remarks))
     decided = {name: plain(value) for name, value in reader.decided.items()}
