@@ -593,6 +593,8 @@ def sentence(one: Deviation, kind: Literal["siblings", "drift"], *, when: str = 
     'The link forearm is 0.6 kg heavier than that of its siblings (0.48 to 0.72 kg), 10 %, if it is made like theirs.'
     """
     cause, low, high = one.cause, one.lower, one.upper
+    size, sign = abs(cause.nominal * one.amplitude), 1.0 if one.amplitude >= 0.0 else -1.0
+    ends = sorted((sign * cause.nominal * low, sign * cause.nominal * high))
     others = (
         "that of its siblings" if kind == "siblings" else f"what it was on {when}, beyond what changed in its siblings"
     )
@@ -600,10 +602,8 @@ def sentence(one: Deviation, kind: Literal["siblings", "drift"], *, when: str = 
         than = "than its siblings" if kind == "siblings" else f"than on {when}"
         text = f"The link {cause.part} has another mass, centre of mass or inertia {than}"
     elif cause.kind == "mass":
-        sign = 1.0 if one.amplitude >= 0.0 else -1.0
-        ends = sorted((sign * cause.nominal * low, sign * cause.nominal * high))
         text = (
-            f"The link {cause.part} is {abs(cause.nominal * one.amplitude):.2g} kg "
+            f"The link {cause.part} is {size:.2g} kg "
             f"{'heavier' if sign > 0.0 else 'lighter'} than {others} ({ends[0]:.2g} to {ends[1]:.2g} kg), "
             f"{100.0 * abs(one.amplitude):.2g} %, if it is made like {'theirs' if kind == 'siblings' else 'it was'}"
         )
@@ -613,12 +613,9 @@ def sentence(one: Deviation, kind: Literal["siblings", "drift"], *, when: str = 
             value = cause.nominal * (1.0 + one.amplitude)
             text += f", {value:.3g} {cause.unit} where they have {cause.nominal:.3g} {cause.unit}"
     else:
-        size, unit = cause.nominal, f" {cause.unit}".rstrip()
-        higher = "higher" if one.amplitude >= 0.0 else "lower"
-        sign = 1.0 if one.amplitude >= 0.0 else -1.0
-        ends = sorted((sign * size * low, sign * size * high))
+        unit = f" {cause.unit}".rstrip()
         text = (
-            f"{_what(cause)} is {abs(size * one.amplitude):.2g}{unit} {higher} than {others} "
+            f"{_what(cause)} is {size:.2g}{unit} {'higher' if sign > 0.0 else 'lower'} than {others} "
             f"({ends[0]:.2g} to {ends[1]:.2g}{unit})"
         )
     if kind == "drift":
