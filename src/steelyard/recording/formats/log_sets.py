@@ -9,7 +9,7 @@ from pathlib import Path
 
 from steelyard.errors import InputError
 
-from .registry import COMPRESSED, LOG_FORMATS
+from .registry import COMPRESSED, LOG_FORMATS, TEXTS
 from .remote import object_store
 
 __all__ = ["is_log_set", "logs_in"]
@@ -132,7 +132,7 @@ def _is_log(name: str, below: str = "") -> bool:
     if not suffixes:
         return os.path.isdir(name) and _is_bag(name)
     if suffixes[-1] in COMPRESSED:  # of compressed files only texts are read
-        return len(suffixes) > 1 and suffixes[-2] in ("csv", "txt", "tsv", "dat", "log")
+        return len(suffixes) > 1 and suffixes[-2] in TEXTS
     return suffixes[-1] in LOG_FORMATS.names() or os.path.isdir(name)
 
 

@@ -33,6 +33,7 @@ STANDARD_INPUT = "-"
 """What stands for the standard input in the place of a path."""
 _SPOOLED: dict[Path, str] = {}
 """Copies of the standard input and of objects, and what they are called in messages."""
+TEXTS = ("csv", "txt", "tsv", "dat", "log")
 COMPRESSED = ("gz", "zst", "zstd")
 """Suffixes of texts that are compressed, behind their own as in ``run.csv.gz``."""
 
@@ -49,7 +50,7 @@ LOG_FORMATS: Extensions[type[LogFile]] = Extensions(
     "log_formats",
     "format of logs",
     {
-        **dict.fromkeys(("csv", "txt", "tsv", "dat", "log", *COMPRESSED), _CSV),
+        **dict.fromkeys((*TEXTS, *COMPRESSED), _CSV),
         **dict.fromkeys(("parquet", "pq"), _PARQUET),
         "npz": f"{__package__}.npz_file:NpzFile",
         **dict.fromkeys(("arrow", "feather", "ipc"), f"{__package__}.arrow_file:ArrowFile"),
