@@ -161,9 +161,7 @@ class WarmFit:
             change = self._rows @ step
             change_of_multipliers = barrier / slacks - multipliers - stiffness * change
             length = min(1.0, TO_BOUNDARY * self._longest(point, step, slacks, change))
-            falling = change_of_multipliers < 0.0
-            shares = multipliers[falling] / -change_of_multipliers[falling]
-            dual_length = min(1.0, TO_BOUNDARY * float(np.min(shares, initial=np.inf)))
+            dual_length = min(1.0, TO_BOUNDARY * _times_until_zero(multipliers, change_of_multipliers))
             moved = point + length * step
             while length > SHORTEST and not self.inside(moved):
                 length *= 0.5
@@ -191,8 +189,7 @@ class WarmFit:
 
     def _longest(self, point: Array, step: Array, slacks: Array, change: Array) -> float:
         """How many times the step reaches the boundary of the set."""
-        falling = change < 0.0
-        longest = float(np.min(slacks[falling] / -change[falling], initial=np.inf))
+        longest = _times_until_zero(slacks, change)
         for own, coefficients, constants in self._groups:
             matrices = constants + np.einsum("bi,biac->bac", point[own], coefficients)
             roots = np.linalg.inv(np.linalg.cholesky(matrices))
@@ -201,3 +198,9 @@ class WarmFit:
             if least < 0.0:
                 longest = min(longest, -1.0 / least)
         return longest
+
+
+def _times_until_zero(values: Array, change: Array) -> float:
+    """How many times a change can be added to positive values until the first of them is zero."""
+    falling = change < 0.0
+    return float(np.min(values[falling] / -change[falling], initial=np.inf))
